@@ -40,7 +40,7 @@ def single_runs(arch: af.Arch, motion: af.Motion) -> float:
 
 def fits() -> float:
     """Curves of counts and of capacities."""
-    curve: af.Fragility = af.fit_stripes(im=[0.4, 0.8, 1.2], collapses=[1, 6, 14], n=20)
+    curve: af.Curve = af.fit_stripes(im=[0.4, 0.8, 1.2], collapses=[1, 6, 14], n=20)
     return curve.theta / af.fit_ida([0.3, 0.5, 0.9]).theta
 
 

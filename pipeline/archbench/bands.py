@@ -8,7 +8,6 @@ sets of Van Biesbroeck, Gauchy, Feau and Garnier, and writes its table of the ev
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,13 +18,12 @@ from scipy.stats import norm, skewnorm, weibull_min
 
 from archbench.runner import Bench
 from archfrag.errors import FitError
-from archfrag.fragility.counts import Brackets, find_brackets
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 from archfrag.fragility.quoted import capacity_posterior, quoted_band, quoted_runs
-from archfrag.fragility.ratio import left_out, parts_of, ratios
 from archfrag.fragility.risk import HazardCurve, lognormal_rates
-from archfrag.study.designs.design import Grid, ask
-from archfrag.study.designs.ida import Ida
+from archfrag.fragility.several import left_out, parts_of, ratios
+from archfrag.fragility.verdicts import Brackets, find_brackets
+from archfrag.study.designs import Grid, Ida, ask
 
 Array = NDArray[np.float64]
 
@@ -142,8 +140,8 @@ def coverage_in(name: str, studies: int) -> dict[str, float]:
             verdict = _requested(verdict, seed)
         known = quoted_band(find_brackets(verdict, FINE), im, groups=groups)
         held[:-2] += (known.lower <= P) & (known.upper >= P)
-        held[-2] += known.theta[0] <= im[2] <= known.theta[1]
-        held[-1] += known.beta[0] <= beta <= known.beta[1]
+        held[-2] += known.theta_interval[0] <= im[2] <= known.theta_interval[1]
+        held[-1] += known.beta_interval[0] <= beta <= known.beta_interval[1]
     return dict(zip(COLUMNS, (held / studies).tolist(), strict=True))
 
 
@@ -159,7 +157,7 @@ def coverage_of_ratios(name: str, studies: int) -> dict[str, float]:
         capacity = np.exp(DISPERSION * _logs(world, generator, 2)) * np.array([[1.0], [RATIO]])
         found = [find_brackets(_collapsed(world, own, generator), FINE) for own in capacity]
         shared = groups if world.per_event > 1 else None
-        first, second = (capacity_posterior(own, shared)[0].fragility for own in found)
+        first, second = (capacity_posterior(own, shared)[0].curve for own in found)
         parts = parts_of(groups)
         one, two = (left_out(own, parts, _plain) for own in found)
         rows = ratios((first, second), (one, two), HAZARD)
@@ -169,8 +167,7 @@ def coverage_of_ratios(name: str, studies: int) -> dict[str, float]:
 
 
 def _plain(found: Brackets) -> Any:
-    monotone = replace(found, contradictions=0 * found.contradictions)
-    return fit_capacity_posterior(monotone).fragility
+    return fit_capacity_posterior(found.without_scatter()).curve
 
 
 def coverage_of(sampling: str, family: str, size: int, studies: int) -> dict[str, float]:
@@ -192,8 +189,8 @@ def coverage_of(sampling: str, family: str, size: int, studies: int) -> dict[str
         except FitError:
             continue
         held[:-2] += (known.lower <= P) & (known.upper >= P)
-        held[-2] += known.theta[0] <= im[2] <= known.theta[1]
-        held[-1] += known.beta[0] <= BETA <= known.beta[1]
+        held[-2] += known.theta_interval[0] <= im[2] <= known.theta_interval[1]
+        held[-1] += known.beta_interval[0] <= BETA <= known.beta_interval[1]
     if family != "lognormal":
         held[-1] = np.nan
     return dict(zip(COLUMNS, (held / studies).tolist(), strict=True))
@@ -259,9 +256,9 @@ def few_runs(folder: Path, sizes: Sequence[int], sets: int) -> pd.DataFrame:
     for size in sizes:
         found = []
         for im, failed in zip(data["intensity"][:size].T[:sets], data["failed"][:size].T):
-            known = fit_posterior(im, failed.astype(int), 1, one_sided=True)
-            curve = norm.cdf((x - np.log(known.fragility.theta)) / known.fragility.beta)
-            (low, high), (least, most) = known.theta_interval(), known.beta_interval()
+            known = fit_posterior(im, failed.astype(int), 1, one_sided=True).with_band([])
+            curve = norm.cdf((x - np.log(known.theta)) / known.beta)
+            (low, high), (least, most) = known.theta_interval, known.beta_interval
             rms = np.sqrt(np.mean((curve - true) ** 2))
             found.append((rms, low <= theta <= high, least <= beta <= most))
         jeffreys, constrained = PUBLISHED[size]

@@ -25,8 +25,8 @@ from scipy.special import log_ndtr, ndtr, softmax
 
 import archfrag as af
 from archbench.scene import STANDARD_GRAVITY
-from archfrag.fragility.counts import draws_of_records
 from archfrag.fragility.probit import binomial_lines
+from archfrag.fragility.verdicts import draws_of_records
 from archfrag.study.provenance import commit
 
 Array = NDArray[np.float64]

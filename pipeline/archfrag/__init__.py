@@ -15,25 +15,27 @@ _NAMES = {
     ),
     "archfrag.simulation.springings": ("move_springing", "springing_path"),
     "archfrag.simulation.strength": ("crushed",),
-    "archfrag.fragility.fit": ("Fragility", "fit_ida", "fit_stripes"),
+    "archfrag.fragility.curve": ("Curve",),
+    "archfrag.fragility.fit": ("fit_ida", "fit_stripes"),
     "archfrag.study.reading": ("read_motions",),
     "archfrag.studies": ("Study",),
-    "archfrag.results": ("Curve", "Results", "open"),
+    "archfrag.results": ("Results", "open"),
 }  # fmt: skip
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
-    "Arch", "Block", "Columns", "Curve", "Fragility", "Motion", "Onset", "Response", "Results",
+    "Arch", "Block", "Columns", "Curve", "Motion", "Onset", "Response", "Results",
     "Study", "__version__", "crushed", "fit_ida", "fit_stripes", "limit_load", "move_springing",
     "onset", "open", "read_motion", "read_motions", "simulate", "simulate_many", "springing_path",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch, Block
-    from archfrag.fragility.fit import Fragility, fit_ida, fit_stripes
+    from archfrag.fragility.curve import Curve
+    from archfrag.fragility.fit import fit_ida, fit_stripes
     from archfrag.motions.formats.columns import Columns
     from archfrag.motions.motion import Motion
     from archfrag.motions.read import read_motion
-    from archfrag.results import Curve, Results, open
+    from archfrag.results import Results, open
     from archfrag.simulation.simulate import (
         Onset,
         Response,

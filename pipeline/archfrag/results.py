@@ -7,31 +7,27 @@ import os
 import tempfile
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from markupsafe import escape
-from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import FitError, InputError
 from archfrag.export.command import export_study
 from archfrag.files import WORK, make_folder
-from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.fragility.curve import Fragility
-from archfrag.fragility.limit_states import answers_of_states
-from archfrag.fragility.quoted import Answer
+from archfrag.fragility.curve import Curve
+from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
 from archfrag.report import make_report
+from archfrag.report.film import example_of
 from archfrag.study.answer.compare import compare
-from archfrag.study.answer.cube import in_unit
-from archfrag.study.answer.curves import capacities, quoted, runs_of_cube
-from archfrag.study.answer.fits import cautions_of_cube, fit_text
+from archfrag.study.answer.cube import stored_cube
+from archfrag.study.answer.fits import cautions_of, in_unit
 from archfrag.study.answer.risk import risk_facts, risk_of
-from archfrag.study.file.schema import Intensity, Study, load_study
-from archfrag.study.hazard import hazard_of_table, load_hazard
+from archfrag.study.file.schema import Study, load_study
+from archfrag.study.hazard import Hazard, hazard_of_table, load_hazard
 from archfrag.study.provenance import OWNER, read_stamp, read_state, write_text
 from archfrag.study.steps import finished, make_step
 
@@ -43,7 +39,6 @@ if TYPE_CHECKING:
 
 PathLike = str | os.PathLike[str]
 Hazards = Any  # PathLike, sequence of PathLike, or a table (n, 2)
-Band = tuple[NDArray[np.float64], NDArray[np.float64]]
 _RISK = ["rate", "rate_lower", "rate_upper", "return_period", "probability", "probability_lower",
          "probability_upper"]  # fmt: skip
 
@@ -78,115 +73,10 @@ def open(path: PathLike) -> Results:
             raise InputError(f"{given}: {what}; give results/ID, or the study file")
         file = given / str(owner["file"])
     study = load_study(file)
-    if given.is_dir() and not study.folder.samefile(given):  # of Snakemake, or by --set output
+    # The folder is another one if it is of Snakemake, or was given by --set output.
+    if given.is_dir() and study.folder.resolve() != given.resolve():
         study = load_study(file, [f"output={json.dumps(str(given.resolve()))}"])
     return Results(study)
-
-
-@dataclass(frozen=True, repr=False, eq=False)
-class Curve:
-    """Probability of collapse, or of a lighter limit state, against intensity.
-
-    Call it with intensities in the unit of the study to get probabilities.
-
-    Attributes
-    ----------
-    name, state : str
-        Arch or class of arches, and limit state.
-    theta, beta : float
-        Median capacity [unit of the study], and standard deviation of ln capacity.
-    theta_interval, beta_interval : (lower, upper)
-        Intervals at the `confidence` of the study.
-    intensity : Intensity
-        Its `measure`, `unit` and levels.
-    """
-
-    name: str
-    intensity: Intensity
-    theta: float
-    beta: float
-    theta_interval: tuple[float, float]
-    beta_interval: tuple[float, float]
-    confidence: float
-    _fit: Fragility
-    _answer: Answer
-    state: str = "collapse"
-
-    @property
-    def limit_states(self) -> dict[str, Curve]:
-        """Curves of all limit states that the runs show, the lightest first and collapse last."""
-        found = {
-            name: _curve(self.name, own.curve, own, self.intensity, name)
-            for name, own in answers_of_states(self._answer).items()
-            if isinstance(own.curve, Fragility) and name != self.state
-        }
-        return {**found, self.state: self}
-
-    @overload
-    def __call__(self, im: float) -> float: ...
-    @overload
-    def __call__(self, im: ArrayLike) -> NDArray[np.float64]: ...
-    def __call__(self, im: Any) -> Any:
-        """Probability at intensities >= 0 (else InputError), of the same shape."""
-        return self._fit.probability(np.multiply(im, self.intensity.factor))
-
-    def quantile(self, probability: ArrayLike) -> NDArray[np.float64]:
-        """Intensities at which the curve has probabilities between 0 and 1, of the same shape."""
-        return self._fit.quantile(probability) / self.intensity.factor
-
-    def to_dataframe(self, im: ArrayLike | None = None) -> pd.DataFrame:
-        """Tabulate intensity, probability, and lower and upper end of the band.
-
-        `im`, (n,), are the intensities; the levels of the study if not given.
-        """
-        at = np.asarray(self.intensity.given if im is None else im, float)
-        columns = at, self(at), *self.band(at)
-        intensity = f"{self.intensity.measure} [{self.intensity.unit}]"
-        return pd.DataFrame(dict(zip((intensity, "probability", "lower", "upper"), columns)))
-
-    def band(self, im: ArrayLike) -> Band:
-        """Lower and upper end of the band at intensities, each of the same shape.
-
-        It is known up to 1.05 times the highest level, and nan beyond.
-        """
-        at, known = np.multiply(im, self.intensity.factor), self._answer
-        if not known.im:
-            return self._fit.band(at, self.confidence)
-        low, high = (np.interp(at, known.im, e, right=np.nan) for e in (known.lower, known.upper))
-        return np.asarray(low), np.asarray(high)
-
-    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
-        """Draw the curve with its band on axes of matplotlib, new ones if none are given.
-
-        `style` is handed to the line, such as color or label.
-        """
-        from archfrag.plots import axes_of
-
-        ax = axes_of(ax)
-        im = np.linspace(0.0, 1.05 * self.intensity.given[-1], 200)
-        (line,) = ax.plot(im, self(im), **{"label": self.name, **style})
-        ax.fill_between(im, *self.band(im), color=line.get_color(), alpha=0.2, linewidth=0.0)
-        ax.set(xlabel=f"{self.intensity.measure} [{self.intensity.unit}]", xlim=(0.0, im[-1]),
-               ylabel=f"probability of {self.state}", ylim=(0.0, 1.0))  # fmt: skip
-        return ax
-
-    def __repr__(self) -> str:
-        name = self.name if self.state == "collapse" else f"{self.name}, {self.state}"
-        return f"<Curve {fit_text(self.intensity, name, self._answer)}>"
-
-    def _repr_html_(self) -> str:
-        from archfrag.plots import html_of
-
-        return html_of(self)
-
-
-def _curve(
-    name: str, fit: Fragility, answer: Answer, intensity: Intensity, state: str = "collapse"
-) -> Curve:
-    """A curve in the unit of the study, from one in SI units."""
-    factor, (low, high) = intensity.factor, answer.theta
-    theta = fit.theta / factor, fit.beta, (low / factor, high / factor)
-    return Curve(name, intensity, *theta, answer.beta, answer.confidence, fit, answer, state)
 
 
 class Results:
@@ -207,43 +97,37 @@ class Results:
     def __init__(self, study: Study) -> None:
         self._study, self.folder = study, study.folder
         self._made = read_stamp(study, "cube")
-        arches, classes, cube = finished(study)
-        with cube:
-            self._cube = cube.load()
-        self._quoted = quoted(self._cube, arches, classes)
-        self._known = {name: found.curve for name, found in {**classes, **arches}.items()}
+        self._fitted = finished(study)
         self.curves = {
-            name: _curve(name, found.curve, found, study.intensity)
-            for name, found in {**classes, **arches}.items() if isinstance(found.curve, Fragility)
+            name: in_unit(curve, name, study.intensity)
+            for name, curve in self._fitted.curves.items() if curve.fitted
         }  # fmt: skip
-        self.cautions = cautions_of_cube(study, self._cube, arches)
+        self.cautions = cautions_of(study, self._fitted)
 
     @property
     def curve(self) -> Curve:
         """The curve of a study of one arch or one class; else InputError, or FitError if none."""
-        (name, found), *others = self._quoted.items()
+        (name, curve), *others = self._fitted.quoted().items()
         if others:
-            names = ", ".join(self._quoted)
+            names = ", ".join(self._fitted.quoted())
             raise InputError(f"the study has several curves; take one of .curves by name: {names}")
-        if isinstance(found.curve, str):
-            raise FitError(f"{name}: there is no curve: {found.curve}")
+        if not curve.fitted:
+            raise FitError(f"{name}: there is no curve: {curve.reason}")
         return self.curves[name]
 
     @property
     def runs(self) -> xr.Dataset:
         """All runs along arch, record and intensity (level, if each run has its own).
 
-        The cube of the study with `collapsed`: 1 if a run collapsed, 0 if it survived, and nan if
-        it was not made, is unfinished or failed; `verdict` is nan where no run was made. An
-        adaptive design runs each record at levels of its own, so that their mean at a level is no
-        probability: see `fractions`.
+        This is the cube of the study, ``cube.nc``, with `collapsed`: 1 if a run collapsed, 0 if
+        it survived, and nan if it is not run, unfinished or failed; `verdict` is nan if it is not
+        run. An adaptive design runs each record at levels of its own, so that their mean at a
+        level is no probability: see `fractions`.
         """
-        cube = in_unit(self._cube, self._study)
-        verdict = cube["verdict"].where(cube["verdict"] != Verdict.NOT_SIMULATED)
-        decided = verdict.isin((Verdict.COLLAPSED, Verdict.STANDING))
-        return cube.assign(
-            verdict=verdict, collapsed=(verdict == Verdict.COLLAPSED).where(decided)
-        )
+        self._check_there()
+        cube = stored_cube(self._study)
+        decided = cube["verdict"].isin(DECIDED)
+        return cube.assign(collapsed=(cube["verdict"] == Verdict.COLLAPSED).where(decided))
 
     @property
     def fractions(self) -> pd.DataFrame:
@@ -253,15 +137,14 @@ class Results:
         records whose capacity lies below the level, as in the report. nan where nothing is known.
         InputError if runs have intensities of their own, as in a cloud.
         """
-        columns, intensity = {}, self._cube["intensity"]
-        if intensity.ndim > 1:
+        fitted, intensity = self._fitted, self._study.intensity
+        if not self._study.design.on_levels:
             rule = "so that no level has a fraction; see the curve"
             raise InputError(f"fractions: runs have intensities of their own, {rule}")
-        for runs in runs_of_cube(self._cube):
-            known = count_verdicts(runs.brackets.filled if runs.design.adaptive else runs.verdict)
-            columns[runs.name] = known["collapsed"] / np.where(known["n"] > 0, known["n"], np.nan)
-        index = pd.Index(self._study.intensity.given, name=intensity.attrs["measure"])
-        return pd.DataFrame(columns, index=index)
+        index = pd.Index(intensity.given, name=intensity.measure)
+        return pd.DataFrame({
+            name: count_verdicts(fitted.runs[name].filled)["fraction"] for name in fitted.arches
+        }, index=index)  # fmt: skip
 
     @property
     def capacities(self) -> pd.DataFrame:
@@ -270,7 +153,7 @@ class Results:
         `lower` is the highest level that the arch withstands, 0 if there is none; `upper` the
         lowest at which it collapses, inf if there is none; `capacity` their geometric mean.
         """
-        return capacities(self._cube, 1.0 / self._study.intensity.factor)
+        return self._fitted.capacities(1.0 / self._study.intensity.factor)
 
     def risk(
         self, hazard: Hazards | None = None, *, years: float = 50.0,
@@ -296,14 +179,15 @@ class Results:
         pandas.DataFrame
             Rates in 1/year, periods in years; in ``attrs`` what `archfrag risk --json` prints.
         """
-        study = self._study
+        study, fitted = self._study, self._fitted
         curve, years = self._hazard(hazard, years=years, unit=unit, site=site)
-        fits = {name: found.curve for name, found in self._quoted.items()}
-        found = risk_of(self._cube, fits, curve, years, study.report.confidence)
-        facts = risk_facts(found, study)
+        rates = risk_of(fitted.cube, fitted.quoted(), curve, years, study.report.confidence)
+        facts = risk_facts(rates, study)
         columns = ("rate", "rate_band", "return_period", "probability", "probability_band")
-        known = {name: each for name, each in facts["arches"].items() if "none" not in each}
-        rows = {name: np.hstack([each[key] for key in columns]) for name, each in known.items()}
+        rows = {
+            name: np.hstack([each[key] for key in columns])
+            for name, each in facts["arches"].items() if "none" not in each
+        }  # fmt: skip
         if not rows:
             raise FitError("no arch has a curve, so there is no rate")
         table = pd.DataFrame.from_dict(rows, orient="index", columns=_RISK, dtype=float)
@@ -335,27 +219,26 @@ class Results:
         pandas.DataFrame
             Rows theta and, with a hazard, rate; columns before, after, ratio, lower, upper.
         """
-        second, site = other or self, None
+        site = None
         if hazard is not None or self._study.risk is not None:
             site = self._hazard(hazard, **given)[0].main
-        cubes, known = (self._cube, second._cube), (self._known, second._known)
-        found = compare(cubes, (before, after), known, site, self._study.report.confidence)
-        table = pd.DataFrame(found[after]).T
+        both = self._fitted, (other or self)._fitted
+        ratios = compare(both, (before, after), site, self._study.report.confidence)
+        table = pd.DataFrame(ratios[after]).T
         table.loc["theta", ["before", "after"]] /= self._study.intensity.factor
         return table
 
     def _hazard(
         self, hazard: Hazards | None, *, years: float = 50.0,
         unit: str | None = None, site: Sequence[float] | None = None,
-    ) -> tuple[Any, float]:  # fmt: skip
-        """Hazard curve that is given, or else that of the study; years of its probabilities."""
+    ) -> tuple[Hazard, float]:  # fmt: skip
+        """Return the given hazard curve, or the study's, and the years of its probabilities."""
         study = self._study
         if (given := study.risk) is not None and hazard is None:
             hazard, unit, site, years = given.hazard, given.unit, given.site, given.years
         if hazard is None:
             raise InputError("the study has no hazard; give the file of a hazard curve")
-        single = isinstance(hazard, str | os.PathLike)
-        files = [hazard] if single else list(hazard) if isinstance(hazard, list | tuple) else []
+        files = hazard if isinstance(hazard, list | tuple) else [hazard]
         if not files or not all(isinstance(each, str | os.PathLike) for each in files):
             intensity = study.intensity
             return hazard_of_table(hazard, intensity.measure, unit or intensity.unit), years
@@ -379,8 +262,6 @@ class Results:
         arch : str, optional
             If not given, the first arch of the report.
         """
-        from archfrag.report.film import example_of
-
         self._check_there()
         if not isinstance(arch, str | None) or not isinstance(run, str):
             what = f"run {run!r} and arch {arch!r}; a run is a text such as 'syn-m75-r015@0.5'"
@@ -392,7 +273,7 @@ class Results:
         return self.response(run, arch).animate()
 
     def report(self) -> Path:
-        """Make the report if it is not up to date; its path."""
+        """Make the report if it is not up to date, and return its path."""
         self._check_there()
         make_step(self._study, "report", lambda text: None, report=make_report)
         return self.folder / "report.html"
@@ -401,7 +282,7 @@ class Results:
         self, path: PathLike, discrete: bool = False, members: bool = False,
         limit_states: Sequence[str] = (),
     ) -> Path:  # fmt: skip
-        """Write the curves for OpenQuake, as fragility model in NRML; its path.
+        """Write the curves for OpenQuake as a fragility model in NRML, and return its path.
 
         Lognormal curves, or probabilities at levels if `discrete`. A class has one curve, with
         `members` its arches have theirs too. `limit_states` are written besides collapse, all that
@@ -455,20 +336,21 @@ class Results:
         from archfrag.plots import axes_of, legend
 
         ax = axes_of(ax)
-        for name in filter(self.curves.__contains__, self._quoted):
+        for name in filter(self.curves.__contains__, self._fitted.quoted()):
             self.curves[name].plot(ax)
         legend(ax)
         return ax
 
     def __repr__(self) -> str:
-        told = [repr(curve).removeprefix("<Curve ")[:-1] for curve in self.curves.values()]
-        more = f"\nand {len(told) - 1} more" if told[1:] else ""
-        return f"<Results of {self._study.id!r}: {told[0] if told else 'no curve'}{more}>"
+        texts = [repr(curve).removeprefix("<Curve ")[:-1] for curve in self.curves.values()]
+        more = f"\nand {len(texts) - 1} more" if texts[1:] else ""
+        return f"<Results of {self._study.id!r}: {texts[0] if texts else 'no curve'}{more}>"
 
     def _repr_html_(self) -> str:
         from archfrag.plots import html_of
 
         none = [
-            f"{k}: no curve: {a.curve}" for k, a in self._quoted.items() if k not in self.curves
-        ]
+            f"{name}: no curve: {curve.reason}"
+            for name, curve in self._fitted.quoted().items() if not curve.fitted
+        ]  # fmt: skip
         return html_of(self) + "".join(f"<p>{escape(each)}</p>" for each in none + self.cautions)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from archfrag.export.writers import CurveSet
-from archfrag.fragility.fit import Fragility
+from archfrag.fragility.curve import Curve
 
 MADE = {
     "study": "my.study", "title": 'A "title" <with> & -- signs\x0b', "archfrag": "0.1.0",
@@ -17,7 +17,7 @@ STATES = ("rocking", "damage", "collapse")
 def fragility(theta, beta):
     """A curve with some covariance."""
     covariance = np.array([[4e-3, 1e-3], [1e-3, 3e-3]])
-    return Fragility(theta, beta, covariance, -10.0, 9, 54, "stripes")
+    return Curve(theta, beta, covariance, -10.0, 9, 54, "stripes")
 
 
 def curve_set(measure="PGA", *, states=STATES, levels=(1.0, 8.0), **changed):

@@ -28,9 +28,9 @@ FILES = {
 # and its curve crosses that of contact lost.
 STATES = [
     {"name": "motion", "curve": {"none": "all runs collapse"}},
-    {"name": "impact", "curve": fragility(1.1, 0.3).to_dict()},
-    {"name": "residual", "curve": fragility(0.5, 0.4).to_dict()},
-    {"name": "contact lost", "curve": fragility(1.0, 0.4).to_dict()},
+    {"name": "impact", "curve": fragility(1.1, 0.3).fit_dict()},
+    {"name": "residual", "curve": fragility(0.5, 0.4).fit_dict()},
+    {"name": "contact lost", "curve": fragility(1.0, 0.4).fit_dict()},
 ]
 MOVED = (
     "limit state 'contact_lost': 1 curve lay below that of a severer state by more than 0.01 and "
@@ -76,7 +76,7 @@ def test_all_formats(study, tmp_path):
     assert stated["kind"].tolist()[:3] == ["stripes", "adjusted", "stripes"]
     assert np.isnan(stated["theta_maximum_likelihood"][1])  # it is no longer the likeliest curve
     assert set(pd.read_csv(folder / "small-runs.csv")["arch"]) == {"ring", "slab"}
-    answer = load_fits(study)[0]["ring"]
+    answer = load_fits(study).arches["ring"]
     curves = pd.read_csv(folder / "small-curves.csv").query("limit_state == 'collapse'")
     for side in ("lower", "upper"):  # the band that the report quotes
         expected = np.interp(curves["intensity"], answer.im, getattr(answer, side))

@@ -20,10 +20,11 @@ import scipy.stats
 
 from archfrag.errors import InputError
 from archfrag.export import writers
+from archfrag.fragility.curve import Curve
 from tests.export.made import STATES, curve_set, fragility, lognormal
 
 G = 9.80665
-NONE = dict.fromkeys(STATES, "all runs stood & nothing fell")
+NONE = dict.fromkeys(STATES, Curve(reason="all runs survived & nothing fell"))
 
 
 def parsed(text):
@@ -68,7 +69,7 @@ class TestNrml:
     def test_structure(self, write):
         description, states, *functions = parsed(write(curve_set(tower=NONE)))
         assert "PGA in g" in description.text
-        assert "No curve for tower: all runs stood & nothing fell" in description.text
+        assert "No curve for tower: all runs survived & nothing fell" in description.text
         assert "0" * 64 in description.text
         assert states.text == "rocking damage collapse"
         assert [each.get("id") for each in functions] == ["ring-7", "wall+2"]

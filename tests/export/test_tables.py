@@ -9,8 +9,8 @@ import xarray as xr
 
 from archfrag.export import command as tables
 from archfrag.files import write_csv
-from archfrag.fragility.counts import Verdict
-from archfrag.fragility.limit_states import state_to_dict
+from archfrag.fragility.curve import Curve
+from archfrag.fragility.verdicts import Verdict
 from tests.export.made import curve_set, lognormal
 from tests.report import synthetic
 
@@ -21,9 +21,9 @@ G = 9.80665
 def cube_file(tmp_path_factory):
     """Two arches, six records, nine levels; some cells were not simulated; text of records."""
     cube = synthetic.cube(("ring-7", "wall+2"))
-    cube["verdict"][1, 2, 3:6] = Verdict.NOT_SIMULATED
-    cube["verdict"][0, :, 8] = Verdict.NOT_SIMULATED
-    cube["verdict"].attrs["flag_meanings"] = "standing collapsed unfinished solver_failure"
+    cube["verdict"][1, 2, 3:6] = Verdict.NOT_RUN
+    cube["verdict"][0, :, 8] = Verdict.NOT_RUN
+    cube["verdict"].attrs["flag_meanings"] = "survived collapsed unfinished failed"
     cube["event"] = ("record", [f"quake, {n // 2}" for n in range(6)])
     cube["record_file"] = ("record", [f"{n}.AT2" for n in range(6)])
     cube["record_measure"] = (("record", "measure"), np.arange(12.0).reshape(6, 2))
@@ -52,7 +52,7 @@ class TestRuns:
         assert list(frame)[:4] == ["arch", "record", "level", "intensity"]
         for row in frame.to_dict("records"):
             cell = cube.sel(arch=row["arch"], record=row["record"]).isel(level=row["level"])
-            assert cell["verdict"] != Verdict.NOT_SIMULATED
+            assert cell["verdict"] != Verdict.NOT_RUN
             for name in ("verdict", "scale_factor", "magnitude", "intensity", "collapse_time"):
                 np.testing.assert_equal(row[name], cell[name].item())
             assert row["model_time_rest"] == cell["model_time"].sel(model="rest")
@@ -67,7 +67,7 @@ class TestRuns:
         }  # fmt: skip
         assert list(pd.concat(pieces)) == list(columns)
         assert columns["record_measure_PGV"]["unit"] == "m s-1"
-        assert columns["verdict"]["codes"]["solver_failure"] == 3
+        assert columns["verdict"]["codes"]["failed"] == 3
         records = tables.facts_table(cube, "record")
         assert {"record_file", "event", "magnitude"} <= set(records[0])
 
@@ -101,9 +101,9 @@ class TestRuns:
 def test_points_and_parameters():
     answers = synthetic.answers_of(synthetic.cube(("ring-7", "wall+2")))
     for answer in answers.values():
-        states = [{"name": name, **state_to_dict(answer)} for name in ("rocking", "damage")]
+        states = [{"name": name, **answer.to_dict()} for name in ("rocking", "damage")]
         answer.more["limit_states"] = {"states": states}
-    curves = curve_set(tower={"rocking": "x", "damage": "x", "collapse": "x"})
+    curves = curve_set(tower=dict.fromkeys(("rocking", "damage", "collapse"), Curve(reason="x")))
     points, parameters = tables.curve_tables(curves, answers, "g", "m s-2", G).values()
     frame, stated = full(points), full(parameters)
     for found in (frame, stated):

@@ -1,5 +1,7 @@
 """Curves by maximum likelihood, their bands, and the parts of the dispersion in a class."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,8 +12,8 @@ from scipy.stats import norm
 from sklearn.linear_model import LogisticRegression
 
 from archfrag.errors import FitError
-from archfrag.fragility.curve import split_capacities, split_curves
 from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes
+from archfrag.fragility.several import split_capacities, split_curves
 
 CAPACITIES = np.exp(np.random.default_rng(3).normal(0.05, 0.4, 37))
 INF = np.inf
@@ -73,9 +75,9 @@ COUNT = st.integers(0, 50)
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.tuples(st.floats(1e-3, 1e3), COUNT, COUNT), min_size=1, max_size=8))
 def test_any_counts_give_a_curve_or_a_fit_error(levels):
-    im, collapses, standing = np.array(levels).T
+    im, collapses, survivals = np.array(levels).T
     try:
-        fit = fit_stripes(im, collapses, collapses + standing)
+        fit = fit_stripes(im, collapses, collapses + survivals)
     except FitError:
         return
     assert fit.beta > 0.0
@@ -119,11 +121,11 @@ def test_delta_method_is_that_of_the_numerical_derivative():
     a, b, h = np.log(CURVE.theta), CURVE.beta, 1e-6
     slope = np.array([z(a + h, b) - z(a - h, b), z(a, b + h) - z(a, b - h)]) / (2 * h)
     reach = norm.ppf(0.975) * np.sqrt(slope @ CURVE.covariance @ slope)
-    lower, upper = CURVE.band([0.5, 0.0], confidence=0.95)
+    lower, upper = replace(CURVE, confidence=0.95).band([0.5, 0.0])
     assert norm.ppf([lower[0], upper[0]]) == pytest.approx([z(a, b) - reach, z(a, b) + reach])
     assert (lower[1], upper[1]) == (0.0, 0.0)
     errors = CURVE.standard_errors / [1.0, b]
-    for interval, error in zip((CURVE.theta_interval(), CURVE.beta_interval()), errors):
+    for interval, error in zip((CURVE.theta_interval, CURVE.beta_interval), errors):
         low, high = np.log(interval)
         assert 0.5 * (high - low) == pytest.approx(1.6448536 * error, rel=1e-6)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from archfrag.fragility.counts import find_brackets
 from archfrag.fragility.efficiency import compare_measures
+from archfrag.fragility.verdicts import find_brackets
 
 LEVELS = np.geomspace(0.2, 16.0, 18)
 THETA, BETA = 0.2, 0.25
@@ -25,7 +25,7 @@ def study(seed, n=44, *, own="PGA", levels=LEVELS, top=None):
     found = find_brackets(collapsed, factor * values[own][:, None])
     exponent = {"PGA": 1.0, "PGV": 1.0, "IA": 2.0}
     known = {"values": values, "exponent": exponent, "own": own}
-    return {"found": found, **known, "magnitude": magnitude, "distance": distance}
+    return {"brackets": found, **known, "magnitude": magnitude, "distance": distance}
 
 
 def seventeen(seed, events, ratio):

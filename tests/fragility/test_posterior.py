@@ -5,8 +5,8 @@ import pytest
 from scipy.special import log_ndtr, ndtr
 from scipy.stats import chi2, norm, t
 
-from archfrag.fragility.counts import find_brackets
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
+from archfrag.fragility.verdicts import find_brackets
 
 INF = np.inf
 TAILS = np.array([0.05, 0.5, 0.95])
@@ -34,11 +34,11 @@ class BruteForce:
     def check(self, known, intensities):
         """Quantiles of theta, of beta (by its own sum: sorted values come in steps), of P."""
         theta = np.exp(self.quantiles(-self.a / self.b))
-        assert known.theta_interval() == pytest.approx(theta[[0, 2]], rel=5e-3)
-        assert known.fragility.theta == pytest.approx(theta[1], rel=2e-3)
+        assert known.with_band([]).theta_interval == pytest.approx(theta[[0, 2]], rel=5e-3)
+        assert known.curve.theta == pytest.approx(theta[1], rel=2e-3)
         beta = np.exp(np.interp(TAILS, *self.of_beta))
-        assert known.beta_interval() == pytest.approx(beta[[0, 2]], rel=5e-3)
-        assert known.fragility.beta == pytest.approx(beta[1], rel=2e-3)
+        assert known.with_band([]).beta_interval == pytest.approx(beta[[0, 2]], rel=5e-3)
+        assert known.curve.beta == pytest.approx(beta[1], rel=2e-3)
         for im in intensities:
             p = self.quantiles(ndtr(self.a + self.b * np.log(im)))
             assert known.band(im) == pytest.approx(p[[0, 2]], abs=1e-3)
@@ -81,9 +81,9 @@ class TestRuns:
         for end in (lower, upper):
             assert np.all(np.diff(end) >= -1e-9)
             assert (end[0], end[-1]) == (0.0, 1.0)
-        low, high = known.beta_interval()
-        assert 0.0 < low < known.fragility.beta < high
-        assert np.isfinite(known.fragility.log_likelihood)
+        low, high = known.with_band([]).beta_interval
+        assert 0.0 < low < known.curve.beta < high
+        assert np.isfinite(known.curve.log_likelihood)
 
 
 class TestCapacities:
@@ -118,12 +118,12 @@ class TestCapacities:
         mean, deviation = logs.mean(), logs.std(ddof=1)
         reach = t.ppf(0.95, 39) * deviation / np.sqrt(40)
         ends = [mean - reach, mean + reach]
-        assert np.log(known.theta_interval()) == pytest.approx(ends, abs=2e-3)
+        assert np.log(known.with_band([]).theta_interval) == pytest.approx(ends, abs=2e-3)
         betas = deviation * np.sqrt(39 / chi2.ppf([0.95, 0.05], 39))
-        assert known.beta_interval() == pytest.approx(betas, rel=1e-2)
+        assert known.with_band([]).beta_interval == pytest.approx(betas, rel=1e-2)
 
     def test_one_capacity_that_agrees_with_all_still_gives_a_curve(self):
         known = fit_capacity_posterior(find_brackets([[0, 1]] * 6, [0.3, 0.4]))
-        low, high = known.theta_interval()
+        low, high = known.with_band([]).theta_interval
         assert 0.28 < low < 0.35 < high < 0.43
-        assert known.beta_interval()[1] < np.log(0.4 / 0.3)
+        assert known.with_band([]).beta_interval[1] < np.log(0.4 / 0.3)

@@ -7,13 +7,6 @@ from scipy.stats import binomtest
 from sklearn.isotonic import IsotonicRegression
 
 from archfrag.fragility import quoted
-from archfrag.fragility.counts import (
-    clopper_pearson,
-    count_verdicts,
-    draws_of_records,
-    find_brackets,
-    wilson,
-)
 from archfrag.fragility.quoted import (
     check_lognormal,
     independent_records,
@@ -21,6 +14,13 @@ from archfrag.fragility.quoted import (
     quoted_band,
     quoted_runs,
     shared_events,
+)
+from archfrag.fragility.verdicts import (
+    clopper_pearson,
+    count_verdicts,
+    draws_of_records,
+    find_brackets,
+    wilson,
 )
 
 BETA = 0.35
@@ -38,8 +38,9 @@ FEW = np.array([0.2, 0.3, 0.4, 0.5, 0.7])
 def test_each_verdict_at_each_level():
     counts = count_verdicts([[0, 1, 4], [0, 2, 4], [1, 3, 1]])
     assert {name: each.tolist() for name, each in counts.items()} == {
-        "standing": [2, 0, 0], "collapsed": [1, 1, 1], "unfinished": [0, 1, 0],
-        "solver_failures": [0, 1, 0], "n": [3, 1, 1], "runs": [3, 3, 1],
+        "survived": [2, 0, 0], "collapsed": [1, 1, 1], "unfinished": [0, 1, 0],
+        "failed": [0, 1, 0], "n": [3, 1, 1], "runs": [3, 3, 1],
+        "fraction": [1 / 3, 1.0, 1.0],
     }  # fmt: skip
 
 
@@ -63,8 +64,8 @@ def test_border_is_the_one_that_the_fewest_verdicts_contradict(row, ends, contra
 
 def test_undecided_records_are_left_out():
     found = find_brackets([[0, 0, 1, 1, 1], [2, 3, 2, 4, 2], [1, 0, 0, 0, 0]], FEW)
-    assert (found.lower[1], found.upper[1], found.decided[1]) == (0.0, np.inf, 0)
-    assert found.known().lower.size == 2
+    assert (found.lower[1], found.upper[1], found.run[1]) == (0.0, np.inf, False)
+    assert found.of_records().lower.size == 2
     assert found.middle[0] == pytest.approx(np.sqrt(0.12))
     assert np.isnan(found.middle[1])
 
@@ -135,8 +136,8 @@ class TestQuoted:
         for _ in range(n_study):
             known = study(generator)
             held[0] += np.mean((known.lower <= P) & (known.upper >= P))
-            held[1] += known.theta[0] <= 1.0 <= known.theta[1]
-            held[2] += known.beta[0] <= BETA <= known.beta[1]
+            held[1] += known.theta_interval[0] <= 1.0 <= known.theta_interval[1]
+            held[2] += known.beta_interval[0] <= BETA <= known.beta_interval[1]
         held /= n_study
         assert limits[0] < held[0] < limits[1]
         if name != "events not known":
@@ -165,10 +166,10 @@ class TestIsotonic:
         cases = []
         for _ in range(10):
             found = shaped(generator, rho=0.5)
-            cases.append((found, LEVELS, found.collapsed.mean(axis=0)))
+            cases.append((found, LEVELS, (found.verdict == 1).mean(axis=0)))
         found = single_runs(generator, 200)
         order = np.argsort(found.levels[:, 0])
-        cases.append((found, found.levels[order, 0], found.collapsed[order, 0]))
+        cases.append((found, found.levels[order, 0], (found.verdict == 1)[order, 0]))
         for found, im, collapsed in cases:
             other = IsotonicRegression().fit_transform(im, collapsed)
             assert isotonic_curve(found)["probability"] == pytest.approx(other, abs=1e-12)
@@ -176,7 +177,7 @@ class TestIsotonic:
     def test_band_has_the_width_of_a_binomial_where_levels_are_independent(self):
         found = shaped(np.random.default_rng(4), n=60)
         curve = isotonic_curve(found, resamples=2000)
-        p, width = found.collapsed[:, 6].mean(), curve["upper"] - curve["lower"]
+        p, width = (found.verdict == 1)[:, 6].mean(), curve["upper"] - curve["lower"]
         assert width[6] == pytest.approx(2 * 1.645 * np.sqrt(p * (1 - p) / 60), rel=0.15)
 
 

@@ -5,10 +5,10 @@ import pytest
 from scipy.stats import t as student
 
 from archfrag.errors import FitError
-from archfrag.fragility.counts import find_brackets
 from archfrag.fragility.posterior import fit_capacity_posterior
-from archfrag.fragility.ratio import MOST_PARTS, left_out, parts_of, ratios
 from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
+from archfrag.fragility.several import MOST_PARTS, left_out, parts_of, ratios
+from archfrag.fragility.verdicts import find_brackets
 
 LEVELS = np.geomspace(0.02, 60.0, 400)
 IM = np.geomspace(0.02, 20.0, 2)
@@ -16,7 +16,7 @@ HAZARD = HazardCurve(IM, 1e-3 * IM**-2.5)
 
 
 def estimate(found):
-    return fit_capacity_posterior(found).fragility
+    return fit_capacity_posterior(found).curve
 
 
 def compared(log_capacities, groups, hazard=None, levels=LEVELS, **options):

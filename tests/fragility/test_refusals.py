@@ -1,19 +1,22 @@
 """What gives no curve and what is bad input: each is an error that names what is wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.counts import find_brackets
-from archfrag.fragility.curve import Fragility, split_capacities, split_curves
+from archfrag.fragility.curve import Curve
 from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 from archfrag.fragility.quoted import check_lognormal, isotonic_curve, quoted_band, quoted_runs
 from archfrag.fragility.risk import HazardCurve, collapse_rate, level_edges
+from archfrag.fragility.several import split_capacities, split_curves
+from archfrag.fragility.verdicts import find_brackets
 
 INF = np.inf
-CURVE = Fragility(0.5, 0.4, np.diag([0.01, 0.005]), 0.0, 5, 30, "ida")
+CURVE = Curve(0.5, 0.4, np.diag([0.01, 0.005]), 0.0, 5, 30, "ida")
 HAZARD = HazardCurve([0.1, 1.0], [1e-2, 1e-4])
 LEVELS = np.geomspace(0.1, 1.0, 5)
 FOUND = find_brackets(np.arange(5) >= np.array([[1], [2], [3], [4]]), LEVELS)
@@ -46,7 +49,7 @@ def measures(found=FOUND, **changed):
         (lambda: fit_brackets([0.0, 0.5], [0.2, INF]), "bracketed from both sides"),
         (lambda: split_capacities([[1.0, 2.0]]), "1 arches"),
         (lambda: split_curves([1], [0.4], [0.1]), "one arch"),
-        (lambda: brackets([2, 3]).known(), "no run collapsed or stood"),
+        (lambda: brackets([2, 3]).of_records(), "no run collapsed or survived"),
         (lambda: fit_capacity_posterior(brackets([0, 0], [0, 4])), "add levels above 0.2"),
         (lambda: fit_capacity_posterior(brackets([1, 1], [4, 1])), "add levels below 0.1"),
         (lambda: fit_capacity_posterior(brackets([0], [1], levels=[0.1])), "at 1 level"),
@@ -79,7 +82,7 @@ def test_data_that_give_no_curve(call, key):
         (lambda: fit_stripes([], [], 5), r"im has shape \(0,\)"),
         (lambda: fit_ida([]), r"shape \(0,\)"),
         (lambda: fit_ida([0.5, 0.6], -1.0), "truncate_at holds -1"),
-        (lambda: CURVE.band(0.5, 90.0), "confidence is 90"),
+        (lambda: replace(CURVE, confidence=90.0).band(0.5), "confidence is 90"),
         (lambda: HazardCurve([0.2, 0.1], [2e-3, 1e-3]), "has 0.1 after 0.2"),
         (lambda: HazardCurve([0.1, 0.2], [1e-3, 1e-3]), "is 0.001 at all its points"),
         (lambda: HazardCurve([0.1], [1e-3]), "has 1 of 1 points"),

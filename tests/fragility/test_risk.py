@@ -6,24 +6,23 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from archfrag.fragility.counts import Verdict, find_brackets
-from archfrag.fragility.curve import Fragility, mixture
+from archfrag.fragility.curve import Curve
 from archfrag.fragility.quoted import capacity_posterior
 from archfrag.fragility.risk import (
     HazardCurve,
     collapse_rate,
     contributions,
-    deaggregate,
-    parameter_draws,
     rate_by_level,
 )
+from archfrag.fragility.several import mixture
+from archfrag.fragility.verdicts import Verdict, find_brackets
 
 IM = np.geomspace(0.05, 2.0, 9)
 BENT = HazardCurve(IM, np.exp(-7.0 - 2.0 * np.log(IM) - 0.3 * np.log(IM) ** 2))
 
 
 def lognormal(theta, beta):
-    return Fragility(theta, beta, np.diag([0.01, 0.005]), 0.0, 5, 30, "ida")
+    return Curve(theta, beta, np.diag([0.01, 0.005]), 0.0, 5, 30, "ida")
 
 
 def by_quadrature(hazard, curve, low, high):
@@ -92,8 +91,8 @@ class TestBand:
         held = []
         for repeat in range(120):
             capacity = np.exp(0.4 * generator.standard_normal((24, 1)))
-            fit = capacity_posterior(find_brackets(capacity <= levels, levels))[0].fragility
-            found = collapse_rate(hazard, fit, parameter_draws(fit, repeat, draws=500))
+            fit = capacity_posterior(find_brackets(capacity <= levels, levels))[0].curve
+            found = collapse_rate(hazard, fit, fit.draws(repeat, 500))
             held.append(found.lower <= truth <= found.upper)
         assert 0.83 <= np.mean(held) <= 0.96
 
@@ -102,18 +101,16 @@ class TestContributions:
     def test_weights_are_the_hazards_not_the_counts(self):
         """One mechanism below, another above: with equal counts their fractions are the rates'."""
         kind = np.tile([0, 1], (10, 1))
-        found = contributions([9e-4, 1e-4], np.ones((10, 2), bool), kind, ("low", "high"))
+        found = contributions(np.ones((10, 2), bool), kind, ("low", "high"), [9e-4, 1e-4])
         np.testing.assert_allclose(found.fraction, [0.9, 0.1])
         np.testing.assert_allclose(found.rate.sum(axis=0) + found.unassigned, [9e-4, 1e-4])
 
-
-class TestDeaggregation:
     def test_every_collapse_is_counted_once_and_nothing_else(self):
         generator = np.random.default_rng(4)
         verdict = generator.choice([0, 1, 2, 3], (30, 6), p=[0.3, 0.6, 0.05, 0.05])
-        verdict[:, 2] = Verdict.STANDING
+        verdict[:, 2] = Verdict.SURVIVED
         kind, fell = generator.integers(0, 3, verdict.shape), verdict == Verdict.COLLAPSED
-        found = deaggregate(verdict, np.where(fell, kind, -7), "abc")
+        found = contributions(fell, np.where(fell, kind, -7), "abc")
         for i in range(3):
             assert found.counts[i].tolist() == (fell & (kind == i)).sum(axis=0).tolist()
         assert found.fraction.sum() == pytest.approx(1.0)
@@ -125,7 +122,7 @@ class TestDeaggregation:
             first = generator.integers(0, 8, 24)
             verdict = (np.arange(8) >= first[:, None]).astype(int)
             kind = np.broadcast_to(generator.random((24, 1)) < 0.4, verdict.shape).astype(int)
-            found = deaggregate(verdict, kind, ("a", "b"))
+            found = contributions(verdict == 1, kind, ("a", "b"))
             held.append(found.lower[1] <= 0.4 <= found.upper[1])
         assert 0.86 < np.mean(held) < 0.95
 
@@ -155,8 +152,6 @@ class TestOnset:
 
     def test_band_and_mean_leave_the_same_part_out(self):
         fit = lognormal(0.8, 0.5)
-        none, some = (
-            collapse_rate(BENT, fit, parameter_draws(fit, 1), onset=onset) for onset in (0.0, 0.5)
-        )
+        none, some = (collapse_rate(BENT, fit, fit.draws(1), onset=onset) for onset in (0.0, 0.5))
         assert some.lower < some.rate < some.upper < none.upper
         assert some.mean < none.mean

@@ -1,17 +1,19 @@
 """A made-up study with the shape and names of a real cube; no simulation behind it."""
 
+from dataclasses import replace
+
 import numpy as np
 import xarray as xr
 
 from archfrag.arch import Arch
-from archfrag.fragility.counts import Verdict
-from archfrag.fragility.curve import Fragility
-from archfrag.fragility.quoted import Answer
+from archfrag.fragility.curve import Curve
+from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.motion import Motion
 from archfrag.physics.status import CollapseMode
 from archfrag.report.inputs import ReportInputs, Scale
 from archfrag.simulation.simulate import onset
-from archfrag.study.answer.curves import answer, runs_of_cube
+from archfrag.study.answer.curves import curve_of as fitted_curve
+from archfrag.study.answer.curves import runs_of_cube
 
 GRAVITY = 9.80665
 SCALE = Scale("PGA", "g", 1.0 / GRAVITY)
@@ -48,7 +50,7 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
     capacity = theta * np.exp(beta * record_to_record + 0.08 * generator.standard_normal(shape))
     verdict = (capacity < intensity).astype(np.int8)
     verdict[0, 0, -1] = Verdict.UNFINISHED
-    verdict[0, 1:2, -2] = Verdict.SOLVER_FAILURE
+    verdict[0, 1:2, -2] = Verdict.FAILED
     fell = verdict == Verdict.COLLAPSED
     impacts = generator.choice([0, 1, 2, 300], shape, p=[0.3, 0.2, 0.1, 0.4])
     mode = generator.choice([CollapseMode.HINGING, CollapseMode.SLIDING], shape, p=[0.85, 0.15])
@@ -112,27 +114,28 @@ def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
 
 
 def answers_of(data):
-    """Answer of each arch, as `archfrag fit` stores it."""
-    return {runs.name: answer(runs, 0.9) for runs in runs_of_cube(data)}
+    """Curve of each arch, as `archfrag fit` stores it."""
+    return {name: fitted_curve(runs, 0.9) for name, runs in runs_of_cube(data).items()}
 
 
 def none(why):
     """Answer of an arch without a curve."""
-    return Answer(why, why)
+    return Curve(reason=why, likelihood=Curve(reason=why))
 
 
 def curve_of(theta, beta=0.4):
-    return Fragility(theta, beta, np.diag([0.01, 0.005]), -10.0, 9, 54, "stripes")
+    return Curve(theta, beta, np.diag([0.01, 0.005]), -10.0, 9, 54, "stripes")
 
 
 def answer_of(theta):
     """An answer with a band of a tenth to both sides."""
     im = np.linspace(0.0, 8.4, 120)
     chance = curve_of(theta).probability(im)
-    return Answer(
-        curve_of(theta), curve_of(1.01 * theta), (0.8 * theta, 1.2 * theta), (0.3, 0.6),
-        im.tolist(), (0.9 * chance).tolist(), (1.1 * chance).tolist(), 0.9, "made up",
-        "Nothing is assumed.", 6.0, 2,
+    return replace(
+        curve_of(theta), likelihood=curve_of(1.01 * theta),
+        intervals=((0.8 * theta, 1.2 * theta), (0.3, 0.6)), im=im.tolist(),
+        lower=(0.9 * chance).tolist(), upper=(1.1 * chance).tolist(), method="made up",
+        assumptions="Nothing is assumed.", n_independent=6.0, n_non_monotone=2,
     )  # fmt: skip
 
 
@@ -150,7 +153,7 @@ MEASURES = {
 STATES = {
     "message": "All are ordered.",
     "states": [
-        {"name": "motion", "meaning": "a joint opens", "curve": curve_of(1.0).to_dict()},
+        {"name": "motion", "meaning": "a joint opens", "curve": curve_of(1.0).fit_dict()},
         {"name": "impact", "meaning": "a joint closes", "curve": {"none": "all collapse"}},
     ],
 }

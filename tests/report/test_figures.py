@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.verdicts import Verdict
 from archfrag.physics.status import CollapseMode, Status
 from archfrag.report import arch_figure as arches
 from archfrag.report import curve_figures, moving, page, run_tables, svg
@@ -138,7 +138,7 @@ class TestLabelsKeepClear:
             "collapse": 6,
         }
         states = [
-            {"name": name, "meaning": "", "curve": synthetic.curve_of(theta).to_dict()}
+            {"name": name, "meaning": "", "curve": synthetic.curve_of(theta).fit_dict()}
             for name, theta in thetas.items()
         ]
         answer = synthetic.answer_of(6.0)
@@ -290,7 +290,7 @@ def test_run_that_is_shown():
     assert arches.choose(data, None)[:2] == arches.farthest(data)[:2] == (5, 2)
     data["peak_rotation"][:] = 0.0
     assert arches.farthest(data) is None
-    data.verdict[:] = Verdict.SOLVER_FAILURE
+    data.verdict[:] = Verdict.FAILED
     assert arches.choose(data, None) is None
 
 

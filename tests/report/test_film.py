@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from archfrag.errors import InputError
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.verdicts import Verdict
 from archfrag.report import arch_figure as arches
 from archfrag.report import film
 from tests.report import synthetic

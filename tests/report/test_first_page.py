@@ -45,8 +45,7 @@ def both():
     data["verdict"].values[:] = 3.0 * factor * spread < intensity
     answers = synthetic.answers_of(data)
     rate = HazardCurve(np.array([0.2, 10.0]), np.array([0.05, 0.05 / 50.0**2]))
-    fits = {name: answer.curve for name, answer in answers.items()}
-    risk = risk_of(data, fits, Hazard("PGA", "made", {"mean": rate}))
+    risk = risk_of(data, answers, Hazard("PGA", "made", {"mean": rate}))
     return replace(study, cube=data, answers=answers, risk=risk)
 
 
@@ -82,8 +81,8 @@ class TestBeforeAndAfter:
         assert "of after is 1." in before_and_after(given)[0]
 
     def test_it_says_which_curve_is_higher_at_low_levels(self, both):
-        wide = replace(both.answers["after"], curve=synthetic.curve_of(4.5, 0.9))
-        narrow = replace(both.answers["before"], curve=synthetic.curve_of(3.0, 0.4))
+        wide = replace(both.answers["after"], theta=4.5, beta=0.9)
+        narrow = replace(both.answers["before"], theta=3.0, beta=0.4)
         *_, last = before_and_after(replace(both, answers={"before": narrow, "after": wide}))
         # The two cross where (ln x - ln 3) / 0.4 = (ln x - ln 4.5) / 0.9.
         at = np.exp((0.9 * np.log(3.0) - 0.4 * np.log(4.5)) / 0.5) / synthetic.GRAVITY
@@ -100,7 +99,7 @@ class TestBeforeAndAfter:
 
     def test_the_other_curve_and_what_was_observed_are_drawn(self, both, drawn):
         html = first_page(both, None)
-        levels, seen = fractions_seen(both.cube, "before", both.scale)
+        levels, seen = fractions_seen(both.fitted.runs["before"], both.scale)
         assert seen == pytest.approx(arch_results(both.cube, "before", both.scale).fraction)
         assert np.ptp(seen) > 0.5
         (panel,) = drawn[-1].panels

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from archfrag.errors import InputError
-from archfrag.fragility.counts import Verdict
 from archfrag.fragility.risk import HazardCurve
+from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.report import curve_figures, first_page, inputs
 from archfrag.report.first_page import leading, leading_arch, site_levels
@@ -21,6 +21,7 @@ from archfrag.report.inputs import arch_results
 from archfrag.report.page import _scaled_spectra, render, write_report
 from archfrag.report.risk_section import risk_parts
 from archfrag.study.answer import fits
+from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.risk import risk_of
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import Hazard
@@ -84,9 +85,10 @@ class TestAnswer:
     def test_curve_and_counts_stand_first(self, study, page):
         answer, verdict = study.answers["ring"], study.cube["verdict"].values
         (card,) = section(page, "arch0").xpath('./div[@class="answer"]')
-        fit = answer.curve
+        fit = answer
         assert large(card) == [f"{fit.theta / GRAVITY:#.3g} g", f"{fit.beta:#.3g}", "0.370 g"]
-        for (low, high), unit in ((np.array(answer.theta) / GRAVITY, " g"), (answer.beta, "")):
+        theta = np.array(answer.theta_interval) / GRAVITY
+        for (low, high), unit in ((theta, " g"), (answer.beta_interval, "")):
             assert f"90 %: {low:#.3g} to {high:#.3g}{unit}" in text(card)
         (counts,) = page.xpath('//dl[@class="figures counts"]')
         heads, values = (map(text, counts.xpath(f".//{tag}")) for tag in ("dt", "dd"))
@@ -94,9 +96,9 @@ class TestAnswer:
         assert dict(zip(heads, map(int, values), strict=True)) == {
             "runs": verdict.size,
             "collapsed": (verdict == Verdict.COLLAPSED).sum(),
-            "standing": (verdict == Verdict.STANDING).sum(),
+            "survived": (verdict == Verdict.SURVIVED).sum(),
             "unfinished": 1,
-            "solver failures": 1,
+            "failed": 1,
             "effective number": 6,
         }
         assert not page.xpath('//*[@class="caution"]')
@@ -110,7 +112,7 @@ class TestAnswer:
             assert [int(cell) for cell in row[1:4]] == [len(verdict), fell, stood]
             # Of six runs at the level before the last one failed: the fraction is of five.
             assert row[6] == f"{fell / (fell + stood):.3f}"
-            assert row[8] == f"{study.answers['ring'].curve.probability(level):.3f}"
+            assert row[8] == f"{study.answers['ring'].probability(level):.3f}"
 
     def test_without_curve_or_onset(self, study):
         arch, onset = synthetic.arch_and_onset()
@@ -130,12 +132,12 @@ class TestAnswer:
 
     def test_limit_states_measures_and_class(self, full):
         given, page, _ = full
-        chance = given.classes["both"].curve.probability(0.35 * GRAVITY)
+        chance = given.classes["both"].probability(0.35 * GRAVITY)
         heads, rows = table(page, "Answer for each arch")
         assert heads[:2] == ["arch", "P(collapse) at 0.350 g"]
         assert [row[0] for row in rows] == ["thin", "thick"]
         answer = given.answers["thin"]
-        of_thin = percentages([answer.probability(0.35 * GRAVITY)[0]])
+        of_thin = percentages([answer.at(0.35 * GRAVITY)[0]])
         assert rows[0][1].startswith(f"{of_thin} (")
         assert f"with probability {percentages([chance])} (" in text(section(page, "first"))
         fit = answer.likelihood
@@ -143,7 +145,7 @@ class TestAnswer:
         assert ending in text(section(page, "members"))
         assert f"pointwise band, {answer.method}. {answer.assumptions}" in text(page)
         assert table(page, "Limit states of thin")[1] == [
-            ["motion", "a joint opens", "0.102", "–", "0.400", "–"],
+            ["motion", "a joint opens", "0.102", "0.0865 to 0.120", "0.400", "0.30 to 0.53"],
             ["impact", "a joint closes (no curve: all collapse)", "–", "–", "–", "–"],
         ]
         rows = table(page, "Intensity measures for thick")[1]
@@ -156,8 +158,8 @@ class TestAnswer:
         assert [data[k] for k in ("format", "unit", "level")] == ["archfrag-summary/2", "g", 0.35]
         for arch, verdict in zip(data["arches"], given.cube["verdict"].values, strict=True):
             answer = given.answers[arch["id"]]
-            _, *band = answer.probability(0.35 * GRAVITY)
-            assert arch["curve"]["theta"] == pytest.approx(answer.curve.theta / GRAVITY)
+            _, *band = answer.at(0.35 * GRAVITY)
+            assert arch["curve"]["theta"] == pytest.approx(answer.theta / GRAVITY)
             assert arch["curve"]["maximum_likelihood"]["beta"] == answer.likelihood.beta
             assert arch["counts"]["collapsed"] == (verdict == Verdict.COLLAPSED).sum()
             assert sum(arch["mechanisms"]["mode"].values()) == pytest.approx(1.0, abs=1e-5)
@@ -174,18 +176,18 @@ class TestFirstPage:
 
     def test_says_the_median_or_the_probability_that_is_asked_for(self, study):
         answer, scale = study.answers["ring"], study.scale
-        low, high = map(scale.digits, answer.theta)
+        low, high = map(scale.digits, answer.theta_interval)
         start = "Half of the ground motions make the arch collapse at PGA"
-        start += f" {scale.text(answer.curve.theta)}"
+        start += f" {scale.text(answer.theta)}"
         assert self.lead(study) == f"{start} (90 %: {low} to {high} g)."
-        value, *band = answer.probability(0.35 * GRAVITY)
+        value, *band = answer.at(0.35 * GRAVITY)
         start = f"Under PGA 0.350 g, the arch collapses with probability {percentages([value])}"
         assert self.lead(replace(study, at=0.35)) == f"{start} (90 %: {percentages(band)})."
         assert percentages([0.02, 0.2149]) == "2.0 to 21 %"
         assert [percentages(2 * [p]) for p in (1e-4, 0.9999)] == ["< 0.1 %", "> 99.9 %"]
 
     def test_says_what_the_475_year_motion_of_the_site_does(self, study):
-        fit = study.answers["ring"].curve
+        fit = study.answers["ring"]
         curve = hazard(8)
         given = replace(study, risk=risk_of(study.cube, {"ring": fit}, curve))
         # The first hazard curve is 2e-3 im^-2, so that 1/475 a year is at (0.95)^0.5 m/s2.
@@ -217,7 +219,7 @@ class TestFirstPage:
         drawn = leading_arch(replace(given, cube=other, classes=two, answers=answers))
         assert given.arches[drawn][0] == "thick"
         several = replace(given, classes={})
-        weakest = min(several.answers, key=lambda name: several.answers[name].curve.theta)
+        weakest = min(several.answers, key=lambda name: several.answers[name].theta)
         assert leading(several)[0] == weakest
 
 
@@ -230,7 +232,7 @@ def hazard(points):
 
 def test_risk(drawn):
     data = synthetic.cube(names=("ring", "slab"), items=synthetic.motions(12))
-    fits = {"ring": synthetic.answers_of(data)["ring"].curve, "slab": "no curve"}
+    fits = {"ring": synthetic.answers_of(data)["ring"], "slab": synthetic.none("no curve")}
     whole, short = (risk_of(data, fits, hazard(points)) for points in (8, 4))
     list(risk_parts(whole, synthetic.SCALE, "90 %"))
     assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
@@ -352,7 +354,7 @@ class TestOffline:
 class TestNumbers:
     def test_time_and_accuracy(self, study):
         data = study.cube.copy(deep=True)
-        failed = data["verdict"] == Verdict.SOLVER_FAILURE
+        failed = data["verdict"] == Verdict.FAILED
         data["contact_residual"] = data["contact_residual"].where(~failed, 0.7)
         rows = dict(table(read(replace(study, cube=data)), "Models, time and accuracy of ring")[1])
         per_second = 1e3 * 0.05 * failed.size / float(data["end_time"].sum())
@@ -386,7 +388,7 @@ def bisected():
     codes[:] = np.maximum.accumulate(codes == Verdict.COLLAPSED, axis=1)
     first = np.where(codes.any(axis=1), codes.argmax(axis=1), codes.shape[1])
     away = np.abs(np.arange(codes.shape[1]) + 0.5 - first[:, None]) > 0.6
-    codes[away] = Verdict.NOT_SIMULATED
+    codes[away] = Verdict.NOT_RUN
     for name in data.data_vars:  # as the cube stores what was not run
         if data[name].dims[:3] == ("arch", "record", "level") and name != "verdict":
             data[name].values[0][away] = np.nan if data[name].dtype.kind == "f" else -1
@@ -425,7 +427,7 @@ class TestWords:
         given, _, _ = full
         study = load_study(small_study(tmp_path))
         study.folder.mkdir()
-        fits._store(study, dict(given.answers), {}, given.cube)
+        fits._store(study, Fitted(dict(given.answers), {}, given.cube))
         lines = (study.folder / "curve.csv").read_text().splitlines()[1:]
         cells = [cell for line in lines for cell in line.split(",")[1:]]
         digits_of = [len(re.sub(r"e.*|[.-]", "", cell).lstrip("0")) for cell in cells]
@@ -465,7 +467,7 @@ class TestCompare:
     def test_figures_of_both_studies(self):
         given = compared()
         page = read(given)
-        fits = [given.answers["ring"].curve, given.compared[1]["ring"].curve]
+        fits = [given.answers["ring"], given.compared[1]["ring"]]
         change = 100 * (fits[1].theta / fits[0].theta - 1)
         assert change > 5
         both = section(page, "compared")

@@ -5,12 +5,12 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 
 from archfrag.export.papers import RUN_COLUMNS, write_papers
 from archfrag.report.curve_figures import effects_on_theta
 from archfrag.report.run_tables import fractiles, ida_line
-from archfrag.study.answer.cube import in_si
+from archfrag.study.answer.fits import load_fits
+from archfrag.study.file.schema import load_study
 from tests.study.small import TEXT, command, small_study
 
 DENSE = TEXT.replace("[0.1, 0.6, 1.2]", "[0.1, 0.2, 0.4, 0.6, 1.2, 2.4]")
@@ -21,12 +21,12 @@ def finished(tmp_path_factory):
     path = small_study(tmp_path_factory.mktemp("papers"), DENSE)
     done = command("run", path, "--quiet")
     assert done.exit_code == 0, done.output
-    with xr.open_dataset(path.parent / "out" / "cube.nc") as cube:
-        return path, path.parent / "out", in_si(cube.load())
+    return path, path.parent / "out", load_fits(load_study(path))
 
 
 def test_runs_are_told_in_words_and_in_the_unit_of_the_study(finished):
-    _, out, cube = finished
+    _, out, fitted = finished
+    cube = fitted.cube
     runs = pd.read_csv(out / "runs.csv")
     assert len(runs.columns) == len(RUN_COLUMNS) <= 25
     assert len(runs) == cube["verdict"].size == 24
@@ -40,7 +40,7 @@ def test_runs_are_told_in_words_and_in_the_unit_of_the_study(finished):
         assert collapsed == (row["collapse_joint"] == int(cell["collapse_joint"]))
         assert np.isnan(row["collapse_joint"]) != collapsed
         assert row["peak_rotation [rad]"] == pytest.approx(float(cell["peak_rotation"]), rel=1e-6)
-    assert {"standing", "collapsed"} <= set(runs["verdict"])
+    assert {"survived", "collapsed"} <= set(runs["verdict"])
 
 
 def test_capacities_lie_between_the_levels_that_runs_show(finished):
@@ -55,17 +55,17 @@ def test_capacities_lie_between_the_levels_that_runs_show(finished):
             continue
         assert middle == pytest.approx(np.sqrt(low * high), rel=1e-6)
         assert fell[own["PGA [g]"] == high].all()
-        assert (own["verdict"] == "standing")[own["PGA [g]"] == low].all()
+        assert (own["verdict"] == "survived")[own["PGA [g]"] == low].all()
     assert table["capacity [g]"].notna().any()
 
 
 def test_the_readme_names_every_file_and_spares_one_of_the_user(finished, tmp_path):
-    _, out, cube = finished
+    _, out, fitted = finished
     named = {line.split()[0].strip("/") for line in (out / "README.txt").open() if line.strip()}
     for entry in out.iterdir():
         assert re.sub("curve-.*", "curve-ARCH.svg", entry.name) in {"README.txt", *named}
     (tmp_path / "README.txt").write_text("mine")
-    write_papers(cube, "PGA", "g", 1 / 9.80665, tmp_path)
+    write_papers(fitted, "PGA", "g", 1 / 9.80665, tmp_path)
     assert (tmp_path / "README.txt").read_text() == "mine"
     assert (tmp_path / "runs.csv").read_bytes() == (out / "runs.csv").read_bytes()
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.verdicts import Verdict
 from archfrag.report.inputs import report_inputs, summary
 from archfrag.report.page import render
 from archfrag.study.file.schema import RiskKeys
@@ -61,7 +61,7 @@ def test_the_cube_has_arches_with_their_entries_and_what_differs(classes):
 
 
 def test_every_arch_and_every_class_of_several_has_a_curve(classes):
-    assert (classes.cube["verdict"] != Verdict.NOT_SIMULATED).all()
+    assert (classes.cube["verdict"] != Verdict.NOT_RUN).all()
     assert classes.log["runs"] == 7 * 2 * 6
     assert list(classes.fits["classes"]) == ["slab", "fleet"]
     assert len(classes.fits["arches"]) == 7

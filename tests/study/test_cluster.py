@@ -16,7 +16,7 @@ import pytest
 from distributed import Client, LocalCluster
 
 from archfrag.errors import WorkerError
-from archfrag.study.designs.ida import Ida
+from archfrag.study.designs import Ida
 from archfrag.study.provenance import PACKAGE
 from archfrag.study.runs import workers as fan
 from archfrag.study.runs.execute import run_batch
@@ -159,7 +159,7 @@ def test_runs_wait_for_the_first_worker_and_a_lost_scheduler_is_a_message(
 @pytest.mark.parametrize(
     ("file", "old", "new", "message"),
     [
-        ("study/runs/store.py", '"verdict": np.minimum(results.status, Verdict.SOLVER_FAILURE)',
+        ("study/runs/store.py", '"verdict": np.minimum(results.status, Verdict.FAILED)',
          '"verdict": np.ones(len(results.status))',
          "a worker on .* runs archfrag .* numba .*; the study is run by archfrag .*; install the "
          "same code for all workers"),

@@ -6,7 +6,7 @@ import pytest
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.risk import HazardCurve
 from archfrag.study.answer.compare import compare
-from archfrag.study.answer.curves import answer, of_class, runs_of_cube
+from archfrag.study.answer.curves import Fitted, class_curve, curve_of, runs_of_cube
 from tests.report import synthetic
 
 HAZARD = HazardCurve(np.geomspace(0.5, 20.0, 6), 1e-3 * np.geomspace(0.5, 20.0, 6) ** -2.0)
@@ -31,18 +31,18 @@ def cube():
 
 
 def curves_of(cube):
-    arches = {runs.name: answer(runs, 0.9) for runs in runs_of_cube(cube)}
-    found = {name: each.curve for name, each in arches.items()}
-    for runs in runs_of_cube(cube, ["before", "after"]):
-        members = [arches[name] for name in runs.cube["arch"].values]
-        found[runs.name] = of_class(answer(runs, 0.9), members).curve
-    return found
+    arches = {name: curve_of(runs, 0.9) for name, runs in runs_of_cube(cube).items()}
+    classes = {}
+    for name, runs in runs_of_cube(cube, dict.fromkeys(cube["arch_class"].values)).items():
+        members = [arches[arch] for arch in runs.cube["arch"].values]
+        classes[name] = class_curve(curve_of(runs, 0.9), members)
+    return Fitted(arches, classes, cube)
 
 
 def compared(cube, *names, other=None):
     other = cube if other is None else other
-    cubes = cube, *[other] * (len(names) - 1)
-    return compare(cubes, names, [curves_of(each) for each in cubes], HAZARD)
+    one, two = (curves_of(each) for each in (cube, other))
+    return compare([one, *[one if other is cube else two] * (len(names) - 1)], names, HAZARD)
 
 
 def test_classes_are_compared_as_their_arches_are(cube):
@@ -57,9 +57,8 @@ def test_classes_are_compared_as_their_arches_are(cube):
 def test_arches_of_two_studies_on_the_same_motions(cube):
     both = compared(cube, "before", "after")
     parts = cube.isel(arch=[0, 1]), cube.isel(arch=[2, 3], record=np.arange(12)[::-1])
-    assert compare(
-        parts, ("before", "after"), [curves_of(cube)] * 2, HAZARD
-    )["after"] == both["after"]  # fmt: skip
+    ratios = compare([*map(curves_of, parts)], ("before", "after"), HAZARD)
+    assert ratios["after"] == both["after"]
 
 
 def test_what_cannot_be_compared_is_refused(cube):

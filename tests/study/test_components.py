@@ -10,7 +10,7 @@ from obspy import Stream, Trace
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.measures import measure
 from archfrag.motions.partners import partners
-from archfrag.study.designs.design import CASE
+from archfrag.study.designs import CASE
 from archfrag.study.file.records import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.provenance import sha256_of

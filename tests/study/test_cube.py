@@ -10,29 +10,27 @@ import pytest
 import xarray as xr
 
 from archfrag.errors import FitError, InputError, OutputError
-from archfrag.fragility.counts import Verdict, find_brackets
-from archfrag.fragility.curve import Fragility
-from archfrag.fragility.quoted import Answer
+from archfrag.fragility.curve import Curve
+from archfrag.fragility.verdicts import Verdict, find_brackets
+from archfrag.physics.status import Status
 from archfrag.report.inputs import report_inputs
 from archfrag.report.page import render
-from archfrag.study.answer.cube import _variable, build_cube, write_cube
-from archfrag.study.answer.curves import Runs, dispersion_split
+from archfrag.study.answer.cube import _variable, build_cube, open_cube, write_cube
+from archfrag.study.answer.curves import Fitted, Runs, dispersion_split
 from archfrag.study.answer.fits import (
     arch_cautions,
-    cautions_of_cube,
+    cautions_of,
     fit_cube,
-    fit_text,
+    in_unit,
     load_fits,
-    open_cube,
     record_cautions,
 )
 from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
-from archfrag.study.designs import Stripes
-from archfrag.study.designs.ida import Ida
+from archfrag.study.designs import Ida, Stripes
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import finite
-from archfrag.study.runs.store import COLUMNS, VARIABLES, gather
+from archfrag.study.runs.store import COLUMNS, VARIABLES, gather, verdicts_of
 from tests.study.small import ROOT, TEXT, fitted, made, small_study
 
 
@@ -51,7 +49,7 @@ class TestContent:
 
     def test_runs_that_lost_contact_and_stand_are_counted(self, done):
         (cases, table, notes), shape = gather(done.plan), (2, 2, 3)
-        table["verdict"][:] = Verdict.STANDING
+        table["verdict"][:] = Verdict.SURVIVED
         table["verdict"].reshape(shape)[1, 0, 2] = Verdict.COLLAPSED
         table["lost_contact_time"][:] = np.nan
         table["lost_contact_time"].reshape(shape)[1, :, 1:] = 0.5
@@ -73,6 +71,12 @@ class TestContent:
         everything = json.dumps({key: str(value) for key, value in cube.attrs.items()})
         assert str(done.study.folder) not in everything
         assert "workers" not in everything
+
+
+def test_every_status_has_a_verdict():
+    decided = {"STANDING": "SURVIVED", "COLLAPSED": "COLLAPSED", "UNFINISHED": "UNFINISHED"}
+    verdicts = [Verdict(code).name for code in verdicts_of(np.array(list(Status)))]
+    assert verdicts == [decided.get(status.name, "FAILED") for status in Status]
 
 
 @pytest.mark.parametrize(
@@ -108,7 +112,7 @@ def test_another_study_and_missing_runs_are_refused(copied):
 
 def test_fits_are_read_back_as_they_were_and_damaged_ones_are_a_message(copied):
     write_cube(copied.study)
-    fits, answers = fit_cube(copied.study)[0], load_fits(copied.study)[0]
+    fits, answers = fit_cube(copied.study).arches, load_fits(copied.study).arches
     assert set(fits) == {"ring", "slab"}
     for name, fit in fits.items():
         assert finite(answers[name].to_dict()) == finite(fit.to_dict())
@@ -160,18 +164,17 @@ def test_theta_is_given_with_all_runs_without_verdict_as_collapses_and_as_surviv
         with changed_cube(copied.study) as cube:
             cube["verdict"][:] = [[0, 0, 1], [0, 1, 1]]
             cube["verdict"][0, 0, 1] = verdict
-        return fit_cube(copied.study)[0]
+        return fit_cube(copied.study).arches
 
-    found = curves_with(Verdict.SOLVER_FAILURE)
+    found = curves_with(Verdict.FAILED)
     assert found["slab"].more["without_verdict"] == {}
     lost = found["ring"].more["without_verdict"]
     assert lost["runs"] == 1
-    for name, verdict in (("collapsed", Verdict.COLLAPSED), ("standing", Verdict.STANDING)):
-        assert lost[name] == curves_with(verdict)["ring"].curve.to_dict()
-    assert lost["collapsed"]["theta"] < lost["standing"]["theta"]
-    assert "1 run has no verdict: the median is" in fit_text(
-        copied.study.intensity, "ring", found["ring"]
-    )
+    for name, verdict in (("collapsed", Verdict.COLLAPSED), ("survived", Verdict.SURVIVED)):
+        assert lost[name] == curves_with(verdict)["ring"].fit_dict()
+    assert lost["collapsed"]["theta"] < lost["survived"]["theta"]
+    text = repr(in_unit(found["ring"], "ring", copied.study.intensity))
+    assert "1 run has no verdict: the median is" in text
 
 
 def page_of(study, place):
@@ -199,16 +202,14 @@ def test_one_outcome_in_all_runs_gives_no_curve_but_a_reason(tmp_path, kind, fac
     text = TEXT.replace("[0.1, 0.6, 1.2]", f"[{0.9 * factor:g}, {1.1 * factor:g}]")
     path = small_study(tmp_path, f"{text}design: {{kind: {kind.format(factor)}}}\n")
     study = made(path).study
-    answers = load_fits(study)[0]
-    for answer in answers.values():
-        assert f"nothing bounds theta from {side}: add levels {side}" in str(answer.curve)
-        assert isinstance(answer.likelihood, str)
+    fitted = load_fits(study)
+    for answer in fitted.arches.values():
+        assert f"nothing bounds theta from {side}: add levels {side}" in answer.reason
+        assert not answer.likelihood.fitted
         for state in answer.more["limit_states"].get("states", ()):
             assert "theta" not in state["curve"]
-    fits = {name: answer.curve for name, answer in answers.items()}
     hazard = load_hazard([ROOT / "configs" / "hazard.csv"], "PGA")
-    with open_cube(study) as cube:
-        found = risk_facts(risk_of(cube, fits, hazard), study)
+    found = risk_facts(risk_of(fitted.cube, fitted.arches, hazard), study)
     assert all("nothing bounds" in each["none"] for each in found["arches"].values())
     assert "no rate, since there is no curve" in risk_text(found)
 
@@ -235,7 +236,7 @@ def test_dispersion_of_a_class_has_the_parts_of_its_capacities(largest):
     levels = levels[levels < largest]
     verdict = (levels >= capacity[..., None]).astype(int)
     fits = [Stripes().likelihood(find_brackets(own, levels)) for own in verdict]
-    answers = [Answer(fit, fit) for fit in fits]
+    answers = [replace(fit, likelihood=fit) for fit in fits]
     parts = arch.std(ddof=1), np.hypot(record.std(ddof=1), 0.1)
     beta = float(np.hypot(*parts))
     runs = Runs("a", Stripes(), verdict.reshape(-1, levels.size), levels)
@@ -246,15 +247,15 @@ def test_dispersion_of_a_class_has_the_parts_of_its_capacities(largest):
     if largest < 2.0:
         two = Runs("a", Stripes(), verdict[:2].reshape(-1, levels.size), levels)
         with pytest.raises((FitError, InputError), match="one arch has no modelling dispersion"):
-            dispersion_split(two, [answers[0], Answer("no curve", "no curve")], 0.4)
+            dispersion_split(two, [answers[0], Curve(reason="no curve")], 0.4)
 
 
 def test_cautions_of_a_study_name_the_arch_and_its_unit(copied):
     with changed_cube(copied.study) as cube:
-        cube["verdict"][:] = Verdict.STANDING
-    assert "above 1.2 g" in fit_cube(copied.study)[0]["ring"].curve
-    none = dict.fromkeys(("ring", "slab"), Answer("no curve", "no curve"))
-    *surviving, last = cautions_of_cube(copied.study, open_cube(copied.study), none)
+        cube["verdict"][:] = Verdict.SURVIVED
+    assert "above 1.2 g" in fit_cube(copied.study).arches["ring"].reason
+    none = dict.fromkeys(("ring", "slab"), Curve(reason="no curve"))
+    *surviving, last = cautions_of(copied.study, Fitted(none, {}, open_cube(copied.study)))
     assert [text.split(";")[0] for text in surviving] == [
         f"{name}: no record caused collapse up to 1.2 g, the highest level"
         for name in ("ring", "slab")
@@ -263,7 +264,7 @@ def test_cautions_of_a_study_name_the_arch_and_its_unit(copied):
     with changed_cube(copied.study) as cube:
         cube["verdict"][1, :, 2] = Verdict.UNFINISHED
         cube["scale_factor"][0, 1] = 11.0
-    ring, first, second, _ = cautions_of_cube(copied.study, open_cube(copied.study), none)
+    ring, first, second, _ = cautions_of(copied.study, Fitted(none, {}, open_cube(copied.study)))
     assert ring.startswith("ring: no record caused collapse")
     assert first.startswith("slab: more than 5 % of the runs")
     assert "(most: 2 of 2 at 1.2 g)" in first
@@ -275,7 +276,8 @@ AGAIN[:2, 1:3] = [1, 0]
 FLEET = {f"a{i}": {"checked": 14, "contradictions": 2} for i in range(50)}
 MORE = AGAIN.copy()
 MORE[2, 1:3] = [1, 0]
-CURVE = Fragility(1.3, 0.25, np.eye(2), 0.0, 3, 30, "posterior")
+NO_CURVE = Curve(reason="none")
+CURVE = Curve(1.3, 0.25, np.eye(2), 0.0, 3, 30, "posterior")
 
 
 def of_events(count):
@@ -286,7 +288,7 @@ def of_events(count):
     )
 
 
-def of_arch(verdict, levels=(1.0, 2.0, 3.0, 4.0), curve="none"):
+def of_arch(verdict, levels=(1.0, 2.0, 3.0, 4.0), curve=NO_CURVE):
     named = [f"{level:g} g" for level in levels]
     return arch_cautions(Runs("a", Stripes(), np.array(verdict), np.array(levels)), named, curve)
 
@@ -304,8 +306,8 @@ def of_spacing(beta):
 @pytest.mark.parametrize(
     ("found", "expected"),
     [
-        (of_lost(5, Verdict.SOLVER_FAILURE), ""),
-        (of_lost(6, Verdict.SOLVER_FAILURE), "more than 5 % of the runs are unfinished or failed"),
+        (of_lost(5, Verdict.FAILED), ""),
+        (of_lost(6, Verdict.FAILED), "more than 5 % of the runs are unfinished or failed"),
         (of_arch(AGAIN), ""),
         (of_arch(MORE), "3 of 10 records do not cause"),
         (of_spacing(0.25), ""),

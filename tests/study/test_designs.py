@@ -8,13 +8,12 @@ import pytest
 import xarray as xr
 
 import archfrag as af
-from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.quoted import capacity_posterior
+from archfrag.fragility.verdicts import Verdict, find_brackets
 from archfrag.physics.status import CollapseMode
-from archfrag.study.answer.cube import in_si
+from archfrag.study.answer.cube import open_cube
 from archfrag.study.answer.fits import fit_cube
-from archfrag.study.designs.design import CASE, Grid, ask, drive, order_of
-from archfrag.study.designs.ida import NEAR, Ida
+from archfrag.study.designs import CASE, NEAR, Grid, Ida, ask, drive, order_of
 from archfrag.study.file.records import load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.execute import run_batch
@@ -43,7 +42,7 @@ def driven(design, table, levels=LEVELS):
     )
     asked = np.column_stack([cases["record"], cases["place"]])
     assert len(asked) == len(np.unique(asked, axis=0)), "a cell was asked for twice"
-    seen, cells = np.full_like(table, Verdict.NOT_SIMULATED), tuple(asked.T)
+    seen, cells = np.full_like(table, Verdict.NOT_RUN), tuple(asked.T)
     seen[cells] = table[cells]
     return notes[0], asked, seen
 
@@ -51,7 +50,7 @@ def driven(design, table, levels=LEVELS):
 def bracketed(seen):
     """The highest standing and the lowest collapsing level among the runs made, by record."""
     place = np.arange(seen.shape[1])
-    low = np.where(seen == Verdict.STANDING, place, -1).max(axis=1)
+    low = np.where(seen == Verdict.SURVIVED, place, -1).max(axis=1)
     return low, np.where(seen == Verdict.COLLAPSED, place, place.size).min(axis=1)
 
 
@@ -63,11 +62,11 @@ class TestIda:
         table = (np.arange(n_level) >= first[:, None]).astype(np.int8)
         low, high = bracketed(driven(Ida(kind="ida", checks=0), table)[2])
         np.testing.assert_array_equal([low, high], [first - 1, first])
-        table[generator.random(table.shape) < 0.3] = Verdict.SOLVER_FAILURE
+        table[generator.random(table.shape) < 0.3] = Verdict.FAILED
         low, high = bracketed(driven(Ida(kind="ida", checks=0), table)[2])
         assert np.all((low < first) & (first <= high))
         for row, start, end in zip(table, low + 1, high):
-            assert (row[start:end] == Verdict.SOLVER_FAILURE).all()
+            assert (row[start:end] == Verdict.FAILED).all()
 
     def test_thirty_records_on_fifteen_levels_take_150_runs(self):
         runs = []
@@ -95,7 +94,7 @@ class TestIda:
                 note, asked, _ = driven(Ida(kind="ida", checks=checks, seed=seed), spoilt)
                 assert note["checked"] == checks or checks > 100
                 rates.append(note["contradictions"] / note["checked"])
-        searched, (rows, places) = np.full_like(spoilt, Verdict.NOT_SIMULATED), asked[:-100].T
+        searched, (rows, places) = np.full_like(spoilt, Verdict.NOT_RUN), asked[:-100].T
         searched[rows, places] = spoilt[rows, places]
         low, high = bracketed(searched)
         rows, places = asked[-100:].T
@@ -112,7 +111,7 @@ class TestIda:
             capacity = 0.3 * np.exp(capacity + 0.2 * generator.standard_normal((30, 15)))
             table = (capacity <= LEVELS).astype(np.int8)
             one, other = (
-                capacity_posterior(find_brackets(verdict, LEVELS))[0].fragility
+                capacity_posterior(find_brackets(verdict, LEVELS))[0].curve
                 for verdict in (driven(Ida(kind="ida", seed=seed), table)[2], table)
             )
             pairs = (one.theta / other.theta, one.beta / other.beta, one.beta / np.sqrt(0.2))
@@ -145,7 +144,7 @@ def test_ida_asks_for_the_same_runs_whatever_other_measures_the_records_have(don
 def test_the_order_in_which_runs_are_made_changes_nothing_that_ida_asks_for(seed):
     generator = np.random.default_rng(seed)
     table = (0.4 * np.exp(0.5 * generator.standard_normal((40, 15))) <= LEVELS).astype(np.int8)
-    table[generator.random(table.shape) < 0.1] = Verdict.SOLVER_FAILURE
+    table[generator.random(table.shape) < 0.1] = Verdict.FAILED
     waiting = np.empty(0, CASE)
 
     def some(cases):
@@ -242,7 +241,7 @@ def test_cube_of_each_design_made_in_batches(tmp_path, design):
     log, cube = cube_of(study)
     assert log["runs"] == log["kept"] == sum(each["runs"] for each in logs)
     assert sum(each["kept"] for each in logs) == 0
-    stored, cube = cube, in_si(cube)
+    stored, cube = cube, open_cube(study)
     assert stored["verdict"].dims[2] == ("level" if design == "cloud" else "intensity")
     assert stored["intensity"].attrs["unit"] == "g"
     np.testing.assert_allclose(stored["intensity"] * 9.80665, stored["intensity_si"], rtol=1e-15)
@@ -278,7 +277,7 @@ def test_cube_of_each_design_made_in_batches(tmp_path, design):
         for name in set(known) & set(cube):
             np.testing.assert_array_equal(cube[name].isel(place), known[name], err_msg=name)
     if design == "cloud":
-        assert set(fit_cube(study)[0]["ring"].more["cloud"]) == {"logistic"}
+        assert set(fit_cube(study).arches["ring"].more["cloud"]) == {"logistic"}
     assert_compliant(study.folder / "cube.nc", tmp_path)
 
 
@@ -292,7 +291,7 @@ def test_a_study_of_which_no_run_was_decided_says_what_to_change(tmp_path, desig
     found = json.loads((tmp_path / "out" / "fits.json").read_text())
     for name in ("ring", "slab"):
         assert found["arches"][name]["curve"]["none"] == (
-            "no run collapsed or stood, so there is nothing to fit: if runs ended while the arch "
-            "moved, raise method.follow; if they failed, try another method.name"
+            "no run collapsed or survived, so there is nothing to fit: if arches still moved at "
+            "the end, raise method.follow; if they failed, try another method.name"
         )
     assert "raise method.follow" in " ".join(result.stdout.split())

@@ -17,7 +17,7 @@ import pytest
 
 from archfrag.errors import InputError
 from archfrag.motions.formats import one_reader, read_apart
-from archfrag.study.designs.ida import Ida
+from archfrag.study.designs import Ida
 from archfrag.study.file.schema import Method
 from archfrag.study.running import only_run, stoppable
 from archfrag.study.runs import execute, workers

@@ -18,7 +18,6 @@ from archfrag.files import opened
 from archfrag.report.film import check_target, example_of, save_film
 from archfrag.report.inputs import report_inputs
 from archfrag.report.printed import save_figures
-from archfrag.study.answer.curves import quoted
 from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
@@ -132,11 +131,9 @@ def risk(
       archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
     """
     hazard = load_hazard(hazards, study.intensity.measure, unit, site)
-    arches, classes, cube = finished(study)
-    with cube:
-        answers = quoted(cube, arches, classes, members)
-        fits = {name: each.curve for name, each in answers.items()}
-        facts = risk_facts(risk_of(cube, fits, hazard, years, confidence), study)
+    fitted = finished(study)
+    rates = risk_of(fitted.cube, fitted.quoted(members), hazard, years, confidence)
+    facts = risk_facts(rates, study)
     show(facts, risk_text(facts), as_json)
     if all("none" in arch for arch in facts["arches"].values()):
         raise FitError("no arch has a curve, so there is no rate")
@@ -183,7 +180,7 @@ def _facts(path: Path) -> dict[str, Any]:
             stated, level, verdict = cube.attrs, cube["intensity"], cube["verdict"]
             names = verdict.attrs["flag_meanings"].split()
             counts = [int((verdict == code).sum()) for code in verdict.attrs["flag_values"]]
-            names, counts = [*names, "not_simulated"], [*counts, int(verdict.isnull().sum())]
+            names, counts = [*names, "not_run"], [*counts, int(verdict.isnull().sum())]
             return {
                 "file": str(path), "study": stated["archfrag_study"], "title": stated["title"],
                 "dimensions": {str(name): size for name, size in cube.sizes.items()},

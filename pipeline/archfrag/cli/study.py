@@ -27,7 +27,6 @@ from archfrag.cli.with_study import with_study
 from archfrag.errors import attempt
 from archfrag.files import counted, printable
 from archfrag.report import make_report
-from archfrag.study.answer.curves import quoted
 from archfrag.study.answer.fits import fit_lines, load_fits
 from archfrag.study.answer.risk import risk_lines, risk_of_study
 from archfrag.study.file.schema import load_study
@@ -86,9 +85,9 @@ def _stoppable(again: str) -> Iterator[Callable[[], None]]:
 
 def _summary(study: Any) -> None:
     """Print the answers of a finished study."""
-    arches, classes, cube = load_fits(study)
-    answers, cautions = fit_lines(study, (arches, classes, cube))
-    risk = attempt(lambda: risk_of_study(study, cube, quoted(cube, arches, classes)))
+    fitted = load_fits(study)
+    answers, cautions = fit_lines(study, fitted)
+    risk = attempt(lambda: risk_of_study(study, fitted))
     if isinstance(risk, str):
         cautions.append(f"no rates of collapse: {risk}")
     elif risk is not None:  # of a study that has a hazard

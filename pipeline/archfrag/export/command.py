@@ -15,11 +15,10 @@ from archfrag.errors import FitError, InputError, from_extra
 from archfrag.export import FORMATS, writers
 from archfrag.export.writers import CurveSet, named_measure
 from archfrag.files import counted, make_folder, replacing, sha256_of, write_csv
-from archfrag.fragility.counts import Verdict
-from archfrag.fragility.curve import Fragility
-from archfrag.fragility.limit_states import MOST_CROSSING, above, answers_of_states
-from archfrag.fragility.quoted import Answer
-from archfrag.study.answer.curves import arch_classes, quoted
+from archfrag.fragility.curve import Curve
+from archfrag.fragility.several import MOST_CROSSING, above
+from archfrag.fragility.verdicts import Verdict
+from archfrag.study.answer.curves import arch_classes
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import CUBE, commit, write_text
@@ -58,9 +57,9 @@ def export_study(
     is no such limit state, pyarrow is not installed) or a FitError (no arch, or a limit state
     asked for, has no curve).
     """
-    of_arches, of_classes, cube = finished(study)
-    answers = quoted(cube, of_arches, of_classes, members)
-    with cube:
+    fitted = finished(study)
+    answers = fitted.quoted(members)
+    with fitted.cube as cube:
         levels, number = cube["intensity"].values, Counter(arch_classes(cube).values())
         made = {
             "study": study.id, "title": study.title,
@@ -101,8 +100,8 @@ def export_study(
 
 
 def _limit_states(
-    study: Study, cube: xr.Dataset, answers: Mapping[str, Answer], requested: Sequence[str]
-) -> tuple[dict[str, dict[str, Fragility | str]], list[str]]:
+    study: Study, cube: xr.Dataset, answers: Mapping[str, Curve], requested: Sequence[str]
+) -> tuple[dict[str, dict[str, Curve]], list[str]]:
     """Curves of the limit states from mild to collapse, and what was left out or moved, and why.
 
     Receivers take differences of states and want the same ones of all arches, in one order: that
@@ -113,27 +112,27 @@ def _limit_states(
     requested = ["residual" if name == "residual_displacement" else name for name in requested]
     for name in sorted(set(requested) - set(LIMIT_STATES)):
         raise InputError(f"there is no limit state {name!r}; they are {', '.join(LIMIT_STATES)}")
-    own = dict[str, dict[str, Fragility | str]]()
+    own = dict[str, dict[str, Curve]]()
     for arch, answer in answers.items():
-        states = answers_of_states(answer).items()
-        own[arch] = {state.replace(" ", "_"): found.curve for state, found in states}
-        own[arch]["collapse"] = answer.curve
+        own[arch] = {each.state.replace(" ", "_"): each for each in answer.states}
+        own[arch]["collapse"] = answer
     # Curves of the next severer state, by arch with a curve of collapse.
-    severe = {arch: a.curve for arch, a in answers.items() if isinstance(a.curve, Fragility)}
+    severe = {arch: curve for arch, curve in answers.items() if curve.fitted}
     kept, messages = ["collapse"], list[str]()
     place = dict[str, float]()  # mean of ln theta; -inf where there is no curve
     for name in LIMIT_STATES[:-1]:
-        fits = [fit for a in severe if isinstance(fit := own[a].get(name), Fragility)]
+        fits = [own[a][name] for a in severe if name in own[a] and own[a][name].fitted]
         place[name] = float(np.mean([np.log(fit.theta) for fit in fits])) if fits else -np.inf
     ordered = [*sorted(place, key=lambda name: place[name]), "collapse"]
     for name in (name for name in reversed(ordered) if name in (requested or LIMIT_STATES)):
         found = {arch: own[arch].get(name) for arch in severe}
-        curves = {arch: fit for arch, fit in found.items() if isinstance(fit, Fragility)}
+        curves = {arch: fit for arch, fit in found.items() if fit is not None and fit.fitted}
         if lacking := [arch for arch in found if arch not in curves]:
-            why = found[lacking[0]] or _not_fitted(cube, lacking[0], name)
+            without = found[lacking[0]]
+            why = without.reason if without else _not_fitted(cube, lacking[0], name)
             remedies = ["design: {kind: stripes}"] * study.design.adaptive
             remedies += [f"a larger limit_states.{name}"] * (name in ("residual", "rotation"))
-            help_ = f"; try {' or '.join(remedies)}" * bool(remedies and found[lacking[0]])
+            help_ = f"; try {' or '.join(remedies)}" * bool(remedies and without)
             others = f"; {len(curves)} of {len(found)} arches or classes have one" * bool(curves)
             why = f"{lacking[0]} has no curve of it: {why}{help_}{others}"
             messages.append(f"limit state {name!r} is left out: {why}")
@@ -152,7 +151,8 @@ def _limit_states(
                 )
             for arch, fit in severe.items():
                 own[arch][name] = fit
-    return {arch: {k: each.get(k, "none") for k in kept} for arch, each in own.items()}, messages
+    none = Curve(reason="none")
+    return {arch: {k: each.get(k, none) for k in kept} for arch, each in own.items()}, messages
 
 
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
@@ -167,7 +167,7 @@ def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
 
 
 def _write_tables(
-    study: Study, cube: xr.Dataset, curves: CurveSet, answers: Mapping[str, Answer],
+    study: Study, cube: xr.Dataset, curves: CurveSet, answers: Mapping[str, Curve],
     folder: Path, ending: str,
 ) -> list[Path]:  # fmt: skip
     """Tables as CSV, with a JSON file that describes their columns; or as Parquet."""
@@ -205,7 +205,7 @@ def write_parquet(path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, A
 
 
 def curve_tables(
-    curves: CurveSet, answers: Mapping[str, Answer], unit: str, si: str, factor: float
+    curves: CurveSet, answers: Mapping[str, Curve], unit: str, si: str, factor: float
 ) -> dict[str, Table]:
     """Points and parameters of all curves; an intensity in `unit` times `factor` is in `si`.
 
@@ -216,12 +216,12 @@ def curve_tables(
     units, points, parameters = {"given": unit, "si": si}, [], []
     for arch, states in curves.curves.items():
         for state, fit in states.items():
-            if isinstance(fit, str):
+            if not fit.fitted:
                 continue
             labels = {"arch": arch, "limit_state": state, "measure": curves.measure, "unit": unit}
             found = answers[arch]
             if state != "collapse":
-                found = answers_of_states(found)[state.replace("_", " ")]
+                found = next(s for s in found.states if s.state == state.replace("_", " "))
             ends = (found.lower, found.upper)
             lower, upper = (np.interp(levels, found.im or [0.0], end or [np.nan]) for end in ends)
             points.append(pd.DataFrame(labels | {
@@ -231,8 +231,9 @@ def curve_tables(
             likelihood = found.likelihood
             parameters.append(labels | {
                 "theta": fit.theta / factor, "theta_si": fit.theta, "beta": fit.beta,
-                "theta_lower": found.theta[0] / factor, "theta_upper": found.theta[1] / factor,
-                "beta_lower": found.beta[0], "beta_upper": found.beta[1],
+                "theta_lower": found.theta_interval[0] / factor,
+                "theta_upper": found.theta_interval[1] / factor,
+                "beta_lower": found.beta_interval[0], "beta_upper": found.beta_interval[1],
                 "theta_maximum_likelihood": getattr(likelihood, "theta", np.nan) / factor,
                 "beta_maximum_likelihood": getattr(likelihood, "beta", np.nan),
                 "standard_error_ln_theta": fit.standard_errors[0],
@@ -274,7 +275,7 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
         for first in range(0, max(n_arch, 1), at_once):
             some = xr.Dataset(values).isel(arch=slice(first, first + at_once))
             frame = some.to_dataframe(dim_order=list(_RUN)).reset_index()[list(columns)]
-            yield frame[frame["verdict"] != Verdict.NOT_SIMULATED].reset_index(drop=True)
+            yield frame[frame["verdict"] != Verdict.NOT_RUN].reset_index(drop=True)
 
     return columns, pieces()
 

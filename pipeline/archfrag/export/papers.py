@@ -10,7 +10,7 @@ import xarray as xr
 
 from archfrag.export.command import runs_table
 from archfrag.files import write_csv
-from archfrag.study.answer.curves import capacities
+from archfrag.study.answer.curves import Fitted
 from archfrag.study.provenance import write_text
 from archfrag.study.steps import README
 from archfrag.version import __version__
@@ -25,12 +25,13 @@ _HEAD = "Results of archfrag"
 _FILES = Path(__file__).with_name("readme.txt").read_text("utf-8")  # what each of them is
 
 
-def write_papers(cube: xr.Dataset, measure: str, unit: str, factor: float, folder: Path) -> None:
+def write_papers(fitted: Fitted, measure: str, unit: str, factor: float, folder: Path) -> None:
     """Write ``capacities.csv``, ``runs.csv`` and ``README.txt``; an SI level times `factor` is in
     `unit`. A README of somebody else is left alone.
     """
     units = {name: f"{name} [{unit}]" for name in ("lower", "upper", "capacity")}
-    table = capacities(cube, factor).rename(columns=units).replace(np.inf, np.nan)
+    cube = fitted.cube
+    table = fitted.capacities(factor).rename(columns=units).replace(np.inf, np.nan)
     runs = runs_in_words(cube, f"{measure} [{unit}]", factor)
     for name, pieces in (("capacities.csv", [table]), ("runs.csv", runs)):
         write_csv(folder / name, pieces, float_format="%.7g")

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import Fragility
+from archfrag.fragility.curve import Curve
 from archfrag.motions.measures import parse_measure
 from archfrag.motions.motion import STANDARD_GRAVITY
 
@@ -37,8 +37,8 @@ class CurveSet:
     """Lognormal curves of several arches, each at the same ordered limit states."""
 
     # By arch and limit state, from the mildest to the severest, theta in the SI unit of the
-    # measure; a message where there is no curve.
-    curves: Mapping[str, Mapping[str, Fragility | str]]
+    # measure; with a reason where there is no curve.
+    curves: Mapping[str, Mapping[str, Curve]]
     measure: str  # intensity measure, as `archfrag.motions.measures.parse_measure` reads it
     levels: tuple[float, float]  # lowest and highest intensity that was simulated [SI]
     made: Mapping[str, str]  # study, title, versions and commits of archfrag, SHA-256 of the cube
@@ -70,11 +70,11 @@ class CurveSet:
         return tuple(next(iter(self.curves.values())))
 
     @property
-    def complete(self) -> dict[str, dict[str, Fragility]]:
+    def complete(self) -> dict[str, dict[str, Curve]]:
         """Arches that have a curve at every limit state: all that have one of collapse."""
         left_out = self.left_out
         return {
-            arch: {state: fit for state, fit in states.items() if isinstance(fit, Fragility)}
+            arch: {state: fit for state, fit in states.items() if fit.fitted}
             for arch, states in self.curves.items()
             if arch not in left_out
         }
@@ -83,7 +83,7 @@ class CurveSet:
     def left_out(self) -> dict[str, str]:
         """Return by arch why it has no curve of collapse, the last limit state."""
         last = {arch: states[self.limit_states[-1]] for arch, states in self.curves.items()}
-        return {arch: why for arch, why in last.items() if isinstance(why, str)}
+        return {arch: curve.reason for arch, curve in last.items() if not curve.fitted}
 
 
 class Named(NamedTuple):
@@ -157,7 +157,7 @@ def nrml_discrete(curves: CurveSet) -> str:
 
 def _nrml(
     curves: CurveSet, more: str, **kind: str
-) -> tuple[Named, Element, list[tuple[Element, dict[str, Fragility]]]]:
+) -> tuple[Named, Element, list[tuple[Element, dict[str, Curve]]]]:
     """The measure, the root of a file, and the function of each arch with its curves."""
     imt = named_measure("OpenQuake", curves.measure)
     root = Element("nrml", {"xmlns": NAMESPACE, "xmlns:gml": "http://www.opengis.net/gml"})

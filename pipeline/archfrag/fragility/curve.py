@@ -1,8 +1,8 @@
-"""The lognormal fragility curve, its band and its parts in a class; checks for all modules."""
+"""The fragility curve with its band and intervals; checks for all modules."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,47 +10,88 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.errors import FitError, InputError
+from archfrag.errors import InputError
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+_FIT = ("theta", "beta", "log_likelihood", "n_levels", "n_total", "kind")
+_BAND = ("im", "lower", "upper", "confidence", "method", "assumptions", "n_independent",
+         "n_non_monotone", "more")  # fmt: skip
 
 
-@dataclass(frozen=True, repr=False)
-class Fragility:
-    """A lognormal fragility curve; bands and intervals are from the covariance.
+@dataclass(frozen=True, repr=False, eq=False)
+class Curve:
+    """Probability of collapse, or of a lighter limit state, against intensity.
+
+    Call it with intensities >= 0 to get probabilities. Intensities are in the unit of the study,
+    or of the data that the curve was fitted to.
+
+    Attributes
+    ----------
+    name, state : str
+        Arch or class of arches, and limit state.
+    theta, beta : float
+        Median capacity, and standard deviation of ln capacity; nan if there is no curve.
+    reason : str
+        Why there is no curve.
+    theta_interval, beta_interval : (lower, upper)
+        Intervals at `confidence`.
+    measure, unit : str
+        Of the intensity.
 
     Examples
     --------
     >>> import archfrag as af
     >>> curve = af.fit_ida([0.5, 0.7, 0.9, 1.3])
     >>> curve
-    <Fragility theta 0.8, beta 0.403: ida, 4 runs or records>
-    >>> curve.probability([0.4, 0.8]).round(3).tolist()
+    <Curve median 0.800 (90 %: 0.574–1.11), dispersion 0.40 (0.21–0.79)>
+    >>> curve([0.4, 0.8]).round(3).tolist()
     [0.043, 0.5]
     >>> curve.quantile([0.1, 0.5]).round(3).tolist()
     [0.477, 0.8]
     """
 
-    theta: float  #: median capacity, in the unit of the intensity it was fitted to
-    beta: float  #: dispersion: standard deviation of the logarithm of capacity [1]
+    theta: float = np.nan
+    beta: float = np.nan
     #: (2, 2), of (ln theta, beta): inverse of the observed information, or as `kind` implies
-    covariance: FloatArray = field(compare=False)
-    log_likelihood: float  #: with binomial coefficients, or the density of ln capacity
-    n_levels: int  #: levels, distinct observed capacities or ends of brackets that were used
-    n_total: int  #: runs (stripes) or records that were used
-    #: "stripes", "ida", "ida_truncated", "brackets", "adjusted", "posterior", "mixture"
-    kind: str
-    #: (n_arch, 2), theta and beta of each arch of a class: the curve is the mean of theirs.
-    members: FloatArray | None = field(default=None, compare=False)
+    covariance: FloatArray = field(default_factory=lambda: np.full((2, 2), np.nan))
+    log_likelihood: float = np.nan  #: with binomial coefficients, or the density of ln capacity
+    n_levels: int = 0  #: levels, distinct observed capacities or ends of brackets that were used
+    n_total: int = 0  #: runs (stripes) or records that were used
+    #: stripes, ida, ida_truncated, brackets, adjusted, posterior, mixture; empty without a curve
+    kind: str = ""
+    #: (n_arch, 2), theta and beta of each arch of a class: the curve is the mean of theirs
+    members: FloatArray | None = None
+    reason: str = ""
+    likelihood: Curve | None = None  #: the curve by maximum likelihood, for comparison
+    #: Of theta and beta, by a posterior; from the covariance if there is none.
+    intervals: tuple[tuple[float, float], tuple[float, float]] | None = None
+    im: Sequence[float] = ()  #: intensities of the band; empty for one by the delta method
+    lower: Sequence[float] = ()  #: ends of the band
+    upper: Sequence[float] = ()
+    confidence: float = 0.9  #: of band and intervals
+    method: str = ""  #: of the band
+    assumptions: str = ""  #: of the band
+    n_independent: float = 0.0  #: effective number of records or runs
+    n_non_monotone: int = 0  #: runs against the capacity of their record
+    more: dict[str, Any] = field(default_factory=dict)  #: further results by name, plain, in SI
+    name: str = ""
+    state: str = "collapse"
+    meaning: str = ""  #: of the limit state
+    measure: str = ""
+    unit: str = ""
+    si: float = 1.0  #: the unit in the SI unit of the measure
+    levels: Sequence[float] = ()  #: of the study
 
-    def __repr__(self) -> str:
-        about = f"{self.kind}, {self.n_total} runs or records"
-        return f"<Fragility theta {self.theta:.3g}, beta {self.beta:.3g}: {about}>"
+    @property
+    def fitted(self) -> bool:
+        """Whether there is a curve."""
+        return bool(self.kind)
 
     @property
     def parts(self) -> FloatArray:
@@ -67,8 +108,24 @@ class Fragility:
         """Correlation of the estimates of ln theta and beta."""
         return float(self.covariance[0, 1] / np.prod(self.standard_errors))
 
-    def probability(self, im: ArrayLike) -> FloatArray:
-        """Probability of collapse at intensities >= 0 (else InputError), same shape."""
+    @property
+    def theta_interval(self) -> tuple[float, float]:
+        """Interval of the median; without a posterior normal in ln theta."""
+        return self.intervals[0] if self.intervals else self._interval(self.theta, 0, 1.0)
+
+    @property
+    def beta_interval(self) -> tuple[float, float]:
+        """Interval of the dispersion; without a posterior normal in ln beta."""
+        return self.intervals[1] if self.intervals else self._interval(self.beta, 1, self.beta)
+
+    def _interval(self, value: float, place: int, scale: float) -> tuple[float, float]:
+        """Return an interval by the standard error of one parameter."""
+        z = scipy.special.ndtri(tails(self.confidence)[1])
+        reach = np.exp(z * self.standard_errors[place] / scale)
+        return float(value / reach), float(value * reach)
+
+    def probability(self, im: ArrayLike) -> Any:
+        """Return probabilities at intensities >= 0 (else InputError), of the same shape."""
         theta, beta = self.parts.T
         deviation = (log_intensity(im)[..., None] - np.log(theta)) / beta
         return scipy.special.ndtr(deviation).mean(axis=-1)
@@ -76,10 +133,7 @@ class Fragility:
     __call__ = probability
 
     def quantile(self, probability: ArrayLike) -> FloatArray:
-        """Intensities at which the curve has probabilities, of the same shape.
-
-        InputError unless they lie between 0 and 1.
-        """
+        """Return intensities with these probabilities between 0 and 1, of the same shape."""
         p = np.asarray(probability, dtype=float)
         if not np.all((p > 0.0) & (p < 1.0)):
             raise InputError(f"quantile: {p.tolist()} must lie between 0 and 1")
@@ -87,28 +141,23 @@ class Fragility:
         if len(theta) == 1:
             return np.asarray(theta[0] * np.exp(beta[0] * scipy.special.ndtri(p)))
 
-        from scipy.optimize import brentq  # which takes a tenth of a second to import
-
-        def of(one: float) -> float:
+        def root(one: float) -> float:
             ends = np.log(theta) + beta * scipy.special.ndtri(one)
             low, high = ends.min() - 1e-9, ends.max() + 1e-9
-            return float(np.exp(brentq(lambda x: self.probability(np.exp(x)) - one, low, high)))
+            return float(np.exp(scipy.optimize.brentq(lambda x: self(np.exp(x)) - one, low, high)))
 
-        return np.vectorize(of, otypes=[float])(p)
+        return np.vectorize(root, otypes=[float])(p)
 
-    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
-        """Draw the curve with its 90 % band on axes of matplotlib, new ones if none are given."""
-        from archfrag.plots import axes_of
+    def band(self, im: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return lower and upper end of the pointwise band at intensities, each of their shape.
 
-        ax, im = axes_of(ax), np.linspace(0.0, float(self.quantile(0.99)), 200)
-        (line,) = ax.plot(im, self(im), **style)
-        ax.fill_between(im, *self.band(im), color=line.get_color(), alpha=0.2, linewidth=0.0)
-        ax.set(xlabel="intensity", ylabel="probability", xlim=(0.0, im[-1]), ylim=(0.0, 1.0))
-        return ax
-
-    def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
-        """Pointwise band of the curve at intensities >= 0, by the delta method."""
-        quantile = scipy.special.ndtri(tails(confidence)[1])
+        That of a study is known up to 1.05 times its highest level, and nan beyond.
+        """
+        if self.im:
+            at, ends = np.asarray(im, dtype=float), (self.lower, self.upper)
+            low, high = (np.asarray(np.interp(at, self.im, e, right=np.nan)) for e in ends)
+            return low, high
+        quantile = scipy.special.ndtri(tails(self.confidence)[1])
         z = (log_intensity(im) - np.log(self.theta)) / self.beta
         # var z = g C g with g = -(1, z) / beta.
         (var_theta, cov), (_, var_beta) = self.covariance
@@ -118,91 +167,156 @@ class Fragility:
             lower, upper = np.where(np.isneginf(z), 0.0, ends)
         return lower, upper
 
-    def theta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
-        """Interval of the median from the covariance, normal in ln theta."""
-        reach = np.exp(scipy.special.ndtri(tails(confidence)[1]) * self.standard_errors[0])
-        return float(self.theta / reach), float(self.theta * reach)
+    def draws(self, seed: int, number: int = 4000) -> tuple[FloatArray, FloatArray]:
+        """Draw theta and beta, (number,) each: their logarithms are normal with the covariance."""
+        jacobian = np.diag([1.0, 1.0 / self.beta])
+        covariance = jacobian @ self.covariance @ jacobian
+        generator = np.random.default_rng(seed)
+        shift = generator.multivariate_normal(np.zeros(2), covariance, number, method="eigh")
+        return self.theta * np.exp(shift[:, 0]), self.beta * np.exp(shift[:, 1])
 
-    def beta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
-        """Interval of the dispersion from the covariance, normal in ln beta."""
-        z = scipy.special.ndtri(tails(confidence)[1])
-        reach = np.exp(z * self.standard_errors[1] / self.beta)
-        return float(self.beta / reach), float(self.beta * reach)
+    def at(self, im: float) -> tuple[float, float, float]:
+        """Return the probability at an intensity, and the ends of the band; beyond it its last."""
+        if not self.fitted:
+            raise InputError(self.reason)
+        low, high = self.band(min(im, self.im[-1]) if self.im else im)
+        return float(self(im)), float(low), float(high)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and strings, for JSON."""
-        plain = vars(self) | {"covariance_ln_theta_beta": self.covariance.tolist()}
-        del plain["covariance"], plain["members"]
+    @property
+    def states(self) -> list[Curve]:
+        """All limit states with the reasons of those without a curve, from light to severe."""
+        states = self.more.get("limit_states", {}).get("states", ())
+        return [
+            replace(Curve.from_dict(each), name=self.name).in_unit(
+                self.si, self.measure, self.unit
+            )
+            for each in states
+        ]  # fmt: skip
+
+    @property
+    def limit_states(self) -> dict[str, Curve]:
+        """Curves of all limit states that the runs show, the lightest first and collapse last."""
+        states = {each.state: each for each in self.states if each.fitted}
+        states.pop(self.state, None)
+        return {**states, self.state: self}
+
+    def in_unit(self, si: float, measure: str, unit: str) -> Curve:
+        """Return the curve against intensity in a unit that is `si` in SI units."""
+        low_high = None
+        if self.intervals is not None:
+            (low, high), beta = self.intervals
+            low_high = (low / si, high / si), beta
+        members = None if self.members is None else self.members / [si, 1.0]
+        return replace(
+            self, theta=self.theta / si, members=members, intervals=low_high, si=si,
+            im=[each / si for each in self.im], measure=measure, unit=unit,
+        )  # fmt: skip
+
+    def to_dataframe(self, im: ArrayLike | None = None) -> pd.DataFrame:
+        """Tabulate intensities, (n,), with the probability and the ends of the band at each.
+
+        They are the levels of the study if `im` is not given.
+        """
+        import pandas as pd  # which takes a third of a second
+
+        at = np.asarray(self.levels if im is None else im, float)
+        heads = f"{self.measure} [{self.unit}]", "probability", "lower", "upper"
+        return pd.DataFrame(dict(zip(heads, (at, self(at), *self.band(at)))))
+
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Draw the curve with its band on axes of matplotlib, new ones if none are given.
+
+        `style` is handed to the line, such as color or label.
+        """
+        from archfrag.plots import axes_of  # matplotlib takes half a second
+
+        ax, end = axes_of(ax), self.im[-1] if self.im else float(self.quantile(0.99))
+        im = np.linspace(0.0, end, 200)
+        (line,) = ax.plot(im, self(im), **{"label": self.name, **style})
+        ax.fill_between(im, *self.band(im), color=line.get_color(), alpha=0.2, linewidth=0.0)
+        label = f"{self.measure} [{self.unit}]" if self.measure else "intensity"
+        ax.set(xlabel=label, ylabel=f"probability of {self.state}", xlim=(0.0, end), ylim=(0, 1))
+        return ax
+
+    def words(self) -> tuple[str, str]:
+        """Write median and dispersion with their intervals; or why there is no curve."""
+        if not self.fitted:
+            return f"no curve: {self.reason}", ""
+        values = (self.theta, *self.theta_interval)
+        theta, low, high = (f"{v:.0f}" if v > 100.0 else f"{v:#.3g}" for v in values)
+        low_beta, high_beta = self.beta_interval
+        return (
+            f"{' '.join(filter(None, ('median', theta, self.unit, self.measure)))} "
+            f"({100 * self.confidence:g} %: {low}–{high})",
+            f"dispersion {self.beta:.2f} ({low_beta:.2f}–{high_beta:.2f})",
+        )
+
+    def undecided(self, text: Callable[[float], str] | None = None) -> str:
+        """Write what the runs without a verdict could change; empty if there are none.
+
+        `text` writes a median that is in SI units.
+        """
+        lost = self.more.get("without_verdict") or {}
+        if "runs" not in lost:
+            return ""
+        text = text or (lambda theta: f"{theta / self.si:.4g} {self.unit}")
+        low, high = (
+            text(lost[key]["theta"]) if "theta" in lost[key] else "not known"
+            for key in ("collapsed", "survived")
+        )
+        runs = "1 run has" if lost["runs"] == 1 else f"{lost['runs']} runs have"
+        return f"{runs} no verdict: the median is {low} if all collapse, {high} if all survive"
+
+    def __repr__(self) -> str:
+        name = ", ".join(filter(None, (self.name, self.state * (self.state != "collapse"))))
+        words, lost = ", ".join(filter(None, self.words())), self.undecided()
+        return f"<Curve {name}{': ' * bool(name)}{words}{'; ' * bool(lost)}{lost}>"
+
+    def _repr_html_(self) -> str:
+        from archfrag.plots import html_of  # matplotlib takes half a second
+
+        return html_of(self)
+
+    def fit_dict(self) -> dict[str, Any]:
+        """Return theta, beta and how they were fitted as plain values; or why there are none."""
+        if not self.fitted:
+            return {"none": self.reason}
+        plain = {name: getattr(self, name) for name in _FIT}
+        plain["covariance_ln_theta_beta"] = self.covariance.tolist()
         return plain if self.members is None else plain | {"members": self.members.tolist()}
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return all in SI units as plain values, for JSON."""
+        likelihood = {"none": ""} if self.likelihood is None else self.likelihood.fit_dict()
+        theta, beta = self.intervals or [(np.nan, np.nan)] * 2
+        plain = {"curve": self.fit_dict(), "likelihood": likelihood, "theta": theta, "beta": beta}
+        return plain | {name: getattr(self, name) for name in _BAND}
+
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Fragility:
-        """Inverse of `to_dict`."""
-        given = dict(values)
-        given["covariance"] = np.array(given.pop("covariance_ln_theta_beta"), dtype=float)
-        if "members" in given:
-            given["members"] = np.array(given["members"], dtype=float)
-        return cls(**given)
+    def from_dict(cls, plain: Mapping[str, Any]) -> Curve:
+        """Return the curve that `to_dict` wrote, or a part of what it wrote."""
+        own = _fit_of(plain["curve"]) | {name: plain[name] for name in _BAND if name in plain}
+        if "likelihood" in plain:
+            own["likelihood"] = cls(**_fit_of(plain["likelihood"]))
+        ends = [plain.get(name, (None, None)) for name in ("theta", "beta")]
+        if None not in ends[0]:
+            own["intervals"] = tuple(tuple(float(each) for each in pair) for pair in ends)
+        labels = {"state": plain.get("name", "collapse"), "meaning": plain.get("meaning", "")}
+        return cls(**own, **labels)
 
 
-def mixture(pooled: Fragility, curves: Sequence[Fragility]) -> Fragility:
-    """Curve of a class of arches: the mean of the curves of its arches.
-
-    `theta` and `beta` are those of the lognormal curve with the same mean and standard deviation
-    of ln capacity; covariance and sizes are those of the `pooled` curve of all runs.
-    """
-    members = np.array([[fit.theta, fit.beta] for fit in curves])
-    logs = np.log(members[:, 0])
-    theta, beta = float(np.exp(logs.mean())), np.sqrt((members[:, 1] ** 2).mean() + logs.var())
-    return replace(pooled, theta=theta, beta=float(beta), kind="mixture", members=members)
-
-
-def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
-    """Divide the dispersion of capacities, (n_arch, n_record), into two betas.
-
-    With A the arch, var ln C = E[var(ln C | A)] + var(E[ln C | A]): beta_record_to_record^2, with
-    what records do to some arches only, and beta_model^2; by analysis of variance with two factors
-    (Searle, Casella and McCulloch 1992, *Variance Components*, chapters 3 and 4). A negative
-    estimate counts as 0. Records with an unknown capacity (nan) are left out. FitError if fewer
-    than two arches, or two records of each, remain.
-    """
-    logs = np.log(capacity)
-    logs = logs[:, ~np.isnan(logs).any(axis=0)]
-    a, r = logs.shape
-    if a < 2 or r < 2:
-        known = f"{a} arches with {r} records of known capacity remain"
-        raise FitError(f"{known}; two of each are needed to separate modelling from records")
-    arch, record = logs.mean(axis=1), logs.mean(axis=0)
-    residual = logs - arch[:, None] - record + logs.mean()
-    interaction = float((residual**2).sum()) / ((a - 1) * (r - 1))
-    # var(ln C | arch) is that of the records and of the interaction together.
-    within = record.var(ddof=1) + (a - 1) / a * interaction
-    return _roots(within, arch.var(ddof=1) - interaction / r)
-
-
-def split_curves(
-    theta: ArrayLike, beta: ArrayLike, standard_error: ArrayLike, *, shared: float = 0.0
-) -> tuple[float, float]:
-    """Divide the dispersion as `split_capacities`, from the curve of each arch, (n_arch,).
-
-    beta_model^2 is the variance of ln theta over the arches less the mean square of its standard
-    errors (DerSimonian and Laird 1986, Control. Clin. Trials 7, with equal weights);
-    beta_record_to_record^2 is the mean of beta^2. `shared`, 0 to below 1, is the correlation of
-    the errors of ln theta between arches.
-    """
-    logs = np.log(theta)
-    if logs.size < 2:
-        raise FitError("one arch has no modelling dispersion; sample several")
-    sampling = np.mean(np.square(standard_error)) * (1.0 - shared)
-    return _roots(float(np.mean(np.square(beta))), logs.var(ddof=1) - sampling)
-
-
-def _roots(within: float, between: float) -> tuple[float, float]:
-    return float(np.sqrt(max(within, 0.0))), float(np.sqrt(max(between, 0.0)))
+def _fit_of(plain: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of a curve that `Curve.fit_dict` wrote."""
+    if "none" in plain:
+        return {"reason": str(plain["none"])}
+    own = {name: plain[name] for name in _FIT}
+    own["covariance"] = np.array(plain["covariance_ln_theta_beta"], dtype=float)
+    members = plain.get("members")
+    return own | {"members": None if members is None else np.array(members, dtype=float)}
 
 
 def log_intensity(im: ArrayLike) -> FloatArray:
-    """ln of intensities, -inf at 0; InputError if one is < 0."""
+    """Return ln of intensities, -inf at 0; InputError if one is < 0."""
     im = np.asarray(im, dtype=float)
     bad = im[~(im >= 0.0)]
     if bad.size:
@@ -212,7 +326,7 @@ def log_intensity(im: ArrayLike) -> FloatArray:
 
 
 def positive(values: ArrayLike, name: str) -> FloatArray:
-    """Values as floats; InputError unless all are > 0 and finite."""
+    """Return values as floats; InputError unless all are > 0 and finite."""
     given = np.asarray(values, dtype=float)
     bad = given[~((given > 0.0) & np.isfinite(given))]
     if bad.size:
@@ -221,7 +335,7 @@ def positive(values: ArrayLike, name: str) -> FloatArray:
 
 
 def rising(values: ArrayLike, name: str) -> FloatArray:
-    """A list of positive finite numbers; InputError unless they increase."""
+    """Return positive finite numbers as floats; InputError unless they increase."""
     given = positive(values, name)
     for i in np.flatnonzero(np.diff(given) <= 0.0)[:1]:
         raise InputError(f"{name} has {given[i + 1]:g} after {given[i]:g}; it must increase")
@@ -229,7 +343,7 @@ def rising(values: ArrayLike, name: str) -> FloatArray:
 
 
 def tails(confidence: float) -> list[float]:
-    """Probabilities below the ends of a central interval; InputError unless within 0 and 1."""
+    """Return the probabilities below both ends of a central interval of `confidence`."""
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence is {confidence:g}; it lies between 0 and 1, such as 0.9")
     return [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence]

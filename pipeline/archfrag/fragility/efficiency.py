@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtr
 
 from archfrag.errors import FitError
-from archfrag.fragility.counts import Brackets
 from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.probit import inverse_mills, normal_lines
+from archfrag.fragility.verdicts import Brackets
 
 SIGNIFICANCE = 0.05
 _LEAST = 5  # earthquakes (of magnitude) or records (of distance) that a test needs
@@ -29,18 +29,18 @@ _OF = {
 
 
 def compare_measures(
-    found: Brackets, values: Mapping[str, ArrayLike], exponent: Mapping[str, float], own: str, *,
-    magnitude: ArrayLike | None = None, distance: ArrayLike | None = None,
+    brackets: Brackets, values: Mapping[str, ArrayLike], exponent: Mapping[str, float], own: str,
+    *, magnitude: ArrayLike | None = None, distance: ArrayLike | None = None,
     event: ArrayLike | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Curve and qualities of each measure, from the runs of one arch.
+    """Return curve and qualities of each measure, from the runs of one arch.
 
     Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)): by
     t tests at 5 %, ln capacity depends neither on magnitude (of means of events) nor on ln
     distance. The capacity of a record is at the middle of its bracket in logarithms; one that
     collapses at its lowest level, or at none, enters as a bound.
 
-    `found` holds brackets in the measure `own`, by which the study was scaled; `values` those of
+    `brackets` are in the measure `own`, by which the study was scaled; `values` those of
     the unscaled motions in each measure, > 0, `exponent` the power of the scale factor in each;
     `magnitude`, `distance` and `event` are of the records, nan where not known; (n_record,) each.
 
@@ -52,9 +52,10 @@ def compare_measures(
     curve.
     """
     names = list(values)
-    if found.verdict.shape[1] == 1:
+    if brackets.verdict.shape[1] == 1:
         raise FitError("measures are compared by capacities, which single runs do not show")
-    mine, known, keep = names.index(own), found.known(), found.decided > 0
+    mine, keep = names.index(own), brackets.run
+    known = brackets.of_records()
     log_value = np.log([np.asarray(each)[keep] for each in values.values()])
     power = np.array([[exponent[name]] for name in names], dtype=float)
     label = np.arange(keep.size) if event is None else np.asarray(event)
@@ -96,7 +97,10 @@ def compare_measures(
 def _best(
     rows: list[dict[str, Any]], own: dict[str, Any], logs: FloatArray, event: IntArray
 ) -> dict[str, Any]:
-    """The best measure, and how it compares with the study's own, by ln capacity / exponent."""
+    """Return the best measure, and how it compares with the study's own.
+
+    `logs` are ln capacity / exponent, (n_measure, n_record).
+    """
     mine, efficiency = rows.index(own), [row["efficiency"] for row in rows]
     known = [i for i, row in enumerate(rows) if not row["none"]]
     if not known:
@@ -126,14 +130,14 @@ def _best(
 
 
 def _sums(values: FloatArray, place: IntArray) -> FloatArray:
-    """Sum of the values at each place, which are numbered from 0, (..., n_place)."""
+    """Return the sum of the values at each place, numbered from 0, (..., n_place)."""
     return values @ (place[:, None] == np.arange(place.max() + 1)).astype(float)
 
 
 def _compare_records(
     bounds: tuple[FloatArray, FloatArray], rounding: FloatArray, covariates: _Covariates
 ) -> tuple[dict[str, FloatArray], FloatArray]:
-    """Values of `_COLUMNS` by measure, and ln capacities with expected ones in place of bounds.
+    """Return `_COLUMNS` by measure, and ln capacities with expected ones in place of bounds.
 
     Bounds of ln capacities, (n_measure, n_record), are equal where a capacity is known. `rounding`
     is the variance that the width of a bracket adds (Sheppard's correction).
@@ -169,7 +173,7 @@ def _compare_records(
 def _slope_test(
     low: FloatArray, high: FloatArray, expected: FloatArray, covariate: FloatArray, place: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Slope of ln capacity on a covariate, and p-value of a t test of means, in each measure."""
+    """Return the slope of ln capacity on a covariate, and the p-value of a t test of means."""
     count = np.bincount(place)
     off, y = _sums(covariate, place) / count, _sums(expected, place) / count
     off, y = off - off.mean(), y - y.mean(axis=1, keepdims=True)
@@ -185,7 +189,7 @@ def _slope_test(
 
 
 def scatter_by_chance(one: FloatArray, other: FloatArray, place: IntArray) -> float:
-    """Probability that `one` scatters so much more than `other` if both scatter alike.
+    """Return the probability that `one` scatters so much more than `other` if both scatter alike.
 
     They are of the same records, (n_record,), whose events `place` numbers from 0: their sum and
     difference are then not correlated (Pitman 1939, Morgan 1939, Biometrika 31).

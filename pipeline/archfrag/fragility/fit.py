@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 from scipy.special import gammaln, logit, ndtr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.counts import checked_stripes, draws_of_records
-from archfrag.fragility.curve import FloatArray, Fragility, positive, tails
+from archfrag.fragility.curve import Curve, FloatArray, positive, tails
 from archfrag.fragility.probit import LOG_ROOT_TWO_PI, binomial_lines, normal_lines
+from archfrag.fragility.verdicts import checked_stripes, draws_of_records
 
 _LARGEST_LOG = 600.0
 _LEVEL = (
@@ -25,7 +25,7 @@ _LEVEL = (
 )
 
 
-def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
+def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Curve:
     """Fit a lognormal curve to collapse counts at several intensity levels.
 
     Binomial maximum likelihood (Baker 2015, Earthquake Spectra 31(1), 579-599); runs at one level
@@ -51,18 +51,18 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     coefficients = gammaln(n + 1) - gammaln(collapses + 1) - gammaln(n - collapses + 1)
     likelihood = float(coefficients.sum() - loss)
     known = _parameters(a, b, information)
-    return Fragility(*known, likelihood, int(np.unique(im).size), int(n.sum()), "stripes")
+    return Curve(*known, likelihood, int(np.unique(im).size), int(n.sum()), "stripes")
 
 
 def _parameters(a: float, b: float, information: FloatArray) -> tuple[float, float, FloatArray]:
-    """Theta, beta and covariance of (ln theta, beta) of the line a + b ln im."""
+    """Return theta, beta and covariance of (ln theta, beta) of the line a + b ln im."""
     beta = 1.0 / b
     jacobian = np.array([[-beta, beta * a / b], [0.0, -beta / b]])
     covariance = jacobian @ np.linalg.inv(information) @ jacobian.T
     return float(np.exp(-beta * a)), float(beta), covariance
 
 
-def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragility:
+def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Curve:
     """Fit a lognormal curve to the intensities at which records cause collapse.
 
     `capacities`, (n_record,), are the least intensities at which each record causes collapse, any
@@ -91,7 +91,8 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     return replace(fit, n_levels=int(np.unique(values[known]).size), kind="ida_truncated")
 
 
-def _fit_moments(values: FloatArray) -> Fragility:
+def _fit_moments(values: FloatArray) -> Curve:
+    """Fit by mean and standard deviation of ln capacity."""
     logs, n = np.log(values), values.size
     distinct = int(np.unique(logs).size)
     if distinct < 2:
@@ -100,10 +101,10 @@ def _fit_moments(values: FloatArray) -> Fragility:
     z = (logs - mean) / deviation
     covariance = deviation**2 * np.diag([1.0 / n, 0.5 / (n - 1)])
     likelihood = float(-0.5 * z @ z - n * (np.log(deviation) + LOG_ROOT_TWO_PI))
-    return Fragility(float(np.exp(mean)), deviation, covariance, likelihood, distinct, n, "ida")
+    return Curve(float(np.exp(mean)), deviation, covariance, likelihood, distinct, n, "ida")
 
 
-def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
+def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Curve:
     """Fit a lognormal curve to capacities that each lie in (lower, upper], (n_record,).
 
     Maximum likelihood of interval-censored data. `lower` may be 0 or else `upper` inf; equal
@@ -125,12 +126,13 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
     known = _parameters(a, b, information[0] * sign)
     ends = np.concatenate([low, high])
     n_ends = int(np.unique(ends[np.isfinite(ends)]).size)
-    return Fragility(*known, -float(loss[0]), n_ends, lower.size, "brackets")
+    return Curve(*known, -float(loss[0]), n_ends, lower.size, "brackets")
 
 
 def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> None:
+    """Raise FitError, with what to add, unless the likelihood has a maximum."""
     if im.size == 0:
-        raise FitError("no level has a run that collapsed or stood, so there is nothing to fit")
+        raise FitError("no level has a run that collapsed or survived, so there is nothing to fit")
     low, high, collapsed, survived = im.min(), im.max(), im[collapses > 0], im[collapses < n]
     first, last = collapsed.min(initial=np.inf), survived.max(initial=0.0)
     separated = "(perfect separation), so beta tends to 0"
@@ -141,9 +143,9 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
          "levels", (low,)),
         (low == high, "all runs are at one level, im = {}, which cannot separate theta from beta; "
          "add levels", (low,)),
-        (first > last, f"all runs stand up to {{0}} and all collapse from {{1}} {separated}: "
+        (first > last, f"all runs survive up to {{0}} and all collapse from {{1}} {separated}: "
          "theta lies between {0} and {1}; add levels between them", (last, first)),
-        (first == last, f"only the level {{0}} has collapses and standing runs {separated} and "
+        (first == last, f"only the level {{0}} has collapses and survivals {separated} and "
          "theta to {0}; add levels close to it", (first,)),
     ):  # fmt: skip
         if holds:

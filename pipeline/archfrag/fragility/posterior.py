@@ -16,9 +16,9 @@ from scipy.interpolate import PchipInterpolator
 from scipy.special import log_ndtr, logsumexp, ndtr, softmax
 
 from archfrag.errors import FitError
-from archfrag.fragility.counts import Brackets, checked_stripes
-from archfrag.fragility.curve import FloatArray, Fragility, log_intensity, tails
+from archfrag.fragility.curve import Curve, FloatArray, log_intensity, tails
 from archfrag.fragility.fit import fit_brackets
+from archfrag.fragility.verdicts import Brackets, checked_stripes
 
 # Log-likelihood and log-prior, in (ln theta, ln beta), of ln theta (n, m) and beta (n, 1).
 Summands = tuple[FloatArray, FloatArray]
@@ -33,7 +33,7 @@ _MOST_LEVELS = 150  # of runs that each have a level of their own
 # Standard deviations between runs: tried at the likeliest curve, and summed over; the fall of the
 # log-likelihood below its greatest value at the first and last of the latter.
 _TRIED, _SCATTERS, _FALL = 16, 8, 8.0
-ONE_LEVEL = "runs that collapsed or stood are at 1 level; a posterior needs two"
+ONE_LEVEL = "runs that collapsed or survived are at 1 level; a posterior needs two"
 # Quantiles: of cuts, of one standard deviation each way, and the median.
 _LEVELS = (0.01, 0.15865525393145707, 0.5, 0.8413447460685429, 0.99)
 
@@ -44,25 +44,25 @@ class Posterior:
 
     #: Of kind ``"posterior"``: medians of theta and beta, and the log-likelihood there; standard
     #: errors are half the widths of their central 68 %, as their tails are not normal.
-    fragility: Fragility
+    curve: Curve
     beta: FloatArray  #: (n_row,), rising
     log_theta: FloatArray  #: (n_row, n_node), evenly spaced in each row
     density: FloatArray  #: (n_row, n_node), probability of one step of ln theta at each node
     #: Standard deviation of ln capacity between single runs of a record, which beta includes.
     scatter: float = 0.0
 
-    def theta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
-        """Central credible interval of the median capacity, unit of the levels."""
-        low, high = np.exp(self.log_thetas(tails(confidence))).tolist()
-        return low, high
-
-    def beta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
-        """Central credible interval of the dispersion."""
-        low, high = self.betas(tails(confidence)).tolist()
-        return low, high
+    def with_band(self, im: ArrayLike, confidence: float = 0.9) -> Curve:
+        """Return the curve with central credible intervals, and its band at `im`, (n,)."""
+        ends = tails(confidence)
+        theta, beta = np.exp(self.log_thetas(ends)).tolist(), self.betas(ends).tolist()
+        at, lower, upper = (np.asarray(x).tolist() for x in (im, *self.band(im, confidence)))
+        return replace(
+            self.curve, intervals=(tuple(theta), tuple(beta)), im=at, lower=lower, upper=upper,
+            confidence=confidence,
+        )  # fmt: skip
 
     def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
-        """Central credible interval of the probability of collapse at each `im`, >= 0."""
+        """Return the central credible interval of the probability of collapse at each `im`."""
         logs = log_intensity(im)
         level = np.array(tails(confidence)).reshape(2, *[1] * logs.ndim)
         x = np.where(np.isfinite(logs), logs, 0.0)
@@ -76,13 +76,13 @@ class Posterior:
         return lower[()], upper[()]
 
     def log_thetas(self, level: ArrayLike) -> FloatArray:
-        """Quantiles of ln theta, shape of `level`."""
+        """Return quantiles of ln theta, of the shape of `level`."""
         level, ones = np.asarray(level), np.ones(self.beta.size)
         ends = (np.full(level.shape, end) for end in (self.log_theta.min(), self.log_theta.max()))
         return _root(lambda t: self._below(t[..., None] * ones) - level, *ends)
 
     def betas(self, level: Sequence[float]) -> FloatArray:
-        """Quantiles of beta, (n,)."""
+        """Return quantiles of beta, (n,)."""
         row = np.arange(self.beta.size)
         below = PchipInterpolator(row, self._cumulative[:, -1]).antiderivative()
         total = below(row[-1])
@@ -96,7 +96,7 @@ class Posterior:
         return np.pad(np.cumsum(middle, axis=1), ((0, 0), (1, 0)))
 
     def _below(self, limit: FloatArray) -> FloatArray:
-        """P(ln theta <= limit) with a limit for each row, (..., n_row)."""
+        """Return P(ln theta <= limit) with a limit for each row, (..., n_row)."""
         first, step = self.log_theta[:, 0], self.log_theta[:, 1] - self.log_theta[:, 0]
         last = self.density.shape[1] - 1
         place = np.clip((limit - first) / step, 0.0, last)
@@ -109,7 +109,7 @@ class Posterior:
 def fit_posterior(
     im: ArrayLike, collapses: ArrayLike, n: ArrayLike, *, one_sided: bool = False
 ) -> Posterior:
-    """Posterior of the curve of runs that are independent, each with a motion of its own.
+    """Return the posterior of the curve of independent runs, each with a motion of its own.
 
     Prior: Jeffreys' for the runs that were made, proper at two levels or more (Ibrahim and Laud
     1991, J. Am. Stat. Assoc. 86; Chen, Ibrahim and Kim 2008, the same 103), of beta > 0, times
@@ -149,8 +149,8 @@ def fit_posterior(
     return _summed(terms, x, start, int(m.sum()))
 
 
-def fit_capacity_posterior(found: Brackets, n_effective: float | None = None) -> Posterior:
-    """Posterior of the curve of records with a decided run each, of independent capacities.
+def fit_capacity_posterior(brackets: Brackets, n_effective: float | None = None) -> Posterior:
+    """Return the posterior of the curve of records that have independent capacities.
 
     Prior: the right Haar measure 1 / beta of (ln theta, beta), under which the intervals of a
     normal sample are exact, times beta^2 / (beta^2 + d^2 / 12) with d the median width of the
@@ -162,12 +162,13 @@ def fit_capacity_posterior(found: Brackets, n_effective: float | None = None) ->
     its record, normal about ln theta, and an error of the run, normal with standard deviation s:
     beta^2 is the sum of both variances, and s / beta is uniform from 0 to 1.
     """
-    _require_both_sides(found.lower[found.lower > 0.0], found.upper[np.isfinite(found.upper)])
-    share = float(n_effective or len(found.lower)) / len(found.lower)
-    if found.contradictions.any():
-        return _with_scatter(found, share)
+    low, high = brackets.lower, brackets.upper
+    _require_both_sides(low[low > 0.0], high[np.isfinite(high)])
+    share = float(n_effective or low.size) / low.size
+    if brackets.contradictions.any():
+        return _with_scatter(brackets, share)
     with np.errstate(divide="ignore"):
-        pairs, number = np.unique(np.log([found.lower, found.upper]), axis=1, return_counts=True)
+        pairs, number = np.unique(np.log([low, high]), axis=1, return_counts=True)
     low, high = pairs
     x = np.unique(pairs[np.isfinite(pairs)])
     if x.size < 2:
@@ -195,16 +196,16 @@ def _require_both_sides(below: FloatArray, above: FloatArray) -> None:
         raise FitError(why.format("above", "above", "highest", "a larger"), below.max())
 
 
-def _with_scatter(found: Brackets, share: float) -> Posterior:
-    """Posterior where verdicts of a record contradict each other, summed over the scatter s."""
-    levels, collapses, n = found.at_levels()
+def _with_scatter(brackets: Brackets, share: float) -> Posterior:
+    """Return the posterior if verdicts contradict each other, summed over the scatter s."""
+    levels, collapses, n = brackets.at_levels()
     x = np.log(levels)
     if x.size < 2:
         raise FitError(ONE_LEVEL)
     runs, number = np.unique(np.stack([collapses, n - collapses]), axis=1, return_counts=True)
     power = share * number.astype(float)
-    line = fit_brackets(found.lower, found.upper)
-    start = float(np.log(np.nanmedian(found.middle))), float(np.median(np.diff(x)))
+    line = fit_brackets(brackets.lower, brackets.upper)
+    start = float(np.log(np.nanmedian(brackets.middle))), float(np.median(np.diff(x)))
     tried = np.geomspace(0.2 * min(np.diff(x).min(), line.beta), 1.5 * line.beta, _TRIED)
     at = np.array([[np.log(line.theta)]]), np.array([[line.beta]])
     fits = np.array([_of_cells(*_chances(x, runs, s), power, *at)[0, 0] for s in tried])
@@ -228,14 +229,15 @@ def _with_scatter(found: Brackets, share: float) -> Posterior:
         return logsumexp(by_scatter(log_theta, beta), axis=0), _capacity_prior(beta, start[1], x)
 
     known = _summed(terms, x, start, max(1, round(power.sum())))
-    curve = known.fragility
+    curve = known.curve
     weight = softmax(by_scatter(np.log([[curve.theta]]), np.array([[curve.beta]]))[:, 0, 0])
     return replace(known, scatter=float(np.exp(weight @ np.log(scatter))))
 
 
 def _chances(x: FloatArray, runs: FloatArray, scatter: float) -> tuple[FloatArray, FloatArray]:
-    """Ends of cells of a record's ln capacity (n_cell + 1,), and the probability of the runs of
-    each record where it lies in each cell, (n_record, n_cell).
+    """Return ends of cells of ln capacity, and the probability of the runs of each record.
+
+    They are (n_cell + 1,) and (n_record, n_cell), the latter if the capacity lies in the cell.
     """
     parts = np.ceil(np.diff(x) / (0.5 * scatter)).astype(int)
     within = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(x[:-1], x[1:], parts)]
@@ -252,7 +254,7 @@ def _of_cells(
     ends: FloatArray, chance: FloatArray, power: FloatArray, log_theta: FloatArray,
     beta: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Log-likelihood of records by the probability of their runs in cells of ln capacity."""
+    """Return the log-likelihood of records from the probability of runs in cells."""
     logs = np.empty(log_theta.shape)
     for row, t, b in zip(logs, log_theta, beta):  # one beta at a time stays in the cache
         likelihood = np.diff(ndtr((ends - t[:, None]) / b), axis=1) @ chance.T
@@ -262,7 +264,7 @@ def _of_cells(
 
 
 def _capacity_prior(beta: FloatArray, resolved: float, x: FloatArray) -> FloatArray:
-    """Logarithm of the prior of capacities in (ln theta, ln beta), for ln levels `x`."""
+    """Return the log-prior of capacities in (ln theta, ln beta), for ln levels `x`."""
     return -np.log1p((resolved / beta) ** 2 / 12.0) - np.log1p((beta / (x[-1] - x[0])) ** 2)
 
 
@@ -290,7 +292,7 @@ def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> 
     beta, log_theta, value = density(np.linspace(*box[0], _ROWS), np.linspace(*box[1], _NODES))
     weight = np.exp(value)
     weight /= (weight.sum(axis=1) - 0.5 * (weight[:, 0] + weight[:, -1])).sum()
-    unknown = Fragility(1.0, 1.0, np.eye(2), 0.0, x.size, n, "posterior")
+    unknown = Curve(1.0, 1.0, np.eye(2), 0.0, x.size, n, "posterior")
     known = Posterior(unknown, beta, log_theta, weight)
     t, b = known.log_thetas(_LEVELS), known.betas(_LEVELS)
     # The correlation is of values cut at their 1 and 99 % quantiles.
@@ -300,8 +302,8 @@ def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> 
     covariance *= np.outer(*[errors / np.sqrt(np.diag(covariance))] * 2)
     likelihood = float(terms(t[[[2]]], b[[[2]]])[0][0, 0])
     median = float(np.exp(t[2])), float(b[2])
-    curve = Fragility(*median, covariance, likelihood, x.size, n, "posterior")
-    return replace(known, fragility=curve)
+    curve = Curve(*median, covariance, likelihood, x.size, n, "posterior")
+    return replace(known, curve=curve)
 
 
 def _root(

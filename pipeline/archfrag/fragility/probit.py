@@ -20,9 +20,10 @@ _EXACT = 1e-5  # width, in deviations of all values, of the bounds about one kno
 def least(
     terms: Callable[[FloatArray, IntArray], Terms], start: FloatArray
 ) -> tuple[FloatArray, Terms]:
-    """Parameters (n_fit, q) where each loss is least, and the terms there; by Newton's method.
+    """Find parameters (n_fit, q) where each loss is least, and the terms there.
 
-    `terms` takes parameters (m, q) and the numbers of their fits (m,); its loss may be inf.
+    By Newton's method. `terms` takes parameters (m, q) and the numbers of their fits (m,); its
+    loss may be inf.
     """
     p = np.array(start, dtype=float)
     active = np.arange(len(p))
@@ -46,7 +47,7 @@ def least(
 
 
 def interval_terms(p: FloatArray, low: FloatArray, high: FloatArray, weight: FloatArray) -> Terms:
-    """Terms of -sum weight ln(Phi(high @ p) - Phi(low @ p)), which is convex in `p`, (n_fit, q).
+    """Return the terms of -sum weight ln(Phi(high @ p) - Phi(low @ p)), convex in `p`, (n_fit, q).
 
     `low` and `high` are (n_fit or 1, n_point, q), nan where there is no bound; `weight` is
     (n_fit or 1, n_point). Pratt 1981, J. Am. Stat. Assoc. 76.
@@ -71,12 +72,12 @@ def interval_terms(p: FloatArray, low: FloatArray, high: FloatArray, weight: Flo
 def binomial_lines(
     x: FloatArray, collapses: FloatArray, n: FloatArray, link: str = "probit"
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Likeliest lines of counts 0 <= collapses <= n, (n_fit, n_point), which may be fractions,
-    at x, (n_point,) or (n_fit, n_point). `link` is "probit" or "logistic".
+    """Find the likeliest lines of counts 0 <= collapses <= n, (n_fit, n_point).
 
-    Returns intercept and slope on the scale of the link, negative log-likelihood without binomial
-    coefficients, (n_fit,) each, and observed information, (n_fit, 2, 2); nan without a maximum
-    with slope > 0.
+    Counts may be fractions; they are at x, (n_point,) or (n_fit, n_point). `link` is "probit" or
+    "logistic". Returned are intercept and slope on the scale of the link, negative log-likelihood
+    without binomial coefficients, (n_fit,) each, and observed information, (n_fit, 2, 2); nan
+    without a maximum with slope > 0.
     """
     k, n = np.atleast_2d(collapses), np.atleast_2d(n)
     x = np.broadcast_to(x, k.shape)
@@ -122,7 +123,7 @@ def binomial_lines(
 def normal_lines(
     design: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Likeliest regressions y = design @ coefficients + error of values within bounds (Tobit).
+    """Find the likeliest regressions y = design @ coefficients + error, of bounded values (Tobit).
 
     `lower` and `upper`, (n_point,) or (n_fit, n_point), are equal where a value is known exactly,
     infinite where there is no bound; the first column of `design`, (n_point, q), is 1. Returns
@@ -160,12 +161,12 @@ def normal_lines(
 
 
 def inverse_mills(z: FloatArray) -> FloatArray:
-    """phi(z) / Phi(z), also far in the lower tail."""
+    """Return phi(z) / Phi(z), also far in the lower tail."""
     return np.sqrt(2.0 / np.pi) / erfcx(-z / np.sqrt(2.0))
 
 
 def log_between(low: FloatArray, high: FloatArray) -> FloatArray:
-    """ln(Phi(high) - Phi(low)), precise in both tails; -inf unless low < high."""
+    """Return ln(Phi(high) - Phi(low)), precise in both tails; -inf unless low < high."""
     flip = low + high > 0.0
     near, far = np.where(flip, -low, high), np.where(flip, -high, low)
     top = log_ndtr(near)

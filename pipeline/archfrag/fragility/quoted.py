@@ -1,141 +1,89 @@
-"""The band that a report quotes, the isotonic curve beside it, and a test of the lognormal shape.
+"""The curve and band that a report quotes, the isotonic curve, and a test of the lognormal shape.
 
 docs/evidence/data/bands_coverage.csv shows how often the band holds the truth.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import isotonic_regression
 from scipy.special import ndtr, xlogy
 
-from archfrag.errors import FitError, InputError
-from archfrag.fragility.counts import NOTHING, Brackets, draws_of_records
-from archfrag.fragility.curve import FloatArray, Fragility, tails
+from archfrag.errors import FitError
+from archfrag.fragility.curve import Curve, FloatArray, tails
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
 from archfrag.fragility.probit import binomial_lines
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Curve of an arch or a class, how well it is known, and what else follows from its runs."""
-
-    curve: Fragility | str  # theta in the SI unit of the measure; or why there is none
-    likelihood: Fragility | str = ""  # by maximum likelihood, for comparison
-    theta: tuple[float, float] = (np.nan, np.nan)  # interval
-    beta: tuple[float, float] = (np.nan, np.nan)  # interval
-    im: list[float] = field(default_factory=list)  # of the band [SI]
-    lower: list[float] = field(default_factory=list)  # band of the probability of collapse
-    upper: list[float] = field(default_factory=list)
-    confidence: float = 0.9
-    method: str = ""  # of the band
-    assumptions: str = ""  # of the band
-    n_independent: float = 0.0  # effective number of records or runs
-    n_non_monotone: int = 0  # runs against the capacity of their record
-    more: dict[str, Any] = field(default_factory=dict)  # further results by name, plain values
-
-    def probability(self, im: float) -> tuple[float, float, float]:
-        """Probability of collapse at an intensity, and its band; InputError without a curve."""
-        if isinstance(self.curve, str):
-            raise InputError(self.curve)
-        low, high = (float(np.interp(im, self.im, side)) for side in (self.lower, self.upper))
-        return float(self.curve.probability(im)), low, high
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        own = {name: curve_to_dict(getattr(self, name)) for name in ("curve", "likelihood")}
-        return vars(self) | own
-
-    @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> "Answer":
-        """Inverse of `to_dict`."""
-        own: dict[str, Any] = {n: curve_of_dict(plain[n]) for n in ("curve", "likelihood")}
-        for name in ("theta", "beta"):
-            own[name] = tuple(np.nan if end is None else float(end) for end in plain[name])
-        return cls(**{**plain, **own})
-
-
-def curve_to_dict(curve: Fragility | str) -> dict[str, Any]:
-    """A curve, or why there is none, as plain values."""
-    return {"none": curve} if isinstance(curve, str) else curve.to_dict()
-
-
-def curve_of_dict(plain: Mapping[str, Any]) -> Fragility | str:
-    """Inverse of `curve_to_dict`."""
-    return str(plain["none"]) if "none" in plain else Fragility.from_dict(dict(plain))
+from archfrag.fragility.verdicts import NOTHING, Brackets, draws_of_records
 
 
 def quoted_band(
-    found: Brackets, im: ArrayLike, *,
+    brackets: Brackets, im: ArrayLike, *,
     confidence: float = 0.9, groups: ArrayLike | None = None, unit: str = "event",
-) -> Answer:  # fmt: skip
-    """Curve of records that were run at several levels, with its band and intervals.
+) -> Curve:  # fmt: skip
+    """Return the curve of records that were run at several levels, with band and intervals.
 
     Rows with one label in `groups`, (n_record,), such as the event of each record, count as fewer,
     by how alike their capacities are; `unit` is what a group is. The band is at intensities
-    `im` >= 0 of any shape. FitError if there is one group only, or nothing bounds theta from one
-    side.
+    `im` >= 0, (n,). FitError if there is one group only, or nothing bounds theta from one side.
     """
-    known, number = capacity_posterior(found, groups)
+    posterior, number = capacity_posterior(brackets, groups)
     what = "records and their capacities are independent"
     if groups is not None:
-        alike = f"{np.count_nonzero(found.decided)} rows of runs count as {number:.3g}"
+        alike = f"{brackets.run.sum()} rows of runs count as {number:.3g}"
         what = (
             f"{unit}s are independent. Capacities within {unit}s resemble each other, so {alike}"
         )
-    if known.scatter:
-        scatter = f"{known.scatter:.2g} in natural logarithms, which beta includes"
+    if posterior.scatter:
+        scatter = f"{posterior.scatter:.2g} in natural logarithms, which beta includes"
         what += f"; single runs of a record scatter about its capacity by {scatter}"
-    text = "posterior of capacities, right Haar prior", f"Capacity is lognormal, and {what}."
-    return _answer(known, im, confidence, *text, number, int(found.contradictions.sum()))
+    return replace(
+        posterior.with_band(im, confidence), method="posterior of capacities, right Haar prior",
+        assumptions=f"Capacity is lognormal, and {what}.", n_independent=number,
+        n_non_monotone=int(brackets.contradictions.sum()),
+    )  # fmt: skip
 
 
 def quoted_runs(
     level: ArrayLike, collapsed: ArrayLike, im: ArrayLike, *, confidence: float = 0.9
-) -> Answer:
-    """Curve of decided runs, (n_run,), that each have a motion of their own; as `quoted_band`."""
+) -> Curve:
+    """Return the curve of decided runs, (n_run,), that have a motion of their own each."""
     if not np.size(level):
         raise FitError(NOTHING)
-    known = fit_posterior(level, collapsed, 1)
-    text = "Capacity is lognormal, and runs are independent, each with a motion of its own."
-    method = "posterior of independent runs, Jeffreys prior"
-    return _answer(known, im, confidence, method, text, float(np.size(level)))
-
-
-def _answer(known: Posterior, im: ArrayLike, confidence: float, *words: Any) -> Answer:
-    """Curve, intervals and band of a posterior, with the fields of an answer that follow."""
-    theta, beta = known.theta_interval(confidence), known.beta_interval(confidence)
-    at, lower, upper = (np.asarray(x).tolist() for x in (im, *known.band(im, confidence)))
-    return Answer(known.fragility, "", theta, beta, at, lower, upper, confidence, *words)
+    return replace(
+        fit_posterior(level, collapsed, 1).with_band(im, confidence),
+        method="posterior of independent runs, Jeffreys prior",
+        assumptions="Capacity is lognormal, and runs are independent, each with a motion of its "
+        "own.", n_independent=float(np.size(level)),
+    )  # fmt: skip
 
 
 def capacity_posterior(
-    found: Brackets, groups: ArrayLike | None = None
+    brackets: Brackets, groups: ArrayLike | None = None
 ) -> tuple[Posterior, float]:
-    """Posterior of a curve, and the effective number of records."""
-    known = found.known()
+    """Return the posterior of a curve, and the effective number of records."""
+    known = brackets.of_records()
     number = float(known.lower.size)
     if groups is not None:
-        number = independent_records(known, np.asarray(groups)[found.decided > 0])
+        of_known = np.asarray(groups)[brackets.run]
+        number = independent_records(known, of_known)
     if number == known.lower.size:
-        return _of_independent(found), number
+        return _of_independent(brackets), number
     return fit_capacity_posterior(known, number), number
 
 
 @lru_cache(maxsize=1)
-def _of_independent(found: Brackets) -> Posterior:
-    """Posterior of independent records, which both the band and the test of its shape ask for."""
-    return fit_capacity_posterior(found.known())
+def _of_independent(brackets: Brackets) -> Posterior:
+    """Return the posterior of independent records, which band and test of its shape ask for."""
+    return fit_capacity_posterior(brackets.of_records())
 
 
 def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
-    """Labels of groups from names of earthquakes; a record without a name is its own group.
+    """Return labels of groups from names of earthquakes, or None if no records share one.
 
-    None unless some records share an earthquake and others do not.
+    A record without a name is a group of its own. None is returned too if all records are of one
+    earthquake.
     """
     names = np.asarray(event).astype(str)
     known = names[names != ""]
@@ -145,8 +93,8 @@ def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
     return labels if np.unique(labels).size > 1 else None
 
 
-def independent_records(found: Brackets, groups: ArrayLike) -> float:
-    """Effective number of records, some of which share an event.
+def independent_records(brackets: Brackets, groups: ArrayLike) -> float:
+    """Return the effective number of records, some of which share an event.
 
     n / (1 + (m - 1) rho) with m = sum n_i^2 / n (Kish 1965, Survey Sampling) and rho the
     correlation within events, by analysis of variance of ln capacity. A small number of events
@@ -159,7 +107,14 @@ def independent_records(found: Brackets, groups: ArrayLike) -> float:
         raise FitError(f"all records belong to one group, {events[0]!s}; two are needed")
     if n == n_event:
         return float(n)
-    mean_size, values = float((size**2).sum() / n), _expected_logs(found)
+    # Mean of standardised ln capacity in each bracket, by the curve of all records.
+    curve = fit_capacity_posterior(brackets.without_scatter()).curve
+    ends = brackets.lower, brackets.upper
+    with np.errstate(divide="ignore"):
+        low, high = (np.log(end / curve.theta) / curve.beta for end in ends)
+    mass = np.maximum(ndtr(high) - ndtr(low), 1e-12)
+    inside = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (np.sqrt(2.0 * np.pi) * mass)
+    mean_size, values = float((size**2).sum() / n), np.clip(inside, low, high)
     means = np.bincount(place, values) / size
     within = float(((values - means[place]) ** 2).sum() / (n - n_event))
     between = float((size * (means - values.mean()) ** 2).sum() / (n_event - 1))
@@ -172,22 +127,11 @@ def independent_records(found: Brackets, groups: ArrayLike) -> float:
     return n / (1.0 + (mean_size - 1.0) * rho)
 
 
-def _expected_logs(found: Brackets) -> FloatArray:
-    """Mean of standardised ln capacity within each bracket, by the curve of all records."""
-    monotone = replace(found, contradictions=0 * found.contradictions)
-    curve = fit_capacity_posterior(monotone).fragility
-    with np.errstate(divide="ignore"):
-        low, high = (np.log(end / curve.theta) / curve.beta for end in (found.lower, found.upper))
-    mass = np.maximum(ndtr(high) - ndtr(low), 1e-12)
-    inside = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (np.sqrt(2.0 * np.pi) * mass)
-    return np.clip(inside, low, high)
-
-
 def isotonic_curve(
-    found: Brackets, event: ArrayLike | None = None, *,
+    brackets: Brackets, event: ArrayLike | None = None, *,
     seed: int = 1, resamples: int = 1000, confidence: float = 0.9,
 ) -> dict[str, FloatArray]:  # fmt: skip
-    """Likeliest curve that never falls with intensity, and its band, (n_level,) by name.
+    """Return the likeliest curve that never falls, and its band, (n_level,) each by name.
 
     Pool adjacent violators is the maximum of the binomial likelihood under that condition alone
     (Ayer, Brunk, Ewing, Reid and Silverman 1955, Ann. Math. Stat. 26). The band is from the
@@ -196,7 +140,7 @@ def isotonic_curve(
     200 studies) at p = 0.1, 0.25, 0.5, 0.75, 0.9 in 86, 90, 88, 87, 79 %. FitError without two
     levels.
     """
-    levels, collapses, n = found.at_levels(filled=True)
+    levels, collapses, n = brackets.at_levels(filled=True)
     if levels.size < 2:
         why = "all runs are at one level, {}, which gives no curve"
         raise FitError(f"{why}; add levels", levels[0])
@@ -211,12 +155,12 @@ def isotonic_curve(
 
 
 def _pooled(collapses: FloatArray, n: FloatArray) -> FloatArray:
-    """Isotonic fractions of collapse, (n_level,); every level must have runs."""
+    """Return isotonic fractions of collapse, (n_level,); every level must have runs."""
     return np.clip(isotonic_regression(collapses / n, weights=n).x, 0.0, 1.0)
 
 
 def check_lognormal(
-    found: Brackets, *, seed: int = 1, resamples: int = 1000
+    brackets: Brackets, *, seed: int = 1, resamples: int = 1000
 ) -> tuple[float, float]:
     """Test the lognormal curve against any curve that rises with intensity.
 
@@ -227,7 +171,7 @@ def check_lognormal(
     lognormal curve is the true one; rho, 1 where no verdicts contradict each other, nan where each
     record serves once. FitError if the runs have no lognormal curve.
     """
-    levels, collapses, made = found.at_levels(filled=True)
+    levels, collapses, made = brackets.at_levels(filled=True)
     x, total, n = np.log(levels), collapses.sum(axis=0), made.sum(axis=0)
     (a,), (b,), loss, _ = binomial_lines(x, total, n)
     if np.isnan(b):
@@ -237,8 +181,8 @@ def check_lognormal(
     z, rho = a + b * x, np.nan
     if np.any(made.sum(axis=1) > 1.0):
         rho = 1.0
-        if found.contradictions.any():
-            rho = max(0.0, 1.0 - (_of_independent(found).scatter * b) ** 2)
+        if brackets.contradictions.any():
+            rho = max(0.0, 1.0 - (_of_independent(brackets).scatter * b) ** 2)
         (record, level), drawn = np.nonzero(made), np.empty((resamples, x.size))
         for row in drawn:
             shared = generator.standard_normal(len(made))[record]
@@ -254,7 +198,7 @@ def check_lognormal(
 
 
 def _deviances(loss: FloatArray, collapses: FloatArray, n: FloatArray) -> FloatArray:
-    """Twice the log-likelihood by which the isotonic curves are better, (n_fit,)."""
+    """Return twice the log-likelihood by which the isotonic curves are better, (n_fit,)."""
     p = np.array([_pooled(k, n) for k in collapses])
     likelihood = xlogy(collapses, p) + xlogy(n - collapses, 1.0 - p)
     return 2.0 * (likelihood.sum(axis=1) + loss)

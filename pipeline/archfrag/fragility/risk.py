@@ -7,18 +7,17 @@ records are run at levels that their earthquakes did not reach.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from archfrag.errors import InputError
-from archfrag.fragility.counts import Verdict, wilson
 from archfrag.fragility.curve import (
     BoolArray,
+    Curve,
     FloatArray,
-    Fragility,
     IntArray,
     log_intensity,
     positive,
@@ -26,6 +25,7 @@ from archfrag.fragility.curve import (
     tails,
 )
 from archfrag.fragility.probit import log_between
+from archfrag.fragility.verdicts import wilson
 
 MOST_OUTSIDE = 0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
 LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
@@ -64,7 +64,7 @@ class HazardCurve:
 
     @classmethod
     def from_exceedance(cls, im: ArrayLike, probability: ArrayLike, years: float) -> "HazardCurve":
-        """Curve from probabilities of exceedance in a time: rate = -ln(1 - probability) / years.
+        """Return the curve of probabilities of exceedance: rate = -ln(1 - probability) / years.
 
         Points with a probability of 1 or 0, whose rate is not known, are left out.
         """
@@ -78,7 +78,7 @@ class HazardCurve:
             return cls(np.asarray(im, dtype=float), -np.log1p(-probability) / years)
 
     def rate_at(self, im: ArrayLike) -> FloatArray:
-        """Annual frequency of exceedance at intensities >= 0 of any shape [1/year]."""
+        """Return the annual frequency of exceedance at intensities >= 0 of any shape [1/year]."""
         x = log_intensity(im)
         anchor, log_rate, slope = self.pieces(x)
         with np.errstate(invalid="ignore"):
@@ -86,7 +86,7 @@ class HazardCurve:
         return np.exp(log_rate - fall)
 
     def pieces(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The powers that hold at each ln im: where anchored, ln rate there, and exponents."""
+        """Return the powers that hold at each ln im: where anchored, ln rate there, exponents."""
         knots = np.log(self.im)
         between = -np.diff(np.log(self.rate)) / np.diff(knots)
         slopes = np.concatenate([between[:1], between, between[between > 0.0][-1:]])
@@ -107,42 +107,25 @@ class CollapseRate:
     confidence: float
     below: float  #: fractions of `rate` from below and above the hazard curve, which is extended
     above: float
-    below_onset: float = 0.0  #: what a curve has below the onset of motion, not in `rate` [1/year]
-
-    @property
-    def outside(self) -> float:
-        """Fraction of the rate from outside the range of the hazard curve."""
-        return self.below + self.above
-
-    @property
-    def is_bound(self) -> bool:
-        """Whether most of the rate is from outside the hazard curve."""
-        return self.outside > MOST_OUTSIDE
-
-    @property
-    def quoted(self) -> float:
-        """The rate, or its part within the hazard curve where only that is known [1/year]."""
-        return self.rate * max(1.0 - self.outside, 0.0) if self.is_bound else self.rate
-
-    @property
-    def return_period(self) -> float:
-        """Of the quoted rate [year]; the longest possible one where that is a bound."""
-        return 1.0 / self.quoted if self.quoted > 0.0 else np.inf
+    below_onset: float  #: what a curve has below the onset of motion, not in `rate` [1/year]
+    is_bound: bool  #: whether most of the rate is from outside the hazard curve
+    quoted: float  #: the rate, of a bound its part within the hazard curve [1/year]
+    return_period: float  #: of the quoted rate [year]; of a bound the longest possible one
 
     def probability_in(self, years: float) -> tuple[float, float, float]:
-        """Probability of a collapse in some years, with its band: 1 - exp(-rate years)."""
+        """Return the probability of a collapse in some years, and the ends of its band."""
         positive(years, "years")
         value, low, high = -np.expm1(-years * np.array([self.quoted, self.lower, self.upper]))
         return float(value), float(low), float(high)
 
 
 def collapse_rate(
-    hazard: HazardCurve, curve: Fragility, draws: tuple[ArrayLike, ArrayLike] | None = None,
+    hazard: HazardCurve, curve: Curve, draws: tuple[ArrayLike, ArrayLike] | None = None,
     confidence: float = 0.9, onset: ArrayLike = 0.0,
 ) -> CollapseRate:  # fmt: skip
-    """Mean annual frequency of collapse.
+    """Return the mean annual frequency of collapse.
 
-    `draws` are theta and beta, (n_draw,) each, from `parameter_draws`, of a class those of its
+    `draws` are theta and beta, (n_draw,) each, from `Curve.draws`, of a class those of its
     lognormal curve; the band runs between the quantiles of their rates, in proportion. What the
     hazard's extension below its first point adds to each is at most its rate at this point. Below
     `onset`, one intensity or one for each of the curve's parts, nothing collapses.
@@ -150,9 +133,9 @@ def collapse_rate(
     at, ends = np.log(hazard.im), tails(confidence)
     parts = rate_by_level(hazard, curve, hazard.im[[0, -1]], onset)
     rate = float(parts.sum())
-    below, _, above = parts / rate if rate > 0.0 else (0.0, 0.0, 0.0)
-    mean = lower = upper = np.nan
-    if draws is not None:
+    below, _, above = (parts / rate if rate > 0.0 else np.zeros(3)).tolist()
+    is_bound, mean, lower, upper = below + above > MOST_OUTSIDE, np.nan, np.nan, np.nan
+    if draws is not None and not is_bound:
         least = np.min(onset)
         each = _lognormal(hazard, at, *draws, least)
         each[..., 0] = np.minimum(each[..., 0], hazard.rate[0])
@@ -160,25 +143,37 @@ def collapse_rate(
         if curve.members is not None:
             whole = float(_lognormal(hazard, at, curve.theta, curve.beta, least).sum())
             rates *= rate / whole if whole > 0.0 else 0.0
-        if below + above <= MOST_OUTSIDE:
-            mean, (lower, upper) = float(rates.mean()), map(float, np.quantile(rates, ends))
+        mean, (lower, upper) = float(rates.mean()), map(float, np.quantile(rates, ends))
     left_out = float(rate_by_level(hazard, curve, hazard.im[:1]).sum()) - rate
-    outside = float(below), float(above), max(left_out, 0.0)
-    return CollapseRate(rate, mean, lower, upper, confidence, *outside)
+    quoted = rate * max(1.0 - (below + above), 0.0) if is_bound else rate
+    return CollapseRate(
+        rate,
+        mean,
+        lower,
+        upper,
+        confidence,
+        below,
+        above,
+        max(left_out, 0.0),
+        is_bound,
+        quoted,
+        1.0 / quoted if quoted > 0.0 else np.inf,
+    )
 
 
 def lognormal_rates(
     hazard: HazardCurve, theta: ArrayLike, beta: ArrayLike, onset: ArrayLike = 0.0
 ) -> FloatArray:
-    """Mean annual frequency of collapse of lognormal curves (...), (...) [1/year]."""
+    """Return mean annual frequencies of collapse of lognormal curves (...), (...) [1/year]."""
     return _lognormal(hazard, np.log(hazard.im), theta, beta, onset).sum(axis=-1)
 
 
 def rate_by_level(
-    hazard: HazardCurve, curve: Fragility, edges: ArrayLike, onset: ArrayLike = 0.0
+    hazard: HazardCurve, curve: Curve, edges: ArrayLike, onset: ArrayLike = 0.0
 ) -> FloatArray:
-    """Rate of collapse by motions from 0 to the first of the rising `edges`, (n_edge,), between
-    edges, and from the last on, (n_edge + 1,) [1/year]. `onset` as for `collapse_rate`.
+    """Return the rate of collapse by motions between rising `edges`, (n_edge + 1,) [1/year].
+
+    The first is from 0 on, the last to infinity. `onset` is as for `collapse_rate`.
     """
     edges = np.log(rising(edges, "edges"))
     cuts = np.union1d(np.log(hazard.im), edges)
@@ -188,20 +183,11 @@ def rate_by_level(
     return np.bincount(level, weights=rates, minlength=edges.size + 1).astype(float)
 
 
-def parameter_draws(fit: Fragility, seed: int, draws: int = 4000) -> tuple[FloatArray, FloatArray]:
-    """theta and beta, (draws,) each: (ln theta, ln beta) normal with the covariance of the fit."""
-    jacobian = np.diag([1.0, 1.0 / fit.beta])
-    covariance = jacobian @ fit.covariance @ jacobian
-    generator = np.random.default_rng(seed)
-    shift = generator.multivariate_normal(np.zeros(2), covariance, draws, method="eigh")
-    return fit.theta * np.exp(shift[:, 0]), fit.beta * np.exp(shift[:, 1])
-
-
 def _lognormal(
     hazard: HazardCurve, cuts: FloatArray, theta: ArrayLike, beta: ArrayLike,
     onset: ArrayLike = 0.0,
 ) -> FloatArray:  # fmt: skip
-    """Rates of lognormal curves (...) from `onset` to infinity, cut at ln im, (..., n_cut + 1).
+    """Return rates of lognormal curves (...) from `onset` on, cut at ln im, (..., n_cut + 1).
 
     By parts: [-Phi lambda] + integral of lambda dPhi, and the latter with lambda = c e^(-k x) is
     lambda(theta) e^(k^2 beta^2 / 2) [Phi(z + k beta)], z = (x - ln theta) / beta.
@@ -210,21 +196,19 @@ def _lognormal(
     log_theta, least = np.log(theta), log_intensity(onset)[..., None]
     left, right = np.append(-np.inf, cuts), np.append(cuts, np.inf)
     anchor, log_rate, k = hazard.pieces(left)
-    ends = (np.maximum(end, least) for end in (left, right))
-    (low, a, lower), (high, b, upper) = (_end(hazard, end, log_theta, beta) for end in ends)
+    low, high = ends = [np.maximum(end, least) for end in (left, right)]
+    a, b = z = [(end - log_theta) / beta for end in ends]
+    # Phi lambda, which is 0 at both ends of all pieces.
+    within = [np.isfinite(x) for x in ends]
+    lower, upper = (
+        np.where(inside, ndtr(each) * hazard.rate_at(np.exp(np.where(inside, x, 0.0))), 0.0)
+        for inside, x, each in zip(within, ends, z)
+    )
     log_centre = log_rate - k * (log_theta - anchor) + 0.5 * (k * beta) ** 2
     log_moved = log_centre + log_between(a + k * beta, b + k * beta)
     moved = np.exp(np.minimum(log_moved, _LARGEST_LOG))
     # A piece without a fall of the rate has no motions; elsewhere rounding must not go below 0.
     return np.where((k > 0.0) & (low < high), np.maximum(lower - upper + moved, 0.0), 0.0)
-
-
-def _end(
-    hazard: HazardCurve, x: FloatArray, log_theta: FloatArray, beta: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """An end ln im of pieces, z there, and Phi lambda, which is 0 at both ends of all pieces."""
-    z, known = (x - log_theta) / beta, np.isfinite(x)
-    return x, z, np.where(known, ndtr(z) * hazard.rate_at(np.exp(np.where(known, x, 0.0))), 0.0)
 
 
 @dataclass(frozen=True)
@@ -236,10 +220,9 @@ class Contributions:
     rate: FloatArray  #: (n_category, n_level), of collapse [1/year], or `counts`
     unassigned: FloatArray  #: (n_level,), rate of levels with no collapse seen [1/year]
     fraction: FloatArray  #: (n_category,), of the rate that is assigned [1]; nan if none is
-    #: (n_category,), of the interval of `fraction`, of collapses only
-    lower: FloatArray = field(default_factory=lambda: np.empty(0))
-    upper: FloatArray = field(default_factory=lambda: np.empty(0))
-    n_effective: float = np.nan  #: independent collapses that the interval supposes
+    lower: FloatArray  #: (n_category,), ends of the interval of `fraction`, of collapses only
+    upper: FloatArray
+    n_effective: float  #: independent collapses that the interval supposes
 
     @property
     def shown(self) -> BoolArray:
@@ -249,42 +232,32 @@ class Contributions:
         return np.logical_and(self.rate.any(axis=1), enough)
 
 
-def deaggregate(
-    verdict: ArrayLike, category: ArrayLike, categories: Sequence[str], *, confidence: float = 0.9
-) -> Contributions:
-    """Divide the collapses at each level by category; `verdict` is (n_record, n_level).
-
-    The same records collapse at several levels, so that Wilson's interval of the fractions counts
-    (sum m)^2 / sum m^2 collapses, m being those of a record (Kish 1965, *Survey Sampling*).
-    """
-    collapsed = np.asarray(verdict) == Verdict.COLLAPSED
-    of_record = collapsed.sum(axis=1).astype(float)
-    found = contributions(collapsed.sum(axis=0), collapsed, category, categories)
-    effective = float(of_record.sum() ** 2 / max(of_record @ of_record, 1.0))
-    size = np.full(len(categories), effective)
-    lower, upper = wilson(found.fraction * effective, size, confidence)
-    return replace(found, lower=lower, upper=upper, n_effective=effective)
-
-
 def contributions(
-    level_rate: ArrayLike, collapsed: ArrayLike, category: ArrayLike, categories: Sequence[str]
-) -> Contributions:
-    """Divide the rate of collapse of each level, (n_level,), by category as its collapses are.
+    collapsed: ArrayLike, category: ArrayLike, categories: Sequence[str],
+    level_rate: ArrayLike | None = None, confidence: float = 0.9,
+) -> Contributions:  # fmt: skip
+    """Divide the collapses of each level by category, and its rate as they are divided.
 
-    `level_rate` is from `rate_by_level` [1/year]; `collapsed` and `category`, (n_record, n_level),
-    are whether a run collapsed and its position in `categories`.
+    `collapsed` and `category`, (n_record, n_level), are whether a run collapsed and its position
+    in `categories`; `level_rate`, (n_level,), is from `rate_by_level` [1/year], the number of
+    collapses if it is not given. The same records collapse at several levels, so that Wilson's
+    interval of the fractions counts (sum m)^2 / sum m^2 collapses, m being those of a record
+    (Kish 1965, *Survey Sampling*).
     """
     collapse, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
-    rates = np.asarray(level_rate, dtype=float)
     counts = np.array([(collapse & (kind == i)).sum(axis=0) for i in range(len(categories))])
-    total = counts.sum(axis=0)
+    given = collapse.sum(axis=0) if level_rate is None else level_rate
+    rates, total = np.asarray(given, dtype=float), counts.sum(axis=0)
     rate = rates * counts / np.maximum(total, 1)
     unassigned = np.where(total > 0, 0.0, rates)
     fraction = rate.sum(axis=1) / (rate.sum() or np.nan)
-    return Contributions(tuple(categories), counts, rate, unassigned, fraction)
+    of_record = collapse.sum(axis=1).astype(float)
+    effective = float(of_record.sum() ** 2 / max(of_record @ of_record, 1.0))
+    ends = wilson(fraction * effective, np.full(len(categories), effective), confidence)
+    return Contributions(tuple(categories), counts, rate, unassigned, fraction, *ends, effective)
 
 
 def level_edges(levels: ArrayLike) -> FloatArray:
-    """Edges between levels that increase, at their geometric means, (n_level - 1,)."""
+    """Return edges between rising levels, at their geometric means, (n_level - 1,)."""
     given = rising(levels, "levels")
     return np.sqrt(given[1:] * given[:-1])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from archfrag.arch import Arch
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.motion import Motion
 from archfrag.physics.methods.registry import AUTO
 from archfrag.report import svg as look
@@ -178,11 +178,11 @@ def choose(results: ArchResults, median: float | None) -> Chosen | None:
 
 
 def farthest(results: ArchResults) -> Chosen | None:
-    """The standing run with the largest rotation of a voussoir; None if none rotated."""
-    standing = results.verdict == Verdict.STANDING
+    """The run that survived with the largest rotation of a voussoir; None if none rotated."""
+    standing = results.verdict == Verdict.SURVIVED
     reach = np.where(standing, np.nan_to_num(results["peak_rotation"]), 0.0)
     record, level = np.unravel_index(int(reach.argmax()), reach.shape)
-    reason = "the standing run with the largest rotation of a voussoir"
+    reason = "the run that survived with the largest rotation of a voussoir"
     return (int(record), int(level), reason) if reach.any() else None
 
 
@@ -191,7 +191,7 @@ def typical_run(inputs: ReportInputs, results: ArchResults, place: int) -> Examp
     name, arch, onset = inputs.arches[place]
     if not onset.stands:
         return None
-    fit = inputs.answers[name].curve
+    fit = inputs.answers[name]
     median = None if isinstance(fit, str) else fit.theta * results.scale.factor
     return repeat(inputs, results, arch, choose(results, median))
 

@@ -5,9 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.fragility.counts import clopper_pearson
-from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.fragility.quoted import Answer, curve_of_dict
+from archfrag.fragility.curve import Curve, FloatArray
+from archfrag.fragility.verdicts import clopper_pearson
 from archfrag.report import svg as look
 from archfrag.report.html import TEXTS
 from archfrag.report.inputs import ArchResults, ReportInputs, Scale
@@ -36,14 +35,14 @@ def curve_panel(
 
 
 def draw_curve(
-    panel: Panel, shown: Answer | Fragility | str, scale: Scale, stroke: Entry, width: float = 1.8
-) -> None:
-    """Draw a lognormal curve, and the band of an answer; nothing if there is no curve."""
-    fit = shown.curve if isinstance(shown, Answer) else shown
-    if isinstance(fit, str):
+    panel: Panel, fit: Curve | None, scale: Scale, stroke: Entry, width: float = 1.8,
+    band: bool = True,
+) -> None:  # fmt: skip
+    """Draw a curve with its band, if it has one; nothing if there is no curve."""
+    if fit is None or not fit.fitted:
         return
-    if isinstance(shown, Answer):
-        im, low, high = np.array([shown.im, shown.lower, shown.upper])
+    if band and fit.im:
+        im, low, high = np.array([fit.im, fit.lower, fit.upper])
         seen = scale.factor * im <= panel.x[1]
         shade = look.SKY if stroke.colour == look.BLUE else stroke.colour
         panel.band(scale.factor * im[seen], low[seen], high[seen], shade, 0.25)
@@ -57,32 +56,31 @@ def _stroke(name: str, place: int, colours: Sequence[str] = look.COLOURS) -> Ent
     return Entry(name, colours[place % len(colours)], "dash" if dashed else "line")
 
 
-def _thinned(fits: Iterable[Fragility]) -> list[Fragility]:
+def _thinned(fits: Iterable[Curve]) -> list[Curve]:
     """At most `MOST_THIN` curves, evenly from the weakest to the strongest."""
     known = sorted(fits, key=lambda fit: fit.theta)
     places = np.linspace(0, len(known) - 1, min(len(known), MOST_THIN))
     return [known[i] for i in places.round().astype(int)]
 
 
-def _known(answers: Mapping[str, Answer]) -> dict[str, Fragility]:
-    fits = {name: answer.curve for name, answer in answers.items()}
-    return {name: fit for name, fit in fits.items() if isinstance(fit, Fragility)}
+def _known(answers: Mapping[str, Curve]) -> dict[str, Curve]:
+    return {name: curve for name, curve in answers.items() if curve.fitted}
 
 
-def _medians(fits: Mapping[str, Fragility], scale: Scale) -> str:
+def _medians(fits: Mapping[str, Curve], scale: Scale) -> str:
     return "Medians: " + "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in fits.items())
 
 
-def _band_words(answer: Answer) -> str:
+def _band_words(answer: Curve) -> str:
     if not answer.method:
         return ""
     return f" Shaded: pointwise band, {answer.method}. {answer.assumptions.removesuffix('.')}."
 
 
 @figure
-def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]:
+def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
     """Fragility curve of an arch with its band, and the capacities or fractions behind it."""
-    scale, fit, percent = results.scale, answer.curve, f"{100 * answer.confidence:.0f} %"
+    scale, percent = results.scale, f"{100 * answer.confidence:.0f} %"
     texts, highest, isotonic = TEXTS["curve"], float(results.levels.max()), None
     if results.design.adaptive:
         caption = texts["searched"]
@@ -92,13 +90,14 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
         entries = [Entry(f"fraction, exact {percent} interval", look.INK, "dot")]
         isotonic = answer.more.get("free", {}).get("isotonic")
     reach, what = 1.05 * highest, "no lognormal curve could be fitted"
-    if isinstance(fit, Fragility):
+    if answer.fitted:
         entries += [Entry("lognormal curve", look.BLUE, "line"), Entry(f"{percent} band", _BAND)]
-        what = f"lognormal curve with median {scale.text(fit.theta)} and dispersion {fit.beta:.3f}"
-        reach = min(max(reach, 1.1 * fit.theta * scale.factor), 3.0 * highest)
+        what = f"lognormal curve with median {scale.text(answer.theta)}"
+        what += f" and dispersion {answer.beta:.3f}"
+        reach = min(max(reach, 1.1 * answer.theta * scale.factor), 3.0 * highest)
         caption += _band_words(answer)
     likeliest = Entry("by maximum likelihood", look.BLUE, "dash")
-    if isinstance(most := answer.likelihood, Fragility):
+    if (most := answer.likelihood) is not None and most.fitted:
         entries.append(likeliest)
         caption += f" Dashed: θ {scale.text(most.theta)}, β {most.beta:.3f}."
     if isotonic:
@@ -110,9 +109,9 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
     if isotonic:
         im = scale.factor * np.array(isotonic["im"])
         panel.line(im, isotonic["probability"], look.GREY, 0.9)
-    if isinstance(fit, Fragility) and (median := fit.theta * scale.factor) <= reach:
+    if answer.fitted and (median := answer.theta * scale.factor) <= reach:
         panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
-        panel.label(median, panel.box[3] - 6.0, f"θ = {scale.text(fit.theta)}", "s")
+        panel.label(median, panel.box[3] - 6.0, f"θ = {scale.text(answer.theta)}", "s")
     if reach > 1.05 * highest:
         panel.line([highest, highest], [0.0, 1.0], look.GREY, 0.9, "2 2")
         caption += texts["extrapolated"]
@@ -134,8 +133,8 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
 
 @figure
 def all_curves(
-    sheet: Sheet, inputs: ReportInputs, answers: Mapping[str, Answer],
-    classes: Mapping[str, Answer],
+    sheet: Sheet, inputs: ReportInputs, answers: Mapping[str, Curve],
+    classes: Mapping[str, Curve],
 ) -> tuple[str, str] | None:  # fmt: skip
     """Curves of some arches and classes in one figure; None if they are fewer than two.
 
@@ -163,8 +162,8 @@ def all_curves(
         for fit in fits:
             panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
     shaded, words = len(named) <= _SHADED, TEXTS["all_curves"]
-    for own, (name, fit) in zip(strokes, named.items()):
-        draw_curve(panel, {**answers, **classes}[name] if shaded else fit, scale, own)
+    for own, fit in zip(strokes, named.values()):
+        draw_curve(panel, fit, scale, own, band=shaded)
     kind, one = "Curves" if classes else "Lognormal curves", len(classes) == 1
     whose = f"class {next(iter(classes))}" if one else "a class"
     caption = words["bands" if shaded else "curves"].format(kind=kind)
@@ -179,21 +178,19 @@ def all_curves(
 
 
 @figure
-def limit_states(sheet: Sheet, inputs: ReportInputs, answer: Answer, name: str) -> str | None:
+def limit_states(sheet: Sheet, inputs: ReportInputs, answer: Curve, name: str) -> str | None:
     """Curves of the limit states of an arch or a class; None if none has one."""
-    states = answer.more.get("limit_states", {}).get("states", ())
     curves = [
-        (_stroke(state["name"].replace("_", " "), i, _DAMAGE), fit)
-        for i, state in enumerate(states)
-        if isinstance(fit := curve_of_dict(state["curve"]), Fragility)
-    ]
+        (_stroke(fit.state.replace("_", " "), i, _DAMAGE), fit)
+        for i, fit in enumerate(answer.states) if fit.fitted
+    ]  # fmt: skip
     if not curves:
         return None
     scale, reach = inputs.scale, 1.05 * inputs.highest
     panel = curve_panel(sheet, [], reach, scale.label, "probability of reaching it")
     im, seen = np.linspace(0.0, reach, 400), list[tuple[str, FloatArray]]()
     for own, fit in curves:
-        draw_curve(panel, fit, scale, own)
+        draw_curve(panel, fit, scale, own, band=False)
         words, chance = own.label, fit.probability(im / scale.factor)
         if seen and np.abs(chance - seen[-1][1]).max() < _SAME:
             words = f"{seen.pop()[0]}, {words}"
@@ -209,7 +206,7 @@ def limit_states(sheet: Sheet, inputs: ReportInputs, answer: Answer, name: str) 
 
 @figure
 def two_studies(
-    sheet: Sheet, names: Sequence[str], sides: Sequence[tuple[ArchResults, Answer]]
+    sheet: Sheet, names: Sequence[str], sides: Sequence[tuple[ArchResults, Curve]]
 ) -> str:
     """Curves of an arch in two studies with their bands, and the observed fractions."""
     (first, _), (second, _) = sides

@@ -42,7 +42,7 @@ def example_of(study: Study, run: str = "median", arch: str | None = None) -> Ex
     if name not in shapes:
         hint = meant(name, shapes) or f"the report shows {', '.join(shapes)}"
         raise InputError(f"--arch {name}: is not an arch of the report; {hint}")
-    results = arch_results(inputs.cube, name, inputs.scale)
+    results = arch_results(inputs.cube, name, inputs.scale, inputs.fitted.runs[name])
     if run == "median":
         example = typical_run(inputs, results, list(shapes).index(name))
     else:

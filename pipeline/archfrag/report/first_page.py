@@ -10,8 +10,8 @@ from markupsafe import Markup
 
 from archfrag.arch import Arch
 from archfrag.files import counted
-from archfrag.fragility.counts import Verdict
-from archfrag.fragility.quoted import Answer
+from archfrag.fragility.curve import Curve
+from archfrag.fragility.verdicts import Verdict
 from archfrag.report import html
 from archfrag.report import svg as look
 from archfrag.report.arch_figure import Example, arch_panel, draw_hinges
@@ -31,7 +31,7 @@ _HALF = 560.0  # width of the curve [px]
 _MOST, _SMALL = (270.0, 180.0), (270.0, 130.0)  # width and height of an arch, and of two [px]
 
 
-def leading(inputs: ReportInputs) -> tuple[str, Answer]:
+def leading(inputs: ReportInputs) -> tuple[str, Curve]:
     """The answer that stands first: of classes and of arches of none the weakest by median."""
     theta = thetas(inputs.quoted.values())
     return list(inputs.quoted.items())[int(np.where(np.isnan(theta), np.inf, theta).argmin())]
@@ -42,12 +42,12 @@ def leading_arch(inputs: ReportInputs) -> int:
     return _place(inputs, *leading(inputs))
 
 
-def _place(inputs: ReportInputs, name: str, answer: Answer) -> int:
+def _place(inputs: ReportInputs, name: str, answer: Curve) -> int:
     """Place among `inputs.arches` of an arch, or of the one of a class with the nearest median."""
     names = [each for each, _, _ in inputs.arches]
-    if name in names or isinstance(answer.curve, str):
+    if name in names or not answer.fitted:
         return names.index(name) if name in names else 0
-    away = np.abs(np.log(thetas(inputs.answers[each] for each in names) / answer.curve.theta))
+    away = np.abs(np.log(thetas(inputs.answers[each] for each in names) / answer.theta))
     of_class = arch_classes(inputs.cube)
     other = np.array([of_class[each] != name for each in names])
     return int(np.where(np.isnan(away) | other, np.inf, away).argmin())
@@ -84,20 +84,20 @@ def site_levels(inputs: ReportInputs) -> dict[str, float]:
 def _sentence(inputs: ReportInputs) -> Markup:
     """A probability at a level that somebody asked for or at one of the site, or the median."""
     name, answer = leading(inputs)
-    scale, fit, levels = inputs.scale, answer.curve, site_levels(inputs)
-    if isinstance(fit, str):
-        return html.paragraph(f"There is no fragility curve: {fit}.", "lead")
+    scale, levels = inputs.scale, site_levels(inputs)
+    if not answer.fitted:
+        return html.paragraph(f"There is no fragility curve: {answer.reason}.", "lead")
     form = Markup('<p class="lead">{} <strong>{}</strong> {}</p>')
     whose = _whose(inputs, name)
     if inputs.at is None and not levels:
-        low, high = map(scale.digits, answer.theta)
+        low, high = map(scale.digits, answer.theta_interval)
         start = f"Half of the ground motions make {whose} collapse at"
         end = f"({inputs.percent}: {low} to {high} {scale.unit})."
-        return form.format(start, f"{scale.measure} {scale.text(fit.theta)}", end)
+        return form.format(start, f"{scale.measure} {scale.text(answer.theta)}", end)
     word, at = next(iter(levels.items()), ("", 0.0))
     site = f"the {word} motion of the site, " if inputs.at is None else ""
     at = at if inputs.at is None else inputs.at / scale.factor
-    value, *band = answer.probability(at)
+    value, *band = answer.at(at)
     start = f"Under {site}{scale.measure} {scale.text(at)}, {whose} collapses with probability"
     end = f"({inputs.percent}: {html.percentages(band)})."
     risk = None if isinstance(inputs.risk, str | None) else inputs.risk.arches.get(name)
@@ -123,15 +123,15 @@ def _whose(inputs: ReportInputs, name: str) -> str:
 def _facts(inputs: ReportInputs) -> str:
     cube, verdict = inputs.cube, inputs.cube["verdict"].values
     both = cube.attrs.get("vertical_component", "not used") != "not used"
-    words = f"{(verdict != Verdict.NOT_SIMULATED).sum():,} runs of {cube.sizes['record']} "
+    words = f"{(verdict != Verdict.NOT_RUN).sum():,} runs of {cube.sizes['record']} "
     words += "ground motions" + " with their vertical components" * both
     words += f" on {len(inputs.answers)} arches" * (len(inputs.answers) > 1)
     collapses = int((verdict == Verdict.COLLAPSED).sum())
     words += f", {collapses:,} collapse{'s' * (collapses != 1)}."
     answer = leading(inputs)[1]
-    if len(inputs.quoted) == 1 and answer.n_independent and not isinstance(answer.curve, str):
-        interval = f"{inputs.percent}: {html.interval(answer.beta)}"
-        words += f" Dispersion β {answer.curve.beta:.2f} ({interval})."
+    if len(inputs.quoted) == 1 and answer.n_independent and answer.fitted:
+        interval = f"{inputs.percent}: {html.interval(answer.beta_interval)}"
+        words += f" Dispersion β {answer.beta:.2f} ({interval})."
     return words
 
 
@@ -231,11 +231,11 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     entries = [Entry(name, look.BLUE, "line"), *(Entry(k, look.GREEN, "dash") for k in others)]
     panel = curve_panel(sheet, entries if others else [], reach, scale.label)
     words = f"Probability of collapse of {whose} against {scale.label}"
-    levels, seen = fractions_seen(inputs.cube, name, scale)
+    levels, seen = fractions_seen(inputs.fitted.runs[name], scale)
     kind, design = "", json.loads(inputs.cube.attrs["archfrag_design"])["kind"]
     if np.isfinite(seen).any():
         kind = TEXTS["first_curve"].get(design, TEXTS["first_curve"]["stripes"])
-    if isinstance(fit := answer.curve, str):
+    if not (fit := answer).fitted:
         panel.dots(levels, seen, look.INK, radius=2.6)
         return words, kind.strip()
     curve = "mean curve of the arches" if fit.members is not None else "lognormal curve"
@@ -246,7 +246,7 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     for level in marked.values():
         panel.line([level, level], [0.0, 1.0], look.VERMILION, 1.1, "2 2")
     for other in others.values():
-        draw_curve(panel, other, scale, entries[1], 1.6)
+        draw_curve(panel, other, scale, entries[1], 1.6, band=False)
     draw_curve(panel, answer, scale, entries[0], 2.4)
     panel.dots(levels, seen, look.INK, radius=2.6)
     theta, median = scale.factor * fit.theta, scale.text(fit.theta)

@@ -15,17 +15,16 @@ from numpy.typing import NDArray
 from archfrag.arch import Arch
 from archfrag.errors import InputError, attempt
 from archfrag.files import counted
-from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.fragility.curve import FloatArray, Fragility, IntArray
-from archfrag.fragility.quoted import Answer
+from archfrag.fragility.curve import Curve, FloatArray, IntArray
+from archfrag.fragility.verdicts import Verdict, count_verdicts
 from archfrag.motions.motion import Motion
 from archfrag.motions.selection import target_of_index
 from archfrag.physics.status import CollapseMode
 from archfrag.report.html import digits
 from archfrag.simulation.simulate import Onset, onset
 from archfrag.study.answer.compare import Table, compare
-from archfrag.study.answer.curves import arch_classes, quoted, runs_of_cube
-from archfrag.study.answer.fits import cautions_of_cube
+from archfrag.study.answer.curves import Fitted, Runs, arch_classes, runs_of_cube
+from archfrag.study.answer.fits import cautions_of
 from archfrag.study.answer.risk import StudyRisk, risk_of_study
 from archfrag.study.designs import Design
 from archfrag.study.file.members import shown
@@ -36,12 +35,12 @@ from archfrag.study.steps import finished, read_timings
 from archfrag.study.validate import logo_url
 
 SUMMARY_FORMAT = "archfrag-summary/2"
-COUNTS = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
+COUNTS = ("runs", "collapsed", "survived", "unfinished", "failed")
 _MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
 _MODELLED = {"friction", "recess", "strength", "dead_load", "fill", "piers", "springings", "ties"}
 _MOST_GROUPS = 10
 _MOST_RATIOS = 8  # arches or classes whose ratios are told
-_MISSING = {"verdict": Verdict.NOT_SIMULATED, "collapse_joint": -1}  # where no run was made, or 0
+_MISSING = {"verdict": Verdict.NOT_RUN, "collapse_joint": -1}  # where no run was made, or 0
 
 
 @dataclass(frozen=True)
@@ -73,15 +72,15 @@ class ReportInputs:
     motions: Sequence[Motion]  #: unscaled, one for each record of the cube, its name as `id`
     #: Name in the cube, geometry and onset of each arch that has a section, in the page's order.
     arches: Sequence[tuple[str, Arch, Onset]]
-    answers: Mapping[str, Answer]  #: of each arch of the cube, theta in the SI unit
-    classes: Mapping[str, Answer] = field(default_factory=dict)  #: of classes of several arches
+    answers: Mapping[str, Curve]  #: of each arch of the cube, theta in the SI unit
+    classes: Mapping[str, Curve] = field(default_factory=dict)  #: of classes of several arches
     cautions: Sequence[str] = ()  #: one that concerns an arch begins with its name and a colon
     #: Wall time of each run of an arch, or of groups of them [s].
     timings: Mapping[str, Sequence[float]] = field(default_factory=dict)
     title: str = "Fragility of masonry arches"
     confidence: float = 0.9  #: of all bands and intervals
     #: Cube and answers of another study with the same measure, to be compared in common arches.
-    compared: tuple[xr.Dataset, Mapping[str, Answer]] | None = None
+    compared: tuple[xr.Dataset, Mapping[str, Curve]] | None = None
     at: float | None = None  #: level at which the probability is asked for, in the study's unit
     risk: StudyRisk | str | None = None  #: or why there are no rates
     #: Of `target_of_index`.
@@ -96,14 +95,19 @@ class ReportInputs:
         return f"{100 * self.confidence:.0f} %"
 
     @cached_property
-    def quoted(self) -> dict[str, Answer]:
-        """Answers of classes and of arches of none, in the order of the study."""
-        return quoted(self.cube, self.answers, self.classes)
+    def fitted(self) -> Fitted:
+        """All curves and the cube, with the runs behind them."""
+        return Fitted(dict(self.answers), dict(self.classes), self.cube)
 
     @cached_property
-    def known(self) -> dict[str, Fragility]:
-        """Their curves, of those that have one."""
-        return {k: a.curve for k, a in self.quoted.items() if isinstance(a.curve, Fragility)}
+    def quoted(self) -> dict[str, Curve]:
+        """Curves of classes and of arches of none, in the order of the study."""
+        return self.fitted.quoted()
+
+    @cached_property
+    def known(self) -> dict[str, Curve]:
+        """Those of them that have a curve."""
+        return {name: curve for name, curve in self.quoted.items() if curve.fitted}
 
     @cached_property
     def ratios(self) -> dict[str, Table] | str:
@@ -112,8 +116,8 @@ class ReportInputs:
         if not 1 < len(names) <= _MOST_RATIOS:
             return {}
         site = self.risk.hazard.main if isinstance(self.risk, StudyRisk) else None
-        same = [self.cube] * len(names), names, [self.known] * len(names)
-        return attempt(lambda: compare(*same, site, self.confidence))
+        same = [self.fitted] * len(names)
+        return attempt(lambda: compare(same, names, site, self.confidence))
 
     @property
     def highest(self) -> float:
@@ -135,7 +139,7 @@ class ArchResults:
     counts: Mapping[str, IntArray]  #: `count_verdicts` of runs at each level
     design: Design
     #: Of records, with what their capacities imply if they were searched.
-    known: Mapping[str, IntArray]
+    known: Mapping[str, NDArray]
     #: Of each record that was run, the middle of its bracket in logarithms: inf where it never
     #: collapsed, its lowest level where it collapsed there.
     capacities: FloatArray
@@ -150,14 +154,12 @@ class ArchResults:
     @property
     def fraction(self) -> FloatArray:
         """Fraction of the known verdicts at each level that are collapses; nan if none is."""
-        known = self.known["n"]
-        return np.asarray(self.known["collapsed"] / np.where(known > 0, known, np.nan))
+        return self.known["fraction"]
 
 
-def thetas(answers: Iterable[Answer]) -> FloatArray:
-    """Median capacity of each arch [SI]; nan without a curve."""
-    curves = [answer.curve for answer in answers]
-    return np.array([np.nan if isinstance(fit, str) else fit.theta for fit in curves])
+def thetas(answers: Iterable[Curve]) -> FloatArray:
+    """Return the median capacity of each arch [SI]; nan without a curve."""
+    return np.array([curve.theta for curve in answers])
 
 
 def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
@@ -166,9 +168,8 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
     InputError if results are missing or not those of the study as it is, OutputError if another
     study's cube is in its folder.
     """
-    answers, classes, cube = finished(study)
-    with cube:
-        cube.load()
+    fitted = finished(study)
+    answers, cube = fitted.arches, fitted.cube
     prepared, intensity = load_prepared(study), study.intensity
     entries = {member.id: member.entry for member in study.members}
     names = [list(answers)[i] for i in shown(thetas(answers.values()).tolist())]
@@ -183,14 +184,14 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
         motions=[load_record(study.work, record) for record in prepared],
         arches=[(name, arch, onset(arch)) for name, arch in arches.items()],
         answers=answers,
-        classes=classes,
-        cautions=cautions_of_cube(study, cube, answers),
+        classes=fitted.classes,
+        cautions=cautions_of(study, fitted),
         timings=read_timings(study),
         title=_title(study),
         confidence=study.report.confidence,
         compared=None if compared is None else _compared(study, compared),
         at=study.report.at,
-        risk=attempt(partial(risk_of_study, study, cube, quoted(cube, answers, classes))),
+        risk=attempt(partial(risk_of_study, study, fitted)),
         target=target_of_index(study.motions.index),
         given=given,
         about=study.report.model_dump(include={"project", "client", "author"}, exclude_none=True)
@@ -207,13 +208,12 @@ def _title(study: Study) -> str:
     return f"Fragility of {f'a {noun}' if len(study.members) == 1 else counted(2, noun)[2:]}"
 
 
-def _compared(study: Study, path: Path) -> tuple[xr.Dataset, Mapping[str, Answer]]:
+def _compared(study: Study, path: Path) -> tuple[xr.Dataset, Mapping[str, Curve]]:
     other = load_study(path)
     if study.id == other.id:
         raise InputError(f"study {other.id!r} cannot be compared with another of the same id")
-    answers, _, cube = finished(other)
-    with cube:
-        return cube.load(), answers
+    fitted = finished(other)
+    return fitted.cube, fitted.arches
 
 
 def study_config(cube: xr.Dataset) -> Mapping[str, Any]:
@@ -221,13 +221,13 @@ def study_config(cube: xr.Dataset) -> Mapping[str, Any]:
     return json.loads(cube.attrs.get("archfrag_config", "{}"))
 
 
-def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
-    """Everything the report needs of one arch of a cube."""
-    names = cube["arch"].values.astype(str).tolist()
-    part = cube.isel(arch=[names.index(arch)])
-    (runs,) = runs_of_cube(part)
-    part = part.isel(arch=0).transpose("record", "level", ...)
-    made = part["verdict"].values != Verdict.NOT_SIMULATED
+def arch_results(
+    cube: xr.Dataset, arch: str, scale: Scale, runs: Runs | None = None
+) -> ArchResults:
+    """Return everything the report needs of one arch of a cube; `runs` are its own, if known."""
+    runs = runs or runs_of_cube(cube, [arch])[arch]
+    part = runs.cube.isel(arch=0).transpose("record", "level", ...)
+    made = part["verdict"].values != Verdict.NOT_RUN
     levels, own = part["intensity"].values.astype(float) * scale.factor, None
     if levels.ndim == 2:
         own = levels[:, 0]
@@ -244,26 +244,23 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
         arch=arch, records=cube["record"].values.astype(str).tolist(), scale=scale,
         levels=levels, own_levels=own, tables=tables, simulated=made, counts=counts,
         design=runs.design,
-        known=count_verdicts(brackets.filled) if runs.design.adaptive else counts,
+        known=count_verdicts(runs.filled),
         capacities=scale.factor * np.where(brackets.bracketed, brackets.middle, brackets.upper),
     )  # fmt: skip
 
 
-def fractions_seen(cube: xr.Dataset, name: str, scale: Scale) -> tuple[FloatArray, FloatArray]:
+def fractions_seen(runs: Runs, scale: Scale) -> tuple[FloatArray, FloatArray]:
     """Levels [unit of the scale], and fractions of the runs of an arch or class that collapse.
 
     They are of what capacities imply if records were searched, and of groups of neighbouring runs
     if each has a level of its own; nan where no run has a verdict.
     """
-    (runs,) = runs_of_cube(cube, [name])
-    verdict = runs.brackets.filled if runs.design.adaptive else runs.verdict
-    levels = runs.level * scale.factor
+    verdict, levels = runs.filled, runs.level * scale.factor
     if levels.ndim == 2:
-        levels, group = _grouped(levels[:, 0], verdict[:, 0] != Verdict.NOT_SIMULATED)
+        levels, group = _grouped(levels[:, 0], verdict[:, 0] != Verdict.NOT_RUN)
         mine = group[:, None] == np.arange(levels.size)
-        verdict = np.where(mine, verdict, Verdict.NOT_SIMULATED)
-    counts = count_verdicts(verdict)
-    return levels, counts["collapsed"] / np.where(counts["n"] > 0, counts["n"], np.nan)
+        verdict = np.where(mine, verdict, Verdict.NOT_RUN)
+    return levels, count_verdicts(verdict)["fraction"]
 
 
 def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntArray]:
@@ -311,29 +308,30 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
     }, None)  # fmt: skip
 
 
-def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
+def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
     """Curve and probability of an arch or a class, or the reason why there is none."""
     lost = answer.more.get("without_verdict") or None
     if lost and "runs" in lost:
-        medians = {key: lost[key].get("theta") for key in ("collapsed", "standing")}
+        medians = {key: lost[key].get("theta") for key in ("collapsed", "survived")}
         theta = {key: each and scale.factor * each for key, each in medians.items()}
         lost = {"runs": lost["runs"], "theta_if": theta}
-    fit, likelihood, likeliest, chance = answer.curve, answer.likelihood, None, None
-    if isinstance(fit, str):
-        return {"reason": fit, "without_verdict": lost, "curve": None, "probability": None}
+    likelihood, likeliest, chance = answer.likelihood, None, None
+    if not answer.fitted:
+        none = {"curve": None, "probability": None}
+        return {"reason": answer.reason, "without_verdict": lost, **none}
     if at is not None:
-        value, *ends = answer.probability(at / scale.factor)
+        value, *ends = answer.at(at / scale.factor)
         chance = {"level": at, "value": value, "interval": ends}
-    if isinstance(likelihood, Fragility):
+    if likelihood is not None and likelihood.fitted:
         theta_most = scale.factor * likelihood.theta
         likeliest = {"theta": theta_most, "beta": likelihood.beta, "kind": likelihood.kind}
     curve = {
-        "theta": scale.factor * fit.theta,
-        "theta_interval": [scale.factor * end for end in answer.theta],
-        "beta": fit.beta, "beta_interval": list(answer.beta),
+        "theta": scale.factor * answer.theta,
+        "theta_interval": [scale.factor * end for end in answer.theta_interval],
+        "beta": answer.beta, "beta_interval": list(answer.beta_interval),
         "method": answer.method, "assumptions": answer.assumptions,
         "independent": answer.n_independent, "non_monotone": answer.n_non_monotone,
-        "kind": fit.kind, "maximum_likelihood": likeliest,
+        "kind": answer.kind, "maximum_likelihood": likeliest,
     }  # fmt: skip
     return {"reason": None, "without_verdict": lost, "curve": curve, "probability": chance}
 
@@ -341,8 +339,8 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
 def _runs(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:
     found, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
     counts = {name: int(found[name].sum()) for name in COUNTS}
-    counts["not_simulated"] = verdict.size - counts["runs"]
-    landed = (verdict == Verdict.STANDING) & np.isfinite(lost)
+    counts["not_run"] = verdict.size - counts["runs"]
+    landed = (verdict == Verdict.SURVIVED) & np.isfinite(lost)
     counts["lost_contact_and_stand"] = int(landed.sum())
     modes = [CollapseMode(code).name.lower() for code in mode[collapsed]]
     mechanisms = {

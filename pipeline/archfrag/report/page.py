@@ -16,8 +16,7 @@ from markupsafe import Markup, escape
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, attempt
 from archfrag.export.papers import write_papers
-from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.fragility.quoted import Answer
+from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.report import curve_figures, html
@@ -56,7 +55,7 @@ def write_report(inputs: ReportInputs, out: Path) -> Path:
     numbers = json.dumps(summary(inputs), indent=1, ensure_ascii=False, allow_nan=False)
     write_text(out.parent / SUMMARY, numbers + "\n")
     scale = inputs.scale
-    write_papers(inputs.cube, scale.measure, scale.unit, scale.factor, out.parent)
+    write_papers(inputs.fitted, scale.measure, scale.unit, scale.factor, out.parent)
     write_text(out, text)
     return out
 
@@ -65,7 +64,10 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     """The page as text, and by file name the figures that are files too."""
     cube, answers, classes = inputs.cube, inputs.answers, inputs.classes
     every = curve_figures.all_curves(inputs, answers, classes)
-    results = [arch_results(cube, name, inputs.scale) for name, _, _ in inputs.arches]
+    results = [
+        arch_results(cube, name, inputs.scale, inputs.fitted.runs[name])
+        for name, _, _ in inputs.arches
+    ]
     examples = [typical_run(inputs, own, i) for i, own in enumerate(results)]
     leads, of_class = leading_arch(inputs), arch_classes(cube)
     listed = inputs.quoted
@@ -153,7 +155,7 @@ def _parts(make: Callable[..., Iterable[Any]], *given: Any) -> Iterable[Any]:
     return made
 
 
-def _answers(inputs: ReportInputs, listed: Mapping[str, Answer]) -> Markup:
+def _answers(inputs: ReportInputs, listed: Mapping[str, Curve]) -> Markup:
     scale, at, count = inputs.scale, inputs.at, Counter(arch_classes(inputs.cube).values())
     heads = ["arch", f"median capacity θ [{scale.unit}] ({inputs.percent})"]
     heads.append(f"dispersion β ({inputs.percent})")
@@ -163,20 +165,21 @@ def _answers(inputs: ReportInputs, listed: Mapping[str, Answer]) -> Markup:
     for name, answer in listed.items():
         row = [f"{name}, {count[name]} arches" if name in inputs.classes else name]
         rows.append(row)
-        if isinstance(fit := answer.curve, str):
+        if not answer.fitted:
             row += ["no curve", *["–"] * (len(heads) - 2)]
             continue
         if at is not None:
-            value, *ends = answer.probability(at / scale.factor)
+            value, *ends = answer.at(at / scale.factor)
             row.append(f"{html.percentages([value])} ({html.percentages(ends)})")
-        row.append(f"{scale.digits(fit.theta)} ({' to '.join(map(scale.digits, answer.theta))})")
-        row.append(f"{fit.beta:.2f} ({html.interval(answer.beta)})")
+        theta, low, high = map(scale.digits, (answer.theta, *answer.theta_interval))
+        row.append(f"{theta} ({low} to {high})")
+        row.append(f"{answer.beta:.2f} ({html.interval(answer.beta_interval)})")
     more = f", the first {_MOST_ROWS}" if len(rows) > _MOST_ROWS else ""
     return table(f"Answer for each arch{more}", heads, rows[:_MOST_ROWS], "compact")
 
 
 def _compared(
-    inputs: ReportInputs, other: xr.Dataset, answers: Mapping[str, Answer]
+    inputs: ReportInputs, other: xr.Dataset, answers: Mapping[str, Curve]
 ) -> Iterable[Any]:
     """The arches that another study has too; InputError if the two cannot be compared."""
     cubes, of_each = (inputs.cube, other), (inputs.answers, answers)
@@ -201,8 +204,8 @@ def _compared(
         results = [arch_results(cube, arch, inputs.scale) for cube in cubes]
         sides = [(each, answers[arch]) for each, answers in zip(results, of_each)]
         yield curve_figures.two_studies(names, sides)
-        fits = [answer.curve for _, answer in sides]
-        if isinstance(fits[0], Fragility) and isinstance(fits[1], Fragility):
+        fits = [answer for _, answer in sides]
+        if fits[0].fitted and fits[1].fitted:
             change = f"{100 * (fits[1].theta / fits[0].theta - 1):+.1f} %".replace("-", "−")
             yield paragraph(f"Change of θ from {names[0]} to {names[1]}: {change}.")
         for name, (each, answer) in zip(names, sides):

@@ -11,7 +11,6 @@ from matplotlib.text import Text
 
 from archfrag import plots
 from archfrag.files import make_folder
-from archfrag.fragility.curve import Fragility
 from archfrag.report.inputs import ArchResults, ReportInputs, arch_results
 from archfrag.report.run_tables import MEASURED, VERDICTS, ida_lines
 
@@ -28,12 +27,13 @@ def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
     """
     make_folder(folder)
     scale, (figure, ax) = inputs.scale, _axes(3.6)
-    results = {name: arch_results(inputs.cube, name, scale) for name, _, _ in inputs.arches}
+    results = {name: arch_results(inputs.cube, name, scale, inputs.fitted.runs[name])
+               for name, _, _ in inputs.arches}  # fmt: skip
     for number, (name, answer) in enumerate(inputs.quoted.items()):
         colour, style = _COLOURS[number % 4], "-" if number < 4 else "--"
-        if isinstance(fit := answer.curve, Fragility):
-            im, label = np.array(answer.im), f"{name}: median {scale.text(fit.theta)}"
-            ax.plot(scale.factor * im, fit.probability(im), style, color=colour, label=label)
+        if answer.fitted:
+            im, label = np.array(answer.im), f"{name}: median {scale.text(answer.theta)}"
+            ax.plot(scale.factor * im, answer.probability(im), style, color=colour, label=label)
             band = answer.lower, answer.upper
             ax.fill_between(scale.factor * im, *band, color=colour, alpha=0.2, lw=0.0)
         if name in results:  # of a class the fractions are not shown

@@ -67,7 +67,7 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
             name, least + html.rounded(rate.quoted), html.rounded_interval(rate.lower, rate.upper),
             html.rounded(rate.mean),
             most + html.rounded(rate.return_period), least + html.rounded(likely),
-            html.rounded_interval(*ends), f"{100 * rate.outside:.1f} %",
+            html.rounded_interval(*ends), f"{100 * (rate.below + rate.above):.1f} %",
             html.rounded(rate.below_onset) if np.any(arch.onset) else "–",
             *(html.rounded(each) for each in list(arch.by_curve.values())[1:]),
         ])  # fmt: skip

@@ -6,9 +6,9 @@ from functools import partial
 
 import numpy as np
 
-from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, IntArray
-from archfrag.fragility.risk import Contributions, deaggregate
+from archfrag.fragility.risk import Contributions, contributions
+from archfrag.fragility.verdicts import Verdict
 from archfrag.report import svg as look
 from archfrag.report.arch_figure import Example
 from archfrag.report.html import TEXTS, digits
@@ -19,10 +19,10 @@ from archfrag.report.svg import BELOW, LEFT, LINE, Entry, Panel, Sheet, figure
 from archfrag.simulation.response import MechanismChange
 
 VERDICTS = {
-    Verdict.STANDING: Entry("standing", "#cfe0ee"),
+    Verdict.SURVIVED: Entry("survived", "#cfe0ee"),
     Verdict.COLLAPSED: Entry("collapsed", look.VERMILION),
     Verdict.UNFINISHED: Entry("unfinished", "#d9b310", "slash"),
-    Verdict.SOLVER_FAILURE: Entry("solver failure", look.INK),
+    Verdict.FAILED: Entry("failed", look.INK),
 }
 MODES = (  # by code of `CollapseMode`
     Entry("mode not known", look.GREY), Entry("hinging", look.BLUE),
@@ -75,7 +75,7 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     n_record, n_level = rows.shape
     entries = [entry for code, entry in VERDICTS.items() if np.any(rows == code)]
     if not results.simulated.all():
-        entries.append(Entry("blank: not simulated", "#ffffff"))
+        entries.append(Entry("blank: not run", "#ffffff"))
     bounded = len(results.capacities) == n_record and np.isfinite(results.capacities).any()
     if bounded:
         entries.append(Entry("capacity", look.INK, "line"))
@@ -116,7 +116,7 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     verdict = np.where(results.simulated, results.verdict, 0).sum(axis=1)[run]
     reach = results["peak_displacement"].sum(axis=1)[run]
     looks = {code: entry._replace(mark="dot") for code, entry in VERDICTS.items()}
-    looks[Verdict.STANDING] = Entry("standing", look.SKY, "dot")
+    looks[Verdict.SURVIVED] = Entry("survived", look.SKY, "dot")
     entries = [entry for code, entry in looks.items() if np.any(verdict == code)]
     low, high = 1e-4, 10.0 ** np.ceil(np.log10(max(np.nanmax(reach), 1e-3)))
     x = 0.95 * float(level.min()), 1.05 * float(level.max())
@@ -134,8 +134,8 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
 
 @figure
 def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
-    """Peak and residual rotation of each record against intensity; None without standing runs."""
-    if results.own_levels is not None or not (results.verdict == Verdict.STANDING).any():
+    """Peak and residual rotation of each record against intensity; None if no run survived."""
+    if results.own_levels is not None or not (results.verdict == Verdict.SURVIVED).any():
         return None
     entries = [
         Entry("a record", look.GREY, "line"), Entry("median", look.BLUE, "line"),
@@ -164,7 +164,7 @@ def ida_lines(
     A line of each record has an empty name; those of `FRACTILES` follow with theirs. A line ends
     flat, at the capacity of its record. Between the levels that were run it is interpolated.
     """
-    levels, standing = results.levels, results.verdict == Verdict.STANDING
+    levels, standing = results.levels, results.verdict == Verdict.SURVIVED
     degrees, capacities = np.rad2deg(results[name]), results.capacities
     found = np.full(degrees.shape, np.nan)
     for row, (own, value, capacity) in enumerate(zip(standing, degrees, capacities)):
@@ -203,12 +203,12 @@ def ida_line(
 
 def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
     """Collapses by mode and by the joint that was lost."""
-    lost = results["collapse_joint"]
-    counted = Counter(np.sort(lost[results.verdict == Verdict.COLLAPSED]).tolist())
+    lost, collapsed = results["collapse_joint"], results.verdict == Verdict.COLLAPSED
+    counted = Counter(np.sort(lost[collapsed]).tolist())
     own = sorted(joint for joint, _ in counted.most_common(_MOST_JOINTS))
     joint = np.where(np.isin(lost, own), np.searchsorted(own, lost), len(own))
     return [
-        deaggregate(results.verdict, category, names, confidence=confidence)
+        contributions(collapsed, category, names, confidence=confidence)
         for category, names in (
             (results["collapse_mode"], [mode.label for mode in MODES]),
             (joint, [*(f"joint {each}" for each in own), "other joints"]),

@@ -7,11 +7,9 @@ import numpy as np
 from markupsafe import Markup
 
 from archfrag.arch.facts import facts_text
-from archfrag.fragility.counts import Verdict, clopper_pearson
-from archfrag.fragility.curve import Fragility
-from archfrag.fragility.limit_states import answers_of_states
-from archfrag.fragility.quoted import Answer
+from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import Contributions
+from archfrag.fragility.verdicts import Verdict, clopper_pearson
 from archfrag.motions.measures import LEVEL_UNITS
 from archfrag.report import arch_figure as arch_figures
 from archfrag.report import curve_figures, html, run_tables
@@ -24,7 +22,6 @@ from archfrag.simulation.response import MODEL_WORDS
 from archfrag.simulation.simulate import Onset
 from archfrag.simulation.standing import inset_loss, inset_text
 from archfrag.study.answer.curves import arch_classes
-from archfrag.study.answer.fits import lost_text
 
 Parts = Iterator[Any]  # of a section: markup and pictures; None is left out
 Rows = Iterator[tuple[str, object]]
@@ -125,23 +122,23 @@ def class_parts(inputs: ReportInputs, name: str, curve: Picture) -> Parts:
 
 
 def card(
-    answer: Answer, scale: Scale, percent: str, cautions: Sequence[str] = (),
+    answer: Curve, scale: Scale, percent: str, cautions: Sequence[str] = (),
     results: ArchResults | None = None, onset: Onset | None = None,
 ) -> Markup:  # fmt: skip
     """The answer in large digits, cautions, and numbers of runs other than 0."""
-    fit, lost = answer.curve, lost_text(answer, scale.text)
+    lost = answer.undecided(scale.text)
     parts, figures, counts = [html.cautions([*cautions, *filter(None, [lost])])], [], {}
     if results is not None:
         counts = {n.replace("_", " "): results.counts[n].sum() for n in COUNTS}
-    if isinstance(fit, str):
-        parts.append(paragraph(f"No fragility curve: {fit}.", "none"))
+    if not answer.fitted:
+        parts.append(paragraph(f"No fragility curve: {answer.reason}.", "none"))
     else:
-        low, high = map(scale.digits, answer.theta)
+        low, high = map(scale.digits, answer.theta_interval)
         figures = [
-            [f"median capacity θ ({scale.measure})", scale.text(fit.theta),
+            [f"median capacity θ ({scale.measure})", scale.text(answer.theta),
              f"{percent}: {low} to {high} {scale.unit}"],
-            ["dispersion β", f"{fit.beta:#.3g}",
-             f"{percent}: {html.interval(answer.beta, '#.3g')}"],
+            ["dispersion β", f"{answer.beta:#.3g}",
+             f"{percent}: {html.interval(answer.beta_interval, '#.3g')}"],
         ]  # fmt: skip
         counts["effective number"] = f"{answer.n_independent:.3g}"
         counts["non-monotone runs"] = answer.n_non_monotone
@@ -156,12 +153,12 @@ def card(
     return Markup('<div class="answer">{}</div>').format(Markup("\n").join(parts))
 
 
-def _levels(results: ArchResults, answer: Answer, percent: str) -> Markup:
-    counts, known, fit = results.counts, results.known, answer.curve
+def _levels(results: ArchResults, answer: Curve, percent: str) -> Markup:
+    counts, known = results.counts, results.known
     ends = zip(*clopper_pearson(known["collapsed"], known["n"], answer.confidence))
     chance = np.full(results.levels.size, np.nan)
-    if isinstance(fit, Fragility):
-        chance = fit.probability(results.levels / results.scale.factor)
+    if answer.fitted:
+        chance = answer.probability(results.levels / results.scale.factor)
     columns = {
         results.scale.label: map(digits, results.levels),
         **{name.replace("_", " "): counts[name] for name in COUNTS},
@@ -184,7 +181,7 @@ def _cloud(fit: Mapping[str, Any], scale: Scale) -> str:
     return f"Logistic regression of collapse against ln intensity: {found}."
 
 
-def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
+def _limit_states(inputs: ReportInputs, answer: Curve, name: str) -> Parts:
     states = answer.more["limit_states"]
     yield heading("Limit states")
     if "none" in states:
@@ -194,14 +191,15 @@ def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
     yield curve_figures.limit_states(inputs, answer, name)
     yield paragraph(states["message"])
     rows, scale = [], inputs.scale
-    for state, own in zip(states["states"], answers_of_states(answer).values()):
-        meaning, numbers = state["meaning"], ["–"] * 4
-        if isinstance(fit := own.curve, str):
-            meaning += f" (no curve: {fit})"
+    for own in answer.states:
+        meaning, numbers = own.meaning, ["–"] * 4
+        if not own.fitted:
+            meaning += f" (no curve: {own.reason})"
         else:
-            theta = html.interval([scale.factor * end for end in own.theta], "#.3g")
-            numbers = [scale.digits(fit.theta), theta, f"{fit.beta:.3f}", html.interval(own.beta)]
-        rows.append((state["name"].replace("_", " "), meaning, *numbers))
+            theta = html.interval([scale.factor * end for end in own.theta_interval], "#.3g")
+            beta = f"{own.beta:.3f}", html.interval(own.beta_interval)
+            numbers = [scale.digits(own.theta), theta, *beta]
+        rows.append((own.state.replace("_", " "), meaning, *numbers))
     heads = ["limit state", "meaning", f"θ [{scale.unit}]", inputs.percent, "β", inputs.percent]
     yield table(f"Limit states of {name}", heads, rows, "compact", 2)
 
@@ -276,7 +274,7 @@ def _computed(inputs: ReportInputs, results: ArchResults) -> Rows:
         yield "wall time for one simulated second", f"{1e3 * wall.sum() / total:#.3g} ms"
     counted = TEXTS["computed"].items()
     yield from ((words, f"{results[name].sum():,}") for name, words in counted)
-    failed = results.verdict == Verdict.SOLVER_FAILURE
+    failed = results.verdict == Verdict.FAILED
     sound = results.simulated & ~failed
     displaced = sound & (results["peak_displacement"] >= 1e-4)
     of = f"{displaced.sum()} runs displaced by 0.1 mm or more"

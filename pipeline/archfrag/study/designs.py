@@ -1,7 +1,5 @@
 """A design asks for the runs of an arch, and estimates the curve from their verdicts.
 
-Here are the two that ask for all runs at once; `ida` has a module of its own.
-
 It asks by a generator for each arch. The generator yields new requests, is sent the verdicts of
 some runs that it requested, in whatever order they come, and returns facts for the report. What it
 asks for follows from the verdicts alone: the same study asks for the same runs whatever the
@@ -11,31 +9,20 @@ workers, and a study that was stopped goes on by asking again.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+from functools import partial
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydantic import Field
-
-from archfrag.fragility.counts import Brackets, Verdict
-from archfrag.fragility.curve import FloatArray, Fragility, IntArray
-from archfrag.fragility.fit import fit_stripes
-from archfrag.fragility.posterior import fit_posterior
-from archfrag.fragility.quoted import capacity_posterior, quoted_band, quoted_runs
-from archfrag.study.keys import Section
-
-if TYPE_CHECKING:
-    from archfrag.fragility.posterior import Posterior
-    from archfrag.fragility.quoted import Answer
-
-
-from functools import partial
-
 import scipy
-from pydantic import BeforeValidator, TypeAdapter
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BeforeValidator, Field, TypeAdapter
 
-from archfrag.fragility.fit import fit_brackets
-from archfrag.study.keys import check_block
+from archfrag.fragility.curve import Curve, FloatArray, IntArray
+from archfrag.fragility.fit import fit_brackets, fit_stripes
+from archfrag.fragility.posterior import Posterior, fit_posterior
+from archfrag.fragility.quoted import capacity_posterior, quoted_band, quoted_runs
+from archfrag.fragility.verdicts import Brackets, Verdict
+from archfrag.study.keys import Section, check_block
 
 # A run: `place` is the number of the study's level, 0 where a run has a level of its own.
 CASE = np.dtype([("arch", "i4"), ("record", "i4"), ("place", "i4"), ("level", "f8")])
@@ -58,7 +45,7 @@ class Grid:
 
     def __post_init__(self) -> None:
         shape = self.records.size, self.levels.size
-        self.seen = np.full(shape, int(Verdict.NOT_SIMULATED), np.int8)
+        self.seen = np.full(shape, int(Verdict.NOT_RUN), np.int8)
 
     def run(
         self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None
@@ -105,20 +92,20 @@ class Design(Section, ABC):
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Return the number of runs of an arch, and whether it is exact, about or at most."""
 
-    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
-        """Return the curve and band; options and errors are those of `quoted_band`."""
+    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> Curve:
+        """Curve and band; options and errors are those of `quoted_band`."""
         return quoted_band(found, im, **options)
 
-    def posterior(self, found: Brackets) -> "tuple[Posterior, float]":
+    def posterior(self, found: Brackets) -> tuple[Posterior, float]:
         """Return the posterior of the curve, and the number of records or runs."""
         return capacity_posterior(found)
 
-    def likelihood(self, found: Brackets) -> Fragility:
-        """Return curve by maximum likelihood, from the fractions that collapsed at each level."""
-        decided = found.collapsed | found.survived
-        level, place = np.unique(found.levels[decided], return_inverse=True)
-        collapsed = np.bincount(place, found.collapsed[decided], level.size)
-        return fit_stripes(level, collapsed, np.bincount(place, minlength=level.size))
+    def likelihood(self, found: Brackets) -> Curve:
+        """Curve by maximum likelihood: binomial, by the fractions that collapsed at each level."""
+        levels, collapsed = found.single_runs()
+        level, place = np.unique(levels, return_inverse=True)
+        collapses = np.bincount(place, collapsed, level.size)
+        return fit_stripes(level, collapses, np.bincount(place, minlength=level.size))
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Return the messages on what `requests` returned, by arch."""
@@ -161,20 +148,14 @@ class Cloud(Design):
         """Return the number of runs of an arch, and whether it is exact, about or at most."""
         return n_record, "exactly"
 
-    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
-        """Return the curve and band from single runs, each with a motion of its own."""
-        return quoted_runs(*_single(found), im, confidence=options["confidence"])
+    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> Curve:
+        """Curve and band from single runs, each with a motion of its own."""
+        return quoted_runs(*found.single_runs(), im, confidence=options["confidence"])
 
-    def posterior(self, found: Brackets) -> "tuple[Posterior, float]":
-        """Return the posterior of the curve of single runs, and their number."""
-        level, collapsed = _single(found)
+    def posterior(self, found: Brackets) -> tuple[Posterior, float]:
+        """Posterior of the curve of single runs, and their number."""
+        level, collapsed = found.single_runs()
         return fit_posterior(level, collapsed, 1), float(level.size)
-
-
-def _single(found: Brackets) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the levels of the decided runs, (n_run,), and whether they collapsed."""
-    decided = found.collapsed | found.survived
-    return found.levels[decided], found.collapsed[decided]
 
 
 def ask(
@@ -266,7 +247,7 @@ class Ida(Design):
             expected[first:] = expected_borders(grid.levels, low[:first], high[:first])
             yield from search(grid, low, high, expected, range(first, n_record))
         # Some cells near the borders, any as likely as another: how often do they contradict?
-        place, unseen = np.arange(n_level), grid.seen == Verdict.NOT_SIMULATED
+        place, unseen = np.arange(n_level), grid.seen == Verdict.NOT_RUN
         near = (place >= low[:, None] - NEAR) & (place <= high[:, None] + NEAR)
         free, places = np.nonzero(near & unseen)
         count = n_record if self.checks is None else self.checks
@@ -274,10 +255,10 @@ class Ida(Design):
         chosen = np.sort(generator.permutation(free.size)[:count])
         row, place = free[chosen], places[chosen]
         verdicts = yield from grid.run(row, place)
-        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
+        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.SURVIVED
         against = int(np.where(place <= low[row], collapsed, survived).sum())
         checked = int((collapsed | survived).sum())
-        runs = int((grid.seen != Verdict.NOT_SIMULATED).sum())
+        runs = int((grid.seen != Verdict.NOT_RUN).sum())
         return {
             "runs": runs, "records": n_record, "checked": checked, "contradictions": against
         }  # fmt: skip
@@ -290,9 +271,9 @@ class Ida(Design):
         checks = n_record if self.checks is None else self.checks
         return min(search_runs + checks, n_record * n_level), "about"
 
-    def likelihood(self, found: Brackets) -> Fragility:
-        """Return the curve by maximum likelihood, from the brackets of the records' capacities."""
-        known = found.known()
+    def likelihood(self, found: Brackets) -> Curve:
+        """Curve by maximum likelihood, from the brackets of the records' capacities."""
+        known = found.of_records()
         return fit_brackets(known.lower, known.upper)
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -328,14 +309,14 @@ def search(
         collapse = mass[:, :-1] / mass[:, -1:]
         cost = collapse + COST_OF_SURVIVAL * (1.0 - collapse)
         gain = (scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)) / cost
-        free = (place > below) & (place < above) & (grid.seen[left] == Verdict.NOT_SIMULATED)
+        free = (place > below) & (place < above) & (grid.seen[left] == Verdict.NOT_RUN)
         best, some = np.where(free, gain, -1.0).argmax(axis=1), free.any(axis=1)
         waiting += int(some.sum())
         if not waiting:
             return
         left, places, verdicts = yield from grid.some(grid.cases(left[some], best[some]))
         waiting -= left.size
-        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
+        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.SURVIVED
         high[left[collapsed]] = places[collapsed]
         low[left[survived]] = places[survived]
 

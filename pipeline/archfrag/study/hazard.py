@@ -43,7 +43,7 @@ class Hazard:
     # Intensity in the SI unit of the measure. The first is the one that risk is quoted of, the
     # mean where the file has it; others are quantiles or branches of the epistemic uncertainty.
     curves: dict[str, HazardCurve]
-    messages: tuple[str, ...] = ()  # messages on what was assumed
+    messages: tuple[str, ...] = ()  # on what was assumed
 
     @property
     def main(self) -> HazardCurve:
@@ -92,7 +92,7 @@ def load_hazard(
 
 
 def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
-    """Hazard curve of intensities in a unit and annual rates of exceedance, (n_point, 2)."""
+    """Return the hazard curve of intensities in a unit and annual rates, (n_point, 2)."""
     try:
         points = np.asarray(table, dtype=float)
     except (TypeError, ValueError):
@@ -106,7 +106,7 @@ def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
 
 
 def _measure(stated: str) -> Measure | None:
-    """The measure that a file states, in any case; None if it is not one of ours."""
+    """Return the measure that a file states in whatever case; None if it is not one of ours."""
     known = _COLUMNS["measure"]
     with contextlib.suppress(InputError):
         return parse_measure(re.sub(r"\w+", lambda w: known.get(w[0].casefold(), w[0]), stated))
@@ -116,7 +116,7 @@ def _measure(stated: str) -> Measure | None:
 def _factor(
     stated: str | None, own: str | None, measure: str, unit: str | None, by_site: bool
 ) -> float:
-    """A file's unit in the SI unit of the measure; InputError if one of the two is another."""
+    """Return a file's unit in SI units; InputError if its measure or unit is another one."""
     requested, allowed = parse_measure(measure), LEVEL_UNITS.get(measure_unit(measure), {})
     # OpenQuake states no component.
     accepted = (requested, requested._replace(rotated="")) if by_site else (requested,)
@@ -136,6 +136,7 @@ def _factor(
 
 
 def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
+    """Return the row of the site that is nearest to a longitude and latitude [degrees]."""
     names = [f"{lon:g},{lat:g}" for lon, lat in sites]
     if requested is None:
         if len(names) == 1:
@@ -153,7 +154,7 @@ def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
 
 
 def _openquake(text: str, table: pd.DataFrame, site: Sequence[float] | None) -> _Stated:
-    """OpenQuake's CSV: probabilities of one measure, with a site in each row."""
+    """Read OpenQuake's CSV: probabilities of one measure, with a site in each row."""
     about = dict(re.findall(r"\b(\w+)=[\"']*([^\s,\"']+)", text.lstrip().split("\n", 1)[0]))
     if not {"imt", "investigation_time"} <= about.keys():
         keys = "imt and investigation_time"
@@ -168,7 +169,7 @@ def _openquake(text: str, table: pd.DataFrame, site: Sequence[float] | None) -> 
 
 
 def _with_unit(head: str) -> tuple[str, str | None]:
-    """Name and unit, in lower case, of a header; a measure's own brackets hold no unit."""
+    """Split a header into name and unit, in lower case; brackets of a measure hold no unit."""
     found = re.fullmatch(r"(.+?)\s*[\[(]([^\[\]()]*)[\])]", head)
     if found is None or _measure(head) is not None:
         return head, None
@@ -176,7 +177,7 @@ def _with_unit(head: str) -> tuple[str, str | None]:
 
 
 def _plain(table: pd.DataFrame) -> _Stated:
-    """A column of intensities, and one or several of rates, probabilities or return periods."""
+    """Read a column of intensities, and some of rates, probabilities or return periods."""
     first, *others = table.columns
     if not others:
         raise InputError(f"has {first[:60]!r} as its first of {len(others) + 1} columns; {_RULE}")
@@ -199,7 +200,7 @@ def _plain(table: pd.DataFrame) -> _Stated:
 
 
 def _kind(head: str) -> tuple[str, str]:
-    """What a column of a hazard holds, and the rest of its name, which begins with poe's years."""
+    """Return what a column holds, and the rest of its name, which for poe begins with years."""
     text, unit = _with_unit(head)
     for kind in ("rate", "poe", "return period"):
         known, rest = _COLUMNS[kind], r"_([\d.eE+-]+(?:_.+)?)" if kind == "poe" else "(?:_(.+))?"

@@ -18,7 +18,8 @@ import pandas as pd
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import provenance
-from archfrag.study.answer.cube import attributes, write_cube
+from archfrag.study.answer.attributes import attributes
+from archfrag.study.answer.cube import write_cube
 from archfrag.study.answer.fits import fit_cube, fit_lines, load_fits
 from archfrag.study.done import stamp_of_all
 from archfrag.study.file.members import SHOWN
@@ -30,7 +31,7 @@ from archfrag.study.runs.store import Plan, gather, make_plan
 from archfrag.study.validate import check_start
 
 if TYPE_CHECKING:
-    from archfrag.study.answer.fits import Fitted
+    from archfrag.study.answer.curves import Fitted
 
 README = "README.txt"
 REPORT_FILES = ("report.html", "summary.json", "capacities.csv", "runs.csv", README)

@@ -1,29 +1,29 @@
 """The cube: all parts of a study in one CF-1.11 netCDF file."""
 
-import platform
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 from numpy.typing import NDArray
 
-from archfrag.files import counted, make_folder, replacing
-from archfrag.fragility.counts import Verdict
+from archfrag.errors import InputError
+from archfrag.files import make_folder, replacing
+from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import measure_unit, scaling_exponent
 from archfrag.physics.status import CollapseMode, Level, Status
+from archfrag.simulation.rest import static_limit
+from archfrag.simulation.simulate import onset
 from archfrag.study import provenance
-from archfrag.study.designs.design import Cases
-from archfrag.study.file.arches import UNITS, ArchEntry
+from archfrag.study.answer.attributes import attributes
+from archfrag.study.designs import Cases
+from archfrag.study.file.arches import UNITS
 from archfrag.study.file.members import Members
-from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import strict_json
 from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, make_plan
-from archfrag.version import __version__
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 COMPRESSION = 4
 CHUNK = 2**17  # cells of a variable that the file stores together: whole arches, up to 1 MB
@@ -41,7 +41,7 @@ def write_cube(study: Study, plan: Plan | None = None) -> Path:
     """
     provenance.refuse_foreign_cube(study)
     plan = plan or make_plan(study)
-    cube = in_unit(build_cube(study, plan, *gather(plan)), study)
+    cube = build_cube(study, plan, *gather(plan))
     path = make_folder(study.folder) / provenance.CUBE
     with replacing(path) as temporary:
         try:
@@ -54,10 +54,12 @@ def write_cube(study: Study, plan: Plan | None = None) -> Path:
 
 def build_cube(
     study: Study, plan: Plan, cases: Cases, table: Table, facts: dict[int, dict[str, Any]]
-) -> "xr.Dataset":
-    """The cube of a study's runs, as `gather` returns them; about 600 bytes of memory a run."""
-    import xarray as xr
+) -> xr.Dataset:
+    """Return the cube of a study's runs, as `gather` returns them, in the form that is stored.
 
+    It is along intensity in the study's unit, beside ``intensity_si``; along level if each run
+    has an intensity of its own. It takes about 600 bytes of memory a run.
+    """
     regular, measure = study.design.on_levels, study.intensity.measure
     names, records = list(plan.records[0].measures), plan.records
     shape = (len(plan.arches), len(records), len(plan.levels) if regular else 1)
@@ -89,105 +91,52 @@ def build_cube(
             values[each.name] = [np.nan if value is None else value for value in found]
     for each in (*COLUMNS, VARIABLES["model_time"]):
         values[each.name] = filled(table[each.name], float(each.missing))
-    lost = np.isfinite(values["lost_contact_time"]) & (values["verdict"] == Verdict.STANDING)
+    lost = np.isfinite(values["lost_contact_time"]) & (values["verdict"] == Verdict.SURVIVED)
     values["lost_contact_and_stand"] = lost.sum(axis=1)
     variables = _arch_variables(plan.arches)
     variables |= {name: _variable(about[name], each) for name, each in values.items()}
     variables["intensity"].attrs["measure"] = measure
+    variables["intensity_si"], unit = variables["intensity"], study.intensity.unit
+    own = study.intensity.given if regular else values["intensity"] / study.intensity.factor
+    attrs = variables["intensity"].attrs | {"units": _UDUNITS[unit], "unit": unit}
+    unfilled = {"_FillValue": None}  # CF's rule for a variable of a dimension
+    variables["intensity"] = xr.Variable(variables["intensity"].dims, [*own], attrs, unfilled)
     of_arches = {plan.arches[arch].id: own for arch, own in sorted(facts.items())}
     design = study.design.model_dump(mode="json") | {"arches": of_arches}
     stated = attributes(study, plan) | {"archfrag_design": strict_json(design)}
-    return xr.Dataset(variables, attrs=stated)
+    cube = xr.Dataset(variables, attrs=stated)
+    return cube.swap_dims(level="intensity") if regular else cube
 
 
-def in_unit(cube: "xr.Dataset", study: Study) -> "xr.Dataset":
-    """A cube as it is stored: along intensity in the study's unit, beside ``intensity_si``.
+def open_cube(study: Study) -> xr.Dataset:
+    """Read the cube of a study into memory, as this package works with it.
 
-    Each run of a design without levels has an intensity of its own, and the dimension is level.
+    Its runs are along level, intensities in SI units, and verdicts codes without a missing value.
+    InputError if there is none, OutputError if it is another study's.
     """
-    known, unit = cube["intensity"], study.intensity.unit
-    own = study.intensity.given if known.ndim == 1 else known.values / study.intensity.factor
-    attrs = known.attrs | {"units": _UDUNITS[unit], "unit": unit}
-    unfilled = {"_FillValue": None}  # CF's rule for a variable of a dimension
-    intensity = known.dims, [*own], attrs, unfilled
-    stored = cube.rename(intensity="intensity_si").assign(intensity=intensity)
-    return stored.swap_dims(level="intensity") if known.ndim == 1 else stored
-
-
-def in_si(cube: "xr.Dataset") -> "xr.Dataset":
-    """A stored cube as this package works with it: along level, with intensity in SI units."""
-    along = cube.swap_dims(intensity="level") if "intensity" in cube.dims else cube
+    stored = stored_cube(study)
+    along = stored.swap_dims(intensity="level") if "intensity" in stored.dims else stored
     verdict = along["verdict"]
-    codes = verdict.fillna(Verdict.NOT_SIMULATED).astype(VARIABLES["verdict"].dtype)
+    codes = verdict.fillna(Verdict.NOT_RUN).astype(VARIABLES["verdict"].dtype)
     codes.encoding = verdict.encoding
     codes = codes.assign_attrs(verdict.attrs)
     return along.assign(verdict=codes).drop_vars("intensity").rename(intensity_si="intensity")
 
 
-def attributes(study: Study, plan: Plan) -> dict[str, str]:
-    """Global attributes of the cube: the same on every run of the same study with this code."""
-    inputs, about = read_manifest(study)["inputs"], study.intensity
-    facts = {
-        "config": {
-            "id": study.id, "title": study.title,
-            "arches": [_portable_arch(entry) for entry in study.arches],
-            "intensity": {**about.model_dump(), "levels": list(about.given)},
-            "method": study.method.model_dump(), "design": study.design.model_dump(),
-        },
-        "inputs_sha256": _by_name(inputs["record"]), "index_sha256": _by_name(inputs["index"]),
-        "inventories_sha256": _by_name(inputs["inventory"]),
-        "processing": [{"step": name, "settings": given} for name, given in study.motions.steps],
-        "versions": provenance.versions(),
-    }  # fmt: skip
-    count, of = sum(record.vertical for record in plan.records), len(plan.records)
-    some = f"used for {count} of {of} records"
-    counts = f"{counted(len(plan.arches), 'arch')} under {counted(of, 'record')}"
-    return {
-        "Conventions": "CF-1.11", "title": study.title, "institution": study.institution,
-        "source": f"rigid-block simulations with archfrag {__version__}, method "
-        f"{study.method.name}",
-        "vertical_component": some if 0 < count < of else "used" if count else "not used",
-        "history": "Records read, processed and scaled to levels of the intensity measure; "
-        f"simulations as the design {study.design.kind} asks for them; results gathered by "
-        "archfrag.",
-        "references": "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; the "
-        "README of archfrag",
-        "comment": f"{counts} scaled by {about.measure}. Wall times and machine are in a log "
-        "beside this file.",
-        "loss_limit": f"{study.method.loss_limit:g}", "archfrag_study": study.id,
-        **{f"archfrag_{name}": strict_json(fact) for name, fact in facts.items()},
-        "archfrag_commit": provenance.commit(), "archfrag_machine": platform.machine(),
-        "archfrag_plan": provenance.digest_of(plan.digests),
-    }  # fmt: skip
+def stored_cube(study: Study) -> xr.Dataset:
+    """Read the cube of a study into memory, as it is stored; errors as for `open_cube`."""
+    path = study.folder / provenance.CUBE
+    provenance.refuse_foreign_cube(study)
+    try:
+        with provenance.NETCDF, xr.open_dataset(path) as cube:
+            return cube.load()
+    except (OSError, ValueError) as error:
+        how = "`archfrag cube` on the study file makes it"
+        raise InputError(f"{path}: is missing or damaged; {how}") from error
 
 
-def _portable_arch(entry: ArchEntry) -> dict[str, Any]:
-    """An entry as a study gives it, defaults filled in, without folders."""
-    if entry.table is not None:
-        return {**entry.parameters, "table": Path(entry.table).name}
-    facts = {"id": entry.id, **entry.build().parameters}
-    if entry.drawing is not None:
-        sha256 = provenance.sha256_if_there(entry.drawing)
-        facts |= {"drawing": Path(entry.drawing).name, "sha256": sha256}
-    if entry.vary is not None:
-        facts["vary"] = entry.vary.model_dump(exclude_none=True)
-    return facts
-
-
-def _by_name(digests: dict[str, str]) -> dict[str, str]:
-    """Digests by the shortest ends of their paths that distinguish all: no place, only names."""
-    paths = [Path(path).parts for path in digests]
-    for size in range(1, max(map(len, paths), default=1) + 1):
-        ends = ["/".join(parts[-size:]) for parts in paths]
-        if len(set(ends)) == len(ends):
-            break
-    return dict(zip(ends, digests.values()))
-
-
-def _variable(about: Any, values: Any) -> "xr.Variable":
-    """Values with CF's attributes, as a row of `VARIABLES` describes them."""
-    import xarray as xr
-
+def _variable(about: Any, values: Any) -> xr.Variable:
+    """Return values with CF's attributes, as a row of `VARIABLES` describes them."""
     dimensions = about.dimensions.replace("run", "arch record level").split()
     stated = {"long_name": about.long_name, "units": about.units, "comment": about.comment}
     attrs: dict[str, Any] = {name: text for name, text in stated.items() if text}
@@ -204,7 +153,7 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
     if about.flags:
         meanings = dict(enumerate(about.flags.split()))
         if about.flags in _CODES:
-            meanings = {int(about.missing): "not_simulated"}
+            meanings = {int(about.missing): "not_run"}
             meanings |= {int(code): code.name.lower() for code in _CODES[about.flags]}
         meanings = {code: text for code, text in meanings.items() if code != fill}
         attrs["flag_values"] = np.array(sorted(meanings), dtype=about.dtype)
@@ -220,12 +169,8 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
     return xr.Variable(dimensions, array, attrs, encoding)
 
 
-def _arch_variables(arches: Members) -> dict[str, "xr.Variable"]:
-    import pandas as pd
-
-    from archfrag.simulation.rest import static_limit
-    from archfrag.simulation.simulate import onset
-
+def _arch_variables(arches: Members) -> dict[str, xr.Variable]:
+    """Return the variables of arches: names, onsets, and the values and texts of their entries."""
     built = [member.entry.build() for member in arches]
     starts = [onset(arch) for arch in built]
     values = {

@@ -1,4 +1,4 @@
-"""Answers from the runs of a cube: curves, other shapes, measures, limit states, dispersion."""
+"""Curves from the runs of a cube, other shapes, measures, limit states and parts of dispersion."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -13,18 +13,12 @@ from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError
-from archfrag.fragility.counts import NOTHING, Brackets, Verdict, find_brackets
-from archfrag.fragility.curve import FloatArray, Fragility, mixture, split_capacities, split_curves
+from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_cloud
-from archfrag.fragility.limit_states import state_to_dict, told_order
-from archfrag.fragility.quoted import (
-    Answer,
-    check_lognormal,
-    curve_to_dict,
-    isotonic_curve,
-    shared_events,
-)
+from archfrag.fragility.quoted import check_lognormal, isotonic_curve, shared_events
+from archfrag.fragility.several import crossing_words, mixture, split_capacities, split_curves
+from archfrag.fragility.verdicts import DECIDED, NOTHING, Brackets, Verdict, find_brackets
 from archfrag.study.designs import Design, design_of
 
 POINTS = 120  # of a band
@@ -57,25 +51,41 @@ class Runs:
     @property
     def decided(self) -> NDArray[np.bool_]:
         """Runs that collapsed or survived."""
-        return (self.verdict == Verdict.COLLAPSED) | (self.verdict == Verdict.STANDING)
+        return np.isin(self.verdict, DECIDED)
 
     @cached_property
     def brackets(self) -> Brackets:
         """Between which levels the capacity of each record lies [SI]."""
         return find_brackets(self.verdict, self.level)
 
+    @property
+    def filled(self) -> NDArray[np.int64]:
+        """Verdicts; of an adaptive design with those that the capacities imply."""
+        return self.brackets.filled if self.design.adaptive else self.verdict
+
+    def onset(self, curve: Curve) -> FloatArray:
+        """Return the least levels at which the arches can move [SI], 0 if they are not known.
+
+        There is one for each part of the curve. They are known in PGA, if the mechanism at onset
+        does not slide: else its onset is an upper bound.
+        """
+        known = np.isfinite(self.cube["static_limit"].values)
+        known &= str(self.cube["intensity"].attrs["measure"]) == "PGA"
+        least = np.where(known, _onset_peaks(self.cube), 0.0)
+        return least if curve.members is not None else np.asarray(least.min())
+
 
 def runs_of_cube(
     cube: xr.Dataset, names: Iterable[str] | None = None, worded: Worded = str
-) -> list[Runs]:
-    """Runs of arches or classes of a cube; of each of its arches if no names are given."""
+) -> dict[str, Runs]:
+    """Return the runs of arches or classes of a cube by name; of all arches if none is given."""
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
     record, event = cube["record"].values.astype(str), shared_events(cube["event"].values)
     of_class, places = arch_classes(cube), dict[str, list[int]]()
     for place, both in enumerate(of_class.items()):
         for name in set(both):
             places.setdefault(name, []).append(place)
-    found, ordered = [], cube.transpose("arch", "record", "level", ...)
+    runs, ordered = dict[str, Runs](), cube.transpose("arch", "record", "level", ...)
     verdict, levels = ordered["verdict"].values.astype(np.int64), ordered["intensity"].values
     n_level = verdict.shape[-1]
     for name in of_class if names is None else names:
@@ -83,51 +93,80 @@ def runs_of_cube(
         level = levels[own].reshape(-1, n_level) if levels.ndim == 3 else levels
         group, unit = (event, "event") if len(own) == 1 else (np.tile(record, len(own)), "record")
         rows = verdict[own].reshape(-1, n_level)
-        found.append(Runs(name, design, rows, level, group, unit, worded, ordered, own))
-    return found
+        runs[name] = Runs(name, design, rows, level, group, unit, worded, ordered, own)
+    return runs
 
 
-def capacities(cube: xr.Dataset, factor: float) -> pd.DataFrame:
-    """Tabulate capacities as `archfrag.Results.capacities` does, all times `factor`."""
-    records = cube["record"].values.astype(str)
-    tables = [
-        pd.DataFrame({
-            "arch": runs.name, "record": records, "lower": factor * known.lower,
-            "upper": factor * known.upper, "capacity": factor * known.middle,
-        })
-        for runs in runs_of_cube(cube) for known in [runs.brackets]
-    ]  # fmt: skip
-    return pd.concat(tables, ignore_index=True)
+def arch_classes(cube: xr.Dataset) -> dict[str, str]:
+    """Return the class of each arch of a cube; its own name if the cube holds none."""
+    classes = cube["arch_class" if "arch_class" in cube else "arch"]
+    return dict(zip(cube["arch"].values.astype(str).tolist(), classes.values.astype(str).tolist()))
 
 
-def answer(runs: Runs, confidence: float) -> Answer:
-    """Curve of some runs with the band and the intervals that are quoted."""
+@dataclass(frozen=True)
+class Fitted:
+    """Curves of the arches of a study and of its classes of several arches, and the cube."""
+
+    arches: dict[str, Curve]  # theta in SI units, as of classes
+    classes: dict[str, Curve]
+    cube: xr.Dataset
+
+    @cached_property
+    def runs(self) -> dict[str, Runs]:
+        """Runs of all arches and classes, which keep their brackets once they are found."""
+        return runs_of_cube(self.cube, [*self.arches, *self.classes])
+
+    @cached_property
+    def curves(self) -> dict[str, Curve]:
+        """Curves of classes, then of all arches."""
+        return {**self.classes, **self.arches}
+
+    def quoted(self, members: bool = False) -> dict[str, Curve]:
+        """Return the curves of classes and of arches of no class; with `members` of all arches."""
+        of_class = arch_classes(self.cube)
+        alone = [name for name in self.arches if members or of_class.get(name) not in self.classes]
+        return {**self.classes, **{name: self.arches[name] for name in alone}}
+
+    def capacities(self, factor: float) -> pd.DataFrame:
+        """Tabulate capacities as `archfrag.Results.capacities` does, all times `factor`."""
+        records, tables = self.cube["record"].values.astype(str), []
+        for name in self.arches:
+            found = self.runs[name].brackets
+            values = {"lower": found.lower, "upper": found.upper, "capacity": found.middle}
+            scaled = {key: factor * each for key, each in values.items()}
+            tables.append(pd.DataFrame({"arch": name, "record": records, **scaled}))
+        return pd.concat(tables, ignore_index=True)
+
+
+def curve_of(runs: Runs, confidence: float) -> Curve:
+    """Return the curve of some runs with the band and the intervals that are quoted."""
     if not runs.decided.any():
-        return Answer(NOTHING, NOTHING, confidence=confidence)
+        return Curve(reason=NOTHING, likelihood=Curve(reason=NOTHING), confidence=confidence)
     try:
-        likelihood: Fragility | str = runs.design.likelihood(runs.brackets)
+        likelihood = runs.design.likelihood(runs.brackets)
     except FitError as error:
-        likelihood = runs.worded(error)
+        likelihood = Curve(reason=runs.worded(error))
     im = np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
     options = {"confidence": confidence, "groups": runs.group, "unit": runs.unit}
     try:
         if len(runs.verdict) < 2:
             raise FitError("there is only one record, from which no curve follows")
-        found = runs.design.estimate(runs.brackets, im, **options)
+        curve = runs.design.estimate(runs.brackets, im, **options)
     except FitError as error:
-        return Answer(runs.worded(error), likelihood, confidence=confidence)
-    return replace(found, likelihood=likelihood)
+        curve = Curve(reason=runs.worded(error), confidence=confidence)
+    return replace(curve, likelihood=likelihood)
 
 
-def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
-    """Answer of a class, from that of all its runs together and those of its arches.
+def class_curve(pooled: Curve, members: Sequence[Curve]) -> Curve:
+    """Return the curve of a class, from that of all its runs together and those of its arches.
 
-    Its curve is the mean of those of its arches; if one of these has none, the lognormal curve of
-    all runs. Band and intervals are of the latter. The class has no other curve, and one beta.
+    It is the mean of those of its arches; if one of these has none, the lognormal curve of all
+    runs. Band and intervals are of the latter. The class has no curve by maximum likelihood.
     """
-    if isinstance(curve := pooled.curve, str):
-        return replace(pooled, likelihood="")
-    fits = [each.curve for each in members if isinstance(each.curve, Fragility)]
+    pooled = replace(pooled, likelihood=None)
+    if not pooled.fitted:
+        return pooled
+    fits = [each for each in members if each.fitted]
     count, lacking = len(members), len(members) - len(fits)
     made = (
         f"The curve is the mean of the curves of its {count} arches; theta and beta are those of "
@@ -139,47 +178,30 @@ def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
             "all runs of the class."
         )
     text = f"{made} Band and intervals: {pooled.assumptions}"
-    whole = curve if lacking else mixture(curve, fits)
-    return replace(pooled, curve=whole, likelihood="", assumptions=text)
+    return replace(pooled if lacking else mixture(pooled, fits), assumptions=text)
 
 
 def without_verdict(runs: Runs, confidence: float) -> dict[str, Any]:
-    """Number of runs that no method decided, and the curves if all collapse and if all stand."""
-    lost = np.isin(runs.verdict, (Verdict.UNFINISHED, Verdict.SOLVER_FAILURE))
+    """Return the number of undecided runs, and the curves if all collapse and if all survive."""
+    lost = np.isin(runs.verdict, (Verdict.UNFINISHED, Verdict.FAILED))
     if not lost.any():
         return {}
-    found: dict[str, Any] = {"runs": int(lost.sum())}
-    for name, verdict in (("collapsed", Verdict.COLLAPSED), ("standing", Verdict.STANDING)):
-        filled = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
-        found[name] = curve_to_dict(answer(filled, confidence).curve)
-    return found
-
-
-def arch_classes(cube: xr.Dataset) -> dict[str, str]:
-    """Class of each arch of a cube; its own name where the cube holds none."""
-    classes = cube["arch_class" if "arch_class" in cube else "arch"]
-    return dict(zip(cube["arch"].values.astype(str).tolist(), classes.values.astype(str).tolist()))
-
-
-def quoted(
-    cube: xr.Dataset, answers: Mapping[str, Answer], classes: Mapping[str, Answer],
-    members: bool = False,
-) -> dict[str, Answer]:  # fmt: skip
-    """Answers of classes and of arches that are of none; with `members` of all arches."""
-    of_class = arch_classes(cube)
-    alone = {k: a for k, a in answers.items() if members or of_class.get(k) not in classes}
-    return {**classes, **alone}
+    parts: dict[str, Any] = {"runs": int(lost.sum())}
+    for verdict in (Verdict.COLLAPSED, Verdict.SURVIVED):
+        decided = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
+        parts[verdict.name.lower()] = curve_of(decided, confidence).fit_dict()
+    return parts
 
 
 def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
-    """Curves without a shape given beforehand, and whether the lognormal one fits the runs."""
-    found: dict[str, Any] = {}
+    """Return the isotonic curve, and whether the lognormal one describes the runs."""
+    parts: dict[str, Any] = {}
     try:
         curve = isotonic_curve(runs.brackets, runs.group, confidence=confidence, **_DRAWN)
-        found["isotonic"] = {name: values.tolist() for name, values in curve.items()}
+        parts["isotonic"] = {name: values.tolist() for name, values in curve.items()}
         p_value, _ = check_lognormal(runs.brackets, **_DRAWN)
     except FitError as error:
-        return found | {"none": runs.worded(error)}
+        return parts | {"none": runs.worded(error)}
     message = (
         f"Nothing here contradicts a lognormal curve (p = {p_value:.2g}); with a small number of "
         "records only a large misfit would show."
@@ -189,19 +211,17 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
             f"The lognormal curve does not describe these collapses (p = {p_value:.3g}): quote "
             "the isotonic curve too."
         )
-    return found | {"test_of_fit": {"p_value": p_value, "message": message}}
+    return parts | {"test_of_fit": {"p_value": p_value, "message": message}}
 
 
 def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
-    """Curve of a cloud by logistic regression."""
-    decided = runs.decided  # each record has one run
-    event = None if runs.group is None else runs.group[decided.any(axis=1)]
-    collapsed = runs.verdict[decided] == Verdict.COLLAPSED
-    return fit_cloud(runs.level[decided], collapsed, event, confidence=confidence, **_DRAWN)
+    """Return the curve of a cloud by logistic regression."""
+    event = None if runs.group is None else runs.group[runs.brackets.run]  # one run a record
+    return fit_cloud(*runs.brackets.single_runs(), event, confidence=confidence, **_DRAWN)
 
 
 def measures_compared(runs: Runs) -> dict[str, Any]:
-    """The study's measure compared with others in which its motions are known."""
+    """Compare the study's measure with others in which its motions are known."""
     cube = runs.cube
     names = cube["measure"].values.astype(str).tolist()
     value = cube["record_measure"].transpose("measure", "record").values
@@ -216,8 +236,8 @@ def measures_compared(runs: Runs) -> dict[str, Any]:
     return {**table, "rows": [{**row, "unit": units[row["measure"]]} for row in table["rows"]]}
 
 
-def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Answer) -> dict[str, Any]:
-    """Answers of damage short of collapse, from light to severe, and of `collapse`.
+def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict[str, Any]:
+    """Return curves of damage short of collapse, from light to severe, and that of `collapse`.
 
     A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study.
     """
@@ -237,40 +257,55 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Answer) -> dic
     }  # fmt: skip
     if not np.isfinite(limits).all():
         del exceeded["rotation"]
-    onset, found = _onset(cube), []
+    onset, states, known = _onset_in_measure(cube), list[Curve](), dict[bytes, Curve]()
     for name, (meaning, condition) in exceeded.items():
-        holds = runs.decided & condition.values.reshape(runs.verdict.shape)
-        why = "no run exceeds it short of collapse, so it has no curve of its own"
-        if runs.design.adaptive:
-            # Measured: theta 9 to 34 % too low at 0.6 to 0.8 of that of collapse.
-            why = f"{runs.design.kind} chose the levels of the runs by collapse, which biases it"
-        own = Answer(why, why, confidence=collapse.confidence)
-        if not runs.design.adaptive and (holds & ~collapsed).any():
-            codes = np.where(holds | collapsed, Verdict.COLLAPSED, Verdict.STANDING)
-            codes = np.where(runs.decided, codes, runs.verdict)
-            own = answer(replace(runs, verdict=codes), collapse.confidence)
-            if isinstance(own.curve, str):
-                own = replace(own, curve=f"to collapse means to exceed it, and {own.curve}")
-            elif onset > 0.0 and (below := float(own.curve.probability(onset))) > MOST_BELOW:
-                own = replace(own, curve=(
-                    f"it would give a probability of {below:.2f} at the onset of motion, below "
-                    "which nothing moves; levels near the onset may show it"
-                ))  # fmt: skip
-        found.append((name, meaning, own))
+        exceeds = collapsed | runs.decided & condition.values.reshape(runs.verdict.shape)
+        key = exceeds.tobytes()  # states often coincide
+        if key not in known:
+            known[key] = _state_curve(runs, exceeds, collapse.confidence)
+        curve = known[key]
+        if curve.fitted and onset > 0.0 and (below := curve.at(onset)[0]) > MOST_BELOW:
+            curve = Curve(reason=(
+                f"it would give a probability of {below:.2f} at the onset of motion, below "
+                "which nothing moves; levels near the onset may show it"
+            ))  # fmt: skip
+        states.append(replace(curve, state=name, meaning=meaning))
     # The lightest first; what has no curve before them.
-    found.sort(key=lambda each: getattr(each[2].curve, "theta", 0.0))
-    curves = [(name, own.curve) for name, _, own in found] + [("collapse", collapse.curve)]
-    known = [(name, fit) for name, fit in curves if isinstance(fit, Fragility)]
-    last = Answer(collapse.curve, collapse.likelihood, collapse.theta, collapse.beta)
-    found.append(("collapse", "a loss of contact that cannot be regained", last))
-    states = [{"name": name, "meaning": words, **state_to_dict(own)} for name, words, own in found]
-    return {"message": told_order(known), "states": states}
+    states.sort(key=lambda each: each.theta if each.fitted else 0.0)
+    states.append(replace(  # its band is that of `collapse`
+        collapse, meaning="a loss of contact that cannot be regained", im=[], lower=[], upper=[],
+        method="", assumptions="", n_independent=0.0, n_non_monotone=0,
+    ))  # fmt: skip
+    plain = []
+    for each in states:
+        own = each.to_dict() if each.fitted else {"curve": each.fit_dict()}
+        own.pop("more", None)
+        plain.append({"name": each.state, "meaning": each.meaning, **own})
+    message = crossing_words([each for each in states if each.fitted])
+    return {"message": message, "states": plain}
 
 
-def onsets(cube: xr.Dataset) -> FloatArray:
-    """Least PGA at which each arch can move, (n_arch,), 0 where that is not known [m/s2].
+def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], confidence: float) -> Curve:
+    """Return the curve of runs that exceed a limit state, or the reason why there is none."""
+    if runs.design.adaptive:
+        # Measured: theta 9 to 34 % too low at 0.6 to 0.8 of that of collapse.
+        kind = runs.design.kind
+        return Curve(reason=f"{kind} chose the levels of the runs by collapse, which biases it")
+    if not (exceeds & (runs.verdict != Verdict.COLLAPSED)).any():
+        return Curve(reason="no run exceeds it short of collapse, so it has no curve of its own")
+    codes = np.where(exceeds, Verdict.COLLAPSED, Verdict.SURVIVED)
+    curve = curve_of(
+        replace(runs, verdict=np.where(runs.decided, codes, runs.verdict)), confidence
+    )
+    if curve.fitted:
+        return curve
+    return Curve(reason=f"to collapse means to exceed it, and {curve.reason}")
 
-    It is known where all points of the ground have one horizontal motion and no vertical one.
+
+def _onset_peaks(cube: xr.Dataset) -> FloatArray:
+    """Return the least PGA at which each arch can move, (n_arch,) [m/s2]; 0 if it is not known.
+
+    It is known if all points of the ground have one horizontal motion and no vertical one.
     """
     least = np.minimum(cube["onset_plus"].values, cube["onset_minus"].values)
     least = STANDARD_GRAVITY * np.where(np.isfinite(least), least, 0.0)
@@ -279,36 +314,26 @@ def onsets(cube: xr.Dataset) -> FloatArray:
     return 0.0 * least if unknown else least
 
 
-def onsets_in_measure(cube: xr.Dataset) -> FloatArray:
-    """Least levels at which arches can move, (n_arch,), 0 where that is not known [SI].
-
-    It is known in PGA, if the mechanism at onset does not slide: else its onset is an upper bound.
-    """
-    known = np.isfinite(cube["static_limit"].values)
-    known &= str(cube["intensity"].attrs["measure"]) == "PGA"
-    return np.where(known, onsets(cube), 0.0)
-
-
-def _onset(cube: xr.Dataset) -> float:
-    """Least level at which an arch can move under its records, 0 where that is not known [SI]."""
+def _onset_in_measure(cube: xr.Dataset) -> float:
+    """Return the least level at which an arch can move under its records [SI]; 0 if not known."""
     own, names = cube["intensity"].attrs["measure"], cube["measure"].values.astype(str).tolist()
     if not {own, "PGA"} <= set(names):
         return 0.0
     value = dict(zip(names, cube["record_measure"].transpose("measure", "record").values))
     power = float(cube["measure_exponent"].values[names.index(own)])
-    return float(np.min(value[own] * (onsets(cube).min() / value["PGA"]) ** power))
+    return float(np.min(value[own] * (_onset_peaks(cube).min() / value["PGA"]) ** power))
 
 
-def dispersion_split(runs: Runs, answers: Sequence[Answer], beta: float) -> dict[str, Any]:
-    """Parts of the dispersion `beta` of a class: from record to record, and between its arches.
+def dispersion_split(runs: Runs, curves: Sequence[Curve], beta: float) -> dict[str, Any]:
+    """Divide the dispersion `beta` of a class into that of records and that of its arches.
 
-    By the capacities of all runs; by the likeliest curve of each arch, whose `answers` are given,
-    where records withstand the largest level, since without these, the mildest, what is left would
-    differ less.
+    It is divided by the capacities of all runs. If records withstand the largest level, it is by
+    the likeliest curves of the arches, whose `curves` are given: without these records, the
+    mildest, what is left would differ less.
     """
     if not runs.design.on_levels:
         return {}
-    capacity = runs.brackets.middle.reshape(len(answers), -1)
+    capacity = runs.brackets.middle.reshape(len(curves), -1)
     known = ~np.isnan(capacity).any(axis=0)
     if known.all():
         split = split_capacities(capacity)
@@ -318,7 +343,7 @@ def dispersion_split(runs: Runs, answers: Sequence[Answer], beta: float) -> dict
         if logs.shape[1] >= 3 and (np.ptp(logs, axis=1) > 0.0).all():
             pairs = np.triu_indices(len(logs), k=1)
             shared = float(np.clip(np.corrcoef(logs)[pairs].mean(), 0.0, 0.99))
-        fits = [a.likelihood for a in answers if isinstance(a.likelihood, Fragility)]
+        fits = [c.likelihood for c in curves if c.likelihood is not None and c.likelihood.fitted]
         split = split_curves(
             [fit.theta for fit in fits], [fit.beta for fit in fits],
             [fit.standard_errors[0] for fit in fits], shared=shared,

@@ -1,9 +1,10 @@
-"""From the cube of a study to its fragility curves, stored and told, with reasons for caution."""
+"""Fit the curves of a cube, store them, and list cautions."""
 
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,22 +14,15 @@ import xarray as xr
 
 from archfrag.errors import FitError, InputError, attempt
 from archfrag.files import write_csv
-from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.fragility.curve import Fragility
-from archfrag.fragility.quoted import Answer
+from archfrag.fragility.curve import Curve
+from archfrag.fragility.verdicts import Verdict, count_verdicts
 from archfrag.study.answer import curves
-from archfrag.study.answer.cube import in_si
+from archfrag.study.answer.cube import open_cube
+from archfrag.study.answer.curves import Fitted
 from archfrag.study.file.members import SHOWN, shown
 from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Intensity, Study
-from archfrag.study.provenance import (
-    CUBE,
-    NETCDF,
-    finite,
-    read_json,
-    refuse_foreign_cube,
-    write_text,
-)
+from archfrag.study.provenance import finite, read_json, write_text
 from archfrag.study.validate import suspicious, unit_warnings
 
 FITS, CURVE = "fits.json", "curve.csv"
@@ -37,23 +31,6 @@ MOST_UNDECIDED = 0.05  # fraction of the runs at a level, beyond which there is 
 MOST_SURVIVING, MOST_AGAIN = 0.25, 0.2  # fractions of the records
 MOST_SCALING = 10.0
 LEAST_EVENTS = 4
-# Answers of arches, answers of classes of several arches, and the cube that they are from.
-Fitted = tuple[dict[str, Answer], dict[str, Answer], xr.Dataset]
-
-
-def open_cube(study: Study) -> xr.Dataset:
-    """Read the cube of a study into memory.
-
-    InputError if there is none, OutputError if it is another study's.
-    """
-    path = study.folder / CUBE
-    refuse_foreign_cube(study)
-    try:
-        with NETCDF, xr.open_dataset(path) as cube:
-            return in_si(cube.load())
-    except (OSError, ValueError) as error:
-        how = "`archfrag cube` on the study file makes it"
-        raise InputError(f"{path}: is missing or damaged; {how}") from error
 
 
 def fit_cube(study: Study) -> Fitted:
@@ -62,94 +39,98 @@ def fit_cube(study: Study) -> Fitted:
     worded = partial(FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit)
 
     def part(make: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
-        found = attempt(partial(make, *arguments), worded)
-        return {"none": found} if isinstance(found, str) else found
+        """Make a part of the results, or say why it cannot be made."""
+        made = attempt(partial(make, *arguments), worded)
+        return {"none": made} if isinstance(made, str) else made
 
-    with open_cube(study) as opened:
-        cube = opened.load()
-    runs = curves.runs_of_cube(cube, worded=worded)
-    answers = {each.name: curves.answer(each, confidence) for each in runs}
-    medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
-    for each in (runs[number] for number in shown(medians)):
-        more = answers[each.name].more
-        more["free"] = part(curves.free_shapes, each, confidence)
-        more["measures"] = part(curves.measures_compared, each)
-        more["limit_states"] = part(curves.limit_states, each, keys, answers[each.name])
-        if not each.design.on_levels:
-            more["cloud"] = {"logistic": part(curves.cloud_curves, each, confidence)}
-    for each in runs:
-        answers[each.name].more["without_verdict"] = part(curves.without_verdict, each, confidence)
-    classes = {}
+    cube = open_cube(study)
     sizes = Counter(curves.arch_classes(cube).values())
     names = [name for name, size in sizes.items() if size > 1]
-    for each in curves.runs_of_cube(cube, names, worded):
-        name, members = each.name, [answers[arch] for arch in each.cube["arch"].values.astype(str)]
-        classes[name] = curves.of_class(curves.answer(each, confidence), members)
-        split = {}
-        if not isinstance(curve := classes[name].curve, str):
-            split = part(curves.dispersion_split, each, members, curve.beta)
-        states = part(curves.limit_states, each, keys, classes[name])
+    runs = curves.runs_of_cube(cube, [*curves.arch_classes(cube), *names], worded)
+    every = {name: curves.curve_of(each, confidence) for name, each in runs.items()}
+    arches = {name: curve for name, curve in every.items() if name not in names}
+    detailed = {list(arches)[i] for i in shown([curve.theta for curve in arches.values()])}
+    for name, curve in arches.items():
+        own, more = runs[name], curve.more
+        if name in detailed:
+            more["free"] = part(curves.free_shapes, own, confidence)
+            more["measures"] = part(curves.measures_compared, own)
+            more["limit_states"] = part(curves.limit_states, own, keys, curve)
+            if not own.design.on_levels:
+                more["cloud"] = {"logistic": part(curves.cloud_curves, own, confidence)}
+        more["without_verdict"] = part(curves.without_verdict, own, confidence)
+    classes = {}
+    for name in names:
+        own = runs[name]
+        members = [arches[arch] for arch in own.cube["arch"].values.astype(str)]
+        classes[name] = curve = curves.class_curve(every[name], members)
+        more = curve.more
+        more["dispersion"] = {}
+        if curve.fitted:
+            more["dispersion"] = part(curves.dispersion_split, own, members, curve.beta)
+        more["limit_states"] = states = part(curves.limit_states, own, keys, curve)
         states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
-        lost = part(curves.without_verdict, each, confidence)
-        classes[name].more.update(dispersion=split, limit_states=states, without_verdict=lost)
-    _store(study, answers, classes, cube)
-    return answers, classes, cube
+        more["without_verdict"] = part(curves.without_verdict, own, confidence)
+    fitted = Fitted(arches, classes, cube)
+    _store(study, fitted)
+    return fitted
 
 
-def _store(
-    study: Study, arches: dict[str, Answer], classes: dict[str, Answer], cube: xr.Dataset
-) -> None:
+def _store(study: Study, fitted: Fitted) -> None:
+    """Write ``fits.json`` and ``curve.csv``."""
     measure, unit, factor = study.intensity.measure, study.intensity.unit, study.intensity.factor
-    plain = {name: each.to_dict() for name, each in arches.items()}
+    cube, plain = fitted.cube, {name: each.to_dict() for name, each in fitted.arches.items()}
     content = {
         "study": study.id, "measure": measure, "unit": cube["intensity"].attrs["units"],
         "design": json.loads(cube.attrs["archfrag_design"]),
-        "fits": {name: each["curve"] for name, each in plain.items()},
-        "arches": plain, "classes": {name: each.to_dict() for name, each in classes.items()},
+        "fits": {name: each["curve"] for name, each in plain.items()}, "arches": plain,
+        "classes": {name: each.to_dict() for name, each in fitted.classes.items()},
     }  # fmt: skip
     text = json.dumps(finite(content, None), indent=1, ensure_ascii=False, allow_nan=False)
     write_text(study.folder / FITS, text + "\n")
     rows = [pd.DataFrame(columns=["arch", f"{measure} [{unit}]", "probability", "lower", "upper"])]
-    for name, found in curves.quoted(cube, arches, classes).items():
-        if not isinstance(found.curve, str):
-            im = np.array(found.im)
-            chances = (found.curve.probability(im), found.lower, found.upper)
+    for name, curve in fitted.quoted().items():
+        if curve.fitted:
+            im = np.array(curve.im)
+            chances = (curve(im), curve.lower, curve.upper)
             values = name, im / factor, *(np.round(each, DECIMALS) for each in chances)
             rows.append(pd.DataFrame(dict(zip(rows[0].columns, values))))
     write_csv(study.folder / CURVE, rows, float_format="%.7g")
 
 
 def load_fits(study: Study) -> Fitted:
-    """Read the answers that `fit_cube` stored, and the cube; InputError if a file is damaged."""
+    """Read the curves that `fit_cube` stored, and the cube; InputError if a file is damaged."""
     path = study.folder / FITS
     try:
         stored = read_json(path)
         arches, classes = (
-            {name: Answer.from_dict(answer) for name, answer in stored[of].items()}
+            {name: Curve.from_dict(plain) for name, plain in stored[of].items()}
             for of in ("arches", "classes")
         )
     except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError) as error:
         how = "`archfrag fit` makes it"
         raise InputError(f"{path}: is missing or damaged ({error}); {how}") from None
-    return arches, classes, open_cube(study)
+    return Fitted(arches, classes, open_cube(study))
+
+
+def in_unit(curve: Curve, name: str, intensity: Intensity) -> Curve:
+    """Return the curve of an arch or class in the unit of its study."""
+    curve = curve.in_unit(intensity.factor, intensity.measure, intensity.unit)
+    return replace(curve, name=name, levels=list(intensity.given))
 
 
 def fit_lines(study: Study, fitted: Fitted) -> tuple[list[str], list[str]]:
     """Write aligned lines on the curves of classes and of arches of none, and the cautions."""
-    arches, classes, cube = fitted
-    factor, unit = study.intensity.factor, study.intensity.unit
-    found = curves.quoted(cube, arches, classes)
-    rows = [(name, *fit_texts(study.intensity, found[name])) for name in list(found)[:SHOWN]]
+    answers = {k: in_unit(each, k, study.intensity) for k, each in fitted.quoted().items()}
+    rows = [(name, *answers[name].words()) for name in list(answers)[:SHOWN]]
     first = max(len("report"), *(len(name) for name, _, _ in rows))
     second = max(len(median) if beta else 0 for _, median, beta in rows)
     lines = [f"{name:{first}}  {median:{second}}  {beta}".rstrip() for name, median, beta in rows]
-    if len(found) > SHOWN:
-        lines.append(f"{len(found) - SHOWN} more in {study.folder / CURVE}")
-    lost = {name: lost_text(each, lambda theta: f"{theta / factor:.4g} {unit}")
-            for name, each in found.items()}  # fmt: skip
-    cautions = [f"{name}: {text}" for name, text in lost.items() if text]
-    cautions += cautions_of_cube(study, cube, arches)
-    return lines, gathered(cautions, cube, list(found)[:SHOWN])
+    if len(answers) > SHOWN:
+        lines.append(f"{len(answers) - SHOWN} more in {study.folder / CURVE}")
+    cautions = [f"{name}: {text}" for name, each in answers.items() if (text := each.undecided())]
+    cautions += cautions_of(study, fitted)
+    return lines, gathered(cautions, fitted.cube, list(answers)[:SHOWN])
 
 
 def gathered(cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]) -> list[str]:
@@ -171,57 +152,24 @@ def gathered(cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]) 
     return found
 
 
-def fit_text(intensity: Intensity, name: str, found: Answer) -> str:
-    """A curve in the unit of the study, or why there is none, in a line."""
-    lost = lost_text(found, lambda theta: f"{theta / intensity.factor:.4g} {intensity.unit}")
-    texts = ", ".join(filter(None, fit_texts(intensity, found)))
-    return f"{name}: {texts}{f'; {lost}' if lost else ''}"
-
-
-def fit_texts(intensity: Intensity, found: Answer) -> tuple[str, str]:
-    """Median in the unit of the study, and dispersion; or why there is no curve."""
-    if isinstance(found.curve, str):
-        return f"no curve: {found.curve}", ""
-    values = (value / intensity.factor for value in (found.curve.theta, *found.theta))
-    theta, low, high = (f"{v:.0f}" if v > 100.0 else f"{v:#.3g}" for v in values)
-    return (
-        f"median {theta} {intensity.unit} {intensity.measure} "
-        f"({100 * found.confidence:g} %: {low}–{high})",
-        f"dispersion {found.curve.beta:.2f} ({found.beta[0]:.2f}–{found.beta[1]:.2f})",
-    )
-
-
-def lost_text(found: Answer, median: Callable[[float], str]) -> str:
-    """Write what the runs without a verdict could change; empty if there are none."""
-    lost = found.more.get("without_verdict") or {}
-    if "runs" not in lost:
-        return ""
-    low, high = (
-        median(lost[key]["theta"]) if "theta" in lost[key] else "not known"
-        for key in ("collapsed", "standing")
-    )
-    runs = "1 run has" if lost["runs"] == 1 else f"{lost['runs']} runs have"
-    return f"{runs} no verdict: the median is {low} if all collapse, {high} if all stand"
-
-
-def cautions_of_cube(study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]) -> list[str]:
+def cautions_of(study: Study, fitted: Fitted) -> list[str]:
     """List the cautions on a study's cube and curves, with levels in the study's unit."""
     unit, named = study.intensity.unit, ["levels of their own"]
     if study.design.on_levels:
         named = [f"{level:.4g} {unit}" for level in study.intensity.given]
-    found = [
-        f"{runs.name}: {message}"
-        for runs in curves.runs_of_cube(cube)
-        for message in arch_cautions(runs, named, answers[runs.name].curve)
+    cautions = [
+        f"{name}: {message}"
+        for name, curve in fitted.arches.items()
+        for message in arch_cautions(fitted.runs[name], named, curve)
     ]
-    found += unit_warnings(study, study.members)
-    found += suspicious(read_manifest(study)["records"])
-    found += study.design.cautions(json.loads(cube.attrs["archfrag_design"]).get("arches", {}))
-    return [*found, *record_cautions(cube)]
+    facts = json.loads(fitted.cube.attrs["archfrag_design"]).get("arches", {})
+    cautions += unit_warnings(study, study.members)
+    cautions += suspicious(read_manifest(study)["records"])
+    return [*cautions, *study.design.cautions(facts), *record_cautions(fitted.cube)]
 
 
-def arch_cautions(runs: curves.Runs, named: list[str], curve: Fragility | str) -> Iterator[str]:
-    """Messages on the runs of an arch, at levels as they are `named`."""
+def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator[str]:
+    """Yield messages on the runs of an arch, at levels as they are `named`."""
     verdict, levels, n_record = runs.verdict, runs.level, len(runs.verdict)
     counts = count_verdicts(verdict)
     lost = counts["runs"] - counts["n"]
@@ -236,7 +184,7 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Fragility | str) -
         )
     if not runs.design.on_levels:
         return
-    collapsed, survived = verdict == Verdict.COLLAPSED, verdict == Verdict.STANDING
+    collapsed, survived = verdict == Verdict.COLLAPSED, verdict == Verdict.SURVIVED
     beyond = (survived[:, -1] & ~collapsed.any(axis=1)).sum()
     if beyond > MOST_SURVIVING * n_record and not collapsed.any():
         yield f"no record caused collapse up to {named[-1]}, the highest level; add higher levels"
@@ -252,7 +200,7 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Fragility | str) -
             "(non-monotone records): near the border a single run proves little, and beta "
             "includes this scatter"
         )
-    if not isinstance(curve, str) and len(levels) > 1:
+    if curve.fitted and len(levels) > 1:
         above = int(np.clip(np.searchsorted(levels, curve.theta), 1, len(levels) - 1))
         spacing = float(np.log(levels[above] / levels[above - 1]))
         if spacing > curve.beta:
@@ -264,8 +212,8 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Fragility | str) -
 
 
 def record_cautions(cube: xr.Dataset) -> Iterator[str]:
-    """Messages on motions that are scaled too far, and on records of one to three earthquakes."""
-    scaled = cube["scale_factor"].where(cube["verdict"] != Verdict.NOT_SIMULATED)
+    """Yield messages on motions scaled too far, and on records of one to three earthquakes."""
+    scaled = cube["scale_factor"].where(cube["verdict"] != Verdict.NOT_RUN)
     largest = scaled.max(["arch", "level"]).values
     if far := int((largest > MOST_SCALING).sum()):
         record = int(np.nanargmax(largest))

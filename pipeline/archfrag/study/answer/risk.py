@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from archfrag.files import counted
 from archfrag.fragility import risk as rates
-from archfrag.fragility.counts import Verdict
-from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.fragility.quoted import Answer
+from archfrag.fragility.curve import Curve, FloatArray
+from archfrag.fragility.verdicts import Verdict
 from archfrag.physics.status import CollapseMode
-from archfrag.study.answer.curves import Runs, onsets_in_measure, runs_of_cube
+from archfrag.study.answer.curves import Fitted, Runs, runs_of_cube
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import Study
 from archfrag.study.hazard import Hazard, load_hazard
@@ -29,7 +28,6 @@ MOST_CATEGORIES = 4
 OTHER = "others"
 ASSUMPTIONS = tuple(Path(__file__).with_name("assumptions.txt").read_text("utf-8").splitlines())
 _SCATTERED_BINS = 10
-_N_MODE = len(CollapseMode)
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class ArchRisk:
     """Rate of collapse of one arch or class and its parts."""
 
     arch: str
-    fit: Fragility
+    fit: Curve
     rate: rates.CollapseRate  # with the first curve of the hazard
     by_curve: dict[str, float]  # rate with each curve of the hazard [1/year]: its own uncertainty
     levels: FloatArray  # (n_level,): intensities that stand for ranges, from 0 to infinity [SI]
@@ -85,32 +83,25 @@ class StudyRisk:
 
 
 def risk_of(
-    cube: xr.Dataset, fits: Mapping[str, Fragility | str], hazard: Hazard,
-    years: float = 50.0, confidence: float = 0.9,
+    cube: xr.Dataset, curves: Mapping[str, Curve], hazard: Hazard, years: float = 50.0,
+    confidence: float = 0.9,
 ) -> StudyRisk:  # fmt: skip
-    """Rates of collapse at a site, and probabilities in `years`.
-
-    `fits` are curves by arch or class, or why there is none.
-    """
-    runs = {each.name: each for each in runs_of_cube(cube, fits)}
-    arches = {
-        name: fit if isinstance(fit, str) else _arch_risk(runs[name], fit, hazard, confidence)
-        for name, fit in fits.items()
-    }
-    sizes = {name: each.cube.sizes["arch"] for name, each in runs.items()}
+    """Find rates of collapse at a site by arch or class, and probabilities in `years`."""
+    runs, arches = runs_of_cube(cube, curves), dict[str, ArchRisk | str]()
+    for name, curve in curves.items():
+        arches[name] = curve.reason
+        if curve.fitted:
+            arches[name] = _arch_risk(runs[name], curve, hazard, confidence)
+    sizes = {name: len(each.arches) for name, each in runs.items()}
     return StudyRisk(hazard, years, arches, {name: n for name, n in sizes.items() if n > 1})
 
 
-def risk_of_study(
-    study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]
-) -> StudyRisk | None:
-    """Rates at the site of a study, of arches and classes by their answers; None without one."""
-    given = study.risk
-    if given is None:
+def risk_of_study(study: Study, fitted: Fitted) -> StudyRisk | None:
+    """Find the rates at the site of a study, of classes and of arches of none; None if no site."""
+    if (given := study.risk) is None:
         return None
     hazard = load_hazard([Path(given.hazard)], study.intensity.measure, given.unit, given.site)
-    fits = {name: answer.curve for name, answer in answers.items()}
-    return risk_of(cube, fits, hazard, given.years, study.report.confidence)
+    return risk_of(fitted.cube, fitted.quoted(), hazard, given.years, study.report.confidence)
 
 
 def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
@@ -132,32 +123,30 @@ def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
     return [f"{name:{first}}  {words}" for name, words in lines], cautions
 
 
-def _arch_risk(runs: Runs, fit: Fragility, hazard: Hazard, confidence: float) -> ArchRisk:
-    cube = runs.cube
-    joint, mode = (
-        cube[key].values.reshape(runs.verdict.shape).astype(np.int64)
-        for key in ("collapse_joint", "collapse_mode")
+def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> ArchRisk:
+    """Find the rate of an arch or class, and divide it by level and mechanism."""
+    pairs = np.stack([runs.cube[key].values for key in ("collapse_joint", "collapse_mode")], -1)
+    # Mechanisms are joint and mode: each pair has a number, which rises with both.
+    mechanisms, code = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
+    levels, collapsed, code, ends = _on_levels(
+        runs.verdict, code.reshape(runs.verdict.shape), runs.level
     )
-    levels, collapsed, code, ends = _on_levels(runs.verdict, joint * _N_MODE + mode, runs.level)
-    least = onsets_in_measure(cube)
-    onset = least if fit.members is not None else least.min()
-    draws, curves = rates.parameter_draws(fit, SEED), hazard.curves.items()
-    rate = rates.collapse_rate(hazard.main, fit, draws, confidence, onset)
+    onset, curves = runs.onset(fit), hazard.curves.items()
+    rate = rates.collapse_rate(hazard.main, fit, fit.draws(SEED), confidence, onset)
     level_rate = rates.rate_by_level(hazard.main, fit, rates.level_edges(levels), onset)
     at = np.broadcast_to(runs.level, runs.verdict.shape)[runs.verdict == Verdict.COLLAPSED]
     outer, unseen = (
         rates.rate_by_level(hazard.main, fit, edges, onset) / (rate.rate or 1.0)
         for edges in (np.unique(ends), [at.min() if at.size else ends[-1]])
     )
-    # Mechanisms are joint and mode; the rare ones together.
     kinds, counts = np.unique(code[collapsed], return_counts=True)
     kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
     labels = [
-        f"joint {kind // _N_MODE}, {CollapseMode(kind % _N_MODE).name.lower().replace('_', '-')}"
-        for kind in kept.tolist()
+        f"joint {joint}, {CollapseMode(mode).name.lower().replace('_', '-')}"
+        for joint, mode in mechanisms[kept].astype(int).tolist()
     ]
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
-    parts = rates.contributions(level_rate, collapsed, category, (*labels, OTHER))
+    parts = rates.contributions(collapsed, category, (*labels, OTHER), level_rate)
     by_curve = {key: rates.collapse_rate(each, fit, onset=onset).rate for key, each in curves}
     beyond = float(outer[0]), float(outer[-1])
     return ArchRisk(
@@ -168,33 +157,33 @@ def _arch_risk(runs: Runs, fit: Fragility, hazard: Hazard, confidence: float) ->
 def _on_levels(
     verdict: NDArray, code: NDArray, at: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_], NDArray, FloatArray]:
-    """Runs on a grid of intensity; those with an intensity of their own in bins of equal ratio.
+    """Put runs on a grid of intensity; those with one of their own in bins of equal ratio.
 
     Returned are levels (n_level,), what collapsed and the code of its mechanism (n_record,
     n_level), and the least and the greatest level.
     """
-    collapsed, simulated = verdict == Verdict.COLLAPSED, verdict != Verdict.NOT_SIMULATED
+    collapsed, made = verdict == Verdict.COLLAPSED, verdict != Verdict.NOT_RUN
     if at.ndim == 1:
-        # What a bisection left out is as the nearest lower level of the record that was simulated.
-        source = np.where(simulated, np.arange(at.size), -1)
+        # What a bisection left out is as the nearest lower level of the record that was run.
+        source = np.where(made, np.arange(at.size), -1)
         source = np.maximum.accumulate(source, axis=1)
         row = np.arange(len(code))[:, None]
         filled = (source >= 0) & collapsed[row, source]
         return at, filled, np.where(filled, code[row, source], code), at[[0, -1]]
-    row, place = np.nonzero(simulated & (at > 0.0))
+    row, place = np.nonzero(made & (at > 0.0))
     ends = np.array([at[row, place].min(), at[row, place].max()])
     count = _SCATTERED_BINS if ends[1] > ends[0] else 1
     edges = np.geomspace(ends[0], ends[1], count + 1)
     levels = np.sqrt(edges[1:] * edges[:-1])
     column = np.searchsorted(rates.level_edges(levels), at[row, place], side="right")
     grid = np.zeros((len(at), levels.size), dtype=bool)
-    codes = np.full(grid.shape, -_N_MODE)
+    codes = np.full(grid.shape, -1)
     grid[row, column], codes[row, column] = collapsed[row, place], code[row, place]
     return levels, grid, codes, ends
 
 
 def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
-    """Plain numbers, of classes among the arches too, with intensities in the study's unit."""
+    """Return rates and their parts as plain numbers, with intensities in the study's unit."""
     factor, hazard = study.intensity.factor, risk.hazard
     arches: dict[str, Any] = {}
     for name, arch in risk.arches.items():

@@ -14,11 +14,11 @@ import pandas as pd
 from tqdm import tqdm
 
 from archfrag.files import make_folder
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.verdicts import Verdict
 from archfrag.physics.methods.auto import goes_by_events
 from archfrag.physics.methods.registry import AUTO, METHODS
 from archfrag.simulation.warmup import every, is_shipped, kernels_are_compiled, warmup
-from archfrag.study.designs.design import CASE, Cases, Verdicts, drive, order_of
+from archfrag.study.designs import CASE, Cases, Verdicts, drive, order_of
 from archfrag.study.file.members import check_standing
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import add_to_log, machine

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from archfrag.errors import InputError
 from archfrag.files import replacing
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import scaling_exponent
 from archfrag.physics.kernels.cache import digest_of_syntax, kernel_platform
-from archfrag.physics.status import Count, Energy, Level, Loss, Peak
-from archfrag.study.designs.design import Cases, Grid, Requests, Verdicts, ask, order_of
+from archfrag.physics.status import Count, Energy, Level, Loss, Peak, Status
+from archfrag.study.designs import Cases, Grid, Requests, Verdicts, ask, order_of
 from archfrag.study.file.members import Members
 from archfrag.study.file.records import PreparedRecord, load_prepared, load_record
 from archfrag.study.file.schema import Study
@@ -53,6 +53,11 @@ with Path(__file__).with_name("variables.csv").open(encoding="utf-8", newline=""
 _Variable: Any = namedtuple("_Variable", _rows[0])  # type: ignore[misc]  # names of a file
 VARIABLES: dict[str, Any] = {row[0]: _Variable(*row) for row in _rows[1:]}
 COLUMNS = tuple(each for each in VARIABLES.values() if each.dimensions == "run")
+# Any other status is a failure.
+_VERDICTS = {
+    Status.STANDING: Verdict.SURVIVED, Status.COLLAPSED: Verdict.COLLAPSED,
+    Status.UNFINISHED: Verdict.UNFINISHED,
+}  # fmt: skip
 _ENTRIES: dict[str, Any] = {"count": Count, "loss": Loss, "peak": Peak}
 # A row: its key, all columns, the time simulated in each model, and how long it took.
 ROW = np.dtype([
@@ -71,12 +76,19 @@ def code_identity() -> str:
     return digest_of([kernel_platform(), digest_of_syntax(tuple(files_of_code(*DECIDING))), rows])
 
 
+def verdicts_of(status: NDArray) -> NDArray[np.int8]:
+    """Return the verdicts of runs from the kernels' codes of `Status`, (n_run,)."""
+    table = np.full(max(Status) + 1, Verdict.FAILED, np.int8)
+    for each, verdict in _VERDICTS.items():
+        table[each] = verdict
+    return table[status]
+
+
 def columns_of(results: "Outcomes") -> dict[str, NDArray]:
-    """Return the columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s]."""
+    """Columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s]."""
     energy, largest = results.energy, results.energy[:, Energy.LARGEST_KINETIC]
     columns: dict[str, NDArray] = {
-        # Verdicts are the first codes of status; what comes after are failures of the solver.
-        "verdict": np.minimum(results.status, Verdict.SOLVER_FAILURE),
+        "verdict": verdicts_of(results.status),
         "energy_error": np.divide(
             energy[:, Energy.BALANCE_ERROR_PEAK], largest, out=np.zeros(len(largest)),
             where=largest > 0.0,

@@ -21,7 +21,7 @@ import numpy as np
 from archfrag.errors import WorkerError
 from archfrag.files import counted
 from archfrag.simulation.simulate import results_of_runs
-from archfrag.study.designs.design import Cases
+from archfrag.study.designs import Cases
 from archfrag.study.provenance import available_cores, commit, versions
 from archfrag.study.runs import store
 from archfrag.study.runs.store import Plan, Table

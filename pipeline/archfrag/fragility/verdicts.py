@@ -1,10 +1,8 @@
-"""Verdicts of runs, counted: at each level, and of each record between which levels it collapses.
+"""Verdicts of runs: counted at each level, and bracketing the capacity of each record."""
 
-Intervals of the fractions that collapsed; resampling of records.
-"""
-
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 import scipy
@@ -15,40 +13,42 @@ from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, positive, 
 
 MOST_LEVELS = 500  # of runs by intensity
 NOTHING = (
-    "no run collapsed or stood, so there is nothing to fit: if runs ended while the arch moved, "
+    "no run collapsed or survived, so there is nothing to fit: if arches still moved at the end, "
     "raise method.follow; if they failed, try another method.name"
 )
 
 
 class Verdict(IntEnum):
-    """Outcome of one run; only the first two are verdicts on collapse."""
+    """Outcome of a run, from the rows of kernels to the report."""
 
-    STANDING = 0
+    SURVIVED = 0
     COLLAPSED = 1
-    UNFINISHED = 2
-    SOLVER_FAILURE = 3
-    NOT_SIMULATED = 4  # a cell for which the design of the study asked for no run
+    UNFINISHED = 2  # the arch still moved at the end
+    FAILED = 3  # no method solved it
+    NOT_RUN = 4  # the design of the study asked for no such run
 
 
-def count_verdicts(verdict: ArrayLike) -> dict[str, IntArray]:
+DECIDED = (Verdict.SURVIVED, Verdict.COLLAPSED)
+
+
+def count_verdicts(verdict: ArrayLike) -> dict[str, Any]:
     """Count the runs of each verdict at each level of `verdict`, (..., n_level), by name.
 
-    ``n`` are those that decide, standing and collapsed, ``runs`` all that were made.
+    ``n`` are those that collapsed or survived, ``runs`` all that were made, and ``fraction`` is
+    that of the former that collapsed, nan if there are none.
     """
     codes = np.asarray(verdict).reshape(-1, np.shape(verdict)[-1])
-    names = {
-        "standing": Verdict.STANDING, "collapsed": Verdict.COLLAPSED,
-        "unfinished": Verdict.UNFINISHED, "solver_failures": Verdict.SOLVER_FAILURE,
-    }  # fmt: skip
-    found = {name: (codes == code).sum(axis=0) for name, code in names.items()}
-    n = found["standing"] + found["collapsed"]
-    return found | {"n": n, "runs": n + found["unfinished"] + found["solver_failures"]}
+    count: dict[str, Any] = {each.name.lower(): (codes == each).sum(axis=0) for each in Verdict}
+    runs = len(codes) - count.pop("not_run")
+    n = count["survived"] + count["collapsed"]
+    fraction = count["collapsed"] / np.where(n > 0, n, np.nan)
+    return count | {"n": n, "runs": runs, "fraction": fraction}
 
 
 def checked_stripes(
     im: ArrayLike, collapses: ArrayLike, n: ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Levels, collapses and runs as arrays of shape (n_level,); InputError if not valid."""
+    """Return levels, collapses and runs as arrays, (n_level,); InputError if they are wrong."""
     levels, k, m = (np.asarray(values, dtype=float) for values in (im, collapses, n))
     if levels.ndim != 1 or levels.size == 0:
         raise InputError(f"im has shape {levels.shape}; a list of one intensity per level")
@@ -68,7 +68,7 @@ def checked_stripes(
 def clopper_pearson(
     collapses: ArrayLike, n: ArrayLike, confidence: float = 0.9
 ) -> tuple[FloatArray, FloatArray]:
-    """Exact interval of each fraction `collapses` / `n`, (n_level,); nan where n = 0.
+    """Return the exact interval of each fraction `collapses` / `n`, (n_level,); nan if n is 0.
 
     Clopper and Pearson 1934, Biometrika 26.
     """
@@ -80,7 +80,7 @@ def clopper_pearson(
 
 
 def wilson(k: ArrayLike, n: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
-    """Score interval of k among n, which need not be integers (Wilson 1927); nan where n = 0."""
+    """Return Wilson's score interval (1927) of k among n, which need not be integers."""
     z = scipy.special.ndtri(tails(confidence)[1])
     k = np.asarray(k, dtype=float)
     n = np.where(np.asarray(n) > 0, n, np.nan).astype(float)
@@ -113,17 +113,9 @@ class Brackets:
     verdict: IntArray  #: (n_record, n_level), codes of `Verdict` in the order of `levels`
 
     @property
-    def collapsed(self) -> BoolArray:
-        return self.verdict == Verdict.COLLAPSED
-
-    @property
-    def survived(self) -> BoolArray:
-        return self.verdict == Verdict.STANDING
-
-    @property
-    def decided(self) -> IntArray:
-        """Runs that collapsed or survived, (n_record,); with 0 the bracket is (0, inf)."""
-        return np.count_nonzero(self.collapsed | self.survived, axis=1)
+    def decided(self) -> BoolArray:
+        """Whether each run collapsed or survived, (n_record, n_level)."""
+        return np.isin(self.verdict, DECIDED)
 
     @property
     def bracketed(self) -> BoolArray:
@@ -138,22 +130,21 @@ class Brackets:
 
     @property
     def filled(self) -> IntArray:
-        """Verdicts, and where there is none what the brackets imply, (n_record, n_level)."""
-        unknown = ~(self.collapsed | self.survived)
-        filled = self.verdict.copy()
-        filled[unknown & (self.levels < self.lower[:, None])] = Verdict.STANDING
-        filled[unknown & (self.levels > self.upper[:, None])] = Verdict.COLLAPSED
-        return filled
+        """Verdicts, completed by what the brackets imply, (n_record, n_level)."""
+        codes = self.verdict.copy()
+        codes[~self.decided & (self.levels < self.lower[:, None])] = Verdict.SURVIVED
+        codes[~self.decided & (self.levels > self.upper[:, None])] = Verdict.COLLAPSED
+        return codes
 
     def at_levels(self, filled: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Runs by intensity, with those that the brackets imply if `filled`: without these the
-        collapses of a search would be a biased choice.
+        """Return the runs by intensity; if `filled`, with those that the brackets imply.
 
-        Returns levels (n_level,), rising, at most 500; 1 where a run collapsed, and where it is
-        decided, (n_record, n_level) each. FitError if no run is.
+        Without these the collapses of a search would be a biased choice. Returned are levels
+        (n_level,), rising, at most 500; 1 where a run collapsed, and where it is decided,
+        (n_record, n_level) each. FitError if no run is decided.
         """
         codes = self.filled if filled else self.verdict
-        row, column = np.nonzero(np.isin(codes, (Verdict.COLLAPSED, Verdict.STANDING)))
+        row, column = np.nonzero(np.isin(codes, DECIDED))
         if not row.size:
             raise FitError(NOTHING)
         levels, place = np.unique(self.levels[row, column], return_inverse=True)
@@ -166,12 +157,25 @@ class Brackets:
         collapses[row, place] = codes[row, column] == Verdict.COLLAPSED
         return levels, collapses, n
 
-    def known(self) -> "Brackets":
-        """The same of those records that have a decided run; FitError if there is none."""
-        keep = self.decided > 0
-        if not keep.any():
+    def single_runs(self) -> tuple[FloatArray, BoolArray]:
+        """Return the levels of all decided runs, and whether they collapsed, (n_run,) each."""
+        return self.levels[self.decided], self.verdict[self.decided] == Verdict.COLLAPSED
+
+    def without_scatter(self) -> "Brackets":
+        """Return the same as if no verdict contradicted its bracket."""
+        return replace(self, contradictions=0 * self.contradictions)
+
+    @property
+    def run(self) -> BoolArray:
+        """Whether a record has a decided run, (n_record,); else its bracket is (0, inf)."""
+        return np.asarray(self.decided.any(axis=1))
+
+    def of_records(self, kept: BoolArray | bool = True) -> "Brackets":
+        """Keep only records with at least one verdict; FitError if none is left."""
+        kept = kept & self.run
+        if not kept.any():
             raise FitError(NOTHING)
-        return Brackets(*(each[keep] for each in vars(self).values()))
+        return Brackets(*(each[kept] for each in vars(self).values()))
 
 
 def find_brackets(verdict: ArrayLike, levels: ArrayLike) -> Brackets:
@@ -185,7 +189,7 @@ def find_brackets(verdict: ArrayLike, levels: ArrayLike) -> Brackets:
     level = np.broadcast_to(level, codes.shape)
     order = np.argsort(level, axis=1, kind="stable")
     codes, level = (np.take_along_axis(each, order, 1) for each in (codes, level))
-    collapsed, survived = codes == Verdict.COLLAPSED, codes == Verdict.STANDING
+    collapsed, survived = codes == Verdict.COLLAPSED, codes == Verdict.SURVIVED
     decided = collapsed | survived
     change = np.cumsum(collapsed.astype(int) - survived, axis=1)
     wrong = np.pad(change, ((0, 0), (1, 0)))  # verdicts against each border, but for a constant
