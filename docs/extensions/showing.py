@@ -17,10 +17,11 @@ from look import picture, svg_of, themed
 from matplotlib.figure import Figure
 
 import archfrag as af
-from archfrag.report.arch_figure import Example, arch_at_onset
+from archfrag.report.arch_figure import arch_at_onset
 from archfrag.report.svg import BLUE, GREY, SKY, VERMILION
 from archfrag.report.html import STYLE
-from archfrag.report.moving import film as film_and_frames
+from archfrag.report.film import Example
+from archfrag.report.film import film as film_and_frames
 
 ROOT = Path(os.environ["ARCHFRAG_DOCS"]).parent
 WORD = re.compile(r"\b(?!inf\b)[A-Za-z]{2}")  # of a column that does not hold numbers alone

@@ -12,9 +12,7 @@ import pytest
 import archfrag as af
 from archfrag.fragility.counts import Verdict
 from archfrag.physics.status import CollapseMode, Status
-from archfrag.report import arch_figure as arches
-from archfrag.report import curve_figures, moving, page, run_tables, svg
-from archfrag.report.film import save_film
+from archfrag.report import arch_figure, curve_figures, film, run_figures, study_sections, svg
 from archfrag.report.first_page import first_page
 from archfrag.report.inputs import arch_results, thetas
 from archfrag.report.svg import NARROW, SIZE, SMALL, WIDE, text_width
@@ -75,10 +73,10 @@ class TestLabelsKeepClear:
     @pytest.mark.parametrize("n_level", [2, 9, 40])
     def test_figures_over_levels(self, n_level, drawn):
         data = results(n_level=n_level)
-        run_tables.verdict_map(data)
+        run_figures.verdict_map(data)
         curve_figures.curve(data, synthetic.none("no run collapsed"))
         curve_figures.curve(data, synthetic.answer_of(4.0))
-        run_tables.fractions(run_tables.groupings(data, 0.9), data, "the base")
+        run_figures.fractions(run_figures.groupings(data, 0.9), data, "the base")
         assert [sheet.width for sheet in drawn] == 4 * [NARROW, WIDE]
         assert [overlaps(sheet) for sheet in drawn] == 8 * [[]]
         assert "θ = 0.408 g" in {words for words, *_ in texts(drawn[5])}
@@ -87,10 +85,10 @@ class TestLabelsKeepClear:
     def test_records(self, n_record, drawn):
         items = synthetic.motions(n_record)
         names = [f"拼音{i}" for i in range(n_record)]
-        shown = run_tables.verdict_map(replace(results(items=items), records=names))
+        shown = run_figures.verdict_map(replace(results(items=items), records=names))
         assert all(name in shown.svg and name in shown.narrow for name in names)
         assert [overlaps(sheet) for sheet in drawn] == 2 * [[]]
-        assert page.thumbnails(items).svg.count("<svg") == n_record
+        assert study_sections.thumbnails(items).svg.count("<svg") == n_record
 
     def test_capacities_are_between_the_runs_that_bound_them(self, monkeypatch):
         lines, drawn = [], svg.Panel.line
@@ -98,7 +96,7 @@ class TestLabelsKeepClear:
             svg.Panel, "line", lambda *given: lines.append(given[1:3]) or drawn(*given)
         )
         data = results(n_level=9)
-        run_tables.verdict_map(data)
+        run_figures.verdict_map(data)
         x, y = lines[-1]
         collapsed = data.verdict == Verdict.COLLAPSED
         lowest = np.sort(np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), 9))[::-1]
@@ -162,7 +160,7 @@ class TestLabelsKeepClear:
         """Fractions of neighbouring joints keep clear; the largest always has its own."""
         arch = af.Arch.circular(10.0, thickness, 157.5, voussoirs, 0.7)
         found = results(n_level=40, n_joint=arch.n_joint)
-        arches.lost_joints(arch, found)
+        arch_figure.lost_joints(arch, found)
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
         counts = np.bincount(found["collapse_joint"][found.verdict == Verdict.COLLAPSED])
         for sheet in drawn:
@@ -175,7 +173,7 @@ class TestLabelsKeepClear:
         arch = af.Arch.segmental(10.0, 4.0, 0.45, 21, 0.6)
         found = results(n_level=40)
         found["collapse_joint"][:] = np.where(found["collapse_joint"] % 2, 10, 11)
-        arches.lost_joints(arch, found)
+        arch_figure.lost_joints(arch, found)
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
         assert [len(list(texts(sheet))) for sheet in drawn] == [2, 2]
 
@@ -189,7 +187,7 @@ class TestLabelsKeepClear:
     )
     def test_ticks_are_round_whatever_the_levels(self, levels, expected, drawn):
         data = results(n_level=levels.size)
-        run_tables.verdict_map(replace(data, levels=levels))
+        run_figures.verdict_map(replace(data, levels=levels))
         for sheet in drawn:
             (panel,) = sheet.panels
             below = {
@@ -223,7 +221,7 @@ class TestLabelsKeepClear:
             change(3.0, 7.0, {0: "slides towards intrados"}, "all_voussoirs"),
         )
         shown = replace(fallen.response, mechanism=log, end_time=7.0, collapse_time=6.5)
-        run_tables.timeline(replace(fallen, arch=arch, response=shown))
+        run_figures.timeline(replace(fallen, arch=arch, response=shown))
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
         assert drawn[0].panels[1].x[0] == pytest.approx(1.0 - 0.03 * 6.0)
 
@@ -232,7 +230,9 @@ class TestLabelsKeepClear:
 def test_hinges_are_drawn_at_their_corners(voussoirs, drawn):
     """Pixels of the hinges lie as the corners do, but for a scale and shift a direction."""
     arch, start = synthetic.arch_and_onset(voussoirs)
-    assert "sliding joint" in arches.arch_at_onset(arch, replace(start, sliding=[7]), "ring").svg
+    assert (
+        "sliding joint" in arch_figure.arch_at_onset(arch, replace(start, sliding=[7]), "ring").svg
+    )
     pattern = r'<path d="M([\d.]+) ([\d.]+)a([\d.]+) [^>]*stroke="#fff"/>'
     for sheet in drawn:
         found = np.array(re.findall(pattern, "".join(sheet.parts)), dtype=float)
@@ -256,7 +256,7 @@ def test_envelope_keeps_the_peaks(n):
 def test_every_grouping_has_the_collapses_of_the_cube(drawn):
     data = results()
     fell = data.verdict == Verdict.COLLAPSED
-    groups = mode, joint = run_tables.groupings(data, 0.9)
+    groups = mode, joint = run_figures.groupings(data, 0.9)
     for group in groups:
         np.testing.assert_array_equal(group.counts.sum(axis=0), fell.sum(axis=0))
     sliding = (fell & (data["collapse_mode"] == CollapseMode.SLIDING)).sum()
@@ -264,11 +264,11 @@ def test_every_grouping_has_the_collapses_of_the_cube(drawn):
     for category, count in zip(joint.categories[:-1], joint.counts[:-1]):
         number = int(category.removeprefix("joint "))
         assert count.sum() == (fell & (data["collapse_joint"] == number)).sum() > 0
-    run_tables.fractions(groups, data, "the base")
+    run_figures.fractions(groups, data, "the base")
     for sheet in drawn:
         for panel in sheet.panels:
             top = np.zeros(data.levels.size)
-            for colour, _ in run_tables.LOOKS:
+            for colour, _ in run_figures.LOOKS:
                 for left, right, _, high in rectangles(sheet, panel, colour):
                     level = round(0.5 * (left + right))
                     top[level] = max(top[level], high)
@@ -281,17 +281,17 @@ def test_run_that_is_shown():
     data.verdict[2, 4:], data.verdict[4, 6:] = 1, 1
     # The capacity is the lowest collapsing level even where the record stands above it.
     data.verdict[2, 5] = 0
-    assert arches.choose(data, 1.02 * data.levels[4])[:2] == (2, 4)
-    assert arches.choose(data, 0.99 * data.levels[6])[:2] == (4, 6)
-    assert arches.choose(data, None)[:2] == (0, 8)
+    assert film.choose(data, 1.02 * data.levels[4])[:2] == (2, 4)
+    assert film.choose(data, 0.99 * data.levels[6])[:2] == (4, 6)
+    assert film.choose(data, None)[:2] == (0, 8)
     data.verdict[:] = 0
     data.verdict[3, 8] = Verdict.UNFINISHED
     data["peak_rotation"][3, 8], data["peak_rotation"][5, 2] = 9.0, 8.0
-    assert arches.choose(data, None)[:2] == arches.farthest(data)[:2] == (5, 2)
+    assert film.choose(data, None)[:2] == film.farthest(data)[:2] == (5, 2)
     data["peak_rotation"][:] = 0.0
-    assert arches.farthest(data) is None
+    assert film.farthest(data) is None
     data.verdict[:] = Verdict.SOLVER_FAILURE
-    assert arches.choose(data, None) is None
+    assert film.choose(data, None) is None
 
 
 def pulse(scale=1.0):
@@ -303,7 +303,7 @@ def pulse(scale=1.0):
 @pytest.fixture(scope="module")
 def fallen():
     motion, response = pulse()
-    return arches.Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
+    return film.Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
 
 
 def change(time, until, joints, model):
@@ -320,9 +320,8 @@ class TestRepeated:
                 data[name][0, 0, level] = getattr(run, name)
 
         def again():
-            found = arch_results(data, "ring", synthetic.SCALE)
             given = synthetic.inputs(cube=data, answers={}, motions=[motion])
-            return arches.repeat(given, found, ARCH, arches.choose(found, None))
+            return film.repeat(given, 0, film.choose(given.results("ring"), None))
 
         assert again() is None  # the cube does not hold its method
         data.attrs["archfrag_config"] = f'{{"method": {Method().model_dump_json()}}}'
@@ -336,7 +335,7 @@ class TestRepeated:
     def test_the_first_page_calls_only_a_collapse_one(self, scale, what):
         motion, response = pulse(scale)
         assert response.collapsed == (what == "collapse")
-        example = arches.Example(ARCH, motion, scale, "PGA", response, "chosen", True)
+        example = film.Example(ARCH, motion, scale, "PGA", response, "chosen", True)
         page = str(first_page(synthetic.inputs(), example))
         assert f"Four frames of the {what} under {motion.id}, PGA." in page
         assert f"A {what}: 7 voussoirs" in page
@@ -344,10 +343,10 @@ class TestRepeated:
     @pytest.mark.parametrize("scale", [0.9, 0.6])
     def test_a_small_motion_that_stands_is_drawn_three_times_as_large(self, scale):
         motion, response = pulse(scale)
-        example = arches.Example(ARCH, motion, scale, "PGA", response, "chosen", True)
+        example = film.Example(ARCH, motion, scale, "PGA", response, "chosen", True)
         turned, captions = [], []
         for enlarged in (False, True):
-            shown, strip = moving.film(example, "film", "A near miss", enlarged)
+            shown, strip = film.film(example, "film", "A near miss", enlarged)
             frames = re.findall(r"@keyframes film-k\d+\{.*", shown.svg)
             turned.append(np.array(re.findall(r"rotate\(([-.\d]+)deg", "".join(frames)), float))
             captions.append(shown.caption)
@@ -363,9 +362,9 @@ class TestRepeated:
 
     def test_bars_stand_where_the_log_has_them(self, drawn, fallen):
         """Coloured length of each joint in the figure against its time in the log."""
-        run_tables.timeline(fallen)
+        run_figures.timeline(fallen)
         shown, logged = np.zeros(8), np.zeros(8)
-        for colour in {entry.colour for entry in run_tables.JOINT_STATES}:
+        for colour in {entry.colour for entry in run_figures.JOINT_STATES}:
             for left, right, low, high in rectangles(drawn[1], drawn[1].panels[1], colour):
                 shown[round(0.5 * (low + high))] += right - left
         response = fallen.response
@@ -378,7 +377,7 @@ class TestRepeated:
 
     def test_film(self, fallen, tmp_path):
         """Small, without a script, and in the last frame where the run ends, clockwise [deg]."""
-        shown, strip = moving.film(fallen, "fall0", "A collapse")
+        shown, strip = film.film(fallen, "fall0", "A collapse")
         assert strip.svg.count("<text") == 4
         assert len(shown.svg) < 150_000
         assert not re.search(r"<script|\son\w+=", shown.svg)
@@ -391,7 +390,7 @@ class TestRepeated:
             rule = re.search(rf"@keyframes fall0-k{body}\{{(.*?)\}}\}}", shown.svg)[1]
             rotation = float(re.findall(r"rotate\(([-.\d]+)deg", rule)[-1])
             assert rotation == pytest.approx(-last[body], abs=0.06)
-        save_film(fallen, tmp_path / "made" / "fall.svg")
+        film.save_film(fallen, tmp_path / "made" / "fall.svg")
         root = lxml.etree.parse(tmp_path / "made" / "fall.svg").getroot()
         assert root.tag == "{http://www.w3.org/2000/svg}svg"
         assert len(root.findall(".//{*}use[@id]")) == ARCH.n_voussoir

@@ -10,12 +10,9 @@ from matplotlib import pyplot
 
 import archfrag as af
 from archfrag.fragility.risk import HazardCurve
-from archfrag.report import arch_figure as arches
-from archfrag.report import moving
-from archfrag.report.first_page import first_page
-from archfrag.report.inputs import arch_results, fractions_seen
+from archfrag.report import film
+from archfrag.report.first_page import before_and_after, first_page, ratio_text
 from archfrag.report.page import render
-from archfrag.report.ratios import before_and_after, ratio_text
 from archfrag.study.answer.risk import risk_of
 from archfrag.study.hazard import Hazard
 from tests.report import synthetic
@@ -100,8 +97,8 @@ class TestBeforeAndAfter:
 
     def test_the_other_curve_and_what_was_observed_are_drawn(self, both, drawn):
         html = first_page(both, None)
-        levels, seen = fractions_seen(both.cube, "before", both.scale)
-        assert seen == pytest.approx(arch_results(both.cube, "before", both.scale).fraction)
+        results = both.results("before")
+        levels, seen = results.levels, results.fraction
         assert np.ptp(seen) > 0.5
         (panel,) = drawn[-1].panels
         dots = "".join(drawn[-1].parts)
@@ -113,16 +110,17 @@ class TestBeforeAndAfter:
 
 
 def test_fill_lies_between_the_extrados_and_its_surface():
-    fill, backing = BEFORE.fill_outlines
+    earth, backing = (s.points for s in BEFORE.shapes if s.role in ("earth", "backing"))
     crown = np.concatenate(BEFORE.outlines)[:, 1].max()
-    assert fill[:, 1].max() == pytest.approx(crown + 0.4)
-    assert np.ptp(fill[:, 0]) == pytest.approx(np.ptp(np.concatenate(BEFORE.outlines)[:, 0]))
+    assert earth[:, 1].max() == pytest.approx(crown + 0.4)
+    assert np.ptp(earth[:, 0]) == pytest.approx(np.ptp(np.concatenate(BEFORE.outlines)[:, 0]))
     first, last = BEFORE.springings
     middle = 0.5 * (BEFORE.intrados + BEFORE.extrados)[[first, last], 1].min()
     assert backing[:, 1].max() == pytest.approx(middle + 0.8)
-    assert af.Arch.segmental(8.0, 3.0, 0.6, 9, 0.6).fill_outlines == []
+    bare = af.Arch.segmental(8.0, 3.0, 0.6, 9, 0.6)
+    assert {shape.role for shape in bare.shapes} == {"stone", "ground"}
     ax = af.Arch.plot(AFTER)
-    assert [len(each.get_paths()) for each in ax.collections] == [AFTER.n_voussoir, 2]
+    assert len(ax.patches) == AFTER.n_voussoir + 2
     pyplot.close(ax.figure)
 
 
@@ -131,7 +129,7 @@ def fall():
     """A run of the tied bridge in which a pier turns outwards."""
     motion = af.Motion(np.where(np.arange(1500) < 900, 9.0, -6.0), 1e-3, id="pulse")
     response = af.simulate(AFTER, motion, history=True)
-    return arches.Example(AFTER, motion, 1.0, "PGA = 0.92 g", response, "chosen", True)
+    return film.Example(AFTER, motion, 1.0, "PGA = 0.92 g", response, "chosen", True)
 
 
 def matrices(found):
@@ -150,9 +148,9 @@ def test_weights_tie_and_springings_stand_under_the_arch(page):
 
 class TestFilm:
     def test_all_bodies_stay_in_the_frame_in_motion_and_in_the_strip(self, fall):
-        shown, strip = moving.film(fall, "fall", "A collapse")
+        shown, strip = film.film(fall, "fall", "A collapse")
         width, height = map(float, re.search(r'viewBox="0 0 (\S+) (\S+)"', shown.svg).groups())
-        height -= 40.0 + moving._STRIP
+        height -= 40.0 + film._STRIP
         shapes = re.findall(r'<path id="fall-\d+" d="M([^"]+)z"/>', shown.svg)
         number = r"(-?[\d.]+)"
         moved = 0.0
@@ -171,7 +169,7 @@ class TestFilm:
         assert strip.svg.count("scale(0.25)") == 4
 
     def test_the_tie_moves_with_its_voussoirs(self, fall):
-        shown, strip = moving.film(fall, "fall", "A collapse")
+        shown, strip = film.film(fall, "fall", "A collapse")
         assert strip.svg.count('class="tie"') == 4
         body = AFTER.tie_bodies[0, 0]
         tie, voussoir = (
@@ -191,31 +189,31 @@ class TestFilm:
         assert np.ptp(ends, axis=0).max() > 20.0
 
     def test_so_it_does_in_a_film_of_matplotlib(self, fall):
-        film = fall.response.animate()
-        *_, tie = film._func(0)
+        played = fall.response.animate()
+        tie = played._func(0)[AFTER.n_voussoir]
         rest = np.transpose(tie.get_data())
         assert rest == pytest.approx(AFTER.tie_lines[0], abs=0.05)
-        stones, *_, tie = film._func(10**6)
+        *stones, tie = played._func(10**6)[: AFTER.n_voussoir + 1]
         assert np.abs(np.transpose(tie.get_data()) - rest).max() > 0.5
-        low, high = np.transpose([stones.axes.get_xlim(), stones.axes.get_ylim()])
-        corners = np.concatenate([path.vertices for path in stones.get_paths()])
+        low, high = np.transpose([tie.axes.get_xlim(), tie.axes.get_ylim()])
+        corners = np.concatenate([stone.get_xy() for stone in stones])
         assert (corners > low).all()
         assert (corners < high).all()
-        film._draw_was_started = True  # else matplotlib warns that nobody saw it
-        pyplot.close(film._fig)
+        played._draw_was_started = True  # else matplotlib warns that nobody saw it
+        pyplot.close(played._fig)
 
     def test_the_slider_ends_where_the_film_does(self, fall):
-        shown, _ = moving.film(fall, "fall", "A collapse")
+        shown, _ = film.film(fall, "fall", "A collapse")
         end = float(re.search(r'type="range" min="0" max="([\d.]+)"', shown.svg)[1])
         duration = float(re.search(r"animation-duration:([\d.]+)s", shown.svg)[1])
-        assert end * duration == pytest.approx(duration - moving._HOLD, abs=0.02)
+        assert end * duration == pytest.approx(duration - film._HOLD, abs=0.02)
 
     def test_the_ground_has_a_line_of_zero_and_says_whose_peak_it_tells(self, fall):
-        shown, _ = moving.film(fall, "fall", "A collapse")
+        shown, _ = film.film(fall, "fall", "A collapse")
         assert 'class="ground"' in shown.svg
         assert "(peak 0.92 g)" in shown.svg
         early = np.concatenate([[12.0, 0.0], fall.motion.acceleration])
         longer = replace(fall, motion=af.Motion(early, 1e-3, id="pulse"))
-        later, _ = moving.film(longer, "fall", "A collapse")
-        start = moving.key_frames(longer)[0][0]
+        later, _ = film.film(longer, "fall", "A collapse")
+        start = film.key_frames(longer)[0][0]
         assert ("(peak of the window" in later.svg) == (start > 0.002)

@@ -10,7 +10,7 @@ import xarray as xr
 
 from archfrag.export.papers import RUN_COLUMNS, write_papers
 from archfrag.report.curve_figures import effects_on_theta
-from archfrag.report.run_tables import fractiles, ida_line
+from archfrag.report.run_figures import fractiles, ida_line
 from archfrag.study.answer.cube import in_si
 from tests.study.small import TEXT, command, small_study
 

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.arch import bridge, checks, facts, shown
+from archfrag.arch import bridge, checks, facts
 from archfrag.arch import ring as rings
+from archfrag.arch.shapes import Shape, arch_shapes, frame
 from archfrag.arch.tie_rods import tie_lines, tie_row
 from archfrag.errors import GeometryError
 from archfrag.files import counted
@@ -141,12 +142,12 @@ class Arch:
         return ties[:, :2].astype(np.int64) - 1
 
     @property
-    def fill_outlines(self) -> list[NDArray[np.float64]]:
-        """Outlines of fill and backing, for drawing, (m, 2) each [m]; empty without fill."""
-        return shown.fill_outlines(self)
+    def shapes(self) -> list[Shape]:
+        """What a drawing shows of the arch at rest: fill, voussoirs, ties and ground."""
+        return arch_shapes(self)
 
     def _frame(self, *motion: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return shown.frame(self, *motion)
+        return frame(self, *motion)
 
     def corner_name(self, corner: int) -> str:
         """User's name of corner 0 or 1 of the chain's joints: "intrados" or "extrados"."""

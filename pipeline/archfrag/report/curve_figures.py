@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from archfrag.fragility.counts import clopper_pearson
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.quoted import Answer, curve_of_dict
-from archfrag.report import svg as look
+from archfrag.report import svg
 from archfrag.report.html import TEXTS
 from archfrag.report.inputs import ArchResults, ReportInputs, Scale
 from archfrag.report.svg import Entry, Panel, Sheet, figure
@@ -29,9 +29,9 @@ def curve_panel(
 ) -> Panel:  # fmt: skip
     """Axes of a figure of curves, below its legend."""
     height = 250.0 if sheet.narrow else 300.0
-    panel = look.panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
-    panel.axis_y(look.even_ticks(0.0, 1.0), words)
-    panel.axis_x(look.even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
+    panel = svg.panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
+    panel.axis_y(svg.even_ticks(0.0, 1.0), words)
+    panel.axis_x(svg.even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
     return panel
 
 
@@ -45,14 +45,14 @@ def draw_curve(
     if isinstance(shown, Answer):
         im, low, high = np.array([shown.im, shown.lower, shown.upper])
         seen = scale.factor * im <= panel.x[1]
-        shade = look.SKY if stroke.colour == look.BLUE else stroke.colour
+        shade = svg.SKY if stroke.colour == svg.BLUE else stroke.colour
         panel.band(scale.factor * im[seen], low[seen], high[seen], shade, 0.25)
     im = np.linspace(0.0, panel.x[1], 100)
     dash = "5 2.5" if stroke.mark == "dash" else ""
     panel.line(im, fit.probability(im / scale.factor), stroke.colour, width, dash)
 
 
-def _stroke(name: str, place: int, colours: Sequence[str] = look.COLOURS) -> Entry:
+def _stroke(name: str, place: int, colours: Sequence[str] = svg.COLOURS) -> Entry:
     dashed = place // len(colours) % 2
     return Entry(name, colours[place % len(colours)], "dash" if dashed else "line")
 
@@ -84,51 +84,51 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
     """Fragility curve of an arch with its band, and the capacities or fractions behind it."""
     scale, fit, percent = results.scale, answer.curve, f"{100 * answer.confidence:.0f} %"
     texts, highest, isotonic = TEXTS["curve"], float(results.levels.max()), None
-    if results.design.adaptive:
+    if results.runs.design.adaptive:
         caption = texts["searched"]
-        entries = [Entry("capacities of the records", look.INK, "line")]
+        entries = [Entry("capacities of the records", svg.INK, "line")]
     else:
         caption = texts["stripes" if results.own_levels is None else "grouped"]
-        entries = [Entry(f"fraction, exact {percent} interval", look.INK, "dot")]
+        entries = [Entry(f"fraction, exact {percent} interval", svg.INK, "dot")]
         isotonic = answer.more.get("free", {}).get("isotonic")
     reach, what = 1.05 * highest, "no lognormal curve could be fitted"
     if isinstance(fit, Fragility):
-        entries += [Entry("lognormal curve", look.BLUE, "line"), Entry(f"{percent} band", _BAND)]
+        entries += [Entry("lognormal curve", svg.BLUE, "line"), Entry(f"{percent} band", _BAND)]
         what = f"lognormal curve with median {scale.text(fit.theta)} and dispersion {fit.beta:.3f}"
         reach = min(max(reach, 1.1 * fit.theta * scale.factor), 3.0 * highest)
         caption += _band_words(answer)
-    likeliest = Entry("by maximum likelihood", look.BLUE, "dash")
+    likeliest = Entry("by maximum likelihood", svg.BLUE, "dash")
     if isinstance(most := answer.likelihood, Fragility):
         entries.append(likeliest)
         caption += f" Dashed: θ {scale.text(most.theta)}, β {most.beta:.3f}."
     if isotonic:
-        entries.append(Entry("isotonic", look.GREY, "line"))
+        entries.append(Entry("isotonic", svg.GREY, "line"))
         caption += texts["isotonic"]
     panel = curve_panel(sheet, entries, reach, scale.label)
-    draw_curve(panel, answer, scale, Entry("", look.BLUE, "line"))
+    draw_curve(panel, answer, scale, Entry("", svg.BLUE, "line"))
     draw_curve(panel, answer.likelihood, scale, likeliest, 0.9)
     if isotonic:
         im = scale.factor * np.array(isotonic["im"])
-        panel.line(im, isotonic["probability"], look.GREY, 0.9)
+        panel.line(im, isotonic["probability"], svg.GREY, 0.9)
     if isinstance(fit, Fragility) and (median := fit.theta * scale.factor) <= reach:
-        panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
+        panel.line([0.0, median, median], [0.5, 0.5, 0.0], svg.GREY, 0.8, "4 3")
         panel.label(median, panel.box[3] - 6.0, f"θ = {scale.text(fit.theta)}", "s")
     if reach > 1.05 * highest:
-        panel.line([highest, highest], [0.0, 1.0], look.GREY, 0.9, "2 2")
+        panel.line([highest, highest], [0.0, 1.0], svg.GREY, 0.9, "2 2")
         caption += texts["extrapolated"]
-    if results.design.adaptive:
+    if results.runs.design.adaptive:
         capacity = results.capacities
         seen = np.sort(capacity[capacity <= reach])
         height = np.arange(seen.size + 1) / max(capacity.size, 1)
         steps = np.concatenate([[0.0], np.repeat(seen, 2), [highest]])
-        panel.line(steps, np.repeat(height, 2), look.INK, 1.1)
+        panel.line(steps, np.repeat(height, 2), svg.INK, 1.1)
     else:
         used = results.counts["n"] > 0
         collapses, n = (results.counts[key][used] for key in ("collapsed", "n"))
         ends = clopper_pearson(collapses, n, answer.confidence)
         bars = np.column_stack([*ends, np.full(ends[0].size, np.nan)])
-        panel.line(np.repeat(results.levels[used], 3), bars.ravel(), look.INK, 0.9)
-        panel.dots(results.levels, results.fraction, look.INK)
+        panel.line(np.repeat(results.levels[used], 3), bars.ravel(), svg.INK, 0.9)
+        panel.dots(results.levels, results.fraction, svg.INK)
     return f"Probability of collapse of {results.arch} against {scale.label}: {what}", caption
 
 
@@ -151,12 +151,12 @@ def all_curves(
     if len(named) + len(single) <= MOST_NAMED:
         named |= single
     elif single:
-        thin.append((look.GREY, _thinned(single.values())))
+        thin.append((svg.GREY, _thinned(single.values())))
     strokes = [_stroke(name, i) for i, name in enumerate(named)]
     key = strokes + [Entry("each arch", _THIN, "line")] * any(fits for _, fits in thin)
     panel = curve_panel(sheet, key, reach, scale.label)
     if at is not None and 0.0 < at < reach:
-        panel.line([at, at], [0.0, 1.0], look.GREY, 0.9, "2 2")
+        panel.line([at, at], [0.0, 1.0], svg.GREY, 0.9, "2 2")
     im = np.linspace(0.0, reach, 34)
     for colour, fits in thin:
         opacity = float(np.clip(25.0 / max(len(fits), 1), 0.15, 0.5))
@@ -201,7 +201,7 @@ def limit_states(sheet: Sheet, inputs: ReportInputs, answer: Answer, name: str) 
     # Above the curves is room on the left, below them on the right.
     for part, (words, chance) in zip(np.linspace(0.85, 0.2, len(seen)), seen):
         i = int(np.searchsorted(chance, part * chance[-1]))
-        panel.dots(im[[i]], chance[[i]], look.INK, radius=2.4)
+        panel.dots(im[[i]], chance[[i]], svg.INK, radius=2.4)
         panel.label(im[i], float(panel.at_y(chance[i])) + 4.0, words, left=part > 0.5)
     medians = _medians({own.label: fit for own, fit in curves}, scale)
     return f"Curves of limit states of {name} against {scale.label}. {medians}"
@@ -214,7 +214,7 @@ def two_studies(
     """Curves of an arch in two studies with their bands, and the observed fractions."""
     (first, _), (second, _) = sides
     scale, reach = first.scale, 1.05 * max(first.levels.max(), second.levels.max())
-    strokes = [Entry(names[0], look.BLUE, "line"), Entry(names[1], look.VERMILION, "dash")]
+    strokes = [Entry(names[0], svg.BLUE, "line"), Entry(names[1], svg.VERMILION, "dash")]
     panel = curve_panel(sheet, strokes, reach, scale.label)
     for own, (_, answer) in zip(strokes, sides):
         draw_curve(panel, answer, scale, own)
@@ -236,15 +236,15 @@ def theta_panels(
     theta = theta[known]
     margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
     ends = float(theta.min()) - margin, float(theta.max()) + margin
-    boxes = sheet.grid(len(shown), 3, 150.0, look.BELOW - look.LINE)
+    boxes = sheet.grid(len(shown), 3, 150.0, svg.BELOW - svg.LINE)
     for box, (title, values) in zip(boxes, shown.items(), strict=True):
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         reach = low - 0.04 * (high - low), high + 0.04 * (high - low)
         panel = Panel(sheet, box, reach, ends)
-        panel.axis_x(look.even_ticks(*reach, 4))
-        panel.axis_y(look.even_ticks(*ends), f"θ [{unit}]")
-        panel.dots(values[known], theta, look.BLUE, radius=2.4)
-        panel.heading(look.shortened(title, box[2] - box[0]))
+        panel.axis_x(svg.even_ticks(*reach, 4))
+        panel.axis_y(svg.even_ticks(*ends), f"θ [{unit}]")
+        panel.dots(values[known], theta, svg.BLUE, radius=2.4)
+        panel.heading(svg.shortened(title, box[2] - box[0]))
     return f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}"
 
 
@@ -264,17 +264,17 @@ def tornado(
     margin = 0.05 * float(np.ptp(ends)) or 0.05 * middle
     reach = float(ends.min()) - margin, float(ends.max()) + margin
     left, height = 110.0 if sheet.narrow else 170.0, 24.0 * len(order)
-    sheet.height = height + look.BELOW + 8.0
+    sheet.height = height + svg.BELOW + 8.0
     box = (left, 8.0, sheet.width - 60.0, 8.0 + height)
     panel = Panel(sheet, box, reach, (len(order) - 0.5, -0.5))
-    panel.axis_x(look.even_ticks(*reach, 6), f"θ [{unit}]", grid=True)
+    panel.axis_x(svg.even_ticks(*reach, 6), f"θ [{unit}]", grid=True)
     for row, (key, (low, high)) in enumerate(zip(order, ends)):
-        for end, colour in ((low, look.SKY), (high, look.BLUE)):
+        for end, colour in ((low, svg.SKY), (high, svg.BLUE)):
             near, far = sorted((middle, end))
             panel.boxes([near], [far], [row - 0.35], [row + 0.35], colour)
-        label = look.shortened(names[key], left - 12.0)
+        label = svg.shortened(names[key], left - 12.0)
         sheet.text(left - 8.0, float(panel.at_y(row)) + 4.0, label, "e")
-    panel.line([middle, middle], panel.y, look.INK, 1.0)
+    panel.line([middle, middle], panel.y, svg.INK, 1.0)
     return f"Change of the median capacity of {name} with {', '.join(names[k] for k in order)}"
 
 

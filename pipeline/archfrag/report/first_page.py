@@ -1,32 +1,31 @@
 """First page of the report: the answer in a sentence, the arch to scale, the curve, a collapse."""
 
 import datetime
-import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
 from markupsafe import Markup
 
 from archfrag.arch import Arch
+from archfrag.arch.shapes import mechanism_shapes
 from archfrag.files import counted
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.quoted import Answer
-from archfrag.report import html
-from archfrag.report import svg as look
-from archfrag.report.arch_figure import Example, arch_panel, draw_hinges
+from archfrag.report import html, svg
+from archfrag.report.arch_figure import arch_panel, paint
 from archfrag.report.curve_figures import curve_panel, draw_curve
+from archfrag.report.film import Example, film
 from archfrag.report.html import TEXTS, Picture
-from archfrag.report.inputs import ReportInputs, fractions_seen, thetas
+from archfrag.report.inputs import ReportInputs, thetas
 from archfrag.report.limits import short, study_aspects
-from archfrag.report.moving import film
-from archfrag.report.ratios import before_and_after
 from archfrag.report.svg import Entry, Panel, Sheet, figure
 from archfrag.simulation.simulate import Onset
 from archfrag.study.answer.curves import arch_classes
 from archfrag.version import __version__
 
 PERIODS = (475.0, 2475.0)  # return periods of building codes [years]
+_SEEN = 0.001  # difference of probabilities that matters
 _HALF = 560.0  # width of the curve [px]
 _MOST, _SMALL = (270.0, 180.0), (270.0, 130.0)  # width and height of an arch, and of two [px]
 
@@ -140,7 +139,7 @@ def _drawn(inputs: ReportInputs) -> Iterator[Picture]:
     answers, places = inputs.quoted, [leading_arch(inputs)]
     if len(answers) == 2:
         both = [_place(inputs, *each) for each in answers.items()]
-        shapes = [_shape(inputs.arches[place][1]) for place in both]
+        shapes = [_outlines(inputs.arches[place][1]) for place in both]
         places = both if both[0] != both[1] and shapes[0] != shapes[1] else places
     named = bool(inputs.classes) or len(answers) > 1
     for place in places:
@@ -148,15 +147,14 @@ def _drawn(inputs: ReportInputs) -> Iterator[Picture]:
         yield _arch(arch, onset, name, named, _MOST if len(places) == 1 else _SMALL)
 
 
-def _shape(arch: Arch) -> list[list[float]]:
-    """All that a drawing shows of an arch."""
-    points = [*arch.outlines, *arch.fill_outlines, *arch.tie_lines]
-    return [points.ravel().tolist() for points in points]
+def _outlines(arch: Arch) -> list[list[float]]:
+    """Return all that a drawing shows of an arch as lists."""
+    return [shape.points.tolist() for shape in arch.shapes]
 
 
 def _arch(arch: Arch, onset: Onset, name: str, named: bool, most: tuple[float, float]) -> Picture:
     """The arch to scale with its dimensions and hinges at onset; `named` in the caption or not."""
-    sheet = Sheet(look.NARROW)
+    sheet = Sheet(svg.NARROW)
     panel = arch_panel(sheet, arch, 0.5 * sheet.width, 24.0, most)
     sheet.height = panel.box[3] + 8.0
     words = _dimensions(panel, arch)
@@ -166,10 +164,11 @@ def _arch(arch: Arch, onset: Onset, name: str, named: bool, most: tuple[float, f
         return Picture(sheet.svg(f"{name}: {words}"), caption)
     towards = "−x" if onset.minus < 0.999 * onset.plus else "+x"
     limit, hinges, _ = onset.mechanism(towards.replace("−", "-"))
-    draw_hinges(panel, arch, hinges)
+    paint(panel, mechanism_shapes(arch, hinges, ()))
     ties = counted(len(arch.tie_lines), "tie")
     caption += f"Blue: {ties}. " * bool(len(arch.tie_lines))
-    caption += "Dashed: the surface of the fill. " * bool(arch.fill_outlines)
+    filled = any(shape.role == "earth" for shape in arch.shapes)
+    caption += "Dashed: the surface of the fill. " * filled
     caption += f"Motion begins at {html.onset_text(limit)} of ground acceleration"
     caption += f" towards {towards}" if not np.isclose(onset.plus, onset.minus) else ""
     caption += " with these hinges." if len(hinges) else "."
@@ -228,15 +227,16 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     others = others if len(others) == 1 else {}
     whose = name if len(inputs.quoted) > 1 else _noun(inputs)
     whose = f"class {name}" if name in inputs.classes else whose
-    entries = [Entry(name, look.BLUE, "line"), *(Entry(k, look.GREEN, "dash") for k in others)]
+    entries = [Entry(name, svg.BLUE, "line"), *(Entry(k, svg.GREEN, "dash") for k in others)]
     panel = curve_panel(sheet, entries if others else [], reach, scale.label)
     words = f"Probability of collapse of {whose} against {scale.label}"
-    levels, seen = fractions_seen(inputs.cube, name, scale)
-    kind, design = "", json.loads(inputs.cube.attrs["archfrag_design"])["kind"]
+    results = inputs.results(name)
+    levels, seen = results.levels, results.fraction
+    kind, design = "", results.runs.design.kind
     if np.isfinite(seen).any():
         kind = TEXTS["first_curve"].get(design, TEXTS["first_curve"]["stripes"])
     if isinstance(fit := answer.curve, str):
-        panel.dots(levels, seen, look.INK, radius=2.6)
+        panel.dots(levels, seen, svg.INK, radius=2.6)
         return words, kind.strip()
     curve = "mean curve of the arches" if fit.members is not None else "lognormal curve"
     caption = f"Line: {curve} of {whose}. Shaded: {inputs.percent} band.{kind}"
@@ -244,16 +244,16 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     marked |= {} if inputs.at is None else {"asked for": inputs.at}
     marked = {word: level for word, level in marked.items() if level < reach}
     for level in marked.values():
-        panel.line([level, level], [0.0, 1.0], look.VERMILION, 1.1, "2 2")
+        panel.line([level, level], [0.0, 1.0], svg.VERMILION, 1.1, "2 2")
     for other in others.values():
         draw_curve(panel, other, scale, entries[1], 1.6)
     draw_curve(panel, answer, scale, entries[0], 2.4)
-    panel.dots(levels, seen, look.INK, radius=2.6)
+    panel.dots(levels, seen, svg.INK, radius=2.6)
     theta, median = scale.factor * fit.theta, scale.text(fit.theta)
     if theta < reach:
         half = float(fit.probability(fit.theta))  # of a class not quite 0.5
-        panel.line([0.0, theta, theta], [half, half, 0.0], look.INK, 0.9, "4 3")
-        panel.dots([theta], [half], look.BLUE, "hinge", 4.5)
+        panel.line([0.0, theta, theta], [half, half, 0.0], svg.INK, 0.9, "4 3")
+        panel.dots([theta], [half], svg.BLUE, "hinge", 4.5)
         panel.label(theta, panel.box[3] - 7.0, f"θ = {median}", "b")
     for row, word in enumerate(sorted(marked, key=marked.__getitem__)):
         panel.label(marked[word], panel.box[1] + 12.0 + 14.0 * row, word, "b")
@@ -265,3 +265,37 @@ def _noun(inputs: ReportInputs) -> str:
     _, arch, _ = inputs.arches[0]
     column = "the column" if arch.free_end else "the arch"
     return "the block" if arch.parameters["profile"] == "block" else column
+
+
+def before_and_after(inputs: ReportInputs) -> list[str]:
+    """Sentences on two arches or classes of a study; empty if it has another number of them."""
+    found = inputs.ratios
+    if isinstance(found, str) or len(found) != 1:
+        return []
+    first, second = inputs.known
+    median, *rates = (ratio_text(row, inputs.percent) for row in found[second].values())
+    words = f"The median capacity of {second} is {median} times that of {first}"
+    words += "".join(f", its annual rate of collapse {rate} times" for rate in rates)
+    return [f"{words}.", *_crossing(inputs)]
+
+
+def ratio_text(row: Mapping[str, float], percent: str) -> str:
+    """A ratio with its interval."""
+    return f"{row['ratio']:.2f} ({percent}: {row['lower']:.2f} to {row['upper']:.2f})"
+
+
+def _crossing(inputs: ReportInputs) -> list[str]:
+    """Which of two curves is higher below the level at which they cross, if they do."""
+    levels, scale = inputs.cube["intensity"].values, inputs.scale
+    im = np.geomspace(np.nanmin(levels), np.nanmax(levels), 400)
+    one, two = (fit.probability(im) for fit in inputs.known.values())
+    sign = np.where(np.abs(two - one) > _SEEN, np.sign(two - one), 0.0)
+    seen = np.flatnonzero(sign)
+    changes = np.flatnonzero(np.diff(sign[seen]))
+    if changes.size != 1:
+        return []
+    start, end = seen[changes[0]], seen[changes[0] + 1]
+    at = scale.factor * float(im[start + np.abs(two - one)[start : end + 1].argmin()])
+    name, level = list(inputs.known)[int(sign[start] > 0.0)], html.rounded(at)
+    where = f"Below {scale.measure} {level} {scale.unit} the curve of {name} is the higher one"
+    return [f"{where}, because its β is larger."]

@@ -7,7 +7,7 @@ from itertools import chain
 from typing import Any
 
 from archfrag.report.html import TEXTS
-from archfrag.report.inputs import ReportInputs, study_config
+from archfrag.report.inputs import ReportInputs
 from archfrag.study.answer.curves import arch_classes
 
 _LISTED = 3  # names of arches in a sentence
@@ -58,7 +58,7 @@ def study_aspects(inputs: ReportInputs) -> list[Aspect]:
         given = {of_class[name]: [arch.parameters] for name, arch, _ in inputs.arches}
     return aspects(
         given, cube.attrs.get("vertical_component", "not used"),
-        study_config(cube).get("method", {}).get("delay"),
+        inputs.config.get("method", {}).get("delay"),
         not all(arch.free_end for _, arch, _ in inputs.arches),
     )  # fmt: skip
 

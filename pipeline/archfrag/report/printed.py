@@ -12,8 +12,8 @@ from matplotlib.text import Text
 from archfrag import plots
 from archfrag.files import make_folder
 from archfrag.fragility.curve import Fragility
-from archfrag.report.inputs import ArchResults, ReportInputs, arch_results
-from archfrag.report.run_tables import MEASURED, VERDICTS, ida_lines
+from archfrag.report.inputs import ArchResults, ReportInputs
+from archfrag.report.run_figures import MEASURED, VERDICTS, ida_lines
 
 _COLOURS = (plots.BLUE, plots.VERMILION, plots.GREEN, plots.ORANGE)
 _STYLES = {"16 %": "--", "84 %": ":"}
@@ -28,7 +28,7 @@ def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
     """
     make_folder(folder)
     scale, (figure, ax) = inputs.scale, _axes(3.6)
-    results = {name: arch_results(inputs.cube, name, scale) for name, _, _ in inputs.arches}
+    results = {name: inputs.results(name) for name, _, _ in inputs.arches}
     for number, (name, answer) in enumerate(inputs.quoted.items()):
         colour, style = _COLOURS[number % 4], "-" if number < 4 else "--"
         if isinstance(fit := answer.curve, Fragility):

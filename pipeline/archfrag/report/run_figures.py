@@ -9,37 +9,36 @@ import numpy as np
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.risk import Contributions, deaggregate
-from archfrag.report import svg as look
-from archfrag.report.arch_figure import Example
+from archfrag.report import svg
+from archfrag.report.film import Example, draw_ground
 from archfrag.report.html import TEXTS, digits
 from archfrag.report.inputs import ArchResults
 from archfrag.report.limits import base_of
-from archfrag.report.moving import draw_ground
 from archfrag.report.svg import BELOW, LEFT, LINE, Entry, Panel, Sheet, figure
 from archfrag.simulation.response import MechanismChange
 
 VERDICTS = {
     Verdict.STANDING: Entry("standing", "#cfe0ee"),
-    Verdict.COLLAPSED: Entry("collapsed", look.VERMILION),
+    Verdict.COLLAPSED: Entry("collapsed", svg.VERMILION),
     Verdict.UNFINISHED: Entry("unfinished", "#d9b310", "slash"),
-    Verdict.SOLVER_FAILURE: Entry("solver failure", look.INK),
+    Verdict.SOLVER_FAILURE: Entry("solver failure", svg.INK),
 }
 MODES = (  # by code of `CollapseMode`
-    Entry("mode not known", look.GREY), Entry("hinging", look.BLUE),
-    Entry("sliding", look.ORANGE, "slash"), Entry("lift-off", look.GREEN, "dots"),
-    Entry("overturning", look.PURPLE, "cross"),
+    Entry("mode not known", svg.GREY), Entry("hinging", svg.BLUE),
+    Entry("sliding", svg.ORANGE, "slash"), Entry("lift-off", svg.GREEN, "dots"),
+    Entry("overturning", svg.PURPLE, "cross"),
 )  # fmt: skip
 LOOKS = (
-    (look.BLUE, "area"), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
-    (look.VERMILION, "slash"), (look.SKY, "area"), (look.INK, "area"), (look.GREY, "area"),
+    (svg.BLUE, "area"), (svg.ORANGE, "slash"), (svg.GREEN, "dots"), (svg.PURPLE, "cross"),
+    (svg.VERMILION, "slash"), (svg.SKY, "area"), (svg.INK, "area"), (svg.GREY, "area"),
 )  # fmt: skip
 # What a joint may be seen doing, in words of the log, from code 1; a closed joint that sticks is
 # not drawn.
 JOINT_STATES = (
-    Entry("hinge intrados", look.BLUE), Entry("hinge extrados", look.VERMILION),
-    Entry("hinge intrados sliding", look.BLUE, "slash"),
-    Entry("hinge extrados sliding", look.VERMILION, "slash"),
-    Entry("slides", look.ORANGE, "cross"), Entry("open", look.INK),
+    Entry("hinge intrados", svg.BLUE), Entry("hinge extrados", svg.VERMILION),
+    Entry("hinge intrados sliding", svg.BLUE, "slash"),
+    Entry("hinge extrados sliding", svg.VERMILION, "slash"),
+    Entry("slides", svg.ORANGE, "cross"), Entry("open", svg.INK),
 )  # fmt: skip
 _LABELLED = 60  # records that have their names written
 _MOST_JOINTS = 4
@@ -57,12 +56,12 @@ def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
     values, logs = np.empty(0), np.log(levels)
     if levels.size > 1:
         spread = [float(np.std(np.diff(x)) / np.mean(np.diff(x))) for x in (levels, logs)]
-        make = look.log_ticks if spread[1] < spread[0] else partial(look.even_ticks, most=most)
+        make = svg.log_ticks if spread[1] < spread[0] else partial(svg.even_ticks, most=most)
         values = make(float(levels[0]), float(levels[-1]))
     if values.size < 2:
         values = levels
     places = np.interp(np.log(values), logs, np.arange(levels.size))
-    panel.axis_x(places, title, [look.tick_label(float(digits(value))) for value in values])
+    panel.axis_x(places, title, [svg.tick_label(float(digits(value))) for value in values])
 
 
 @figure
@@ -78,13 +77,13 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
         entries.append(Entry("blank: not simulated", "#ffffff"))
     bounded = len(results.capacities) == n_record and np.isfinite(results.capacities).any()
     if bounded:
-        entries.append(Entry("capacity", look.INK, "line"))
+        entries.append(Entry("capacity", svg.INK, "line"))
     labelled = n_record <= _LABELLED
-    longest = max(look.text_width(name, look.SMALL) for name in names)
+    longest = max(svg.text_width(name, svg.SMALL) for name in names)
     left = min(longest + 12.0, 0.36 * sheet.width) if labelled else 26.0
     height = (14.0 if labelled else min(14.0, 620.0 / n_record)) * n_record
     ends = (-0.5, n_level - 0.5), (n_record - 0.5, -0.5)
-    panel = look.panel_below(sheet, entries, height, *ends, left=left)
+    panel = svg.panel_below(sheet, entries, height, *ends, left=left)
     for code, (_, colour, mark) in VERDICTS.items():
         panel.cells(rows == code, colour, mark, half=0.45 if labelled else 0.5)
     for edge in np.arange(1, n_level) - 0.5:
@@ -94,10 +93,10 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
         x = np.interp(np.log(capacities), levels, np.arange(n_level), right=n_level - 0.5)
         x = np.where(capacities <= results.levels[0], -0.5, x)
         y = np.repeat(np.arange(n_record + 1), 2)[1:-1] - 0.5
-        panel.line(np.repeat(x, 2), y, look.INK, 1.4)
+        panel.line(np.repeat(x, 2), y, svg.INK, 1.4)
     if labelled:
         for y, name in zip(panel.at_y(np.arange(n_record)), names, strict=True):
-            sheet.text(left - 5.0, y + 3.5, look.shortened(name, left - 12.0, look.SMALL), "s e")
+            sheet.text(left - 5.0, y + 3.5, svg.shortened(name, left - 12.0, svg.SMALL), "s e")
     else:
         words, middle = f"{n_record} records, most fragile at the bottom", sum(panel.box[1::2]) / 2
         sheet.text(left - 8.0, middle, words, "m", angle=-90)
@@ -116,13 +115,13 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     verdict = np.where(results.simulated, results.verdict, 0).sum(axis=1)[run]
     reach = results["peak_displacement"].sum(axis=1)[run]
     looks = {code: entry._replace(mark="dot") for code, entry in VERDICTS.items()}
-    looks[Verdict.STANDING] = Entry("standing", look.SKY, "dot")
+    looks[Verdict.STANDING] = Entry("standing", svg.SKY, "dot")
     entries = [entry for code, entry in looks.items() if np.any(verdict == code)]
     low, high = 1e-4, 10.0 ** np.ceil(np.log10(max(np.nanmax(reach), 1e-3)))
     x = 0.95 * float(level.min()), 1.05 * float(level.max())
-    panel = look.panel_below(sheet, entries, 220.0, x, (low, high), left=56.0, log=True)
-    panel.axis_x(look.log_ticks(*x), results.scale.label, grid=True)
-    panel.axis_y(look.log_ticks(low, high, subs=(1.0,)), "largest displacement [m]")
+    panel = svg.panel_below(sheet, entries, 220.0, x, (low, high), left=56.0, log=True)
+    panel.axis_x(svg.log_ticks(*x), results.scale.label, grid=True)
+    panel.axis_y(svg.log_ticks(low, high, subs=(1.0,)), "largest displacement [m]")
     for code, (_, colour, _) in looks.items():
         own = verdict == code
         panel.dots(level[own], np.clip(reach[own], low, high), colour, radius=2.6)
@@ -138,8 +137,8 @@ def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
     if results.own_levels is not None or not (results.verdict == Verdict.STANDING).any():
         return None
     entries = [
-        Entry("a record", look.GREY, "line"), Entry("median", look.BLUE, "line"),
-        Entry("16 and 84 %", look.BLUE, "dash"),
+        Entry("a record", svg.GREY, "line"), Entry("median", svg.BLUE, "line"),
+        Entry("16 and 84 %", svg.BLUE, "dash"),
     ]  # fmt: skip
     top = sheet.legend(LEFT, 0.0, entries)
     boxes = sheet.grid(len(MEASURED), 2, 260.0, BELOW)
@@ -148,11 +147,11 @@ def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
     for (name, title), (left, up, right, down) in zip(MEASURED.items(), boxes):
         reach, lines = ida_lines(results, name, 1.15)
         panel = Panel(sheet, (left, up + top, right, down + top), (0.0, reach), (0.0, highest))
-        panel.axis_x(look.even_ticks(0.0, reach, 5), title, grid=True)
-        panel.axis_y(look.even_ticks(0.0, highest), results.scale.label)
-        strokes = {"": (look.GREY, 0.7, ""), "median": (look.BLUE, 2.0, "")}
+        panel.axis_x(svg.even_ticks(0.0, reach, 5), title, grid=True)
+        panel.axis_y(svg.even_ticks(0.0, highest), results.scale.label)
+        strokes = {"": (svg.GREY, 0.7, ""), "median": (svg.BLUE, 2.0, "")}
         for x, y, part in lines:
-            panel.line(x, y, *strokes.get(part, (look.BLUE, 1.3, "5 2.5")))
+            panel.line(x, y, *strokes.get(part, (svg.BLUE, 1.3, "5 2.5")))
     return f"Peak and residual rotation of {results.arch} against {results.scale.label}"
 
 
@@ -229,7 +228,7 @@ def fractions(
     stacks = [stacked(group.categories, group.counts / divisor) for group in groups]
     keys = [[entry for entry, _ in parts] for parts in stacks]
     left, _, right, _ = sheet.grid(len(keys), 2, 150.0, BELOW)[0]
-    rows = 1 + max(look.legend_rows(key, right - left)[-1][0] for key in keys)
+    rows = 1 + max(svg.legend_rows(key, right - left)[-1][0] for key in keys)
     boxes = sheet.grid(len(keys), 2, 150.0, BELOW + rows * LINE)
     titles = "how it was moving", "joint that was lost"
     for box, parts, key, title in zip(boxes, stacks, keys, titles, strict=True):
@@ -275,7 +274,7 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     right, height = sheet.width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
     upper = Panel(sheet, (LEFT, top, right, top + 62.0), (start, end), (-1.0, 1.0))
     draw_ground(upper, example, 300)
-    upper.axis_y(look.even_ticks(*upper.y, 4), "ground [g]")
+    upper.axis_y(svg.even_ticks(*upper.y, 4), "ground [g]")
     ended = response.status.name.lower().replace("_", " ")
     if response.collapsed:
         ended = f"contact lost at {response.collapse_time:.2f} s, joint {response.collapse_joint}"
@@ -286,10 +285,10 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     middle.axis_y(np.arange(0, n_joint, step), "joint")
     for k, (_, colour, mark) in states:
         middle.cells((joints == k).T, colour, mark, edges, 0.4)
-    middle.axis_x(look.even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
+    middle.axis_x(svg.even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
     if response.collapsed:
         line = f"M{float(middle.at_x(response.collapse_time)):.1f} {top:.1f}V{middle.box[3]:.1f}"
-        sheet.path(line, stroke=look.INK, stroke_dasharray="4 2")
+        sheet.path(line, stroke=svg.INK, stroke_dasharray="4 2")
     sheet.height = middle.box[3] + BELOW
     texts, about = TEXTS["timeline"], {"level": example.level, "reason": example.reason}
     motion, base = example.motion.id, base_of(example.arch.free_end, example.arch.parameters)
