@@ -18,10 +18,10 @@ from matplotlib.figure import Figure
 
 import archfrag as af
 from archfrag.report.arch_figure import arch_at_onset
-from archfrag.report.svg import BLUE, GREY, SKY, VERMILION
-from archfrag.report.html import STYLE
 from archfrag.report.film import Example
 from archfrag.report.film import film as film_and_frames
+from archfrag.report.html import STYLE
+from archfrag.report.svg import BLUE, GREY, SKY, VERMILION
 
 ROOT = Path(os.environ["ARCHFRAG_DOCS"]).parent
 WORD = re.compile(r"\b(?!inf\b)[A-Za-z]{2}")  # of a column that does not hold numbers alone

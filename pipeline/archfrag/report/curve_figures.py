@@ -27,7 +27,7 @@ def curve_panel(
     sheet: Sheet, entries: Sequence[Entry], reach: float, title: str,
     words: str = "probability of collapse",
 ) -> Panel:  # fmt: skip
-    """Axes of a figure of curves, below its legend."""
+    """Draw the axes of a figure of curves below its legend; return their panel."""
     height = 250.0 if sheet.narrow else 300.0
     panel = svg.panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
     panel.axis_y(svg.even_ticks(0.0, 1.0), words)
@@ -53,27 +53,31 @@ def draw_curve(
 
 
 def _stroke(name: str, place: int, colours: Sequence[str] = svg.COLOURS) -> Entry:
+    """Choose the colour and the stroke of the curve at a place in a legend."""
     dashed = place // len(colours) % 2
     return Entry(name, colours[place % len(colours)], "dash" if dashed else "line")
 
 
 def _thinned(fits: Iterable[Fragility]) -> list[Fragility]:
-    """At most `MOST_THIN` curves, evenly from the weakest to the strongest."""
+    """Choose at most `MOST_THIN` curves, evenly from the weakest to the strongest."""
     known = sorted(fits, key=lambda fit: fit.theta)
     places = np.linspace(0, len(known) - 1, min(len(known), MOST_THIN))
     return [known[i] for i in places.round().astype(int)]
 
 
 def _known(answers: Mapping[str, Answer]) -> dict[str, Fragility]:
+    """Return the curves of those answers that have one."""
     fits = {name: answer.curve for name, answer in answers.items()}
     return {name: fit for name, fit in fits.items() if isinstance(fit, Fragility)}
 
 
 def _medians(fits: Mapping[str, Fragility], scale: Scale) -> str:
+    """Write the medians of curves in a line."""
     return "Medians: " + "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in fits.items())
 
 
 def _band_words(answer: Answer) -> str:
+    """Write what the band of an answer is and what it assumes; empty without a band."""
     if not answer.method:
         return ""
     return f" Shaded: pointwise band, {answer.method}. {answer.assumptions.removesuffix('.')}."
@@ -81,7 +85,7 @@ def _band_words(answer: Answer) -> str:
 
 @figure
 def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]:
-    """Fragility curve of an arch with its band, and the capacities or fractions behind it."""
+    """Draw the curve of an arch with its band, and the capacities or fractions behind it."""
     scale, fit, percent = results.scale, answer.curve, f"{100 * answer.confidence:.0f} %"
     texts, highest, isotonic = TEXTS["curve"], float(results.levels.max()), None
     if results.runs.design.adaptive:
@@ -137,7 +141,7 @@ def all_curves(
     sheet: Sheet, inputs: ReportInputs, answers: Mapping[str, Answer],
     classes: Mapping[str, Answer],
 ) -> tuple[str, str] | None:  # fmt: skip
-    """Curves of some arches and classes in one figure; None if they are fewer than two.
+    """Draw the curves of some arches and classes in one figure; None if they are fewer than two.
 
     Curves with names lie over thin ones of one colour each.
     """
@@ -180,7 +184,7 @@ def all_curves(
 
 @figure
 def limit_states(sheet: Sheet, inputs: ReportInputs, answer: Answer, name: str) -> str | None:
-    """Curves of the limit states of an arch or a class; None if none has one."""
+    """Draw the curves of the limit states of an arch or a class; None if none has one."""
     states = answer.more.get("limit_states", {}).get("states", ())
     curves = [
         (_stroke(state["name"].replace("_", " "), i, _DAMAGE), fit)
@@ -211,7 +215,7 @@ def limit_states(sheet: Sheet, inputs: ReportInputs, answer: Answer, name: str) 
 def two_studies(
     sheet: Sheet, names: Sequence[str], sides: Sequence[tuple[ArchResults, Answer]]
 ) -> str:
-    """Curves of an arch in two studies with their bands, and the observed fractions."""
+    """Draw the curves of an arch in two studies with their bands, and the observed fractions."""
     (first, _), (second, _) = sides
     scale, reach = first.scale, 1.05 * max(first.levels.max(), second.levels.max())
     strokes = [Entry(names[0], svg.BLUE, "line"), Entry(names[1], svg.VERMILION, "dash")]
@@ -229,7 +233,7 @@ def two_studies(
 def theta_panels(
     sheet: Sheet, theta: FloatArray, differences: Mapping[str, NDArray], name: str, unit: str
 ) -> str | None:
-    """Theta of each arch against what the arches differ by, a panel for each; None if nothing."""
+    """Draw theta of each arch against each value by which arches differ; None without such."""
     shown, known = dict(list(differences.items())[:_MOST_PANELS]), np.isfinite(theta)
     if not shown or known.sum() < 2:
         return None
@@ -252,7 +256,7 @@ def theta_panels(
 def tornado(
     sheet: Sheet, theta: FloatArray, differences: Mapping[str, NDArray], name: str, unit: str
 ) -> str | None:
-    """Draw `effects_on_theta` as bars, the largest on top; None if arches are too few for it."""
+    """Draw `effects_on_theta` as bars, the largest on top; None if the arches are too few."""
     names = [key for key, values in differences.items() if np.isfinite(values).all()]
     known = np.isfinite(theta)
     if known.sum() < len(names) + 2 or not names:
@@ -279,10 +283,10 @@ def tornado(
 
 
 def effects_on_theta(theta: FloatArray, values: FloatArray) -> tuple[float, FloatArray]:
-    """Theta of an arch with mean values, and with each value a standard deviation off its mean.
+    """Return theta with all values at their means, and with one a standard deviation off its mean.
 
-    From a linear regression of ln theta, (n_arch,), on the values, (n_arch, n_value). Returned are
-    theta at the means, and at the mean of a value less and plus its deviation, (n_value, 2).
+    The latter has a row for each value, with less and more (n_value, 2). They are from a linear
+    regression of ln `theta` (n_arch,) on the `values` (n_arch, n_value).
     """
     unit = (values - values.mean(axis=0)) / values.std(axis=0, ddof=1)
     lines = np.column_stack([np.ones(len(unit)), unit])

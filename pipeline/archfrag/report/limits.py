@@ -94,7 +94,7 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
 
 
 def _is_set(value: Any) -> bool:
-    """Whether a key holds a number other than 0, at whatever depth."""
+    """Return whether a key holds a number other than 0, at any depth."""
     if isinstance(value, Mapping):
         return any(map(_is_set, value.values()))
     if isinstance(value, list | tuple):
@@ -103,7 +103,7 @@ def _is_set(value: Any) -> bool:
 
 
 def _slides(arch: Mapping[str, Any]) -> bool:
-    """Whether a joint has a limit of friction, those of piers included."""
+    """Return whether a joint can slide, those of piers included."""
     known = [arch.get("friction"), (arch.get("piers") or {}).get("friction")]
     values = [one for each in known for one in (each if isinstance(each, list) else [each])]
     return any(isinstance(one, int | float) and math.isfinite(one) for one in values)

@@ -21,7 +21,7 @@ _MOST_NAMED = 60  # records whose names are written
 
 
 def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
-    """Write the figures to a folder; the files.
+    """Write the figures to a folder; return the files.
 
     They are the fragility curves, and for each arch that the report shows the IDA curves (not of
     a cloud), every run, and the arch at onset.
@@ -72,7 +72,7 @@ def _saved(figure: Figure, path: Path) -> list[Path]:
 
 
 def _ida_figure(results: ArchResults) -> Figure:
-    """Largest and residual rotation against intensity; collapse is a flat line."""
+    """Draw largest and residual rotation against intensity; collapse is a flat line."""
     figure = Figure((7.2, 3.6), layout="constrained")
     axes: Any = figure.subplots(1, 2, sharey=True)
     for ax, (name, title) in zip(map(plots.dressed, axes), MEASURED.items()):
@@ -88,7 +88,7 @@ def _ida_figure(results: ArchResults) -> Figure:
 
 
 def _runs_figure(results: ArchResults) -> Figure:
-    """Verdict of every run: records in the order of their capacities, intensities to the right."""
+    """Draw the verdict of every run, records in the order of their capacities."""
     order, count = np.argsort(results.capacities, kind="stable"), len(results.records)
     figure, ax = _axes(1.0 + 0.16 * min(count, _MOST_NAMED))
     own, size = results.own_levels, min(16.0, 1000.0 / count)

@@ -66,7 +66,7 @@ def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
 
 @figure
 def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
-    """Verdict of every run: records down, levels to the right."""
+    """Draw the verdict of every run: records down, levels to the right."""
     collapsed = results.verdict == Verdict.COLLAPSED
     lowest = np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), collapsed.shape[1])
     order = np.lexsort((collapsed.sum(axis=1), -lowest))
@@ -108,7 +108,7 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
 
 @figure
 def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
-    """Every run where each has an intensity of its own: its largest displacement, its verdict."""
+    """Draw the verdict and the largest displacement of runs that each have their own intensity."""
     assert results.own_levels is not None
     run = results.simulated.any(axis=1)
     level = results.own_levels[run]
@@ -133,7 +133,7 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
 
 @figure
 def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
-    """Peak and residual rotation of each record against intensity; None without standing runs."""
+    """Draw largest rotations of each record against intensity; None if no run survived."""
     if results.own_levels is not None or not (results.verdict == Verdict.STANDING).any():
         return None
     entries = [
@@ -158,7 +158,7 @@ def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
 def ida_lines(
     results: ArchResults, name: str, margin: float
 ) -> tuple[float, list[tuple[FloatArray, FloatArray, str]]]:
-    """Largest rotation [degrees] times a margin, and lines of rotations and levels up to it.
+    """Return the largest rotation [degrees] times a margin, and lines of rotations and levels.
 
     A line of each record has an empty name; those of `FRACTILES` follow with theirs. A line ends
     flat, at the capacity of its record. Between the levels that were run it is interpolated.
@@ -179,7 +179,7 @@ def ida_lines(
 
 
 def fractiles(curves: FloatArray, capacities: FloatArray) -> list[tuple[FloatArray, float, str]]:
-    """Fractiles of rotations (n_record, n_level), and where each ends."""
+    """Return the fractiles of rotations (n_record, n_level), and where each ends."""
     ranked = np.sort(np.where(np.isnan(curves), np.inf, curves), axis=0)
     ends, found, last = np.sort(capacities), [], len(ranked) - 1
     for name, part in FRACTILES.items():
@@ -192,7 +192,7 @@ def fractiles(curves: FloatArray, capacities: FloatArray) -> list[tuple[FloatArr
 def ida_line(
     levels: FloatArray, row: FloatArray, capacity: float, right: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Rotations and levels of a line from the origin; it is flat up to `right` at the capacity."""
+    """Return a line from the origin that is flat up to `right` at the capacity."""
     seen = np.isfinite(row)
     x, y = np.append(0.0, row[seen]), np.append(0.0, levels[seen])
     if np.isfinite(capacity):
@@ -201,7 +201,7 @@ def ida_line(
 
 
 def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
-    """Collapses by mode and by the joint that was lost."""
+    """Split the collapses by mode, and by the joint that was lost."""
     lost = results["collapse_joint"]
     counted = Counter(np.sort(lost[results.verdict == Verdict.COLLAPSED]).tolist())
     own = sorted(joint for joint, _ in counted.most_common(_MOST_JOINTS))
@@ -219,7 +219,7 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
 def fractions(
     sheet: Sheet, groups: Sequence[Contributions], results: ArchResults, base: str
 ) -> tuple[str, str]:
-    """Fraction of collapses at each level, of the runs or the collapses, split by two criteria.
+    """Draw the fraction of collapses at each level, split by mode and by joint.
 
     `base` is what joint 0 is.
     """
@@ -247,7 +247,7 @@ def fractions(
 
 
 def stacked(names: Sequence[str], values: FloatArray) -> list[tuple[Entry, FloatArray]]:
-    """Categories that occur: how they look, and their values at each level."""
+    """Return the categories that occur: how they look, and their values at each level."""
     found = {entry.label: entry for entry in MODES}
     for i, name in enumerate(names):
         colours = LOOKS[-1] if name.startswith("other") else LOOKS[i % len(LOOKS)]
@@ -257,7 +257,7 @@ def stacked(names: Sequence[str], values: FloatArray) -> list[tuple[Entry, Float
 
 @figure
 def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
-    """Ground motion and joints of a run over time; None if nothing moved."""
+    """Draw the ground motion and the joints of a run over time; None if nothing moved."""
     changes, response = example.response.mechanism or (), example.response
     # Entries that last, or last for a time not known, in another model than rest.
     moving = [c for c in changes if c.model != "rest" and not c.until <= c.time]
@@ -300,7 +300,7 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
 
 
 def sampled(changes: Sequence[MechanismChange], n_joint: int, edges: FloatArray) -> IntArray:
-    """States of the joints at the middle of each bin of time, (n_bin, n_joint)."""
+    """Return the states of the joints at the middle of each bin of time, (n_bin, n_joint)."""
     codes = {entry.label: code for code, entry in enumerate(JOINT_STATES, start=1)}
     states = np.zeros((len(changes), n_joint), dtype=np.int64)
     for i, change in enumerate(changes):

@@ -226,12 +226,13 @@ def card(
         if not onset.stands:
             plus, about = "none", "does not stand under its own weight"
         figures.append(["onset of motion", plus, about])
-    shown = [[label, str(count)] for label, count in counts.items() if count]
+    shown = [[label, str(count), ""] for label, count in counts.items() if count]
     parts += [html.facts(figures, "figures"), html.facts(shown, "figures counts")]
     return Markup('<div class="answer">{}</div>').format(Markup("\n").join(parts))
 
 
 def _levels(results: ArchResults, answer: Answer, percent: str) -> Markup:
+    """Tabulate verdicts and probabilities at each level."""
     counts, known, fit = results.counts, results.known, answer.curve
     ends = zip(*clopper_pearson(known["collapsed"], known["n"], answer.confidence))
     chance = np.full(results.levels.size, np.nan)
@@ -251,6 +252,7 @@ def _levels(results: ArchResults, answer: Answer, percent: str) -> Markup:
 
 
 def _cloud(fit: Mapping[str, Any], scale: Scale) -> str:
+    """Write the curve of a logistic regression, or why there is none."""
     if "none" in fit:
         return f"There is no logistic regression: {fit['none']}."
     theta, low, high = map(scale.digits, (fit["theta"], *fit["theta_interval"]))
@@ -260,6 +262,7 @@ def _cloud(fit: Mapping[str, Any], scale: Scale) -> str:
 
 
 def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
+    """Yield figure and table of limit states."""
     states = answer.more["limit_states"]
     yield heading("Limit states")
     if "none" in states:
@@ -282,6 +285,7 @@ def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
 
 
 def _measures(found: Mapping[str, Any], name: str, scale: Scale) -> Parts:
+    """Yield the table of intensity measures, the most efficient first."""
     yield heading("Intensity measures compared")
     if "none" in found:
         yield paragraph(f"No comparison: {found['none']}")
@@ -306,6 +310,7 @@ def _measures(found: Mapping[str, Any], name: str, scale: Scale) -> Parts:
 
 
 def _geometry(parameters: Mapping[str, Any]) -> Parts:
+    """Yield names and values of the parameters of an arch, nested ones by both names."""
     for key, value in parameters.items():
         if isinstance(value, Mapping):
             yield from ((f"{key}: {name}", shown) for name, shown in _geometry(value))
@@ -323,6 +328,7 @@ def _geometry(parameters: Mapping[str, Any]) -> Parts:
 def _mechanism_table(
     groups: Sequence[Contributions], results: ArchResults, percent: str
 ) -> Iterator[Markup]:
+    """Yield the table of collapses by mode and by joint, and what its intervals count."""
     collapsed = results.counts["collapsed"].sum()
     rows = [["all", collapsed, "", ""]]
     for group in groups:
@@ -338,6 +344,7 @@ def _mechanism_table(
 
 
 def _computed(inputs: ReportInputs, results: ArchResults) -> Parts:
+    """Yield names and values of what the computation took and how exact it is."""
     models = inputs.cube["model"].values.astype(str)
     time = dict(zip(models, results["model_time"].sum(axis=(0, 1)).tolist()))
     total = sum(time.values())

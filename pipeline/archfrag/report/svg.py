@@ -64,7 +64,7 @@ def figure(
 
 
 class Sheet:
-    """A drawing of a given width [px]; `height` is set once it is known."""
+    """A drawing of a given width [px]; whoever draws sets its `height`."""
 
     def __init__(self, width: float) -> None:
         self.width, self.height = width, 0.0
@@ -121,7 +121,7 @@ class Sheet:
         return y + (rows[-1][0] + 1) * LINE + 3.0 if rows else y
 
     def grid(self, count: int, columns: int, height: float, below: float) -> list[Box]:
-        """Boxes of panels with headings, `below` apart, in rows or on a narrow sheet a column."""
+        """Return boxes of panels with headings, `below` apart; one column on a narrow sheet."""
         columns = 1 if self.narrow else min(columns, count)
         each, step = (self.width - 4.0) / columns, LINE + 3.0 + height + below
         self.height = -(-count // columns) * step
@@ -129,6 +129,7 @@ class Sheet:
         return [(x + LEFT, y, x + each - 10.0, y + height) for x, y in corners]
 
     def svg(self, alternative: str) -> str:
+        """Return the sheet as an SVG element with its alternative text."""
         return (
             f'<svg viewBox="0 0 {number(self.width)} {number(self.height)}" role="img" '
             f'aria-label="{escape(alternative, quote=True)}">{"".join(self.parts)}</svg>'
@@ -147,15 +148,18 @@ class Panel:
     log_y: bool = False
 
     def at_x(self, values: ArrayLike) -> FloatArray:
+        """Return pixels of values on the horizontal axis."""
         return _scaled(values, self.x, self.log_x, self.box[0], self.box[2])
 
     def at_y(self, values: ArrayLike) -> FloatArray:
+        """Return pixels of values on the vertical axis."""
         return _scaled(values, self.y, self.log_y, self.box[3], self.box[1])
 
     def line(
         self, x: ArrayLike, y: ArrayLike, colour: str = INK, width: float = 1.6,
         dash: str = "", opacity: float | None = None,
     ) -> None:  # fmt: skip
+        """Draw a line, with a gap where a point is not finite."""
         self.sheet.path(
             trace(self.at_x(x), self.at_y(y)), fill="none", stroke=colour, stroke_width=width,
             stroke_dasharray=dash, stroke_opacity=opacity, stroke_linejoin="round",
@@ -243,6 +247,7 @@ class Panel:
         self.sheet.text(place + (-6.0 if left else 6.0), y, words, f"{kind} h{' e' * left}")
 
     def heading(self, words: str) -> None:
+        """Write words above the panel."""
         self.sheet.text(self.box[0], self.box[1] - 6.0, words, "b")
 
 
@@ -250,20 +255,20 @@ def panel_below(
     sheet: Sheet, entries: Sequence[Entry], height: float, x: Range, y: Range, *,
     left: float = LEFT, log: bool = False,
 ) -> Panel:  # fmt: skip
-    """A legend, and below it the panel of a sheet, over its full width."""
+    """Draw a legend; return a panel below it over the full width of the sheet."""
     top = sheet.legend(left, 0.0, entries) + 6.0
     sheet.height = top + height + BELOW
     return Panel(sheet, (left, top, sheet.width - 10.0, top + height), x, y, log, log)
 
 
 def tick_label(value: float) -> str:
-    """A number as :g writes it, but with powers of ten: 0.2, 10⁻⁵, 5·10⁻⁵."""
+    """Write a number as :g does, but with powers of ten: 0.2, 10⁻⁵, 5·10⁻⁵."""
     number, _, power = f"{value:g}".partition("e")
     return f"{number}·{raised(power)}".removeprefix("1·") if power else number
 
 
 def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
-    """Round numbers from low to high, at most about so many."""
+    """Return round numbers from low to high, at most about `most`."""
     span = max(high - low, 1e-300)
     step = 10.0 ** np.floor(np.log10(span / most))
     step *= next(k for k in (1.0, 2.0, 2.5, 5.0, 10.0, 20.0) if k * step * most >= span)
@@ -273,14 +278,14 @@ def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
 
 
 def log_ticks(low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)) -> FloatArray:
-    """1, 2, 5 in each decade from low to high."""
+    """Return 1, 2 and 5 times powers of ten from low to high."""
     decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     ticks = np.unique(np.outer(decades, subs).ravel())
     return np.asarray(ticks[(ticks >= low * 0.999) & (ticks <= high * 1.001)], dtype=float)
 
 
 def legend_rows(entries: Sequence[Entry], width: float) -> list[tuple[int, float, Entry]]:
-    """Row and distance from its start of each line of a legend, with a label that fits."""
+    """Place entries of a legend: row, distance from its start, entry with a label that fits."""
     row, place, found = 0, 0.0, []
     for entry in entries:
         label = shortened(entry.label, width - 22.0)
@@ -293,7 +298,7 @@ def legend_rows(entries: Sequence[Entry], width: float) -> list[tuple[int, float
 
 
 def text_width(words: str, size: float = SIZE) -> float:
-    """Width of a text [px], from above."""
+    """Estimate the width of a text from above [px]."""
     narrow, wide = (sum(c in some for c in words) for some in ("il.,:;|'!() ", "mwMW%"))
     wide += sum(ord(c) > 0x2E80 for c in words)
     upper = sum(c.isupper() and c not in "MW" for c in words)
@@ -302,7 +307,7 @@ def text_width(words: str, size: float = SIZE) -> float:
 
 
 def shortened(words: str, width: float, size: float = SIZE) -> str:
-    """A text that fits a width; a long one loses its middle."""
+    """Shorten a text to fit a width; it loses its middle."""
     if text_width(words, size) <= width:
         return words
     fitting = (n for n in range(len(words), 4, -1) if text_width(words[:n], size) + size <= width)
@@ -311,7 +316,7 @@ def shortened(words: str, width: float, size: float = SIZE) -> str:
 
 
 def trace(x: FloatArray, y: FloatArray) -> str:
-    """Path through points, with a gap where one is not finite."""
+    """Return a path through points, with a gap where one is not finite."""
     pairs = np.stack([x, y], axis=1).tolist()
     points = [f"{number(a)} {number(b)}" if isfinite(a + b) else "" for a, b in pairs]
     lines = ("M" + " ".join(line) for seen, line in groupby(points, bool) if seen)
@@ -319,13 +324,13 @@ def trace(x: FloatArray, y: FloatArray) -> str:
 
 
 def ribbon(x: FloatArray, low: FloatArray, high: FloatArray) -> str:
-    """Closed path between two lines; empty without a point."""
+    """Return a closed path between two lines; empty without a point."""
     d = trace(np.append(x, x[::-1]), np.append(high, low[::-1]))
     return d + "z" if d else ""
 
 
 def envelope(values: FloatArray, bins: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Place among the samples and range of a trace in bins as wide as a line."""
+    """Return the places among samples of bins as wide as a line, and the range of each."""
     # Each bin starts with the last sample of the one before it: the trace stays connected.
     edges = np.unique(np.linspace(0, values.size - 1, min(bins, values.size - 1) + 1, dtype=int))
     pieces = [values[a : b + 1] for a, b in pairwise(edges)]
