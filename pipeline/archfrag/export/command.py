@@ -196,7 +196,7 @@ def _write_tables(
 def write_parquet(path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, Any]) -> None:
     """Write a table as Parquet, a row group for each piece; completely or not at all."""
     arrow, parquet = (from_extra(name, "parquet") for name in ("pyarrow", "pyarrow.parquet"))
-    tables = (arrow.Pieces.from_pandas(each, preserve_index=False) for each in pieces)
+    tables = (arrow.Table.from_pandas(each, preserve_index=False) for each in pieces)
     first, about = next(tables), json.dumps(facts, ensure_ascii=False)
     schema = first.schema.with_metadata({"archfrag": about})
     with replacing(path) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
