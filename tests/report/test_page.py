@@ -26,7 +26,6 @@ from archfrag.study.answer.risk import risk_of
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import Hazard
 from tests.report import synthetic
-from tests.report.test_figures import overlaps
 from tests.study.small import small_study
 
 GRAVITY = synthetic.GRAVITY
@@ -234,7 +233,6 @@ def test_risk(drawn):
     fits = {"ring": synthetic.answers_of(data)["ring"].curve, "slab": "no curve"}
     whole, short = (risk_of(data, fits, hazard(points)) for points in (8, 4))
     list(risk_parts(whole, synthetic.SCALE, "90 %"))
-    assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
     page, bound = (read(synthetic.inputs(("ring", "slab"), 12, cube=data, risk=risk))
                    for risk in (whole, short))  # fmt: skip
     assert "No rate: no curve." in text(page)
@@ -280,16 +278,6 @@ class TestClass:
         _, figures = render(given)
         assert set(figures) == {"curve-both.svg", "curve-thin.svg", "curve-thick.svg"}
         assert "an arch drawn at random from class both" in figures["curve-both.svg"].file
-
-    def test_cautions_alike_are_said_once(self, full):
-        given, _, _ = full
-        words = [f"{name}: {count} of 30 records stand" for name, count in
-                 (("thin", 8), ("thick", 12))]  # fmt: skip
-        page = read(replace(given, cautions=[*words, "thick: no run collapsed"]))
-        assert [text(each) for each in page.xpath('//header/p[@class="caution"]')] == [
-            "Caution: 2 arches of both, such as thin: 8 of 30 records stand.",
-            "Caution: thick: no run collapsed.",
-        ]
 
 
 def test_target_of_the_records_stands_beside_their_spectra(study, drawn):

@@ -91,8 +91,10 @@ def folded(title: str, *parts: Markup | Picture) -> Markup:
 
 def facts(rows: Iterable[Sequence[str]], kind: str) -> Markup:
     """Return a list of labels, each with a value in large digits and maybe a remark on it."""
-    form = Markup('<div><dt>{}</dt><dd class="large">{}</dd><dd class="range">{}</dd></div>')
-    shown = Markup("\n").join(form.format(*row) for row in rows)
+    form = Markup('<div><dt>{}</dt><dd class="large">{}</dd>{}</div>')
+    remark = Markup('<dd class="range">{}</dd>').format
+    entries = (form.format(a, b, Markup().join(map(remark, more))) for a, b, *more in rows)
+    shown = Markup("\n").join(entries)
     return Markup('<dl class="{}">{}</dl>').format(kind, shown)
 
 

@@ -226,7 +226,7 @@ def card(
         if not onset.stands:
             plus, about = "none", "does not stand under its own weight"
         figures.append(["onset of motion", plus, about])
-    shown = [[label, str(count), ""] for label, count in counts.items() if count]
+    shown = [[label, str(count)] for label, count in counts.items() if count]
     parts += [html.facts(figures, "figures"), html.facts(shown, "figures counts")]
     return Markup('<div class="answer">{}</div>').format(Markup("\n").join(parts))
 
