@@ -10,7 +10,7 @@ import pytest
 import archfrag as af
 from archfrag.fragility.counts import Verdict
 from archfrag.physics.status import CollapseMode, Status
-from archfrag.report import arch_figure, curve_figures, film, run_figures, study_sections, svg
+from archfrag.report import arch_figure, curve_figures, film, page, run_figures, svg
 from archfrag.report.first_page import first_page
 from archfrag.report.inputs import arch_results, thetas
 from archfrag.report.svg import NARROW, WIDE
@@ -57,7 +57,7 @@ class TestLabelsKeepClear:
         names = [f"拼音{i}" for i in range(n_record)]
         shown = run_figures.verdict_map(replace(results(items=items), records=names))
         assert all(name in shown.svg and name in shown.narrow for name in names)
-        assert study_sections.thumbnails(items).svg.count("<svg") == n_record
+        assert page.thumbnails(items).svg.count("<svg") == n_record
 
     def test_capacities_are_between_the_runs_that_bound_them(self, monkeypatch):
         lines, drawn = [], svg.Panel.line

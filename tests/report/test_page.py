@@ -18,9 +18,8 @@ from archfrag.report import curve_figures, first_page, inputs
 from archfrag.report.first_page import leading, leading_arch, site_levels
 from archfrag.report.html import digits, percentages, rounded
 from archfrag.report.inputs import arch_results
-from archfrag.report.page import render, write_report
+from archfrag.report.page import _scaled_spectra, render, write_report
 from archfrag.report.risk_section import risk_parts
-from archfrag.report.study_sections import _scaled_spectra
 from archfrag.study.answer import fits
 from archfrag.study.answer.risk import risk_of
 from archfrag.study.file.schema import load_study

@@ -1,20 +1,37 @@
-"""The report of a study: one HTML file that needs no network, and its numbers for programs."""
+"""The report of a study: one HTML file that needs no network, and its numbers for programs.
+
+Its sections on arches stand in `archfrag.report.sections`, those on the whole study here.
+"""
 
 import base64
 import hashlib
 import json
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pandas as pd
+import xarray as xr
+from markupsafe import Markup, escape
+
+from archfrag.arch import STANDARD_GRAVITY
+from archfrag.errors import InputError
 from archfrag.export.papers import write_papers
-from archfrag.report import html
-from archfrag.report import study_sections as study_wide
-from archfrag.report.curve_figures import all_curves
+from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.quoted import Answer
+from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
+from archfrag.motions.motion import Motion
+from archfrag.report import curve_figures, html, svg
 from archfrag.report.film import typical_run
 from archfrag.report.first_page import first_page, leading_arch
-from archfrag.report.html import Picture
-from archfrag.report.inputs import ReportInputs, report_inputs, summary
+from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
+from archfrag.report.inputs import ReportInputs, arch_results, report_inputs, summary, thetas
+from archfrag.report.limits import study_aspects
 from archfrag.report.risk_section import risk_section
-from archfrag.report.sections import answers_table, arch_sections, class_sections
+from archfrag.report.sections import Section, answers_table, arch_sections, card, class_sections
+from archfrag.report.svg import Entry, Sheet, figure, log_ticks
 from archfrag.study.answer.fits import gathered
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import Study
@@ -22,6 +39,10 @@ from archfrag.study.provenance import write_text
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES
 
 SUMMARY = REPORT_FILES[1]  # beside the page
+_FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the figure of spectra [s]
+_BINS = 110  # of a thumbnail
+_NAME = 180.0  # of a record under its thumbnail [px]
+_MOST_THUMBNAILS, _MOST_SPECTRA = 60, 80
 
 
 def make_report(study: Study, compared: Path | None = None) -> Path:
@@ -54,13 +75,13 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     lead = leading_arch(inputs)
     examples = [typical_run(inputs, place) for place in range(len(inputs.arches))]
     arches, appendix = arch_sections(inputs, examples, lead)
-    curves = all_curves(inputs, inputs.answers, inputs.classes)
+    curves = curve_figures.all_curves(inputs, inputs.answers, inputs.classes)
     sections = [
-        *risk_section(inputs), *study_wide.overview(inputs, curves),
+        *risk_section(inputs), *overview(inputs, curves),
         *class_sections(inputs), *arches,
-        *study_wide.compared_section(inputs), study_wide.motions_section(inputs),
-        study_wide.provenance_section(inputs.cube.attrs), *appendix,
-        study_wide.glossary_section(inputs),
+        *compared_section(inputs), motions_section(inputs),
+        provenance_section(inputs.cube.attrs), *appendix,
+        glossary_section(inputs),
     ]  # fmt: skip
     # Cautions that no section has; of those of arches that differ in numbers only the first.
     own = [name for name, _, _ in inputs.arches if name in inputs.quoted]
@@ -77,3 +98,240 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     )  # fmt: skip
     figures = {name: picture for each in sections for name, picture in each.files.items()}
     return text, figures | ({ALL_CURVES: curves} if len(inputs.answers) > SHOWN else {})
+
+
+def overview(inputs: ReportInputs, curves: Picture) -> Iterator[Section]:
+    """Yield the section on all arches, if there are several; `curves` is their figure."""
+    if len(inputs.quoted) > 1:
+        yield Section("all", "All arches", [curves, *_ratios(inputs)])
+
+
+def _ratios(inputs: ReportInputs) -> Iterator[Markup]:
+    """Yield medians and rates of arches or classes over those of the first one."""
+    found, names = inputs.ratios, list(inputs.known)
+    if isinstance(found, str):
+        yield paragraph(f"There are no ratios: {found}.", "note")
+        return
+    words = {"theta": f"median capacity θ [{inputs.scale.unit}]", "rate": "collapses a year"}
+    rows = []
+    for name, ratios in found.items():
+        for what, row in ratios.items():
+            form = inputs.scale.digits if what == "theta" else html.rounded
+            pair = form(row["before"]), form(row["after"])
+            ends = f"{row['lower']:.2f} to {row['upper']:.2f}"
+            rows.append([name, words[what], *pair, f"{row['ratio']:.2f}", ends])
+    if rows:
+        heads = ["arch", "", names[0], "this arch", "ratio", inputs.percent]
+        yield table(f"Ratios to {names[0]}", heads, rows, "compact", 2)
+        yield paragraph(TEXTS["ratios"]["how"], "note")
+
+
+def compared_section(inputs: ReportInputs) -> Iterator[Section]:
+    """Yield the section on the arches that another study has too, if there is one.
+
+    InputError if the two cannot be compared.
+    """
+    if inputs.compared is not None:
+        parts = list(_compared(inputs, *inputs.compared))
+        name = inputs.compared[0].attrs["archfrag_study"]
+        yield Section("compared", f"Compared with study {name}", parts)
+
+
+def _compared(
+    inputs: ReportInputs, other: xr.Dataset, answers: Mapping[str, Answer]
+) -> Iterator[Any]:
+    """Yield the parts on arches of two studies; InputError if these cannot be compared."""
+    cubes, of_each = (inputs.cube, other), (inputs.answers, answers)
+    names = [str(cube.attrs["archfrag_study"]) for cube in cubes]
+    refused = f"study {names[1]!r} cannot be compared with {names[0]!r}"
+    kinds = ["{measure} [{units}]".format(**cube["intensity"].attrs) for cube in cubes]
+    if kinds[0] != kinds[1]:
+        raise InputError(f"{refused}: its levels are of {kinds[1]}, not of {kinds[0]}")
+    own = [name for name, _, _ in inputs.arches]
+    common = [name for name in own if name in answers]
+    if not common:
+        raise InputError(f"{refused}: it has no arch {' or '.join(own)}, but {', '.join(answers)}")
+    one, two = (set(cube["record"].values.tolist()) for cube in cubes)
+    sizes = {"names": names, "sizes": [len(one), len(two)], "common": len(one & two)}
+    yield paragraph(TEXTS["notes"]["compared"].format(**sizes), "note")
+    settings = pd.concat(map(_settings, cubes), axis=1, keys=names).fillna("–").sort_index()
+    differing = settings[settings[names[0]] != settings[names[1]]].itertuples(name=None)
+    label = "Settings in which the studies differ"
+    yield table(label, ["key", *names], differing, "pairs", numeric_from=3)
+    for arch in common:
+        yield html.heading(arch)
+        results = [arch_results(cube, arch, inputs.scale) for cube in cubes]
+        sides = [(each, answers[arch]) for each, answers in zip(results, of_each)]
+        yield curve_figures.two_studies(names, sides)
+        fits = [answer.curve for _, answer in sides]
+        if isinstance(fits[0], Fragility) and isinstance(fits[1], Fragility):
+            change = f"{100 * (fits[1].theta / fits[0].theta - 1):+.1f} %".replace("-", "−")
+            yield paragraph(f"Change of θ from {names[0]} to {names[1]}: {change}.")
+        for name, (each, answer) in zip(names, sides):
+            yield paragraph(f"{arch} in {name}:")
+            yield card(answer, inputs.scale, inputs.percent, results=each)
+
+
+def _settings(cube: xr.Dataset) -> pd.Series:
+    """Return the keys of a study, such as ``arches.ring.thickness``, that decide its results."""
+    config = json.loads(cube.attrs.get("archfrag_config", "{}"))
+    used = ("intensity", "motions", "design", "method")
+    parts = {key: config[key] for key in used if key in config}
+    parts["arches"] = {entry["id"]: entry for entry in config.get("arches", ())}
+    return pd.json_normalize(parts).iloc[0].map(str)
+
+
+def thumbnails(motions: Sequence[Motion]) -> Picture:
+    """Draw accelerograms, each divided by its peak, as many in a row as the page has room for."""
+    shown, pieces = motions[:_MOST_THUMBNAILS], []
+    for motion in shown:
+        values = np.asarray(motion.acceleration, dtype=float)
+        _, low, high = svg.envelope(values / (np.abs(values).max() or 1.0), _BINS)
+        place = np.linspace(0.5, 109.5, low.size)
+        outline = svg.ribbon(place, 20.0 - 19.0 * low, 20.0 - 19.0 * high)
+        pieces.append(
+            f'<div><svg viewBox="0 0 110 40" preserveAspectRatio="none" aria-hidden="true">'
+            f'<path d="M0 20H110" class="gr"/><path d="{outline}" class="wave"/></svg>'
+            f"<span>{escape(svg.shortened(motion.id, _NAME))}</span>"
+            f"<span>{measure(motion, 'PGA') / STANDARD_GRAVITY:.2f} g, {motion.duration:.0f} s"
+            "</span></div>"
+        )
+    label = f"Accelerograms of {len(shown)} of {len(motions)} ground motions"
+    return Picture(
+        f'<div class="thumbnails" role="img" aria-label="{label}">{"".join(pieces)}</div>',
+        f"{label}: horizontal acceleration divided by its PGA, which is given with the duration.",
+    )
+
+
+@figure
+def spectra(
+    sheet: Sheet, periods: FloatArray, scaled: FloatArray, level: str,
+    target: FloatArray | None = None, marks: Sequence[float] = (),
+) -> tuple[str, str]:  # fmt: skip
+    """Draw spectra (n_record, n_period) [g] at 5 % damping with their median and 16 to 84 %.
+
+    A `target` has rows of periods, median [g] and sd of ln Sa; `marks` are periods of the measure.
+    """
+    low, median, high = np.nanquantile(scaled, [0.16, 0.5, 0.84], axis=0)
+    floor = max(median.max() / 1000.0, 0.7 * float(np.nanmin(scaled[scaled > 0])))
+    entries = [
+        Entry("records", svg.GREY, "line"), Entry("16 to 84 %", "#b9dcf2"),
+        Entry("median", svg.BLUE, "line"),
+    ]  # fmt: skip
+    if target is not None:
+        entries.append(Entry("target: median, 16 and 84 %", svg.VERMILION, "line"))
+    x, y = (float(periods[0]), float(periods[-1])), (floor, 1.3 * float(np.nanmax(scaled)))
+    panel = svg.panel_below(sheet, entries, 240.0, x, y, log=True)
+    panel.axis_x(log_ticks(*x), "period [s]", grid=True)
+    panel.axis_y(log_ticks(*y), "Sa, 5 % damping [g]")
+    every, shown = 2 if sheet.narrow else 1, scaled[:_MOST_SPECTRA]
+    for row in np.where(shown >= floor, shown, np.nan):
+        panel.line(periods[::every], row[::every], svg.GREY, 0.5, opacity=0.6)
+    panel.band(periods, np.maximum(low, floor), np.maximum(high, floor), svg.SKY, 0.35)
+    panel.line(periods, np.where(median >= floor, median, np.nan), svg.BLUE, 2.0)
+    if target is not None:
+        at, middle, sd = target[:, (target[0] >= x[0]) & (target[0] <= x[1])]
+        for z, width, dash in ((0.0, 2.0, ""), (1.0, 1.2, "5 2.5"), (-1.0, 1.2, "5 2.5")):
+            panel.line(at, np.clip(middle * np.exp(z * sd), *y), svg.VERMILION, width, dash)
+    for mark in marks:
+        panel.line([mark, mark], y, svg.INK, 0.9, "2 2")
+    return (
+        f"Response spectra of {len(scaled)} records {level}",
+        f"Pseudo-acceleration spectra at 5 % damping of {len(shown)} of {len(scaled)} records, "
+        f"{level}." + " Dotted: periods of the study's measure." * bool(marks),
+    )
+
+
+def motions_section(inputs: ReportInputs) -> Section:
+    """Return the section on the ground motions."""
+    cube, recorded = inputs.cube, "Ground motions as recorded"
+    parts: list[Any] = [thumbnails(inputs.motions), _scaled_spectra(inputs)]
+    parts.append(html.folded(recorded, _motion_table(inputs)))
+    events = Counter(sorted(filter(None, cube["event"].values.astype(str).tolist())))
+    if events:
+        listed = table("Earthquakes", ["earthquake", "records"], events.items(), "compact")
+        note = paragraph(TEXTS["notes"]["events"], "note")
+        parts.append(html.folded("Earthquakes", note, listed))
+    waivers = cube["accepted"].values.astype(str) if "accepted" in cube else ()
+    named = [f"{name!s} ({words})" for name, words in zip(cube["record"].values, waivers) if words]
+    if named:
+        words = f"Records accepted despite a warning: {', '.join(named)}."
+        parts.append(paragraph(words, "caution"))
+    return Section("motions", "Ground motions", parts)
+
+
+def _motion_table(inputs: ReportInputs) -> Markup:
+    """Tabulate the motions as recorded, and the factors of the runs."""
+    rows = []
+    cube = inputs.cube[["scale_factor", "magnitude", "distance"]]
+    for motion in inputs.motions:
+        own = cube.sel(record=motion.id)
+        factor = own["scale_factor"].values[np.isfinite(own["scale_factor"].values)]
+        rows.append([
+            motion.id, measured(own["magnitude"].item(), ".2f"),
+            measured(own["distance"].item(), ".1f"), f"{motion.duration:.1f}", f"{motion.dt:g}",
+            f"{measure(motion, 'PGA') / STANDARD_GRAVITY:.4f}",
+            f"{100 * measure(motion, 'PGV'):.2f}", measured(measure(motion, "Arias")),
+            f"{measure(motion, 'D5_95'):.1f}", "no" if motion.vertical is None else "yes",
+            f"{digits(factor.min())} – {digits(factor.max())}" if factor.size else "not run",
+        ])  # fmt: skip
+    heads = [
+        "record", "M", "distance [km]", "duration [s]", "dt [s]", "PGA [g]", "PGV [cm/s]",
+        "Arias [m/s]", "D5\u2060–\u206095 [s]", "vertical", "scale factors",
+    ]  # fmt: skip
+    return table("Ground motions as recorded, and their scale factors", heads, rows, "dense")
+
+
+def _scaled_spectra(inputs: ReportInputs) -> Picture:
+    """Draw the spectra of the motions at the level nearest to the median capacity.
+
+    They are at the middle level if no arch has a curve, as in the runs if each has a level of its
+    own, and as selected if there is a target.
+    """
+    cube, scale, level, words = inputs.cube, inputs.scale, 0, "scaled as in the runs"
+    intensity = cube["intensity"].values
+    if intensity.ndim == 1:
+        medians, level = thetas(inputs.answers.values()), intensity.size // 2
+        why = "the middle level"
+        if np.isfinite(medians).any():
+            level = int(np.abs(np.log(intensity) - np.log(np.nanmedian(medians))).argmin())
+            why = "the level nearest to the median capacity"
+        words = f"scaled to {scale.measure} = {scale.text(float(intensity[level]))}, {why}"
+    chosen = cube["scale_factor"].isel(level=level, arch=0, missing_dims="ignore").values
+    target, factors = inputs.target or (None, {})
+    if target is not None:
+        words = "each with the factor with which it was selected for the target"
+        names = [motion.id.removesuffix("-rev") for motion in inputs.motions]
+        chosen = np.array([factors.get(name, np.nan) for name in names])
+    spectra_g = [
+        spectral_acceleration(motion, _FEW_PERIODS) * factor / STANDARD_GRAVITY
+        for motion, factor in zip(inputs.motions, chosen.tolist()) if np.isfinite(factor)
+    ]  # fmt: skip
+    marks = parse_measure(scale.measure).periods
+    return spectra(_FEW_PERIODS, np.stack(spectra_g), words, target, marks)
+
+
+def provenance_section(attributes: Mapping[str, Any]) -> Section:
+    """Return the section on what makes the results again, and the attributes of the cube."""
+    commit = attributes.get("archfrag_commit", "not known")
+    rows, form = [], Markup('<pre tabindex="0">{}</pre>')
+    for name, value in attributes.items():
+        if str(value).startswith(("{", "[")):  # JSON, laid out in lines
+            value = form.format(json.dumps(json.loads(value), indent=2, ensure_ascii=False))
+        rows.append((name, value))
+    listed = html.pairs("Provenance", rows, "attribute of the cube")
+    words = paragraph(TEXTS["notes"]["reproduce"].format(commit=commit))
+    return Section(
+        "provenance", "Provenance", [words, html.folded("Attributes of the cube", listed)]
+    )
+
+
+def glossary_section(inputs: ReportInputs) -> Section:
+    """Return the section on terms and on what is modelled."""
+    loss = f"{100.0 * float(inputs.cube.attrs['loss_limit']):g} %"  # gap over joint length
+    values = {"percent": inputs.percent, "loss_limit": loss}
+    terms = [(k.format(**values), v.format(**values)) for k, v in TEXTS["glossary"].items()]
+    terms.append(("Limits", " ".join(each.sentence for each in study_aspects(inputs))))
+    rows = Markup("\n").join(Markup("<dt>{}</dt>\n<dd>{}</dd>").format(*term) for term in terms)
+    parts = [Markup('<dl class="glossary">\n{}\n</dl>').format(rows)]
+    return Section("glossary", "Terms and limits", parts)
