@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
-from dataclasses import replace
 from html import escape
 from pathlib import Path
 
@@ -62,7 +61,7 @@ def _written(value: object) -> str:
 def arch(shape: af.Arch, caption: str = "") -> HTML:
     """The arch with hinges and thrust line at onset, the ground accelerating to either side."""
     drawn = arch_at_onset(shape, af.onset(shape), "arch")
-    return picture(drawn.file, caption, replace(drawn, svg=drawn.narrow).file)
+    return picture(drawn.file, caption)
 
 
 def shipped_study() -> tuple[dict, Path]:
@@ -143,7 +142,7 @@ def from_report(report: Path | str, caption: str) -> HTML:
                 break
             inside = rf"\1<style>{STYLE}</style>"
             svg = re.sub(r"(<svg[^>]*>)", inside, drawn[0], count=1)
-            return picture(svg, words[1], "".join(drawn[1:2]))
+            return picture(svg, words[1])
     raise LookupError(f"{report}: no figure whose caption begins with {caption!r}")
 
 

@@ -40,7 +40,7 @@ def overlaps(sheet):
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """Sheets that are drawn during a test: of each figure the narrow one and the wide one."""
+    """Sheets that are drawn during a test: one for each figure."""
     kept, svg, init = [], Sheet.svg, Panel.__init__
 
     def keep_panel(panel, sheet, *arguments, **named):

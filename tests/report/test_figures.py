@@ -13,7 +13,6 @@ from archfrag.physics.status import CollapseMode, Status
 from archfrag.report import arch_figure, curve_figures, film, page, run_figures, svg
 from archfrag.report.first_page import first_page
 from archfrag.report.inputs import arch_results, thetas
-from archfrag.report.svg import NARROW, WIDE
 from archfrag.simulation.response import MechanismChange
 from archfrag.study.file.schema import Method
 from tests.report import synthetic
@@ -48,15 +47,14 @@ class TestLabelsKeepClear:
         curve_figures.curve(data, synthetic.none("no run collapsed"))
         curve_figures.curve(data, synthetic.answer_of(4.0))
         run_figures.fractions(run_figures.groupings(data, 0.9), data, "the base")
-        assert [sheet.width for sheet in drawn] == 4 * [NARROW, WIDE]
-        assert "θ = 0.408 g" in {words for words, *_ in texts(drawn[5])}
+        assert "θ = 0.408 g" in {words for words, *_ in texts(drawn[2])}
 
     @pytest.mark.parametrize("n_record", [6, 60])
     def test_records(self, n_record, drawn):
         items = synthetic.motions(n_record)
         names = [f"拼音{i}" for i in range(n_record)]
         shown = run_figures.verdict_map(replace(results(items=items), records=names))
-        assert all(name in shown.svg and name in shown.narrow for name in names)
+        assert all(name in shown.svg for name in names)
         assert page.thumbnails(items).svg.count("<svg") == n_record
 
     def test_capacities_are_between_the_runs_that_bound_them(self, monkeypatch):
@@ -91,7 +89,7 @@ class TestLabelsKeepClear:
         values = {"a parameter with a very long name indeed": np.linspace(-1e-4, 1e-4, 20)}
         curve_figures.theta_panels(thetas(members), values, "ring", "g")
         # A point for each arch.
-        assert "".join(drawn[2].parts).count("a2.4 2.4 0 1 0 4.8") == 20
+        assert "".join(drawn[1].parts).count("a2.4 2.4 0 1 0 4.8") == 20
 
     def test_limit_states_are_named_at_their_curves(self, drawn):
         """Each name once, at a point of its curve; states with one curve share a label."""
@@ -139,7 +137,7 @@ class TestLabelsKeepClear:
         found = results(n_level=40)
         found["collapse_joint"][:] = np.where(found["collapse_joint"] % 2, 10, 11)
         arch_figure.lost_joints(arch, found)
-        assert [len(list(texts(sheet))) for sheet in drawn] == [2, 2]
+        assert [len(list(texts(sheet))) for sheet in drawn] == [2]
 
     @pytest.mark.parametrize(
         ("levels", "expected"),
@@ -157,7 +155,7 @@ class TestLabelsKeepClear:
             below = {
                 w: box for w, *box in texts(sheet) if box[1] > panel.box[3] and w[0].isdigit()
             }
-            assert sheet.narrow or list(below)[: len(expected)] == expected
+            assert list(below)[: len(expected)] == expected
             for words, (left, _, right, _) in below.items():
                 place = np.interp(0.5 * (left + right), panel.box[::2], panel.x)
                 at = np.interp(place, np.arange(levels.size), np.log(levels))
@@ -167,13 +165,11 @@ class TestLabelsKeepClear:
     def test_levels_and_theta_stay_in_the_panel(self, level, drawn):
         given = synthetic.inputs(at=level, answers={"ring": synthetic.answer_of(8.0)})
         first_page(given, None)
-        named = [{words: box for words, *box in texts(sheet)} for sheet in drawn]
-        named = [boxes for boxes in named if "asked for" in boxes]
-        assert len(named) == 2
-        for sheet, boxes in zip([s for s in drawn if s.panels[0].y == (0.0, 1.0)], named):
-            left, _, right, _ = sheet.panels[0].box
-            for words in ("asked for", "θ = 0.816 g"):
-                assert left < boxes[words][0] < boxes[words][2] < right
+        (sheet,) = [sheet for sheet in drawn if sheet.panels[0].y == (0.0, 1.0)]
+        boxes = {words: box for words, *box in texts(sheet)}
+        left, _, right, _ = sheet.panels[0].box
+        for words in ("asked for", "θ = 0.816 g"):
+            assert left < boxes[words][0] < boxes[words][2] < right
 
     @pytest.mark.parametrize("voussoirs", [1, 7, 81])
     def test_timeline(self, voussoirs, drawn, fallen):
@@ -326,10 +322,10 @@ class TestRepeated:
         run_figures.timeline(fallen)
         shown, logged = np.zeros(8), np.zeros(8)
         for colour in {entry.colour for entry in run_figures.JOINT_STATES}:
-            for left, right, low, high in rectangles(drawn[1], drawn[1].panels[1], colour):
+            for left, right, low, high in rectangles(drawn[0], drawn[0].panels[1], colour):
                 shown[round(0.5 * (low + high))] += right - left
         response = fallen.response
-        start, end = drawn[1].panels[1].x
+        start, end = drawn[0].panels[1].x
         for entry in response.mechanism:
             for joint in entry.joints:
                 logged[joint] += max(0.0, min(entry.until, end) - max(entry.time, start))

@@ -323,7 +323,7 @@ class TestOffline:
 
     def test_figures_and_tables_have_a_text_alternative(self, page):
         pictures = page.xpath('//svg[not(@aria-hidden="true")]')
-        assert len(pictures) == 2 * 8 + 1  # each drawn twice but the arch of the first page
+        assert len(pictures) == 8 + 1
         assert all(p.get("role") == "img" and len(p.get("aria-label")) > 20 for p in pictures)
         assert len(page.xpath('//*[@class="thumbnails"]/@aria-label')) == 1
         assert all(t.get("aria-label") for t in page.xpath("//table"))

@@ -52,37 +52,31 @@ def arch_panel(
 def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> str | tuple[str, str]:
     """Draw the arch twice: ground accelerating towards +x, and towards -x."""
     if not onset.stands:
-        _at_onset(sheet, (0.0, 0.0, sheet.width), arch, onset, "")
+        _at_onset(sheet, 0.5 * sheet.width, 0.0, arch, onset, "")
         return f"{name}, which does not stand under its own weight", "There is no onset."
     key = [Entry("thrust at onset", svg.VERMILION, "line")]
     key += [Entry("thrust at rest", svg.SOFT, "dash"), Entry("hinge", svg.BLUE, "dot")]
     if len(onset.sliding) or len(onset.sliding_minus):
         key.append(Entry("sliding joint", svg.ORANGE))
-    top = sheet.legend(8.0, 0.0, key, sheet.width - 16.0)
-    width, words = sheet.width if sheet.narrow else 0.5 * sheet.width, []
-    for towards in ("+x", "-x"):
-        left = 0.0 if sheet.narrow or towards == "+x" else width
+    top, words = sheet.legend(8.0, 0.0, key, sheet.width - 16.0), []
+    for left, towards in ((0.0, "+x"), (0.5 * sheet.width, "-x")):
         limit, *_ = onset.mechanism(towards)
         words.append(f"{onset_text(limit)} towards {towards.replace('-', '−')}")
         sheet.text(left + 8.0, top + 14.0, f"ground accelerating: {words[-1]}", "b")
-        _at_onset(sheet, (left, top + 20.0, width), arch, onset, towards)
-        top = sheet.height + 4.0 if sheet.narrow else top
+        _at_onset(sheet, left + 0.25 * sheet.width, top + 20.0, arch, onset, towards)
     return f"{name} with hinges and thrust line at onset: {', '.join(words)}"
 
 
 def _at_onset(
-    sheet: Sheet, box: tuple[float, float, float], arch: Arch, onset: Onset, towards: str
+    sheet: Sheet, middle: float, top: float, arch: Arch, onset: Onset, towards: str
 ) -> None:
-    """Draw an arch in a box (left, top, width [px]); `towards` is empty if it does not stand."""
-    left, top, width = box
-    # Numbers of joints stand beside the springings.
-    most = min(width - 46.0, 330.0), 260.0
-    panel = arch_panel(sheet, arch, left + 0.5 * width, top + 16.0, most, ground=True)
+    """Draw an arch with its mechanism; `towards` is empty if it does not stand."""
+    panel = arch_panel(sheet, arch, middle, top + 16.0, (330.0, 260.0), ground=True)
     below = panel.box[3] + 15.0
     if towards:
         paint(panel, onset.shapes(towards))
         sign = 1 if towards == "+x" else -1
-        middle, half = 0.5 * (panel.box[0] + panel.box[2]), 0.16 * sign * np.ptp(panel.box[::2])
+        half = 0.16 * sign * np.ptp(panel.box[::2])
         line = f"M{middle - half:.1f} {below:.1f}H{middle + half:.1f}"
         sheet.path(line, stroke=svg.INK, stroke_width=1.3)
         tip = f"M{middle + half + sign * 7:.1f} {below:.1f}l{-sign * 9:.1f} -4v8z"
@@ -126,8 +120,7 @@ def lost_joints(sheet: Sheet, arch: Arch, results: ArchResults) -> str | None:
     joints, counts = np.unique(joint_of, return_counts=True)
     if not joints.size:
         return None
-    most = min(sheet.width, 480.0) - 110.0, 240.0
-    panel = arch_panel(sheet, arch, 0.5 * sheet.width, 28.0, most)
+    panel = arch_panel(sheet, arch, 0.5 * sheet.width, 28.0, (370.0, 240.0))
     taken = list[FloatArray]()  # boxes of words: left, top, right, bottom
     for i in np.argsort(-counts, kind="stable"):
         joint, words = int(joints[i]), f"{100 * counts[i] / counts.sum():.0f} %"

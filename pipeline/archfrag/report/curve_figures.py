@@ -28,10 +28,9 @@ def curve_panel(
     words: str = "probability of collapse",
 ) -> Panel:  # fmt: skip
     """Draw the axes of a figure of curves below its legend; return their panel."""
-    height = 250.0 if sheet.narrow else 300.0
-    panel = svg.panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
+    panel = svg.panel_below(sheet, entries, 300.0, (0.0, reach), (0.0, 1.0))
     panel.axis_y(svg.even_ticks(0.0, 1.0), words)
-    panel.axis_x(svg.even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
+    panel.axis_x(svg.even_ticks(0.0, reach, 9), title, grid=True)
     return panel
 
 
@@ -267,7 +266,7 @@ def tornado(
     ends = ends[order]
     margin = 0.05 * float(np.ptp(ends)) or 0.05 * middle
     reach = float(ends.min()) - margin, float(ends.max()) + margin
-    left, height = 110.0 if sheet.narrow else 170.0, 24.0 * len(order)
+    left, height = 170.0, 24.0 * len(order)
     sheet.height = height + svg.BELOW + 8.0
     box = (left, 8.0, sheet.width - 60.0, 8.0 + height)
     panel = Panel(sheet, box, reach, (len(order) - 0.5, -0.5))

@@ -32,13 +32,9 @@ class Picture:
 
     svg: str  #: or HTML
     caption: str
-    narrow: str = ""  #: for narrow screens; empty where `svg` serves all widths
 
     def __html__(self) -> str:
-        shown = self.svg
-        if self.narrow:
-            shown = f'<div class="broad">{shown}</div><div class="slim">{self.narrow}</div>'
-        return f"<figure>\n{shown}\n<figcaption>{escape(self.caption)}</figcaption>\n</figure>"
+        return f"<figure>\n{self.svg}\n<figcaption>{escape(self.caption)}</figcaption>\n</figure>"
 
     @property
     def file(self) -> str:

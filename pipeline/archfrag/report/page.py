@@ -224,9 +224,9 @@ def spectra(
     panel = svg.panel_below(sheet, entries, 240.0, x, y, log=True)
     panel.axis_x(log_ticks(*x), "period [s]", grid=True)
     panel.axis_y(log_ticks(*y), "Sa, 5 % damping [g]")
-    every, shown = 2 if sheet.narrow else 1, scaled[:_MOST_SPECTRA]
+    shown = scaled[:_MOST_SPECTRA]
     for row in np.where(shown >= floor, shown, np.nan):
-        panel.line(periods[::every], row[::every], svg.GREY, 0.5, opacity=0.6)
+        panel.line(periods, row, svg.GREY, 0.5, opacity=0.6)
     panel.band(periods, np.maximum(low, floor), np.maximum(high, floor), svg.SKY, 0.35)
     panel.line(periods, np.where(median >= floor, median, np.nan), svg.BLUE, 2.0)
     if target is not None:

@@ -285,7 +285,7 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     middle.axis_y(np.arange(0, n_joint, step), "joint")
     for k, (_, colour, mark) in states:
         middle.cells((joints == k).T, colour, mark, edges, 0.4)
-    middle.axis_x(svg.even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
+    middle.axis_x(svg.even_ticks(start, end, 9), "time [s]")
     if response.collapsed:
         line = f"M{float(middle.at_x(response.collapse_time)):.1f} {top:.1f}V{middle.box[3]:.1f}"
         sheet.path(line, stroke=svg.INK, stroke_dasharray="4 2")

@@ -1,4 +1,4 @@
-"""Figures as SVG, drawn once for the page's column and once for a phone.
+"""Figures as SVG, as wide as the page's column; a phone scrolls them sideways.
 
 A `Sheet` takes pixels; a `Panel` on it takes the units of its axes. No font is known here: the
 width of a text is estimated from above.
@@ -21,6 +21,7 @@ from archfrag.report.html import TEXTS, Picture, number, raised
 Range = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
 WIDE, NARROW = 760.0, 358.0  # widths of figures [px]
+READABLE = 0.65  # scale below which a figure does not shrink
 SIZE, SMALL = 11.5, 10.0  # of texts [px]
 LINE = 15.0  # [px]
 BELOW, LEFT = 36.0, 48.0  # space for labels and title below a panel and left of it [px]
@@ -43,7 +44,7 @@ class Entry(NamedTuple):
 def figure(
     draw: Callable[..., str | tuple[str, str] | None], width: float = WIDE
 ) -> Callable[..., Any]:
-    """Make a function that draws on a sheet return a `Picture`, drawn for two widths.
+    """Make a function that draws on a sheet of some width return a `Picture`.
 
     `draw` returns the alternative text, with the caption unless `TEXTS` has it by the function's
     name; or None if there is nothing to show.
@@ -51,14 +52,13 @@ def figure(
 
     @wraps(draw)
     def drawn(*arguments: Any, **named: Any) -> Picture | None:
-        sheets = Sheet(NARROW), Sheet(width)
-        words = [draw(sheet, *arguments, **named) for sheet in sheets][-1]
+        sheet = Sheet(width)
+        words = draw(sheet, *arguments, **named)
         if words is None:
             return None
         if isinstance(words, str):
             words = words, TEXTS[draw.__name__]["caption"]
-        slim, wide = (sheet.svg(words[0]) for sheet in sheets)
-        return Picture(wide, words[1], slim)
+        return Picture(sheet.svg(words[0]), words[1])
 
     return drawn
 
@@ -68,7 +68,6 @@ class Sheet:
 
     def __init__(self, width: float) -> None:
         self.width, self.height = width, 0.0
-        self.narrow = width < 560.0  # panels go below each other
         self.parts: list[str] = []
 
     def text(self, x: float, y: float, words: str, kind: str = "", angle: int = 0) -> None:
@@ -121,8 +120,8 @@ class Sheet:
         return y + (rows[-1][0] + 1) * LINE + 3.0 if rows else y
 
     def grid(self, count: int, columns: int, height: float, below: float) -> list[Box]:
-        """Return boxes of panels with headings, `below` apart; one column on a narrow sheet."""
-        columns = 1 if self.narrow else min(columns, count)
+        """Return boxes of panels with headings, in rows that are `below` apart."""
+        columns = min(columns, count)
         each, step = (self.width - 4.0) / columns, LINE + 3.0 + height + below
         self.height = -(-count // columns) * step
         corners = [(i % columns * each, i // columns * step + LINE + 3.0) for i in range(count)]
@@ -130,10 +129,10 @@ class Sheet:
 
     def svg(self, alternative: str) -> str:
         """Return the sheet as an SVG element with its alternative text."""
-        return (
-            f'<svg viewBox="0 0 {number(self.width)} {number(self.height)}" role="img" '
-            f'aria-label="{escape(alternative, quote=True)}">{"".join(self.parts)}</svg>'
-        )
+        size = f'viewBox="0 0 {number(self.width)} {number(self.height)}"'
+        style = f'style="min-width:{number(READABLE * self.width)}px"'
+        label, inside = escape(alternative, quote=True), "".join(self.parts)
+        return f'<svg {size} role="img" {style} aria-label="{label}">{inside}</svg>'
 
 
 @dataclass
