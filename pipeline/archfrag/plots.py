@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
 
@@ -49,6 +49,7 @@ _LINES: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 _TITLE: dict[str, Any] = {"loc": "center", "color": INK, "fontsize": SIZE + 1.0}
 _SVG = {"svg.fonttype": "none", "svg.hashsalt": "archfrag", "font.family": "sans-serif"}
+FloatArray = NDArray[np.float64]
 _ROOT = "stroke-linejoin:round;stroke-linecap:butt;max-width:100%;height:auto"
 
 
@@ -260,14 +261,12 @@ def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
     return Film(figure, show, frames=count, interval=1000.0 / FRAMES, blit=False)
 
 
-def stage(low: ArrayLike, high: ArrayLike) -> tuple[Figure, Axes, Axes]:
+def stage(low: FloatArray, high: FloatArray) -> tuple[Figure, Axes, Axes]:
     """Return a figure, its axes between two corners of a film [m], and axes over time."""
-    wide, deep = np.subtract(high, low).tolist()
-    tall = float(np.clip(6.4 * deep / wide, 2.0, 6.0))
+    tall = float(np.clip(6.4 * (high - low)[1] / (high - low)[0], 2.0, 6.0))
     figure = pyplot.figure(figsize=(6.4, tall + 1.2), layout="constrained")
     upper, lower = map(dressed, figure.subplots(2, height_ratios=[tall, 1.2]))
-    (left, bottom), (right, top) = low, high
-    upper.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    upper.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     upper.set_axis_off()
     lower.set(xlabel="time [s]", ylabel="ground [g]")
     lower.yaxis.set_major_locator(MaxNLocator(3))

@@ -1,6 +1,7 @@
 """Figures of an arch: its shapes painted as SVG, its mechanism at onset, joints that it lost."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from archfrag.report.inputs import ArchResults
 from archfrag.report.svg import Entry, FloatArray, Panel, Sheet, figure
 from archfrag.simulation.simulate import Onset
 
-_LINES = {  # colour, width and dash of lines, by role
+_LINES: dict[str, tuple[Any, ...]] = {  # colour, width and dash of lines, by role
     "tie": (svg.BLUE, 1.6), "ground": (svg.SOFT, 1.4), "rest": (svg.SOFT, 1.1, "4 2.5"),
     "thrust": (svg.VERMILION, 1.5), "sliding": (svg.ORANGE, 4.0),
 }  # fmt: skip

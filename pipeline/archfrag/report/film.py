@@ -263,7 +263,7 @@ def film(
         float(time[-1] - time[0]) + _HOLD,
         np.dstack([pixels(place), -np.rad2deg(rotation)]),
     )
-    stills = _stills(np.abs(rotation).max(axis=1), example.response.collapsed)
+    stills = _stills(np.abs(rotation).max(axis=1), bool(example.response.collapsed))
     drawn = {
         "name": name, "label": what, "width": NARROW, "height": height, "strip": _STRIP,
         "shapes": [svg.trace(*pixels(o, at).T) for o, at in zip(arch.outlines, arch.centroids)],
