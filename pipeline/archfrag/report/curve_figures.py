@@ -16,7 +16,7 @@ from archfrag.study.answer.curves import arch_classes
 
 MOST_NAMED = 12  # curves with a colour and stroke of their own
 MOST_THIN = 60  # curves of arches that are drawn for their class
-_MOST_BARS, _MOST_PANELS = 10, 9  # numbers by which the arches of a class differ
+_MOST_PANELS = 9  # values by which the arches of a class differ
 _SHADED = 6  # curves that are drawn with their bands
 _BAND, _THIN = "#c9e3f5", "#b5bec8"  # in legends
 _DAMAGE = ("#f9a58a", "#f4795b", "#e34a33", "#c4281c", "#96120f", "#67000d")  # light to severe
@@ -232,53 +232,35 @@ def two_studies(
 def theta_panels(
     sheet: Sheet, theta: FloatArray, differences: Mapping[str, NDArray], name: str, unit: str
 ) -> str | None:
-    """Draw theta of each arch against each value by which arches differ; None without such."""
-    shown, known = dict(list(differences.items())[:_MOST_PANELS]), np.isfinite(theta)
-    if not shown or known.sum() < 2:
+    """Draw theta of each arch against each value by which arches differ; None without such.
+
+    Lines are `effects_on_theta`, if the arches are enough for it; the largest stands first.
+    """
+    known, lines = np.isfinite(theta), {}
+    if not differences or known.sum() < 2:
         return None
-    theta = theta[known]
+    theta, values = theta[known], {key: each[known] for key, each in differences.items()}
+    finite = {key: each for key, each in values.items() if np.isfinite(each).all()}
+    if finite and theta.size >= len(finite) + 2:
+        _, effects = effects_on_theta(theta, np.column_stack([*finite.values()]))
+        lines = dict(
+            sorted(zip(finite, effects), key=lambda one: -abs(np.diff(np.log(one[1]))[0]))
+        )
+    shown = [*lines, *(key for key in values if key not in lines)][:_MOST_PANELS]
     margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
     ends = float(theta.min()) - margin, float(theta.max()) + margin
-    boxes = sheet.grid(len(shown), 3, 150.0, svg.BELOW - svg.LINE)
-    for box, (title, values) in zip(boxes, shown.items(), strict=True):
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    for box, key in zip(sheet.grid(len(shown), 3, 150.0, svg.BELOW - svg.LINE), shown):
+        low, high = float(np.nanmin(values[key])), float(np.nanmax(values[key]))
         reach = low - 0.04 * (high - low), high + 0.04 * (high - low)
         panel = Panel(sheet, box, reach, ends)
         panel.axis_x(svg.even_ticks(*reach, 4))
         panel.axis_y(svg.even_ticks(*ends), f"θ [{unit}]")
-        panel.dots(values[known], theta, svg.BLUE, radius=2.4)
-        panel.heading(svg.shortened(title, box[2] - box[0]))
+        panel.dots(values[key], theta, svg.BLUE, radius=2.4)
+        if key in lines:
+            middle, away = values[key].mean(), values[key].std(ddof=1)
+            panel.line([middle - away, middle + away], lines[key], svg.VERMILION, 2.0)
+        panel.heading(svg.shortened(key, box[2] - box[0]))
     return f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}"
-
-
-@figure
-def tornado(
-    sheet: Sheet, theta: FloatArray, differences: Mapping[str, NDArray], name: str, unit: str
-) -> str | None:
-    """Draw `effects_on_theta` as bars, the largest on top; None if the arches are too few."""
-    names = [key for key, values in differences.items() if np.isfinite(values).all()]
-    known = np.isfinite(theta)
-    if known.sum() < len(names) + 2 or not names:
-        return None
-    values = np.column_stack([differences[key] for key in names])[known]
-    middle, ends = effects_on_theta(theta[known], values)
-    order = np.argsort(-np.abs(np.log(ends[:, 1] / middle)))[:_MOST_BARS]
-    ends = ends[order]
-    margin = 0.05 * float(np.ptp(ends)) or 0.05 * middle
-    reach = float(ends.min()) - margin, float(ends.max()) + margin
-    left, height = 170.0, 24.0 * len(order)
-    sheet.height = height + svg.BELOW + 8.0
-    box = (left, 8.0, sheet.width - 60.0, 8.0 + height)
-    panel = Panel(sheet, box, reach, (len(order) - 0.5, -0.5))
-    panel.axis_x(svg.even_ticks(*reach, 6), f"θ [{unit}]", grid=True)
-    for row, (key, (low, high)) in enumerate(zip(order, ends)):
-        for end, colour in ((low, svg.SKY), (high, svg.BLUE)):
-            near, far = sorted((middle, end))
-            panel.boxes([near], [far], [row - 0.35], [row + 0.35], colour)
-        label = svg.shortened(names[key], left - 12.0)
-        sheet.text(left - 8.0, float(panel.at_y(row)) + 4.0, label, "e")
-    panel.line([middle, middle], panel.y, svg.INK, 1.0)
-    return f"Change of the median capacity of {name} with {', '.join(names[k] for k in order)}"
 
 
 def effects_on_theta(theta: FloatArray, values: FloatArray) -> tuple[float, FloatArray]:

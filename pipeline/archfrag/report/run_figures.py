@@ -80,7 +80,7 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
         entries.append(Entry("capacity", svg.INK, "line"))
     labelled = n_record <= _LABELLED
     longest = max(svg.text_width(name, svg.SMALL) for name in names)
-    left = min(longest + 12.0, 0.36 * sheet.width) if labelled else 26.0
+    left = min(longest + 12.0, 0.36 * sheet.width) if labelled else svg.LEFT
     height = (14.0 if labelled else min(14.0, 620.0 / n_record)) * n_record
     ends = (-0.5, n_level - 0.5), (n_record - 0.5, -0.5)
     panel = svg.panel_below(sheet, entries, height, *ends, left=left)
@@ -94,12 +94,8 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
         x = np.where(capacities <= results.levels[0], -0.5, x)
         y = np.repeat(np.arange(n_record + 1), 2)[1:-1] - 0.5
         panel.line(np.repeat(x, 2), y, svg.INK, 1.4)
-    if labelled:
-        for y, name in zip(panel.at_y(np.arange(n_record)), names, strict=True):
-            sheet.text(left - 5.0, y + 3.5, svg.shortened(name, left - 12.0, svg.SMALL), "s e")
-    else:
-        words, middle = f"{n_record} records, most fragile at the bottom", sum(panel.box[1::2]) / 2
-        sheet.text(left - 8.0, middle, words, "m", angle=-90)
+    for y, name in zip(panel.at_y(np.arange(n_record)), names if labelled else ()):
+        sheet.text(left - 5.0, y + 3.5, svg.shortened(name, left - 12.0, svg.SMALL), "s e")
     level_axis(panel, results.levels, results.scale.label)
     texts = TEXTS["verdict_map"]
     caption = texts["caption"] + texts["capacity"] * bool(bounded)

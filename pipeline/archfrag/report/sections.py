@@ -169,11 +169,9 @@ def _class_parts(inputs: ReportInputs, name: str, curves: Picture) -> Parts:
             if np.unique(values).size > 1:
                 differences[str(key).removeprefix("arch_").replace("_", " ")] = values
     theta = inputs.scale.factor * thetas(inputs.answers.values())[own]
-    drawn = (curve_figures.tornado, curve_figures.theta_panels)
-    figures = [draw(theta, differences, name, inputs.scale.unit) for draw in drawn]
-    if any(figures):
+    if figure := curve_figures.theta_panels(theta, differences, name, inputs.scale.unit):
         yield heading("What θ depends on")
-        yield from figures
+        yield figure
 
 
 def answers_table(inputs: ReportInputs, listed: Mapping[str, Answer]) -> Markup:
