@@ -27,8 +27,35 @@ def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
     a cloud), every run, and the arch at onset.
     """
     make_folder(folder)
-    scale, (figure, ax) = inputs.scale, _axes(3.6)
-    results = {name: inputs.results(name) for name, _, _ in inputs.arches}
+    figures = {"fragility": _curves(inputs)}
+    for name, _, onset in inputs.arches:
+        results = inputs.results(name)
+        if results.own_levels is None:
+            figures[f"ida-{name}"] = _ida_figure(results)
+        figures[f"runs-{name}"] = _runs_figure(results)
+        figures[f"onset-{name}"], ax = _axes(3.6)
+        onset.plot(ax)
+    paths = []
+    for name, figure in figures.items():  # for print: black text on white
+        figure.patch.set(alpha=1.0, facecolor="white")
+        for text in figure.findobj(Text):
+            text.set_color("black")
+        paths += [folder / f"{name}.pdf", folder / f"{name}.png"]
+        with rc_context({"pdf.fonttype": 42}):  # fonts that editors can change
+            figure.savefig(paths[-2], metadata={"CreationDate": None})
+        figure.savefig(paths[-1], dpi=300)
+    return paths
+
+
+def _axes(height: float) -> tuple[Figure, Axes]:
+    """Return a figure of this height [inch], as wide as a text, and its axes."""
+    figure = Figure((5.4, height), layout="constrained")
+    return figure, plots.dressed(figure.add_subplot())
+
+
+def _curves(inputs: ReportInputs) -> Figure:
+    """Draw the curves of classes and arches with their bands, and the fractions of the runs."""
+    scale, (figure, ax), shown = inputs.scale, _axes(3.6), [name for name, _, _ in inputs.arches]
     for number, (name, answer) in enumerate(inputs.quoted.items()):
         colour, style = _COLOURS[number % 4], "-" if number < 4 else "--"
         if isinstance(fit := answer.curve, Fragility):
@@ -36,39 +63,14 @@ def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
             ax.plot(scale.factor * im, fit.probability(im), style, color=colour, label=label)
             band = answer.lower, answer.upper
             ax.fill_between(scale.factor * im, *band, color=colour, alpha=0.2, lw=0.0)
-        if name in results:  # of a class the fractions are not shown
-            own = results[name]
-            ax.plot(own.levels, own.fraction, "o", color=colour, ms=3.0)
+        if name in shown:  # of a class the fractions are not shown
+            results = inputs.results(name)
+            ax.plot(results.levels, results.fraction, "o", color=colour, ms=3.0)
     ax.set(xlabel=scale.label, ylabel="probability of collapse",
            xlim=(0.0, 1.05 * inputs.highest), ylim=(0.0, 1.02))  # fmt: skip
     if ax.get_legend_handles_labels()[0]:
         plots.legend(ax)
-    paths = _saved(figure, folder / "fragility")
-    for name, _, onset in inputs.arches:
-        if results[name].own_levels is None:
-            paths += _saved(_ida_figure(results[name]), folder / f"ida-{name}")
-        paths += _saved(_runs_figure(results[name]), folder / f"runs-{name}")
-        figure, ax = _axes(3.6)
-        onset.plot(ax)
-        paths += _saved(figure, folder / f"onset-{name}")
-    return paths
-
-
-def _axes(height: float) -> tuple[Figure, Axes]:
-    figure = Figure((5.4, height), layout="constrained")
-    return figure, plots.dressed(figure.add_subplot())
-
-
-def _saved(figure: Figure, path: Path) -> list[Path]:
-    """Save for print: black text on white, fonts that editors can change, no date."""
-    figure.patch.set(alpha=1.0, facecolor="white")
-    for text in figure.findobj(Text):
-        text.set_color("black")
-    paths = [path.with_name(f"{path.name}.{ending}") for ending in ("pdf", "png")]
-    with rc_context({"pdf.fonttype": 42}):
-        figure.savefig(paths[0], metadata={"CreationDate": None})
-        figure.savefig(paths[1], dpi=300)
-    return paths
+    return figure
 
 
 def _ida_figure(results: ArchResults) -> Figure:
