@@ -250,8 +250,8 @@ def motions_section(inputs: ReportInputs) -> Section:
     events = Counter(sorted(filter(None, cube["event"].values.astype(str).tolist())))
     if events:
         listed = table("Earthquakes", ["earthquake", "records"], events.items(), "compact")
-        words = paragraph(TEXTS["notes"]["events"], "note")
-        parts.append(html.folded("Earthquakes", words, listed))
+        remark = paragraph(TEXTS["notes"]["events"], "note")
+        parts.append(html.folded("Earthquakes", remark, listed))
     waivers = cube["accepted"].values.astype(str) if "accepted" in cube else ()
     named = [f"{name!s} ({words})" for name, words in zip(cube["record"].values, waivers) if words]
     if named:
