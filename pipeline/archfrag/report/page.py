@@ -30,7 +30,13 @@ from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, ta
 from archfrag.report.inputs import ReportInputs, arch_results, report_inputs, summary, thetas
 from archfrag.report.limits import study_aspects
 from archfrag.report.risk_section import risk_section
-from archfrag.report.sections import Section, answers_table, arch_sections, card, class_sections
+from archfrag.report.sections import (
+    PageSection,
+    answers_table,
+    arch_sections,
+    card,
+    class_sections,
+)
 from archfrag.report.svg import Entry, Sheet, figure, log_ticks
 from archfrag.study.answer.fits import gathered
 from archfrag.study.file.members import SHOWN
@@ -100,10 +106,10 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     return text, figures | ({ALL_CURVES: curves} if len(inputs.answers) > SHOWN else {})
 
 
-def overview(inputs: ReportInputs, curves: Picture) -> Iterator[Section]:
+def overview(inputs: ReportInputs, curves: Picture) -> Iterator[PageSection]:
     """Yield the section on all arches, if there are several; `curves` is their figure."""
     if len(inputs.quoted) > 1:
-        yield Section("all", "All arches", [curves, *_ratios(inputs)])
+        yield PageSection("all", "All arches", [curves, *_ratios(inputs)])
 
 
 def _ratios(inputs: ReportInputs) -> Iterator[Markup]:
@@ -126,7 +132,7 @@ def _ratios(inputs: ReportInputs) -> Iterator[Markup]:
         yield paragraph(TEXTS["ratios"]["how"], "note")
 
 
-def compared_section(inputs: ReportInputs) -> Iterator[Section]:
+def compared_section(inputs: ReportInputs) -> Iterator[PageSection]:
     """Yield the section on the arches that another study has too, if there is one.
 
     InputError if the two cannot be compared.
@@ -134,7 +140,7 @@ def compared_section(inputs: ReportInputs) -> Iterator[Section]:
     if inputs.compared is not None:
         parts = list(_compared(inputs, *inputs.compared))
         name = inputs.compared[0].attrs["archfrag_study"]
-        yield Section("compared", f"Compared with study {name}", parts)
+        yield PageSection("compared", f"Compared with study {name}", parts)
 
 
 def _compared(
@@ -242,7 +248,7 @@ def spectra(
     )
 
 
-def motions_section(inputs: ReportInputs) -> Section:
+def motions_section(inputs: ReportInputs) -> PageSection:
     """Return the section on the ground motions."""
     cube, recorded = inputs.cube, "Ground motions as recorded"
     parts: list[Any] = [thumbnails(inputs.motions), _scaled_spectra(inputs)]
@@ -257,7 +263,7 @@ def motions_section(inputs: ReportInputs) -> Section:
     if named:
         words = f"Records accepted despite a warning: {', '.join(named)}."
         parts.append(paragraph(words, "caution"))
-    return Section("motions", "Ground motions", parts)
+    return PageSection("motions", "Ground motions", parts)
 
 
 def _motion_table(inputs: ReportInputs) -> Markup:
@@ -311,7 +317,7 @@ def _scaled_spectra(inputs: ReportInputs) -> Picture:
     return spectra(_FEW_PERIODS, np.stack(spectra_g), words, target, marks)
 
 
-def provenance_section(attributes: Mapping[str, Any]) -> Section:
+def provenance_section(attributes: Mapping[str, Any]) -> PageSection:
     """Return the section on what makes the results again, and the attributes of the cube."""
     commit = attributes.get("archfrag_commit", "not known")
     rows, form = [], Markup('<pre tabindex="0">{}</pre>')
@@ -321,12 +327,12 @@ def provenance_section(attributes: Mapping[str, Any]) -> Section:
         rows.append((name, value))
     listed = html.pairs("Provenance", rows, "attribute of the cube")
     words = paragraph(TEXTS["notes"]["reproduce"].format(commit=commit))
-    return Section(
+    return PageSection(
         "provenance", "Provenance", [words, html.folded("Attributes of the cube", listed)]
     )
 
 
-def glossary_section(inputs: ReportInputs) -> Section:
+def glossary_section(inputs: ReportInputs) -> PageSection:
     """Return the section on terms and on what is modelled."""
     loss = f"{100.0 * float(inputs.cube.attrs['loss_limit']):g} %"  # gap over joint length
     values = {"percent": inputs.percent, "loss_limit": loss}
@@ -334,4 +340,4 @@ def glossary_section(inputs: ReportInputs) -> Section:
     terms.append(("Limits", " ".join(each.sentence for each in study_aspects(inputs))))
     rows = Markup("\n").join(Markup("<dt>{}</dt>\n<dd>{}</dd>").format(*term) for term in terms)
     parts = [Markup('<dl class="glossary">\n{}\n</dl>').format(rows)]
-    return Section("glossary", "Terms and limits", parts)
+    return PageSection("glossary", "Terms and limits", parts)

@@ -12,7 +12,7 @@ from archfrag.report import html, svg
 from archfrag.report.html import TEXTS
 from archfrag.report.inputs import ReportInputs, Scale
 from archfrag.report.run_figures import level_axis, stacked
-from archfrag.report.sections import Section
+from archfrag.report.sections import PageSection
 from archfrag.report.svg import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
 from archfrag.study.answer.risk import ASSUMPTIONS, ArchRisk, StudyRisk
 from archfrag.study.file.members import SHOWN
@@ -22,10 +22,12 @@ _REACH = 1e-4  # of the greatest density of the rate, where the axis ends
 _LEFT, _HEIGHTS = 66.0, (150.0, 110.0, 110.0)  # left of the panels and their heights [px]
 
 
-def risk_section(inputs: ReportInputs) -> Iterator[Section]:
+def risk_section(inputs: ReportInputs) -> Iterator[PageSection]:
     """Yield the section on rates of collapse, if the study has a hazard curve."""
     if inputs.risk is not None:
-        yield Section("risk", "Risk", list(risk_parts(inputs.risk, inputs.scale, inputs.percent)))
+        yield PageSection(
+            "risk", "Risk", list(risk_parts(inputs.risk, inputs.scale, inputs.percent))
+        )
 
 
 def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[Any]:

@@ -37,7 +37,7 @@ _UNITS = {
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A chapter of the page: a title, and below it texts, tables and figures in order."""
 
     anchor: str
@@ -46,25 +46,25 @@ class Section:
     files: Mapping[str, Picture] = field(default_factory=dict)  #: figures to be files too, by name
 
 
-def class_sections(inputs: ReportInputs) -> Iterator[Section]:
+def class_sections(inputs: ReportInputs) -> Iterator[PageSection]:
     """Yield a section for each class of several arches."""
     of_class = arch_classes(inputs.cube)
     for place, name in enumerate(inputs.classes):
         members = {k: answer for k, answer in inputs.answers.items() if of_class[k] == name}
         curves = curve_figures.all_curves(inputs, members, {name: inputs.classes[name]})
         parts = list(_class_parts(inputs, name, curves))
-        yield Section(f"class{place}", f"Class {name}", parts, {f"curve-{name}.svg": curves})
+        yield PageSection(f"class{place}", f"Class {name}", parts, {f"curve-{name}.svg": curves})
 
 
 def arch_sections(
     inputs: ReportInputs, examples: Sequence[Example | None], lead: int
-) -> tuple[list[Section], list[Section]]:
+) -> tuple[list[PageSection], list[PageSection]]:
     """Return a section for each arch that is shown, and an appendix of those that classes have.
 
     `examples` are collapses of the arches; that of the arch at place `lead` is on the first page.
     """
     members = {k: answer for k, answer in inputs.answers.items() if k not in inputs.quoted}
-    folded, files, sections = list[Markup](), dict[str, Picture](), list[Section]()
+    folded, files, sections = list[Markup](), dict[str, Picture](), list[PageSection]()
     for place, (name, _, _) in enumerate(inputs.arches):
         curve = curve_figures.curve(inputs.results(name), inputs.answers[name])
         own = {} if len(inputs.answers) > SHOWN else {f"curve-{name}.svg": curve}
@@ -75,11 +75,11 @@ def arch_sections(
             continue
         # An arch that has the name of its study was not given any.
         alone = len(inputs.answers) == 1 and name == inputs.cube.attrs.get("archfrag_study")
-        sections.append(Section(f"arch{place}", "The arch" if alone else name, parts, own))
+        sections.append(PageSection(f"arch{place}", "The arch" if alone else name, parts, own))
     if not members:
         return sections, []
     folded.insert(0, html.folded("Answers", answers_table(inputs, members)))
-    return sections, [Section("members", "Appendix: arches of classes", folded, files)]
+    return sections, [PageSection("members", "Appendix: arches of classes", folded, files)]
 
 
 def _arch_parts(
