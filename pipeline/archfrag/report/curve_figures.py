@@ -59,9 +59,9 @@ def _stroke(name: str, place: int, colours: Sequence[str] = svg.COLOURS) -> Entr
 
 def _thinned(fits: Iterable[Fragility]) -> list[Fragility]:
     """Choose at most `MOST_THIN` curves, evenly from the weakest to the strongest."""
-    known = sorted(fits, key=lambda fit: fit.theta)
-    places = np.linspace(0, len(known) - 1, min(len(known), MOST_THIN))
-    return [known[i] for i in places.round().astype(int)]
+    ordered = sorted(fits, key=lambda fit: fit.theta)
+    places = np.linspace(0, len(ordered) - 1, min(len(ordered), MOST_THIN))
+    return [ordered[i] for i in places.round().astype(int)]
 
 
 def _known(answers: Mapping[str, Answer]) -> dict[str, Fragility]:
@@ -144,13 +144,13 @@ def all_curves(
 
     Curves with names lie over thin ones of one colour each.
     """
-    known, named, of_class = _known(answers), _known(classes), arch_classes(inputs.cube)
+    curves, named, of_class = _known(answers), _known(classes), arch_classes(inputs.cube)
     if len(answers) + len(classes) < 2:
         return None
     scale, at, reach = inputs.scale, inputs.at, 1.05 * inputs.highest
-    single = {k: fit for k, fit in known.items() if of_class.get(k) not in classes}
-    members = [[fit for k, fit in known.items() if of_class.get(k) == name] for name in classes]
-    thin = [(_stroke("", i).colour, _thinned(own)) for i, own in enumerate(members)]
+    single = {k: fit for k, fit in curves.items() if of_class.get(k) not in classes}
+    members = [[fit for k, fit in curves.items() if of_class.get(k) == name] for name in classes]
+    thin = [(_stroke("", i).colour, _thinned(fits)) for i, fits in enumerate(members)]
     if len(named) + len(single) <= MOST_NAMED:
         named |= single
     elif single:
@@ -166,18 +166,18 @@ def all_curves(
         for fit in fits:
             panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
     shaded, words = len(named) <= _SHADED, TEXTS["all_curves"]
-    for own, (name, fit) in zip(strokes, named.items()):
-        draw_curve(panel, {**answers, **classes}[name] if shaded else fit, scale, own)
+    for stroke, (name, fit) in zip(strokes, named.items()):
+        draw_curve(panel, {**answers, **classes}[name] if shaded else fit, scale, stroke)
     kind, one = "Curves" if classes else "Lognormal curves", len(classes) == 1
     whose = f"class {next(iter(classes))}" if one else "a class"
     caption = words["bands" if shaded else "curves"].format(kind=kind)
     caption += words["classes"].format(whose=whose) * bool(classes)
     caption += words["at"] * (at is not None)
     if shaded:
-        each = "".join(map(_band_words, classes.values()))
-        caption += each if one else words["several"] * bool(classes)
-    what = f"Fragility curves of {len(known)} arches against {scale.label}. "
-    what += _medians(named | dict(list(known.items())[:40]), scale)
+        bands = "".join(map(_band_words, classes.values()))
+        caption += bands if one else words["several"] * bool(classes)
+    what = f"Fragility curves of {len(curves)} arches against {scale.label}. "
+    what += _medians(named | dict(list(curves.items())[:40]), scale)
     return what, caption
 
 
@@ -195,9 +195,9 @@ def limit_states(sheet: Sheet, inputs: ReportInputs, answer: Answer, name: str) 
     scale, reach = inputs.scale, 1.05 * inputs.highest
     panel = curve_panel(sheet, [], reach, scale.label, "probability of reaching it")
     im, seen = np.linspace(0.0, reach, 400), list[tuple[str, FloatArray]]()
-    for own, fit in curves:
-        draw_curve(panel, fit, scale, own)
-        words, chance = own.label, fit.probability(im / scale.factor)
+    for stroke, fit in curves:
+        draw_curve(panel, fit, scale, stroke)
+        words, chance = stroke.label, fit.probability(im / scale.factor)
         if seen and np.abs(chance - seen[-1][1]).max() < _SAME:
             words = f"{seen.pop()[0]}, {words}"
         seen.append((words, chance))
@@ -206,7 +206,7 @@ def limit_states(sheet: Sheet, inputs: ReportInputs, answer: Answer, name: str) 
         i = int(np.searchsorted(chance, part * chance[-1]))
         panel.dots(im[[i]], chance[[i]], svg.INK, radius=2.4)
         panel.label(im[i], float(panel.at_y(chance[i])) + 4.0, words, left=part > 0.5)
-    medians = _medians({own.label: fit for own, fit in curves}, scale)
+    medians = _medians({stroke.label: fit for stroke, fit in curves}, scale)
     return f"Curves of limit states of {name} against {scale.label}. {medians}"
 
 
@@ -219,10 +219,10 @@ def two_studies(
     scale, reach = first.scale, 1.05 * max(first.levels.max(), second.levels.max())
     strokes = [Entry(names[0], svg.BLUE, "line"), Entry(names[1], svg.VERMILION, "dash")]
     panel = curve_panel(sheet, strokes, reach, scale.label)
-    for own, (_, answer) in zip(strokes, sides):
-        draw_curve(panel, answer, scale, own)
-    for own, (results, _), mark in zip(strokes, sides, ("dot", "ring")):
-        panel.dots(results.levels, results.fraction, own.colour, mark)
+    for stroke, (_, answer) in zip(strokes, sides):
+        draw_curve(panel, answer, scale, stroke)
+    for stroke, (results, _), mark in zip(strokes, sides, ("dot", "ring")):
+        panel.dots(results.levels, results.fraction, stroke.colour, mark)
     medians = _medians(_known({name: answer for name, (_, answer) in zip(names, sides)}), scale)
     what = f"Probability of collapse of {first.arch} against {scale.label} in two studies"
     return f"{what}. {medians}"
@@ -236,11 +236,11 @@ def theta_panels(
 
     Lines are `effects_on_theta`, if the arches are enough for it; the largest stands first.
     """
-    known, lines = np.isfinite(theta), {}
-    if not differences or known.sum() < 2:
+    fitted, lines = np.isfinite(theta), {}
+    if not differences or fitted.sum() < 2:
         return None
-    theta, values = theta[known], {key: each[known] for key, each in differences.items()}
-    finite = {key: each for key, each in values.items() if np.isfinite(each).all()}
+    theta, values = theta[fitted], {key: each[fitted] for key, each in differences.items()}
+    finite = {key: numbers for key, numbers in values.items() if np.isfinite(numbers).all()}
     if finite and theta.size >= len(finite) + 2:
         _, effects = effects_on_theta(theta, np.column_stack([*finite.values()]))
         lines = dict(

@@ -94,8 +94,8 @@ class ArchResults:
     @property
     def fraction(self) -> FloatArray:
         """Fraction of the known verdicts at each level that are collapses; nan if none is."""
-        known = self.known["n"]
-        return np.asarray(self.known["collapsed"] / np.where(known > 0, known, np.nan))
+        decided = self.known["n"]
+        return np.asarray(self.known["collapsed"] / np.where(decided > 0, decided, np.nan))
 
 
 @dataclass(frozen=True)
@@ -231,10 +231,10 @@ def arch_results(cube: xr.Dataset, name: str, scale: Scale) -> ArchResults:
     """Return what the report needs of the runs of an arch or a class of a cube."""
     (runs,) = runs_of_cube(cube, [name])
     n_arch, made = len(runs.arches), runs.verdict != Verdict.NOT_SIMULATED
-    levels, own = runs.level * scale.factor, None
+    levels, own_levels = runs.level * scale.factor, None
     if levels.ndim == 2:
-        own = levels[:, 0]
-        levels, group = _grouped(own, made[:, 0])
+        own_levels = levels[:, 0]
+        levels, group = _grouped(own_levels, made[:, 0])
         made = made & (group[:, None] == np.arange(levels.size))
 
     @cache
@@ -250,7 +250,7 @@ def arch_results(cube: xr.Dataset, name: str, scale: Scale) -> ArchResults:
     counts, brackets = count_verdicts(table("verdict")), runs.brackets
     return ArchResults(
         arch=name, records=cube["record"].values.astype(str).tolist() * n_arch, scale=scale,
-        levels=levels, own_levels=own, table=table, simulated=made, runs=runs, counts=counts,
+        levels=levels, own_levels=own_levels, table=table, simulated=made, runs=runs, counts=counts,
         known=count_verdicts(brackets.filled) if runs.design.adaptive else counts,
         capacities=scale.factor * np.where(brackets.bracketed, brackets.middle, brackets.upper),
     )  # fmt: skip
@@ -277,11 +277,11 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
     of_runs = ("verdict", "lost_contact_time", "collapse_mode", "collapse_joint")
     tables = [cube[name].transpose("arch", "record", "level").values for name in of_runs]
     arches = []
-    for name, *own in zip(map(str, cube["arch"].values), *tables, strict=True):
+    for name, *of_arch in zip(map(str, cube["arch"].values), *tables, strict=True):
         start = onsets.get(name)
         arches.append({
             "id": name, "class": of_class[name],
-            **_answered(inputs.answers[name], scale, inputs.at), **_counted(*own),
+            **_answered(inputs.answers[name], scale, inputs.at), **_counted(*of_arch),
             "stands": start and bool(start.stands),
             "onset": start and {"plus": start.plus, "minus": start.minus},
         })  # fmt: skip
@@ -309,7 +309,7 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
     lost = answer.more.get("without_verdict") or None
     if lost and "runs" in lost:
         medians = {key: lost[key].get("theta") for key in ("collapsed", "standing")}
-        theta = {key: each and scale.factor * each for key, each in medians.items()}
+        theta = {key: median and scale.factor * median for key, median in medians.items()}
         lost = {"runs": lost["runs"], "theta_if": theta}
     fit, likelihood, likeliest, chance = answer.curve, answer.likelihood, None, None
     if isinstance(fit, str):
@@ -333,8 +333,8 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
 
 def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:
     """Return how many runs of an arch have each verdict, and fractions of its collapses."""
-    found, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
-    counts = {name: int(found[name].sum()) for name in COUNTS}
+    number, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
+    counts = {name: int(number[name].sum()) for name in COUNTS}
     counts["not_simulated"] = verdict.size - counts["runs"]
     landed = (verdict == Verdict.STANDING) & np.isfinite(lost)
     counts["lost_contact_and_stand"] = int(landed.sum())

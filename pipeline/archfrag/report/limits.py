@@ -1,5 +1,6 @@
 """What a study models and what not, in sentences that follow from its arches."""
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -28,14 +29,14 @@ def aspects(
     `vertical` is the attribute ``vertical_component`` of a cube, `delay` that of the method in
     seconds; `spanning` is false if all arches are free-standing.
     """
-    arches = [arch for each in given.values() for arch in each]
+    arches = [arch for members in given.values() for arch in members]
     some = tuple(filter(None, [vertical.removeprefix("used").strip()]))  # records that have one
     others = {
         "always": (), "never": None, "delay": () if delay else None,
         "vertical": None if vertical == "not used" else some,
         "sliding": () if any(map(_slides, arches)) else None,
     }  # fmt: skip
-    found = []
+    result = []
     for text in TEXTS["limits"]:
         key = text["key"]
         if spanning or not text.get("spanning"):
@@ -44,8 +45,8 @@ def aspects(
             kind = "no" if whose is None else "yes"
             name = text.get(f"{kind}_name", "")
             sentence = text[kind].format(of=words, delay=delay or 0.0)
-            found.append(Aspect(kind == "yes", name + words * bool(name), sentence))
-    return found
+            result.append(Aspect(kind == "yes", name + words * bool(name), sentence))
+    return result
 
 
 def study_aspects(inputs: ReportInputs) -> list[Aspect]:
@@ -77,7 +78,7 @@ def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:
     """Return the arches that have a key: no names if all have it, None if none has it."""
-    counts = {name: sum(_is_set(arch.get(key)) for arch in own) for name, own in given.items()}
+    counts = {name: sum(_is_set(arch.get(key)) for arch in of) for name, of in given.items()}
     having = [
         name if count == len(given[name]) else f"some arches of {name}"
         for name, count in counts.items() if count
@@ -98,6 +99,7 @@ def _is_set(value: Any) -> bool:
 
 def _slides(arch: Mapping[str, Any]) -> bool:
     """Return whether a joint can slide, those of piers included."""
-    given = [arch.get("friction"), (arch.get("piers") or {}).get("friction")]
-    values = [one for each in given for one in (each if isinstance(each, list) else [each])]
-    return any(isinstance(one, int | float) and math.isfinite(one) for one in values)
+    coefficients = [arch.get("friction"), (arch.get("piers") or {}).get("friction")]
+    lists = (value if isinstance(value, list) else [value] for value in coefficients)
+    values = itertools.chain.from_iterable(lists)
+    return any(isinstance(value, int | float) and math.isfinite(value) for value in values)

@@ -90,8 +90,8 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         glossary_section(inputs),
     ]  # fmt: skip
     # Cautions that no section has; of those of arches that differ in numbers only the first.
-    own = [name for name, _, _ in inputs.arches if name in inputs.quoted]
-    rest = [words for words in inputs.cautions if words.partition(": ")[0] not in own]
+    shown = [name for name, _, _ in inputs.arches if name in inputs.quoted]
+    rest = [words for words in inputs.cautions if words.partition(": ")[0] not in shown]
     digest = base64.b64encode(hashlib.sha256(html.SCRIPT.encode()).digest()).decode()
     listed = inputs.quoted
     text = html.template(
@@ -100,9 +100,9 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         script=html.SCRIPT, script_hash=f"'sha256-{digest}'",
         first=first_page(inputs, examples[lead]),
         answers=answers_table(inputs, listed) if len(listed) > 1 else "",
-        cautions=html.cautions(gathered(rest, inputs.cube, own)),
+        cautions=html.cautions(gathered(rest, inputs.cube, shown)),
     )  # fmt: skip
-    figures = {name: picture for each in sections for name, picture in each.files.items()}
+    figures = {name: picture for section in sections for name, picture in section.files.items()}
     return text, figures | ({ALL_CURVES: curves} if len(inputs.answers) > SHOWN else {})
 
 
@@ -114,14 +114,14 @@ def overview(inputs: ReportInputs, curves: Picture) -> Iterator[PageSection]:
 
 def _ratios(inputs: ReportInputs) -> Iterator[Markup]:
     """Yield medians and rates of arches or classes over those of the first one."""
-    found, names = inputs.ratios, list(inputs.known)
-    if isinstance(found, str):
-        yield paragraph(f"There are no ratios: {found}.", "note")
+    ratios, names = inputs.ratios, list(inputs.known)
+    if isinstance(ratios, str):
+        yield paragraph(f"There are no ratios: {ratios}.", "note")
         return
     words = {"theta": f"median capacity θ [{inputs.scale.unit}]", "rate": "collapses a year"}
     rows = []
-    for name, ratios in found.items():
-        for what, row in ratios.items():
+    for name, of_measure in ratios.items():
+        for what, row in of_measure.items():
             form = inputs.scale.digits if what == "theta" else html.rounded
             pair = form(row["before"]), form(row["after"])
             ends = f"{row['lower']:.2f} to {row['upper']:.2f}"
@@ -153,10 +153,11 @@ def _compared(
     kinds = ["{measure} [{units}]".format(**cube["intensity"].attrs) for cube in cubes]
     if kinds[0] != kinds[1]:
         raise InputError(f"{refused}: its levels are of {kinds[1]}, not of {kinds[0]}")
-    own = [name for name, _, _ in inputs.arches]
-    common = [name for name in own if name in answers]
+    arches = [name for name, _, _ in inputs.arches]
+    common = [name for name in arches if name in answers]
     if not common:
-        raise InputError(f"{refused}: it has no arch {' or '.join(own)}, but {', '.join(answers)}")
+        has = f"no arch {' or '.join(arches)}, but {', '.join(answers)}"
+        raise InputError(f"{refused}: it has {has}")
     one, two = (set(cube["record"].values.tolist()) for cube in cubes)
     sizes = {"names": names, "sizes": [len(one), len(two)], "common": len(one & two)}
     yield paragraph(TEXTS["notes"]["compared"].format(**sizes), "note")
@@ -167,15 +168,15 @@ def _compared(
     for arch in common:
         yield html.heading(arch)
         results = [arch_results(cube, arch, inputs.scale) for cube in cubes]
-        sides = [(each, answers[arch]) for each, answers in zip(results, of_each)]
+        sides = [(runs, answers[arch]) for runs, answers in zip(results, of_each)]
         yield curve_figures.two_studies(names, sides)
         fits = [answer.curve for _, answer in sides]
         if isinstance(fits[0], Fragility) and isinstance(fits[1], Fragility):
             change = f"{100 * (fits[1].theta / fits[0].theta - 1):+.1f} %".replace("-", "−")
             yield paragraph(f"Change of θ from {names[0]} to {names[1]}: {change}.")
-        for name, (each, answer) in zip(names, sides):
+        for name, (runs, answer) in zip(names, sides):
             yield paragraph(f"{arch} in {name}:")
-            yield card(answer, inputs.scale, inputs.percent, results=each)
+            yield card(answer, inputs.scale, inputs.percent, results=runs)
 
 
 def _settings(cube: xr.Dataset) -> pd.Series:
@@ -271,11 +272,11 @@ def _motion_table(inputs: ReportInputs) -> Markup:
     rows = []
     cube = inputs.cube[["scale_factor", "magnitude", "distance"]]
     for motion in inputs.motions:
-        own = cube.sel(record=motion.id)
-        factor = own["scale_factor"].values[np.isfinite(own["scale_factor"].values)]
+        record = cube.sel(record=motion.id)
+        factor = record["scale_factor"].values[np.isfinite(record["scale_factor"].values)]
         rows.append([
-            motion.id, measured(own["magnitude"].item(), ".2f"),
-            measured(own["distance"].item(), ".1f"), f"{motion.duration:.1f}", f"{motion.dt:g}",
+            motion.id, measured(record["magnitude"].item(), ".2f"),
+            measured(record["distance"].item(), ".1f"), f"{motion.duration:.1f}", f"{motion.dt:g}",
             f"{measure(motion, 'PGA') / STANDARD_GRAVITY:.4f}",
             f"{100 * measure(motion, 'PGV'):.2f}", measured(measure(motion, "Arias")),
             f"{measure(motion, 'D5_95'):.1f}", "no" if motion.vertical is None else "yes",
@@ -337,7 +338,7 @@ def glossary_section(inputs: ReportInputs) -> PageSection:
     loss = f"{100.0 * float(inputs.cube.attrs['loss_limit']):g} %"  # gap over joint length
     values = {"percent": inputs.percent, "loss_limit": loss}
     terms = [(k.format(**values), v.format(**values)) for k, v in TEXTS["glossary"].items()]
-    terms.append(("Limits", " ".join(each.sentence for each in study_aspects(inputs))))
+    terms.append(("Limits", " ".join(aspect.sentence for aspect in study_aspects(inputs))))
     rows = Markup("\n").join(Markup("<dt>{}</dt>\n<dd>{}</dd>").format(*term) for term in terms)
     parts = [Markup('<dl class="glossary">\n{}\n</dl>').format(rows)]
     return PageSection("glossary", "Terms and limits", parts)

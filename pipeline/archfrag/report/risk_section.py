@@ -78,7 +78,7 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
             most + html.rounded(rate.return_period), least + html.rounded(likely),
             html.rounded_interval(*ends), f"{100 * rate.outside:.1f} %",
             html.rounded(rate.below_onset) if np.any(arch.onset) else "–",
-            *(html.rounded(each) for each in list(arch.by_curve.values())[1:]),
+            *(html.rounded(rate) for rate in list(arch.by_curve.values())[1:]),
         ])  # fmt: skip
     return html.table("Rates of collapse", heads, rows, "compact")
 
@@ -123,20 +123,20 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
         last = panel is third
         panel.axis_x(ticks, scale.label * last, [] if last else [""] * ticks.size, True)
     sheet.height = third.box[3] + svg.BELOW
-    found = f"{'at least ' * arch.rate.is_bound}{html.rounded(arch.rate.quoted)} a year"
-    return f"Hazard and fragility curve of {arch.arch} and their product; rate of collapse {found}"
+    words = f"{'at least ' * arch.rate.is_bound}{html.rounded(arch.rate.quoted)} a year"
+    return f"Hazard and fragility curve of {arch.arch} and their product; rate of collapse {words}"
 
 
 @figure
 def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
     """Draw the rate by level and mechanism; None if no run collapsed."""
-    found = arch.by_mechanism
-    if not found.counts.any():
+    split = arch.by_mechanism
+    if not split.counts.any():
         return None
-    labels = [f"{name} {100 * f:.0f} %" for name, f in zip(found.categories, found.fraction)]
-    parts = stacked(labels, found.rate)
-    if found.unassigned.any():
-        parts.append((Entry("no collapse seen", svg.PALE), found.unassigned))
+    labels = [f"{name} {100 * f:.0f} %" for name, f in zip(split.categories, split.fraction)]
+    parts = stacked(labels, split.rate)
+    if split.unassigned.any():
+        parts.append((Entry("no collapse seen", svg.PALE), split.unassigned))
     highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
     ends = (-0.5, arch.levels.size - 0.5), (0.0, highest)
     panel = svg.panel_below(sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT)
@@ -144,7 +144,7 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str]
     panel.stack(parts)
     level_axis(panel, scale.factor * arch.levels, scale.label)
     texts = TEXTS["contributions"]
-    caption = texts["caption"] + texts["pale"] * bool(found.unassigned.any())
+    caption = texts["caption"] + texts["pale"] * bool(split.unassigned.any())
     return f"Rate of collapse of {arch.arch} by level and mechanism", caption
 
 

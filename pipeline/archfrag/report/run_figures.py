@@ -119,8 +119,8 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     panel.axis_x(svg.log_ticks(*x), results.scale.label, grid=True)
     panel.axis_y(svg.log_ticks(low, high, subs=(1.0,)), "largest displacement [m]")
     for code, (_, colour, _) in looks.items():
-        own = verdict == code
-        panel.dots(level[own], np.clip(reach[own], low, high), colour, radius=2.6)
+        chosen = verdict == code
+        panel.dots(level[chosen], np.clip(reach[chosen], low, high), colour, radius=2.6)
     return (
         f"{level.size} runs of {results.arch}: intensity, largest displacement and verdict",
         TEXTS["single_runs"]["caption"].format(low=low),
@@ -159,30 +159,30 @@ def ida_lines(
     A line of each record has an empty name; those of `FRACTILES` follow with theirs. A line ends
     flat, at the capacity of its record. Between the levels that were run it is interpolated.
     """
-    levels, standing = results.levels, results.verdict == Verdict.STANDING
+    levels, survived = results.levels, results.verdict == Verdict.STANDING
     degrees, capacities = np.rad2deg(results[name]), results.capacities
-    found = np.full(degrees.shape, np.nan)
-    for row, (own, value, capacity) in enumerate(zip(standing, degrees, capacities)):
-        own = own & (levels < capacity)
-        if own.any():
-            x, y = np.append(0.0, levels[own]), np.append(0.0, value[own])
-            found[row] = np.interp(levels, x, y)
-    found = np.where(levels > capacities[:, None], np.inf, found)
-    reach = margin * float(np.max(found, initial=1e-6, where=np.isfinite(found)))
-    rows = [(row, end, "") for row, end in zip(found, capacities.tolist())]
-    rows += fractiles(found, capacities)
+    curves = np.full(degrees.shape, np.nan)
+    for row, (used, value, capacity) in enumerate(zip(survived, degrees, capacities)):
+        used = used & (levels < capacity)
+        if used.any():
+            x, y = np.append(0.0, levels[used]), np.append(0.0, value[used])
+            curves[row] = np.interp(levels, x, y)
+    curves = np.where(levels > capacities[:, None], np.inf, curves)
+    reach = margin * float(np.max(curves, initial=1e-6, where=np.isfinite(curves)))
+    rows = [(row, end, "") for row, end in zip(curves, capacities.tolist())]
+    rows += fractiles(curves, capacities)
     return reach, [(*ida_line(levels, row, end, reach), part) for row, end, part in rows]
 
 
 def fractiles(curves: FloatArray, capacities: FloatArray) -> list[tuple[FloatArray, float, str]]:
     """Return the fractiles of rotations (n_record, n_level), and where each ends."""
     ranked = np.sort(np.where(np.isnan(curves), np.inf, curves), axis=0)
-    ends, found, last = np.sort(capacities), [], len(ranked) - 1
+    ends, lines, last = np.sort(capacities), [], len(ranked) - 1
     for name, part in FRACTILES.items():
         # The 84 % fractile of demand ends at the 16 % fractile of capacity.
         end = float(ends[min(int((1.0 - part) * len(ranked)), last)])
-        found.append((ranked[min(int(part * len(ranked)), last)], end, name))
-    return found
+        lines.append((ranked[min(int(part * len(ranked)), last)], end, name))
+    return lines
 
 
 def ida_line(
@@ -200,13 +200,13 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
     """Split the collapses by mode, and by the joint that was lost."""
     lost = results["collapse_joint"]
     counted = Counter(np.sort(lost[results.verdict == Verdict.COLLAPSED]).tolist())
-    own = sorted(joint for joint, _ in counted.most_common(_MOST_JOINTS))
-    joint = np.where(np.isin(lost, own), np.searchsorted(own, lost), len(own))
+    commonest = sorted(joint for joint, _ in counted.most_common(_MOST_JOINTS))
+    joint = np.where(np.isin(lost, commonest), np.searchsorted(commonest, lost), len(commonest))
     return [
         deaggregate(results.verdict, category, names, confidence=confidence)
         for category, names in (
             (results["collapse_mode"], [mode.label for mode in MODES]),
-            (joint, [*(f"joint {each}" for each in own), "other joints"]),
+            (joint, [*(f"joint {number}" for number in commonest), "other joints"]),
         )
     ]
 
@@ -244,11 +244,11 @@ def fractions(
 
 def stacked(names: Sequence[str], values: FloatArray) -> list[tuple[Entry, FloatArray]]:
     """Return the categories that occur: how they look, and their values at each level."""
-    found = {entry.label: entry for entry in MODES}
+    looks = {entry.label: entry for entry in MODES}
     for i, name in enumerate(names):
         colours = LOOKS[-1] if name.startswith("other") else LOOKS[i % len(LOOKS)]
-        found.setdefault(name, Entry(name, *colours))
-    return [(found[name], part) for name, part in zip(names, values) if part.any()]
+        looks.setdefault(name, Entry(name, *colours))
+    return [(looks[name], part) for name, part in zip(names, values) if part.any()]
 
 
 @figure

@@ -67,15 +67,15 @@ def arch_sections(
     folded, files, sections = list[Markup](), dict[str, Picture](), list[PageSection]()
     for place, (name, _, _) in enumerate(inputs.arches):
         curve = curve_figures.curve(inputs.results(name), inputs.answers[name])
-        own = {} if len(inputs.answers) > SHOWN else {f"curve-{name}.svg": curve}
+        file = {} if len(inputs.answers) > SHOWN else {f"curve-{name}.svg": curve}
         parts = list(_arch_parts(inputs, place, curve, examples[place], place == lead))
         if name in members:
             folded.append(html.folded(name, *filter(None, parts)))
-            files |= own
+            files |= file
             continue
         # An arch that has the name of its study was not given any.
         alone = len(inputs.answers) == 1 and name == inputs.cube.attrs.get("archfrag_study")
-        sections.append(PageSection(f"arch{place}", "The arch" if alone else name, parts, own))
+        sections.append(PageSection(f"arch{place}", "The arch" if alone else name, parts, file))
     if not members:
         return sections, []
     folded.insert(0, html.folded("Answers", answers_table(inputs, members)))
@@ -89,7 +89,7 @@ def _arch_parts(
     name, arch, onset = inputs.arches[place]
     answer, percent, results = inputs.answers[name], inputs.percent, inputs.results(name)
     more, start, design = answer.more, f"{name}: ", results.runs.design
-    cautions = [each.removeprefix(start) for each in inputs.cautions if each.startswith(start)]
+    cautions = [words.removeprefix(start) for words in inputs.cautions if words.startswith(start)]
     yield card(answer, inputs.scale, percent, cautions, results, onset)
     groups = run_figures.groupings(results, inputs.confidence)
     yield heading("How it falls")
@@ -144,7 +144,7 @@ def _films(inputs: ReportInputs, place: int, fall: Example | None) -> Parts:
     if miss is not None and not miss.response.collapsed:
         films.append(film(miss, f"miss{place}", "A near miss", enlarged=True))
     if any(films):
-        shown = Markup("\n").join(each[0] for each in films if each is not None)
+        shown = Markup("\n").join(pair[0] for pair in films if pair is not None)
         yield Markup('<div class="motions">{}</div>').format(shown)
 
 
@@ -161,14 +161,14 @@ def _class_parts(inputs: ReportInputs, name: str, curves: Picture) -> Parts:
         yield paragraph(TEXTS["notes"]["dispersion"].format(**split))
     if answer.more.get("limit_states"):
         yield from _limit_states(inputs, answer, name)
-    own = np.array(list(arch_classes(inputs.cube).values())) == name
+    members = np.array(list(arch_classes(inputs.cube).values())) == name
     differences = {}
     for key, variable in inputs.cube.data_vars.items():
         if str(key).startswith("arch_") and variable.dtype.kind in "fiu":
-            values = variable.values[own].astype(float)
+            values = variable.values[members].astype(float)
             if np.unique(values).size > 1:
                 differences[str(key).removeprefix("arch_").replace("_", " ")] = values
-    theta = inputs.scale.factor * thetas(inputs.answers.values())[own]
+    theta = inputs.scale.factor * thetas(inputs.answers.values())[members]
     if figure := curve_figures.theta_panels(theta, differences, name, inputs.scale.unit):
         yield heading("What θ depends on")
         yield figure
@@ -231,8 +231,8 @@ def card(
 
 def _levels(results: ArchResults, answer: Answer, percent: str) -> Markup:
     """Tabulate verdicts and probabilities at each level."""
-    counts, known, fit = results.counts, results.known, answer.curve
-    ends = zip(*clopper_pearson(known["collapsed"], known["n"], answer.confidence))
+    counts, records, fit = results.counts, results.known, answer.curve
+    ends = zip(*clopper_pearson(records["collapsed"], records["n"], answer.confidence))
     chance = np.full(results.levels.size, np.nan)
     if isinstance(fit, Fragility):
         chance = fit.probability(results.levels / results.scale.factor)
@@ -240,10 +240,10 @@ def _levels(results: ArchResults, answer: Answer, percent: str) -> Markup:
         results.scale.label: map(digits, results.levels),
         **{name.replace("_", " "): counts[name] for name in COUNTS},
         "records with capacity below" if results.runs.design.adaptive else "fraction":
-            [measured(each, ".3f") for each in results.fraction],
+            [measured(value, ".3f") for value in results.fraction],
         f"Clopper–Pearson {percent}":
             [f"{measured(low, '.3f')} – {measured(high, '.3f')}" for low, high in ends],
-        "curve": [measured(each, ".3f") for each in chance],
+        "curve": [measured(value, ".3f") for value in chance],
     }  # fmt: skip
     label = f"Verdicts and probabilities of {results.arch} by level"
     return table(label, list(columns), zip(*columns.values()), "", 0)
@@ -255,8 +255,8 @@ def _cloud(fit: Mapping[str, Any], scale: Scale) -> str:
         return f"There is no logistic regression: {fit['none']}."
     theta, low, high = map(scale.digits, (fit["theta"], *fit["theta_interval"]))
     beta = f"β {fit['beta']:.2f} ({html.interval(fit['beta_interval'])})"
-    found = f"θ {theta} {scale.unit} ({low} to {high}), {beta}"
-    return f"Logistic regression of collapse against ln intensity: {found}."
+    words = f"θ {theta} {scale.unit} ({low} to {high}), {beta}"
+    return f"Logistic regression of collapse against ln intensity: {words}."
 
 
 def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
@@ -313,8 +313,8 @@ def _geometry(parameters: Mapping[str, Any]) -> Parts:
         if isinstance(value, Mapping):
             yield from ((f"{key}: {name}", shown) for name, shown in _geometry(value))
         elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            for number, each in enumerate(value):
-                yield from _geometry({f"{key} {number + 1}": each})
+            for number, item in enumerate(value):
+                yield from _geometry({f"{key} {number + 1}": item})
         elif value is not None:
             shown = f"{value:g}" if isinstance(value, float) else str(value)
             shown = f"{np.size(value)} values" if np.size(value) > 6 else shown

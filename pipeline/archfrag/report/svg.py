@@ -79,9 +79,9 @@ class Sheet:
 
     def path(self, d: str, **attributes: object) -> None:
         """Add a path; attributes with an underscore for a hyphen, `kind` for the class."""
-        given = {key: value for key, value in attributes.items() if value not in ("", None)}
-        names = {key: "class" if key == "kind" else key.replace("_", "-") for key in given}
-        written = "".join(f' {names[key]}="{value}"' for key, value in given.items())
+        kept = {key: value for key, value in attributes.items() if value not in ("", None)}
+        names = {key: "class" if key == "kind" else key.replace("_", "-") for key in kept}
+        written = "".join(f' {names[key]}="{value}"' for key, value in kept.items())
         if d:
             self.parts.append(f'<path d="{d}"{written}/>')
 
@@ -122,10 +122,10 @@ class Sheet:
     def grid(self, count: int, columns: int, height: float, below: float) -> list[Box]:
         """Return boxes of panels with headings, in rows that are `below` apart."""
         columns = min(columns, count)
-        each, step = (self.width - 4.0) / columns, LINE + 3.0 + height + below
+        width, step = (self.width - 4.0) / columns, LINE + 3.0 + height + below
         self.height = -(-count // columns) * step
-        corners = [(i % columns * each, i // columns * step + LINE + 3.0) for i in range(count)]
-        return [(x + LEFT, y, x + each - 10.0, y + height) for x, y in corners]
+        corners = [(i % columns * width, i // columns * step + LINE + 3.0) for i in range(count)]
+        return [(x + LEFT, y, x + width - 10.0, y + height) for x, y in corners]
 
     def svg(self, alternative: str) -> str:
         """Return the sheet as an SVG element with its alternative text."""
@@ -285,15 +285,15 @@ def log_ticks(low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)) 
 
 def legend_rows(entries: Sequence[Entry], width: float) -> list[tuple[int, float, Entry]]:
     """Place entries of a legend: row, distance from its start, entry with a label that fits."""
-    row, place, found = 0, 0.0, []
+    row, place, rows = 0, 0.0, []
     for entry in entries:
         label = shortened(entry.label, width - 22.0)
         need = 22.0 + text_width(label)
         if place > 0.0 and place + need > width:
             row, place = row + 1, 0.0
-        found.append((row, place, entry._replace(label=label)))
+        rows.append((row, place, entry._replace(label=label)))
         place += need + 12.0
-    return found
+    return rows
 
 
 def text_width(words: str, size: float = SIZE) -> float:
@@ -301,8 +301,8 @@ def text_width(words: str, size: float = SIZE) -> float:
     narrow, wide = (sum(c in some for c in words) for some in ("il.,:;|'!() ", "mwMW%"))
     wide += sum(ord(c) > 0x2E80 for c in words)
     upper = sum(c.isupper() and c not in "MW" for c in words)
-    other = len(words) - narrow - wide - upper
-    return size * (0.36 * narrow + wide + 0.72 * upper + 0.6 * other)
+    rest = len(words) - narrow - wide - upper
+    return size * (0.36 * narrow + wide + 0.72 * upper + 0.6 * rest)
 
 
 def shortened(words: str, width: float, size: float = SIZE) -> str:
@@ -338,8 +338,8 @@ def envelope(values: FloatArray, bins: int) -> tuple[FloatArray, FloatArray, Flo
 
 
 def _scaled(values: ArrayLike, ends: Range, log: bool, start: float, stop: float) -> FloatArray:
-    given, (low, high) = np.asarray(values, dtype=float), ends
+    numbers, (low, high) = np.asarray(values, dtype=float), ends
     if log:
         with np.errstate(divide="ignore", invalid="ignore"):
-            given, low, high = np.log(given), np.log(low), np.log(high)
-    return np.asarray(start + (given - low) / (high - low) * (stop - start))
+            numbers, low, high = np.log(numbers), np.log(low), np.log(high)
+    return np.asarray(start + (numbers - low) / (high - low) * (stop - start))
