@@ -249,8 +249,9 @@ def arch_results(cube: xr.Dataset, name: str, scale: Scale) -> ArchResults:
 
     counts, brackets = count_verdicts(table("verdict")), runs.brackets
     return ArchResults(
-        arch=name, records=cube["record"].values.astype(str).tolist() * n_arch, scale=scale,
-        levels=levels, own_levels=own_levels, table=table, simulated=made, runs=runs, counts=counts,
+        arch=name, records=cube["record"].values.astype(str).tolist() * n_arch, runs=runs,
+        scale=scale, levels=levels, own_levels=own_levels, table=table, simulated=made,
+        counts=counts,
         known=count_verdicts(brackets.filled) if runs.design.adaptive else counts,
         capacities=scale.factor * np.where(brackets.bracketed, brackets.middle, brackets.upper),
     )  # fmt: skip
