@@ -72,7 +72,7 @@ def _at_onset(
     sheet: Sheet, middle: float, top: float, arch: Arch, onset: Onset, towards: str
 ) -> None:
     """Draw an arch with its mechanism; `towards` is empty if it does not stand."""
-    panel = arch_panel(sheet, arch, middle, top + 16.0, (330.0, 260.0), ground=True)
+    panel = arch_panel(sheet, arch, middle, top + 20.0, (308.0, 260.0), ground=True)
     below = panel.box[3] + 15.0
     if towards:
         paint(panel, onset.shapes(towards))
