@@ -1,5 +1,6 @@
 """For all tests."""
 
+import csv
 import os
 from collections.abc import Iterator
 from importlib import import_module
@@ -10,6 +11,10 @@ import pytest
 
 from tests.nearby import STEP
 from tests.validation.table import Writer, validated  # noqa: F401
+
+TESTS = Path(__file__).parent
+SLOW = TESTS / "slow.csv"
+LAWS = {TESTS / "physics", TESTS / "validation"}
 
 
 @pytest.fixture(autouse=True)
@@ -27,23 +32,68 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
     return helper or None
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Have one of two processes compile first, and the other build the site meanwhile.
+    """Mark what is slow and what is a law, and begin with the site."""
+    with SLOW.open(encoding="utf-8", newline="") as file:
+        slow = {row["test"] for row in csv.DictReader(file)}
+    for item in items:
+        if item.nodeid in slow:
+            item.add_marker("slow")
+        if not LAWS.isdisjoint(item.path.parents):
+            item.add_marker("law")
+    items.sort(key=lambda item: item.path.name != "test_site.py")
 
-    Each gets one half of the tests, in this order. Otherwise they wait for each other's kernels.
-    """
-    tests = Path(__file__).parent
-    compiling = {
-        tests / name for name in ("arch", "methods", "mechanics", "physics", "validation")
-    }
-    items.sort(key=lambda item: compiling.isdisjoint(item.path.parents))
-    site = [item for item in items if item.path.name == "test_site.py"]
-    others = [item for item in items if item not in site]
-    half = len(items) // 2
-    items[:] = others[:half] + site + others[half:]
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """Use two processes for folders, and this one for files and single tests."""
+    if all(".py" in argument for argument in config.args):
+        config.option.dist = "no"
+        return 0
+    return 2
+
+
+def _cpu_seconds() -> float:
+    return sum(os.times()[:4])
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Keep the CPU time of each test, with that of processes that it started and waited for."""
+    begun = _cpu_seconds()
+    item.user_properties.append(("cpu_seconds", begun))
+    yield
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> None:
+    if call.when == "teardown":
+        item.user_properties[0] = ("cpu_seconds", _cpu_seconds() - item.user_properties[0][1])
+
+
+class SlowTests:
+    """Writes the tests that took more than two CPU seconds."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.seconds = path, dict[str, float]()
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.when == "teardown":
+            self.seconds[report.nodeid] = dict(report.user_properties)["cpu_seconds"]
+
+    def pytest_sessionfinish(self) -> None:
+        rows = [(test, seconds) for test, seconds in self.seconds.items() if seconds > 2.0]
+        with self.path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(("test", "cpu_seconds"))
+            writer.writerows((test, f"{seconds:.1f}") for test, seconds in sorted(rows))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--write-slow", action="store_true",
+        help="write tests/slow.csv: run it with -m '' and kernels that are ready",
+    )  # fmt: skip
     parser.addoption(
         "--validation-table", metavar="CSV", help="write the values that tests compare with others"
     )
@@ -55,6 +105,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     change_last_bits(config.getoption("--last-bits", 0))
+    if config.getoption("--write-slow", False) and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(SlowTests(SLOW))
     path = config.getoption("--validation-table", None)
     if path and not hasattr(config, "workerinput"):
         config.pluginmanager.register(Writer(Path(path)))

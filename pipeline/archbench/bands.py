@@ -24,8 +24,8 @@ from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 from archfrag.fragility.quoted import capacity_posterior, quoted_band, quoted_runs
 from archfrag.fragility.ratio import left_out, parts_of, ratios
 from archfrag.fragility.risk import HazardCurve, lognormal_rates
-from archfrag.study.runs.design import Grid, ask
-from archfrag.study.runs.ida import Ida
+from archfrag.study.designs.design import Grid, ask
+from archfrag.study.designs.ida import Ida
 
 Array = NDArray[np.float64]
 

@@ -80,7 +80,7 @@ class UnitWarning(UserWarning):
 
 
 def reason_of(error: Exception) -> str:
-    """First line of somebody else's error."""
+    """Return the first line of somebody else's error."""
     return [*str(error).strip().splitlines(), type(error).__name__][0]
 
 

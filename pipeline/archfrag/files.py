@@ -37,13 +37,13 @@ _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 
 
 def counted(number: int, noun: str) -> str:
-    """A number of things: 1 arch, 2 arches."""
+    """Return a number of things: 1 arch, 2 arches."""
     plural = "" if number == 1 else "es" if noun.endswith("ch") else "s"
     return f"{number} {noun}{plural}"
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
-    """The error to raise if a file or folder cannot be written."""
+    """Return the error to raise if a file or folder cannot be written."""
     return OutputError(
         f"{path}: cannot be written ({error.strerror or error}); the output folder must exist or "
         "be creatable, allow writing and have space; what was finished is kept"
@@ -51,7 +51,9 @@ def cannot_write(path: Path, error: OSError) -> OutputError:
 
 
 def printable(text: str) -> str:
-    """Text from elsewhere as a terminal may show it: what it would obey stands as ``\\u001b``."""
+    """Return the text from elsewhere as a terminal may show it: what it would obey stands as
+    ``\\u001b``.
+    """
     return _OBEYED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
@@ -71,7 +73,9 @@ def opened(path: str | Path, largest: float = float("inf")) -> Iterator[BinaryIO
 
 
 def read_bytes(path: Path, largest: int, kind: type[InputError], what: str) -> bytes:
-    """Content of a file of at most `largest` bytes; else an error of a `kind`, naming `what`."""
+    """Return the content of a file of at most `largest` bytes; else an error of a `kind`, naming
+    `what`.
+    """
     try:
         with opened(path, largest) as file:
             return file.read(largest)
@@ -80,7 +84,7 @@ def read_bytes(path: Path, largest: int, kind: type[InputError], what: str) -> b
 
 
 def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> str:
-    """UTF-8 text of a file, see `read_bytes`."""
+    """Return the UTF-8 text of a file, see `read_bytes`."""
     content = read_bytes(path, largest, kind, what)
     if wide := wide_encoding(content):
         raise kind(f"{what} {path} is text in {wide}; save it as UTF-8")
@@ -101,7 +105,7 @@ def wide_encoding(content: bytes) -> str:
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, 64 hexadecimal digits; a pipe or device is not waited for."""
+    """Return the SHA-256 of a file, 64 hexadecimal digits; a pipe or device is not waited for."""
     with opened(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
@@ -134,7 +138,7 @@ def temporary_prefix() -> str:
 
 
 def temporary_folder(place: Path) -> "tempfile.TemporaryDirectory[str]":
-    """A folder that is removed when its block ends, or by `sweep` after a kill."""
+    """Make a folder that is removed when its block ends, or by `sweep` after a kill."""
     return tempfile.TemporaryDirectory(".tmp", temporary_prefix(), place, True)
 
 
@@ -182,14 +186,16 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
 
 
 def quoted(cell: Any) -> Any:
-    """A cell of a CSV: text that a spreadsheet would compute gets an apostrophe before it."""
+    """Return a cell of a CSV: text that a spreadsheet would compute gets an apostrophe before
+    it.
+    """
     if isinstance(cell, str) and _FORMULA.match(cell) and not _NUMBER.fullmatch(cell):
         return f"'{cell}"
     return cell
 
 
 def unquoted(cell: str) -> str:
-    """A cell as it was before `quoted`."""
+    """Return a cell as it was before `quoted`."""
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell, 1) else cell
 
 

@@ -32,7 +32,7 @@ GRAVITY = 9.80665  # [m/s2]
 MOST_NUMBERS = 15  # of joints in a figure
 FRAMES, HOLD = 25, 1.2  # of a film, in a second; seconds that it stays at its end
 _EDGE = "#8d8473"
-_AREAS: dict[str, dict[str, Any]] = {  # how shapes of an arch look, by role
+_AREAS: dict[str, dict[str, Any]] = {  # how marks of an arch look, by role
     "earth": {"fc": "#f6f3ec", "ec": _EDGE, "lw": 0.8, "ls": "--", "zorder": 0.5},
     "stone": {"fc": "#e9e4da", "ec": _EDGE, "lw": 0.8},
     "trace": {"fc": "none", "ec": GREY, "lw": 0.6, "zorder": 1.5},  # of a stone at rest
@@ -103,27 +103,27 @@ def html_of(thing: Any, size: tuple[float, float] = (6.4, 3.2)) -> str:
     return f"<figure>{svg}{caption}</figure>"
 
 
-def paint(ax: Axes, shapes: Iterable[Any]) -> list[Any]:
-    """Draw shapes of an arch, each as its role asks for; return their artists."""
+def paint(ax: Axes, marks: Iterable[Any]) -> list[Any]:
+    """Draw marks of an arch, each as its role asks for; return their artists."""
     return [
-        ax.add_patch(Polygon(shape.points, **_AREAS[shape.role])) if shape.role in _AREAS
-        else ax.plot(*shape.points.T, **_LINES[shape.role])[0]
-        for shape in shapes
+        ax.add_patch(Polygon(mark.points, **_AREAS[mark.role])) if mark.role in _AREAS
+        else ax.plot(*mark.points.T, **_LINES[mark.role])[0]
+        for mark in marks
     ]  # fmt: skip
 
 
 def plot_arch(arch: Any, ax: Axes | None = None) -> Axes:
     """Draw an arch to scale, with its fill, ties, ground and the numbers of its joints."""
-    shapes = arch.shapes
-    width, height = np.maximum(np.ptp(np.concatenate([s.points for s in shapes]), axis=0), 1e-9)
+    marks = arch.marks
+    width, height = np.maximum(np.ptp(np.concatenate([s.points for s in marks]), axis=0), 1e-9)
     scale = min(6.0 / width, 3.6 / height)
     ax = axes_of(ax, (max(4.8, scale * width + 0.6), scale * height + 0.6))
-    paint(ax, shapes)
+    paint(ax, marks)
     ax.set_aspect("equal")
     ax.set_axis_off()
     inner, outer = arch.intrados[: arch.n_joint], arch.extrados[: arch.n_joint].copy()
     along = (outer - inner) / np.linalg.norm(outer - inner, axis=1, keepdims=True)
-    for joint, ground in zip((0, -1), [shape for shape in shapes if shape.role == "ground"]):
+    for joint, ground in zip((0, -1), [mark for mark in marks if mark.role == "ground"]):
         outer[joint] = ground.points[1]
     for joint in range(0, arch.n_joint, -(-arch.n_joint // MOST_NUMBERS)):
         ax.annotate(
@@ -140,7 +140,7 @@ def plot_onset(onset: Any, ax: Axes | None = None, towards: str | None = None) -
     towards = towards or ("-x" if onset.minus < 0.999 * onset.plus else "+x")
     limit, *_ = onset.mechanism(towards)
     ax = plot_arch(onset.arch, ax)
-    paint(ax, onset.shapes(towards))
+    paint(ax, onset.marks(towards))
     words = f"moves from {limit:.3g} g" if np.isfinite(limit) else "never moves"
     words = words if onset.stands else "does not stand under its own weight"
     ax.set_title(f"ground accelerating towards {towards}: {words}", **_TITLE)
@@ -232,21 +232,21 @@ def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
     lower.plot(response.motion.time, ground, color=BLUE, lw=0.7)
     lower.set_xlim(start, end)
     now = lower.axvline(start, color=VERMILION, lw=1.4)
-    still = [shape for shape in arch.shapes if shape.role in ("stone", "ground")]
-    moving = [shape for shape in arch.shapes if shape.role in ("stone", "tie")]
+    still = [mark for mark in arch.marks if mark.role in ("stone", "ground")]
+    moving = [mark for mark in arch.marks if mark.role in ("stone", "tie")]
     for corner in (0, 1):  # of each joint
         points = getattr(arch, arch.corner_name(corner))[: arch.n_joint]
         moving.append(still[0]._replace(role="hinge", points=points, bodies=range(len(points))))
     paint(upper, [s._replace(role=s.role.replace("stone", "trace")) for s in still])
     artists = paint(upper, moving)
-    paths = [shape.moved(arch.centroids, place, angle) for shape in moving]
+    paths = [mark.moved(arch.centroids, place, angle) for mark in moving]
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # as it is from now on: layouts take time
 
     def show(number: int) -> Sequence[Any]:
         frame = min(number, clock.size - 1)
-        for shape, artist, at in zip(moving, artists, paths):
-            if shape.role == "stone":
+        for mark, artist, at in zip(moving, artists, paths):
+            if mark.role == "stone":
                 artist.set_xy(at[frame])
             else:
                 artist.set_data(*at[frame].T)

@@ -23,8 +23,9 @@ from archfrag.motions.measures import measure_unit
 from archfrag.motions.motion import Motion
 from archfrag.report import make_report
 from archfrag.results import Results
-from archfrag.study.file import check_text, schema
+from archfrag.study.file import schema
 from archfrag.study.file.arches import VARIABLE
+from archfrag.study.keys import check_text
 from archfrag.study.provenance import digest_of, write_text
 from archfrag.study.reading import MotionList
 from archfrag.study.steps import run_study
@@ -229,7 +230,9 @@ class Study:
 
 
 def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
-    """Entries of a study file for arches, of which a single one has this name if it has none."""
+    """Return the entries of a study file for arches, of which a single one has this name if it has
+    none.
+    """
     if isinstance(arch, list | tuple):
         arch = {f"arch{number}": each for number, each in enumerate(arch, start=1)}
     several = isinstance(arch, Mapping) and not {"profile", "drawing", "table"} & arch.keys()
@@ -249,7 +252,7 @@ def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
 
 
 def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:
-    """Motion objects, and the block `motions` of a study file."""
+    """Return the motion objects, and the block `motions` of a study file."""
     if isinstance(given, MotionList) and given.asked is not None:
         given = given.asked.model_dump(exclude_unset=True)
     if isinstance(given, Mapping):
@@ -295,7 +298,7 @@ def _write_motions(motions: Sequence[Motion], folder: Path) -> Path:
 
 
 def _plain(value: Any) -> Any:
-    """What JSON does not know as a study file has it: arrays as lists, paths as text."""
+    """Return what JSON does not know as a study file has it: arrays as lists, paths as text."""
     if hasattr(value, "tolist"):
         return value.tolist()
     if isinstance(value, os.PathLike):
@@ -304,7 +307,7 @@ def _plain(value: Any) -> Any:
 
 
 def _digest_of_motion(motion: Motion) -> str:
-    """Digest of all that a study takes from a motion."""
+    """Return the digest of all that a study takes from a motion."""
     parts = [
         None if part is None else sha256(part.tobytes()).hexdigest()
         for part in motion.components.values()
@@ -314,7 +317,9 @@ def _digest_of_motion(motion: Motion) -> str:
 
 
 def _content_of(path: Path) -> str:
-    """Digest of the content of the study that wrote a file; empty if there is no such file."""
+    """Return the digest of the content of the study that wrote a file; empty if there is no such
+    file.
+    """
     try:
         lines = read_text(path, LARGEST_FILE, InputError, "the study file").splitlines()
     except InputError:

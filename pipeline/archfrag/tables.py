@@ -98,7 +98,7 @@ def check_one_number(rows: Sequence[Row], column: int, separator: str) -> None:
 
 
 def check_years(cells: Sequence[str], name: str) -> None:
-    """As `check_thousands`, of return periods: also 1.000, 2.475 and 5.000, or 1.0 and 2.475."""
+    """Refuse separators of thousands in return periods, such as 1.000, 2.475 and 5.000."""
     check_thousands(cells, name)
     dotted = [cell for cell in cells if _THOUSANDS.fullmatch(cell)]
     short = all(map(_ROUNDED.fullmatch, cells)) and max(map(float, cells)) < 100.0

@@ -84,7 +84,6 @@ def collapsed(tests):
     return nature.unpacked(PAGE["verdicts"], len(tests.motions))
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::archfrag.errors.UnitWarning")
 @pytest.mark.xdist_group("nature")
 @pytest.mark.skipif(not DATA.is_dir(), reason="../shared/validation is not beside the repository")

@@ -151,7 +151,6 @@ def spoiled(content, random):
     return content + any_of(GOOD, random)
 
 
-@pytest.mark.slow
 def test_each_spoiled_file_is_read_or_refused_in_one_line_in_time(tmp_path):
     found, path = collections.Counter(), tmp_path / "record.txt"
     for seed in range(20260000, 20260250):

@@ -101,8 +101,11 @@ def law_violation(problem, solution):
     return worst
 
 
-def balanced(problem, modes):
-    """Wrenches on the later bodies in modes without slip, by one dense problem (Eqs 26, 27)."""
+def dense(problem, modes):
+    """Contact problem in modes without slip as one dense one: inverse masses, rows, bias, places.
+
+    A row is held at a joint's corner along an axis: (joint, corner, axis) in places.
+    """
     model, work, n = problem.model, problem.work, problem.model.mass.size - 2
     still = problem.copy(bias=0.0 * work.bias)
     units = np.eye(3 * n).reshape(-1, n, 3)
@@ -116,9 +119,15 @@ def balanced(problem, modes):
     rows = np.array([axis @ matrix[j, c] for j, c, axis in held])
     bias = np.array([axis @ work.bias[j, c] for j, c, axis in held])
     mass, inertia = model.mass[1:-1], model.inertia[1:-1]
-    inverse = 1.0 / np.stack([mass, mass, inertia], axis=1).ravel()
-    _, forces = full_motion(inverse, rows, rows, bias, work.free[1:-1].ravel(), ease=0.0)
+    return 1.0 / np.stack([mass, mass, inertia], axis=1).ravel(), rows, bias, held
+
+
+def balanced(problem, modes):
+    """Wrenches on the later bodies in modes without slip, by one dense problem (Eqs 26, 27)."""
+    inverse, rows, bias, held = dense(problem, modes)
+    free = problem.work.free[1:-1].ravel()
+    _, forces = full_motion(inverse, rows, rows, bias, free, ease=0.0)
     wrench = np.zeros((len(modes), 3))
     for force, (j, c, axis) in zip(forces, held):
-        wrench[j] += force * np.array([*axis, cross(work.point[j, c], axis)])
+        wrench[j] += force * np.array([*axis, cross(problem.work.point[j, c], axis)])
     return wrench

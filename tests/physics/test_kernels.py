@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import archfrag as af
+from archfrag.physics import shared
 from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact.blocks import EXACT
 from archfrag.physics.contact.modes import solve_contact
 from archfrag.physics.contact.placing import move_faces, place_contacts
 from archfrag.physics.energy import record_step
 from archfrag.physics.interface import Options
-from archfrag.physics.methods import common
 from archfrag.physics.residual import state_residual
 from archfrag.physics.state import Clock, model_of, new_state, new_work
 from archfrag.physics.status import CollapseMode, Energy, Loss, Status
@@ -31,7 +31,7 @@ LOSS_LIMIT = 0.5
 def placed(x=0.0, y=0.0, tilt=0.0, contact=(1.0, 1.0), slide=0.0):
     """State and workspace of the block displaced by (x, y) with its joint in a mode."""
     state, work = new_state(MODEL), new_work(MODEL)
-    common.clear(state)
+    shared.clear(state)
     state.position[1] = [CHAIN.centroid[0, 0] + x, CHAIN.centroid[0, 1] + y, tilt]
     move_faces(MODEL, state.position, work.rotated, work.face, work.tangent)
     place_contacts(MODEL, state.slip, work.face, work.tangent, work)
@@ -122,14 +122,14 @@ def test_solve_contact_slides_on_the_cone_and_refuses_a_step_in_which_a_corner_c
 @pytest.mark.parametrize(
     ("code", "place", "status", "how"),
     [
-        (common.IDLE, (), Status.STANDING, CollapseMode.NONE),
-        (common.BROKEN, (), Status.NOT_FINITE, CollapseMode.NONE),
-        (common.EXHAUSTED, (), Status.WORK_BOUND, CollapseMode.NONE),
-        (common.UNSOLVED, (), Status.NO_CONTACT_SOLUTION, CollapseMode.NONE),
-        (common.AT_END, (), Status.UNFINISHED, CollapseMode.NONE),
-        (common.AT_END, (0.0, 0.1), Status.COLLAPSED, CollapseMode.LIFT_OFF),  # in flight
-        (common.COLLAPSES, (0.0, 0.6), Status.COLLAPSED, CollapseMode.LIFT_OFF),
-        (common.COLLAPSES, (0.0, 0.0, 1.6), Status.COLLAPSED, CollapseMode.OVERTURNING),
+        (shared.IDLE, (), Status.STANDING, CollapseMode.NONE),
+        (shared.BROKEN, (), Status.NOT_FINITE, CollapseMode.NONE),
+        (shared.EXHAUSTED, (), Status.WORK_BOUND, CollapseMode.NONE),
+        (shared.UNSOLVED, (), Status.NO_CONTACT_SOLUTION, CollapseMode.NONE),
+        (shared.AT_END, (), Status.UNFINISHED, CollapseMode.NONE),
+        (shared.AT_END, (0.0, 0.1), Status.COLLAPSED, CollapseMode.LIFT_OFF),  # in flight
+        (shared.COLLAPSES, (0.0, 0.6), Status.COLLAPSED, CollapseMode.LIFT_OFF),
+        (shared.COLLAPSES, (0.0, 0.0, 1.6), Status.COLLAPSED, CollapseMode.OVERTURNING),
     ],
 )
 def test_end_run(code, place, status, how):
@@ -138,8 +138,8 @@ def test_end_run(code, place, status, how):
         state.contact[0], state.lost_since[0] = 0.0, 3.0
     state.velocity[1, 0], state.clock[Clock.CODE], state.clock[Clock.TIME] = 2.0, code, 4.0
     options = Options(1e-3, 1e-3, 1e-3, 0.0, 10, LOSS_LIMIT, 64, 1e-2, 0.0)
-    results = common.new_results(2)
-    common.end_run(MODEL, state, work, options, common.no_output(1, 1), results, 1)
+    results = shared.new_results(2)
+    shared.end_run(MODEL, state, work, options, shared.no_output(1, 1), results, 1)
     assert results.status[1] == status
     assert results.collapse_mode[1] == how
     assert results.collapse_joint[1] == (0 if status == Status.COLLAPSED else -1)

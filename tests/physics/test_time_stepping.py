@@ -13,7 +13,7 @@ from archfrag.physics.energy import energies_of
 from archfrag.physics.ground import grounds_of, impulse_between
 from archfrag.physics.interface import Options
 from archfrag.physics.kernels.kernel import kernel
-from archfrag.physics.methods.common import AT_END, EXHAUSTED, PAUSE, UNSOLVED, clear
+from archfrag.physics.shared import AT_END, EXHAUSTED, PAUSE, UNSOLVED, clear
 from archfrag.physics.state import Clock, model_of
 from archfrag.physics.status import Count, Energy, Status
 from archfrag.physics.steps.run import new_one

@@ -14,8 +14,8 @@ from archfrag.report.first_page import before_and_after, first_page, ratio_text
 from archfrag.report.page import render
 from archfrag.study.answer.risk import risk_of
 from archfrag.study.hazard import Hazard
-from tests.arch.test_shapes import BRIDGE as AFTER
-from tests.arch.test_shapes import FILLED as BEFORE
+from tests.arch.test_marks import BRIDGE as AFTER
+from tests.arch.test_marks import FILLED as BEFORE
 from tests.report import synthetic
 from tests.report.test_page import text
 

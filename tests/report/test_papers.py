@@ -1,6 +1,5 @@
 """Files for papers: tables beside the report, figures, and curves by number of voussoirs."""
 
-import json
 import re
 
 import numpy as np
@@ -101,45 +100,6 @@ def test_fractiles_end_where_the_capacities_of_the_other_side_are():
     assert (low[0].tolist(), low[1]) == ([0.1, 0.2, 0.4], inf)
     assert (median[0].tolist(), median[1]) == ([0.3, 0.5, inf], 2.8)
     assert (high[0].tolist(), high[1]) == ([0.4, inf, inf], 1.4)
-
-
-class TestConverge:
-    def test_compares_curves_with_those_of_the_last_number(self, tmp_path):
-        arch = "  - {id: ring, profile: segmental, span: 8.0, rise: 3.0, thickness: 0.6,\n"
-        arch += "     voussoirs: 9, friction: 0.7}\n"
-        text = TEXT[: TEXT.index("  - {id: ring")] + arch + TEXT[TEXT.index("motions:") :]
-        text = text.replace("[0.1, 0.6, 1.2]", "[0.4, 0.6, 0.8, 1.2, 2.4, 4.8]")
-        path, counts = small_study(tmp_path, text), ("--voussoirs", "4,5")
-        done = command("converge", path, *counts)
-        assert done.exit_code == 0, done.output
-        out = tmp_path / "out"
-        table = pd.read_csv(out / "converge.csv")
-        assert table["voussoirs"].tolist() == [4, 5]
-        made, thetas = [], []
-        for count in (4, 5):
-            folder = out / "converge" / f"voussoirs-{count}"
-            made.append(pd.read_csv(folder / "capacities.csv")["capacity [g]"].to_numpy())
-            fit = json.loads((folder / "fits.json").read_text())["fits"]["ring"]
-            thetas.append(fit["theta"] / 9.80665)
-        assert table["theta [g]"].to_numpy() == pytest.approx(thetas, rel=1e-6)
-        assert table["ratio"].to_numpy() == pytest.approx([thetas[0] / thetas[1], 1.0])
-        scatter = np.log(made[0] / made[1]).std(ddof=1)
-        assert scatter > 0.1
-        assert table["scatter"].to_numpy() == pytest.approx([scatter, 0.0], abs=1e-6)
-        assert table["records"].tolist() == [2, 2]
-        again = command("converge", path, *counts)
-        assert "simulations" not in again.output
-        assert "ring" in again.stdout
-
-    @pytest.mark.parametrize(
-        ("counts", "message"),
-        [("3,5", "arches[1] (slab) has profile block"), ("7", "two different numbers"),
-         ("a,b", "must be numbers such as")],
-    )  # fmt: skip
-    def test_refusals(self, tmp_path, counts, message):
-        done = command("converge", small_study(tmp_path), "--voussoirs", counts)
-        assert done.exit_code == 2
-        assert message in done.output
 
 
 def test_an_ida_line_is_flat_at_the_capacity_of_its_record():

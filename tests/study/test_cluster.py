@@ -16,10 +16,10 @@ import pytest
 from distributed import Client, LocalCluster
 
 from archfrag.errors import WorkerError
+from archfrag.study.designs.ida import Ida
 from archfrag.study.provenance import PACKAGE
 from archfrag.study.runs import workers as fan
 from archfrag.study.runs.execute import run_batch
-from archfrag.study.runs.ida import Ida
 from archfrag.study.runs.store import Plan, gather, make_plan
 from tests.study.small import changed
 

@@ -10,10 +10,10 @@ from obspy import Stream, Trace
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.measures import measure
 from archfrag.motions.partners import partners
+from archfrag.study.designs.design import CASE
 from archfrag.study.file.records import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.provenance import sha256_of
-from archfrag.study.runs.design import CASE
 from archfrag.study.runs.store import make_plan
 from archfrag.study.validate import check_study, suspicious
 from tests.motions.helpers import at2_text, wave

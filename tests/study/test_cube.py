@@ -27,11 +27,11 @@ from archfrag.study.answer.fits import (
     record_cautions,
 )
 from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
+from archfrag.study.designs import Stripes
+from archfrag.study.designs.ida import Ida
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import finite
-from archfrag.study.runs import Stripes
-from archfrag.study.runs.ida import Ida
 from archfrag.study.runs.store import COLUMNS, VARIABLES, gather
 from tests.study.small import ROOT, TEXT, fitted, made, small_study
 

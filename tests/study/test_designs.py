@@ -13,11 +13,11 @@ from archfrag.fragility.quoted import capacity_posterior
 from archfrag.physics.status import CollapseMode
 from archfrag.study.answer.cube import in_si
 from archfrag.study.answer.fits import fit_cube
+from archfrag.study.designs.design import CASE, Grid, ask, drive, order_of
+from archfrag.study.designs.ida import NEAR, Ida
 from archfrag.study.file.records import load_record, prepare_motions
 from archfrag.study.file.schema import load_study
-from archfrag.study.runs.design import CASE, Grid, ask, drive, order_of
 from archfrag.study.runs.execute import run_batch
-from archfrag.study.runs.ida import NEAR, Ida
 from archfrag.study.runs.store import COLUMNS, Plan
 from tests.study.small import (
     TEXT,

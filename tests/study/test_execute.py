@@ -17,11 +17,11 @@ import pytest
 
 from archfrag.errors import InputError
 from archfrag.motions.formats import one_reader, read_apart
+from archfrag.study.designs.ida import Ida
 from archfrag.study.file.schema import Method
 from archfrag.study.running import only_run, stoppable
 from archfrag.study.runs import execute, workers
 from archfrag.study.runs.execute import method_to_compile, run_batch
-from archfrag.study.runs.ida import Ida
 from archfrag.study.runs.store import gather, make_plan, read_part
 from tests.study.small import ROOT, changed
 
@@ -40,7 +40,8 @@ def cleared(study):
 
 
 def test_a_worker_loads_nothing_that_is_heavy():
-    code = "import sys, archfrag.study.runs.workers, archfrag.simulate; print(*sys.modules)"
+    code = "import archfrag.study.runs.workers, archfrag.simulation.simulate as _, sys"
+    code += "; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     heavy = {"obspy", "matplotlib", "xarray", "netCDF4", "dask", "distributed"}
     assert not heavy & set(found.stdout.split()), found.stderr
@@ -85,8 +86,8 @@ def test_the_bar_counts_from_the_first_run_to_an_estimate_that_stays(
     for part in copied.plan.parts.glob("*.npy"):
         part.unlink()
     monkeypatch.setattr(execute, "_Bar", Bar)
-    monkeypatch.setattr("archfrag.simulation.warmup.kernels_are_compiled", lambda: False)
-    monkeypatch.setattr("archfrag.simulation.warmup.warmup", warmup)
+    monkeypatch.setattr("archfrag.study.runs.execute.kernels_are_compiled", lambda: False)
+    monkeypatch.setattr("archfrag.study.runs.execute.warmup", warmup)
     monkeypatch.setattr(Ida, "size", lambda self, *shape: (estimate, "about"))
     monkeypatch.setattr(sys, "stderr", Terminal())
     study = copied.study.model_copy(update={"design": Ida(kind="ida")})
@@ -181,7 +182,9 @@ def test_ctrl_c_in_python_returns_at_once_and_ends_no_process(copied, monkeypatc
         begun.wait(20.0)
         os.kill(os.getpid(), signal.SIGINT)
 
+    # Processes that a shell starts in the background ignore it.
     monkeypatch.setattr(workers, "make_runs", wait)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     presser = threading.Thread(target=interrupt)
     presser.start()
     started = time.monotonic()
@@ -191,6 +194,7 @@ def test_ctrl_c_in_python_returns_at_once_and_ends_no_process(copied, monkeypatc
     assert not end.is_set()
     end.set()
     presser.join()
+    signal.signal(signal.SIGINT, before)
 
 
 class TestStop:

@@ -117,7 +117,6 @@ def test_boundaries_of_orbits(validated, order, frequency, side):
               "closed form for slender blocks", rel=0.02)  # fmt: skip
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::archfrag.errors.UnitWarning")
 def test_map():
     """Twenty of its runs made again; chaotic ones may end otherwise on another machine."""

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.cli import main
+from archfrag.cli import COMMANDS
+from archfrag.cli.records import records
 from archfrag.study.file.schema import load_study
 from tests.arch.test_drawing import PIER, draw, draw_arch
 from tests.study.small import TEXT, command, make_runs, small_study, write_at2
@@ -51,7 +52,7 @@ class TestHelp:
     def test_every_command_explains_itself(self, group):
         listed = command(*group, "--help").output.split("Commands:")[1]
         assert "..." not in listed
-        for name in (main if not group else main.commands["records"]).commands:
+        for name in COMMANDS if not group else records.commands:
             assert name in listed
             text = command(*group, name, "--help").output
             assert not group or f"archfrag records {name}" in text.split("Example:")[1]

@@ -126,7 +126,6 @@ def wait(condition, seconds: float) -> bool:
 
 
 pytestmark = [
-    pytest.mark.slow,
     pytest.mark.skipif(bool(why_not()), reason=f"SLURM is {why_not()}"),
     pytest.mark.xdist_group("slurm"),
 ]

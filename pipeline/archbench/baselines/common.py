@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from archfrag.physics import shared
 from archfrag.physics.contact.path import Path
 from archfrag.physics.ground import Grounds
-from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import struct
-from archfrag.physics.methods import common
 from archfrag.physics.state import Clock, Model, State, Work, model_of
 from archfrag.physics.status import Cause, Count
 from archfrag.physics.steps import run as stepper
@@ -29,8 +29,8 @@ class Case(NamedTuple):
     work: Work
     path: Path
     options: Options
-    output: common.Output
-    results: Results
+    output: shared.Output
+    results: Outcomes
 
 
 def case_of(
@@ -40,11 +40,11 @@ def case_of(
     """A case that has not been started; its range of rest is known where it begins at rest."""
     model = model_of(chain)
     rest = stepper.rest_of(model) if from_rest else stepper.UNKNOWN
-    options = common.ready(options, model, rest)
+    options = shared.ready(options, model, rest)
     state, work, path = stepper.new_one(model)[:3]
     state.clock[Clock.FACTOR] = factor
-    output = common.output_to(frames, log, options.frame_interval)
-    return Case(model, grounds, state, work, path, options, output, common.new_results(1))
+    output = shared.output_to(frames, log, options.frame_interval)
+    return Case(model, grounds, state, work, path, options, output, shared.new_results(1))
 
 
 def start(case: Case, position: np.ndarray, velocity: np.ndarray, from_rest: bool) -> None:
@@ -57,10 +57,10 @@ def start(case: Case, position: np.ndarray, velocity: np.ndarray, from_rest: boo
     stepper.start_given(model, state, work, options, output)
 
 
-def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Results:
+def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Outcomes:
     """End a run; its final state goes into `position` and `velocity`."""
     model, _, state, work, _, options, output, results = case
-    common.end_run(model, state, work, options, output, results, 0)
+    shared.end_run(model, state, work, options, output, results, 0)
     position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
     return results
@@ -69,12 +69,12 @@ def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Results:
 def integrate(
     case: Case, advance: Callable[[], object], position: np.ndarray, velocity: np.ndarray,
     from_rest: bool,
-) -> Results:  # fmt: skip
+) -> Outcomes:  # fmt: skip
     """Move a case to its end."""
     start(case, position, velocity, from_rest)
-    while case.state.clock[Clock.CODE] == common.GO:
+    while case.state.clock[Clock.CODE] == shared.GO:
         advance()
-        if case.state.clock[Clock.CODE] == common.PAUSE:
+        if case.state.clock[Clock.CODE] == shared.PAUSE:
             handle(*case[:-1])
     return finish(case, position, velocity)
 
@@ -104,5 +104,5 @@ def stands(state, options, until, moved, span):
 def end_at_rest(state, output):
     """End a run that stands."""
     state.count[Count.RESTS] += 1.0
-    state.clock[Clock.CODE] = common.IDLE
-    common.log_change(state, state.clock[Clock.TIME], BY_REST, -1, common.AT_REST, output)
+    state.clock[Clock.CODE] = shared.IDLE
+    shared.log_change(state, state.clock[Clock.TIME], BY_REST, -1, shared.AT_REST, output)

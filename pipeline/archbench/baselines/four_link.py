@@ -38,10 +38,11 @@ from archfrag.physics.contact.placing import move_faces, place_contacts
 from archfrag.physics.energy import energies_of
 from archfrag.physics.events.phases import balance_energy
 from archfrag.physics.ground import Grounds, end_rest, one_of, segment_at
-from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.kernels.structs import struct
-from archfrag.physics.methods.common import (
+from archfrag.physics.onset import NO_LIMIT, new_rest_problem, rest_limit
+from archfrag.physics.shared import (
     AT_END,
     COLLAPSES,
     EXHAUSTED,
@@ -50,14 +51,13 @@ from archfrag.physics.methods.common import (
     log_change,
     write_frame,
 )
-from archfrag.physics.onset import NO_LIMIT, new_rest_problem, rest_limit
 from archfrag.physics.state import Clock
-from archfrag.physics.status import Cause, CollapseMode, Count, Energy, Model, Status
+from archfrag.physics.status import Cause, CollapseMode, Count, Energy, Level, Status
 from archfrag.physics.steps.service import dominant_change, measure_state
 from archfrag.physics.steps.step import count_changes, record_motion
 
 HINGING, OVERTURNING = int(CollapseMode.HINGING), int(CollapseMode.OVERTURNING)
-AT_REST, FOUR_HINGES = int(Model.REST), int(Model.FOUR_HINGES)
+AT_REST, FOUR_HINGES = int(Level.REST), int(Level.FOUR_HINGES)
 BY_START, BY_REST = int(Cause.START), int(Cause.REST)
 NOT_APPLICABLE, CLOSED = -1, -2
 
@@ -426,7 +426,7 @@ class Run:
         state.count[Count.RESTS] += 1
         self.write()
 
-    def finish(self, code: int, position: np.ndarray, velocity: np.ndarray) -> Results:
+    def finish(self, code: int, position: np.ndarray, velocity: np.ndarray) -> Outcomes:
         """What the run has ended in."""
         self.clock[Clock.CODE] = IDLE if code == NOT_APPLICABLE else code
         results = finish(self.case, position, velocity)
@@ -445,7 +445,7 @@ class Run:
 def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-) -> Results:  # fmt: skip
+) -> Outcomes:  # fmt: skip
     """Move a chain on four hinges; as `archfrag.physics.steps.run.run`.
 
     Frames at rest have no reactions.

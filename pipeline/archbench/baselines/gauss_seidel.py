@@ -15,9 +15,9 @@ import numpy as np
 from archbench.baselines.common import integrate
 from archbench.baselines.corners import accept_corners, corner_case, new_corners, pose_corners
 from archfrag.physics.ground import Grounds
-from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.methods.common import GO
+from archfrag.physics.shared import GO
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Count
 
@@ -142,7 +142,7 @@ def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog, sweep_tolerance: float,
     sweeps: float,
-) -> Results:  # fmt: skip
+) -> Outcomes:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`."""
     case = corner_case(chain, grounds, factor, from_rest, options, frames, log)
     corners, delassus = new_corners(case.model), np.zeros((chain.friction.size, 2, 3))

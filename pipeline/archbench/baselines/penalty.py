@@ -29,9 +29,9 @@ from archbench.baselines.springs import (
 )
 from archfrag.physics.contact.placing import move_faces, place_contacts
 from archfrag.physics.ground import Grounds, Impulse, end_of_motion, impulse_between
-from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.methods.common import (
+from archfrag.physics.shared import (
     ALL,
     AT_END,
     BROKEN,
@@ -252,7 +252,7 @@ def run(
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
     stiffness: float, shear_ratio: float, damping_stiffness: float, step_fraction: float,
     rounding: float,
-) -> Results:  # fmt: skip
+) -> Outcomes:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`.
 
     ``options.max_steps`` counts steps of its size; smaller ones are allowed as many more.

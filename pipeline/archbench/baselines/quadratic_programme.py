@@ -25,8 +25,8 @@ import numpy as np
 from archbench.baselines.common import Case, integrate
 from archbench.baselines.corners import accept_corners, corner_case, new_corners, pose_corners
 from archfrag.physics.ground import Grounds, Impulse
-from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
-from archfrag.physics.methods.common import GO, UNSOLVED
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
+from archfrag.physics.shared import GO, UNSOLVED
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Count
 
@@ -183,7 +183,7 @@ class Programme:
 def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog, solver_tolerance: float,
-) -> Results:  # fmt: skip
+) -> Outcomes:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`."""
     case = corner_case(chain, grounds, factor, from_rest, options, frames, log)
     programme = Programme(case, solver_tolerance)

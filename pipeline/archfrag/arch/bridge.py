@@ -25,7 +25,7 @@ def checked_piers(
     height: Any, width: Any, base_width: Any = None, courses: Any = 1, above: Any = 0.0,
     friction: Any = None, density: Any = None, depth: Any = None,
 ) -> Piers:  # fmt: skip
-    """Values of the left and the right pier by key; None for what the ring gives."""
+    """Return the values of the left and the right pier by key; None for what the ring gives."""
     base_width = width if base_width is None else base_width
     rows = (
         ("height", height, "m", checks.SMALLEST), ("width", width, "m", checks.SMALLEST),
@@ -47,14 +47,14 @@ def checked_piers(
 
 
 def extended(values: FloatArray, piers: Piers, name: str) -> FloatArray:
-    """Values of the ring's bodies or joints, and before and after them those of the piers'."""
+    """Return values of the ring's bodies or joints between those of the piers'."""
     own = piers[name] or values[[0, -1]]
     left, right = (np.full(n, each) for n, each in zip(piers["courses"], own))
     return np.concatenate([left, values, right])
 
 
 def on_piers(ring: Ring, piers: Piers) -> Ring:
-    """The ring with the bodies of two piers: from the left base to the right one."""
+    """Return the ring with the bodies of two piers, from the left base to the right one."""
     left, right = (_pier(ring, place, piers) for place in (0, 1))
     rows: dict[str, Any] = {
         name: [*getattr(left, name), *getattr(ring, name), *getattr(right, name)[::-1]]
@@ -65,7 +65,7 @@ def on_piers(ring: Ring, piers: Piers) -> Ring:
 
 
 def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
-    """Level joints and courses of the left or the right pier, from its base up."""
+    """Return the level joints and courses of the left or the right pier, from its base up."""
     (side, name), end = _SIDES[place], -place
     keys = ("height", "width", "base_width", "above")
     height, width, base_width, above = (piers[key][place] for key in keys)
@@ -103,7 +103,7 @@ def checked_fill(
     height_over_crown: Any, unit_weight: Any, backing_height: Any = 0.0,
     backing_unit_weight: Any = None, inertia: Any = 1.0,
 ) -> dict[str, float]:  # fmt: skip
-    """Keys of fill with their values."""
+    """Return the keys of fill with their values."""
     if backing_unit_weight is None:
         if backing_height != 0.0:
             raise GeometryError("fill.backing_unit_weight must be given with a backing_height")
@@ -124,7 +124,8 @@ def checked_fill(
 def weight_of_fill(
     ring: Ring, springings: tuple[int, int], fill: dict[str, float], depth: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Weight of fill and backing on each body ``(n,)`` [N], and where it acts ``(n, 2)`` [m].
+    """Return the weight of fill and backing on each body ``(n,)`` [N], and where it acts ``(n,
+    2)`` [m].
 
     The column above each body reaches from the upward sides of its extrados to the level of the
     fill. With the areas A and first moments S of the columns up to the levels of the fill and of
@@ -155,7 +156,9 @@ def weight_of_fill(
 
 
 def _column(line: FloatArray, level: float) -> FloatArray:
-    """Area [m2] from the upward sides of a line to a level above, and its first moment of x."""
+    """Return the area [m2] from the upward sides of a line to a level above, and its first moment
+    of x.
+    """
     found = np.zeros(2)
     for start, end in cut_sides(line, (level,)):
         if end[0] > start[0] and 0.5 * (start[1] + end[1]) < level:

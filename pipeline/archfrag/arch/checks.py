@@ -21,7 +21,9 @@ def _floats(
     name: str, value: Any, allowed: str, fits: Callable[[Any], Any],
     shape_fits: Callable[[tuple[int, ...]], bool] = lambda shape: shape == (),
 ) -> FloatArray:  # fmt: skip
-    """Array of floats whose shape and entries fit; neither text, booleans nor ragged lists."""
+    """Return an array of floats whose shape and entries fit; neither text, booleans nor ragged
+    lists.
+    """
     try:
         array = np.asarray(value)
     except ValueError:  # rows of unequal length
@@ -42,7 +44,9 @@ def number(
     name: str, value: Any, unit: str = "m", *, least: float = 0.0, most: float = math.inf,
     closed: bool = True, meaning: str = "",
 ) -> float:  # fmt: skip
-    """One number between bounds, which are allowed if `closed`; lengths have bounds anyway."""
+    """Return one number between bounds, which are allowed if `closed`; lengths have bounds
+    anyway.
+    """
     if unit == "m":
         least, most = max(least, SMALLEST), min(most, LARGEST)
     words = ("at least", "at most") if closed else ("greater than", "less than")
@@ -59,7 +63,7 @@ def count(name: str, value: Any) -> int:
 
 
 def flag(name: str, value: object) -> bool:
-    """True or False and nothing else."""
+    """Return True or False; nothing else is taken."""
     if not isinstance(value, bool | np.bool_):
         raise GeometryError(f"{name} = {reprlib.repr(value)} is impossible; it must be a boolean")
     return bool(value)
@@ -69,7 +73,9 @@ def shared_or_each(
     name: str, value: Any, size: int, each: str, unit: str = "", *, infinite: bool = False,
     least: float = 0.0,
 ) -> FloatArray:  # fmt: skip
-    """One number for all, or one for each; none below `least`, lengths within their bounds."""
+    """Return one number for all, or one for each; none below `least`, lengths within their
+    bounds.
+    """
     most = LARGEST if unit == "m" else math.inf
     allowed = f"one number or one for each of the {size} {each}s, all at least {least:g} {unit}"
     end = f" and at most {most:g} m" if math.isfinite(most) else " and finite"
@@ -83,7 +89,7 @@ def shared_or_each(
 
 
 def joint_positions(value: ArrayLike | None, voussoirs: int, end: float, unit: str) -> FloatArray:
-    """Positions of joints from the middle of the ring, from minus to plus half `end`."""
+    """Return positions of joints from the middle of the ring, from minus to plus half `end`."""
     if value is None:
         # Integer numerators make mirrored joints equal to the last bit.
         index = np.arange(voussoirs + 1, dtype=np.float64)
@@ -103,7 +109,9 @@ def joint_positions(value: ArrayLike | None, voussoirs: int, end: float, unit: s
 
 
 def points(name: str, value: Any, least: int, why: str, widest: int = 2) -> FloatArray:
-    """Corners ``(n, 2)`` to ``(n, widest)`` [m] ``n >= least``; `why`: where `least` is from."""
+    """Return the corners ``(n, 2)`` to ``(n, widest)`` [m] ``n >= least``; `why`: where `least` is
+    from.
+    """
     allowed = f"an (n, 2) table of coordinates within {LARGEST:g} m, n at least {least} ({why})"
     return _floats(
         name, value, allowed, lambda x: np.abs(x) <= LARGEST,

@@ -96,7 +96,7 @@ def read_drawing(
 
 
 def _document(path: Path) -> Any:
-    """The file as ezdxf reads it."""
+    """Return the file as ezdxf reads it."""
     read_bytes(path, LARGEST_FILE, GeometryError, "the drawing")  # small enough, no device
     try:
         return ezdxf.readfile(path)
@@ -147,7 +147,7 @@ def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
 
 
 def _exploded(reference: Any) -> Iterator[Any]:
-    """Entities of a reference to a block where it puts them, of all its rows and columns."""
+    """Yield entities of a reference to a block where it puts them, of all its rows and columns."""
     skipped: list[Any] = []
     keep = {"skipped_entity_callback": lambda entity, reason: skipped.append(entity)}
     for each in reference.multi_insert() if reference.mcount > 1 else [reference]:
@@ -158,7 +158,7 @@ def _exploded(reference: Any) -> Iterator[Any]:
 def _chosen(
     given: str | Sequence[str] | None, parts: list[_Part], hidden: Counter[str], path: str
 ) -> dict[str, str]:
-    """Layers of the blocks: their names in small letters, and as the drawing has them."""
+    """Return layers of the blocks: their names in small letters, and as the drawing has them."""
     shown = {part.layer.casefold(): part.layer for part in parts}
     closed = Counter(part.layer for part in parts if part.kind in _POLYLINES)
     names = [given] if isinstance(given, str) else list(given or ())
@@ -197,7 +197,9 @@ def _counted(parts: list[_Part], used: set[int]) -> str:
 
 
 def _fills(hatch: Any, blocks: list[FloatArray]) -> bool:
-    """Whether a hatch is that of blocks which are drawn: the middle of each boundary is in one."""
+    """Return whether a hatch fills blocks that are drawn: the middle of each boundary is in
+    one.
+    """
     shapes = [shapely.Polygon(block) for block in blocks]
     try:
         paths = list(ezdxf.path.from_hatch(hatch))
@@ -209,7 +211,7 @@ def _fills(hatch: Any, blocks: list[FloatArray]) -> bool:
 
 
 def _outline(entity: Any, name: str) -> FloatArray:
-    """Corners (m, 3) of a closed polyline, in the unit of the drawing."""
+    """Return the corners (m, 3) of a closed polyline, in the unit of the drawing."""
     kind, rows = entity.dxftype(), []
     if kind == "LWPOLYLINE":
         rows = entity.get_points("xyb")

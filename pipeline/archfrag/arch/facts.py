@@ -7,14 +7,14 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from archfrag.arch.building import fields_of
+from archfrag.arch.shape import Shape
+from archfrag.arch.tie_rods import tie_lines
 from archfrag.errors import UnitWarning
-
-if TYPE_CHECKING:
-    from archfrag.arch.model import Arch
 
 # Values of keys beyond which the unit was probably mistaken: unit, least and largest.
 USUAL = {
@@ -42,7 +42,7 @@ LOADS = 1e-3, 100.0  # dead load over the weight of the ring
 _quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 
 
-def facts_of(arch: Arch) -> dict[str, Any]:
+def facts_of(arch: Shape) -> dict[str, Any]:
     """Return what can be checked by hand: dimensions, places [m], weights and forces [N].
 
     Keys are span, rise and thickness; springings, the ends of their joints at intrados and
@@ -55,7 +55,7 @@ def facts_of(arch: Arch) -> dict[str, Any]:
     gravity, given = arch.chain.gravity, arch.parameters
     fill, masonry = 0.0, arch.chain.mass * gravity
     if "fill" in given:
-        without = arch.again(fill=None)["chain"].mass * gravity
+        without = fields_of(arch.given._replace(fill=None))["chain"].mass * gravity
         fill, masonry = float((masonry - without).sum()), without
     load = given.get("dead_load") or 0.0
     dead = float(np.broadcast_to(load, last - first).sum())
@@ -64,7 +64,7 @@ def facts_of(arch: Arch) -> dict[str, Any]:
     weights = {"ring": ring, "piers": piers, "fill": fill, "dead_load": dead}
     ties = [{"ends": ends.tolist(), "strength": tie.get("strength"),
              "prestress": tie.get("prestress", 0.0)}
-            for tie, ends in zip(given.get("ties", ()), arch.tie_lines)]  # fmt: skip
+            for tie, ends in zip(given.get("ties", ()), tie_lines(arch))]  # fmt: skip
     return {
         "span": span, "rise": rise, "thickness": thickness,
         "springings": joints[[first] if arch.free_end else [first, last]].tolist(),
@@ -72,7 +72,7 @@ def facts_of(arch: Arch) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def facts_text(arch: Arch) -> str:
+def facts_text(arch: Shape) -> str:
     """Write weights, forces of ties and places of springings in one line."""
     facts, free = facts_of(arch), arch.free_end
     names = {"ring": "the blocks weigh" if free else "the ring weighs", "dead_load": "dead load"}
@@ -91,18 +91,18 @@ def facts_text(arch: Arch) -> str:
 
 
 def force_text(force: float) -> str:
-    """A force in N below 1 kN, in kN up to 10 MN, else in MN."""
+    """Write a force in N below 1 kN, in kN up to 10 MN, else in MN."""
     scale, unit = (1.0, "N") if force < 1e3 else (1e3, "kN") if force < 1e7 else (1e6, "MN")
     return f"{force / scale:.3g} {unit}"
 
 
-def unit_cautions(arch: Arch, *keys: str) -> list[str]:
+def unit_cautions(arch: Shape, *keys: str) -> list[str]:
     """Name values that are probably in another unit; of some keys, or of all."""
     return [text for key, text in _doubtful(arch) if not keys or key.startswith(keys)]
 
 
-def _doubtful(arch: Arch) -> Iterator[tuple[str, str]]:
-    """Keys with values beyond what is usual, and what is to be said of them."""
+def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
+    """Yield the keys with values beyond what is usual, and what is to be said of them."""
     given = arch.parameters
     span, _, thickness = arch.dimensions
     first, last = arch.springings
@@ -125,7 +125,7 @@ def _doubtful(arch: Arch) -> Iterator[tuple[str, str]]:
         if not LOADS[0] <= load / weight <= LOADS[1]:
             on = f"on a ring of {force_text(weight)}"
             yield "dead_load", f"dead_load is {force_text(load)} {on}; is it in N?"
-    for number, (tie, ends) in enumerate(zip(given.get("ties", ()), arch.tie_lines)):
+    for number, (tie, ends) in enumerate(zip(given.get("ties", ()), tie_lines(arch))):
         place = f"ties[{number}]"
         for key in ("area", "modulus"):
             unit, least, most = USUAL[f"ties.{key}"]
@@ -146,7 +146,7 @@ def _doubtful(arch: Arch) -> Iterator[tuple[str, str]]:
 def _beyond(
     key: str, value: Any, least: float, most: float, unit: str
 ) -> Iterator[tuple[str, str]]:
-    """The first of the values of a key that is beyond the usual ones, if there is one."""
+    """Yield the first value of a key that is beyond the usual ones, if there is one."""
     for one in np.ravel([] if value is None else value).tolist():
         if not least <= one <= most:
             rule = f"usual are {least:g} to {most:g} {unit}; is that its unit?"
@@ -164,7 +164,7 @@ def no_unit_warnings() -> Iterator[None]:
         _quiet.reset(token)
 
 
-def warn_of_units(arch: Arch, *keys: str) -> None:
+def warn_of_units(arch: Shape, *keys: str) -> None:
     """Warn of values that are probably in another unit; of some keys, or of all."""
     if _quiet.get():
         return

@@ -20,17 +20,17 @@ Side = tuple[FloatArray, FloatArray]  # (3,) each: start x, y [m] and bulge; end
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """z of the cross product of plane vectors ``(..., 2)``."""
+    """Return z of the cross product of plane vectors ``(..., 2)``."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def place_text(point: FloatArray) -> str:
-    """A point ``(2,)`` in messages [m]."""
+    """Return a point ``(2,)`` as messages write it [m]."""
     return f"({point[0]:.6g}, {point[1]:.6g})"
 
 
 def polygon_section(corners: FloatArray) -> Section:
-    """Section of a simple polygon, by Green's theorem.
+    """Return the section of a simple polygon, by Green's theorem.
 
     With the corners x_i taken from a point near the figure and c_i = x_i × x_{i+1},
 
@@ -55,7 +55,7 @@ def polygon_section(corners: FloatArray) -> Section:
 def sector_section(
     centre: FloatArray, radius: float, thickness: float, start: float, end: float
 ) -> Section:
-    """Section of an annular sector.
+    """Return the section of an annular sector.
 
     With h = (end − start)/2 and s = sin h / h,
 
@@ -77,7 +77,7 @@ def sector_section(
 
 
 def _one_minus_sinc(angle: float) -> float:
-    """1 − sin(x)/x without cancellation at small x: x²/3! − x⁴/5! + …"""
+    """Return 1 − sin(x)/x without cancellation at small x: x²/3! − x⁴/5! + …"""
     if angle > 1.0:
         return 1.0 - math.sin(angle) / angle
     term, total, order = angle**2 / 6.0, 0.0, 3
@@ -89,7 +89,9 @@ def _one_minus_sinc(angle: float) -> float:
 
 
 def arc(centre: FloatArray, radius: float, start: float, end: float) -> FloatArray:
-    """Points ``(m, 2)`` on a circular arc, at most one degree apart, both ends included [m]."""
+    """Return the points ``(m, 2)`` on a circular arc, at most one degree apart, both ends included
+    [m].
+    """
     steps = max(2, math.ceil(abs(end - start) / math.radians(1.0)))
     angle = np.linspace(start, end, steps + 1)
     return centre + radius * np.column_stack([np.sin(angle), np.cos(angle)])
@@ -104,7 +106,8 @@ def middle_of(line: FloatArray) -> FloatArray:
 
 
 def outline_section(outline: FloatArray) -> Section:
-    """Section of an outline, arcs exactly: Green's theorem, Gauss-Legendre along each arc.
+    """Return the section of an outline, arcs exactly: Green's theorem, Gauss-Legendre along each
+    arc.
 
     With c = x dy - y dx about a point near the figure, A = ∮ c/2, G = ∮ r c/(3A), J = ∮ r² c/4.
     """
@@ -132,7 +135,7 @@ def outline_section(outline: FloatArray) -> Section:
 
 
 def cut_sides(line: FloatArray, levels: Iterable[float] = ()) -> list[Side]:
-    """Sides of a line ``(m, 3)``, cut at heights and where arcs are level or upright.
+    """Return the sides of a line ``(m, 3)``, cut at heights and where arcs are level or upright.
 
     So each rises or falls from its start to its end, and goes to the left or to the right.
     """
@@ -162,21 +165,21 @@ def cut_sides(line: FloatArray, levels: Iterable[float] = ()) -> list[Side]:
 
 
 def height_at(line: FloatArray, x: float) -> float:
-    """Greatest height of a line ``(m, 3)`` at an x within its reach [m]."""
+    """Return the greatest height of a line ``(m, 3)`` at an x within its reach [m]."""
     exchanged = line[:, [1, 0, 2]] * [1.0, 1.0, -1.0]  # a reflection, which turns arcs round
     points = np.concatenate(cut_sides(exchanged, (x,)))
     return float(points[np.isclose(points[:, 1], x, rtol=0.0, atol=1e-9), 0].max())
 
 
 def rotated(vector: FloatArray, angle: FloatArray) -> FloatArray:
-    """Vectors ``(m, 2)`` rotated by angles ``(m, k)``, ``(m, k, 2)``."""
+    """Return the vectors ``(m, 2)`` rotated by angles ``(m, k)``, ``(m, k, 2)``."""
     x, y = vector[:, :1], vector[:, 1:]
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)
 
 
 def sampled(outline: FloatArray) -> FloatArray:
-    """Points ``(k, 2)`` of an outline, on its arcs at most one degree apart."""
+    """Return the points ``(k, 2)`` of an outline, on its arcs at most one degree apart."""
     points = []
     for start, end in zip(outline, np.roll(outline, -1, axis=0)):
         half = 2.0 * math.atan(start[2])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -13,13 +12,17 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.arch import bridge, checks, facts
+from archfrag.arch import checks, facts
 from archfrag.arch import ring as rings
-from archfrag.arch.shapes import Shape, arch_shapes, frame
+from archfrag.arch.building import Given, fields_of, plain
+from archfrag.arch.drawing import read_drawing
+from archfrag.arch.marks import Mark, arch_marks, frame
+from archfrag.arch.polygons import Blocks, polygon_shape
+from archfrag.arch.quasi_static import follow_tie
+from archfrag.arch.shape import Shape
 from archfrag.arch.tie_rods import tie_lines, tie_row
 from archfrag.errors import GeometryError
 from archfrag.files import counted
-from archfrag.physics.interface import Chain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,8 +37,7 @@ _OVER_SPAN: dict[str, tuple[float, float, Any]] = {
 _SHOWN = ("radius", "span", "rise", "thickness", "width", "height")  # in the repr
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Arch:
+class Arch(Shape):
     """Rigid voussoirs in a row between two rigid springings, or on one.
 
     Make one with a class method: `circular`, `segmental`, `pointed`, `elliptic`, `catenary`,
@@ -63,14 +65,8 @@ class Arch:
 
     Attributes
     ----------
-    chain : Chain
-        Masses, inertias, centroids and joint faces for the mechanics.
     intrados, extrados : (n_voussoir + 1, 2) ndarray
         Ends of the joint lines by the user's names [m]; with a free end the last is no joint.
-    outlines : tuple of (m, 2) ndarray
-        Of the voussoirs, for drawing; not closed [m].
-    free_end, flipped : bool
-        The last voussoir touches no ground; corner 0 of the chain's joints is the extrados.
     parameters : dict
         What the user gave, with defaults, for strict JSON.
 
@@ -81,76 +77,23 @@ class Arch:
     <Arch pointed: 12 voussoirs, 13 joints; span 6 m, rise 4 m, thickness 0.6 m; 125 kN>
     """
 
-    chain: Chain
-    intrados: NDArray[np.float64]
-    extrados: NDArray[np.float64]
-    outlines: tuple[NDArray[np.float64], ...]
-    free_end: bool
-    flipped: bool
-    parameters: dict[str, Any]
-    again: partial[dict[str, Any]]  # makes these fields anew, with other piers or fill
-    built: Arch | None = None  # as it was before a springing moved
-
-    @property
-    def n_voussoir(self) -> int:
-        """Number of bodies."""
-        return len(self.chain.mass)
-
-    @property
-    def n_joint(self) -> int:
-        """Number of joints, those with the ground included."""
-        return len(self.chain.friction)
-
-    @property
-    def centroids(self) -> NDArray[np.float64]:
-        """Centroids of the bodies at rest, (n_voussoir, 2) [m]."""
-        start = self.chain.start
-        return self.chain.centroid if start is None else start[:, :2]
-
-    @property
-    def springings(self) -> tuple[int, int]:
-        """Joints at the ends of the ring: of an arch on piers its skewbacks."""
-        left, right = self.parameters.get("piers", {}).get("courses", (0, 0))
-        return left, self.n_voussoir - right
-
-    @property
-    def depths(self) -> NDArray[np.float64]:
-        """Depth of each body across the plane, (n_voussoir,) [m]."""
-        given, (first, last) = self.parameters, self.springings
-        ring = np.broadcast_to(np.asarray(given["depth"], float), last - first)
-        return bridge.extended(ring, given["piers"], "depth") if "piers" in given else ring
-
-    @property
-    def dimensions(self) -> tuple[float, float, float]:
-        """Clear span, rise at the joints' intrados and mean thickness of the ring [m]."""
-        first, last = self.springings
-        inner, outer = self.intrados[first : last + 1], self.extrados[first : last + 1]
-        ends = inner[[0, -1]]
-        span, rise = abs(ends[1, 0] - ends[0, 0]), inner[:, 1].max() - ends[:, 1].min()
-        thickness = np.linalg.norm(outer - inner, axis=1).mean()
-        return float(span), float(rise), float(thickness)
-
     @property
     def tie_lines(self) -> NDArray[np.float64]:
         """Ends of the ties at rest, (n_tie, 2, 2) [m]."""
         return tie_lines(self)
 
     @property
-    def tie_bodies(self) -> NDArray[np.int64]:
-        """Voussoirs at the ends of the ties, (n_tie, 2); of a springing -1 or their number."""
-        ties = np.zeros((0, 2)) if self.chain.tie is None else self.chain.tie
-        return ties[:, :2].astype(np.int64) - 1
-
-    @property
-    def shapes(self) -> list[Shape]:
+    def marks(self) -> list[Mark]:
         """What a drawing shows of the arch at rest: fill, voussoirs, ties and ground."""
-        return arch_shapes(self)
+        return arch_marks(self)
 
     def _frame(self, *motion: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return frame(self, *motion)
 
     def corner_name(self, corner: int) -> str:
-        """User's name of corner 0 or 1 of the chain's joints: "intrados" or "extrados"."""
+        """Return the user's name of corner 0 or 1 of the chain's joints: "intrados" or
+        "extrados".
+        """
         return ("intrados", "extrados")[corner != self.flipped]
 
     def __repr__(self) -> str:
@@ -205,8 +148,8 @@ class Arch:
         angle = np.radians(checks.joint_positions(joints, voussoirs, embrace, "degrees"))
         ring = rings.circular_ring(np.zeros(2), radius, thickness, angle, sector)
         shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
-        given = {**shape, "voussoirs": voussoirs, "sector": sector, "joints": _plain(joints)}
-        return cls(**_fields("circular", given, ring, friction, **material))._warned()
+        given = {**shape, "voussoirs": voussoirs, "sector": sector, "joints": plain(joints)}
+        return cls._built_of("circular", given, ring, friction, **material)
 
     @classmethod
     def segmental(
@@ -280,8 +223,8 @@ class Arch:
         own = {} if sector is None else {"sector": sector}
         ring = ring_of(span, rise, thickness, position, **own)
         shape = {"span": span, "rise": rise, "thickness": thickness, "voussoirs": voussoirs}
-        shape |= own | {"joints": _plain(joints)}
-        return cls(**_fields(profile, shape, ring, friction, **material))._warned()
+        shape |= own | {"joints": plain(joints)}
+        return cls._built_of(profile, shape, ring, friction, **material)
 
     @classmethod
     def from_joints(
@@ -323,7 +266,7 @@ class Arch:
             raise GeometryError(f"{counts}; they must be equal")
         shape = {"intrados": inner.tolist(), "extrados": outer.tolist(), "free_end": free_end}
         ring = rings.straight_ring(inner, outer)
-        return cls(**_fields("from_joints", shape, ring, friction, free_end, **material))._warned()
+        return cls._built_of("from_joints", shape, ring, friction, free_end, **material)
 
     @classmethod
     def from_polygons(
@@ -360,11 +303,9 @@ class Arch:
         >>> column.n_joint, round(af.onset(column).plus, 3)
         (2, 0.2)
         """
-        from archfrag.arch.polygons import Blocks, polygon_shape
-
         drawn = Blocks.from_points(outlines, ground)
         shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls(**_fields("polygons", shape, ring, friction, free, **material))._warned()
+        return cls._built_of("polygons", shape, ring, friction, free, **material)
 
     @classmethod
     def from_dxf(
@@ -391,14 +332,11 @@ class Arch:
         friction, thickness_factor, tolerance, **material
             See `from_polygons`.
         """
-        from archfrag.arch.drawing import read_drawing
-        from archfrag.arch.polygons import polygon_shape
-
         drawn = read_drawing(path, layer, unit)
         if drawn.caution:
             warnings.warn(drawn.caution, UserWarning, stacklevel=2)
         shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls(**_fields("polygons", shape, ring, friction, free, **material))._warned()
+        return cls._built_of("polygons", shape, ring, friction, free, **material)
 
     def tied(
         self, level: float | None = None, *, area: float, modulus: float = 2.0e11,
@@ -447,8 +385,6 @@ class Arch:
         tied = tied._warned(f"ties[{len(ties) - 1}]")
         if self.chain.start is None or prestress == 0.0:
             return tied
-        from archfrag.arch.quasi_static import follow_tie
-
         return follow_tie(tied)
 
     def recessed(self, intrados: ArrayLike = 0.0, extrados: ArrayLike = 0.0) -> Arch:
@@ -492,7 +428,7 @@ class Arch:
         corner = np.stack(moved[::-1] if self.flipped else moved, axis=1)
         before, after = self.chain.face_before + corner, self.chain.face_after + corner
         chain = self.chain._replace(face_before=before, face_after=after)
-        recess = {"intrados": _plain(intrados), "extrados": _plain(extrados)}
+        recess = {"intrados": plain(intrados), "extrados": plain(extrados)}
         given = {**self.parameters, "recess": recess}
         return self.changed(**ends, chain=chain, parameters=given)
 
@@ -557,15 +493,19 @@ class Arch:
         given = {"height_over_crown": height_over_crown, "unit_weight": unit_weight}
         return self._with(fill={**given, **more})
 
-    def changed(self, **fields: Any) -> Arch:
-        """Return the arch with other attributes; of a `Block` it is an `Arch`."""
-        return Arch(**{**vars(self), **fields})
-
     def _with(self, **more: dict[str, Any]) -> Arch:
         if later := {"recess", "strength", "springings", "ties"} & set(self.parameters):
             names = ", ".join(sorted(later))
             raise GeometryError(f"the arch has {names} already; on_piers and filled come before")
-        return Arch(**self.again(**more))._warned(*more)
+        return self.rebuilt(**more)._warned(*more)
+
+    def rebuilt(self, **more: Any) -> Arch:
+        """Return the arch with other piers or fill, before recesses, springings and ties."""
+        return Arch(**fields_of(self.given._replace(**more)))
+
+    @classmethod
+    def _built_of(cls, *given: Any, **material: Any) -> Self:
+        return cls(**fields_of(Given(*given, **material)))._warned()
 
     def _warned(self, *keys: str) -> Self:
         """Return the arch after warnings of values that are probably in another unit."""
@@ -601,70 +541,5 @@ class Block(Arch):
         right = np.array([[0.5 * width, 0.0], [0.5 * width, height]])
         ring = rings.straight_ring(right, right * [-1.0, 1.0])
         shape = {"width": width, "height": height}
-        super().__init__(**_fields("block", shape, ring, friction, True, density, depth))
+        super().__init__(**fields_of(Given("block", shape, ring, friction, True, density, depth)))
         self._warned()
-
-
-def _fields(
-    profile: str, shape: dict[str, Any], ring: rings.Ring, friction: ArrayLike,
-    free_end: bool = False, density: ArrayLike = 2000.0, depth: ArrayLike = 1.0,
-    dead_load: ArrayLike | None = None, piers: dict[str, Any] | None = None,
-    fill: dict[str, Any] | None = None,
-) -> dict[str, Any]:  # fmt: skip
-    """Attributes of an `Arch`, from its ring and what gives it mass and friction, checked here.
-
-    `piers` and `fill` are the arguments of `Arch.on_piers` and `Arch.filled` by name.
-    """
-    again = partial(
-        _fields, profile, shape, ring, friction, free_end, density, depth, dead_load, piers=piers,
-        fill=fill,
-    )  # fmt: skip
-    count, load = len(ring.outlines), 0.0 if dead_load is None else dead_load
-    n_joint = count if free_end else count + 1
-    weight = checks.shared_or_each("dead_load", load, count, "voussoir", "N")
-    density_of, depth_of = (
-        checks.shared_or_each(name, value, count, "voussoir", unit, least=checks.SMALLEST)
-        for name, value, unit in (("density", density, "kg/m3"), ("depth", depth, "m"))
-    )
-    more: dict[str, Any] = {}
-    springings, whole = (0, count), False
-    if piers is not None or fill is not None:
-        bridge.check_upright(ring, free_end)
-    if piers is not None:
-        piers = bridge.checked_piers(**piers)
-        ring, (left, right) = bridge.on_piers(ring, piers), piers["courses"]
-        springings, whole = (left, left + count), np.shape(friction) == (n_joint + left + right,)
-        if whole and piers["friction"] is not None:
-            raise GeometryError("piers.friction is given, and friction for each of their joints")
-        n_joint += (left + right) * whole
-        weight = np.pad(weight, (left, right))
-        density_of = bridge.extended(density_of, piers, "density")
-        depth_of = bridge.extended(depth_of, piers, "depth")
-        more["piers"] = {name: each and _plain(each) for name, each in piers.items()}
-        more["piers"]["courses"] = piers["courses"]
-    coefficient = checks.shared_or_each("friction", friction, n_joint, "joint", infinite=True)
-    if piers is not None and not whole:
-        coefficient = bridge.extended(coefficient, piers, "friction")
-    loads = [(weight, np.array(ring.backs))]
-    if fill is not None:
-        more["fill"] = bridge.checked_fill(**fill)
-        loads.append(bridge.weight_of_fill(ring, springings, more["fill"], depth_of))
-        dead_load = load  # none would say that nothing lies on the ring
-    if profile != "block":
-        more["dead_load"] = _plain(dead_load)
-    matter = {"friction": _plain(friction), "density": _plain(density), "depth": _plain(depth)}
-    return {
-        "chain": rings.chain_of(ring, coefficient, density_of * depth_of, loads),
-        "intrados": ring.intrados, "extrados": ring.extrados, "outlines": tuple(ring.outlines),
-        "free_end": free_end, "flipped": ring.sense < 0, "again": again,
-        "parameters": {"profile": profile, **shape, **matter, **more},
-    }  # fmt: skip
-
-
-def _plain(value: ArrayLike | None) -> Any:
-    """Numbers as strict JSON takes them: nested lists of floats, infinity as "inf"."""
-    if value is None:
-        return None
-    numbers = np.asarray(value, dtype=float).astype(object)
-    numbers[numbers == math.inf] = "inf"
-    return numbers.tolist()

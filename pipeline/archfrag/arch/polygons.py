@@ -37,7 +37,7 @@ class Blocks:
 
     @classmethod
     def from_points(cls, outlines: Sequence[Any], ground: Sequence[Any]) -> Self:
-        """Blocks and lines that a user gives as lists of points, checked."""
+        """Return the blocks and lines that a user gives as lists of points, checked."""
         why = "points (x, y), or (x, y, bulge) for a side that is an arc"
         names = [f"outlines[{i}]" for i in range(len(outlines))]
         lines = [f"ground[{i}]" for i in range(len(ground))]
@@ -51,7 +51,9 @@ class Blocks:
 
 
 def without_repeated(corners: FloatArray, tolerance: float = 0.0) -> FloatArray:
-    """Corners ``(m, 3)`` of an outline that differ from the next one, or all if fewer than two."""
+    """Return the corners ``(m, 3)`` of an outline that differ from the next one, or all if fewer
+    than two.
+    """
     kept = corners[np.hypot(*(np.roll(corners, -1, axis=0) - corners)[:, :2].T) > tolerance]
     return kept if len(kept) > 1 else corners
 
@@ -59,7 +61,7 @@ def without_repeated(corners: FloatArray, tolerance: float = 0.0) -> FloatArray:
 def polygon_shape(
     drawn: Blocks, tolerance: float | None, thickness_factor: float
 ) -> tuple[dict[str, Any], Ring, bool]:
-    """Outlines and ground for `Arch.parameters`, ring, and whether an end is free."""
+    """Return the outlines and ground for `Arch.parameters`, ring, and whether an end is free."""
     factor = checks.number("thickness_factor", thickness_factor, "", closed=False)
     if tolerance is not None:
         tolerance = checks.number("tolerance", tolerance)
@@ -74,7 +76,8 @@ def polygon_shape(
 
 
 def _stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> list[FloatArray]:
-    """Outlines whose joints are longer by a factor about their middles; sides follow evenly.
+    """Return the outlines whose joints are longer by a factor about their middles; sides follow
+    evenly.
 
     Arcs keep their angle: a circular ring stays one, with the thickness times the factor.
     """
@@ -97,7 +100,8 @@ def _stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> lis
 
 
 def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, Blocks]:
-    """Ring of blocks in any order, and the blocks in its order, on one line if an end is free.
+    """Return the ring of blocks in any order, and the blocks in its order, on one line if an end
+    is free.
 
     Joints are the edges that two blocks have in common. The ring runs from the end that stands
     further left, or up from the ground if one end is free; outlines are anticlockwise.
@@ -150,7 +154,9 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
 def _back(
     outline: FloatArray, first: FloatArray, second: FloatArray, tolerance: float
 ) -> FloatArray:
-    """Side ``(m, 3)`` between the extrados ends of a voussoir's two joints, with its bulges."""
+    """Return the side ``(m, 3)`` between the extrados ends of a voussoir's two joints, with its
+    bulges.
+    """
     # Anticlockwise the back runs from the second joint to the first.
     along, (start, end), total = _places_along(outline, [second, first])
     slip = 2.0 * tolerance  # a joint may end at a corner, whose arc then belongs to the back
@@ -164,7 +170,7 @@ def _back(
 def _places_along(
     outline: FloatArray, points: Iterable[FloatArray]
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Where corners ``(m,)`` and points ``(k,)`` of straight sides are along the chords.
+    """Return where corners ``(m,)`` and points ``(k,)`` of straight sides are along the chords.
 
     Third, the length of all chords.
     """
@@ -201,7 +207,9 @@ def _check_simple(given: Blocks) -> None:
 
 
 def _find_joints(given: Blocks) -> None:
-    """Joints of blocks with each other and with the ground, whose lines count after the blocks."""
+    """Find the joints of blocks with each other and with the ground, whose lines count after
+    blocks.
+    """
     count, names = len(given.outlines), given.names + given.ground_names
     edges: list[_Segment] = []
     owner: list[int] = []
@@ -259,7 +267,7 @@ def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment 
 
 
 def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
-    """From end to end of segments of one direction; None if they are not on one line."""
+    """Return both ends of segments of one direction; None if they are not on one line."""
     points = np.concatenate(parts)
     unit = parts[0][1] - parts[0][0]
     unit /= np.hypot(*unit)
@@ -270,7 +278,9 @@ def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
 
 
 def _walk(given: Blocks) -> list[int]:
-    """Blocks from one end to the other; adds the lines on which ends stand if none is given."""
+    """Return the blocks from one end to the other; adds the lines on which ends stand if none is
+    given.
+    """
     names = given.names
     for block, joints in enumerate(given.joints):
         if len(joints) > 2:
@@ -301,7 +311,9 @@ def _walk(given: Blocks) -> list[int]:
 
 
 def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:
-    """Side of an end block opposite to its joint, which must be one of four and straight."""
+    """Return the side of an end block opposite to its joint, which must be one of four and
+    straight.
+    """
     outline = given.outlines[block]
     along, (middle,), _ = _places_along(outline, [joint.mean(axis=0)])
     first = int(np.searchsorted(along, middle, "right")) + 1

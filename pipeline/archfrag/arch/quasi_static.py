@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from archfrag.arch.shape import Shape
 from archfrag.arch.tie_rods import tie_name
 from archfrag.errors import StabilityError
 from archfrag.physics.contact.path import new_path
-from archfrag.physics.methods.common import begin
+from archfrag.physics.contact.ties import TAUT, tie_stretch
+from archfrag.physics.shared import begin
 from archfrag.physics.state import new_model, new_state, new_work
 from archfrag.physics.status import Tie, TieState
 from archfrag.physics.steps.creep import creep
 from archfrag.physics.steps.service import rest_range
-from archfrag.physics.ties import TAUT, tie_stretch
-
-if TYPE_CHECKING:
-    from archfrag.arch.model import Arch
 
 LOST_GAP = 0.5  # gap at both corners of a joint, over its length, of an arch that has fallen [1]
 # Step of a movement over the shortest joint, or as a rotation [rad]; the step in time makes
@@ -35,10 +33,13 @@ HOLDS = 1e-9
 PULL, LEAST_PULL, FOLLOWING, SOFT = 0.02, 1e-4, 2000, 1e6
 
 
-class SlowArch:
+Kind = TypeVar("Kind", bound=Shape)
+
+
+class SlowArch(Generic[Kind]):
     """An arch without velocity: in each step it goes where forces in balance let it go."""
 
-    def __init__(self, arch: Arch) -> None:
+    def __init__(self, arch: Kind) -> None:
         self._built = arch
         self.model = new_model(arch.chain)
         self._state, self._work = new_state(self.model), new_work(self.model)
@@ -48,7 +49,7 @@ class SlowArch:
         self._time = min(LONGEST, 50.0 * math.sqrt(STEP * self.length / self.model.gravity))
 
     def rest_range(self) -> tuple[float, float]:
-        """Range of rest in the present geometry [g]; negative numbers if there is none."""
+        """Return range of rest in the present geometry [g]; negative numbers if there is none."""
         found, plus, minus = rest_range(self.model, self._state, self._work, self._path.rest)
         return (plus, minus) if found else (-math.inf, -math.inf)
 
@@ -71,7 +72,7 @@ class SlowArch:
                 return min(self.rest_range()) >= -HOLDS
         return False
 
-    def arch(self) -> Arch:
+    def arch(self) -> Kind:
         """Return the arch at rest where the bodies are."""
         arch, model = self._built, self.model
         start = self._state.position[1:-1].copy()
@@ -90,7 +91,7 @@ class SlowArch:
         cosine, sine = np.cos(angle), np.sin(angle)
 
         def placed(body: int, points: NDArray) -> NDArray:
-            """Points that moved with a body; those of the ground stay."""
+            """Return the points that moved with a body; those of the ground stay."""
             x, y = (points - centroid[body]).T
             c, s = cosine[body], sine[body]
             return start[body, :2] + np.column_stack([c * x - s * y, s * x + c * y])
@@ -138,7 +139,7 @@ class SlowArch:
         self._state.tie[tie] = TAUT, 0.0
 
 
-def follow_tie(arch: Arch) -> Arch:
+def follow_tie(arch: Kind) -> Kind:
     """Return an arch that has spread at rest under its last tie.
 
     Its hinges leave it one thrust, so that it moves where a tie pulls, until joints close. The tie

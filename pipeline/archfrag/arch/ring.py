@@ -12,6 +12,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ellipeinc
 
 from archfrag.arch import STANDARD_GRAVITY, geometry
 from archfrag.arch.checks import FloatArray
@@ -39,14 +41,11 @@ class Ring(NamedTuple):
 
 
 def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
-    """Upper half of an ellipse.
+    """Return the upper half of an ellipse.
 
     With a = span/2, b = rise and the point (a sin u, b cos u), the length from the crown is
     a E(u | 1 − b²/a²), the incomplete elliptic integral of the second kind.
     """
-    from scipy.optimize import brentq
-    from scipy.special import ellipeinc
-
     a, b, right = 0.5 * span, rise, 0.5 * math.pi
     parameter = 1.0 - (b / a) ** 2
     length = 2.0 * np.abs(fraction) * float(ellipeinc(right, parameter))
@@ -64,13 +63,11 @@ def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
 
 
 def catenary(span: float, rise: float, fraction: FloatArray) -> CentreLine:
-    """Hanging chain upside down.
+    """Return a hanging chain upside down.
 
     y = rise − c (cosh(x/c) − 1) with c = span/(2 w) from (cosh w − 1)/w = 2 rise/span; the
     length from the crown is c sinh(x/c).
     """
-    from scipy.optimize import brentq
-
     slenderness = 2.0 * rise / span
     # (cosh w − 1)/w exceeds w/2 everywhere, and exp(w/2)/4 beyond w = 4.
     above = min(2.0 * slenderness, max(4.0, 2.0 * math.log(4.0 * slenderness + 1.0)))
@@ -93,14 +90,14 @@ def normal_ring(
     curve: Callable[[float, float, FloatArray], CentreLine],
     span: float, rise: float, thickness: float, fraction: FloatArray,
 ) -> Ring:  # fmt: skip
-    """Straight-sided voussoirs between joints perpendicular to a curve."""
+    """Return straight-sided voussoirs between joints perpendicular to a curve."""
     point, outward = curve(span, rise, fraction)
     offset = 0.5 * thickness * outward
     return straight_ring(point - offset, point + offset)
 
 
 def pointed_ring(span: float, rise: float, thickness: float, fraction: FloatArray) -> Ring:
-    """Straight-sided voussoirs between joints radial to two circular arcs that meet at the crown.
+    """Return straight-sided voussoirs between joints radial to two arcs that meet at the crown.
 
     The left arc has its centre on the springing line at x = d = (rise² − span²/4)/span and the
     radius d + span/2. The extrados and intrados arcs are cut by the vertical x = 0.
@@ -125,7 +122,7 @@ def pointed_ring(span: float, rise: float, thickness: float, fraction: FloatArra
 
 
 def straight_ring(intrados: FloatArray, extrados: FloatArray, apex: int | None = None) -> Ring:
-    """Straight-sided voussoirs between lines, of which that at an apex is no joint."""
+    """Return straight-sided voussoirs between lines, of which that at an apex is no joint."""
     sense = _travel_sense(intrados, extrados)
     ends = np.delete(np.arange(len(intrados)), [] if apex is None else apex)
     spans = [slice(first, last + 1) for first, last in pairwise(ends)]
@@ -139,7 +136,7 @@ def straight_ring(intrados: FloatArray, extrados: FloatArray, apex: int | None =
 def circular_ring(
     centre: FloatArray, radius: float, thickness: float, angle: FloatArray, sector: bool
 ) -> Ring:
-    """Annular sectors, or straight-sided voussoirs, between radial joints.
+    """Return annular sectors, or straight-sided voussoirs, between radial joints.
 
     `angle` of the joints is clockwise from the upward vertical [rad].
     """
@@ -166,7 +163,7 @@ def circular_ring(
 def segmental_ring(
     span: float, rise: float, thickness: float, fraction: FloatArray, sector: bool
 ) -> Ring:
-    """As `circular_ring`, of a span and a rise of at most half of it."""
+    """Return the ring of `circular_ring` over a span, with a rise of at most half of it."""
     radius = (0.25 * span**2 + rise**2) / (2.0 * rise)
     angle = 4.0 * math.atan2(2.0 * rise, span) * fraction
     return circular_ring(np.array([0.0, rise - radius]), radius, thickness, angle, sector)
@@ -214,7 +211,7 @@ def chain_of(
     ring: Ring, friction: FloatArray, surface_density: FloatArray,
     loads: Iterable[tuple[FloatArray, FloatArray]],
 ) -> Chain:  # fmt: skip
-    """Chain of rigid bodies of a ring's voussoirs, as many joints as there is friction.
+    """Return the chain of rigid bodies of a ring's voussoirs, as many joints as there is friction.
 
     Each load is a point mass on each body: its weights ``(n,)`` [N] and places ``(n, 2)`` [m]. A
     point mass p at the distance d from the centroid of a body of mass m and inertia J moves the

@@ -5,24 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from operator import itemgetter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from archfrag.arch import checks
+from archfrag.arch.shape import Shape
 from archfrag.errors import GeometryError
-
-if TYPE_CHECKING:
-    from archfrag.arch.model import Arch
 
 End = tuple[int, float, float]  # voussoir, x and y [m]
 
 
 def tie_row(
-    arch: Arch, level: float | None, area: float, modulus: float, prestress: float,
+    arch: Shape, level: float | None, area: float, modulus: float, prestress: float,
     strength: float, rupture: float, ends: Sequence[End] | None,
 ) -> list[float]:  # fmt: skip
-    """Row of ``Chain.tie`` of a tie; arguments as `Arch.tied`."""
+    """Return the row of ``Chain.tie`` of a tie; arguments are those of `Arch.tied`."""
     if (level is None) == (ends is None):
         raise GeometryError("a tie needs either its level or its ends")
     stiff = checks.number("area", area, "m2", closed=False)
@@ -51,8 +48,8 @@ def tie_row(
     return [*bodies, *points.ravel().tolist(), stiffness, length - stretched, *limits]
 
 
-def _at_level(arch: Arch, level: float) -> list[End]:
-    """Outermost points of the voussoirs at a height, left and right."""
+def _at_level(arch: Shape, level: float) -> list[End]:
+    """Return the outermost points of the voussoirs at a height, left and right."""
     found: list[End] = []
     for body, outline in enumerate(arch.outlines):
         for (x, y), (u, v) in zip(outline.tolist(), np.roll(outline, -1, axis=0).tolist()):
@@ -67,8 +64,8 @@ def _at_level(arch: Arch, level: float) -> list[End]:
     return [left, right]
 
 
-def _given(arch: Arch, ends: Sequence[End] | None) -> list[End]:
-    """Ends as they are given, checked."""
+def _given(arch: Shape, ends: Sequence[End] | None) -> list[End]:
+    """Return the ends of a tie as they are given, checked."""
     both = [(int(body), float(x), float(y)) for body, x, y in ends or ()]
     bodies = [body for body, *_ in both]
     last = arch.n_voussoir - 1 + (not arch.free_end)
@@ -83,21 +80,21 @@ def _given(arch: Arch, ends: Sequence[End] | None) -> list[End]:
     return both
 
 
-def _turn(arch: Arch, body: int) -> np.ndarray:
-    """Rotation of a body at rest: its axes as rows, (2, 2)."""
+def _turn(arch: Shape, body: int) -> np.ndarray:
+    """Return the rotation of a body at rest: its axes as rows, (2, 2)."""
     start = arch.chain.start
     angle = 0.0 if start is None else float(start[body, 2])
     return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
 
 
-def tie_name(arch: Arch, tie: int) -> str:
+def tie_name(arch: Shape, tie: int) -> str:
     """Name of a tie in messages: its place among the ties, and its level if it has one."""
     level = arch.parameters["ties"][tie].get("level")
     return f"tie {tie + 1}" + ("" if level is None else f" (level {level:g} m)")
 
 
-def tie_lines(arch: Arch) -> np.ndarray:
-    """Ends of the ties of an arch at rest, (n_tie, 2, 2) [m]."""
+def tie_lines(arch: Shape) -> np.ndarray:
+    """Return the ends of the ties of an arch at rest, (n_tie, 2, 2) [m]."""
     rows = np.zeros((0, 6)) if arch.chain.tie is None else arch.chain.tie
     lines = rows[:, 2:6].reshape(-1, 2, 2).copy()
     for line, bodies in zip(lines, rows[:, :2].astype(int) - 1):

@@ -34,7 +34,7 @@ class Marginal:
     upper: float = math.inf
 
     def quantile(self, probability: ArrayLike) -> FloatArray:
-        """Values that are not exceeded with the probabilities given, same shape."""
+        """Return the values that are not exceeded with the probabilities given, same shape."""
         low, high = self.full.cdf([self.lower, self.upper]).tolist()
         if high - low < LEAST_KEPT:
             between = f"lies between lower = {self.lower:g} and upper = {self.upper:g}"
@@ -69,6 +69,6 @@ def sample(
 
 
 def to_digits(values: ArrayLike) -> FloatArray:
-    """Values to `DIGITS` significant digits, same shape."""
+    """Return the values to `DIGITS` significant digits, same shape."""
     array = np.asarray(values, dtype=float)
     return np.array([float(f"{v:.{DIGITS}g}") for v in array.ravel()]).reshape(array.shape)

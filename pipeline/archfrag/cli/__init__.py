@@ -1,23 +1,62 @@
-"""The command `archfrag`: thin, and quick to answer because nothing is imported before use."""
+"""The command `archfrag`: quick to answer, because a command is imported when it is asked for."""
 
 import errno
 import os
-import shlex
-import sys
-from pathlib import Path
+from importlib import import_module
 from typing import Any
 
 import click
 
-from archfrag.cli import arch, records, results, study
-from archfrag.cli.options import PATH, echo, warn
+from archfrag.cli.options import echo, warn
 from archfrag.errors import ArchfragError
 from archfrag.study.provenance import commit
 from archfrag.version import __version__
 
+# Module, and the first line of the help.
+COMMANDS = {
+    "init": ("setting_up", "Write a commented study into FOLDER (.), to start from."),
+    "warmup": ("setting_up", "Compile the kernels now, so that later commands start at once."),
+    "validate": ("study", "Check a study file and all files that it names."),
+    "run": ("run_study", "Run a study, or continue it, from records to report."),
+    "motions": ("study", "Read the study's records and store them for the workers."),
+    "batch": ("study", "Run the simulations of a batch that are missing."),
+    "cube": ("study", "Gather the results into one CF netCDF cube."),
+    "fit": ("study", "Fit a fragility curve to each arch and each class."),
+    "report": ("study", "Write the report: one HTML file that needs no network."),
+    "clean": ("study", "Remove stored runs that a study does not use."),
+    "export": ("answers", "Export a finished study in the formats of other programs."),
+    "film": ("answers", "Film one run of a finished study, simulated again."),
+    "figures": ("answers", "Draw a finished study for a paper, as PDF and PNG."),
+    "risk": ("answers", "Find the rate of collapse of a finished STUDY at a site."),
+    "info": ("answers", "Describe FILE: a cube, a study file or a folder of results."),
+    "open": ("answers", "Open the report of STUDY in the browser."),
+    "onset": ("arch", "Find the steady ground acceleration that starts to move an arch."),
+    "simulate": ("arch", "Simulate one arch under one record, until it rests or collapses."),
+    "records": ("records", "Tools for ground-motion records."),
+}
 
-class _Group(click.Group):
-    """Commands whose errors are one message and an exit code; errors of ours keep a traceback."""
+
+class _Commands(click.Group):
+    """Commands of other modules, whose errors are one message and an exit code.
+
+    Errors of archfrag itself keep their traceback.
+    """
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module = import_module(f"archfrag.cli.{COMMANDS[cmd_name][0]}")
+        command: click.Command = getattr(module, f"{cmd_name}_command", None) or getattr(
+            module, cmd_name
+        )
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, COMMANDS[name][1]) for name in sorted(COMMANDS)])
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -41,7 +80,7 @@ def _version(ctx: click.Context, parameter: click.Parameter, requested: bool) ->
         ctx.exit()
 
 
-@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_version,
               help="Show version and commit, and end.")  # fmt: skip
 def main() -> None:
@@ -52,37 +91,3 @@ def main() -> None:
     """
     # Processes that this one starts load no modules from the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"
-
-
-@main.command()
-@click.argument("folder", type=PATH, default=".")
-def init(folder: Path) -> None:
-    """Write a commented study into FOLDER (.), to start from.
-
-    The shipped motions come with it.
-    """
-    from archfrag.study.validate import write_starter
-
-    echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
-
-
-@main.command()
-@click.option("--method", help="Only the kernels of this method; all methods if not given.")
-def warmup(method: str | None) -> None:
-    """Compile the kernels now, so that later commands start at once."""
-    from archfrag.simulation.warmup import warmup as compile_kernels
-
-    def show(message: str) -> None:
-        click.echo(f"\r{message}\033[K", err=True, nl=False)
-
-    seconds = compile_kernels(method, show if sys.stderr.isatty() else None)
-    click.echo("\r\033[K" if sys.stderr.isatty() else "", err=True, nl=False)
-    echo(f"kernels ready after {seconds:.1f} s")
-
-
-for command in (
-    records.records, study.export, study.film, study.risk, arch.onset, arch.simulate,
-    study.validate, study.run, study.clean, *study.STEPS, results.info, results.open_report,
-    results.figures, results.converge,
-):  # fmt: skip
-    main.add_command(command)

@@ -5,18 +5,28 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+from pydantic import ValidationError
 
+from archfrag.arch import STANDARD_GRAVITY
+from archfrag.arch.facts import facts_of, facts_text, unit_cautions
 from archfrag.cli.options import PATH, figure_option, json_option, show, takes, takes_record, warn
 from archfrag.errors import InputError
-from archfrag.simulation.response import STATUS_MESSAGE
+from archfrag.motions.measures import scale_factor
+from archfrag.motions.read import read_motion
+from archfrag.plots import svg_of
+from archfrag.simulation.response import STATUS_MESSAGE, UNITS, Response, summary
+from archfrag.simulation.simulate import onset as find_onset
+from archfrag.simulation.simulate import simulate as run_simulation
+from archfrag.simulation.springings import springing_path
+from archfrag.simulation.standing import arch_cautions, inset_loss, inset_text, prestress_text
+from archfrag.study.file.arches import ArchEntry
+from archfrag.study.file.schema import load_study
+from archfrag.study.keys import first_message
 from archfrag.study.provenance import finite, write_text
-
-if TYPE_CHECKING:
-    from archfrag.simulation.simulate import Response
-    from archfrag.study.file.arches import ArchEntry
+from archfrag.study.validate import read_from_drawing
 
 _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
@@ -43,7 +53,6 @@ def _takes_arch(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
-        from archfrag.arch.facts import unit_cautions
 
         given = {name: options.pop(name) for name in ("profile", *_OPTIONS)}
         layers = [name for text in options.pop("layer") for name in text.split(",")]
@@ -51,8 +60,6 @@ def _takes_arch(command: Callable) -> Callable:
         given["unit"] = given.pop("drawing_unit")
         entry = _by_numbers(given) if study is None else _of_study(study, arch_id)
         if entry.drawing is not None:
-            from archfrag.study.validate import read_from_drawing
-
             warn("\narchfrag: caution: ".join(read_from_drawing(entry)))
         if entry.vary is not None:
             samples = f"its {entry.vary.samples} samples are --arch {entry.id}-0001 and so on"
@@ -77,9 +84,8 @@ def _takes_arch(command: Callable) -> Callable:
     )(wrapped)  # fmt: skip
 
 
-def _of_study(path: Path, name: str | None) -> "ArchEntry":
-    """An arch of a study file, or a sample of it; its only one if `name` is None."""
-    from archfrag.study.file.schema import load_study
+def _of_study(path: Path, name: str | None) -> ArchEntry:
+    """Return an arch of a study file, or a sample of it; its only one if `name` is None."""
 
     study = load_study(path)
     entries = {entry.id: entry for entry in study.arches if entry.table is None}
@@ -95,12 +101,8 @@ def _of_study(path: Path, name: str | None) -> "ArchEntry":
     return entries[name]
 
 
-def _by_numbers(options: dict[str, Any]) -> "ArchEntry":
-    """An arch from the options of the command line, None where not given."""
-    from pydantic import ValidationError
-
-    from archfrag.study.file import first_message
-    from archfrag.study.file.arches import ArchEntry
+def _by_numbers(options: dict[str, Any]) -> ArchEntry:
+    """Return an arch from the options of the command line, None where not given."""
 
     given = {"id": "arch"} | {key: value for key, value in options.items() if value is not None}
     if "drawing" in given:
@@ -131,9 +133,6 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
 
     The figure shows the arch with hinges and thrust line at onset.
     """
-    from archfrag.arch.facts import facts_of, facts_text
-    from archfrag.simulation.simulate import onset as find_onset
-    from archfrag.simulation.standing import arch_cautions, inset_loss, inset_text, prestress_text
 
     start = find_onset(arch)
     names = ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus", "sliding_minus")
@@ -156,8 +155,6 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
     facts = {name: getattr(start, name) for name in names} | {"arch": facts_of(arch)}
     facts |= {"loss_10_mm": loss, "cautions": cautions}
     if start.stands and spread is not None:
-        from archfrag.simulation.springings import springing_path
-
         path = springing_path(arch, spread=spread)
         last = path.part.size - 1
         kept = [*range(0, last, max(1, last // _SPREADS)), last]
@@ -169,8 +166,6 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         facts |= {"spread": columns[0], "plus_at": columns[1], "minus_at": columns[2],
                   "falls_at": falls}  # fmt: skip
     if figure is not None:
-        from archfrag.plots import svg_of
-
         write_text(figure, svg_of(start.plot().figure) + "\n")
     show(finite(facts), text, as_json)
     for caution in () if as_json else cautions:
@@ -198,10 +193,6 @@ def simulate(
     arch: Any, record: Path, scale: float, pga: float | None, as_json: bool, **options: Any
 ) -> None:
     """Simulate one arch under one record, until it rests or collapses."""
-    from archfrag.arch import STANDARD_GRAVITY
-    from archfrag.motions.measures import scale_factor
-    from archfrag.motions.read import read_motion
-    from archfrag.simulation.simulate import simulate as run_simulation
 
     keys = ("unit", "component", "inventory", "accept", "columns")
     motion = read_motion(record, **{key: options.pop(key) for key in keys})
@@ -217,8 +208,7 @@ def simulate(
     show(facts, _text(response, facts), as_json)
 
 
-def _text(response: "Response", facts: dict[str, Any]) -> str:
-    from archfrag.simulation.response import UNITS, summary
+def _text(response: Response, facts: dict[str, Any]) -> str:
 
     lines = [f"{facts['status']}: {STATUS_MESSAGE[response.status]}"]
     for key, value in facts.items():

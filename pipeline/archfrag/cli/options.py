@@ -1,7 +1,7 @@
 """Options that several commands share, and how commands print."""
 
-import functools
 import json
+import shlex
 import shutil
 import textwrap
 from collections.abc import Callable
@@ -39,6 +39,8 @@ def _accept(context: click.Context, parameter: click.Parameter, words: tuple[str
     return accepted_words(words, "--accept")
 
 
+cores_option = click.option("--cores", "--workers", type=click.IntRange(min=1),
+                            help="Number of cores to use; all by default.")  # fmt: skip
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 takes_study = takes(
     click.argument("study_file", metavar="STUDY", type=PATH),
@@ -46,21 +48,6 @@ takes_study = takes(
                  help="Override a key of the study file, e.g. --set method.dt=0.0005; "
                  "paths are relative to the study file. Repeatable."),
 )  # fmt: skip
-
-
-def with_study(*options: Callable) -> Callable:
-    """Give a command a study, from its file, and options."""
-
-    def decorate(command: Callable) -> Callable:
-        @functools.wraps(command)
-        def wrapped(study_file: Path, overrides: tuple[str, ...], **given: Any) -> None:
-            from archfrag.study.file.schema import load_study
-
-            command(load_study(study_file, overrides), **given)
-
-        return takes(takes_study, *options)(wrapped)
-
-    return decorate
 
 
 takes_format = takes(
@@ -91,7 +78,7 @@ def warn(message: str) -> None:
 
 
 def wrapped(text: str, indent: int) -> list[str]:
-    """Lines of a text, broken between words at the width of the terminal."""
+    """Return the lines of a text, broken between words at the width of the terminal."""
     width = max(shutil.get_terminal_size().columns, indent + 20)
     return textwrap.wrap(text, width, subsequent_indent=" " * indent,
                          break_long_words=False, break_on_hyphens=False)  # fmt: skip
@@ -99,6 +86,16 @@ def wrapped(text: str, indent: int) -> list[str]:
 
 def show(facts: Any, text: str, as_json: bool) -> None:
     echo(json.dumps(facts, allow_nan=False) if as_json else text)
+
+
+def point_to_report(folder: Path, named: Path, anything: bool) -> None:
+    """Print the path of the report, and that there was nothing to do if so."""
+    if not anything:
+        warn("nothing to do: all results are up to date")
+    report = folder / "report.html"
+    if report.is_relative_to(Path.cwd()):
+        report = report.relative_to(Path.cwd())
+    echo(f"report  {report}  ({shlex.join(['archfrag', 'open', str(named)])})")
 
 
 def _svg(context: click.Context, parameter: click.Parameter, path: Path | None) -> Any:

@@ -2,12 +2,12 @@
 
 from archfrag.physics.contact.laws import contact_of
 from archfrag.physics.contact.placing import at_point
+from archfrag.physics.contact.ties import tie_energy, tie_stretch
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import larger
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Energy
-from archfrag.physics.ties import tie_energy, tie_stretch
 
 # Kinetic energy of a chain that sways in rest, over its weight times its shortest joint.
 CALM = 1e-4
@@ -128,7 +128,7 @@ def record_calm(model, state, kinetic, where):
 def balance_energy(model, state):
     """Record the energy that no work explains; return the kinetic energy [J].
 
-    Reads: model, state (clock, energy, position, tie, velocity).
+    Reads: model, state.
     Writes: state.energy.
     """
     energy = state.energy

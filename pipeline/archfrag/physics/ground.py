@@ -71,7 +71,7 @@ def _integral(wave: np.ndarray, dt: float) -> np.ndarray:
 
 
 def _far(acceleration: np.ndarray, dt: float) -> np.ndarray:
-    """Acceleration (n, 2) that is linear between samples, its velocity and displacement."""
+    """Return acceleration (n, 2) that is linear between samples, its velocity and displacement."""
     velocity = np.column_stack([_integral(wave, dt) for wave in acceleration.T])
     rise = dt * velocity[:-1] + dt**2 / 6.0 * (2.0 * acceleration[:-1] + acceleration[1:])
     displacement = np.concatenate([np.zeros((1, 2)), np.cumsum(rise, axis=0)])
@@ -129,7 +129,7 @@ def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:
 
 @inlined
 def _impulse_until(time, acceleration, impulse, first, last, per_step, time_step):
-    """Integral of one motion from its first sample to `time` [m/s]."""
+    """Return the integral of one motion from its first sample to `time` [m/s]."""
     place = time * per_step
     if place <= 0.0:
         return 0.0
@@ -162,7 +162,8 @@ def _far_at(grounds, c, motion, time):
 
 @kernel
 def _far_between(grounds, clock, c, start, end):
-    """Displacement of the far springing in the middle, and mean velocities before and after it.
+    """Return the displacement of the far springing in the middle, and mean velocities before and
+    after it.
 
     Reads: grounds (far, first, time_step), clock.
     Writes: nothing.

@@ -45,7 +45,7 @@ class Options(NamedTuple):
     frame_interval: float  # least time between frames of the history [s]
     crowding: float  # mean time between events below which all voussoirs are stepped [s]
     largest_step: float = 0.0  # between impacts [s]; not above the shortest: all are equal
-    # What follows from these and the arch; see `archfrag.physics.methods.common.ready`.
+    # What follows from these and the arch; see `archfrag.physics.shared.ready`.
     still: float = 0.0  # speed below which the chain may be at rest [m/s]
     rest_plus: float = np.nan  # range of rest of the chain in its own geometry [g]; nan: not known
     rest_minus: float = np.nan
@@ -80,8 +80,8 @@ class MechanismLog(NamedTuple):
 
 
 @struct()
-class Results(NamedTuple):
-    """Results of runs, a row for each; every method returns them."""
+class Outcomes(NamedTuple):
+    """Outcomes of runs, a row for each; every method returns them."""
 
     status: np.ndarray  # (n_run,) archfrag.physics.status.Status
     end_time: np.ndarray  # (n_run,) [s]
@@ -92,5 +92,5 @@ class Results(NamedTuple):
     # (n_run, len(Count)) by archfrag.physics.status.Count
     count: np.ndarray  # type: ignore[assignment]
     energy: np.ndarray  # (n_run, len(Energy)) [J]
-    model_time: np.ndarray  # (n_run, len(Model)) simulated time in each model [s]
+    model_time: np.ndarray  # (n_run, len(Level)) time simulated at each levell [s]
     peak: np.ndarray  # (n_run, len(Peak))

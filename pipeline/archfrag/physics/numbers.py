@@ -6,7 +6,7 @@ from archfrag.physics.kernels.primitives import fused, lane, select, width
 
 @inlined
 def count_of(mask):
-    """In how many runs `mask` holds."""
+    """Return in how many runs `mask` holds."""
     count = 0
     for k in range(width(mask)):
         count += 1 if lane(mask, k) else 0
@@ -15,25 +15,25 @@ def count_of(mask):
 
 @inlined
 def dot(a, b):
-    """Scalar product of two vectors of three numbers."""
+    """Return the scalar product of two vectors of three numbers."""
     return fused(a[0], b[0], fused(a[1], b[1], a[2] * b[2]))
 
 
 @inlined
 def larger(x, y):
-    """The larger of two numbers; `y` where one is nan."""
+    """Return the larger of two numbers; `y` where one is nan."""
     return select(x > y, x, y)
 
 
 @inlined
 def smaller(x, y):
-    """The smaller of two numbers; `y` where one is nan."""
+    """Return the smaller of two numbers; `y` where one is nan."""
     return select(x < y, x, y)
 
 
 @inlined
 def flag(mask):
-    """One where `mask` holds, else zero."""
+    """Return one where `mask` holds, else zero."""
     return select(mask, 1.0, 0.0)
 
 
@@ -47,14 +47,14 @@ _QUARTER_LOW = 2.02226624879595063154e-21
 
 @inlined
 def nearest(x):
-    """Nearest integer, as a number."""
+    """Return the nearest integer, as a number."""
     return (x + _ROUNDER) - _ROUNDER
 
 
 @inlined
 def sine_cosine(angle):
-    """Sine and cosine of angles up to some thousand revolutions, right to two units in the last
-    place.
+    """Return the sine and cosine of angles up to some thousand revolutions, right to two units in
+    the last place.
 
     Reduced by quarter revolutions in three parts; polynomials of Sun's fdlibm (1993), `k_sin.c`
     and `k_cos.c`.

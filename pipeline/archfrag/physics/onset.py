@@ -104,7 +104,7 @@ def _add_body(problem, j, i, gravity, mass, weight, size, sense):
 def set_resultants(model, problem, weight, size):
     """Set ``problem.part``; forces are over the weight, moments over weight times size.
 
-    Reads: problem (centroid, part, pull).
+    Reads: model.mass, problem (centroid, part, pull).
     Writes: problem.part.
     """
     part, n_joint, n_body = problem.part, problem.part.shape[0], model.mass.shape[0] - 2
@@ -178,7 +178,7 @@ def set_inequalities(model, work, problem, size):
 
 @kernel
 def largest_load_factor(problem, n_row, sense):
-    """Dual simplex: maximise ``sense * x[3]`` subject to the inequalities, in four unknowns.
+    """Maximise ``sense * x[3]`` in four unknowns subject to the inequalities, by the dual simplex.
 
     Return whether it is feasible, and iterations; -1 if there are too many.
 
@@ -228,7 +228,7 @@ def largest_load_factor(problem, n_row, sense):
 
 @kernel
 def _leaving(problem, entering):
-    """Which of the tight inequalities the one that enters takes the place of; -1: none.
+    """Return which of the tight inequalities the one that enters takes the place of; -1: none.
 
     Reads: problem (bound, inverse, vertex).
     Writes: problem.vertex.

@@ -18,7 +18,9 @@ TOUCHING = 1e-6
 
 @inlined
 def _approach(j, k, work, scale):
-    """Rate at which a corner that may touch closes, by the law that is kept more nearly (Eq 5)."""
+    """Return the rate at which a corner that may touch closes, by the law that is kept more nearly
+    (Eq 5).
+    """
     rate = opening_rate(j, k, work.corner_rate[j, k, 0], work.corner_rate[j, k, 1], work)
     return max(0.0, -rate) / scale if work.candidate[j, k] > 0.5 else 0.0
 
@@ -30,7 +32,7 @@ def _arm(j, k, work):
 
 @kernel
 def _if_corner(j, k, model, work, scale, force):
-    """Violation of the laws by a joint taken to bear at one corner (Eqs 5, 6, 20, 23).
+    """Return the violation of the laws by a joint taken to bear at one corner (Eqs 5, 6, 20, 23).
 
     Reads: j, k, model.ray, work (candidate, corner_rate, known, reaction, side_normal).
     Writes: nothing.
@@ -64,7 +66,7 @@ def _if_corner(j, k, model, work, scale, force):
 
 @kernel
 def _if_closed(j, model, work, scale, force):
-    """Violation of the laws by a joint taken to bear at both corners (Eqs 5, 6).
+    """Return the violation of the laws by a joint taken to bear at both corners (Eqs 5, 6).
 
     Reads: model.friction, work (corner_rate, known, normal, pivot, point, reaction).
     Writes: nothing.

@@ -149,7 +149,9 @@ class Work(NamedTuple):
 
 
 def model_of(chain: Chain) -> Model:
-    """Model of a chain, with the ground before and behind it, which is kept with the chain."""
+    """Return the model of a chain, with the ground before and behind it, which is kept with the
+    chain.
+    """
     kept = chain.__dict__
     if "model" not in kept:
         kept["model"] = new_model(chain)

@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """Outcome of a run or a contact problem; `archfrag.errors` has a message for each."""
+    """Outcome of a run; `archfrag.simulation.response` has a message for each."""
 
     STANDING = 0
     COLLAPSED = 1
@@ -15,6 +15,19 @@ class Status(IntEnum):
     WORK_BOUND = 6
     NOT_APPLICABLE = 7
     INACCURATE = 8
+
+
+class Wait(IntEnum):
+    """Why a run waits or ends: ``state.clock[Clock.CODE]``. Up to PAUSE it goes on afterwards."""
+
+    GO = 0
+    UNSOLVED = 1  # contact modes that are not reconciled
+    PAUSE = 2  # something is due between steps
+    COLLAPSES = 3
+    AT_END = 4  # the time is up
+    EXHAUSTED = 5  # the work allowed is spent
+    BROKEN = 6  # positions overflowed
+    IDLE = 7  # at rest for good
 
 
 class CollapseMode(IntEnum):
@@ -36,8 +49,8 @@ class Loss(IntEnum):
     WIDEST = 3  # largest gap at both corners of a joint, over its length [1]
 
 
-class Model(IntEnum):
-    """Models of a chain, from the smallest to that of all voussoirs."""
+class Level(IntEnum):
+    """Levels of the model of a chain, from the smallest to that of all voussoirs."""
 
     REST = 0
     FOUR_HINGES = 1
@@ -64,7 +77,7 @@ class Cause(IntEnum):
 
 
 class Count(IntEnum):
-    """Entries of ``Results.count``."""
+    """Entries of ``Outcomes.count``."""
 
     STEPS = 0  # integration steps, of whatever method
     ITERATIONS = 1  # linear contact problems solved on all voussoirs
@@ -90,7 +103,7 @@ class Count(IntEnum):
 
 
 class Energy(IntEnum):
-    """Entries of ``Results.energy`` [J]."""
+    """Entries of ``Outcomes.energy`` [J]."""
 
     GROUND = 0  # work of the inertia forces of the ground motion
     POTENTIAL = 1  # gained in gravity
@@ -104,7 +117,7 @@ class Energy(IntEnum):
 
 
 class Peak(IntEnum):
-    """Entries of ``Results.peak``."""
+    """Entries of ``Outcomes.peak``."""
 
     ROTATION = 0  # of any body [rad]
     DISPLACEMENT = 1  # of any centroid [m]

@@ -1,4 +1,4 @@
-"""Figures of an arch: its shapes painted as SVG, its mechanism at onset, joints that it lost."""
+"""Figures of an arch: its marks painted as SVG, its mechanism at onset, joints that it lost."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch import Arch
-from archfrag.arch.shapes import AREAS, Shape
+from archfrag.arch.marks import AREAS, Mark
 from archfrag.fragility.counts import Verdict
 from archfrag.report import svg
 from archfrag.report.html import onset_text
@@ -21,9 +21,9 @@ _LINES: dict[str, tuple[Any, ...]] = {  # colour, width and dash of lines, by ro
 _MOST_NUMBERS = 15  # of joints in a figure
 
 
-def paint(panel: Panel, shapes: Iterable[Shape]) -> None:
-    """Draw shapes of an arch in a panel, each as its role asks for."""
-    for role, points, _ in shapes:
+def paint(panel: Panel, marks: Iterable[Mark]) -> None:
+    """Draw marks of an arch in a panel, each as its role asks for."""
+    for role, points, _ in marks:
         x, y = points.T
         if role in AREAS:
             d = svg.trace(panel.at_x(x), panel.at_y(y))
@@ -39,13 +39,13 @@ def arch_panel(
     ground: bool = False,
 ) -> Panel:  # fmt: skip
     """Draw an arch to scale below `top`, within a width and height [px]; return its panel."""
-    shapes = arch.shapes
-    points = np.concatenate([shape.points for shape in shapes if shape.role in AREAS])
+    marks = arch.marks
+    points = np.concatenate([mark.points for mark in marks if mark.role in AREAS])
     (left, low), size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-9)
     wide, high = (min(np.divide(most, size)) * size).tolist()
     box = (middle - 0.5 * wide, top, middle + 0.5 * wide, top + high)
     panel = Panel(sheet, box, (left, left + size[0]), (low, low + size[1]))
-    paint(panel, [shape for shape in shapes if ground or shape.role != "ground"])
+    paint(panel, [mark for mark in marks if ground or mark.role != "ground"])
     return panel
 
 
@@ -75,7 +75,7 @@ def _at_onset(
     panel = arch_panel(sheet, arch, middle, top + 20.0, (308.0, 260.0), ground=True)
     below = panel.box[3] + 15.0
     if towards:
-        paint(panel, onset.shapes(towards))
+        paint(panel, onset.marks(towards))
         sign = 1 if towards == "+x" else -1
         half = 0.16 * sign * np.ptp(panel.box[::2])
         line = f"M{middle - half:.1f} {below:.1f}H{middle + half:.1f}"

@@ -25,8 +25,8 @@ from archfrag.report.inputs import ArchResults, ReportInputs, report_inputs
 from archfrag.report.svg import NARROW, FloatArray, Panel, Sheet
 from archfrag.simulation.response import Response
 from archfrag.simulation.simulate import simulate
-from archfrag.study.file import meant
 from archfrag.study.file.schema import Study
+from archfrag.study.keys import meant
 
 KINDS = (".gif", ".mp4", ".svg")
 LONGEST = 8.0  # [s] of a run, shown in real time
@@ -251,7 +251,7 @@ def film(
         return scale * (points - np.asarray(at)) * (1.0, -1.0)
 
     rods = []  # left end [px], angle [degrees] and length [px] of each tie over time
-    for tie in (shape for shape in arch.shapes if shape.role == "tie"):
+    for tie in (mark for mark in arch.marks if mark.role == "tie"):
         left, right = pixels(tie.moved(arch.centroids, place, rotation)).swapaxes(0, 1)
         along = right - left
         angle = np.rad2deg(np.unwrap(np.arctan2(along[:, 1], along[:, 0])))

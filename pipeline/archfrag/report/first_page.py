@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from archfrag.arch import Arch
-from archfrag.arch.shapes import mechanism_shapes
+from archfrag.arch.marks import mechanism_marks
 from archfrag.files import counted
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.quoted import Answer
@@ -179,7 +179,7 @@ def _arches(inputs: ReportInputs) -> Iterator[Picture]:
     places, most = [leading_arch(inputs)], _MOST
     if len(inputs.quoted) == 2:
         both = [_place(inputs, *answer) for answer in inputs.quoted.items()]
-        drawn = [[s.points.tolist() for s in inputs.arches[place][1].shapes] for place in both]
+        drawn = [[s.points.tolist() for s in inputs.arches[place][1].marks] for place in both]
         if both[0] != both[1] and drawn[0] != drawn[1]:
             places, most = both, _SMALL
     named = bool(inputs.classes) or len(inputs.quoted) > 1
@@ -199,8 +199,8 @@ def _arch(name: str, arch: Arch, onset: Onset, named: bool, most: tuple[float, f
         return Picture(sheet.svg(f"{name}: {words}"), caption)
     towards = "-x" if onset.minus < 0.999 * onset.plus else "+x"
     limit, hinges, _ = onset.mechanism(towards)
-    paint(panel, mechanism_shapes(arch, hinges, ()))
-    roles = [shape.role for shape in arch.shapes]
+    paint(panel, mechanism_marks(arch, hinges, ()))
+    roles = [mark.role for mark in arch.marks]
     caption += f"Blue: {counted(roles.count('tie'), 'tie')}. " * ("tie" in roles)
     caption += "Dashed: the surface of the fill. " * ("earth" in roles)
     caption += f"Motion begins at {html.onset_text(limit)} of ground acceleration"

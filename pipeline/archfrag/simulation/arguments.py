@@ -14,28 +14,28 @@ COMMON = ("dt", "rtol", "follow")
 
 
 def method_names() -> tuple[str, ...]:
-    """Names of the methods that a study may use."""
+    """Return the names of the methods that a study may use."""
     return tuple(dict.fromkeys([AUTO, *METHODS]))
 
 
 def default_of(info: MethodInfo, name: str) -> float:
-    """Default of a setting; that of time stepping, or of auto, for a method without it."""
+    """Return default of a setting; that of time stepping, or of auto, for a method without it."""
     methods = (METHODS[AUTO], METHODS["time_stepping"], info)
     return {p.name: p.default for method in methods for p in method.parameters}[name]
 
 
 def is_available(info: MethodInfo) -> bool:
-    """Whether the package that a method needs, if any, is installed."""
+    """Return whether the package that a method needs, if any, is installed."""
     return info.needs is None or importlib.util.find_spec(info.needs) is not None
 
 
 def available_methods() -> tuple[str, ...]:
-    """Names of the methods that can run here, in the registry's order."""
+    """Return the names of the methods that can run here, in the registry's order."""
     return tuple(name for name, info in known_methods().items() if is_available(info))
 
 
 def check_method(name: Any) -> MethodInfo:
-    """The method of a name; `InputError` if there is none, or its package is not installed."""
+    """Return method of a name; `InputError` if there is none, or its package is not installed."""
     info = known_methods().get(name) if isinstance(name, str) else None
     if info is None:
         raise InputError(f"method is {name!r}; allowed are {', '.join(method_names())}")
@@ -45,7 +45,7 @@ def check_method(name: Any) -> MethodInfo:
 
 
 def own_parameters(info: MethodInfo) -> dict[str, Parameter]:
-    """Parameters of a method that no argument of `simulate` gives."""
+    """Return the parameters of a method that no argument of `simulate` gives."""
     return {p.name: p for p in info.parameters if p.name not in COMMON}
 
 

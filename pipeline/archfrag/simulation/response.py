@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import InputError
 from archfrag.physics.contact.laws import CLOSED_STICK
-from archfrag.physics.interface import Frames, MechanismLog, Results
-from archfrag.physics.status import Cause, CollapseMode, Count, Energy, Loss, Model, Peak, Status
+from archfrag.physics.interface import Frames, MechanismLog, Outcomes
+from archfrag.physics.status import Cause, CollapseMode, Count, Energy, Level, Loss, Peak, Status
 
 if TYPE_CHECKING:
     import xarray
@@ -69,8 +69,8 @@ CAUSE_WORDS = {
     Cause.QUIESCENT: "taken back from time stepping", Cause.END: "end of the run",
 }  # fmt: skip
 MODEL_WORDS = {
-    Model.REST: "rest", Model.FOUR_HINGES: "four hinges",
-    Model.MEGA_VOUSSOIRS: "mega-voussoirs", Model.ALL_VOUSSOIRS: "all voussoirs",
+    Level.REST: "rest", Level.FOUR_HINGES: "four hinges",
+    Level.MEGA_VOUSSOIRS: "mega-voussoirs", Level.ALL_VOUSSOIRS: "all voussoirs",
 }  # fmt: skip
 
 
@@ -85,7 +85,7 @@ class MechanismChange:
         too many to be kept.
     cause, model : str
         Why it changed, and the model from then on: names of `archfrag.physics.status.Cause` and
-        `archfrag.physics.status.Model` in lower case.
+        `archfrag.physics.status.Level` in lower case.
     joint : int
         Joint that caused it; -1 where none did.
     joints : dict of int to str
@@ -117,7 +117,7 @@ mega-voussoirs
         parts = [f"{name} {', '.join(members)}" for name, members in groups.items() if members]
         why = CAUSE_WORDS[Cause[self.cause.upper()]]
         where = f" at joint {self.joint}" if self.joint >= 0 else ""
-        parts = [*(parts or ["all joints closed"]), MODEL_WORDS[Model[self.model.upper()]]]
+        parts = [*(parts or ["all joints closed"]), MODEL_WORDS[Level[self.model.upper()]]]
         return f"{self.time:.4f} s  {why}{where}: {'; '.join(parts)}"
 
 
@@ -216,7 +216,9 @@ class Response:
         return animate(self, seconds, speed)
 
     def _arrays(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Times (n_time,) [s], displacements (n_time, n_voussoir, 2) [m], rotations [rad]."""
+        """Return the times (n_time,) [s], displacements (n_time, n_voussoir, 2) [m], rotations
+        [rad].
+        """
         if self.history is None:
             raise InputError("the response has no history; simulate with history=True")
         names = ("time", "displacement", "rotation")
@@ -224,8 +226,8 @@ class Response:
         return time, shift, turn
 
     def _window(self, seconds: float) -> tuple[float, float]:
-        """Times between which a film shows the run: up to its collapse, or about its largest
-        rotation; `seconds` at most. The same time twice if nothing moves.
+        """Return the times between which a film shows the run: up to its collapse, or about its
+        largest rotation; `seconds` at most. The same time twice if nothing moves.
         """
         assert self.arch is not None
         time, shift, turn = self._arrays()
@@ -250,7 +252,7 @@ class Response:
         return f"<Response {ended}; {peak}; {self.method}, {self.end_time:.4g} s>"
 
 
-def response_of(results: Results, row: int, method: str, wall_time: float) -> Response:
+def response_of(results: Outcomes, row: int, method: str, wall_time: float) -> Response:
     """Name what a method returned of one run, without a history."""
     status = Status(int(results.status[row]))
     of_run = results.count, results.energy, results.model_time, results.peak, results.loss
@@ -271,7 +273,7 @@ def response_of(results: Results, row: int, method: str, wall_time: float) -> Re
         residual_rotation=peak[Peak.END_ROTATION],
         residual_displacement=peak[Peak.END_DISPLACEMENT],
         events={name: int(count[entry]) for name, entry in _EVENTS.items()},
-        model_time={model.name.lower(): model_time[model] for model in Model},
+        model_time={model.name.lower(): model_time[model] for model in Level},
         energy_error=energy[Energy.BALANCE_ERROR_PEAK] / largest if largest > 0.0 else 0.0,
         energy={name: energy[entry] for name, entry in _ENERGY.items()},
         work={each.name.lower(): int(count[each]) for each in Count if each not in _NO_WORK},
@@ -286,7 +288,7 @@ def response_of(results: Results, row: int, method: str, wall_time: float) -> Re
 def empty_output(
     n_frame: int, n_entry: int, n_body: int, n_joint: int
 ) -> tuple[Frames, MechanismLog]:
-    """Space for so many frames of a history and entries of a log."""
+    """Return the space for so many frames of a history and entries of a log."""
     body, joint = (n_frame, n_body, 3), (n_frame, n_joint, 3)
     time, cause, joint_of_cause, model = (
         np.zeros(n_entry, code) for code in (np.float64, np.int8, np.int32, np.int8)
@@ -297,7 +299,8 @@ def empty_output(
 
 
 def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
-    """The frames that were written, with names and units; along time, voussoir, joint, component.
+    """Return the frames that were written, with names and units; along time, voussoir, joint,
+    component.
 
     Event-driven methods evaluate a frame at its instant; time stepping writes it where a step sets
     out, with the velocities between those half a step before and after and the mean reactions over
@@ -342,7 +345,7 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
 def mechanism_of(
     arch: Arch, log: MechanismLog, n_entry: int, end_time: float, from_rest: bool
 ) -> tuple[MechanismChange, ...]:
-    """Entries of a log in words, after the standstill in which the run began if it did.
+    """Return the entries of a log in words, after the standstill in which the run began if it did.
 
     `n_entry` changes were made: more than the log has space for if it was too small.
     """
@@ -359,7 +362,7 @@ def mechanism_of(
     until = np.append(log.time[1:kept], end_time if kept == n_entry else np.nan).tolist()
     changes = [
         MechanismChange(
-            time, to, Cause(cause).name.lower(), int(joint), Model(model).name.lower(),
+            time, to, Cause(cause).name.lower(), int(joint), Level(model).name.lower(),
             {int(j): words[mode[j]] for j in np.flatnonzero(mode != CLOSED_STICK)},
         )
         for time, to, cause, joint, model, mode in zip(

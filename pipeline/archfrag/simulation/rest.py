@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
-from archfrag.arch.shapes import Shape, mechanism_shapes
+from archfrag.arch.marks import Mark, mechanism_marks
 from archfrag.errors import InputError, UnitWarning
 from archfrag.physics.contact.path import new_path, solve_with_fallback
 from archfrag.physics.contact.placing import clearance, move_faces, place_contacts
-from archfrag.physics.methods.common import begin
+from archfrag.physics.contact.ties import pull_at_rest, pull_by_ties
 from archfrag.physics.onset import (
     HINGE_EXTRADOS,
     HINGE_INTRADOS,
@@ -25,8 +25,8 @@ from archfrag.physics.onset import (
     new_rest_problem,
     rest_limit,
 )
+from archfrag.physics.shared import begin
 from archfrag.physics.state import Model, State, Work, model_of, new_state, new_work
-from archfrag.physics.ties import pull_at_rest, pull_by_ties
 from archfrag.simulation.thrust import contact_centres, thrust_curve
 
 if TYPE_CHECKING:
@@ -98,7 +98,8 @@ class Onset:
         raise InputError(f"towards = {towards!r} must be +x or -x")
 
     def thrust_line(self, towards: str | None = None) -> NDArray[np.float64] | None:
-        """Thrust line for a drawing: contact centres, and curves between them, (n_point, 2) [m].
+        """Return the thrust line for a drawing: contact centres, and curves between them,
+        (n_point, 2) [m].
 
         Of self-weight, or of onset with the ground accelerating `towards` "+x" or "-x". None if
         contact centres are not known.
@@ -110,11 +111,11 @@ class Onset:
             load = limit if towards == "+x" else -limit
         return None if centre is None else thrust_curve(self.arch, centre, load)
 
-    def shapes(self, towards: str) -> list[Shape]:
+    def marks(self, towards: str) -> list[Mark]:
         """Return what a drawing shows of the mechanism: thrust lines, sliding joints, hinges."""
         lines = {"rest": self.thrust_line(), "thrust": self.thrust_line(towards)}
-        shapes = [Shape(role, line) for role, line in lines.items() if line is not None]
-        return shapes + mechanism_shapes(self.arch, *self.mechanism(towards)[1:])
+        marks = [Mark(role, line) for role, line in lines.items() if line is not None]
+        return marks + mechanism_marks(self.arch, *self.mechanism(towards)[1:])
 
     def plot(self, ax: Axes | None = None, towards: str | None = None) -> Axes:
         """Draw hinges, sliding joints and thrust line at onset, in `ax` or in new axes.
@@ -203,7 +204,7 @@ def onset(arch: Arch) -> Onset:
 
 
 def stays_at_rest(peak: float, start: Onset) -> bool:
-    """Whether a horizontal motion with this peak [g] moves an arch at no time."""
+    """Return whether a horizontal motion with this peak [g] moves an arch at no time."""
     return peak <= min(start.plus, start.minus)
 
 
@@ -226,18 +227,20 @@ def warn_if_in_g(motion: Motion, factor: float, start: Onset) -> None:
 
 
 def own_time(arch: Arch) -> float:
-    """Time in which things happen in an arch: root of its shortest joint over gravity [s]."""
+    """Return the time in which things happen in an arch: root of its shortest joint over gravity
+    [s].
+    """
     return math.sqrt(float(model_of(arch.chain).length.min()) / arch.chain.gravity)
 
 
 def at_rest(arch: Arch) -> tuple[NDArray, NDArray]:
-    """Position and velocity in which an arch is at rest, each (n_voussoir, 3)."""
+    """Return the position and velocity in which an arch is at rest, each (n_voussoir, 3)."""
     position = model_of(arch.chain).start[1:-1]
     return position.copy(), np.zeros_like(position)
 
 
 def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
-    """Displacement and velocity as arrays, each (n_voussoir, 3)."""
+    """Return the displacement and velocity as arrays, each (n_voussoir, 3)."""
     try:
         shift, velocity = (np.array(part, float) for part in initial)
     except (TypeError, ValueError) as error:
@@ -259,7 +262,7 @@ def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
 
 
 def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Work]:
-    """The chain with its bodies shifted from rest, and its joint faces there."""
+    """Return the chain with its bodies shifted from rest, and its joint faces there."""
     model = model_of(arch.chain)
     state, work = new_state(model), new_work(model)
     state.position[:] = model.start
@@ -274,7 +277,8 @@ def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:
 
 
 def static_limit(arch: Arch, start: Onset) -> float:
-    """Rotation at which the mechanism of onset is in unstable equilibrium under its weight [rad].
+    """Return the rotation at which the mechanism of onset is in unstable equilibrium under its
+    weight [rad].
 
     Rotation of the voussoir that rotates most, where the potential energy of the four-hinge
     linkage (of the one body of a block or a column) is largest: of a block arctan(width / height).
@@ -290,7 +294,9 @@ def static_limit(arch: Arch, start: Onset) -> float:
 
 
 def _limit(arch: Arch, hinges: list[Hinge], sense: float) -> float:
-    """Static limit of one mechanism in one sense; inf if the weight does not resist in it."""
+    """Return the static limit of one mechanism in one sense; inf if the weight does not resist in
+    it.
+    """
     # Points of the plane are complex numbers: x + i y.
     points = np.array([getattr(arch, side)[joint] @ [1.0, 1j] for joint, side in hinges])
     centroid = arch.centroids @ [1.0, 1j]

@@ -17,7 +17,7 @@ from archfrag.errors import ArchfragError, InputError, UnitWarning
 from archfrag.motions.motion import Motion
 from archfrag.physics.collapse import NOTED_GAP
 from archfrag.physics.ground import grounds_of
-from archfrag.physics.interface import Options, Results
+from archfrag.physics.interface import Options, Outcomes
 from archfrag.physics.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Count
@@ -244,8 +244,10 @@ def _checked_call(
 def results_of_runs(
     arch: Arch, motions: Sequence[Motion], factors: Sequence[float], *, far: Far = None,
     **given: Any,
-) -> tuple[Results, np.ndarray]:  # fmt: skip
-    """As `simulate_many`: what the kernels leave, a row for each run, and wall times [s]."""
+) -> tuple[Outcomes, np.ndarray]:  # fmt: skip
+    """Simulate many runs; return what the kernels leave, a row for each run, and wall times
+    [s].
+    """
     info, own, options = _checked_call(arch, motions, factors, **given)
     check_stands(arch)
     unique = list({id(motion): motion for motion in motions}.values())
@@ -265,7 +267,7 @@ def results_of_runs(
 def simulate_runs(
     arch: Arch, motions: Sequence[Motion], factors: Sequence[float], method: str, **given: Any
 ) -> list[Response]:
-    """As `simulate_many`, a response for each run."""
+    """Simulate many runs; return a response for each."""
     if arguments.check_method(method).load_many is None:
         pairs = zip(motions, factors, strict=True)
         with warnings.catch_warnings():
@@ -291,7 +293,7 @@ def simulate_many(
     factors : array_like, (n_run,)
         On the motions, vertical components included.
     method, rtol, dt, **more
-        As for `archfrag.simulate.simulate`, with far, follow, settings and loss_limit.
+        As for `archfrag.simulate`, with far, follow, settings and loss_limit.
 
     Returns
     -------

@@ -140,7 +140,9 @@ def move_springing(
 def _checked(
     arch: Arch, spread: float, settlement: float, rotation: float, springing: str
 ) -> tuple[int, int]:
-    """Joint of the springing that moves and the side of its ground, 0 before it or 1 behind."""
+    """Return the joint of the springing that moves and the side of its ground, 0 before it or 1
+    behind.
+    """
     if springing not in ("left", "right") or (springing == "right" and arch.free_end):
         allowed = "left" if arch.free_end else "left or right"
         raise InputError(f"springing = {springing!r} must be {allowed}")
@@ -174,14 +176,16 @@ def _place(
 
 
 def _crossing(before: float, after: float, held: float, margin: float) -> float:
-    """Part of a movement at which the margin of rest vanishes."""
+    """Return the part of a movement at which the margin of rest vanishes."""
     if not math.isfinite(margin) or margin >= 0.0:
         return after
     return before + (after - before) * held / (held - margin)
 
 
 def ground_of(motion: Motion, far: Far, arch: Arch) -> tuple[Any, ...]:
-    """Ground motion for kernels, with that of the right springing relative to the left one."""
+    """Return the ground motion for kernels, with that of the right springing relative to the left
+    one.
+    """
     own = motion.acceleration, motion.vertical, motion.dt
     if far is None:
         return own

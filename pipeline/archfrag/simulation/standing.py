@@ -10,9 +10,9 @@ import numpy as np
 from archfrag.arch import Arch
 from archfrag.arch.tie_rods import tie_name
 from archfrag.errors import GeometryError, StabilityError
+from archfrag.physics.contact.ties import tie_stretch
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Status, Tie
-from archfrag.physics.ties import tie_stretch
 from archfrag.simulation.response import STATUS_MESSAGE
 from archfrag.simulation.rest import Onset, onset
 
@@ -104,7 +104,9 @@ def prestress_text(arch: Arch) -> str:
 
 
 def _part_of_prestress(arch: Arch) -> float:
-    """Largest part of the prestress of its ties with which an arch stands; nan if with none."""
+    """Return the largest part of the prestress of its ties with which an arch stands; nan if with
+    none.
+    """
     ties = arch.chain.tie
     if ties is None:
         return math.nan

@@ -9,7 +9,7 @@ from archfrag.physics.state import Work
 
 
 def contact_centres(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Contact centres (Eq 34): where on each joint the reaction has no moment [m]."""
+    """Return the contact centres (Eq 34): where on each joint the reaction has no moment [m]."""
     point, normal = work.point, work.normal
     force, arm = reaction[:, :2], point[:, 0]
     press = np.einsum("jk,jk->j", force, normal)
@@ -22,7 +22,7 @@ def contact_centres(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def thrust_curve(arch: Arch, centre: NDArray, load: float) -> NDArray[np.float64]:
-    """Thrust line through contact centres under weights and a steady load [g].
+    """Return the thrust line through contact centres under weights and a steady load [g].
 
     Ties add forces to bodies; their lines between contact centres are straight.
     """

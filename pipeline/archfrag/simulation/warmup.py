@@ -59,12 +59,14 @@ def warmup(method: str | None = None, progress: Callable[[str], object] | None =
 
 
 def is_shipped() -> bool:
-    """Whether archfrag has LLVM code of the kernels as they are, for this kind of processor."""
+    """Return whether archfrag has LLVM code of the kernels as they are, for this kind of
+    processor.
+    """
     return all(load.is_shipped(name) for name in load.SETS)
 
 
 def kernels_are_compiled() -> bool:
-    """Whether `warmup` has only to load the kernels of a study."""
+    """Return whether `warmup` has only to load the kernels of a study."""
     return all(load.is_ready(name) for name in load.SETS)
 
 
@@ -96,7 +98,7 @@ def every(seconds: float, call: Callable[[], object]) -> Iterator[None]:
 
 
 def used_kernels() -> dict[str, list[Any]]:
-    """Kernels that studies call, by set; each with the types of its arguments."""
+    """Return the kernels that studies call, by set; each with the types of its arguments."""
     arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
     sets, known = dict[str, list[Any]](), set[Any]()
     motion = Motion(np.sin(np.arange(50.0)), dt=0.01)

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 
 def finished_folder(path: Path, overrides: Sequence[str]) -> Path | None:
-    """Folder of the results of a study file if nothing has changed since its run; else None.
+    """Return the folder of the results of a study file if nothing has changed since its run; else
+    None.
 
     None says little: the steps tell what is to be made again.
     """
@@ -35,7 +36,7 @@ def finished_folder(path: Path, overrides: Sequence[str]) -> Path | None:
 def stamp_of_all(
     study: "Study", path: Path, overrides: Sequence[str], made: Iterable[Path]
 ) -> dict[str, Any]:
-    """What `finished_folder` compares: files read and made, folders where more may appear.
+    """Return what `finished_folder` compares: files read and made, and folders that may get more.
 
     Empty if folders of records are found by a pattern: new ones may appear anywhere.
     """
@@ -55,7 +56,9 @@ def stamp_of_all(
 
 
 def _digest(path: Path, keys: dict[str, Any], watched: Sequence[str]) -> str:
-    """Digest of a study file and its keys, of the code, and of what is in files and folders."""
+    """Return the digest of a study file and its keys, of the code, and of what is in files and
+    folders.
+    """
     found = {
         place: sorted(os.listdir(place))
         if os.path.isdir(place)

@@ -41,12 +41,14 @@ def write_text(path: Path, text: str) -> None:
 
 
 def canonical_json(value: Any) -> str:
-    """One text for one value: sorted keys, no spaces, floats to their last bit."""
+    """Return one text for one value: sorted keys, no spaces, floats to their last bit."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
 def read_json(path: Path) -> Any:
-    """Value of a JSON file; OSError or ValueError if it cannot be read or holds something else."""
+    """Return the value of a JSON file; OSError or ValueError if it cannot be read or holds
+    something else.
+    """
     try:
         with opened(path) as file:
             return json.load(file)
@@ -55,7 +57,7 @@ def read_json(path: Path) -> Any:
 
 
 def digest_of(value: Any) -> str:
-    """SHA-256 of a value that JSON knows, 64 hexadecimal digits."""
+    """Return the SHA-256 of a value that JSON knows, 64 hexadecimal digits."""
     return hashlib.sha256(canonical_json(value).encode("utf-8", "surrogateescape")).hexdigest()
 
 
@@ -67,7 +69,7 @@ def files_of_code(*patterns: str) -> list[Path]:
 
 @functools.cache
 def digest_of_code(*patterns: str) -> str:
-    """SHA-256 of files of this package, 64 hexadecimal digits."""
+    """Return the SHA-256 of files of this package, 64 hexadecimal digits."""
     digest = hashlib.sha256()
     for path in files_of_code(*patterns):
         digest.update(str(path.relative_to(PACKAGE)).encode())
@@ -76,7 +78,7 @@ def digest_of_code(*patterns: str) -> str:
 
 
 def sha256_if_there(path: Path | str) -> str | None:
-    """SHA-256 of a file; None if there is none that can be read."""
+    """Return the SHA-256 of a file; None if there is none that can be read."""
     try:
         return sha256_of(Path(path))
     except (OSError, ValueError):
@@ -154,7 +156,7 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that results pass through."""
+    """Return the versions of Python and of the packages that results pass through."""
     found = {"archfrag": __version__, "python": platform.python_version()}
     for name in ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4"):
         with contextlib.suppress(PackageNotFoundError):
@@ -164,7 +166,8 @@ def versions() -> dict[str, str]:
 
 @functools.cache
 def commit() -> str:
-    """Git commit of the checkout that this package runs from, "-dirty" if it has changes.
+    """Return the git commit of the checkout that this package runs from, "-dirty" if it has
+    changes.
 
     Without one that of the wheel, of ARCHFRAG_COMMIT in the environment, or "unknown".
     """
@@ -182,12 +185,12 @@ def commit() -> str:
 
 
 def strict_json(value: Any) -> str:
-    """JSON that every reader takes: infinity as "inf"."""
+    """Return the JSON that every reader takes: infinity as "inf"."""
     return json.dumps(finite(value), ensure_ascii=False, allow_nan=False)
 
 
 def finite(value: Any, none: Any = str) -> Any:
-    """The value with text, or with `none`, in the place of floats that JSON does not know."""
+    """Return value with text, or with `none`, in the place of floats that JSON does not know."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value) if none is str else none
     if isinstance(value, dict):
@@ -198,7 +201,7 @@ def finite(value: Any, none: Any = str) -> Any:
 
 
 def available_cores() -> int:
-    """Cores that this process may use."""
+    """Return the cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)  # not on every system
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 

@@ -12,9 +12,9 @@ import pandas as pd
 from archfrag.errors import InputError
 from archfrag.motions.index import INDEX_NAME
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
-from archfrag.study.file import at
 from archfrag.study.file.motions import Motions
 from archfrag.study.file.records import read_sources
+from archfrag.study.keys import at
 
 if TYPE_CHECKING:
     from archfrag.motions.formats.columns import Columns

@@ -11,8 +11,11 @@ import time
 from collections.abc import Callable, Iterator
 from types import FrameType
 
+from tqdm import tqdm
+
 from archfrag.errors import OutputError
 from archfrag.files import cannot_write
+from archfrag.simulation.warmup import TICK, every
 from archfrag.study.file.schema import Study
 
 GRACE = 4.0  # after a signal, for the run to end by itself [s]
@@ -71,10 +74,6 @@ def stoppable() -> Iterator[Callable[[], None]]:
 @contextlib.contextmanager
 def clock(what: str, say: Callable[[str], None], quiet: bool) -> Iterator[None]:
     """Say how long a block took; at a terminal show meanwhile how long it has taken."""
-    from tqdm import tqdm
-
-    from archfrag.simulation.warmup import TICK, every
-
     started, form = time.perf_counter(), f"archfrag: {what}: {{elapsed}}"
     hidden = quiet or not sys.stderr.isatty()
     with tqdm(bar_format=form, leave=False, disable=hidden) as bar, every(TICK, bar.refresh):

@@ -13,15 +13,19 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import provenance
 from archfrag.study.answer.cube import attributes, write_cube
+from archfrag.study.answer.fits import fit_cube, fit_lines, load_fits
 from archfrag.study.done import stamp_of_all
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
 from archfrag.study.file.schema import Study
 from archfrag.study.running import clock, only_run
+from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.store import Plan, gather, make_plan
 from archfrag.study.validate import check_start
 
@@ -42,13 +46,13 @@ def batch_step(batch: int, batches: int) -> str:
 
 
 def step_names(study: Study) -> list[str]:
-    """All steps of a study in their order."""
+    """Return all steps of a study in their order."""
     count = study.execution.batches
     return ["motions", *(batch_step(i, count) for i in range(count)), "cube", "fit", "report"]
 
 
 def products(study: Study, step: str) -> list[Path]:
-    """Files that a step makes; parts of runs have checks of their own."""
+    """Return the files that a step makes; parts of runs have checks of their own."""
     if step.startswith("batch"):  # a table of its runs, with how long each took
         return [study.work / "runs" / f"{step}.csv"]
     if step == "motions":
@@ -68,17 +72,15 @@ def products(study: Study, step: str) -> list[Path]:
 
 
 def _tables(study: Study) -> list[Path]:
-    """Tables of the runs of all batches."""
+    """Return the tables of the runs of all batches."""
     return [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
 
 
 def read_timings(study: Study) -> dict[str, list[float]]:
-    """Wall times of the runs of each arch [s]; empty if their tables are not there."""
+    """Return the wall times of the runs of each arch [s]; empty if their tables are not there."""
     paths = _tables(study)
     if not all(path.is_file() for path in paths):
         return {}
-    import pandas as pd
-
     table = pd.concat([pd.read_csv(path, converters={"arch": str}) for path in paths])
     return {str(name): own.tolist() for name, own in table.groupby("arch")["wall_time"]}
 
@@ -102,27 +104,12 @@ def make_step(
         return finish(study, step)
     plan = plan or make_plan(study)
     if step.startswith("batch"):
-        from archfrag.study.runs.execute import run_batch
-
-        batch, batches = map(int, step.removeprefix("batch-").split("of"))
-        log, table = run_batch(study, batch, cores, quiet, plan)
-        (path,) = products(study, step)
-        make_folder(path.parent)
-        write_csv(path, [table])
-        name = f"batch {batch + 1} of {batches}: " if batches > 1 else "simulations: "
-        seconds, new = log["wall_time"] - log["compile_time"], log["runs"] - log["kept"]
-        told(
-            f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new; "
-            f"{seconds:.1f} s on {counted(log['workers'], 'core')}"
-        )
-        return None
+        return _make_batch(study, step, told, plan, cores, quiet)
     if compared is None and not out_of_date(study, step, plan):
         return None
     if step == "cube":
         told(f"cube: {write_cube(study, plan)}")
     elif step == "fit":
-        from archfrag.study.answer.fits import fit_cube, fit_lines
-
         require(study, "cube", plan)
         fitted = fit_cube(study)
         answers, cautions = fit_lines(study, fitted) if say else ([], [])
@@ -131,6 +118,23 @@ def make_step(
     elif report is not None:
         told(f"report: {report(study, compared)}")
     return finish(study, step, plan)
+
+
+def _make_batch(
+    study: Study, step: str, told: Say, plan: Plan, cores: int | None, quiet: bool
+) -> None:
+    """Make the runs of a batch that are missing, and the table of all its runs."""
+    batch, batches = map(int, step.removeprefix("batch-").split("of"))
+    log, table = run_batch(study, batch, cores, quiet, plan)
+    (path,) = products(study, step)
+    make_folder(path.parent)
+    write_csv(path, [table])
+    name = f"batch {batch + 1} of {batches}: " if batches > 1 else "simulations: "
+    seconds, new = log["wall_time"] - log["compile_time"], log["runs"] - log["kept"]
+    told(
+        f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new; "
+        f"{seconds:.1f} s on {counted(log['workers'], 'core')}"
+    )
 
 
 def finish(study: Study, step: str, plan: Plan | None = None) -> None:
@@ -159,15 +163,13 @@ def require(study: Study, step: str, plan: Plan | None = None) -> None:
 
 def finished(study: Study) -> "Fitted":
     """Return cube and answers of a study; InputError if they are out of date."""
-    from archfrag.study.answer.fits import load_fits
-
     require(study, "cube")
     require(study, "fit")
     return load_fits(study)
 
 
 def stale_steps(study: Study) -> tuple[list[str], list[str]]:
-    """Steps to be done, and what has changed since they were done last."""
+    """Return the steps to be done, and what has changed since they were done last."""
     names, inputs = step_names(study), study_inputs(study)
     try:
         if changed := provenance.changes(read_manifest(study)["inputs"], inputs, study.folder):
@@ -185,7 +187,9 @@ def stale_steps(study: Study) -> tuple[list[str], list[str]]:
 
 
 def _runs_are_there(study: Study, plan: Plan, before: dict[str, str] | None) -> bool:
-    """Whether all runs of a plan are made, and that of the cube `before`, if any, was the same."""
+    """Return whether all runs of a plan are made, and that of the cube `before`, if any, was the
+    same.
+    """
     now = {name: provenance.digest_of(digest) for name, digest in plan.digests.items()}
     if before is not None and not now.items() <= before.items():
         return False
@@ -196,7 +200,7 @@ def _runs_are_there(study: Study, plan: Plan, before: dict[str, str] | None) -> 
 
 
 def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
-    """Why the results of a step are not those of the study as it is; empty if they are."""
+    """Return why the results of a step are out of date; empty if they are not."""
     own = {os.path.relpath(path, study.folder): path for path in products(study, step)}
     main = next(iter(own.values()))
     before, made = provenance.read_stamp(study, step)
@@ -212,38 +216,57 @@ def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
 
 
 def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, str]:
-    """Digests of all that the results of a step follow from, by the names of messages."""
-    found: dict[str, Any] = {
-        "code": provenance.digest_of_code("**/*"),
-        "packages": provenance.versions(),
+    """Return digests of a step's inputs, by the names that messages use."""
+    code = {"code": provenance.digest_of_code("**/*"), "packages": provenance.versions()}
+    if step == "cube":
+        inputs = _inputs_of_cube(study, plan or make_plan(study))
+    else:
+        inputs = _INPUTS[step](study)
+    return {name: provenance.digest_of(value) for name, value in (code | inputs).items()}
+
+
+def _inputs_of_motions(study: Study) -> dict[str, Any]:
+    return {name: read_manifest(study)[name] for name in ("key", "inputs")}
+
+
+def _inputs_of_cube(study: Study, plan: Plan) -> dict[str, Any]:
+    return {
+        **plan.digests,
+        "attributes of arches": [(m.arch_class, m.attributes) for m in plan.arches],
+        "parameters of arches": [(m.id, m.values) for m in plan.arches],
+        "title": study.title, "institution": study.institution,
+        "settings": attributes(study, plan),
+        "motions": provenance.sha256_if_there(study.work / MANIFEST),
+    }  # fmt: skip
+
+
+def _inputs_of_fit(study: Study, before: Sequence[str] = ("cube",)) -> dict[str, Any]:
+    paths = [path for name in before for path in products(study, name)]
+    return {
+        **{path.name: provenance.sha256_if_there(path) for path in paths},
+        "report.confidence": study.report.confidence,
+        "limit_states": study.limit_states.model_dump(),
     }
-    if step == "motions":
-        found |= {name: read_manifest(study)[name] for name in ("key", "inputs")}
-    elif step == "cube":
-        plan = plan or make_plan(study)
-        found |= plan.digests | {
-            "attributes of arches": [(m.arch_class, m.attributes) for m in plan.arches],
-            "parameters of arches": [(m.id, m.values) for m in plan.arches],
-            "title": study.title, "institution": study.institution,
-            "settings": attributes(study, plan),
-        }  # fmt: skip
-    elif step in ("fit", "report"):
-        before = ("cube",) if step == "fit" else ("cube", "fit")
-        paths = [path for name in before for path in products(study, name)]
-        found |= {path.name: provenance.sha256_if_there(path) for path in paths}
-        found["report.confidence"] = study.report.confidence
-        found["limit_states"] = study.limit_states.model_dump()
-    if step in ("cube", "report"):
-        found["motions"] = provenance.sha256_if_there(study.work / MANIFEST)
-    if step == "report":
-        found["report"] = study.report.model_dump(exclude={"confidence", "logo"})
-        logo = Path(study.report.logo or "")
-        found["logo"] = [logo.name, provenance.sha256_if_there(logo)]
-        if study.risk is not None:
-            hazard = Path(study.risk.hazard)
-            given = study.risk.model_dump(exclude={"hazard"})
-            found["risk"] = [given, hazard.name, provenance.sha256_if_there(hazard)]
-    return {name: provenance.digest_of(value) for name, value in found.items()}
+
+
+def _inputs_of_report(study: Study) -> dict[str, Any]:
+    logo, risk = Path(study.report.logo or ""), {}
+    if study.risk is not None:
+        hazard = Path(study.risk.hazard)
+        given = study.risk.model_dump(exclude={"hazard"})
+        risk = {"risk": [given, hazard.name, provenance.sha256_if_there(hazard)]}
+    return {
+        **_inputs_of_fit(study, ("cube", "fit")),
+        "motions": provenance.sha256_if_there(study.work / MANIFEST),
+        "report": study.report.model_dump(exclude={"confidence", "logo"}),
+        "logo": [logo.name, provenance.sha256_if_there(logo)],
+        **risk,
+    }
+
+
+_INPUTS: dict[str, Callable[[Study], dict[str, Any]]] = {
+    "motions": _inputs_of_motions, "fit": _inputs_of_fit, "report": _inputs_of_report,
+}  # fmt: skip
 
 
 def run_study(

@@ -16,8 +16,13 @@ from xml.parsers import expat
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
+from archfrag.arch.drawing import read_drawing
+from archfrag.arch.facts import facts_text, unit_cautions
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import cannot_write, counted, make_folder, read_bytes
+from archfrag.simulation.rest import stays_at_rest
+from archfrag.simulation.simulate import onset
+from archfrag.simulation.standing import arch_cautions
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import Members, check_standing, checked
 from archfrag.study.file.records import (
@@ -28,6 +33,7 @@ from archfrag.study.file.records import (
     read_sources,
 )
 from archfrag.study.file.schema import Study, study_schema
+from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import OWNER, PACKAGE, read_state, refuse_foreign_cube
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
@@ -38,7 +44,9 @@ MOST_ASKED = 12  # arches, records
 
 
 def shipped_folder() -> Path:
-    """Folder with Snakefile, rules and records: the checkout, or one of the installed package."""
+    """Return the folder with Snakefile, rules and records: the checkout, or one of the installed
+    package.
+    """
     for folder in (PACKAGE.parents[1], PACKAGE / "workflow"):
         if (folder / "Snakefile").is_file() and (folder / "pipeline" / "rules").is_dir():
             return folder
@@ -62,7 +70,9 @@ def write_starter(folder: Path) -> Path:
 
 
 def suspicious(records: Sequence[PreparedRecord]) -> tuple[str, ...]:
-    """Cautions on records by their files and samples, each with the records that it is on."""
+    """Return the cautions on records by their files and samples, each with the records that it is
+    on.
+    """
     alike: dict[str, list[str]] = {}
     for record in records:
         for text in record.cautions:
@@ -79,11 +89,6 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
 
     Only the first arches are looked at.
     """
-    from archfrag.arch.facts import unit_cautions
-    from archfrag.simulation.rest import stays_at_rest
-    from archfrag.simulation.simulate import onset
-    from archfrag.simulation.standing import arch_cautions
-
     levels = np.array(study.intensity.si) / STANDARD_GRAVITY
     known = study.intensity.measure == "PGA" and not study.motions.vertical
     found_of: dict[str, list[str]] = {}  # ids of the arches of which a text is true
@@ -118,9 +123,7 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
 
 
 def read_from_drawing(entry: ArchEntry) -> list[str]:
-    """Text on the blocks of a drawing, the span first, and a caution if it shows more."""
-    from archfrag.arch.drawing import read_drawing
-
+    """Return a text on the blocks of a drawing, span first, and a caution if it shows more."""
     path = Path(str(entry.drawing))
     drawn = read_drawing(path, entry.layer, entry.unit)
     layer, unit = f"layer {drawn.layer}", drawn.unit
@@ -137,16 +140,16 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
 
 
 def arch_texts(study: Study) -> tuple[str, ...]:
-    """Weights, forces and places of the first arches of a study, of a class those of its first."""
-    from archfrag.arch.facts import facts_text
-
+    """Return the weights, forces and places of the first arches of a study, of a class those of
+    its first.
+    """
     first = {member.arch_class: member for member in reversed(study.members)}
     some = list(reversed(first.values()))[:MOST_ASKED]
     return tuple(f"{member.id}: {facts_text(member.entry.build())}" for member in some)
 
 
 def logo_url(logo: str) -> str:
-    """A picture as a data URL; InputError if it is missing, too large or of another kind.
+    """Return a picture as a data URL; InputError if it is missing, too large or of another kind.
 
     Its kind follows from its content: the first bytes of PNG and JPEG, the root element of SVG.
     """
@@ -170,8 +173,6 @@ def logo_url(logo: str) -> str:
 def check_start(study: Study) -> None:
     """Check hazard, logo, and that the output folder may take results; nothing is created."""
     if (risk := study.risk) is not None:
-        from archfrag.study.hazard import load_hazard
-
         load_hazard([Path(risk.hazard)], study.intensity.measure, risk.unit, risk.site)
     if study.report.logo is not None:
         logo_url(study.report.logo)

@@ -1,8 +1,8 @@
 """What kernels read and write, found in their syntax trees, as their docstrings tell it.
 
 An effect is a path from an argument: ``state.clock``, or the argument where it is an array. What a
-kernel hands to another counts as what that does with it. ``python -m tests.physics.kernels.effects``
-writes the two lines into the docstrings of the package's kernels.
+kernel hands to another counts as what that does with it.
+``python -m tests.physics.kernels.effects`` writes the two lines into the docstrings of kernels.
 """
 
 import ast
@@ -13,7 +13,7 @@ from pathlib import Path
 import archfrag
 
 PACKAGE = Path(archfrag.__file__).parent
-FOLDERS = ("mechanics", "methods")
+FOLDERS = ("physics", "motions")
 LINES = re.compile(r"\n+ *Reads:.*?(?=\s*$)", re.DOTALL)
 MOST = 6  # fields of one argument that are named; of more the argument is
 
@@ -31,10 +31,13 @@ def kernels():
 
 
 class Effects(ast.NodeVisitor):
-    """Paths that a kernel reads and writes; `known` are those of the others by (file, name)."""
+    """Paths that a kernel reads and writes; `known` are those of the others by name.
 
-    def __init__(self, node, known):
-        self.known = known
+    `settled` are these after a first pass: what they neither read nor write there is a number.
+    """
+
+    def __init__(self, node, known, settled):
+        self.known, self.settled = known, settled
         self.reads, self.writes = set(), set()
         self.paths = {each.arg: each.arg for each in node.args.args}
         for statement in node.body:
@@ -107,7 +110,15 @@ class Effects(ast.NodeVisitor):
                     root, dot, rest = path.partition(".")
                     if places.get(root):
                         own.add(f"{places[root]}{dot}{rest}")
-            others = [each for each, path in zip(node.args, given, strict=True) if path is None]
+            _, reads, writes = self.settled.get(name, ((), set(names), set()))
+            used = {path.partition(".")[0] for path in reads | writes}
+            numbers = {
+                each for each, root in zip(node.args, names, strict=False) if root not in used
+            }
+            others = [
+                each for each, path in zip(node.args, given, strict=True)
+                if path is None or (isinstance(each, ast.Subscript) and each in numbers)
+            ]  # fmt: skip
         else:
             others = node.args
         for each in others:
@@ -116,6 +127,10 @@ class Effects(ast.NodeVisitor):
 
 def all_effects():
     """Effects of all kernels by name: arguments, what is read, what is written."""
+    return _effects(_effects({}))
+
+
+def _effects(settled):
     trees = kernels()
     known = {
         name: ([each.arg for each in found[0][1].args.args], set(), set())
@@ -126,7 +141,7 @@ def all_effects():
         changed = False
         for name, found in trees.items():
             for _, node, _ in found:
-                effects = Effects(node, known)
+                effects = Effects(node, known, settled)
                 names, reads, writes = known[name]
                 if not (effects.reads <= reads and effects.writes <= writes):
                     known[name] = names, reads | effects.reads, writes | effects.writes

@@ -73,8 +73,12 @@ def test_only_what_kernels_are_made_of_counts(tmp_path):
     package = clone(tmp_path)
     code = "from archfrag.physics.kernels.cache import kernel_hash; print(kernel_hash())"
     before = python(code, PYTHONPATH=tmp_path)
-    for name, same in (("registry.py", True), ("auto.py", True), ("common.py", False)):
-        with open(package / "methods" / name, "a", encoding="utf-8") as file:
+    for name, same in (
+        ("methods/registry.py", True),
+        ("methods/auto.py", True),
+        ("shared.py", False),
+    ):
+        with open(package / "physics" / name, "a", encoding="utf-8") as file:
             file.write("\n# edited\n")
         assert (python(code, PYTHONPATH=tmp_path) == before) is same
 

@@ -190,6 +190,6 @@ def outer(work, state, factor):
     return total
 """
     known = {"inner": (["out", "work"], {"work.point"}, {"out"})}
-    found = effects.Effects(ast.parse(code).body[0], known)
+    found = effects.Effects(ast.parse(code).body[0], known, {})
     assert found.reads == {"work.face", "state.slip", "work.point"}
     assert found.writes == {"state.slip", "state.force"}

@@ -12,12 +12,12 @@ import llvmlite.binding as llvm
 import numpy as np
 import psutil
 import pytest
-from archfrag.simulate import results_of_runs
 
 import archfrag as af
 from archfrag.physics.kernels import __main__ as ready
-from archfrag.physics.kernels import load
+from archfrag.physics.kernels import load, processor
 from archfrag.physics.kernels.cache import source_hash
+from archfrag.simulation.simulate import results_of_runs
 
 BUILD = "python -m archfrag.physics.kernels build"
 MADE_ON = "znver4"
@@ -100,15 +100,15 @@ def runs(name):
     return found
 
 
-@pytest.mark.skipif(not load.has_common_features(), reason="needs the processor's features")
+@pytest.mark.skipif(not processor.has_common_features(), reason="needs the processor's features")
 def test_machine_code_for_this_processor_and_for_any_gives_the_same_bits(monkeypatch):
-    from archfrag.methods.time_stepping.run import run_four
+    from archfrag.physics.steps.run import run_four
 
     here = runs("time_stepping")
     (key,) = list(run_four._entries)[:1]
     entry = run_four._entries.pop(key)
     code = llvm.parse_bitcode(load._shipped("steps")[2])
-    common = load.machine(load.PROCESSOR).emit_object(code)
+    common = processor.machine(processor.PROCESSOR).emit_object(code)
     monkeypatch.setattr(load, "_found", {})
     load._take((load._shipped("steps")[1], common), (run_four.name, key))
     monkeypatch.setattr(load, "called", [])
@@ -120,7 +120,6 @@ def test_machine_code_for_this_processor_and_for_any_gives_the_same_bits(monkeyp
     assert len(set(here.status.tolist())) == 2
 
 
-@pytest.mark.slow
 def test_it_is_made_again_to_the_last_byte(tmp_path):
     """On another processor numba may have optimised its own small functions otherwise."""
     subprocess.run(

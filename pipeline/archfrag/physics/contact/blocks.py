@@ -94,7 +94,7 @@ def _solve_block(f, x, y, z):
 
 @inlined
 def _block(f, j):
-    """An eliminated block as nine numbers."""
+    """Return an eliminated block as nine numbers."""
     return (
         f[j, 0, 0], f[j, 0, 1], f[j, 0, 2],
         f[j, 1, 0], f[j, 1, 1], f[j, 1, 2],
@@ -322,7 +322,8 @@ def correct(model, position, work, enough):
 
 @kernel
 def solve_modes(model, position, work, scale, precision, first):
-    """Motion of all bodies (Eqs 26, 27) in the present modes, ``work.contact`` and ``work.slide``.
+    """Return the motion of all bodies (Eqs 26, 27) in the present modes, ``work.contact`` and
+    ``work.slide``.
 
     From contacts and velocities without reactions in ``work.free``, the largest relative one of
     which is `scale`; `solved`, `reaction`, `relative` and `corner_rate` are overwritten.

@@ -31,11 +31,24 @@ def corner_mode(corner, slide):
 
 
 @inlined
+def corners_of(mode):
+    """Return whether a joint of this mode touches at corner 0, and at corner 1."""
+    corners = (mode + 2) // 3
+    return corners & 1, corners >> 1
+
+
+@inlined
+def slide_of(mode):
+    """Return the sense of friction: 1 along the tangent, -1 against it, 0 if the joint sticks."""
+    sense = (mode + 2) % 3
+    return 0.0 if mode == OPEN or sense == 0 else (1.0 if sense == 1 else -1.0)
+
+
+@inlined
 def set_mode(work, j, mode):
     """Write a mode into ``work.contact`` and ``work.slide``."""
-    corners, sense = (mode + 2) // 3, (mode + 2) % 3
-    work.contact[j, 0], work.contact[j, 1] = corners & 1, corners >> 1
-    work.slide[j] = 0.0 if corners == 0 or sense == 0 else (1.0 if sense == 1 else -1.0)
+    work.contact[j, 0], work.contact[j, 1] = corners_of(mode)
+    work.slide[j] = slide_of(mode)
 
 
 @inlined
@@ -95,7 +108,7 @@ def cone_rays(j, model, ax, ay, bx, by):
 
 @kernel
 def functions_if_open(j, work, value, target):
-    """Opening rates of corner 0 by the two normals, then those of corner 1 (Eqs 5, 23).
+    """Write the opening rates of corner 0 by the two normals, then those of corner 1 (Eqs 5, 23).
 
     Reads: work (candidate, corner_rate, known, side_normal).
     Writes: value, target.
@@ -114,7 +127,8 @@ def functions_if_open(j, work, value, target):
 
 @kernel
 def functions_if_closed(j, model, work, value, target):
-    """Normal forces at both corners, then Coulomb's limits of either sense, or the slip rate.
+    """Write normal forces at both corners, then Coulomb's limits of either sense, or the slip
+    rate.
 
     Reads: model.friction, work.
     Writes: value, target.
@@ -134,7 +148,8 @@ def functions_if_closed(j, model, work, value, target):
 
 @kernel
 def functions_if_corner(j, model, work, value, target):
-    """Margins of the cones about both normals, or force and slip rate; then the other corner.
+    """Write margins of the cones about both normals, or force and slip rate; then the other
+    corner.
 
     Reads: model.ray, work.
     Writes: value, target.

@@ -11,10 +11,10 @@ import math
 
 from archfrag.physics.contact.laws import MINUS, PLUS, closed_forces, cone_rays, opening_rate
 from archfrag.physics.contact.placing import corner_velocity, relative_velocity
+from archfrag.physics.contact.ties import ask_ties, solve_with_ties, start_ties, take_asked
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import count_of, flag, larger
-from archfrag.physics.ties import ask_ties, solve_with_ties, start_ties, take_asked
 
 # Part of the bodies' velocities below which relative ones are not distinguished.
 ROUNDING = 1e-5
@@ -126,7 +126,7 @@ def velocity_scale(position, work):
     At least what rounding leaves of velocities, for a chain in flight that moves as one body.
     ``work.relative`` is overwritten.
 
-    Reads: position, work (candidate, free, pivot, point).
+    Reads: position, work (candidate, free, pivot, point, relative).
     Writes: work.relative.
     """
     relative_velocity(position, work.free, work.pivot, work.relative)
@@ -158,7 +158,9 @@ def largest_force(work):
 
 @inlined
 def closes_soon(j, k, work, ahead):
-    """Whether an open corner will touch within the time `ahead` after its bias's own time."""
+    """Return whether an open corner will touch within the time `ahead` after its bias's own
+    time.
+    """
     ux = (1.0 + ahead) * work.corner_rate[j, k, 0] - ahead * work.bias[j, k, 0]
     uy = (1.0 + ahead) * work.corner_rate[j, k, 1] - ahead * work.bias[j, k, 1]
     asks = (work.asked_contact[j, k] > 0.5) | (opening_rate(j, k, ux, uy, work) < 0.0)

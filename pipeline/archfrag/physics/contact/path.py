@@ -21,24 +21,35 @@ from archfrag.physics.contact import blocks, laws
 from archfrag.physics.contact.blocks import Precision
 from archfrag.physics.contact.modes import solve_contact, velocity_scale
 from archfrag.physics.contact.placing import corner_velocity, relative_velocity
+from archfrag.physics.contact.ties import push_by_ties, start_ties
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.onset import RestProblem, new_rest_problem
 from archfrag.physics.state import Model
 from archfrag.physics.status import Count
-from archfrag.physics.ties import push_by_ties, start_ties
 
 # Friction without limit is at most this in between; at its end joints stick again.
 PATH_FRICTION = 1e3
-# Paths to try: compliance of the joints, which keeps the pieces of hyperstatic ones regular, and
-# velocities at the start over those of the problem. The first path begins in the given modes, the
-# second in those in which it ended, all others with all joints open.
-PATHS = (
-    (1e-10, 1.0), (1e-7, 1.0), (1e-6, 10.0), (1e-8, 1.0), (1e-6, 0.1), (1e-10, 10.0),
-    (1e-6, 1.0), (1e-5, 1.0), (1e-4, 1.0),
+# Modes that a path begins with.
+GIVEN, REACHED, ALL_OPEN = 0, 1, 2
+
+
+class Attempt(NamedTuple):
+    """A path to try."""
+
+    compliance: float  # of the joints: it keeps the pieces of hyperstatic ones regular
+    size: float  # velocities at the start over those of the problem
+    start: int  # GIVEN modes, those REACHED by the path before, or ALL_OPEN
+    soft: bool  # whether joints stay compliant at the end
+
+
+ATTEMPTS = (
+    Attempt(1e-10, 1.0, GIVEN, False), Attempt(1e-7, 1.0, REACHED, False),
+    Attempt(1e-6, 10.0, ALL_OPEN, False), Attempt(1e-8, 1.0, ALL_OPEN, False),
+    Attempt(1e-6, 0.1, ALL_OPEN, False), Attempt(1e-10, 10.0, ALL_OPEN, False),
+    Attempt(1e-6, 1.0, ALL_OPEN, True), Attempt(1e-5, 1.0, ALL_OPEN, True),
+    Attempt(1e-4, 1.0, ALL_OPEN, True),
 )  # fmt: skip
-# On the paths behind so many joints stay compliant.
-RIGID = 6
 # Where a corner is neither compressed nor opening, rounding decides: such a state may break a
 # law by this much, relative, and its residual shows it. Where joints have to be rigid, so many
 # paths may end exactly first.
@@ -81,7 +92,7 @@ NO_BREAK = Break(-1, np.inf, laws.OPEN, -1)
 
 
 def new_path(model: Model) -> Path:
-    """Workspace for the chain of a model."""
+    """Return the workspace for the chain of a model."""
     n_joint = model.friction.size
     friction = np.minimum(model.friction, PATH_FRICTION)
     limited = model._replace(friction=friction, ray=np.stack([np.ones(n_joint), friction], axis=1))
@@ -195,8 +206,9 @@ def direction_after(path, j, mode, left):
     for f in range(N_FUNCTION):
         back = path.target[j, f] == left
         if mode == laws.OPEN:
-            corner = (left + 2) // 3 - 1
-            back = f == 2 * corner + (0 if (left + 2) % 3 == 1 else 1)
+            # An open joint has two functions a corner, by the two senses of friction.
+            at_0, at_1 = laws.corners_of(left)
+            back = f == 2 * (at_0 + 2 * at_1 - 1) + (0 if laws.slide_of(left) > 0.0 else 1)
         if back:
             direction = ON if path.at_end[j, f] > path.at_start[j, f] else BACK
     return direction
@@ -345,27 +357,29 @@ def solve_by_path(model, position, work, path, exact):
     iterations, breaks = 0.0, 0
     if not math.isfinite(scale):
         return False, False, iterations, breaks
-    for attempt in range(RIGID if exact else len(PATHS)):
-        (compliance, size), soft = PATHS[attempt], attempt >= RIGID
-        if attempt == 1:
+    for number in range(len(ATTEMPTS)):
+        attempt = ATTEMPTS[number]
+        if exact and attempt.soft:
+            break
+        if attempt.start == REACHED:
             copy_modes(path, work)
-        elif attempt > 1:
+        elif attempt.start == ALL_OPEN:
             for j in range(work.slide.size):
                 laws.set_mode(work, j, laws.OPEN)
-        breaks += follow_path(position, work, path, size * scale, compliance)
+        breaks += follow_path(position, work, path, attempt.size * scale, attempt.compliance)
         push_by_ties(path.model, work, work.free, -1.0)
         _stick_rough(model, work)
         copy_modes(work, path)
-        for loose in range(1 if soft or (exact and attempt < EXACT_PATHS) else 2):
+        for loose in range(1 if attempt.soft or (exact and number < EXACT_PATHS) else 2):
             copy_modes(path, work)
-            slack = DEGENERATE if loose or soft else blocks.EXACT.slack
+            slack = DEGENERATE if loose or attempt.soft else blocks.EXACT.slack
             precision = Precision(blocks.EXACT.compliance, slack, slack)
-            if soft:
-                precision = Precision(compliance, slack, np.inf)
+            if attempt.soft:
+                precision = Precision(attempt.compliance, slack, np.inf)
             solved, _, _, more = solve_contact(model, position, work, True, 0.0, -1.0, precision)
             iterations += more
             if solved:
-                return True, soft, iterations, breaks
+                return True, attempt.soft, iterations, breaks
     return False, False, iterations, breaks
 
 

@@ -18,7 +18,8 @@ BEFORE, AFTER = 0, 1
 
 @inlined
 def later_vertex_meets(corner, slip):
-    """Whether the contact at a corner of a slipped joint is the later body's vertex (Eq 23a).
+    """Return whether the contact at a corner of a slipped joint is the later body's vertex (Eq
+    23a).
 
     Slip towards the extrados moves the later body's intrados vertex over the earlier body's
     face, and the earlier body's extrados vertex under the later body's.
@@ -99,7 +100,9 @@ def corner_offset(j, k, face, tangent, slip):
 
 @inlined
 def corner_slip(j, dx, dy, first, tangent):
-    """Slip of a joint whose corners are (dx, dy) apart, touching at corner 0 if `first` [m]."""
+    """Return the slip of a joint whose corners are (dx, dy) apart, touching at corner 0 if `first`
+    [m].
+    """
     slip = tangent[j, BEFORE, 0] * dx + tangent[j, BEFORE, 1] * dy
     by_b = tangent[j, AFTER, 0] * dx + tangent[j, AFTER, 1] * dy
     return select((slip >= 0.0) ^ opposite(first), slip, by_b)
@@ -163,20 +166,24 @@ def place_chain(model, position, joints, least, slip, work):
 
 @inlined
 def at_point(vx, vy, rotation, px, py):
-    """Velocity at a point (px, py) from the pivot, of a body that moves by (vx, vy, rotation)."""
+    """Return the velocity at a point (px, py) from the pivot, of a body that moves by (vx, vy,
+    rotation).
+    """
     return vx - rotation * py, vy + rotation * px
 
 
 @inlined
 def corner_velocity(j, k, relative, work):
-    """Relative velocity of the two faces at a corner, from that at the pivot."""
+    """Return the relative velocity of the two faces at a corner, from that at the pivot."""
     px, py = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
     return at_point(relative[j, 0], relative[j, 1], relative[j, 2], px, py)
 
 
 @inlined
 def corner_rate_at(j, px, py, position, velocity):
-    """Velocity at a point of the body after joint j relative to the one before it (Eq 22)."""
+    """Return the velocity at a point of the body after joint j relative to the one before it (Eq
+    22).
+    """
     w, v = velocity[j + 1, 2], velocity[j, 2]
     ux = velocity[j + 1, 0] - w * (py - position[j + 1, 1])
     uy = velocity[j + 1, 1] + w * (px - position[j + 1, 0])
@@ -187,9 +194,10 @@ def corner_rate_at(j, px, py, position, velocity):
 
 @kernel
 def relative_velocity(position, velocity, pivot, out):
-    """Velocity of the body after each joint relative to the one before it, at pivots (Eq 22).
+    """Find the velocity of the body after each joint relative to that before it, at pivots (Eq
+    22).
 
-    Reads: position, velocity.
+    Reads: position, velocity, pivot.
     Writes: out.
     """
     for j in range(pivot.shape[0]):

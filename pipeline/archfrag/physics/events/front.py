@@ -2,15 +2,15 @@
 
 import numpy as np
 
+from archfrag.physics import shared
 from archfrag.physics.contact.path import new_path
 from archfrag.physics.events.integrate import FIRST, Progress, Run
 from archfrag.physics.events.locate import new_motion
 from archfrag.physics.events.phases import ACCUMULATION, BY_UNSOLVED, follow_phases
 from archfrag.physics.events.runge_kutta import FIFTH_ORDER, THIRD_ORDER
 from archfrag.physics.ground import Grounds, one_of
-from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.mega_voussoirs.assemble import new_mega_voussoirs
-from archfrag.physics.methods import common
 from archfrag.physics.state import Model, model_of, new_state, new_work
 from archfrag.physics.status import Count
 from archfrag.physics.steps.run import UNKNOWN, rest_of
@@ -37,24 +37,24 @@ def new_run(model: Model, grounds: Grounds, options: Options, rest: tuple[float,
         model=model, state=state, work=new_work(model),
         mega=new_mega_voussoirs(model, state.tie), motion=motion, progress=progress,
         recent=np.full(ACCUMULATION, -np.inf), outward=np.zeros(model.mass.size),
-        grounds=grounds, path=new_path(model), options=common.ready(options, model, rest),
+        grounds=grounds, path=new_path(model), options=shared.ready(options, model, rest),
     )  # fmt: skip
 
 
-def _refused(chain: Chain, options: Options, results: Results) -> Results:
-    common.refuse(results, np.flatnonzero(~common.is_accurate(chain, options, results, ROUNDING)))
+def _refused(chain: Chain, options: Options, results: Outcomes) -> Outcomes:
+    shared.refuse(results, np.flatnonzero(~shared.is_accurate(chain, options, results, ROUNDING)))
     return results
 
 
 def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-) -> Results:  # fmt: skip
+) -> Outcomes:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`."""
-    model, results = model_of(chain), common.new_results(1)
+    model, results = model_of(chain), shared.new_results(1)
     rest = rest_of(model) if from_rest else UNKNOWN
     given = new_run(model, one_of(grounds, 0, factor), options, rest)
-    state, output = given.state, common.output_to(frames, log, options.frame_interval)
+    state, output = given.state, shared.output_to(frames, log, options.frame_interval)
     state.position[1:-1], state.velocity[1:-1] = position, velocity
     at_rest = from_rest and not np.isnan(given.options.rest_plus)
     follow_phases(given, at_rest, output, results, 0)
@@ -65,10 +65,12 @@ def run(
 
 def run_many(
     chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
-) -> Results:
-    """One run after the other; as `archfrag.physics.steps.run.run_many`."""
-    model, results = model_of(chain), common.new_results(len(motion))
-    rest, output = rest_of(model), common.no_output(chain.mass.size, chain.friction.size)
+) -> Outcomes:
+    """Make runs one after the other; arguments are those of
+    `archfrag.physics.steps.run.run_many`.
+    """
+    model, results = model_of(chain), shared.new_results(len(motion))
+    rest, output = rest_of(model), shared.no_output(chain.mass.size, chain.friction.size)
     for row, (number, by) in enumerate(zip(motion, factor)):
         given = new_run(model, one_of(grounds, number, by), options, rest)
         given.state.position[:] = model.start

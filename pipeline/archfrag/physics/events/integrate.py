@@ -16,7 +16,7 @@ from archfrag.physics.energy import kinetic_energy, record_calm
 from archfrag.physics.events import runge_kutta
 from archfrag.physics.events.locate import (
     THRESHOLD,
-    Motion,
+    MechanismMotion,
     closed_inside,
     find_margins,
     keep_margins,
@@ -30,8 +30,8 @@ from archfrag.physics.kernels.structs import struct
 from archfrag.physics.mega_voussoirs.assemble import MegaVoussoirs, split_state
 from archfrag.physics.mega_voussoirs.first_level import pose, project, solve_first_level
 from archfrag.physics.mega_voussoirs.second_level import joint_reactions
-from archfrag.physics.methods.common import write_frame
 from archfrag.physics.numbers import sine_cosine
+from archfrag.physics.shared import write_frame
 from archfrag.physics.state import Clock, Model, State, Work
 from archfrag.physics.status import Count, Energy, Peak
 
@@ -81,7 +81,7 @@ class Run(NamedTuple):
     state: State
     work: Work
     mega: MegaVoussoirs
-    motion: Motion
+    motion: MechanismMotion
     progress: np.ndarray  # (len(Progress),)
     recent: np.ndarray  # (n,) times of the last events [s]
     outward: np.ndarray  # (n_body + 2,) rate of the squared displacement [m2/s]
@@ -128,7 +128,7 @@ def record_place(run, mega, position):
 
 @inlined
 def _has_collapsed(run, mega, position):
-    """Whether a joint has lost contact for good; records gaps of joints without contact."""
+    """Return whether a joint has lost contact for good; records gaps of joints without contact."""
     collapsed, work = False, mega.work
     for k in range(mega.work.slip.shape[0]):
         per_length = 1.0 / mega.model.length[k]
@@ -179,8 +179,7 @@ def begin_motion(run, mega, segment):
 
 @kernel
 def recover_reactions(run, mega, position, velocity, ground):
-    """State of all voussoirs as `recover_voussoirs`, and their reactions by both levels; whether
-    it is.
+    """Recover all voussoirs and their reactions; return whether the first level has a solution.
 
     Reads: run, mega, position, velocity, ground.
     Writes: run, mega.

@@ -14,6 +14,7 @@ import numpy as np
 
 from archfrag.physics.contact.laws import MINUS, PLUS, closed_forces, cone_rays
 from archfrag.physics.contact.placing import clearance, corner_rate_at, move_faces
+from archfrag.physics.contact.ties import BROKEN, SLACK, TAUT, YIELDS
 from archfrag.physics.events import runge_kutta
 from archfrag.physics.events.runge_kutta import Scheme, Stages
 from archfrag.physics.ground import ground_after
@@ -33,7 +34,6 @@ from archfrag.physics.mega_voussoirs.second_level import (
 )
 from archfrag.physics.state import Model
 from archfrag.physics.status import Tie, TieState
-from archfrag.physics.ties import BROKEN, SLACK, TAUT, YIELDS
 
 # Joint of the trigger where no law waits to be followed up.
 NONE = -1
@@ -48,7 +48,7 @@ ROUNDING = 1e-9
 
 
 @struct()
-class Motion(NamedTuple):
+class MechanismMotion(NamedTuple):
     """Workspace for the motion of mega-voussoirs between events."""
 
     model: Model  # of the voussoirs
@@ -68,12 +68,12 @@ class Motion(NamedTuple):
     trigger: np.ndarray  # (2,) int64: joint and law of the smallest margin
 
 
-def new_motion(model: Model, scheme: Scheme, tolerance: float) -> Motion:
+def new_motion(model: Model, scheme: Scheme, tolerance: float) -> MechanismMotion:
     """Allocate the workspace of a chain's motion, for a relative error of a step."""
     n_joint, length = model.friction.size, float(model.length.min())
     margins = np.full((2, n_joint + len(model.tie), N_LAW), np.inf)
     gaps = np.full((2, n_joint, 2, 2), np.inf)
-    return Motion(
+    return MechanismMotion(
         model=model,
         stages=runge_kutta.new_stages(model.mass.size),
         scheme=scheme,
@@ -231,7 +231,7 @@ def _gap_at(motion, mega, part, k, c):
 
 @inlined
 def closed_inside(motion, mega, step):
-    """Whether a corner that is open at both ends of a step closes inside it, and where.
+    """Return whether a corner that is open at both ends of a step closes inside it, and where.
 
     Returns part, searched.
 

@@ -11,8 +11,10 @@ mechanism has no unique motion, all voussoirs are stepped for a while
 
 import numpy as np
 
+from archfrag.physics import shared
 from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact.placing import move_faces
+from archfrag.physics.contact.ties import stretch_yielding
 from archfrag.physics.energy import balance_energy, energies_of
 from archfrag.physics.events import transitions
 from archfrag.physics.events.integrate import (
@@ -33,19 +35,16 @@ from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.mega_voussoirs import assemble
 from archfrag.physics.mega_voussoirs.first_level import is_four_hinges, pose
 from archfrag.physics.mega_voussoirs.second_level import GAP_0
-from archfrag.physics.methods import common
 from archfrag.physics.state import Clock
-from archfrag.physics.status import Cause, Count, Energy, Peak
-from archfrag.physics.status import Model as ModelLevel
+from archfrag.physics.status import Cause, Count, Energy, Level, Peak
 from archfrag.physics.steps import service
 from archfrag.physics.steps.at_impacts import next_step
 from archfrag.physics.steps.run import start_at_rest, try_step
 from archfrag.physics.steps.step import record_overlap
-from archfrag.physics.ties import stretch_yielding
 
 BY_ACCUMULATION, BY_QUIESCENCE = int(Cause.ACCUMULATION), int(Cause.QUIESCENT)
 BY_UNSOLVED = int(Cause.UNSOLVED)
-FOUR, MEGA = int(ModelLevel.FOUR_HINGES), int(ModelLevel.MEGA_VOUSSOIRS)
+FOUR, MEGA = int(Level.FOUR_HINGES), int(Level.MEGA_VOUSSOIRS)
 # Phases of a run: those that follow each other from event to event, and the others.
 IMPACT, MODES, ASSEMBLE, INTEGRATE, UPON_EVENT = 0, 1, 2, 3, 4
 STILL, ALL_VOUSSOIRS, DONE = 5, 6, 7
@@ -123,7 +122,7 @@ def assemble_mega_voussoirs(run, output):
     clock, motion = state.clock, run.motion
     clock[Clock.FASTEST] = transitions.fastest_of(run)
     if np.isnan(clock[Clock.FASTEST]):
-        clock[Clock.CODE] = common.BROKEN
+        clock[Clock.CODE] = shared.BROKEN
         return DONE
     had = balance_energy(model, state)
     if clock[Clock.FASTEST] < run.options.still and progress[Progress.LEAVES_REST] == 0.0:
@@ -150,7 +149,7 @@ def assemble_mega_voussoirs(run, output):
         state.energy[Energy.IMPACT] += min(left - had, 0.0)
     level = FOUR if is_four_hinges(mega.work, mega.position.shape[0]) else MEGA
     cause, joint = int(progress[Progress.CAUSE]), int(progress[Progress.JOINT])
-    common.log_change(state, clock[Clock.TIME], cause, joint, level, output)
+    shared.log_change(state, clock[Clock.TIME], cause, joint, level, output)
     return INTEGRATE
 
 
@@ -183,10 +182,10 @@ def integrate_to_next_event(run, output):
     balance_energy(model, state)
     ground = ground_after(segment_at(clock[Clock.TIME], run.grounds), 0.0)
     recover_reactions(run, mega, mega.position, mega.velocity, ground)
-    clock[Clock.CODE] = common.AT_END if code == STOPPED else common.EXHAUSTED
+    clock[Clock.CODE] = shared.AT_END if code == STOPPED else shared.EXHAUSTED
     if code == COLLAPSES:
         follow_joints(model, state, work, True, run.options.loss_limit)
-        clock[Clock.CODE] = common.COLLAPSES
+        clock[Clock.CODE] = shared.COLLAPSES
     written, frames = output.written, output.frames
     if 0 < written[0] <= frames.time.size and frames.time[written[0] - 1] >= clock[Clock.TIME]:
         written[0] -= 1  # the last frame is written again
@@ -238,7 +237,7 @@ def step_until(run, until, output):
     model, state, work, grounds, options = run.model, run.state, run.work, run.grounds, run.options
     clock = state.clock
     end, quiet, count = end_of_motion(grounds, clock, options.follow), 0.0, state.count
-    while clock[Clock.CODE] == common.GO and clock[Clock.TIME] < until:
+    while clock[Clock.CODE] == shared.GO and clock[Clock.TIME] < until:
         before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
         impulse, solved, unsolved = try_step(model, grounds, state, work, options, True)
         collapsed = broken = False
@@ -274,17 +273,17 @@ def step_all_voussoirs(run, output):
         quiet = min(2.0 * progress[Progress.QUIESCENT_STEPS], MOST_QUIESCENT_STEPS)
     progress[Progress.WINDOW], progress[Progress.QUIESCENT_STEPS] = window, quiet
     cause, joint = int(progress[Progress.SWITCH]), int(progress[Progress.JOINT])
-    common.log_change(state, clock[Clock.TIME], cause, joint, common.ALL, output)
+    shared.log_change(state, clock[Clock.TIME], cause, joint, shared.ALL, output)
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     service.start_moving(state, run.options, output)
     work.known[:] = 0.0  # the sense of friction at slips in progress: no step may be held to it
-    clock[Clock.CODE] = common.GO
+    clock[Clock.CODE] = shared.GO
     until, quiescent = clock[Clock.TIME] + progress[Progress.WINDOW], False
     while not quiescent:
         quiescent = step_until(run, until, output)
-        if clock[Clock.CODE] != common.GO:
+        if clock[Clock.CODE] != shared.GO:
             code = service.handle(model, run.grounds, state, work, run.path, run.options, output)
-            if code != common.GO:
+            if code != shared.GO:
                 return DONE
     progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + progress[Progress.WINDOW]
     for i in range(ACCUMULATION):
@@ -314,7 +313,7 @@ def rest_if_still(run, output):
 @inlined
 def leave_rest(run, code, output):
     """Begin to move at the end of a rest."""
-    if code == common.IDLE:
+    if code == shared.IDLE:
         return DONE
     output.written[1] -= 1  # the mechanism that starts writes this entry of the log
     _set_cause(run, service.BY_START, -1)
@@ -336,7 +335,7 @@ def follow_phases(run, at_rest, output, results, row):
         start_at_rest(model, run.grounds, state, work, run.path, options, output)
         phase = leave_rest(run, int(state.clock[Clock.CODE]), output)
     else:
-        common.read_state(model, state, work)
+        shared.read_state(model, state, work)
         _set_cause(run, service.BY_START, -1)
         phase = IMPACT
     while phase != DONE:
@@ -346,7 +345,7 @@ def follow_phases(run, at_rest, output, results, row):
             phase = rest_if_still(run, output)
         else:
             phase = step_all_voussoirs(run, output)
-    common.end_run(model, state, work, options, output, results, row)
+    shared.end_run(model, state, work, options, output, results, row)
     results.model_time[row, FOUR] = run.progress[Progress.FOUR_HINGES]
     results.model_time[row, MEGA] = run.progress[Progress.MEGA_VOUSSOIRS]
     farthest = np.sqrt(run.progress[Progress.FARTHEST])

@@ -88,7 +88,8 @@ def new_stages(n_row: int) -> Stages:
 
 @inlined
 def _travel(far, time):
-    """Displacement and velocity of the far springing a time after the beginning of a segment.
+    """Return the displacement and velocity of the far springing a time after the beginning of a
+    segment.
 
     The displacement is counted from there.
     """
@@ -99,7 +100,8 @@ def _travel(far, time):
 
 @kernel
 def sliding_rate(j, position, velocity, work):
-    """Tangential velocity of the later body at a sliding joint [m/s], and the normal there.
+    """Return the tangential velocity of the later body at a sliding joint [m/s], and the normal
+    there.
 
     Reads: position, velocity, work (contact, normal, point, side_normal, slide).
     Writes: nothing.

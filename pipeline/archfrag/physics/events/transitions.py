@@ -15,6 +15,7 @@ from archfrag.physics.contact.blocks import EXACT, solve_modes
 from archfrag.physics.contact.laws import opening_rate
 from archfrag.physics.contact.modes import solve_contact, velocity_scale
 from archfrag.physics.contact.path import copy_modes, solve_by_path
+from archfrag.physics.contact.ties import change_tie, pull_by_ties, release_ties
 from archfrag.physics.energy import kinetic_energy
 from archfrag.physics.ground import ground_after, rest_margin, segment_at
 from archfrag.physics.kernels.kernel import inlined, kernel
@@ -22,7 +23,6 @@ from archfrag.physics.mega_voussoirs import second_level
 from archfrag.physics.mega_voussoirs.first_level import centripetal_bias
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Cause, Count, Energy
-from archfrag.physics.ties import change_tie, pull_by_ties, release_ties
 
 BY_HINGE, BY_SLIDE, BY_STICK = int(Cause.HINGE), int(Cause.SLIDE), int(Cause.STICK)
 BY_IMPACT, BY_LOSS, BY_TIE = int(Cause.IMPACT), int(Cause.LOSS), int(Cause.TIE)
@@ -114,7 +114,7 @@ def _close_slow_joints(run):
 
 @inlined
 def _approaches(run):
-    """Whether the solved velocities close a corner that touches."""
+    """Return whether the solved velocities close a corner that touches."""
     work, limit = run.work, -STAYING * run.motion.speed
     approaches = False
     for j in range(work.slide.size):

@@ -36,7 +36,7 @@ def make_all_ready() -> None:
 
 @contextlib.contextmanager
 def _second_process(names: Sequence[str]) -> Iterator[None]:
-    """A process that makes some sets; none on one core. It ends with this one, by whatever end."""
+    """Have another process make some sets; none on one core. It ends with this process."""
     places, process = [str(HOME.parent), os.environ.get("PYTHONPATH")], None
     if (os.cpu_count() or 1) > 1 and use_kernel_cache() is not None:
         with contextlib.suppress(OSError):

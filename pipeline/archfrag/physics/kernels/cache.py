@@ -36,20 +36,20 @@ def _sources() -> list[Path]:
 
 @functools.cache
 def kernel_hash() -> str:
-    """Hash of everything that compiled kernels depend on: 40 hexadecimal digits."""
+    """Return the hash of everything that compiled kernels depend on: 40 hexadecimal digits."""
     content = b"".join(path.name.encode() + path.read_bytes() for path in _sources())
     return hashlib.sha256(kernel_platform().encode() + content).hexdigest()[:40]
 
 
 @functools.cache
 def source_hash() -> str:
-    """Hash of what the kernels' source does."""
+    """Return the hash of what the kernels' source does."""
     return digest_of_syntax(tuple(_sources()))
 
 
 @functools.cache
 def digest_of_syntax(paths: tuple[Path, ...]) -> str:
-    """SHA-256 of what Python files of this package do, 64 hexadecimal digits.
+    """Return the SHA-256 of what Python files of this package do, 64 hexadecimal digits.
 
     Comments, docstrings, layout and the messages of errors do not count. It takes half a second,
     so it is kept beside the kernels of this machine, by the bytes that it is of.
@@ -114,7 +114,8 @@ def use_kernel_cache() -> Path | None:
 
 
 def _kept_from_others(path: Path) -> Path:
-    """A path without symbolic links, if nobody else can replace it (else `PermissionError`).
+    """Return a path without symbolic links, if nobody else can replace it (else
+    `PermissionError`).
 
     Only root and we may own its directories and links. Others may write to a directory above it
     if it has the sticky bit, as the temporary directory has. Members of a group that may write

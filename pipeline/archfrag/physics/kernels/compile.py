@@ -1,5 +1,6 @@
 """Compile kernels: each version once by numba, all that a set calls as one module by LLVM."""
 
+import functools
 import hashlib
 import importlib
 import re
@@ -7,12 +8,14 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
+from numba import types
 from numba.core.compiler import Flags, compile_extra
 from numba.core.registry import cpu_target
+from numba.extending import lower_builtin, models, register_model, typeof_impl
 
 from archfrag.physics.kernels import lower
 from archfrag.physics.kernels.kernel import Kernel
-from archfrag.physics.kernels.load import PROCESSOR, has_common_features, machine
+from archfrag.physics.kernels.processor import PROCESSOR, has_common_features, machine
 
 
 class Version(NamedTuple):
@@ -67,7 +70,7 @@ _calls: list[set[str]] = []  # by the versions that are being compiled, the inne
 
 
 def version_of(kernel: Kernel, args: tuple[Any, ...]) -> Version:
-    """Version of a kernel for numba's types of its arguments."""
+    """Return the version of a kernel for numba's types of its arguments."""
     found = _versions.get((kernel.name, args))
     if found is None:
         found = _compiled(kernel, args)
@@ -160,3 +163,45 @@ def _optimise(module: Any) -> None:
     target = machine(PROCESSOR) if has_common_features() else machine()
     passes = llvm.create_pass_builder(target, tuning)
     passes.getModulePassManager().run(module, passes)
+
+
+class KernelType(types.Callable, types.Dummy):
+    """Type of a kernel among the globals of another."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self.kernel = kernel
+        super().__init__(name=f"kernel {kernel.name}")
+
+    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+        """Compile the version that a call needs; return its signature."""
+        if kws:
+            raise TypeError(f"{self.kernel.name}: kernels take each other's arguments by position")
+        given = tuple(map(lower.plain, args))
+        return version_of(self.kernel, given).returned(*given)
+
+    def get_call_signatures(self) -> Any:
+        """Return nothing: no signatures are known before a call."""
+        return (), True
+
+    def get_impl_key(self, sig: Any) -> Any:
+        """Return the key of the code of a call."""
+        return self.name
+
+
+register_model(KernelType)(models.OpaqueModel)
+
+
+@typeof_impl.register(Kernel)
+def _type_of_value(kernel: Kernel, context: Any) -> KernelType:
+    return _type_of_kernel(kernel)
+
+
+@functools.cache
+def _type_of_kernel(kernel: Kernel) -> KernelType:
+    of = KernelType(kernel)
+
+    @lower_builtin(of.name, types.VarArg(types.Any))
+    def call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return context.call_internal(builder, version_of(kernel, sig.args).described, sig, args)
+
+    return of

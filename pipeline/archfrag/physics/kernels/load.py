@@ -21,12 +21,10 @@ from typing import Any
 import llvmlite.binding as llvm
 
 from archfrag.physics.kernels.cache import HOME, source_hash, use_kernel_cache
+from archfrag.physics.kernels.processor import has_common_features, machine
 
 SETS = ("rest", "steps", "events")
 SHIPPED = Path(__file__).parent / "shipped"
-# The processors that have it, of the last ten years, give the same bits: it has fused
-# multiply-adds.
-PROCESSOR, NEEDED = "x86-64-v3", ("avx2", "fma", "bmi2")
 
 called: list[tuple[str, Any]] = []  # kernels that were called from Python so far, and how
 _lock = threading.RLock()
@@ -35,7 +33,9 @@ _engines: list[Any] = []  # hold the machine code
 
 
 def load(kernel: Any, key: Any) -> tuple[int, Any]:
-    """Address of a kernel's machine code for some types of arguments, and what it returns."""
+    """Return the address of a kernel's machine code for some types of arguments, and what it
+    returns.
+    """
     entry = kernel.name, key
     with _lock:
         called.append(entry)
@@ -49,18 +49,18 @@ def load(kernel: Any, key: Any) -> tuple[int, Any]:
 
 
 def is_shipped(name: str) -> bool:
-    """Whether there is LLVM code of a set for this source and this kind of processor."""
+    """Return whether there is LLVM code of a set for this source and this kind of processor."""
     return has_common_features() and _shipped(name)[0] == source_hash()
 
 
 def is_ready(name: str) -> bool:
-    """Whether the cache has the machine code of a set."""
+    """Return whether the cache has the machine code of a set."""
     path = _path(name)
     return path is not None and path.is_file()
 
 
 def make_ready(name: str) -> tuple[Any, bytes]:
-    """Machine code of a set of a study, made and kept if the cache does not have it."""
+    """Return the machine code of a set of a study, made and kept if the cache does not have it."""
     return _made(name, _kernels(_shipped(name)[1]))
 
 
@@ -69,30 +69,13 @@ def _kernels(offers: Any) -> list[tuple[str, Any]]:
 
 
 def as_tuples(given: Any) -> Any:
-    """Types of arguments as read from JSON, which has lists in place of tuples."""
+    """Return the types of arguments as read from JSON, which has lists in place of tuples."""
     return tuple(map(as_tuples, given)) if isinstance(given, list) else given
-
-
-def has_common_features() -> bool:
-    """Whether this processor has what `PROCESSOR` has."""
-    return all(llvm.get_host_cpu_features().get(each) for each in NEEDED)
-
-
-@functools.cache
-def machine(processor: str = "") -> Any:
-    """LLVM's description of this machine's processor, or of another."""
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    features = "" if processor else llvm.get_host_cpu_features().flatten()
-    return llvm.Target.from_default_triple().create_target_machine(
-        cpu=processor or llvm.get_host_cpu_name(), features=features, opt=3, reloc="static",
-        codemodel="jitdefault", jit=True,
-    )  # fmt: skip
 
 
 @functools.cache
 def _shipped(name: str) -> tuple[str, Any, bytes]:
-    """Hash of the source of a shipped set, what it offers, its code; of none all are empty."""
+    """Return source hash, offers and code of a shipped set; all empty if there is none."""
     try:
         content = lzma.decompress((SHIPPED / f"{name}.xz").read_bytes())
     except (OSError, lzma.LZMAError):
@@ -143,7 +126,7 @@ def _name_of(entry: tuple[str, Any], place: Path) -> str:
 
 
 def _path(name: str) -> Path | None:
-    """File of a set in the cache; machine code is for one kind of processor."""
+    """Return the file of a set in the cache; machine code is for one kind of processor."""
     folder = use_kernel_cache()
     return None if folder is None else folder / f"{name}-{llvm.get_host_cpu_name()}.kernels"
 

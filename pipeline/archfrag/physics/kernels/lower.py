@@ -17,11 +17,9 @@ from numba.extending import (
     models,
     register_model,
     type_callable,
-    typeof_impl,
 )
 
 from archfrag.physics.kernels import primitives, structs
-from archfrag.physics.kernels.kernel import Kernel
 from archfrag.physics.kernels.primitives import LANES
 from archfrag.physics.kernels.structs import class_of, fields_of, name_of, words_of
 
@@ -39,11 +37,11 @@ class _Four(types.Type):
         super().__init__(name=name)
 
     def unify(self, typingctx: Any, other: Any) -> Any:
-        """A variable that is plain on one path and of four on another is of four."""
+        """Return the type of four if one path gives a plain value and another one of four."""
         return self if isinstance(other, self.plain) else None
 
     def can_convert_from(self, typingctx: Any, other: Any) -> Any:
-        """A plain value converts as safely as an integer to a float."""
+        """Return that a plain value converts as safely as an integer to a float."""
         safe = typingctx.can_convert(types.int32, types.float64)
         return safe if isinstance(other, self.plain) else None
 
@@ -261,8 +259,8 @@ class FieldType(types.Array):
         return self.plain.key, self.scope
 
 
-def _plain(of: Any) -> Any:
-    """Type as which a value is passed on."""
+def plain(of: Any) -> Any:
+    """Return the type as which a value is passed on."""
     return of.plain if isinstance(of, FieldType) else types.unliteral(of)
 
 
@@ -271,7 +269,7 @@ lower_cast(FieldType, types.Array)(lambda context, builder, of, to, value: value
 
 
 def _item(context: Any, builder: Any, of: FieldType, array: Any, index: Any, given: Any) -> Any:
-    """Address of an item of a field, None if the index is not one of numbers; and its metadata."""
+    """Return address of an item of a field and its metadata; None if the index is no number."""
     several = isinstance(index, types.BaseTuple)
     kinds = index.types if several else (index,)
     if len(kinds) != of.ndim or not all(isinstance(each, types.Integer) for each in kinds):
@@ -378,49 +376,3 @@ def _loaded(context: Any, builder: Any, table: Any, place: int, of: Any, shape: 
             whole = builder.insert_value(whole, value, k)
         setattr(array, name, whole)
     return array._getvalue()
-
-
-class KernelType(types.Callable, types.Dummy):
-    """Type of a kernel among the globals of another."""
-
-    def __init__(self, kernel: Kernel) -> None:
-        self.kernel = kernel
-        super().__init__(name=f"kernel {kernel.name}")
-
-    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
-        """Compile the version that a call needs; return its signature."""
-        from archfrag.physics.kernels.compile import version_of
-
-        if kws:
-            raise TypeError(f"{self.kernel.name}: kernels take each other's arguments by position")
-        given = tuple(map(_plain, args))
-        return version_of(self.kernel, given).returned(*given)
-
-    def get_call_signatures(self) -> Any:
-        """No signatures are known before a call."""
-        return (), True
-
-    def get_impl_key(self, sig: Any) -> Any:
-        """Key of the code of a call."""
-        return self.name
-
-
-register_model(KernelType)(models.OpaqueModel)
-
-
-@typeof_impl.register(Kernel)
-def _type_of_value(kernel: Kernel, context: Any) -> KernelType:
-    return _type_of_kernel(kernel)
-
-
-@functools.cache
-def _type_of_kernel(kernel: Kernel) -> KernelType:
-    of = KernelType(kernel)
-
-    @lower_builtin(of.name, types.VarArg(types.Any))
-    def call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        from archfrag.physics.kernels.compile import version_of
-
-        return context.call_internal(builder, version_of(kernel, sig.args).described, sig, args)
-
-    return of

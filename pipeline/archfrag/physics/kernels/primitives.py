@@ -20,7 +20,7 @@ class LaneArray(np.ndarray):
 
 
 def lane_array(shape: tuple[int, ...]) -> LaneArray:
-    """Zeros for four runs, of the shape of one run's array."""
+    """Return the zeros for four runs, of the shape of one run's array."""
     size = 8 * LANES * math.prod(shape)
     memory = np.zeros(size + _ALIGNMENT, np.uint8)
     start = -memory.ctypes.data % _ALIGNMENT
@@ -40,30 +40,30 @@ def fused(x, y, z):
 
 
 def select(mask, x, y):
-    """`x` where `mask` holds, else `y`; both are evaluated."""
+    """Return `x` where `mask` holds, else `y`; both are evaluated."""
     return x if mask else y
 
 
 def some(mask):
-    """Whether `mask` holds in any run."""
+    """Return whether `mask` holds in any run."""
     return mask
 
 
 def opposite(mask):
-    """Where `mask` does not hold."""
+    """Return the mask that holds where `mask` does not."""
     return not mask
 
 
 def width(x):
-    """How many runs a number or mask is of."""
+    """Return the number of runs that a number or mask is of."""
     return 1
 
 
 def lane(x, number):
-    """A number or truth of one run."""
+    """Return a number or truth of one run."""
     return x
 
 
 def with_lane(x, number, value):
-    """`x` with another value in one run."""
+    """Return `x` with another value in one run."""
     return value

@@ -69,13 +69,13 @@ def name_of(kind: type) -> str:
 
 @functools.cache
 def class_of(name: str) -> Any:
-    """Class of tuples of a name."""
+    """Return the class of tuples of a name."""
     module, _, names = name.partition(":")
     return functools.reduce(getattr, names.split("."), importlib.import_module(module))
 
 
 def words_of(description: Any, shape: tuple[int, ...] = ()) -> int:
-    """Words of a field in a table; `shape` is what is known of an array's."""
+    """Return the words of a field in a table; `shape` is what is known of an array's."""
     if description[0] == "array":
         return 1 + int(description[2]) - len(shape)
     if description[0] == "tuple":
@@ -84,7 +84,9 @@ def words_of(description: Any, shape: tuple[int, ...] = ()) -> int:
 
 
 def fields_of(description: Any) -> list[tuple[str, Any, tuple[int, ...], int]]:
-    """Fields of a struct: name, description, what is known of an array's shape, first word."""
+    """Return the fields of a struct: name, description, what is known of an array's shape, first
+    word.
+    """
     kind, place, found = class_of(description[1]), 0, []
     for name, each in zip(kind._fields, description[2:], strict=True):
         shape = kind.shapes.get(name, ())
@@ -94,12 +96,14 @@ def fields_of(description: Any) -> list[tuple[str, Any, tuple[int, ...], int]]:
 
 
 def place_of(value: Any, name: str) -> int:
-    """First word of a field in a struct's table; sizes follow an array's data pointer."""
+    """Return first word of a field in a struct's table; sizes follow an array's data pointer."""
     return next(place for each, _, _, place in fields_of(value.description) if each == name)
 
 
 def struct_at(tables: Any, row: int, like: Any) -> Any:
-    """Struct of the type of `like` whose table begins a row of `tables`; in kernels only."""
+    """Return the struct of the type of `like` whose table begins a row of `tables`; in kernels
+    only.
+    """
     raise TypeError("only compiled kernels find a struct by its table")
 
 
@@ -109,7 +113,7 @@ def _describe_struct(value: Any) -> Any:
 
 
 def _table(value: Any) -> Any:
-    """Table of a struct, which is made at the first use and kept with the struct."""
+    """Return the table of a struct, which is made at the first use and kept with the struct."""
     fields = fields_of(value.description)
     _, last, shape, place = fields[-1]
     table = np.zeros(place + words_of(last, shape), np.int64)

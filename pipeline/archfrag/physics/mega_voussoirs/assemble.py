@@ -57,7 +57,7 @@ class MegaVoussoirs(NamedTuple):
 
 
 def new_mega_voussoirs(model: Model, tie: np.ndarray | None = None) -> MegaVoussoirs:
-    """Workspace for any mega-voussoirs of a chain, with the state of its ties."""
+    """Return the workspace for any mega-voussoirs of a chain, with the state of its ties."""
     n_row, n_joint = model.mass.size, model.friction.size
     copies = {name: np.zeros_like(given) for name, given in model._asdict().items()}
     copies |= {"gravity": model.gravity, "rounding": model.rounding, "tie": model.tie}
@@ -110,7 +110,7 @@ def in_use(mega):
 
 @inlined
 def is_rigid(j, contact, slide):
-    """Whether a joint is closed and sticks."""
+    """Return whether a joint is closed and sticks."""
     return contact[j, 0] > 0.5 and contact[j, 1] > 0.5 and slide[j] == 0.0
 
 
@@ -207,7 +207,7 @@ def _place_joints(model, contact, slide, slip, mega):
 
 @kernel
 def assemble(model, contact, slide, slip, mega):
-    """Masses and faces of the mega-voussoirs for given contact modes and slips, into `mega`.
+    """Set masses and faces of the mega-voussoirs, `mega`, for given contact modes and slips.
 
     Reads: model, contact, slide, slip, mega.
     Writes: mega.

@@ -72,7 +72,7 @@ def centripetal_bias(position, velocity, slip, sense, work):
 
 @kernel
 def is_four_hinges(work, n_row):
-    """Whether the joints are the four hinges, none sliding, of three mega-voussoirs.
+    """Return whether the joints are the four hinges, none sliding, of three mega-voussoirs.
 
     Reads: work (contact, slide).
     Writes: nothing.
@@ -93,7 +93,7 @@ def _hinge(j, work):
 
 @inlined
 def _perpendicular(rate, arm):
-    """Velocity at the end of an arm that rotates."""
+    """Return the velocity at the end of an arm that rotates."""
     return -rate * arm[1], rate * arm[0]
 
 

@@ -2,13 +2,13 @@
 
 import math
 
+from archfrag.physics.contact.ties import tension
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.status import Tie
-from archfrag.physics.ties import tension
 
 
 @inlined
-def _end(mega, t, side, position, velocity):
+def _tie_end(mega, t, side, position, velocity):
     """Return voussoir and mega-voussoir at an end of a tie, the end's arm and its velocity."""
     tie = mega.model.tie
     i = int(tie[t, Tie.BODY_0 + side])
@@ -35,8 +35,8 @@ def pull_mega_voussoirs(mega, position, velocity):
             for c in range(3):
                 mega.pull[int(tie[t, Tie.BODY_0 + side]), c] = 0.0
     for t in range(tie.shape[0]):
-        _, k, px, py, vx, vy = _end(mega, t, 0, position, velocity)
-        _, m, qx, qy, wx, wy = _end(mega, t, 1, position, velocity)
+        _, k, px, py, vx, vy = _tie_end(mega, t, 0, position, velocity)
+        _, m, qx, qy, wx, wy = _tie_end(mega, t, 1, position, velocity)
         dx = position[m, 0] + qx - position[k, 0] - px
         dy = position[m, 1] + qy - position[k, 1] - py
         length = math.sqrt(dx * dx + dy * dy)
@@ -45,7 +45,7 @@ def pull_mega_voussoirs(mega, position, velocity):
         mega.stretch[t, 1] = dx * (wx - vx) + dy * (wy - vy)
         force = tension(model, t, mega, mega.stretch[t, 0])
         for side in range(2):
-            i, k, x, y, _, _ = _end(mega, t, side, position, velocity)
+            i, k, x, y, _, _ = _tie_end(mega, t, side, position, velocity)
             sense = 1.0 - 2.0 * side
             fx, fy = sense * force * dx, sense * force * dy
             moment, c, s = x * fy - y * fx, mega.work.rotated[k, 0], mega.work.rotated[k, 1]

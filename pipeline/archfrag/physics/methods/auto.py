@@ -20,8 +20,8 @@ import numpy as np
 
 from archfrag.physics.events import front as events
 from archfrag.physics.ground import Grounds
-from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
-from archfrag.physics.methods.common import is_accurate, new_results, refuse
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
+from archfrag.physics.shared import is_accurate, new_results, refuse
 from archfrag.physics.status import Count, Status
 from archfrag.physics.steps import run as stepper
 
@@ -44,7 +44,7 @@ def count_breaks(grounds: Grounds) -> int:
 
 
 def goes_by_events(tolerance: float, n_body: int = 0, n_break: float = np.inf) -> bool:
-    """Whether `auto` integrates from event to event rather than by steps on all voussoirs.
+    """Return whether `auto` integrates from event to event rather than by steps on all voussoirs.
 
     `n_break` is `count_breaks` where a history is asked for, else infinite.
 
@@ -75,8 +75,8 @@ def _attempts(options: Options, by_events: bool) -> list[tuple[ModuleType, Optio
 
 def _made_well(
     chain: Chain, attempts: Sequence[tuple[ModuleType, Options]], n_run: int,
-    make: Callable[[ModuleType, Options, np.ndarray], Results],
-) -> Results:  # fmt: skip
+    make: Callable[[ModuleType, Options, np.ndarray], Outcomes],
+) -> Outcomes:  # fmt: skip
     """Make runs; repeat inaccurate ones by the next attempt, and refuse them after the last."""
     results, rows = new_results(n_run), np.arange(n_run)
     for number, (method, given) in enumerate(attempts):
@@ -94,11 +94,11 @@ def _made_well(
 
 def run_many(
     chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
-) -> Results:
-    """Many runs; as `archfrag.physics.steps.run.run_many`."""
+) -> Outcomes:
+    """Make many runs; arguments are those of `archfrag.physics.steps.run.run_many`."""
     by_events = goes_by_events(options.tolerance)
 
-    def make(method: ModuleType, given: Options, rows: np.ndarray) -> Results:
+    def make(method: ModuleType, given: Options, rows: np.ndarray) -> Outcomes:
         return method.run_many(chain, grounds, motion[rows], factor[rows], given)
 
     return _made_well(chain, _attempts(options, by_events), len(motion), make)
@@ -107,11 +107,11 @@ def run_many(
 def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-) -> Results:  # fmt: skip
+) -> Outcomes:  # fmt: skip
     """Integrate one chain under one ground motion; arguments as `time_stepping.run.run`."""
     start = position.copy(), velocity.copy()
 
-    def make(method: ModuleType, given: Options, rows: np.ndarray) -> Results:
+    def make(method: ModuleType, given: Options, rows: np.ndarray) -> Outcomes:
         position[:], velocity[:] = start
         return method.run(
             chain, grounds, factor, position, velocity, from_rest, given, frames, log

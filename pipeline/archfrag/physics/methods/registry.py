@@ -48,7 +48,7 @@ OWN_STEP = 1.28e-3
 
 
 def own_step(rtol: float, n_body: int) -> tuple[float, float]:
-    """Default step of methods that use time steps as a fallback; as `steps_of_tolerance`."""
+    """Return default step of methods that use time steps as a fallback (`steps_of_tolerance`)."""
     return OWN_STEP, OWN_STEP
 
 
@@ -58,7 +58,7 @@ FEW_VOUSSOIRS = 20
 
 
 def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
-    """Steps at impacts, and the largest between them, that go with a tolerance.
+    """Return the steps at impacts, and the largest between them, that go with a tolerance.
 
     Over the root of the shortest joint's length over gravity [1]. For joints of 1.5 m at the
     default they are 0.4 and 4 ms, of more than 20 voussoirs 1.6 and 8 ms. Where impacts follow
@@ -150,5 +150,5 @@ def register(*methods: MethodInfo) -> None:
 
 
 def known_methods() -> dict[str, MethodInfo]:
-    """All methods by their names: `METHODS`, then those registered."""
+    """Return all methods by their names: `METHODS`, then those registered."""
     return METHODS | _REGISTERED

@@ -104,7 +104,7 @@ def errors_of_step(model, state, work, tolerance):
 
     A slip that ends inside a long step sticks until its end, held by a friction that made energy.
 
-    Reads: model (inertia, mass), state (contact, impact, slide), work.
+    Reads: model (inertia, mass), state (contact, energy, impact, slide), work.
     Writes: nothing.
     """
     closes = False
@@ -124,7 +124,7 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
     Reactions of the last step may be wrong for the time before an impact, as they are where joints
     open instead: such a step is made again without.
 
-    Reads: model (inertia, mass), state (clock, contact, force, impact, slide), work.
+    Reads: model (inertia, mass), state (clock, contact, energy, force, impact, slide), work.
     Writes: state.force, work.reaction.
     """
     carries = False
@@ -203,7 +203,7 @@ def next_step(state, options, where, until):
 
 @inlined
 def locates(state, options, live):
-    """Whether a step is so long that a corner which closes off its middle refuses it."""
+    """Return whether a step is so long that a corner which closes off its middle refuses it."""
     clock = state.clock
     step = clock[Clock.STEP]
     return live & (step > NEARLY * options.time_step) & opposite(is_centred(clock, step))

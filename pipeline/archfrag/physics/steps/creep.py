@@ -10,10 +10,10 @@ from archfrag.physics.contact import placing
 from archfrag.physics.contact.blocks import EXACT
 from archfrag.physics.contact.modes import solve_contact
 from archfrag.physics.contact.path import copy_modes, solve_with_fallback
+from archfrag.physics.contact.ties import accept_ties, aim_ties, start_ties
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.numbers import flag
 from archfrag.physics.steps.step import offset_of
-from archfrag.physics.ties import accept_ties, aim_ties, start_ties
 
 # Corners nearer than this part of the joint's length may close in a step.
 NEAR = 0.02

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from archfrag.physics import shared
 from archfrag.physics.contact.blocks import FOR_STEPS
 from archfrag.physics.contact.modes import solve_contact, start_modes
 from archfrag.physics.contact.path import Path, new_path
 from archfrag.physics.contact.placing import move_faces
 from archfrag.physics.ground import Grounds, end_of_motion, impulse_between
-from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.kernels.primitives import (
     LANES,
@@ -28,7 +29,6 @@ from archfrag.physics.kernels.primitives import (
     some,
 )
 from archfrag.physics.kernels.structs import struct
-from archfrag.physics.methods import common
 from archfrag.physics.state import (
     Clock,
     Model,
@@ -90,7 +90,7 @@ def step_four(model, grounds, state, work, options):
     until = end_of_motion(grounds, clock, options.follow)
     waits = False
     while not waits:
-        live = clock[Clock.CODE] == common.GO
+        live = clock[Clock.CODE] == shared.GO
         impulse, solved, unsolved = try_step(model, grounds, state, work, options, live)
         collapsed = broken = clock[Clock.CODE] != clock[Clock.CODE]
         if some(solved):
@@ -100,7 +100,7 @@ def step_four(model, grounds, state, work, options):
             at_impacts.next_step(state, options, solved, until)
         code = service.code_after(state, options, until, (solved, unsolved, collapsed, broken))
         clock[Clock.CODE] = code
-        waits = some((code != common.GO) & (code != common.IDLE))
+        waits = some((code != shared.GO) & (code != shared.IDLE))
 
 
 @kernel
@@ -112,7 +112,7 @@ def step_one(model, grounds, state, work, options, output):
     """
     clock = state.clock
     until = end_of_motion(grounds, clock, options.follow)
-    while clock[Clock.CODE] == common.GO:
+    while clock[Clock.CODE] == shared.GO:
         impulse, solved, unsolved = try_step(model, grounds, state, work, options, True)
         collapsed = broken = False
         if solved:
@@ -133,12 +133,12 @@ def finish_one(model, grounds, state, work, path, options, output, results, row)
     Writes: state, work, path, output, results.
     """
     code = int(state.clock[Clock.CODE])
-    while code == common.GO:
+    while code == shared.GO:
         step_one(model, grounds, state, work, options, output)
         code = int(state.clock[Clock.CODE])
-        if code in (common.UNSOLVED, common.PAUSE):
+        if code in (shared.UNSOLVED, shared.PAUSE):
             code = service.handle(model, grounds, state, work, path, options, output)
-    common.end_run(model, state, work, options, output, results, row)
+    shared.end_run(model, state, work, options, output, results, row)
 
 
 @kernel
@@ -148,7 +148,7 @@ def start_at_rest(model, grounds, state, work, path, options, output):
     Reads: model, grounds, state, work, path, options, output.
     Writes: state, work, path, output.
     """
-    common.begin(model, state, work, 0, state.clock[Clock.FACTOR])
+    shared.begin(model, state, work, 0, state.clock[Clock.FACTOR])
     service.write_rest(model, grounds, state, work, path, output)
     state.clock[Clock.CODE] = service.rest_until_onset(
         model, grounds, state, options, options.rest_plus, options.rest_minus, output
@@ -162,8 +162,8 @@ def start_given(model, state, work, options, output):
     Reads: model, state, work, options, output.
     Writes: state, work (face, rotated, tangent, tie), output.
     """
-    common.read_state(model, state, work)
-    common.log_change(state, 0.0, service.BY_START, -1, common.ALL, output)
+    shared.read_state(model, state, work)
+    shared.log_change(state, 0.0, service.BY_START, -1, shared.ALL, output)
     service.start_moving(state, options, output)
 
 
@@ -223,7 +223,7 @@ class One(NamedTuple):
 
 
 def new_one(model: Model) -> One:
-    """Buffers for one run."""
+    """Return the buffers for one run."""
     state, work = new_state(model), new_work(model)
     returned = tuple(array.reshape(-1) for array in state)
     fetched = (*returned, work.reaction.reshape(-1), work.pivot.reshape(-1))
@@ -231,7 +231,7 @@ def new_one(model: Model) -> One:
 
 
 def new_four(model: Model) -> Four:
-    """Buffers for four runs."""
+    """Return the buffers for four runs."""
     state, work = new_state(model, lane_array), new_work(model, lane_array)
     returned = tuple(runs_of(array).reshape(-1, LANES) for array in state)
     also = (runs_of(array).reshape(-1, LANES) for array in (work.reaction, work.pivot))
@@ -252,22 +252,22 @@ def next_run(model, grounds, one, options, jobs, output, results):
         run = jobs.upcoming[0]
         jobs.upcoming[0] += 1
         motion, factor = jobs.motion[run], jobs.factor[run]
-        common.begin(model, state, one.work, motion, factor)
+        shared.begin(model, state, one.work, motion, factor)
         code = service.rest_until_onset(
             model, grounds, state, options, options.rest_plus, options.rest_minus, output
         )
         state.clock[Clock.CODE] = code
-        if code == common.GO:
+        if code == shared.GO:
             return run
-        common.end_run(model, state, one.work, options, output, results, run)
-    state.clock[Clock.CODE] = common.IDLE
+        shared.end_run(model, state, one.work, options, output, results, run)
+    state.clock[Clock.CODE] = shared.IDLE
     state.clock[Clock.STEP] = options.largest_step
     return -1
 
 
 @kernel
 def run_four(model, grounds, four, one, options, jobs, output, results):
-    """Many runs from rest, four at a time; arguments as `next_run`.
+    """Make many runs from rest, four at a time; arguments are those of `next_run`.
 
     Reads: model, grounds, four, one, options, jobs (factor, motion, runs, upcoming), output.
     Writes: four, one, jobs (runs, upcoming), output, results.
@@ -284,14 +284,14 @@ def run_four(model, grounds, four, one, options, jobs, output, results):
         step_four(model, grounds, four.state, four.work, options)
         for number in range(LANES):
             code = int(lane(four.state.clock[Clock.CODE], number))
-            if code in (common.GO, common.IDLE):
+            if code in (shared.GO, shared.IDLE):
                 continue
             fetch_run(four.fetched, number, one.fetched)
             move_faces(model, state.position, one.work.rotated, one.work.face, one.work.tangent)
-            if code in (common.UNSOLVED, common.PAUSE):
+            if code in (shared.UNSOLVED, shared.PAUSE):
                 code = service.handle(model, grounds, state, one.work, one.path, options, output)
-            if code != common.GO:
-                common.end_run(model, state, one.work, options, output, results, runs[number])
+            if code != shared.GO:
+                shared.end_run(model, state, one.work, options, output, results, runs[number])
                 runs[number] = next_run(model, grounds, one, options, jobs, output, results)
                 running -= runs[number] < 0
             return_run(one.returned, number, four.returned)
@@ -302,7 +302,7 @@ def rest_of(model: Model) -> tuple[float, float]:
     kept = model.__dict__
     if "rest" not in kept:
         one = new_one(model)
-        common.begin(model, one.state, one.work, 0, 0.0)
+        shared.begin(model, one.state, one.work, 0, 0.0)
         found, plus, minus = service.rest_range(model, one.state, one.work, one.path.rest)
         kept["rest"] = (plus, minus) if found else UNKNOWN
     rest: tuple[float, float] = kept["rest"]
@@ -310,7 +310,7 @@ def rest_of(model: Model) -> tuple[float, float]:
 
 
 def _buffers(model: Model) -> tuple[Four, One]:
-    """Buffers for many runs of a chain, as new; a thread keeps those that it used last."""
+    """Return buffers for many runs of a chain; a thread keeps those that it used last."""
     kept = _kept.__dict__
     if kept.get("model") is not model:
         kept["model"], kept["buffers"] = model, (new_four(model), new_one(model))
@@ -328,7 +328,7 @@ _kept = threading.local()
 def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-) -> Results:  # fmt: skip
+) -> Outcomes:  # fmt: skip
     """Integrate one chain under one ground motion; the signature of every method.
 
     Parameters
@@ -342,13 +342,13 @@ def run(
 
     Returns
     -------
-    archfrag.physics.interface.Results
+    archfrag.physics.interface.Outcomes
         One row.
     """
-    model, results = model_of(chain), common.new_results(1)
-    options = common.ready(options, model, rest_of(model) if from_rest else UNKNOWN)
+    model, results = model_of(chain), shared.new_results(1)
+    options = shared.ready(options, model, rest_of(model) if from_rest else UNKNOWN)
     state, work, path = new_one(model)[:3]
-    output = common.output_to(frames, log, options.frame_interval)
+    output = shared.output_to(frames, log, options.frame_interval)
     state.clock[Clock.FACTOR] = factor
     if from_rest and not np.isnan(options.rest_plus):
         start_at_rest(model, grounds, state, work, path, options, output)
@@ -363,20 +363,20 @@ def run(
 
 def run_many(
     chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
-) -> Results:
+) -> Outcomes:
     """Integrate one chain from rest under many scaled ground motions, four at a time.
 
     Run k is moved by the motion of number ``motion[k]``, times ``factor[k]``; its row of the
     results is the same as of `run`.
     """
-    model, results = model_of(chain), common.new_results(len(motion))
-    options = common.ready(options, model, rest_of(model))
+    model, results = model_of(chain), shared.new_results(len(motion))
+    options = shared.ready(options, model, rest_of(model))
     jobs = Jobs(
         np.ascontiguousarray(motion, np.int64),
         np.ascontiguousarray(factor, float),
         np.zeros(1, np.int64),
         np.full(LANES, -1),
     )
-    output = common.no_output(chain.mass.size, chain.friction.size)
+    output = shared.no_output(chain.mass.size, chain.friction.size)
     run_four(model, grounds, *_buffers(model), options, jobs, output, results)
     return results

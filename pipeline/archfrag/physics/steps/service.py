@@ -6,22 +6,22 @@ contact residual.
 
 import numpy as np
 
+from archfrag.physics import shared
 from archfrag.physics.contact.path import solve_with_fallback
 from archfrag.physics.contact.placing import clearance, place_contacts
+from archfrag.physics.contact.ties import pull_at_rest, pull_by_ties
 from archfrag.physics.energy import kinetic_energy, record_work
 from archfrag.physics.ground import end_of_motion, end_rest, impulse_between
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import select
-from archfrag.physics.methods import common
-from archfrag.physics.methods.common import log_change, write_frame
 from archfrag.physics.numbers import nearest
 from archfrag.physics.onset import find_rest_limit
 from archfrag.physics.residual import state_residual
+from archfrag.physics.shared import log_change, write_frame
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Cause, Count, Peak
 from archfrag.physics.steps.at_impacts import next_step
 from archfrag.physics.steps.step import accept_step, pose_step
-from archfrag.physics.ties import pull_at_rest, pull_by_ties
 
 # Changes of a joint's mode, the dominant one last.
 BY_STICK, BY_SLIDE, BY_HINGE = int(Cause.STICK), int(Cause.SLIDE), int(Cause.HINGE)
@@ -36,7 +36,7 @@ MOST_STEPS, ITERATIONS_PER_STEP = 2.0, 16.0
 
 @kernel
 def is_as_built(model, state):
-    """Whether all joints are closed and none has slipped: the chain is in its own geometry.
+    """Return whether all joints are closed and none has slipped: the chain is in its own geometry.
 
     Reads: model.length, state (contact, slip).
     Writes: nothing.
@@ -44,7 +44,7 @@ def is_as_built(model, state):
     for j in range(state.slip.size):
         if state.contact[j, 0] < 0.5 or state.contact[j, 1] < 0.5:
             return False
-        if abs(state.slip[j]) > common.CLOSED_GAP * model.length[j]:
+        if abs(state.slip[j]) > shared.CLOSED_GAP * model.length[j]:
             return False
     return True
 
@@ -60,7 +60,7 @@ def rest_range(model, state, work, problem):
     for j in range(state.slip.size):
         for k in range(2):
             gap = clearance(j, k, work.face, work.tangent)
-            problem.candidate[j, k] = 0 if gap > common.CLOSED_GAP * model.length[j] else 1
+            problem.candidate[j, k] = 0 if gap > shared.CLOSED_GAP * model.length[j] else 1
     for i in range(state.position.shape[0]):
         for c in range(3):
             problem.pull[i, c] = 0.0
@@ -135,11 +135,11 @@ def rest_until_onset(model, grounds, state, options, plus, minus, output):
     clock[Clock.RESTING] += leave - clock[Clock.TIME]
     clock[Clock.TIME] = leave
     if for_good:
-        return common.IDLE
+        return shared.IDLE
     start_moving(state, options, output)
     output.due[0] = leave
-    log_change(state, leave, BY_START, -1, common.ALL, output)
-    return common.GO
+    log_change(state, leave, BY_START, -1, shared.ALL, output)
+    return shared.GO
 
 
 @kernel
@@ -148,7 +148,7 @@ def write_if_due(model, state, work, output):
 
     Reactions act at the middles of steps; those of the instant lie between them.
 
-    Reads: model.start, state (clock, position, slip, velocity), work.reaction, output.
+    Reads: model, state, work, output.
     Writes: output.
     """
     clock, frames, n = state.clock, output.frames, output.written[0]
@@ -228,7 +228,7 @@ def accept_recorded(model, state, work, impulse, options, output):
     collapsed, broken = accept_step(model, state, work, impulse, True, options.loss_limit)
     keep_forces(work, step, output)
     if cause >= 0:
-        log_change(state, time, cause, joint, common.ALL, output)
+        log_change(state, time, cause, joint, shared.ALL, output)
     return collapsed, broken
 
 
@@ -261,13 +261,13 @@ def handle_unsolved(model, grounds, state, work, path, options, output):
         if compliant:
             measure_state(model, state, work)
         if broken:
-            return common.BROKEN
-        return common.COLLAPSES if collapsed else common.PAUSE
+            return shared.BROKEN
+        return shared.COLLAPSES if collapsed else shared.PAUSE
     if clock[Clock.STEP] < SHORTEST * options.time_step:
-        return common.UNSOLVED
+        return shared.UNSOLVED
     clock[Clock.STEP] *= 0.5
     state.count[Count.SHORTENED] += 1.0
-    return common.GO
+    return shared.GO
 
 
 @kernel
@@ -281,23 +281,23 @@ def handle_pause(model, grounds, state, work, path, options, output):
     if int(state.count[Count.STEPS]) % options.check_interval == 0:
         measure_state(model, state, work)
     if clock[Clock.FASTEST] >= options.still:
-        return common.GO
+        return shared.GO
     found, plus, minus = True, options.rest_plus, options.rest_minus
     if np.isnan(plus) or not is_as_built(model, state):
         found, plus, minus = rest_range(model, state, work, path.rest)
     if not found:
-        return common.GO
+        return shared.GO
     motion = int(clock[Clock.MOTION])
     samples = grounds.first[motion + 1] - grounds.first[motion] - 1
     leave, for_good = end_rest(model, grounds, clock, plus, minus)
     over = clock[Clock.TIME] >= samples * grounds.time_step[motion]
     if leave <= clock[Clock.TIME] and not (over and for_good):
-        return common.GO
+        return shared.GO
     record_work(0.0, 0.0, -kinetic_energy(model, state.velocity), True, state.energy)
     state.velocity[:] = 0.0
     state.count[Count.RESTS] += 1.0
     write_rest(model, grounds, state, work, path, output)
-    log_change(state, clock[Clock.TIME], BY_REST, -1, common.AT_REST, output)
+    log_change(state, clock[Clock.TIME], BY_REST, -1, shared.AT_REST, output)
     return rest_until_onset(model, grounds, state, options, plus, minus, output)
 
 
@@ -309,9 +309,9 @@ def handle(model, grounds, state, work, path, options, output):
     Writes: state, work, path, output.
     """
     code = int(state.clock[Clock.CODE])
-    if code == common.UNSOLVED:
+    if code == shared.UNSOLVED:
         code = handle_unsolved(model, grounds, state, work, path, options, output)
-    if code == common.PAUSE:
+    if code == shared.PAUSE:
         code = handle_pause(model, grounds, state, work, path, options, output)
     state.clock[Clock.CODE] = code
     return code
@@ -319,9 +319,10 @@ def handle(model, grounds, state, work, path, options, output):
 
 @inlined
 def code_after(state, options, until, outcome):
-    """Return the codes of runs after an attempt at a step; the last that applies counts.
+    """Return the codes of runs (`Wait`) after an attempt at a step.
 
-    `outcome` are masks: solved, unsolved, collapsed, broken.
+    `outcome` are masks: solved, unsolved, collapsed, broken. Of several codes that apply
+    the first below counts.
     """
     clock, count = state.clock, state.count
     solved, unsolved, collapsed, broken = outcome
@@ -330,10 +331,13 @@ def code_after(state, options, until, outcome):
     over = clock[Clock.TIME] >= until
     most = options.first_steps + until * (MOST_STEPS / options.time_step)
     spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ITERATIONS_PER_STEP * most)
-    code = select(unsolved, float(common.UNSOLVED), clock[Clock.CODE])
-    code = select(solved & due, float(common.PAUSE), code)
-    code = select(spent, float(common.EXHAUSTED), code)
-    code = select(over, float(common.AT_END), code)
-    code = select(clock[Clock.CODE] > common.PAUSE, clock[Clock.CODE], code)
-    code = select(collapsed, float(common.COLLAPSES), code)
-    return select(broken, float(common.BROKEN), code)
+    before = clock[Clock.CODE]
+    return (
+        select(broken, float(shared.BROKEN),
+        select(collapsed, float(shared.COLLAPSES),
+        select(before > shared.PAUSE, before,
+        select(over, float(shared.AT_END),
+        select(spent, float(shared.EXHAUSTED),
+        select(solved & due, float(shared.PAUSE),
+        select(unsolved, float(shared.UNSOLVED), before)))))))
+    )  # fmt: skip

@@ -20,13 +20,13 @@ import math
 
 from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact import placing
+from archfrag.physics.contact.ties import accept_ties, aim_ties
 from archfrag.physics.energy import kinetic_energy, record_calm, record_step, record_ties
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import flag, larger, nearest, smaller
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Count, Energy, Peak
-from archfrag.physics.ties import accept_ties, aim_ties
 
 # A corner takes part in a step if its gap could close within it at this many times the largest
 # relative velocity of any joint: an impact elsewhere may throw it shut. Both corners of a joint
@@ -164,7 +164,7 @@ def go_to_middle(model, state, work, step):
 
 @inlined
 def is_centred(clock, step):
-    """Whether an impact is expected in the middle of the next step."""
+    """Return whether an impact is expected in the middle of the next step."""
     return abs(clock[Clock.IMPACT] - (clock[Clock.TIME] + 0.5 * step)) <= CENTRED * step
 
 
@@ -245,7 +245,7 @@ def record_far_work(state, work, where):
 
 @inlined
 def _is_complete(j, model, state, work):
-    """Whether no touching corner still closes, or opens again, at a rate that counts."""
+    """Return whether no touching corner still closes, or opens again, at a rate that counts."""
     nx, ny, step = work.normal[j, 0], work.normal[j, 1], state.clock[Clock.STEP]
     fall = model.gravity * step
     complete = True

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from archfrag.files import counted, make_folder, replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.motions.measures import measure_unit, scaling_exponent
-from archfrag.physics.status import CollapseMode, Model, Status
+from archfrag.physics.status import CollapseMode, Level, Status
 from archfrag.study import provenance
-from archfrag.study.file.arches import VARIABLE, ArchEntry
+from archfrag.study.designs.design import Cases
+from archfrag.study.file.arches import UNITS, ArchEntry
 from archfrag.study.file.members import Members
 from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import strict_json
-from archfrag.study.runs.design import Cases
 from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, make_plan
 from archfrag.version import __version__
 
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 
 COMPRESSION = 4
 CHUNK = 2**17  # cells of a variable that the file stores together: whole arches, up to 1 MB
-_ARCH_UNITS = dict.fromkeys(VARIABLE, "m") | {
-    "embrace": "degree", "density": "kg m-3", "friction": "1", "dead_load": "N",
-}  # fmt: skip
 _CODES: dict[str, Any] = {"Verdict": Verdict, "Status": Status, "CollapseMode": CollapseMode}
 _UDUNITS = {
     "m/s2": "m s-2", "cm/s2": "cm s-2", "gal": "cm s-2", "g": "9.80665 m s-2", "m/s": "m s-1",
@@ -71,7 +68,7 @@ def build_cube(
         return cube
 
     values: dict[str, Any] = {
-        "level": np.arange(shape[2]), "model": [model.name.lower() for model in Model],
+        "level": np.arange(shape[2]), "model": [model.name.lower() for model in Level],
         "measure": names, "measure_unit": list(map(measure_unit, names)),
         "measure_exponent": list(map(scaling_exponent, names)),
         "record_measure": [[record.measures[name] for name in names] for record in records],
@@ -244,7 +241,7 @@ def _arch_variables(arches: Members) -> dict[str, "xr.Variable"]:
     numbers = pd.DataFrame([member.values for member in arches], dtype=float)
     for name in map(str, numbers):
         found[f"arch_{name}"] = _variable(about._replace(
-            name=f"arch_{name}", dtype="f8", units=_ARCH_UNITS.get(name, "1"), fill="nan",
+            name=f"arch_{name}", dtype="f8", units=UNITS.get(name, "1"), fill="nan",
             long_name=f"{name} of the arch",
         ), numbers[name].to_numpy())  # fmt: skip
     texts = pd.DataFrame([member.attributes for member in arches]).fillna("")

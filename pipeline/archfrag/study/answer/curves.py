@@ -25,7 +25,7 @@ from archfrag.fragility.quoted import (
     isotonic_curve,
     shared_events,
 )
-from archfrag.study.runs import Design, design_of
+from archfrag.study.designs import Design, design_of
 
 POINTS = 120  # of a band
 MISFIT = 0.05  # p-value below which the lognormal curve does not describe the collapses

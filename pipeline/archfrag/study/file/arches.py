@@ -1,43 +1,36 @@
 """Arches of a study file: one block, whose keys follow from its profile, and what varies of it."""
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
+from scipy import stats
 
+from archfrag import arch
 from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
-from archfrag.study.file import PathText, Section, at, refuse
+from archfrag.arch.drawing import read_drawing
+from archfrag.arch.facts import no_unit_warnings
+from archfrag.arch.polygons import polygon_ring
+from archfrag.arch.uncertain import Marginal
+from archfrag.simulation.springings import move_springing
+from archfrag.simulation.strength import crushed
+from archfrag.study.keys import PathText, Section, at, refuse
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
-    from archfrag.arch.uncertain import Marginal
 
-_SPANNED = ("span", "rise", "thickness", "voussoirs", "friction")
-_LOADED = ("dead_load", "fill", "piers", "strength", "springings", "ties")
-_DRAWN = ("thickness_factor", "tolerance", *_LOADED)
-# Keys that each profile needs, and keys that it may have.
-PROFILES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "circular": (("radius", "thickness", "embrace", "voussoirs", "friction"),
-                 ("sector", "joints", *_LOADED)),
-    "segmental": (_SPANNED, ("sector", "joints", *_LOADED)),
-    **dict.fromkeys(("pointed", "elliptic", "catenary"), (_SPANNED, ("joints", *_LOADED))),
-    "from_joints": (("intrados", "extrados", "friction"), ("free_end", *_LOADED)),
-    "block": (("width", "height", "friction"), ()),
-    "polygons": (("outlines", "friction"), ("ground", *_DRAWN)),
-}  # fmt: skip
-_Profile: Any = Literal[tuple(PROFILES)]
-_MATERIAL = ("friction", "density", "depth")
-_COMMON = ("id", *_MATERIAL, "recess", "vary")
-# Columns of a table that are keys of its arches.
-COLUMNS = tuple(dict.fromkeys(
-    ("profile", *_COMMON, *(key for name, both in PROFILES.items() if name != "polygons"
-                            for key in sum(both, ())))
-))  # fmt: skip
-# Keys of an arch that may vary, of all profiles.
-VARIABLE = (
-    "radius", "thickness", "embrace", "span", "rise", "width", "height", "density", "depth",
-    "friction", "dead_load", "thickness_factor",
-)  # fmt: skip
+RINGS = ("circular", "segmental", "pointed", "elliptic", "catenary")
+PROFILES = (*RINGS, "from_joints", "block", "polygons")
+_ALL, _DRAWN = (*PROFILES, "drawing"), ("polygons", "drawing")
+_LOADED = (*RINGS, "from_joints", *_DRAWN)
+
+
+class Key(NamedTuple):
+    """Which entries need a key of an arch, or may have it, and its unit if it may vary."""
+
+    needed: tuple[str, ...] = ()  # by profiles, or by a drawing
+    taken: tuple[str, ...] = ()
+    unit: str | None = None  # as the cube states it
 
 
 def _coefficient(given: Any) -> Any:
@@ -74,6 +67,10 @@ Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 Line = Annotated[list[Point], Field(min_length=2, max_length=2)]
 Corner = Annotated[list[float], Field(min_length=2, max_length=3)]
+Grounds = Annotated[list[Line], Field(max_length=2)]
+DrawingUnit = Literal["m", "dm", "cm", "mm", "in", "ft"]
+Factor = Annotated[float, Field(gt=0.0, le=100.0)]
+Strength = Annotated[float, Field(ge=1.0, le=1e12)]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)]
 
 
@@ -156,6 +153,9 @@ class TieEntry(Section):
     """Elongation at which it breaks [m]; if not given, it never does."""
 
 
+Ties = Annotated[list[TieEntry], Field(max_length=16)]
+
+
 class Distribution(Section):
     """Distribution of one key, in the unit of the key."""
 
@@ -206,11 +206,7 @@ class Distribution(Section):
         return self
 
     def marginal(self) -> "Marginal":
-        """Distribution to draw from."""
-        from scipy import stats
-
-        from archfrag.arch.uncertain import Marginal
-
+        """Return the distribution to draw from."""
         keys: Any = self
         if self.distribution == "normal":
             law = stats.norm(keys.mean, keys.sd or keys.cov * keys.mean)
@@ -247,7 +243,8 @@ class Vary(Section):
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 1
     """Seed of the random numbers; the same seed gives the same arches."""
     of: Annotated[
-        dict[str, Distribution], Field(json_schema_extra={"propertyNames": {"enum": VARIABLE}})
+        dict[str, Distribution],
+        Field(json_schema_extra=lambda schema: schema.update(propertyNames={"enum": VARIABLE})),
     ] = Field(default_factory=dict)
     """Distribution of each uncertain key, in the unit of the key."""
     joints: JointScatter | None = None
@@ -269,80 +266,81 @@ class Vary(Section):
 class ArchEntry(Section):
     """An arch, column or block from a profile or a drawing, or many from the rows of a table."""
 
-    kind_key, common = "profile", _COMMON
-    kinds: ClassVar = {
-        "table": ((), ("table", *COLUMNS)),
-        "drawing": (("friction",), ("drawing", "layer", "unit", *_DRAWN)),
-        **PROFILES,
-    }
+    kind_key = "profile"
+    common = ("id", "friction", "density", "depth", "recess", "vary")
 
     id: Identifier
     """Name of the arch or class of arches in results: letters, digits and _ . + - only."""
-    profile: _Profile | None = None
+    profile: Literal[PROFILES] | None = None  # type: ignore[valid-type]
     """Shape of the arch; not with drawing, and with table only if its rows do not give it."""
     table: PathText | None = None
     """Table (CSV) with an arch in each row: a column id, columns named like the keys here, and
     attributes, which are text. Keys of this entry hold where a cell is empty."""
-    drawing: PathText | None = None
+    drawing: Annotated[PathText | None, Key(taken=("drawing",))] = None
     """DXF file: blocks as closed polylines, and lines where they stand on ground."""
-    layer: OneOrList[str] | None = None
+    layer: Annotated[OneOrList[str] | None, Key(taken=("drawing",))] = None
     """Layer of the blocks of a drawing, or a list of layers; the only one with polylines if not
     given."""
-    unit: Literal["m", "dm", "cm", "mm", "in", "ft"] | None = None
+    unit: Annotated[DrawingUnit | None, Key(taken=("drawing",))] = None
     """Unit of a drawing; overrides what it states."""
-    radius: Length | None = None
+    radius: Annotated[Length | None, Key(needed=("circular",), unit="m")] = None
     """Mid-thickness radius (circular) [m]."""
-    embrace: Angle | None = None
+    embrace: Annotated[Angle | None, Key(needed=("circular",), unit="degree")] = None
     """Angle between the springings (circular) [degrees]."""
-    span: Length | None = None
+    span: Annotated[Length | None, Key(needed=RINGS[1:], unit="m")] = None
     """Span of the centre line [m]."""
-    rise: Length | None = None
+    rise: Annotated[Length | None, Key(needed=RINGS[1:], unit="m")] = None
     """Rise of the centre line [m]; at most half the span (segmental), at least (pointed)."""
-    thickness: Length | None = None
+    thickness: Annotated[Length | None, Key(needed=RINGS, unit="m")] = None
     """Thickness of the ring, measured along its joints [m]."""
-    voussoirs: Count | None = None
+    voussoirs: Annotated[Count | None, Key(needed=RINGS)] = None
     """Number of voussoirs."""
-    sector: bool | None = None
+    sector: Annotated[bool | None, Key(taken=RINGS[:2])] = None
     """Exact annular sectors (circular, segmental); false: straight-sided voussoirs."""
-    joints: List[float] | None = None
+    joints: Annotated[List[float] | None, Key(taken=RINGS)] = None
     """Joints from the left springing: degrees (circular) or fractions of the centre line."""
-    intrados: List[Point] | None = None
+    intrados: Annotated[List[Point] | None, Key(needed=("from_joints",))] = None
     """Inner ends of the joints, in order [m]."""
-    extrados: List[Point] | None = None
+    extrados: Annotated[List[Point] | None, Key(needed=("from_joints",))] = None
     """Outer ends of the joints, in order [m]."""
-    free_end: bool | None = None
+    free_end: Annotated[bool | None, Key(taken=("from_joints",))] = None
     """Whether the last voussoir touches no ground, as in a column or a wall."""
-    width: Length | None = None
+    width: Annotated[Length | None, Key(needed=("block",), unit="m")] = None
     """Width of a block [m]."""
-    height: Length | None = None
+    height: Annotated[Length | None, Key(needed=("block",), unit="m")] = None
     """Height of a block [m]."""
-    outlines: List[list[Corner]] | None = None
+    outlines: Annotated[List[list[Corner]] | None, Key(needed=("polygons",))] = None
     """Corners of each block: x, y [m] and the bulge of the side to the next one, 0 if straight."""
-    ground: Annotated[list[Line], Field(max_length=2)] | None = None
+    ground: Annotated[
+        Annotated[list[Line], Field(max_length=2)] | None, Key(taken=("polygons",))
+    ] = None
     """Lines on which ends stand; if none, the sides opposite to the joints of both ends."""
-    thickness_factor: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    thickness_factor: Annotated[
+        Annotated[float, Field(gt=0.0, le=100.0)] | None,
+        Key(taken=("polygons", "drawing"), unit="1"),
+    ] = None
     """Factor on the length of the joints of drawn blocks; the sides between joints follow."""
-    tolerance: Length | None = None
+    tolerance: Annotated[Length | None, Key(taken=_DRAWN)] = None
     """Distance within which edges of drawn neighbours agree [m]; 1e-5 of the size by default."""
-    dead_load: OneOrList[Load] | None = None
+    dead_load: Annotated[OneOrList[Load] | None, Key(taken=_LOADED, unit="N")] = None
     """Weight on the back of all voussoirs, or a list with one for each [N]."""
-    fill: Fill | None = None
+    fill: Annotated[Fill | None, Key(taken=_LOADED)] = None
     """Fill and backing, as weight and mass."""
-    piers: Piers | None = None
+    piers: Annotated[Piers | None, Key(taken=_LOADED)] = None
     """Piers or buttresses on which the ring stands."""
-    strength: Annotated[float, Field(ge=1.0, le=1e12)] | None = None
+    strength: Annotated[Strength | None, Key(taken=_LOADED)] = None
     """Compressive strength of the masonry: joints lose the thickness that would crush under
     self-weight [N/m2]. If not given, nothing crushes."""
-    springings: Springings | None = None
+    springings: Annotated[Springings | None, Key(taken=_LOADED)] = None
     """A springing that has moved before the record."""
-    ties: Annotated[list[TieEntry], Field(max_length=16)] | None = None
+    ties: Annotated[Ties | None, Key(taken=_LOADED)] = None
     """Ties, one or several."""
-    friction: OneOrList[Friction] | None = None
+    friction: Annotated[OneOrList[Friction] | None, Key(needed=_ALL, unit="1")] = None
     """Coulomb coefficient of all joints, or one for each; inf: the limit of large friction. On
     piers a list is for the joints of the ring alone, or for all of the arch."""
-    density: OneOrList[Density] = 2000.0
+    density: Annotated[OneOrList[Density], Key(unit="kg m-3")] = 2000.0
     """Density of the masonry, or of each voussoir of the ring [kg/m3]."""
-    depth: OneOrList[Length] = 1.0
+    depth: Annotated[OneOrList[Length], Key(unit="m")] = 1.0
     """Width of the arch across its plane, or of each voussoir of the ring [m]."""
     recess: Recess | None = None
     """Depths near the ends of joints over which they transmit nothing."""
@@ -368,12 +366,9 @@ class ArchEntry(Section):
         return self.model_dump(exclude_none=True)
 
     def read(self) -> "ArchEntry":
-        """The arch with what its drawing holds; GeometryError if that cannot be an arch."""
+        """Return the arch with what its drawing holds; GeometryError if that cannot be an arch."""
         if self.drawing is None:
             return self
-        from archfrag.arch.drawing import read_drawing
-        from archfrag.arch.polygons import polygon_ring
-
         drawn = read_drawing(self.drawing, self.layer, self.unit)
         polygon_ring(drawn, self.tolerance)
         given = self.model_dump(exclude_none=True, exclude={"drawing", "layer", "unit"})
@@ -382,9 +377,7 @@ class ArchEntry(Section):
         return ArchEntry.model_validate({**given, **blocks, "profile": "polygons"})
 
     def build(self) -> "Arch":
-        """The arch, of one that varies by its own values; GeometryError if it cannot exist."""
-        from archfrag.arch.facts import no_unit_warnings
-
+        """Return arch, of one that varies by its own values; GeometryError if it cannot exist."""
         entry = self.read()
         key = repr(entry.model_dump(exclude={"id", "vary"}))
         if key not in _BUILT:
@@ -395,26 +388,38 @@ class ArchEntry(Section):
         return _BUILT[key]
 
 
+_KEYS = {
+    name: about for name, field in ArchEntry.model_fields.items()
+    for about in field.metadata if isinstance(about, Key)
+}  # fmt: skip
+UNITS = {name: about.unit for name, about in _KEYS.items() if about.unit}
+VARIABLE = tuple(UNITS)  # keys that may vary, of all profiles
+# Columns of a table that are keys of its arches.
+COLUMNS = tuple(dict.fromkeys((
+    "profile", *ArchEntry.common,
+    *(name for name, about in _KEYS.items() if {*about.needed, *about.taken} - {*_DRAWN}),
+)))  # fmt: skip
+ArchEntry.kinds = {
+    "table": ((), ("table", *COLUMNS)),
+    **{kind: (tuple(name for name, about in _KEYS.items() if kind in about.needed),
+              tuple(name for name, about in _KEYS.items() if kind in about.taken))
+       for kind in ("drawing", *PROFILES)},
+}  # fmt: skip
 # A study asks for each of its arches some ten times; drawings and moved springings take long.
 _BUILT: dict[str, "Arch"] = {}
 _MOST_KEPT = 256
 
 
 def _built(entry: ArchEntry) -> "Arch":
-    """The arch of an entry, which is read from its drawing already."""
-    from archfrag import arch
-
+    """Return the arch of an entry, which is read from its drawing already."""
     name, makers = str(entry.profile), {"block": arch.Block, "polygons": arch.Arch.from_polygons}
     make: Any = makers.get(name) or getattr(arch.Arch, name)
-    keys = {*sum(PROFILES[name], ()), *_MATERIAL} - {"strength", "springings", "ties"}
-    given = entry.model_dump(include=keys, exclude_none=True)
+    later = {"strength", "springings", "ties", "recess", "vary", "id", "profile"}
+    given = entry.model_dump(exclude=later, exclude_none=True)
     built: Arch = make(**given)
     if entry.recess is not None:
         built = built.recessed(entry.recess.intrados, entry.recess.extrados)
     if entry.strength is not None or entry.springings is not None:
-        from archfrag.simulation.springings import move_springing
-        from archfrag.simulation.strength import crushed
-
         built = built if entry.strength is None else crushed(built, entry.strength)
         if entry.springings is not None:
             built = move_springing(built, **entry.springings.model_dump())

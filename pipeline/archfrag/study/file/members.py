@@ -10,10 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from archfrag.arch.uncertain import sample, to_digits
 from archfrag.errors import InputError, StabilityError
 from archfrag.files import read_text
-from archfrag.study.file import at, meant
+from archfrag.simulation.simulate import onset
+from archfrag.simulation.standing import prestress_text
 from archfrag.study.file.arches import COLUMNS, VARIABLE, ArchEntry, JointScatter
+from archfrag.study.keys import at, meant
 from archfrag.study.yaml_text import parse_value
 from archfrag.tables import check_decimals, parse_table, table_of
 
@@ -43,7 +46,7 @@ class Member:
 
     @cached_property
     def chain(self) -> str:
-        """Digest of the arrays that the kernels get of the arch."""
+        """Return the digest of the arrays that the kernels get of the arch."""
         digest = hashlib.sha256()
         for name, value in self.entry.build().chain._asdict().items():
             array = np.ascontiguousarray(value, "<f8")
@@ -55,12 +58,12 @@ Members = tuple[Member, ...]  # in the order of the study's entries
 
 
 def checked(members: Members) -> Members:
-    """All arches; if there are very many, some of them at equal distances."""
+    """Return all arches; if there are very many, some of them at equal distances."""
     return members[:: -(-len(members) // MOST_CHECKED) or 1]
 
 
 def shown(theta: Sequence[float]) -> list[int]:
-    """Places of the arches that a report shows one by one, by their median capacities.
+    """Return the places of the arches that a report shows one by one, by their median capacities.
 
     All of up to `SHOWN`; of many the weakest, the middle and the strongest. nan: no curve.
     """
@@ -96,7 +99,9 @@ def expand(entries: Sequence[ArchEntry]) -> Members:
 
 
 def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
-    """The arch of an entry, or those of its table; it fills the cells that a row leaves empty."""
+    """Yield the arch of an entry, or those of its table; it fills the cells that a row leaves
+    empty.
+    """
     if entry.table is None:
         with at(where):
             entry = entry.read()
@@ -137,7 +142,7 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
 
 
 def _drawn(base: Member) -> Iterator[Member]:
-    """The samples of an arch, or itself if it does not vary.
+    """Yield the samples of an arch, or itself if it does not vary.
 
     Keys are drawn by the scheme (`archfrag.arch.uncertain.sample`), but what differs from joint to
     joint by plain random numbers, the same for the n-th sample of a seed whatever the number of
@@ -147,8 +152,6 @@ def _drawn(base: Member) -> Iterator[Member]:
     if vary is None:
         yield base
         return
-    from archfrag.arch.uncertain import sample, to_digits
-
     seed = [vary.seed]
     if base.id != base.arch_class:  # rows are drawn independently, whatever other rows there are
         seed.append(zlib.crc32(base.id.encode()))
@@ -185,8 +188,6 @@ def _drawn(base: Member) -> Iterator[Member]:
 def _joints_drawn(
     joints: JointScatter, given: Mapping[str, Any], n_joint: int, generator: np.random.Generator
 ) -> dict[str, Any]:
-    from archfrag.arch.uncertain import to_digits
-
     keys: dict[str, Any] = {}
     # All are drawn, so that one key more leaves the others' numbers as they are.
     for name, distribution in joints:
@@ -218,9 +219,6 @@ def check_buildable(given: Members) -> None:
 
 def check_standing(given: Members) -> None:
     """Check that all arches can exist (or InputError) and stand (or StabilityError)."""
-    from archfrag.simulation.simulate import onset
-    from archfrag.simulation.standing import prestress_text
-
     check_buildable(given)
     for member in given:
         arch = member.entry.build()

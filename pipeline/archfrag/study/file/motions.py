@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, create_model
 
+from archfrag.motions import process
 from archfrag.motions.calibrate import Acceptable
-from archfrag.study.file import PathText, Section, refuse
+from archfrag.study.keys import PathText, Section, refuse
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
@@ -27,7 +28,7 @@ def _mapping(given: Any) -> Any:
 
 
 def _settings(step: str) -> Any:
-    """Block of the settings of a step, as the table of steps describes them."""
+    """Return the block of the settings of a step, as the table of steps describes them."""
     fields: dict[str, Any] = {}
     for key, about in STEPS[step].get("settings", {}).items():
         if "one_of" in about:
@@ -103,8 +104,6 @@ def apply_step(
     name: str, settings: dict[str, Any], motion: "Motion", record: Path, inventory: str | None
 ) -> "Motion":
     """Apply one step to a motion; InputError if it does not suit it."""
-    from archfrag.motions import process
-
     if name == "choose":  # done where records are read
         return motion
     if name == "response":

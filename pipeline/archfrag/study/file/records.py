@@ -22,9 +22,9 @@ from archfrag.motions.earthquakes import earthquakes, recording_of
 from archfrag.motions.measures import measure, scale_factor
 from archfrag.motions.partners import VERTICAL, folder_names
 from archfrag.motions.process import REVERSED, both_senses
-from archfrag.study.file import at, meant
 from archfrag.study.file.motions import Motions, apply_step
 from archfrag.study.file.schema import Study
+from archfrag.study.keys import at, meant
 from archfrag.study.provenance import (
     Inputs,
     canonical_json,

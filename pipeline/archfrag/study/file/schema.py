@@ -11,11 +11,13 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, TypeAdapter, mod
 from archfrag.errors import InputError
 from archfrag.files import WORK
 from archfrag.motions.measures import LEVEL_UNITS, measure_unit, parse_measure, scaling_exponent
-from archfrag.study.file import PathText, Section, at, refuse
+from archfrag.simulation import arguments
+from archfrag.simulation.arguments import method_names
+from archfrag.study.designs import AnyDesign, Stripes
 from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.members import Members, check_buildable, checked, expand
 from archfrag.study.file.motions import Motions
-from archfrag.study.runs import AnyDesign, Stripes
+from archfrag.study.keys import PathText, Section, at, refuse
 from archfrag.study.yaml_text import read_keys
 
 PERIODS = (0.01, 20.0)  # of a spectral measure [s]
@@ -35,7 +37,7 @@ class LevelRange(Section):
 
 
 def _listed(levels: list[float] | LevelRange) -> list[float]:
-    """All levels, of a range to twelve digits: what a person would have typed."""
+    """Return all levels, of a range to twelve digits: what a person would have typed."""
     if isinstance(levels, LevelRange):
         step = (levels.stop - levels.start) / (levels.count - 1)
         levels = [float(f"{levels.start + i * step:.12g}") for i in range(levels.count)]
@@ -114,8 +116,6 @@ class Method(Section):
 
     @model_validator(mode="after")
     def _known_with_its_settings(self) -> Self:
-        from archfrag.simulation import arguments
-
         names = arguments.method_names()
         if self.name not in names:
             raise refuse(f"= {self.name} must be one of {', '.join(names)}", "name")
@@ -251,9 +251,9 @@ def study_of(given: dict[str, Any], folder: Path, place: Any) -> Study:
 
 
 def study_schema() -> str:
-    """JSON schema of study files, for editors; the text of ``configs/study.schema.json``."""
-    from archfrag.simulation.arguments import method_names
-
+    """Return the JSON schema of study files, for editors; the text of
+    ``configs/study.schema.json``.
+    """
     schema = Study.model_json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "archfrag study"

@@ -7,23 +7,24 @@ import uuid
 from collections.abc import Iterator
 from functools import partial
 from itertools import count, islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from tqdm import tqdm
 
 from archfrag.files import make_folder
 from archfrag.fragility.counts import Verdict
+from archfrag.physics.methods.auto import goes_by_events
+from archfrag.physics.methods.registry import AUTO, METHODS
+from archfrag.simulation.warmup import every, is_shipped, kernels_are_compiled, warmup
+from archfrag.study.designs.design import CASE, Cases, Verdicts, drive, order_of
 from archfrag.study.file.members import check_standing
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import add_to_log, machine
 from archfrag.study.runs import store
-from archfrag.study.runs.design import CASE, Cases, Verdicts, drive, order_of
 from archfrag.study.runs.store import Plan, Table, places
 from archfrag.study.runs.workers import Cluster, Threads, workers_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 # A chunk is one call: four of its runs go side by side to near its end, so that chunks of 4 cost
 # half as much again as those of 64. Many make the others wait less for the last one.
@@ -44,8 +45,6 @@ def run_batch(
     `plan` is that of the study, if it is known. WorkerError if workers cannot be started or are
     lost.
     """
-    import pandas as pd
-
     started = time.perf_counter()
     known = plan or store.make_plan(study)
     table = store.read_parts(make_folder(known.parts))
@@ -188,8 +187,6 @@ def chunks(cases: Cases, size: int) -> Iterator[Cases]:
 
 def _prepare(plan: Plan, bar: tqdm) -> float:
     """Compile kernels that are not, and see that all arches stand; return the compile time [s]."""
-    from archfrag.simulation.warmup import every, is_shipped, kernels_are_compiled, warmup
-
     compile_time = 0.0
     with contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh):
         name = method_to_compile(plan)
@@ -209,9 +206,6 @@ def _prepare(plan: Plan, bar: tqdm) -> float:
 
 def method_to_compile(plan: Plan) -> str:
     """Return the name of the method whose kernels a study needs."""
-    from archfrag.physics.methods.auto import goes_by_events
-    from archfrag.physics.methods.registry import AUTO, METHODS
-
     method = plan.study.method
     if method.name != AUTO:
         return method.name

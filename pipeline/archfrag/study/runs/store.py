@@ -25,17 +25,17 @@ from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.motions.measures import scaling_exponent
 from archfrag.physics.kernels.cache import digest_of_syntax, kernel_platform
-from archfrag.physics.status import Count, Energy, Loss, Model, Peak
+from archfrag.physics.status import Count, Energy, Level, Loss, Peak
+from archfrag.study.designs.design import Cases, Grid, Requests, Verdicts, ask, order_of
 from archfrag.study.file.members import Members
 from archfrag.study.file.records import PreparedRecord, load_prepared, load_record
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import digest_of, files_of_code
-from archfrag.study.runs.design import Cases, Grid, Requests, Verdicts, ask, order_of
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
     from archfrag.motions.motion import Motion
-    from archfrag.physics.interface import Results
+    from archfrag.physics.interface import Outcomes
 
 # Code that decides what a run is, and what its row holds.
 DECIDING = (
@@ -57,12 +57,13 @@ _ENTRIES: dict[str, Any] = {"count": Count, "loss": Loss, "peak": Peak}
 # A row: its key, all columns, the time simulated in each model, and how long it took.
 ROW = np.dtype([
     ("key", f"S{KEY}"), *((column.name, column.dtype) for column in COLUMNS),
-    ("model_time", "f8", (len(Model),)), ("wall_time", "f8"),
+    ("model_time", "f8", (len(Level),)), ("wall_time", "f8"),
 ])  # fmt: skip
 
 
 def code_identity() -> str:
-    """Digest of what the code that makes runs does, of its rows, and of what it runs on.
+    """Return the digest of what the code that makes runs does, of its rows, and of what it runs
+    on.
 
     Texts that only label are left out: a run stays what it was if they are mended.
     """
@@ -70,8 +71,8 @@ def code_identity() -> str:
     return digest_of([kernel_platform(), digest_of_syntax(tuple(files_of_code(*DECIDING))), rows])
 
 
-def columns_of(results: "Results") -> dict[str, NDArray]:
-    """Columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s]."""
+def columns_of(results: "Outcomes") -> dict[str, NDArray]:
+    """Return the columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s]."""
     energy, largest = results.energy, results.energy[:, Energy.LARGEST_KINETIC]
     columns: dict[str, NDArray] = {
         # Verdicts are the first codes of status; what comes after are failures of the solver.
@@ -80,7 +81,7 @@ def columns_of(results: "Results") -> dict[str, NDArray]:
             energy[:, Energy.BALANCE_ERROR_PEAK], largest, out=np.zeros(len(largest)),
             where=largest > 0.0,
         ),
-        "model_time": results.model_time[:, list(Model)],
+        "model_time": results.model_time[:, list(Level)],
     }  # fmt: skip
     for column in COLUMNS:
         if column.source:
@@ -129,17 +130,17 @@ class Plan:
 
     @cached_property
     def levels(self) -> NDArray[np.float64]:
-        """Levels of the study, (n_level,) [SI]."""
+        """Return the levels of the study, (n_level,) [SI]."""
         return np.array(self.study.intensity.si)
 
     @cached_property
     def power(self) -> float:
-        """A level grows with the factor to the power 1 / `power`."""
+        """Return exponent of a level in the factor: a level grows with factor to 1 / `power`."""
         return 1.0 / scaling_exponent(self.study.intensity.measure)
 
     @cached_property
     def digests(self) -> dict[str, str]:
-        """Digest of each part of the plan, by the name that a message gives it."""
+        """Return the digest of each part of the plan, by the name that a message gives it."""
         study = self.study
         parts = {
             "archfrag": self.identity, "study": study.id,
@@ -152,15 +153,17 @@ class Plan:
 
     @cached_property
     def unscaled(self) -> NDArray[np.float64]:
-        """Factors that bring the records to 1 in the study's measure, (n_record,)."""
+        """Return the factors that bring the records to 1 in the study's measure, (n_record,)."""
         return np.array([record.factor for record in self.records])
 
     def factors(self, cases: Cases) -> NDArray[np.float64]:
-        """Factors that bring the records of runs to their levels, (n,)."""
+        """Return the factors that bring the records of runs to their levels, (n,)."""
         return self.unscaled[cases["record"]] * cases["level"] ** self.power
 
     def keys(self, cases: Cases) -> NDArray[np.bytes_]:
-        """Identity of each run: of kernels, method, arch, motion and factor, (n,) of 16 bytes."""
+        """Return the identity of each run: of kernels, method, arch, motion and factor, (n,) of 16
+        bytes.
+        """
         given, stems, keys = f"{self.identity}/{self.digests['method']}", {}, []
         pairs = zip(cases["arch"].tolist(), cases["record"].tolist())
         for pair, factor in zip(pairs, self.factors(cases).astype("<f8")):
@@ -189,7 +192,7 @@ class Plan:
 
 
 def make_plan(study: Study) -> Plan:
-    """Plan of a study whose motions are prepared."""
+    """Return the plan of a study whose motions are prepared."""
     return Plan(study, study.members, tuple(load_prepared(study)))
 
 
@@ -214,7 +217,7 @@ def write_part(folder: Path, table: Table) -> Path:
 
 
 def read_part(path: Path) -> Table | None:
-    """Rows of a part; None if it is damaged or of another version of archfrag."""
+    """Return the rows of a part; None if it is damaged or of another version of archfrag."""
     try:
         content = path.read_bytes()
         if hashlib.blake2b(content, digest_size=KEY).hexdigest() != path.stem:
@@ -236,25 +239,25 @@ def _dtype_of(header: bytes) -> np.dtype:
 
 
 def read_parts(folder: Path) -> Table:
-    """All runs of the parts of a folder, see `joined`; about 300 bytes each."""
+    """Return all runs of the parts of a folder, see `joined`; about 300 bytes each."""
     return joined(map(read_part, sorted(folder.glob("*.npy"))))
 
 
 def joined(parts: Iterable[Table | None]) -> Table:
-    """Rows of several tables in the order of their keys; None stands for a damaged part."""
+    """Return rows of several tables in the order of their keys; None stands for a damaged part."""
     table = np.concatenate([np.zeros(0, ROW), *(part for part in parts if part is not None)])
     return table[np.argsort(table["key"], kind="stable")]
 
 
 def places(table: Table, keys: NDArray[np.bytes_]) -> NDArray[np.int64]:
-    """Row of each key in a table in their order, -1 where there is no result, (n,)."""
+    """Return the row of each key in a table in their order, -1 where there is no result, (n,)."""
     known = np.append(table["key"], b"")  # which is no key
     at = np.searchsorted(known[:-1], keys)
     return np.where(known[at] == keys, at, -1)
 
 
 def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
-    """All runs that the design of a plan requests, sorted by arch, record and place.
+    """Return all runs that the design of a plan requests, sorted by arch, record and place.
 
     Returned with their results, and with what the design returned by arch. InputError if results
     are missing.
@@ -277,7 +280,9 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
 
 
 def superfluous(plan: Plan) -> dict[str, list[Path]]:
-    """Parts that are of no use to a study, by why; no file that archfrag did not name."""
+    """Return the stored parts that a study no longer needs, by reason; foreign files are not
+    listed.
+    """
     found: dict[str, list[Path]] = {}
     requested = None
     with contextlib.suppress(InputError):  # what it will ask for follows from runs to be made

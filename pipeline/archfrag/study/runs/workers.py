@@ -20,9 +20,10 @@ import numpy as np
 
 from archfrag.errors import WorkerError
 from archfrag.files import counted
+from archfrag.simulation.simulate import results_of_runs
+from archfrag.study.designs.design import Cases
 from archfrag.study.provenance import available_cores, commit, versions
 from archfrag.study.runs import store
-from archfrag.study.runs.design import Cases
 from archfrag.study.runs.store import Plan, Table
 
 if TYPE_CHECKING:
@@ -44,8 +45,6 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
 
     WorkerError if this process has other code than the one that made the plan.
     """
-    from archfrag.simulation.simulate import results_of_runs
-
     with _ONE_AT_A_TIME:
         same = _identity() == plan.identity
     if not same:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-PACKAGES = Path(__file__).parents[1] / "pipeline"
+PACKAGES = Path(__file__).parents[2] / "pipeline"
 
 # The term to write, and the words that once stood for it.
 TERMS = {

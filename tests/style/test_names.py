@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PIPELINE = ROOT / "pipeline"
 SOURCES = sorted(
     path for folder in ("archfrag", "archbench") for path in (PIPELINE / folder).rglob("*.py")
@@ -121,7 +121,8 @@ def unknown(text, quoted=True):
 def test_names_that_do_not_exist_are_noticed():
     text = (
         "`Arch.from_dxf`, ``Arch.of_nothing``, `archfrag.arch.model` and `arch.nowhere_at_all` in "
-        "`lost_file.py`, tests/lost/test_lost.py, tests/test_names.py, `onset(arch)`, `absent(x)`"
+        "`lost_file.py`, tests/lost/test_lost.py, tests/style/test_names.py, `onset(arch)`, "
+        "`absent(x)`"
     )
     assert list(unknown(text)) == [
         "Arch.of_nothing", "arch.nowhere_at_all", "lost_file.py", "absent(x)",

@@ -19,7 +19,10 @@ from pydantic import Field
 
 from archfrag.fragility.counts import Brackets, Verdict
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
-from archfrag.study.file import Section
+from archfrag.fragility.fit import fit_stripes
+from archfrag.fragility.posterior import fit_posterior
+from archfrag.fragility.quoted import capacity_posterior, quoted_band, quoted_runs
+from archfrag.study.keys import Section
 
 if TYPE_CHECKING:
     from archfrag.fragility.posterior import Posterior
@@ -67,7 +70,9 @@ class Grid:
         return row, place, verdicts
 
     def cases(self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None) -> Cases:
-        """Runs of some rows at some of the study's levels, or each at its own, (n,) of `CASE`."""
+        """Return the runs of some rows at some of the study's levels, or each at its own, (n,) of
+        `CASE`.
+        """
         row = np.asarray(rows, dtype=np.int64)
         cases = np.empty(row.size, CASE)
         cases["arch"], cases["record"], cases["place"] = self.arch, self.records[row], places
@@ -89,31 +94,25 @@ class Design(Section, ABC):
 
     @abstractmethod
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
-        """Runs of an arch, and whether that is meant exactly, about or at most."""
+        """Return the number of runs of an arch, and whether it is exact, about or at most."""
 
     def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
-        """Curve and band; options and errors are those of `quoted_band`."""
-        from archfrag.fragility.quoted import quoted_band
-
+        """Return the curve and band; options and errors are those of `quoted_band`."""
         return quoted_band(found, im, **options)
 
     def posterior(self, found: Brackets) -> "tuple[Posterior, float]":
-        """Posterior of the curve, and the number of records or runs."""
-        from archfrag.fragility.quoted import capacity_posterior
-
+        """Return the posterior of the curve, and the number of records or runs."""
         return capacity_posterior(found)
 
     def likelihood(self, found: Brackets) -> Fragility:
-        """Curve by maximum likelihood: binomial, by the fractions that collapsed at each level."""
-        from archfrag.fragility.fit import fit_stripes
-
+        """Return curve by maximum likelihood, from the fractions that collapsed at each level."""
         decided = found.collapsed | found.survived
         level, place = np.unique(found.levels[decided], return_inverse=True)
         collapsed = np.bincount(place, found.collapsed[decided], level.size)
         return fit_stripes(level, collapsed, np.bincount(place, minlength=level.size))
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Messages on what `requests` returned, by arch."""
+        """Return the messages on what `requests` returned, by arch."""
         return []
 
 
@@ -130,7 +129,7 @@ class Stripes(Design):
         return {"runs": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
-        """Runs of an arch."""
+        """Return the number of runs of an arch, and whether it is exact, about or at most."""
         return n_record * n_level, "exactly"
 
 
@@ -150,25 +149,21 @@ class Cloud(Design):
         return {"runs": len(verdicts), "records": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
-        """Runs of an arch."""
+        """Return the number of runs of an arch, and whether it is exact, about or at most."""
         return n_record, "exactly"
 
     def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
-        """Curve and band from single runs, each with a motion of its own."""
-        from archfrag.fragility.quoted import quoted_runs
-
+        """Return the curve and band from single runs, each with a motion of its own."""
         return quoted_runs(*_single(found), im, confidence=options["confidence"])
 
     def posterior(self, found: Brackets) -> "tuple[Posterior, float]":
-        """Posterior of the curve of single runs, and their number."""
-        from archfrag.fragility.posterior import fit_posterior
-
+        """Return the posterior of the curve of single runs, and their number."""
         level, collapsed = _single(found)
         return fit_posterior(level, collapsed, 1), float(level.size)
 
 
 def _single(found: Brackets) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Levels of the decided runs, (n_run,), and whether they collapsed."""
+    """Return the levels of the decided runs, (n_run,), and whether they collapsed."""
     decided = found.collapsed | found.survived
     return found.levels[decided], found.collapsed[decided]
 
@@ -176,7 +171,9 @@ def _single(found: Brackets) -> tuple[FloatArray, NDArray[np.bool_]]:
 def ask(
     requests: Mapping[int, Requests], decide: Callable[[Cases], Verdicts]
 ) -> tuple[Cases, dict[int, dict[str, Any]]]:
-    """As `drive`, where `decide` returns the verdicts of all runs that it is given, in order."""
+    """Drive requests with a `decide` that returns the verdicts of all runs that it is given, in
+    order.
+    """
     return drive(requests, lambda cases: (cases, decide(cases)))
 
 

@@ -26,7 +26,7 @@ SLACK, TAUT, YIELDS, BROKEN = 0.0, 1.0, 2.0, 3.0
 
 @inlined
 def _end(model, t, side, x, y, angle):
-    """Where an end of a tie is, of a body at x, y that has rotated."""
+    """Return where an end of a tie is, of a body at x, y that has rotated."""
     s, c = sine_cosine(angle)
     a, b = model.tie[t, Tie.X_0 + 2 * side], model.tie[t, Tie.Y_0 + 2 * side]
     return x + c * a - s * b, y + s * a + c * b
@@ -34,7 +34,7 @@ def _end(model, t, side, x, y, angle):
 
 @inlined
 def _ends(model, t, position):
-    """Where the ends of a tie are, and the rows of its bodies."""
+    """Return where the ends of a tie are, and the rows of its bodies."""
     i, k = int(model.tie[t, Tie.BODY_0]), int(model.tie[t, Tie.BODY_1])
     px, py = _end(model, t, 0, position[i, 0], position[i, 1], position[i, 2])
     qx, qy = _end(model, t, 1, position[k, 0], position[k, 1], position[k, 2])
@@ -45,7 +45,7 @@ def _ends(model, t, position):
 def tie_stretch(model, t, position):
     """Return the elongation of a tie [m].
 
-    Reads: model (group, model.tie, offset, tie, work.rotated), position.
+    Reads: model.tie, position.
     Writes: nothing.
     """
     _, _, px, py, qx, qy = _ends(model, t, position)
@@ -57,7 +57,7 @@ def tie_stretch(model, t, position):
 def place_tie(model, t, position, tie):
     """Set the direction and the arms of a tie, ``work.tie``; return its elongation [m].
 
-    Reads: model (group, model.tie, offset, tie, work.rotated), position.
+    Reads: model.tie, position.
     Writes: tie.
     """
     i, k, px, py, qx, qy = _ends(model, t, position)
@@ -72,7 +72,7 @@ def place_tie(model, t, position, tie):
 
 @inlined
 def stretch_rate(model, t, velocity, tie):
-    """Rate at which a tie grows longer [m/s]."""
+    """Return the rate at which a tie grows longer [m/s]."""
     i, k = int(model.tie[t, Tie.BODY_0]), int(model.tie[t, Tie.BODY_1])
     rate = tie[t, TieWork.DX] * (velocity[k, 0] - velocity[i, 0])
     rate += tie[t, TieWork.DY] * (velocity[k, 1] - velocity[i, 1])
@@ -112,7 +112,7 @@ def tie_energy(model, t, state, elongation):
 def set_ties(model, state, work):
     """Let the ties of a state be taut or slack, without a set.
 
-    Reads: model (group, model.tie, offset, tie, work.rotated), state.position.
+    Reads: model.tie, state.position.
     Writes: state.tie, work.tie.
     """
     for t in range(model.tie.shape[0]):
@@ -127,7 +127,7 @@ def pull_at_rest(model, state, work, pull):
 
     Moments are about the centroids.
 
-    Reads: model (group, model.tie, offset, tie, work.rotated), state (position, tie), work.tie.
+    Reads: model.tie, state (position, tie), work.tie.
     Writes: work.tie, pull.
     """
     for t in range(model.tie.shape[0]):
@@ -144,7 +144,7 @@ def pull_at_rest(model, state, work, pull):
 def pull_by_ties(model, state, work):
     """Add what the tensions of ties give to the accelerations ``work.free``; no impulses.
 
-    Reads: model, state (position, tie), work.tie.
+    Reads: model (inverse_inertia, inverse_mass, tie), state (position, tie), work.tie.
     Writes: work (free, tie).
     """
     for t in range(model.tie.shape[0]):
@@ -160,7 +160,7 @@ def aim_ties(model, state, work, step, ahead):
     The tension is that of the elongation in the middle, changed by so much of the step (`ahead`)
     times the change of its rate.
 
-    Reads: model, state, work.
+    Reads: model.tie, state (position, tie, velocity), work (position, tie).
     Writes: work.tie.
     """
     for t in range(model.tie.shape[0]):
@@ -267,7 +267,7 @@ def _solve_impulses(model, work):
 
 @kernel
 def solve_with_ties(model, position, work, scale, precision, first):
-    """As `archfrag.physics.contact.blocks.solve_modes`, with the impulses of ties.
+    """Solve the contact problem in the present modes (`solve_modes`), with the impulses of ties.
 
     Reads: model (inverse_inertia, inverse_mass, ray, tie), position, work, precision.left.
     Writes: work.
@@ -329,7 +329,7 @@ def accept_ties(model, state, work, step, where):
 
     What breaks gives up its energy.
 
-    Reads: model, state, work.
+    Reads: model.tie, state (position, tie), work (solved, tie).
     Writes: state.tie, work.tie.
     """
     lost, error = 0.0 * step, 0.0 * step
@@ -358,7 +358,7 @@ def change_tie(model, state, t, yields, breaks):
 
     One that is taut becomes slack unless it `yields` or `breaks`, any other one becomes taut.
 
-    Reads: model (group, model.tie, offset, tie, work.rotated), state (position, tie).
+    Reads: model.tie, state (position, tie).
     Writes: state.tie.
     """
     mode = state.tie[t, TieState.MODE]
@@ -375,7 +375,7 @@ def change_tie(model, state, t, yields, breaks):
 def stretch_yielding(model, state):
     """Let the sets of ties that yield follow their elongation; return what that takes [J].
 
-    Reads: model (group, model.tie, offset, tie, work.rotated), state (position, tie).
+    Reads: model.tie, state (position, tie).
     Writes: state.tie.
     """
     lost = 0.0

@@ -10,7 +10,8 @@ from pydantic import Field
 
 from archfrag.fragility.counts import Brackets, Verdict
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
-from archfrag.study.runs.design import Asking, Design, Grid, Requests
+from archfrag.fragility.fit import fit_brackets
+from archfrag.study.designs.design import Asking, Design, Grid, Requests
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown
 # A run that survives goes on to the end of the record and costs five times one that collapses.
@@ -75,20 +76,20 @@ class Ida(Design):
         }  # fmt: skip
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
-        """Runs of an arch: a search distinguishes levels + 1 places of the border."""
+        """Return the number of runs of an arch: a search distinguishes levels + 1 places of the
+        border.
+        """
         search_runs = int(np.ceil(n_record * np.log2(n_level + 1)))
         checks = n_record if self.checks is None else self.checks
         return min(search_runs + checks, n_record * n_level), "about"
 
     def likelihood(self, found: Brackets) -> Fragility:
-        """Curve by maximum likelihood, from the brackets of the records' capacities."""
-        from archfrag.fragility.fit import fit_brackets
-
+        """Return the curve by maximum likelihood, from the brackets of the records' capacities."""
         known = found.known()
         return fit_brackets(known.lower, known.upper)
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Messages on checks that contradict the borders found."""
+        """Return the messages on checks that contradict the borders found."""
         against = {name: (own["contradictions"], own["checked"])
                    for name, own in facts.items() if own.get("contradictions")}  # fmt: skip
         if len(against) > MOST_NAMED:
@@ -133,7 +134,7 @@ def search(
 
 
 def expected_borders(levels: FloatArray, low: IntArray, high: IntArray) -> FloatArray:
-    """Probability of each border, (n_level + 1,), of normal ln capacities.
+    """Return the probability of each border, (n_level + 1,), of normal ln capacities.
 
     Their mean and deviation are those of the capacities between the borders that were found,
     (n_record,); a border beyond the ends is half a level away.

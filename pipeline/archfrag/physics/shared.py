@@ -1,7 +1,4 @@
-"""What all methods share: begin and end of a run, its history, results and accuracy.
-
-Why a run waits is in ``state.clock[Clock.CODE]``, and has the numbers below.
-"""
+"""What all methods share: begin and end of a run, its history, results and accuracy."""
 
 from typing import NamedTuple
 
@@ -10,23 +7,19 @@ import numpy as np
 from archfrag.physics.collapse import NO_MODE, NOTED_GAP, collapse_of, loss_mode
 from archfrag.physics.contact.laws import mode_number
 from archfrag.physics.contact.placing import clearance, move_faces, slip_and_gap
+from archfrag.physics.contact.ties import set_ties
 from archfrag.physics.energy import energies_of
-from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.state import Clock, Model, model_of
-from archfrag.physics.status import Count, Energy, Loss, Peak, Status
-from archfrag.physics.status import Model as ModelLevel
-from archfrag.physics.ties import set_ties
+from archfrag.physics.status import Count, Energy, Level, Loss, Peak, Status, Wait
 
-# Nothing; modes that are not reconciled; something is due between steps; collapse; the time is
-# up, or the work allowed is spent; positions overflowed; at rest for good. Up to PAUSE a run
-# goes on.
-GO, UNSOLVED, PAUSE, COLLAPSES, AT_END, EXHAUSTED, BROKEN, IDLE = 0, 1, 2, 3, 4, 5, 6, 7
+GO, UNSOLVED, PAUSE, COLLAPSES, AT_END, EXHAUSTED, BROKEN, IDLE = map(int, Wait)
 STANDING, COLLAPSED = int(Status.STANDING), int(Status.COLLAPSED)
 UNFINISHED, NO_SOLUTION = int(Status.UNFINISHED), int(Status.NO_CONTACT_SOLUTION)
 NOT_FINITE, WORK_BOUND = int(Status.NOT_FINITE), int(Status.WORK_BOUND)
-AT_REST, ALL = int(ModelLevel.REST), int(ModelLevel.ALL_VOUSSOIRS)
+AT_REST, ALL = int(Level.REST), int(Level.ALL_VOUSSOIRS)
 # Gap over joint length below which a corner is closed in a chain at rest [1].
 CLOSED_GAP = 1e-7
 # Speed over that of a fall through the longest joint below which a chain may be at rest [1].
@@ -50,9 +43,9 @@ def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
     )
 
 
-def new_results(n_run: int) -> Results:
+def new_results(n_run: int) -> Outcomes:
     """Allocate results of `n_run` runs."""
-    return Results(
+    return Outcomes(
         status=np.zeros(n_run, np.int64),
         end_time=np.zeros(n_run),
         collapse_time=np.full(n_run, np.nan),
@@ -61,7 +54,7 @@ def new_results(n_run: int) -> Results:
         loss=np.zeros((n_run, len(Loss))),
         count=np.zeros((n_run, len(Count))),
         energy=np.zeros((n_run, len(Energy))),
-        model_time=np.zeros((n_run, len(ModelLevel))),
+        model_time=np.zeros((n_run, len(Level))),
         peak=np.zeros((n_run, len(Peak))),
     )
 
@@ -124,7 +117,7 @@ def write_frame(model, state, work, output):
 def log_change(state, time, cause, joint, level, output):
     """Log a change of the mechanism, or of its model, if the log has room.
 
-    Reads: state.slip, output (log, log.time, written).
+    Reads: state (contact, slide, slip), output (log, log.time, written).
     Writes: output (log.cause, log.joint, log.mode, log.model, log.time, written).
     """
     log, entry = output.log, output.written[1]
@@ -244,7 +237,8 @@ def record_end(model, state):
 
 @kernel
 def sways_in_rest(model, state, options):
-    """Whether a chain sways on its ties for ever: calm for `CALM_TIME` after the ground motion.
+    """Return whether a chain sways on its ties for ever: calm for `CALM_TIME` after the ground
+    motion.
 
     Elastic ties take no energy, and nothing gives any. In that time a motion away from an unstable
     position would have grown by many powers of ten, so the chain swings about a stable one.
@@ -302,8 +296,10 @@ def end_run(model, state, work, options, output, results, row):
     results.model_time[row, ALL] = clock[Clock.MOVING]
 
 
-def is_accurate(chain: Chain, options: Options, results: Results, negligible: float) -> np.ndarray:
-    """Whether each run keeps its tolerance, by its own energy error and overlap.
+def is_accurate(
+    chain: Chain, options: Options, results: Outcomes, negligible: float
+) -> np.ndarray:
+    """Return whether each run keeps its tolerance, by its own energy error and overlap.
 
     True for runs that have not ended; `negligible` is the energy that counts for nothing, over
     weight times the longest joint's length [1].
@@ -319,7 +315,7 @@ def is_accurate(chain: Chain, options: Options, results: Results, negligible: fl
     return ~ended | (good & (overlap <= deepest))
 
 
-def refuse(results: Results, rows: np.ndarray) -> None:
+def refuse(results: Outcomes, rows: np.ndarray) -> None:
     """Mark inaccurate runs as failures, which are neither collapse nor survival."""
     results.status[rows] = int(Status.INACCURATE)
     results.collapse_time[rows] = np.nan

@@ -1,22 +1,23 @@
-"""What a drawing of an arch shows: shapes, each with its role and the bodies that carry it.
+"""What a drawing of an arch shows: marks, each with its role and the bodies that carry it.
 
 `archfrag.plots` paints them by matplotlib, `archfrag.report.arch_figure` as SVG.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from archfrag.arch.checks import FloatArray
+from archfrag.arch.shape import Shape
+from archfrag.arch.tie_rods import tie_lines
 
-Arch = Any  # its class stands above
 GROUND = -1
 AREAS = ("earth", "backing", "stone")  # roles of closed outlines
 _OVERHANG = 0.04  # of the ground beyond a springing, over the size of the arch
 
 
-class Shape(NamedTuple):
+class Mark(NamedTuple):
     """An outline, a line or a point of a drawing."""
 
     #: earth (fill), backing, stone, tie, ground; of an onset: rest and thrust (thrust lines of the
@@ -43,39 +44,39 @@ class Shape(NamedTuple):
         return points
 
 
-def arch_shapes(arch: Arch) -> list[Shape]:
+def arch_marks(arch: Shape) -> list[Mark]:
     """Return the fill, the voussoirs, the ties and the ground of an arch at rest."""
     roles = zip(AREAS, _fill_outlines(arch))
-    shapes = [Shape(role, outline) for role, outline in roles]
-    shapes += [Shape("stone", o, [body]) for body, o in enumerate(arch.outlines)]
-    ties = zip(arch.tie_lines, arch.tie_bodies.tolist())
-    shapes += [Shape("tie", line, bodies) for line, bodies in ties]
-    size = np.ptp(np.concatenate([shape.points for shape in shapes]), axis=0).max()
+    marks = [Mark(role, outline) for role, outline in roles]
+    marks += [Mark("stone", o, [body]) for body, o in enumerate(arch.outlines)]
+    ties = zip(tie_lines(arch), arch.tie_bodies.tolist())
+    marks += [Mark("tie", line, bodies) for line, bodies in ties]
+    size = np.ptp(np.concatenate([mark.points for mark in marks]), axis=0).max()
     for joint in (0,) if arch.free_end else (0, arch.n_joint - 1):
         inner, outer = arch.intrados[joint], arch.extrados[joint]
         reach = _OVERHANG * size * (outer - inner) / np.linalg.norm(outer - inner)
-        shapes.append(Shape("ground", np.array([inner - reach, outer + reach])))
-    return shapes
+        marks.append(Mark("ground", np.array([inner - reach, outer + reach])))
+    return marks
 
 
-def mechanism_shapes(
-    arch: Arch, hinges: Sequence[tuple[int, str]], sliding: Sequence[int]
-) -> list[Shape]:
+def mechanism_marks(
+    arch: Shape, hinges: Sequence[tuple[int, str]], sliding: Sequence[int]
+) -> list[Mark]:
     """Return the faces of sliding joints, and the points of hinges by joint and side."""
     faces = [np.array([arch.intrados[joint], arch.extrados[joint]]) for joint in sliding]
     corners = [getattr(arch, side)[[joint]] for joint, side in hinges]
-    return [Shape("sliding", face) for face in faces] + [Shape("hinge", p) for p in corners]
+    return [Mark("sliding", face) for face in faces] + [Mark("hinge", p) for p in corners]
 
 
 def frame(
-    arch: Arch, place: FloatArray, rotation: FloatArray, margin: float
+    arch: Shape, place: FloatArray, rotation: FloatArray, margin: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the lower left and the upper right corner of a frame about all voussoirs [m].
 
-    It shows them at rest and in motion (see `Shape.moved`), but not what flies off by more than
+    It shows them at rest and in motion (see `Mark.moved`), but not what flies off by more than
     the size of the arch. `margin` is a part of this size.
     """
-    stones = [shape for shape in arch_shapes(arch) if shape.role == "stone"]
+    stones = [mark for mark in arch_marks(arch) if mark.role == "stone"]
     points = [stone.moved(arch.centroids, place, rotation) for stone in stones]
     seen = np.concatenate([each.reshape(-1, 2) for each in points])
     rest = np.concatenate(arch.outlines)
@@ -85,7 +86,7 @@ def frame(
     return first, np.minimum(np.maximum(high, seen.max(axis=0)), high + size) + margin * size
 
 
-def _fill_outlines(arch: Arch) -> list[FloatArray]:
+def _fill_outlines(arch: Shape) -> list[FloatArray]:
     """Return the outlines of fill and of backing, (m, 2) each [m]; empty without fill.
 
     They run along chords of the extrados, on which the voussoirs are drawn.

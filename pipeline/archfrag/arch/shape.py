@@ -1,0 +1,88 @@
+"""What an arch is made of: chain of bodies, ends of joints, outlines, and facts of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.arch import bridge
+from archfrag.arch.building import Given
+from archfrag.physics.interface import Chain
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Shape:
+    """Attributes of an `Arch`, and what follows from them.
+
+    `chain` has masses, inertias, centroids and joint faces for the kernels; if `flipped`, corner 0
+    of its joints is the extrados. With a `free_end` the last voussoir touches no ground.
+    `outlines` are those of the voussoirs, (m, 2) each, not closed [m]; `parameters` is what the
+    user gave, for strict JSON.
+    """
+
+    chain: Chain
+    intrados: NDArray[np.float64]
+    extrados: NDArray[np.float64]
+    outlines: tuple[NDArray[np.float64], ...]
+    free_end: bool
+    flipped: bool
+    parameters: dict[str, Any]
+    given: Given  # what it was built of before recesses, springings and ties
+    built: Any = None  # as it was before a springing moved
+
+    @property
+    def n_voussoir(self) -> int:
+        """Number of bodies."""
+        return len(self.chain.mass)
+
+    @property
+    def n_joint(self) -> int:
+        """Number of joints, those with the ground included."""
+        return len(self.chain.friction)
+
+    @property
+    def centroids(self) -> NDArray[np.float64]:
+        """Centroids of the bodies at rest, (n_voussoir, 2) [m]."""
+        start = self.chain.start
+        return self.chain.centroid if start is None else start[:, :2]
+
+    @property
+    def springings(self) -> tuple[int, int]:
+        """Joints at the ends of the ring: of an arch on piers its skewbacks."""
+        left, right = self.parameters.get("piers", {}).get("courses", (0, 0))
+        return left, self.n_voussoir - right
+
+    @property
+    def depths(self) -> NDArray[np.float64]:
+        """Depth of each body across the plane, (n_voussoir,) [m]."""
+        given, (first, last) = self.parameters, self.springings
+        ring = np.broadcast_to(np.asarray(given["depth"], float), last - first)
+        return bridge.extended(ring, given["piers"], "depth") if "piers" in given else ring
+
+    @property
+    def dimensions(self) -> tuple[float, float, float]:
+        """Clear span, rise at the joints' intrados and mean thickness of the ring [m]."""
+        first, last = self.springings
+        inner, outer = self.intrados[first : last + 1], self.extrados[first : last + 1]
+        ends = inner[[0, -1]]
+        span, rise = abs(ends[1, 0] - ends[0, 0]), inner[:, 1].max() - ends[:, 1].min()
+        thickness = np.linalg.norm(outer - inner, axis=1).mean()
+        return float(span), float(rise), float(thickness)
+
+    @property
+    def tie_bodies(self) -> NDArray[np.int64]:
+        """Voussoirs at the ends of the ties, (n_tie, 2); of a springing -1 or their number."""
+        ties = np.zeros((0, 2)) if self.chain.tie is None else self.chain.tie
+        return ties[:, :2].astype(np.int64) - 1
+
+    def changed(self, **fields: Any) -> Self:
+        """Return the arch with other attributes; of a `Block` it is an `Arch`."""
+        kind: Any = next(
+            each
+            for each in type(self).__mro__
+            if vars(each).get("__init__", Shape.__init__) is Shape.__init__
+        )
+        return kind(**{**vars(self), **fields})

@@ -1,0 +1,234 @@
+"""The commands for a finished study: `export`, `film`, `figures`, `risk`, `info` and `open`."""
+
+import json
+import webbrowser
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import xarray as xr
+
+from archfrag.cli.options import PATH, echo, json_option, show, warn, wrapped
+from archfrag.cli.with_study import with_study
+from archfrag.errors import FitError, InputError
+from archfrag.export import FORMATS
+from archfrag.export.command import export_study
+from archfrag.files import opened
+from archfrag.report.film import check_target, example_of, save_film
+from archfrag.report.inputs import report_inputs
+from archfrag.report.printed import save_figures
+from archfrag.study.answer.curves import quoted
+from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
+from archfrag.study.file.schema import load_study
+from archfrag.study.hazard import load_hazard
+from archfrag.study.provenance import CUBE
+from archfrag.study.steps import REPORT_FILES, finished
+
+members_option = click.option("--members", is_flag=True,
+                              help="Include the arches of classes as well.")  # fmt: skip
+_FORMATS = (f"{name:15}  {about}" for name, (about, _, _) in FORMATS.items())
+
+
+@click.command(epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
+@with_study(
+    click.option("--format", "formats", multiple=True, required=True, type=click.Choice(FORMATS),
+                 help="Format to write. Repeatable."),
+    click.option("--limit-state", "limit_states", multiple=True, metavar="NAME",
+                 help="Limit state to write besides collapse: motion, impact, residual, "
+                 "rotation or contact_lost; all if not given. Repeatable."),
+    click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
+                 help="Folder to write to; `export` in the results folder if not given."),
+    members_option, json_option,
+)  # fmt: skip
+def export(
+    study: Any, formats: tuple[str, ...], limit_states: tuple[str, ...], out: Path | None,
+    members: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Export a finished study in the formats of other programs.
+
+    OpenQuake, pelicun and IN-CORE get PGA, Sa and AvgSA in g, and PGV in cm/s. A class of arches
+    has one curve, the mean of those of its arches. An arch without a curve is in the tables of
+    runs, records and arches only, and a message states why.
+
+    All limit states with a curve are written, and a note names the others and the reason. If the
+    curve of a state lies below that of a severer one by more than 0.01 in probability, it takes up
+    that one's dispersion as far as needed, and a note states it. The files hold these notes too.
+    """
+    made = export_study(study, formats, out, members, limit_states)
+    for arch, why in made["left_out"].items():
+        warn(f"no curve of {arch} is exported: {why}")
+    for message in made["notes"]:
+        warn(f"note: {message}")
+    lines = [f"{each['format']}: {each['file']}" for each in made["files"]]
+    states = made["limit_states"]
+    lines.append(f"limit states written: {len(states)} ({', '.join(states) or 'no curve'})")
+    show(made, "\n".join(lines), as_json)
+
+
+@click.command()
+@with_study(
+    click.option("--run", "run_name", default="median", show_default=True,
+                 metavar="RECORD@LEVEL",
+                 help="Run to show, its level in the study's unit; or median: the record with "
+                 "the capacity nearest the median."),
+    click.option("--arch", metavar="ID", help="Id of the arch; the first one if not given."),
+    click.option("--to", "path", type=PATH, default="film.gif", show_default=True,
+                 metavar="FILE", help="File to write: .gif, .mp4 or .svg."),
+)  # fmt: skip
+def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
+    """Film one run of a finished study, simulated again.
+
+    A browser plays .svg; .mp4 needs ffmpeg.
+
+    \b
+    Example:
+      archfrag film study.yaml --run syn-m75-r015@0.5 --to fall.gif
+    """
+    check_target(path)
+    example = example_of(study, run_name, arch)
+    save_film(example, path)
+    echo(f"film: {path}: {example.motion.id} at {example.level}, {example.reason}")
+
+
+def _site(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
+    try:
+        lon, lat = map(float, text.split(",")) if text else (None, None)
+    except ValueError:
+        rule = "must be longitude and latitude, such as 13.35,42.35"
+        raise click.BadParameter(f"{text!r} {rule}") from None
+    return (lon, lat) if text else None
+
+
+@click.command()
+@with_study(
+    click.option("--hazard", "hazards", type=PATH, required=True, multiple=True, metavar="FILE",
+                 help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles."),
+    click.option("--unit", help="Unit of the intensities of a CSV whose header has none."),
+    click.option("--years", type=float, default=50.0, show_default=True,
+                 help="Period for the probability of collapse [years]."),
+    click.option("--site", callback=_site, metavar="LON,LAT",
+                 help="Place: the nearest site of OpenQuake's file within 10 km."),
+    click.option("--confidence", type=float, default=0.9, show_default=True, help="Of all bands."),
+    members_option, json_option,
+)  # fmt: skip
+def risk(
+    study: Any, hazards: tuple[Path, ...], unit: str | None, site: Any, years: float,
+    confidence: float, members: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Find the rate of collapse of a finished STUDY at a site.
+
+    A class of arches has one rate, the mean of those of its arches.
+
+    FILE is a CSV file with a column `im [g]` or of the measure's name, such as `PGA [g]`, a column
+    `rate` (also `annual rate`, `annual rate of exceedance`, `annual frequency of exceedance`,
+    `afe`, `mafe`, `lambda`), `poe_50` (probability of exceedance in 50 years) or `return period`
+    [years], and a column `rate_NAME` or `poe_50_NAME` for each quantile. Upper and lower case,
+    brackets [ ] or ( ), and the separators , ; and tab are all read. OpenQuake's hazard curves in
+    CSV work too. The measure must be that of the study.
+
+    \b
+    Example:
+      archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
+    """
+    hazard = load_hazard(hazards, study.intensity.measure, unit, site)
+    arches, classes, cube = finished(study)
+    with cube:
+        answers = quoted(cube, arches, classes, members)
+        fits = {name: each.curve for name, each in answers.items()}
+        facts = risk_facts(risk_of(cube, fits, hazard, years, confidence), study)
+    show(facts, risk_text(facts), as_json)
+    if all("none" in arch for arch in facts["arches"].values()):
+        raise FitError("no arch has a curve, so there is no rate")
+
+
+_MOST_NAMED = 12  # entries of a list
+
+
+def _folder(path: Path) -> Path:
+    """Return the folder of the results of a study, which is given itself or by the study file."""
+    return path if path.is_dir() else load_study(path).folder
+
+
+@click.command()
+@click.argument("file", type=PATH)
+@json_option
+def info(file: Path, as_json: bool) -> None:
+    """Describe FILE: a cube, a study file or a folder of results.
+
+    Shown are dimensions, arches, records, levels, numbers of runs by verdict, and how the cube was
+    made.
+    """
+    facts = _facts(file if file.suffix == ".nc" else _folder(file) / CUBE)
+    lines = [line for name, value in facts.items()
+             for line in wrapped(f"{name.replace('_', ' '):18}  {_text(value)}", 20)]  # fmt: skip
+    show(facts, "\n".join(lines), as_json)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {entry}" for name, entry in value.items() if entry != 0)
+    if isinstance(value, list):
+        named = [each if isinstance(each, str) else f"{each:.4g}" for each in value[:_MOST_NAMED]]
+        return f"{len(value)}: {', '.join(named)}{', …' * (len(value) > _MOST_NAMED)}"
+    return str(value)
+
+
+def _facts(path: Path) -> dict[str, Any]:
+    """Return the facts of a cube, levels in the unit of its study; InputError if it is none of
+    archfrag.
+    """
+    try:
+        with opened(path), xr.open_dataset(path) as cube:  # a pipe would be waited for
+            stated, level, verdict = cube.attrs, cube["intensity"], cube["verdict"]
+            names = verdict.attrs["flag_meanings"].split()
+            counts = [int((verdict == code).sum()) for code in verdict.attrs["flag_values"]]
+            names, counts = [*names, "not_simulated"], [*counts, int(verdict.isnull().sum())]
+            return {
+                "file": str(path), "study": stated["archfrag_study"], "title": stated["title"],
+                "dimensions": {str(name): size for name, size in cube.sizes.items()},
+                "arches": cube["arch"].values.astype(str).tolist(),
+                "records": cube["record"].values.astype(str).tolist(),
+                "vertical_component": stated["vertical_component"],
+                "measure": level.attrs["measure"], "unit": level.attrs["unit"],
+                "levels": np.unique(level.values[np.isfinite(level.values)]).tolist(),
+                "design": json.loads(stated["archfrag_design"])["kind"],
+                "verdicts": dict(zip(names, counts)),
+                "source": stated["source"], "commit": stated["archfrag_commit"],
+                "versions": json.loads(stated["archfrag_versions"]),
+            }  # fmt: skip
+    except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: is missing, damaged or no cube of archfrag") from error
+
+
+@click.command("open")
+@click.argument("study", type=PATH)
+def open_command(study: Path) -> None:
+    """Open the report of STUDY in the browser.
+
+    STUDY is a study file or its folder of results. Without a browser the path of the report is
+    printed.
+    """
+    report = _folder(study) / REPORT_FILES[0]
+    if not report.is_file():
+        raise InputError(f"{report}: is missing; `archfrag run` on the study file makes it")
+    if not webbrowser.open(report.resolve().as_uri()):
+        echo(str(report))
+
+
+@click.command()
+@with_study(
+    click.option("--to", "folder", type=PATH, metavar="DIR",
+                 help="Folder to write to; `figures` in the results folder by default."),
+)  # fmt: skip
+def figures(study: Any, folder: Path | None) -> None:
+    """Draw a finished study for a paper, as PDF and PNG.
+
+    \b
+    fragility   curves with their bands
+    ida-ARCH    peak and residual rotation of each record against intensity
+    runs-ARCH   verdict of every run
+    onset-ARCH  hinges and thrust at the onset of motion
+    """
+    for path in save_figures(report_inputs(study), folder or study.folder / "figures"):
+        echo(str(path))

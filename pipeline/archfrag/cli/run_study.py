@@ -1,0 +1,36 @@
+"""The command `run`, which imports little where there is nothing to do."""
+
+from pathlib import Path
+
+import click
+
+from archfrag.cli.options import cores_option, point_to_report, takes, takes_study, warn
+
+
+@click.command()
+@takes_study
+@takes(
+    click.option("--resume", is_flag=True,
+                 help="Continue a stopped run; the command also does so without it."),
+    cores_option,
+    click.option("--quiet", is_flag=True, help="Print errors only."),
+)  # fmt: skip
+def run(
+    study_file: Path, overrides: tuple[str, ...], quiet: bool, resume: bool, cores: int | None
+) -> None:
+    """Run a study, or continue it, from records to report.
+
+    The steps are motions, simulations, cube, curves and report. After Ctrl-C, a kill or a full
+    disk the same command continues.
+    """
+    if not quiet:  # before the imports, which take a second or more
+        warn(f"reading {study_file}")
+    from archfrag.study.done import finished_folder
+
+    folder = finished_folder(study_file, overrides)
+    if folder is None:
+        from archfrag.cli.study import run_all  # what has nothing to do imports none of this
+
+        run_all(study_file, overrides, cores, quiet)
+    elif not quiet:
+        point_to_report(folder, folder if overrides else study_file, False)

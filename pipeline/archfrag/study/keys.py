@@ -1,0 +1,169 @@
+"""The study file: what its blocks have in common, its text, and the message on what is wrong."""
+
+import ast
+import contextlib
+import difflib
+import inspect
+import os
+import re
+import reprlib
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
+
+from archfrag.errors import InputError
+from archfrag.study.yaml_text import CONTROL, absolute
+
+# Rules where pydantic's own words name its classes or a regular expression.
+_RULES = {
+    "union_tag_not_found": "must be given",
+    "dict_type": "must be a block of keys with their values",
+    "string_type": "must be text; put it in quotes",
+    "string_unicode": "must be text in UTF-8",
+    "string_pattern_mismatch": "must begin with a letter or a digit and hold only letters, digits "
+    "and _ . + -",
+}
+
+
+class Section(BaseModel):
+    """A block of a study file: no unknown keys, no conversions, no changes once read."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
+    )  # fmt: skip
+
+    # Where keys depend on the value of one, or on whether a key is there: that one, keys that
+    # always may be there, and by the value or the key those that must and may be there too.
+    kind_key: ClassVar[str] = ""
+    common: ClassVar[tuple[str, ...]] = ()
+    kinds: ClassVar[dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_keys(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            return check_block(given, next(iter(cls.model_fields), ""))
+        by_key = next((key for key in cls.kinds if key in given), None)
+        own = (cls.kind_key,) if cls.kinds and by_key is None else ()
+        kind = by_key or str(given.get(cls.kind_key))
+        needs, may = cls.kinds.get(kind, (own, tuple(cls.model_fields)))
+        allowed = dict.fromkeys((*own, *cls.common, *needs, *may))
+        required = [name for name, about in cls.model_fields.items() if about.is_required()]
+        for key in given:
+            if key not in allowed:
+                hint = meant(str(key), allowed) or f"allowed are {', '.join(allowed)}"
+                raise refuse(f"is not a known key; {hint}", _shown(str(key)))
+        if missing := [k for k in dict.fromkeys((*required, *needs)) if given.get(k) is None]:
+            raise refuse("must be given", *missing)
+        return given
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> dict[str, Any]:
+        """Describe each key by the text below it, which pydantic would read at every start."""
+        found: dict[str, Any] = handler(core)
+        keys = handler.resolve_ref_schema(found).get("properties", {})
+        with contextlib.suppress(OSError):  # of a class that is made from a table
+            own: Any = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
+            for key, text in pairwise(own.body):
+                if isinstance(key, ast.AnnAssign) and isinstance(text, ast.Expr):
+                    about = inspect.cleandoc(ast.literal_eval(text.value))
+                    keys[ast.unparse(key.target)]["description"] = about
+        return found
+
+
+def meant(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """Ask whether the known name nearest to a wrong one was meant; empty if none is near."""
+    close = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
+    return f"did you mean {close[0]}?" if close else ""
+
+
+def check_block(given: Any, key: str) -> Any:
+    """Return a block as it is given; a value in the place of a block is refused.
+
+    `key` is a key of such a block, for the message; empty if it has none.
+    """
+    if isinstance(given, dict | Section):
+        return given
+    value = _shown(given) if isinstance(given, str | int | float) else "..."
+    raise refuse("must be a block of keys" + f", such as {{{key}: {value}}}" * bool(key))
+
+
+def refuse(text: str, *keys: str) -> PydanticCustomError:
+    """Return an error of a value, or of keys in a block; `text` follows the value or the keys."""
+    return PydanticCustomError("refused", "{text}", {"text": text, "keys": list(keys)})
+
+
+def _absolute(value: str, info: Any) -> str:
+    """Make a path absolute: relative ones are below the folder in the validation's context."""
+    path = os.path.expanduser(value)
+    if path.startswith("~"):
+        raise refuse("names the home folder of a user who does not exist")
+    return absolute(path, info.context["folder"]) if info.context else path
+
+
+PathText = Annotated[str, Field(min_length=1), AfterValidator(_absolute)]
+
+
+def key_path(parts: Sequence[Any]) -> str:
+    """Return the keys and indices as people write them: ``arches[0].radius``."""
+    return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts).removeprefix(".")
+
+
+def first_message(
+    error: ValidationError, given: Any, written: Callable[[Sequence[Any]], str] = key_path
+) -> str:
+    """Return the message on the first thing that is wrong: key, value and rule.
+
+    `given` is what was validated; `written` tells how a list of keys and numbers is written.
+    """
+    first = error.errors()[0]
+    kind, value, context = first["type"], first["input"], first.get("ctx", {})
+    place: list[Any] = []
+    for part in first["loc"]:  # without names of union members, which are no keys of the file
+        with contextlib.suppress(LookupError, TypeError):
+            given = given[part]
+            place.append(part)
+    if keys := context.get("keys"):
+        return f"{', '.join(written([*place, key]) for key in keys)} {context['text']}"
+    shown = "" if isinstance(value, Mapping) else f" = {_shown(value, kind.endswith('_type'))}"
+    rule = re.sub("^.*? should ", "must ", _RULES.get(kind, first["msg"]))
+    if kind.startswith("union_tag"):
+        place.append(context["discriminator"].strip("'"))
+        if "tag" in context:
+            shown = f" = {context['tag']}"
+            rule = f"must be one of {context['expected_tags']}".replace("'", "")
+    return f"{written(place) or 'the file'}{shown} {rule.replace(' after validation', '')}"
+
+
+def _shown(value: Any, quotes: bool = False) -> str:
+    plain = isinstance(value, str) and value.isprintable() and not quotes
+    text = value if plain else "empty" if value is None else reprlib.repr(value)
+    return text if len(text) <= 80 else f"{text[:80]}…"
+
+
+@contextlib.contextmanager
+def at(
+    place: Any, given: Any = None, kind: Callable[[str], Exception] = InputError
+) -> Iterator[None]:
+    """Name the place of what is wrong, as an error of a `kind`; `given` is what was validated."""
+    try:
+        yield
+    except (InputError, ValidationError) as error:
+        why = first_message(error, given) if isinstance(error, ValidationError) else error
+        raise kind(f"{place}: {why}") from error
+
+
+def check_text(value: Any, key: str) -> None:
+    """Refuse control characters in the texts of a value, as the loader does in a file."""
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            check_text(inner, f"{key}.{name}")
+    elif isinstance(value, list):
+        for inner in value:
+            check_text(inner, key)
+    elif isinstance(value, str) and CONTROL.search(value):
+        raise InputError(f"{key} = {value!r} must hold no control characters")
