@@ -67,17 +67,11 @@ def svg_of(figure: Figure) -> str:
     return re.sub(r'<svg (?:width|height)="\S+" |<svg ', width, held.getvalue(), count=1)
 
 
-def picture(svg: str, caption: str = "", narrow: str = "", words: str = "") -> HTML:
-    """An SVG as a figure of the page, and another for narrow screens where there is one.
-
-    `words` are for those who cannot see it.
-    """
-    kind = "" if narrow else ' class="chart"'
-    body = f"<div{kind}>{themed(svg)}</div>"
+def picture(svg: str, caption: str = "", words: str = "") -> HTML:
+    """An SVG as a figure of the page; `words` are for those who cannot see it."""
+    body = f'<div class="chart">{themed(svg)}</div>'
     if words:
         body = body.replace("<svg ", f'<svg role="img" aria-label="{words}" ', 1)
-    if narrow:
-        body = f'<div class="broad">{themed(svg)}</div><div class="slim">{themed(narrow)}</div>'
     below = f"<figcaption>{caption}</figcaption>" if caption else ""
     return HTML(f'<figure class="drawn">{body}{below}</figure>')
 

@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
-from dataclasses import replace
 from html import escape
 from pathlib import Path
 
@@ -17,10 +16,11 @@ from look import picture, svg_of, themed
 from matplotlib.figure import Figure
 
 import archfrag as af
-from archfrag.report.arch_figure import Example, arch_at_onset
-from archfrag.report.svg import BLUE, GREY, SKY, VERMILION
+from archfrag.report.arch_figure import arch_at_onset
+from archfrag.report.film import Example
+from archfrag.report.film import film as film_and_frames
 from archfrag.report.html import STYLE
-from archfrag.report.moving import film as film_and_frames
+from archfrag.report.svg import BLUE, GREY, SKY, VERMILION
 
 ROOT = Path(os.environ["ARCHFRAG_DOCS"]).parent
 WORD = re.compile(r"\b(?!inf\b)[A-Za-z]{2}")  # of a column that does not hold numbers alone
@@ -61,7 +61,7 @@ def _written(value: object) -> str:
 def arch(shape: af.Arch, caption: str = "") -> HTML:
     """The arch with hinges and thrust line at onset, the ground accelerating to either side."""
     drawn = arch_at_onset(shape, af.onset(shape), "arch")
-    return picture(drawn.file, caption, replace(drawn, svg=drawn.narrow).file)
+    return picture(drawn.file, caption)
 
 
 def shipped_study() -> tuple[dict, Path]:
@@ -142,7 +142,7 @@ def from_report(report: Path | str, caption: str) -> HTML:
                 break
             inside = rf"\1<style>{STYLE}</style>"
             svg = re.sub(r"(<svg[^>]*>)", inside, drawn[0], count=1)
-            return picture(svg, words[1], "".join(drawn[1:2]))
+            return picture(svg, words[1])
     raise LookupError(f"{report}: no figure whose caption begins with {caption!r}")
 
 

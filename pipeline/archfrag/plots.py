@@ -6,7 +6,7 @@ draws is an object with the attributes that its class in archfrag documents.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 from io import StringIO
 from pathlib import Path
@@ -17,8 +17,8 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.animation import FuncAnimation, PillowWriter, writers
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
@@ -27,20 +27,34 @@ from archfrag.errors import InputError
 # Okabe and Ito's palette: distinct with any kind of colour vision.
 BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 INK, GREY = "#737b85", "#9aa2ab"  # texts, seen on white and on black; thin lines
-STONE, EDGE, EARTH = "#e9e4da", "#8d8473", "#f6f3ec"
 SIZE = 9.0  # of texts [points]
 GRAVITY = 9.80665  # [m/s2]
 MOST_NUMBERS = 15  # of joints in a figure
 FRAMES, HOLD = 25, 1.2  # of a film, in a second; seconds that it stays at its end
+_EDGE = "#8d8473"
+_AREAS: dict[str, dict[str, Any]] = {  # how marks of an arch look, by role
+    "earth": {"fc": "#f6f3ec", "ec": _EDGE, "lw": 0.8, "ls": "--", "zorder": 0.5},
+    "stone": {"fc": "#e9e4da", "ec": _EDGE, "lw": 0.8},
+    "trace": {"fc": "none", "ec": GREY, "lw": 0.6, "zorder": 1.5},  # of a stone at rest
+}
+_AREAS["backing"] = _AREAS["earth"]
+_LINES: dict[str, dict[str, Any]] = {
+    "tie": {"color": BLUE, "lw": 1.6},
+    "ground": {"color": INK, "lw": 1.6},
+    "rest": {"color": _EDGE, "lw": 1.4, "ls": "--", "label": "thrust of its weight"},
+    "thrust": {"color": VERMILION, "lw": 1.4, "label": "thrust at onset"},
+    "sliding": {"color": ORANGE, "lw": 4.0, "label": "sliding joint"},
+    "hinge": {"color": BLUE, "ls": "", "marker": "o", "mec": "white", "mew": 0.8, "ms": 7.0,
+              "label": "hinge"},
+}  # fmt: skip
 _TITLE: dict[str, Any] = {"loc": "center", "color": INK, "fontsize": SIZE + 1.0}
 _SVG = {"svg.fonttype": "none", "svg.hashsalt": "archfrag", "font.family": "sans-serif"}
-_ROOT = "stroke-linejoin:round;stroke-linecap:butt;max-width:100%;height:auto"
-
 FloatArray = NDArray[np.float64]
+_ROOT = "stroke-linejoin:round;stroke-linecap:butt;max-width:100%;height:auto"
 
 
 def axes_of(ax: Axes | None, size: tuple[float, float] = (6.4, 3.2)) -> Axes:
-    """Axes as given, or new ones in a figure of this size [inch]."""
+    """Return the axes that are given, or new ones in a figure of this size [inch]."""
     if ax is not None:
         return ax
     return dressed(pyplot.figure(figsize=size, layout="constrained").add_subplot())
@@ -59,12 +73,14 @@ def dressed(ax: Axes) -> Axes:
 
 
 def legend(ax: Axes, **options: Any) -> None:
-    """Add a legend without a frame."""
-    ax.legend(frameon=False, labelcolor=INK, fontsize=SIZE, **options)
+    """Add a legend without a frame; each label stands once."""
+    entries = dict(zip(*reversed(ax.get_legend_handles_labels())))
+    options |= {"frameon": False, "labelcolor": INK, "fontsize": SIZE}
+    ax.legend(entries.values(), entries.keys(), **options)
 
 
 def svg_of(figure: Any) -> str:
-    """The text of a figure as an SVG element; equal figures, equal text."""
+    """Return a figure as the text of an SVG element; equal figures give equal texts."""
     text = StringIO()
     with matplotlib.rc_context(_SVG):
         metadata = dict.fromkeys(("Date", "Creator"))
@@ -76,7 +92,7 @@ def svg_of(figure: Any) -> str:
 
 
 def html_of(thing: Any, size: tuple[float, float] = (6.4, 3.2)) -> str:
-    """What a notebook shows of a thing that can plot itself: its figure, and its repr below.
+    """Return what a notebook shows of a thing with a method `plot`: its figure above its repr.
 
     Texts have the colour of the notebook's text.
     """
@@ -87,31 +103,31 @@ def html_of(thing: Any, size: tuple[float, float] = (6.4, 3.2)) -> str:
     return f"<figure>{svg}{caption}</figure>"
 
 
-def plot_arch(arch: Any, ax: Axes | None = None, numbers: bool = True) -> Axes:
-    """Draw an arch to scale, with its fill, ground and the numbers of its joints."""
-    fill = arch.fill_outlines
-    points = np.concatenate([*arch.outlines, *fill])
-    width, height = np.maximum(np.ptp(points, axis=0), 1e-9).tolist()
+def paint(ax: Axes, marks: Iterable[Any]) -> list[Any]:
+    """Draw marks of an arch, each as its role asks for; return their artists."""
+    return [
+        ax.add_patch(Polygon(mark.points, **_AREAS[mark.role])) if mark.role in _AREAS
+        else ax.plot(*mark.points.T, **_LINES[mark.role])[0]
+        for mark in marks
+    ]  # fmt: skip
+
+
+def plot_arch(arch: Any, ax: Axes | None = None) -> Axes:
+    """Draw an arch to scale, with its fill, ties, ground and the numbers of its joints."""
+    marks = arch.marks
+    width, height = np.maximum(np.ptp(np.concatenate([s.points for s in marks]), axis=0), 1e-9)
     scale = min(6.0 / width, 3.6 / height)
     ax = axes_of(ax, (max(4.8, scale * width + 0.6), scale * height + 0.6))
-    ax.add_collection(PolyCollection(arch.outlines, facecolor=STONE, edgecolor=EDGE, lw=0.8))
-    under = PolyCollection(fill, facecolor=EARTH, edgecolor=EDGE, ls="--", lw=0.8, zorder=0.5)
-    ax.add_collection(under)
-    for tie in arch.tie_lines:
-        ax.plot(*tie.T, color=BLUE, lw=1.6)
+    paint(ax, marks)
     ax.set_aspect("equal")
     ax.set_axis_off()
-    inner, outer = arch.intrados[: arch.n_joint], arch.extrados[: arch.n_joint]
+    inner, outer = arch.intrados[: arch.n_joint], arch.extrados[: arch.n_joint].copy()
     along = (outer - inner) / np.linalg.norm(outer - inner, axis=1, keepdims=True)
-    place, reach = outer.copy(), 0.04 * max(width, height)
-    for joint in (0,) if arch.free_end else (0, -1):
-        place[joint] += reach * along[joint]
-        line = inner[joint] - reach * along[joint], place[joint]
-        ax.plot(*np.transpose(line), color=INK, lw=1.6)
-    step = -(-arch.n_joint // MOST_NUMBERS)
-    for joint in range(0, arch.n_joint, step) if numbers else ():
+    for joint, ground in zip((0, -1), [mark for mark in marks if mark.role == "ground"]):
+        outer[joint] = ground.points[1]
+    for joint in range(0, arch.n_joint, -(-arch.n_joint // MOST_NUMBERS)):
         ax.annotate(
-            str(joint), place[joint], 9.0 * along[joint], textcoords="offset points", color=INK,
+            str(joint), outer[joint], 9.0 * along[joint], textcoords="offset points", color=INK,
             fontsize=SIZE - 1.0, ha="center", va="center",
         )  # fmt: skip
     ax.autoscale_view()
@@ -120,21 +136,11 @@ def plot_arch(arch: Any, ax: Axes | None = None, numbers: bool = True) -> Axes:
 
 
 def plot_onset(onset: Any, ax: Axes | None = None, towards: str | None = None) -> Axes:
-    """Draw hinges, sliding joints and thrust line at onset, the ground accelerating `towards`."""
+    """Draw hinges, sliding joints and thrust lines at onset, the ground accelerating `towards`."""
     towards = towards or ("-x" if onset.minus < 0.999 * onset.plus else "+x")
-    limit, hinges, sliding = onset.mechanism(towards)
-    arch, ax = onset.arch, plot_arch(onset.arch, ax)
-    weight, moving = onset.thrust_line(), onset.thrust_line(towards)
-    if weight is not None:
-        ax.plot(*weight.T, "--", color=EDGE, lw=1.4, label="thrust of its weight")
-    if moving is not None:
-        ax.plot(*moving.T, color=VERMILION, lw=1.4, label="thrust at onset")
-    for joint in sliding:
-        faces = np.array([arch.intrados[joint], arch.extrados[joint]])
-        ax.plot(*faces.T, color=ORANGE, lw=4.0, label=f"joint {joint} slides")
-    if hinges:
-        places = np.array([getattr(arch, side)[joint] for joint, side in hinges])
-        ax.plot(*places.T, "o", color=BLUE, mec="white", mew=0.8, ms=7.0, label="hinges")
+    limit, *_ = onset.mechanism(towards)
+    ax = plot_arch(onset.arch, ax)
+    paint(ax, onset.marks(towards))
     words = f"moves from {limit:.3g} g" if np.isfinite(limit) else "never moves"
     words = words if onset.stands else "does not stand under its own weight"
     ax.set_title(f"ground accelerating towards {towards}: {words}", **_TITLE)
@@ -190,7 +196,7 @@ class Film(FuncAnimation):
     def save(  # type: ignore[override]
         self, filename: Any, writer: Any = None, **options: Any
     ) -> None:
-        """Save the film as .gif, or in a format of ffmpeg such as .mp4 where ffmpeg is installed.
+        """Save the film as .gif, or in a format of ffmpeg such as .mp4.
 
         `writer` and options are those of matplotlib. InputError if ffmpeg is missing.
         """
@@ -206,65 +212,57 @@ class Film(FuncAnimation):
 def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
     """Make a film of a run: the arch with its hinges above, the ground's acceleration below.
 
-    It shows at most so many `seconds` of the run, `speed` times as fast as they were.
+    It shows at most `seconds` of the run, `speed` times as fast as they were.
     """
     if not (0.0 < seconds < np.inf and 0.0 < speed < np.inf):
         raise InputError(f"seconds = {seconds} and speed = {speed} must be positive numbers")
-    time, shift, turn = response._arrays()
+    time, shift, rotation = response._arrays()
     arch, (start, end) = response.arch, response._window(seconds)
     if start == end:  # nothing moves
         end = float(min(time[-1], start + seconds))
     clock = np.linspace(start, end, max(2, round(FRAMES * (end - start) / speed)))
-    centre = arch.centroids
-    state = np.dstack([shift + centre, turn])
+    state = np.dstack([shift + arch.centroids, rotation])
     columns = [np.interp(clock, time, column) for column in state.reshape(time.size, -1).T]
     state = np.transpose(columns).reshape(clock.size, *state.shape[1:])
     place, angle = state[..., :2], state[..., 2]
     near = np.searchsorted(time, clock).clip(max=time.size - 1)
     modes = response.history["contact_mode"].values[near]
-    corners = [getattr(arch, arch.corner_name(corner))[: arch.n_joint] for corner in (0, 1)]
     figure, upper, lower = stage(*arch._frame(place, angle, 0.08))
     ground = response.motion.acceleration * (response.scale / GRAVITY)
     lower.plot(response.motion.time, ground, color=BLUE, lw=0.7)
     lower.set_xlim(start, end)
     now = lower.axvline(start, color=VERMILION, lw=1.4)
-    limits = upper.axis()
-    plot_arch(arch, upper, numbers=False).axis(limits)
-    ties = upper.lines[: len(arch.tie_lines)]
-    stones: Any = upper.collections[0]
-    upper.collections[1].remove()  # what lies on the arch does not move as a body
-    upper.add_collection(PolyCollection(arch.outlines, facecolor="none", edgecolor=GREY, lw=0.6))
-    (dots,) = upper.plot([], [], "o", color=BLUE, mec="white", mew=0.8, ms=6.0)
+    still = [mark for mark in arch.marks if mark.role in ("stone", "ground")]
+    moving = [mark for mark in arch.marks if mark.role in ("stone", "tie")]
+    for corner in (0, 1):  # of each joint
+        points = getattr(arch, arch.corner_name(corner))[: arch.n_joint]
+        moving.append(still[0]._replace(role="hinge", points=points, bodies=range(len(points))))
+    paint(upper, [s._replace(role=s.role.replace("stone", "trace")) for s in still])
+    artists = paint(upper, moving)
+    paths = [mark.moved(arch.centroids, place, angle) for mark in moving]
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # as it is from now on: layouts take time
 
-    def moved(points: FloatArray, body: int, frame: int) -> FloatArray:
-        if not 0 <= body < arch.n_voussoir:  # the ground
-            return points
-        cosine, sine = np.cos(angle[frame, body]), np.sin(angle[frame, body])
-        turned = (points - centre[body]) @ np.array([[cosine, sine], [-sine, cosine]])
-        return np.asarray(turned + place[frame, body])
-
     def show(number: int) -> Sequence[Any]:
         frame = min(number, clock.size - 1)
-        stones.set_verts([moved(o, body, frame) for body, o in enumerate(arch.outlines)])
-        # Modes 1 to 3 are of hinges at corner 0 and 4 to 6 of those at corner 1.
-        turning = np.flatnonzero((modes[frame] > 0) & (modes[frame] < 7))
-        hinges = [
-            moved(corners[(modes[frame, j] - 1) // 3][j], j, frame) for j in turning.tolist()
-        ]
-        dots.set_data(*np.reshape(hinges, (-1, 2)).T)
-        for tie, rest, bodies in zip(ties, arch.tie_lines, arch.tie_bodies):
-            tie.set_data(*np.transpose([moved(p, b, frame) for p, b in zip(rest, bodies)]))
+        for mark, artist, at in zip(moving, artists, paths):
+            if mark.role == "stone":
+                artist.set_xy(at[frame])
+            else:
+                artist.set_data(*at[frame].T)
+        # Modes 1 to 3 are of hinges at corner 0, and 4 to 6 of those at corner 1.
+        for first, dots, at in zip((1, 4), artists[-2:], paths[-2:]):
+            turning = (modes[frame] >= first) & (modes[frame] < first + 3)
+            dots.set_data(*at[frame, turning].T)
         now.set_xdata([clock[frame]] * 2)
-        return stones, dots, now, *ties
+        return [*artists, now]
 
     count = clock.size + round(HOLD * FRAMES)
     return Film(figure, show, frames=count, interval=1000.0 / FRAMES, blit=False)
 
 
 def stage(low: FloatArray, high: FloatArray) -> tuple[Figure, Axes, Axes]:
-    """Axes of a film between two corners of its frame [m], and axes below them over time."""
+    """Return a figure, its axes between two corners of a film [m], and axes over time."""
     tall = float(np.clip(6.4 * (high - low)[1] / (high - low)[0], 2.0, 6.0))
     figure = pyplot.figure(figsize=(6.4, tall + 1.2), layout="constrained")
     upper, lower = map(dressed, figure.subplots(2, height_ratios=[tall, 1.2]))
@@ -281,7 +279,7 @@ def plot_spectra(
 ) -> Axes:  # fmt: skip
     """Draw response spectra (n_record, n_period) [g], and bands over them.
 
-    Of each band there are rows low, median and high, its colour and its label.
+    A band has rows low, median and high, its colour and its label.
     """
     ax = axes_of(ax, (9.0, 4.5))
     ax.plot(periods, np.transpose(spectra), color=GREY, lw=0.5)

@@ -6,7 +6,6 @@ from PIL import Image
 
 from archfrag.errors import InputError
 from archfrag.fragility.verdicts import Verdict
-from archfrag.report import arch_figure as arches
 from archfrag.report import film
 from tests.report import synthetic
 from tests.study.small import command, small_study
@@ -22,13 +21,12 @@ def runs(study, monkeypatch):
     """Ask for films of a made-up study; record, level and reason of each run repeated."""
     kept = []
     monkeypatch.setattr(film, "report_inputs", lambda given: study)
-    for module in (film, arches):
-        monkeypatch.setattr(module, "repeat", lambda *given: kept.append(given[-1]) or given[-1])
+    monkeypatch.setattr(film, "repeat", lambda *given: kept.append(given[-1]) or given[-1])
     return kept
 
 
 def test_median_and_named_runs_are_found(study, runs):
-    results = film.arch_results(study.cube, "ring", study.scale)
+    results = study.results("ring")
     film.example_of(None)
     (record, level, reason) = runs[0]
     assert results.verdict[record, level] == Verdict.COLLAPSED

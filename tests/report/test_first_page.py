@@ -6,31 +6,18 @@ from dataclasses import replace
 import lxml.html
 import numpy as np
 import pytest
-from matplotlib import pyplot
 
 import archfrag as af
 from archfrag.fragility.risk import HazardCurve
-from archfrag.report import arch_figure as arches
-from archfrag.report import moving
-from archfrag.report.first_page import first_page
-from archfrag.report.inputs import arch_results, fractions_seen
+from archfrag.report import film
+from archfrag.report.first_page import before_and_after, first_page, ratio_text
 from archfrag.report.page import render
-from archfrag.report.ratios import before_and_after, ratio_text
 from archfrag.study.answer.risk import risk_of
 from archfrag.study.hazard import Hazard
+from tests.arch.test_marks import BRIDGE as AFTER
+from tests.arch.test_marks import FILLED as BEFORE
 from tests.report import synthetic
 from tests.report.test_page import text
-
-
-def bridge(height=3.0):
-    ring = af.Arch.segmental(8.0, 3.0, 0.6, 9, 0.6)
-    return ring.on_piers(height, 1.5).filled(
-        0.4, 18e3, backing_height=0.8, backing_unit_weight=2e4
-    )
-
-
-BEFORE = bridge()
-AFTER = BEFORE.tied(level=0.8, area=8e-4, prestress=2e4)
 
 
 @pytest.fixture(scope="module")
@@ -99,8 +86,8 @@ class TestBeforeAndAfter:
 
     def test_the_other_curve_and_what_was_observed_are_drawn(self, both, drawn):
         html = first_page(both, None)
-        levels, seen = fractions_seen(both.fitted.runs["before"], both.scale)
-        assert seen == pytest.approx(arch_results(both.cube, "before", both.scale).fraction)
+        results = both.results("before")
+        levels, seen = results.levels, results.fraction
         assert np.ptp(seen) > 0.5
         (panel,) = drawn[-1].panels
         dots = "".join(drawn[-1].parts)
@@ -111,32 +98,12 @@ class TestBeforeAndAfter:
         assert "Points: fraction of the runs at each level that collapse." in html
 
 
-def test_fill_lies_between_the_extrados_and_its_surface():
-    fill, backing = BEFORE.fill_outlines
-    crown = np.concatenate(BEFORE.outlines)[:, 1].max()
-    assert fill[:, 1].max() == pytest.approx(crown + 0.4)
-    assert np.ptp(fill[:, 0]) == pytest.approx(np.ptp(np.concatenate(BEFORE.outlines)[:, 0]))
-    first, last = BEFORE.springings
-    middle = 0.5 * (BEFORE.intrados + BEFORE.extrados)[[first, last], 1].min()
-    assert backing[:, 1].max() == pytest.approx(middle + 0.8)
-    assert af.Arch.segmental(8.0, 3.0, 0.6, 9, 0.6).fill_outlines == []
-    ax = af.Arch.plot(AFTER)
-    assert [len(each.get_paths()) for each in ax.collections] == [AFTER.n_voussoir, 2]
-    pyplot.close(ax.figure)
-
-
 @pytest.fixture(scope="module")
 def fall():
     """A run of the tied bridge in which a pier turns outwards."""
     motion = af.Motion(np.where(np.arange(1500) < 900, 9.0, -6.0), 1e-3, id="pulse")
     response = af.simulate(AFTER, motion, history=True)
-    return arches.Example(AFTER, motion, 1.0, "PGA = 0.92 g", response, "chosen", True)
-
-
-def matrices(found):
-    """Place and angle [rad] of transforms."""
-    x, y, angle = np.array(found, dtype=float).T
-    return np.column_stack([x, y]), np.deg2rad(angle)
+    return film.Example(AFTER, motion, 1.0, "PGA = 0.92 g", response, "chosen", True)
 
 
 def test_weights_tie_and_springings_stand_under_the_arch(page):
@@ -148,73 +115,37 @@ def test_weights_tie_and_springings_stand_under_the_arch(page):
 
 
 class TestFilm:
-    def test_all_bodies_stay_in_the_frame_in_motion_and_in_the_strip(self, fall):
-        shown, strip = moving.film(fall, "fall", "A collapse")
+    def test_bodies_and_ties_stay_in_the_frame_and_in_the_strip(self, fall):
+        shown, strip = film.film(fall, "fall", "A collapse")
         width, height = map(float, re.search(r'viewBox="0 0 (\S+) (\S+)"', shown.svg).groups())
-        height -= 40.0 + moving._STRIP
+        height -= 40.0 + film._STRIP
         shapes = re.findall(r'<path id="fall-\d+" d="M([^"]+)z"/>', shown.svg)
-        number = r"(-?[\d.]+)"
-        moved = 0.0
+        form = r"translate\((\S+?)px,(\S+?)px\)rotate\((\S+?)deg\)"
+        frames = re.findall(r"@keyframes fall-(\w\d+)\{(.*)\}", shown.svg)
+        moves = {name: np.array(re.findall(form, text), dtype=float) for name, text in frames}
         for body, shape in enumerate(shapes):
             points = np.array(re.findall(r"-?[\d.]+", shape), dtype=float).reshape(-1, 2)
-            frames = re.search(rf"@keyframes fall-k{body}\{{(.*)\}}", shown.svg)[1]
-            form = rf"translate\({number}px,{number}px\)rotate\({number}deg\)"
-            for place, angle in zip(*matrices(re.findall(form, frames))):
-                turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-                corners = points @ turn.T + place
-                assert (corners > -0.5).all()
-                assert (corners < np.array([width, height]) + 0.5).all()
-                moved = max(moved, abs(angle))
-        assert moved > 0.1
+            place, angle = moves[f"k{body}"][:, :2], np.deg2rad(moves[f"k{body}"][:, 2])
+            corners = (points @ [1, 1j])[:, None] * np.exp(1j * angle) + place @ [1, 1j]
+            assert -0.5 < corners.real.min() < corners.real.max() < width + 0.5
+            assert -0.5 < corners.imag.min() < corners.imag.max() < height + 0.5
+        assert max(np.abs(np.deg2rad(move[:, 2])).max() for move in moves.values()) > 0.1
+        assert np.ptp(moves["s0"], axis=0).max() > 20.0
         # Frames of the strip stand beside each other, each as wide as its part of the strip.
-        assert strip.svg.count("scale(0.25)") == 4
-
-    def test_the_tie_moves_with_its_voussoirs(self, fall):
-        shown, strip = moving.film(fall, "fall", "A collapse")
-        assert strip.svg.count('class="tie"') == 4
-        body = AFTER.tie_bodies[0, 0]
-        tie, voussoir = (
-            re.search(rf"@keyframes fall-{name}\{{(.*)\}}", shown.svg)[1]
-            for name in ("s0", f"k{body}")
-        )
-        ends = np.array(re.findall(r"translate\((-?[\d.]+)px,(-?[\d.]+)px", tie), dtype=float)
-        form = r"translate\((-?[\d.]+)px,(-?[\d.]+)px\)rotate\((-?[\d.]+)deg"
-        place, angle = matrices(re.findall(form, voussoir))
-        shape = re.search(rf'id="fall-{body}" d="M([^"]+)z"', shown.svg)[1]
-        points = np.array(re.findall(r"-?[\d.]+", shape), dtype=float).reshape(-1, 2)
-        scale = np.ptp(points[:, 0]) / np.ptp(AFTER.outlines[body][:, 0])
-        x, y = scale * (AFTER.tie_lines[0, 0] - AFTER.centroids[body]) * (1.0, -1.0)
-        cosine, sine = np.cos(angle), np.sin(angle)
-        expected = place + np.column_stack([cosine * x - sine * y, sine * x + cosine * y])
-        assert np.abs(ends - expected).max() < 0.5
-        assert np.ptp(ends, axis=0).max() > 20.0
-
-    def test_so_it_does_in_a_film_of_matplotlib(self, fall):
-        film = fall.response.animate()
-        *_, tie = film._func(0)
-        rest = np.transpose(tie.get_data())
-        assert rest == pytest.approx(AFTER.tie_lines[0], abs=0.05)
-        stones, *_, tie = film._func(10**6)
-        assert np.abs(np.transpose(tie.get_data()) - rest).max() > 0.5
-        low, high = np.transpose([stones.axes.get_xlim(), stones.axes.get_ylim()])
-        corners = np.concatenate([path.vertices for path in stones.get_paths()])
-        assert (corners > low).all()
-        assert (corners < high).all()
-        film._draw_was_started = True  # else matplotlib warns that nobody saw it
-        pyplot.close(film._fig)
+        assert (strip.svg.count("scale(0.25)"), strip.svg.count('class="tie"')) == (4, 4)
 
     def test_the_slider_ends_where_the_film_does(self, fall):
-        shown, _ = moving.film(fall, "fall", "A collapse")
+        shown, _ = film.film(fall, "fall", "A collapse")
         end = float(re.search(r'type="range" min="0" max="([\d.]+)"', shown.svg)[1])
         duration = float(re.search(r"animation-duration:([\d.]+)s", shown.svg)[1])
-        assert end * duration == pytest.approx(duration - moving._HOLD, abs=0.02)
+        assert end * duration == pytest.approx(duration - film._HOLD, abs=0.02)
 
     def test_the_ground_has_a_line_of_zero_and_says_whose_peak_it_tells(self, fall):
-        shown, _ = moving.film(fall, "fall", "A collapse")
+        shown, _ = film.film(fall, "fall", "A collapse")
         assert 'class="ground"' in shown.svg
         assert "(peak 0.92 g)" in shown.svg
         early = np.concatenate([[12.0, 0.0], fall.motion.acceleration])
         longer = replace(fall, motion=af.Motion(early, 1e-3, id="pulse"))
-        later, _ = moving.film(longer, "fall", "A collapse")
-        start = moving.key_frames(longer)[0][0]
+        later, _ = film.film(longer, "fall", "A collapse")
+        start = film.key_frames(longer)[0][0]
         assert ("(peak of the window" in later.svg) == (start > 0.002)

@@ -17,7 +17,6 @@ from archfrag.motions.measures import spectral_acceleration
 from archfrag.report import curve_figures, first_page, inputs
 from archfrag.report.first_page import leading, leading_arch, site_levels
 from archfrag.report.html import digits, percentages, rounded
-from archfrag.report.inputs import arch_results
 from archfrag.report.page import _scaled_spectra, render, write_report
 from archfrag.report.risk_section import risk_parts
 from archfrag.study.answer import fits
@@ -26,7 +25,6 @@ from archfrag.study.answer.risk import risk_of
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import Hazard
 from tests.report import synthetic
-from tests.report.test_figures import overlaps
 from tests.study.small import small_study
 
 GRAVITY = synthetic.GRAVITY
@@ -235,7 +233,6 @@ def test_risk(drawn):
     fits = {"ring": synthetic.answers_of(data)["ring"], "slab": synthetic.none("no curve")}
     whole, short = (risk_of(data, fits, hazard(points)) for points in (8, 4))
     list(risk_parts(whole, synthetic.SCALE, "90 %"))
-    assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
     page, bound = (read(synthetic.inputs(("ring", "slab"), 12, cube=data, risk=risk))
                    for risk in (whole, short))  # fmt: skip
     assert "No rate: no curve." in text(page)
@@ -282,16 +279,6 @@ class TestClass:
         assert set(figures) == {"curve-both.svg", "curve-thin.svg", "curve-thick.svg"}
         assert "an arch drawn at random from class both" in figures["curve-both.svg"].file
 
-    def test_cautions_alike_are_said_once(self, full):
-        given, _, _ = full
-        words = [f"{name}: {count} of 30 records stand" for name, count in
-                 (("thin", 8), ("thick", 12))]  # fmt: skip
-        page = read(replace(given, cautions=[*words, "thick: no run collapsed"]))
-        assert [text(each) for each in page.xpath('//header/p[@class="caution"]')] == [
-            "Caution: 2 arches of both, such as thin: 8 of 30 records stand.",
-            "Caution: thick: no run collapsed.",
-        ]
-
 
 def test_target_of_the_records_stands_beside_their_spectra(study, drawn):
     """The target with 16 and 84 %, records with the factors that they were selected with."""
@@ -337,7 +324,7 @@ class TestOffline:
 
     def test_figures_and_tables_have_a_text_alternative(self, page):
         pictures = page.xpath('//svg[not(@aria-hidden="true")]')
-        assert len(pictures) == 2 * 8 + 1  # each drawn twice but the arch of the first page
+        assert len(pictures) == 8 + 1
         assert all(p.get("role") == "img" and len(p.get("aria-label")) > 20 for p in pictures)
         assert len(page.xpath('//*[@class="thumbnails"]/@aria-label')) == 1
         assert all(t.get("aria-label") for t in page.xpath("//table"))
@@ -445,7 +432,7 @@ class TestDesigns:
         assert [row[6] for row in rows] == [f"{fraction:.3f}" for fraction in below]
         assert "nan" not in text(section(page, "arch0"))
         assert "-" not in dict(table(page, "Models, time and accuracy of ring")[1])["impacts"]
-        found = arch_results(study.cube, "ring", synthetic.SCALE)
+        found = study.results("ring")
         levels = np.concatenate([found.levels[:1] ** 2 / found.levels[0], found.levels, [np.inf]])
         middle = np.sqrt(levels[first] * levels[first + 1])
         assert found.capacities == pytest.approx(middle)

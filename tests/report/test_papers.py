@@ -8,7 +8,7 @@ import pytest
 
 from archfrag.export.papers import RUN_COLUMNS, write_papers
 from archfrag.report.curve_figures import effects_on_theta
-from archfrag.report.run_tables import fractiles, ida_line
+from archfrag.report.run_figures import fractiles, ida_line
 from archfrag.study.answer.fits import load_fits
 from archfrag.study.file.schema import load_study
 from tests.study.small import TEXT, command, small_study

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.arch import checks, facts, shown
+from archfrag.arch import checks, facts
 from archfrag.arch import ring as rings
 from archfrag.arch.building import Given, fields_of, plain
 from archfrag.arch.drawing import read_drawing
+from archfrag.arch.marks import Mark, arch_marks, frame
 from archfrag.arch.polygons import Blocks, polygon_shape
 from archfrag.arch.quasi_static import follow_tie
 from archfrag.arch.shape import Shape
@@ -82,12 +83,12 @@ class Arch(Shape):
         return tie_lines(self)
 
     @property
-    def fill_outlines(self) -> list[NDArray[np.float64]]:
-        """Outlines of fill and backing, for drawing, (m, 2) each [m]; empty without fill."""
-        return shown.fill_outlines(self)
+    def marks(self) -> list[Mark]:
+        """What a drawing shows of the arch at rest: fill, voussoirs, ties and ground."""
+        return arch_marks(self)
 
     def _frame(self, *motion: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return shown.frame(self, *motion)
+        return frame(self, *motion)
 
     def corner_name(self, corner: int) -> str:
         """Return the user's name of corner 0 or 1 of the chain's joints: "intrados" or

@@ -1,4 +1,4 @@
-"""Export a study: its curves and runs in the formats asked for, and its tables."""
+"""Export of a study: curves in the formats of other programs, and tables."""
 
 import itertools
 import json
@@ -34,8 +34,8 @@ _RUN = ("arch", "record", "level")
 _GROUPS = ("arch", "record", "event", "arch_class")
 # What each column is: `about`, and where they apply `unit` (CF's spelling) and `codes` by meaning.
 Columns = dict[str, dict[str, Any]]
-# A table in pieces of the same columns; at least one piece, which may have no row.
-Table = tuple[Columns, Iterable[pd.DataFrame]]
+# A table in pieces of the same columns. There is at least one piece; it may have no row.
+Pieces = tuple[Columns, Iterable[pd.DataFrame]]
 # Columns of the tables of curves; the unit of an intensity is "given" or "si", and {percent} in a
 # text is the confidence.
 _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=False)
@@ -102,11 +102,11 @@ def export_study(
 def _limit_states(
     study: Study, cube: xr.Dataset, answers: Mapping[str, Curve], requested: Sequence[str]
 ) -> tuple[dict[str, dict[str, Curve]], list[str]]:
-    """Curves of the limit states from mild to collapse, and what was left out or moved, and why.
+    """Return the curves of the limit states from mild to collapse, and notes on them.
 
-    Receivers take differences of states and want the same ones of all arches, in one order: that
+    Receivers take differences of states and want the same states of all arches in one order: that
     of their medians, on average. So a state is left out if an arch with a curve of collapse has
-    none of it, and curves must not cross (`above`).
+    none of it, and a curve that crosses a severer one is moved (`above`). A note names each.
     """
     requested = [name.strip().casefold().replace(" ", "_") for name in requested]
     requested = ["residual" if name == "residual_displacement" else name for name in requested]
@@ -156,7 +156,7 @@ def _limit_states(
 
 
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
-    """Why an arch or a class has no fit of a limit state."""
+    """Say why an arch or a class has no fit of a limit state."""
     own = [arch in names for names in arch_classes(cube).items()]
     sliding = np.isnan(cube["static_limit"].values[own])
     if name != "rotation" or not sliding.any():
@@ -170,7 +170,7 @@ def _write_tables(
     study: Study, cube: xr.Dataset, curves: CurveSet, answers: Mapping[str, Curve],
     folder: Path, ending: str,
 ) -> list[Path]:  # fmt: skip
-    """Tables as CSV, with a JSON file that describes their columns; or as Parquet."""
+    """Write all tables as CSV with a JSON file on columns, or as Parquet; return the files."""
     about = {name: curves.described(name) for name in curves.classes}
     facts = {"made": curves.made, "classes": about, "left_out": curves.left_out,
              "notes": curves.remarks}  # fmt: skip
@@ -206,10 +206,11 @@ def write_parquet(path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, A
 
 def curve_tables(
     curves: CurveSet, answers: Mapping[str, Curve], unit: str, si: str, factor: float
-) -> dict[str, Table]:
-    """Points and parameters of all curves; an intensity in `unit` times `factor` is in `si`.
+) -> dict[str, Pieces]:
+    """Return tables of the points and the parameters of all curves.
 
-    Bands are those of the fitted curves, also where a curve was moved.
+    An intensity in `unit` times `factor` is in `si`. Bands are those of the fitted curves, also
+    where a curve was moved.
     """
     levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
     confidence = next(iter(answers.values())).confidence
@@ -241,7 +242,7 @@ def curve_tables(
                 "correlation_ln_theta_beta": fit.correlation, "runs": fit.n_total,
                 "kind": fit.kind, "band": found.method,
             })  # fmt: skip
-    tables: dict[str, Table] = {}
+    tables: dict[str, Pieces] = {}
     for name, frames in (("curves", points), ("parameters", [pd.DataFrame(parameters)])):
         about = Columns()
         for row in _COLUMNS[_COLUMNS["table"].isin(["", name])].to_dict("records"):
@@ -252,11 +253,11 @@ def curve_tables(
     return tables
 
 
-def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
-    """All values of all runs, read from the cube in pieces of some arches.
+def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Pieces:
+    """Return a table of all values of all runs, read from the cube a few arches at a time.
 
-    Values of a record, an arch or a level stand in each of their runs; text about a record but
-    its event is in the table of records. Values by model or measure have a column for each.
+    Values of a record, an arch or a level stand in each of their runs. Of texts about a record
+    only its event does. Values by model or measure have a column for each.
     """
     names = []
     for name in dict.fromkeys((*_RUN, "intensity", *map(str, cube.variables))):
@@ -280,8 +281,8 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
     return columns, pieces()
 
 
-def facts_table(cube: xr.Dataset, dimension: str) -> Table:
-    """Table of the cube's values of each record, or of each arch."""
+def facts_table(cube: xr.Dataset, dimension: str) -> Pieces:
+    """Return a table of the values of each record, or of each arch."""
     columns, values = _columns(cube, [
         name for name in sorted(map(str, cube.variables), key=dimension.__ne__)
         if [d for d in cube.variables[name].dims if d in _RUN] == [dimension]
@@ -290,7 +291,7 @@ def facts_table(cube: xr.Dataset, dimension: str) -> Table:
 
 
 def _columns(cube: xr.Dataset, names: Iterable[str]) -> tuple[Columns, dict[str, xr.Variable]]:
-    """Variables of a cube as columns, one for each label of a dimension that no run has."""
+    """Return columns and values of variables, a column for each label of a further dimension."""
     columns, values = Columns(), dict[str, xr.Variable]()
     for name in names:
         variable, codes = cube.variables[name], {}
@@ -313,6 +314,6 @@ def _columns(cube: xr.Dataset, names: Iterable[str]) -> tuple[Columns, dict[str,
 
 
 def _about(text: str, unit: str, codes: Mapping[str, int] | None = None) -> dict[str, Any]:
-    """Facts on a column, without what does not apply."""
+    """Describe a column, without what does not apply."""
     facts = {"about": text, "unit": unit, "codes": codes}
     return {key: value for key, value in facts.items() if value}

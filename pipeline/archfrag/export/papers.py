@@ -43,7 +43,7 @@ def write_papers(fitted: Fitted, measure: str, unit: str, factor: float, folder:
 
 
 def runs_in_words(cube: xr.Dataset, intensity: str, factor: float) -> Iterator[pd.DataFrame]:
-    """Runs in pieces: words for codes, units in the names, empty where nothing applies."""
+    """Yield the runs in pieces, with words for codes and units in the names."""
     about, pieces = runs_table(cube)
     units = {name: about[name].get("unit", "1") for name in RUN_COLUMNS if name in about}
     names = {name: name if unit == "1" else f"{name} [{unit}]" for name, unit in units.items()}

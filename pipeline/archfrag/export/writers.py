@@ -120,11 +120,11 @@ def named_measure(receiver: str, measure: str) -> Named:
 
 
 def nrml_continuous(curves: CurveSet) -> str:
-    """Lognormal curves by mean and standard deviation of the capacity, not of its logarithm:
-    mean = theta exp(beta^2 / 2) and stddev = mean sqrt(exp(beta^2) - 1).
+    """Write lognormal curves by the mean and the standard deviation of the capacity itself.
 
-    ``minIML`` is 0, since below it OpenQuake would hold the curve constant; above ``maxIML``,
-    4 dispersions above the highest median, it does so at 0.99997.
+    mean = theta exp(beta^2 / 2) and stddev = mean sqrt(exp(beta^2) - 1). OpenQuake holds a curve
+    constant below ``minIML``, which is 0, and above ``maxIML``, 4 dispersions above the highest
+    median, where it is 0.99997.
     """
     imt, root, functions = _nrml(curves, "", format="continuous", shape="logncdf")
     for function, states in functions:
@@ -138,9 +138,9 @@ def nrml_continuous(curves: CurveSet) -> str:
 
 
 def nrml_discrete(curves: CurveSet) -> str:
-    """Curves by their probabilities at levels 0.04 dispersions apart, over 4 dispersions to both
-    sides of each median and over the study's range.
+    """Write curves by their probabilities at levels 0.04 dispersions apart.
 
+    The levels reach over 4 dispersions to both sides of each median and over the study's range.
     OpenQuake interpolates linearly between them, within 1e-4 for dispersions up to 1, and holds
     the curve constant above the highest, here at 0.99997 or more.
     """
@@ -158,7 +158,7 @@ def nrml_discrete(curves: CurveSet) -> str:
 def _nrml(
     curves: CurveSet, more: str, **kind: str
 ) -> tuple[Named, Element, list[tuple[Element, dict[str, Curve]]]]:
-    """The measure, the root of a file, and the function of each arch with its curves."""
+    """Return the measure, the root of a file, and the function of each arch with its curves."""
     imt = named_measure("OpenQuake", curves.measure)
     root = Element("nrml", {"xmlns": NAMESPACE, "xmlns:gml": "http://www.opengis.net/gml"})
     name = re.sub(r"[^A-Za-z0-9_:-]", "_", curves.made["study"])[:75]
@@ -195,7 +195,7 @@ def _text(content: dict[str, object]) -> str:
 
 
 def pelicun_table(curves: CurveSet) -> str:
-    """Parameters of all arches as CSV, a component for each arch.
+    """Write the parameters of all arches as CSV, a component for each arch.
 
     ``Theta_0`` is the median in ``Demand-Unit`` (g or cmps), ``Theta_1`` the dispersion.
     ``Demand-Directional`` is 1: with 0 pelicun would multiply the demand by 1.2.
@@ -237,7 +237,7 @@ def pelicun_description(curves: CurveSet) -> str:
 
 
 def _ids(curves: CurveSet) -> list[str]:
-    """pelicun's ids of the arches."""
+    """Return pelicun's ids of the arches; InputError if two are alike."""
     names = [re.sub(r"[^A-Za-z0-9_.]", "_", arch) for arch in curves.complete]
     for place, (arch, name) in enumerate(zip(curves.complete, names)):
         if name in names[:place]:
@@ -249,11 +249,11 @@ def _ids(curves: CurveSet) -> list[str]:
 
 
 def in_core_sets(curves: CurveSet) -> dict[str, str]:
-    """A set for each arch, as JSON, by arch.
+    """Write a set for each arch as JSON; return the texts by arch.
 
-    IN-CORE takes four curves for a bridge under an earthquake, no more and no fewer: the severest
-    four. Where there are fewer limit states, the severest is repeated: the damage states between
-    then have probability 0, and the last has that of the severest.
+    IN-CORE takes exactly four curves for a bridge under an earthquake: the severest four. If there
+    are fewer limit states, the severest is repeated. The damage states between then have
+    probability 0, and the last has that of the severest.
     """
     demand = named_measure("IN-CORE", curves.measure)
     variable = demand.name.rsplit(maxsplit=1)[-1].lower()  # pga, pgv, pgd or sa

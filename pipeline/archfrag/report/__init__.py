@@ -5,8 +5,7 @@ from typing import Any
 
 
 def make_report(study: Any, compared: Path | None = None) -> Path:
-    """Write the report of a finished study, compared with that of another study file; its path."""
-    from archfrag.report.inputs import report_inputs
-    from archfrag.report.page import write_report
+    """Write the report of a finished study and return its path; `page.make_report` says more."""
+    from archfrag.report import page  # jinja2 and scipy, which other commands do without
 
-    return write_report(report_inputs(study, compared), study.folder / "report.html")
+    return page.make_report(study, compared)

@@ -1,34 +1,121 @@
-"""A run of a finished study as a film: found by its record and level, simulated again, written."""
+"""Runs of a finished study that are simulated again, and films of them.
+
+CSS moves each voussoir from key frame to key frame without a script. Paper, and readers who ask
+for reduced motion, get four still frames.
+"""
 
 import re
-from dataclasses import replace
+import shutil
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
+from numpy.typing import ArrayLike
 
+from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import InputError
-from archfrag.files import make_folder, replacing
-from archfrag.report.arch_figure import Chosen, Example, repeat, typical_run
-from archfrag.report.html import digits
-from archfrag.report.inputs import ArchResults, arch_results, report_inputs
-from archfrag.report.moving import film
+from archfrag.files import counted, make_folder, replacing
+from archfrag.fragility.verdicts import Verdict
+from archfrag.motions.motion import Motion
+from archfrag.physics.methods.registry import AUTO
+from archfrag.report import html, svg
+from archfrag.report.html import TEXTS, Picture, digits
+from archfrag.report.inputs import ArchResults, ReportInputs, report_inputs
+from archfrag.report.svg import NARROW, FloatArray, Panel, Sheet
+from archfrag.simulation.response import Response
+from archfrag.simulation.simulate import simulate
 from archfrag.study.file.schema import Study
 from archfrag.study.keys import meant
 
 KINDS = (".gif", ".mp4", ".svg")
+LONGEST = 8.0  # [s] of a run, shown in real time
 _SAME_LEVEL = 0.005  # a level is written with three digits
+_MOST_FRAMES = 40
+_MOST_TRANSFORMS = 2400  # voussoirs by frames: about 50 bytes each
+_CANDIDATES = 600
+_HOLD = 1.5  # [s] that the last frame stays
+_SMALL = 0.1  # largest rotation [rad] of a motion that is drawn three times as large
+_STRIP = 46.0  # [px] of the ground's acceleration
+Chosen = tuple[int, int, str]  # record, level, and why this run
 
 
-def check_target(path: Path) -> None:
-    """Raise InputError unless a film can be written in the format of this name."""
-    kind = path.suffix.lower()
-    if kind not in KINDS:
-        raise InputError(f"--to {path}: a film is written as {', '.join(KINDS)}")
-    if kind == ".mp4":
-        from matplotlib.animation import writers
+@dataclass(frozen=True)
+class Example:
+    """A run that was simulated again."""
 
-        if not writers.is_available("ffmpeg"):
-            raise InputError(f"--to {path}: .mp4 needs ffmpeg, which is not installed; use .gif")
+    arch: Arch
+    motion: Motion  #: unscaled
+    factor: float  #: on the motion
+    level: str  #: intensity, with its measure and unit
+    response: Response
+    reason: str  #: why this run was chosen
+    same: bool  #: whether it ended as in the study: status, steps and time of collapse
+    ground: str = "the ground"  #: what its motion is relative to
+
+    @property
+    def acceleration(self) -> FloatArray:
+        """Acceleration of the ground in the run [g]."""
+        return self.motion.acceleration * (self.factor / STANDARD_GRAVITY)
+
+
+def choose(results: ArchResults, median: float | None) -> Chosen | None:
+    """Choose the run whose lowest collapsing level is nearest the median of the arch.
+
+    Without a `median` it is nearest that of these levels; `farthest` if nothing collapsed.
+    """
+    collapsed = results.verdict == Verdict.COLLAPSED
+    records = np.flatnonzero(collapsed.any(axis=1))
+    if not records.size:
+        return farthest(results)
+    first = collapsed[records].argmax(axis=1)
+    logs = np.log(results.levels[first])
+    place = np.abs(logs - (np.median(logs) if median is None else np.log(median))).argmin()
+    reason = "the record with the capacity nearest the median, at its lowest collapsing level"
+    return int(records[place]), int(first[place]), reason
+
+
+def farthest(results: ArchResults) -> Chosen | None:
+    """Choose the surviving run with the largest rotation; None if nothing rotated."""
+    survived = results.verdict == Verdict.SURVIVED
+    reach = np.where(survived, np.nan_to_num(results["peak_rotation"]), 0.0)
+    record, level = np.unravel_index(int(reach.argmax()), reach.shape)
+    reason = "the run that survived with the largest rotation of a voussoir"
+    return (int(record), int(level), reason) if reach.any() else None
+
+
+def typical_run(inputs: ReportInputs, place: int) -> Example | None:
+    """Simulate the run with the capacity nearest the median again; None if nothing moves."""
+    name, _, onset = inputs.arches[place]
+    if not onset.stands:
+        return None
+    curve = inputs.answers[name]
+    median = curve.theta * inputs.scale.factor if curve.fitted else None
+    return repeat(inputs, place, choose(inputs.results(name), median))
+
+
+def repeat(inputs: ReportInputs, place: int, chosen: Chosen | None) -> Example | None:
+    """Simulate a run of a study again, with the study's method and its history."""
+    method = dict(inputs.config.get("method", ()))
+    if not method or chosen is None:
+        return None
+    name, arch, _ = inputs.arches[place]
+    results, kind, (record, level, reason) = inputs.results(name), method.pop("name"), chosen
+    method["far"] = method.pop("delay", None)
+    motion = next(m for m in inputs.motions if m.id == results.records[record])
+    factor = float(results["scale_factor"][record, level])
+    status, steps, time = (results[k][record, level] for k in ("status", "steps", "collapse_time"))
+    # `auto` may take a history by events; the study's verdict came by steps.
+    for tried in (kind, "time_stepping"):
+        response = simulate(arch, motion, scale=factor, method=tried, history=True, **method)
+        same = bool(np.isclose(time, response.collapse_time, equal_nan=True))
+        same = same and (status, steps) == (response.status, response.steps)
+        if same or kind != AUTO:
+            break
+    about = "" if results.own_levels is None else "about "
+    shown = f"{about}{inputs.scale.measure} = {digits(results.levels[level])} {inputs.scale.unit}"
+    ground = "the ground at its left end" if method["far"] else "the ground"
+    return Example(arch, motion, factor, shown, response, reason, same, ground)
 
 
 def example_of(study: Study, run: str = "median", arch: str | None = None) -> Example:
@@ -37,23 +124,23 @@ def example_of(study: Study, run: str = "median", arch: str | None = None) -> Ex
     InputError if the study is not finished, or has no such arch or run.
     """
     inputs = report_inputs(study)
-    shapes = {name: shape for name, shape, _ in inputs.arches}
-    name = next(iter(shapes)) if arch is None else arch
-    if name not in shapes:
-        hint = meant(name, shapes) or f"the report shows {', '.join(shapes)}"
+    names = [name for name, _, _ in inputs.arches]
+    name = names[0] if arch is None else arch
+    if name not in names:
+        hint = meant(name, names) or f"the report shows {', '.join(names)}"
         raise InputError(f"--arch {name}: is not an arch of the report; {hint}")
-    results = arch_results(inputs.cube, name, inputs.scale, inputs.fitted.runs[name])
+    place = names.index(name)
     if run == "median":
-        example = typical_run(inputs, results, list(shapes).index(name))
+        example = typical_run(inputs, place)
     else:
-        example = repeat(inputs, results, shapes[name], _named(results, run))
+        example = repeat(inputs, place, _named_run(inputs.results(name), run))
     if example is None:
         raise InputError(f"--run {run}: no run of {name} moved the arch, so there is no film")
     return example
 
 
-def _named(results: ArchResults, run: str) -> Chosen:
-    """Record and level that RECORD@LEVEL names."""
+def _named_run(results: ArchResults, run: str) -> Chosen:
+    """Return the record and the level that RECORD@LEVEL names; InputError if it has no run."""
     name, _, text = run.rpartition("@")
     unit = results.scale.unit
     try:
@@ -78,8 +165,17 @@ def _named(results: ArchResults, run: str) -> Chosen:
     return record, int(made[near.argmin()]), "the run that was asked for"
 
 
+def check_target(path: Path) -> None:
+    """Raise InputError unless a film can be written in the format of this name."""
+    kind = path.suffix.lower()
+    if kind not in KINDS:
+        raise InputError(f"--to {path}: a film is written as {', '.join(KINDS)}")
+    if kind == ".mp4" and shutil.which("ffmpeg") is None:
+        raise InputError(f"--to {path}: .mp4 needs ffmpeg, which is not installed; use .gif")
+
+
 def save_film(example: Example, path: Path) -> None:
-    """Write a film as .gif, .mp4 (where ffmpeg is installed) or .svg, which browsers play.
+    """Write a film as .gif, .mp4 (if ffmpeg is installed) or .svg, which browsers play.
 
     InputError if nothing moves, OutputError if the file cannot be written.
     """
@@ -100,3 +196,122 @@ def save_film(example: Example, path: Path) -> None:
             named.replace(part)
         finally:
             named.unlink(missing_ok=True)
+
+
+def key_frames(example: Example) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Choose frames between which linear motion comes closest to that of the run.
+
+    Return their times [s], centroids [m] and rotations [rad]; None if nothing moves.
+    """
+    time, shift, rotation = example.response._arrays()
+    start, end = example.response._window(LONGEST)
+    if start == end:
+        return None
+    size = float(np.ptp(np.concatenate(example.arch.outlines), axis=0).max())
+    state = np.dstack([shift, 0.1 * size * rotation]).reshape(time.size, -1)
+    first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, end, "right")) - 1
+    rows = np.unique(np.linspace(first, last, min(_CANDIDATES, last - first + 1)).astype(int))
+    most = int(np.clip(_MOST_TRANSFORMS // rotation.shape[1], 12, _MOST_FRAMES))
+    kept = rows[_most_telling(time[rows], state[rows], most)]
+    return time[kept], example.arch.centroids + shift[kept], rotation[kept]
+
+
+def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
+    """Choose rows: first and last, then one by one where the state is farthest from linear."""
+    kept = np.array([0, len(time) - 1])
+    while kept.size < min(most, len(time)):
+        right = np.clip(np.searchsorted(kept, np.arange(len(time)), side="left"), 1, None)
+        a, b = kept[right - 1], kept[right]
+        part = ((time - time[a]) / np.maximum(time[b] - time[a], 1e-12))[:, None]
+        error = np.abs(state - (1.0 - part) * state[a] - part * state[b]).max(axis=1)
+        error[kept] = -1.0
+        kept = np.sort(np.append(kept, int(error.argmax())))
+    return kept
+
+
+def film(
+    example: Example, name: str, title: str, enlarged: bool = False
+) -> tuple[Picture, Picture] | None:
+    """Return a run in motion, and four frames of it; None if nothing moves.
+
+    If it is `enlarged`, a small motion is drawn three times as large as it is.
+    """
+    frames = key_frames(example)
+    if frames is None:
+        return None
+    arch, (time, place, rotation) = example.arch, frames
+    larger = 3.0 if enlarged and np.abs(rotation).max() < _SMALL else 1.0
+    place, rotation = arch.centroids + larger * (place - arch.centroids), larger * rotation
+    low, high = arch._frame(place, rotation, 0.06)
+    wide, tall = (high - low).tolist()
+    scale = min(NARROW / wide, 300.0 / tall)
+    origin, height = (low[0] - 0.5 * (NARROW / scale - wide), high[1]), scale * tall
+
+    def pixels(points: FloatArray, at: ArrayLike = origin) -> FloatArray:  # pixel 0, 0 is `at` [m]
+        return scale * (points - np.asarray(at)) * (1.0, -1.0)
+
+    rods = []  # left end [px], angle [degrees] and length [px] of each tie over time
+    for tie in (mark for mark in arch.marks if mark.role == "tie"):
+        left, right = pixels(tie.moved(arch.centroids, place, rotation)).swapaxes(0, 1)
+        along = right - left
+        angle = np.rad2deg(np.unwrap(np.arctan2(along[:, 1], along[:, 0])))
+        rods.append(np.column_stack([left, angle, np.hypot(*along.T)]).tolist())
+    bodies = counted(np.diff(arch.springings).item(), "block" if arch.free_end else "voussoir")
+    bodies += " on piers" * (arch.springings[0] > 0)
+    what = f"{title}: {bodies} under {example.motion.id}, {example.level}"
+    duration, moves = (
+        float(time[-1] - time[0]) + _HOLD,
+        np.dstack([pixels(place), -np.rad2deg(rotation)]),
+    )
+    stills = _stills(np.abs(rotation).max(axis=1), bool(example.response.collapsed))
+    drawn = {
+        "name": name, "label": what, "width": NARROW, "height": height, "strip": _STRIP,
+        "shapes": [svg.trace(*pixels(o, at).T) for o, at in zip(arch.outlines, arch.centroids)],
+        "rest": pixels(arch.centroids).tolist(), "moves": moves.swapaxes(0, 1).tolist(),
+        "ties": rods, "percent": (100.0 * (time - time[0]) / duration).tolist(),
+        "duration": duration, "time": time, "stills": stills,
+        "ground": _ground_below(example, height, (float(time[0]), float(time[-1]))),
+    }  # fmt: skip
+    shown = "true to scale" if larger == 1.0 else "drawn three times as large as it is"
+    caption = TEXTS["film"]["caption"].format(
+        what=what, reason=example.reason, frames=time.size, size=shown, ground=example.ground,
+        start=time[0], end=time[-1],
+    )  # fmt: skip
+    strip = html.template("stills.html.j2", **drawn, columns=len(stills), kind="strip")
+    return Picture(html.template("film.html.j2", **drawn), caption), Picture(strip, what)
+
+
+def _stills(reach: FloatArray, collapsed: bool) -> list[int]:
+    """Choose four frames by the largest rotation of each (n_time,): of a collapse as it grows, of
+    another run the largest in each quarter.
+    """
+    if collapsed:
+        return [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
+    parts = np.array_split(np.arange(reach.size), min(4, reach.size))
+    return [int(part[reach[part].argmax()]) for part in parts]
+
+
+def _ground_below(example: Example, height: float, ends: tuple[float, float]) -> Markup:
+    """Return the acceleration of the ground between two times, drawn below `height` [px]."""
+    sheet = Sheet(NARROW)
+    panel = Panel(sheet, (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP), ends, (-1, 1))
+    seen = draw_ground(panel, example, 240)
+    which = "peak" if seen > 0.995 * np.abs(example.acceleration).max() else "peak of the window"
+    words = f"time [s], with the ground acceleration ({which} {seen:.2g} g)"
+    panel.axis_x(svg.even_ticks(*ends, 6), words)
+    return Markup("".join(sheet.parts))
+
+
+def draw_ground(panel: Panel, example: Example, bins: int) -> float:
+    """Draw the acceleration of the ground [g] in a panel over time; return its peak."""
+    (start, end), acceleration = panel.x, example.acceleration
+    times = np.arange(acceleration.size) * example.motion.dt
+    shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
+    place, low, high = svg.envelope(np.interp(shown, times, acceleration, right=0.0), bins)
+    peak = max(float(np.abs([low, high]).max()), 1e-9)
+    panel.y = (-1.05 * peak, 1.05 * peak)
+    zero = svg.number(float(panel.at_y(0.0)))
+    panel.sheet.path(f"M{svg.number(panel.box[0])} {zero}H{svg.number(panel.box[2])}", kind="gr")
+    x = panel.at_x(np.interp(place, np.arange(shown.size), shown))
+    panel.sheet.path(svg.ribbon(x, panel.at_y(low), panel.at_y(high)), kind="ground")
+    return peak

@@ -1,88 +1,86 @@
 """First page of the report: the answer in a sentence, the arch to scale, the curve, a collapse."""
 
 import datetime
-import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
 from markupsafe import Markup
 
 from archfrag.arch import Arch
+from archfrag.arch.marks import mechanism_marks
 from archfrag.files import counted
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.verdicts import Verdict
-from archfrag.report import html
-from archfrag.report import svg as look
-from archfrag.report.arch_figure import Example, arch_panel, draw_hinges
+from archfrag.report import html, svg
+from archfrag.report.arch_figure import arch_panel, paint
 from archfrag.report.curve_figures import curve_panel, draw_curve
+from archfrag.report.film import Example, film
 from archfrag.report.html import TEXTS, Picture
-from archfrag.report.inputs import ReportInputs, fractions_seen, thetas
+from archfrag.report.inputs import ReportInputs, thetas
 from archfrag.report.limits import short, study_aspects
-from archfrag.report.moving import film
-from archfrag.report.ratios import before_and_after
 from archfrag.report.svg import Entry, Panel, Sheet, figure
 from archfrag.simulation.simulate import Onset
 from archfrag.study.answer.curves import arch_classes
 from archfrag.version import __version__
 
 PERIODS = (475.0, 2475.0)  # return periods of building codes [years]
+_SEEN = 0.001  # difference of probabilities that matters
 _HALF = 560.0  # width of the curve [px]
 _MOST, _SMALL = (270.0, 180.0), (270.0, 130.0)  # width and height of an arch, and of two [px]
 
 
 def leading(inputs: ReportInputs) -> tuple[str, Curve]:
-    """The answer that stands first: of classes and of arches of none the weakest by median."""
+    """Return the answer that stands first: the weakest class, or arch of none, by its median."""
     theta = thetas(inputs.quoted.values())
     return list(inputs.quoted.items())[int(np.where(np.isnan(theta), np.inf, theta).argmin())]
 
 
 def leading_arch(inputs: ReportInputs) -> int:
-    """Place among `inputs.arches` of the arch that is drawn first."""
+    """Return the place among `inputs.arches` of the arch that is drawn first."""
     return _place(inputs, *leading(inputs))
 
 
 def _place(inputs: ReportInputs, name: str, answer: Curve) -> int:
-    """Place among `inputs.arches` of an arch, or of the one of a class with the nearest median."""
-    names = [each for each, _, _ in inputs.arches]
+    """Return the place of an arch, or for a class of its arch with the nearest median."""
+    names = [arch for arch, _, _ in inputs.arches]
     if name in names or not answer.fitted:
         return names.index(name) if name in names else 0
-    away = np.abs(np.log(thetas(inputs.answers[each] for each in names) / answer.theta))
+    away = np.abs(np.log(thetas(inputs.answers[arch] for arch in names) / answer.theta))
     of_class = arch_classes(inputs.cube)
-    other = np.array([of_class[each] != name for each in names])
-    return int(np.where(np.isnan(away) | other, np.inf, away).argmin())
+    foreign = np.array([of_class[arch] != name for arch in names])
+    return int(np.where(np.isnan(away) | foreign, np.inf, away).argmin())
 
 
 def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
-    """The page; `example` is a collapse of the arch that is drawn, or its nearest miss."""
+    """Return the page; `example` is a collapse of the arch that is drawn, or its nearest miss."""
     what = "collapse" if example is not None and example.response.collapsed else "near miss"
     moving = None if example is None else film(example, "first", f"A {what}", what == "near miss")
     name, _, _ = inputs.arches[leading_arch(inputs)]
-    which = f" of {name}" * (len(inputs.answers) > 1)
     heading = [inputs.about[key] for key in ("project", "client", "author") if key in inputs.about]
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
-    heading += [date, f"archfrag {__version__}"]
     return html.template(
-        "first.html.j2", inputs=inputs, heading=heading, sentence=_sentence(inputs),
-        arches=list(_drawn(inputs)), curve=_curve(inputs), film=moving, which=which,
-        compared=before_and_after(inputs),
-        what=what, facts=_facts(inputs), run=example, limits=short(study_aspects(inputs)),
+        "first.html.j2", inputs=inputs, heading=[*heading, date, f"archfrag {__version__}"],
+        sentence=_sentence(inputs), compared=before_and_after(inputs), film=moving, what=what,
+        which=f" of {name}" * (len(inputs.answers) > 1), run=example,
+        arches=list(_arches(inputs)), curve=_curve(inputs), facts=_facts(inputs),
+        limits=short(study_aspects(inputs)),
     )  # fmt: skip
 
 
 def site_levels(inputs: ReportInputs) -> dict[str, float]:
-    """Intensities [SI] of the site for the return periods that its hazard curve covers."""
+    """Return the intensities [SI] of the site for the return periods of its hazard curve."""
     if inputs.risk is None or isinstance(inputs.risk, str):
         return {}
     curve = inputs.risk.hazard.main
-    known = curve.rate > 0.0
-    years, im = 1.0 / curve.rate[known], curve.im[known]
-    found = np.exp(np.interp(np.log(PERIODS), np.log(years), np.log(im), np.nan, np.nan))
-    return {f"{each:g}-year": float(x) for each, x in zip(PERIODS, found) if np.isfinite(x)}
+    positive = curve.rate > 0.0
+    years, im = np.log(1.0 / curve.rate[positive]), np.log(curve.im[positive])
+    levels = np.exp(np.interp(np.log(PERIODS), years, im, np.nan, np.nan))
+    return {f"{p:g}-year": float(level) for p, level in zip(PERIODS, levels) if level > 0.0}
 
 
 def _sentence(inputs: ReportInputs) -> Markup:
-    """A probability at a level that somebody asked for or at one of the site, or the median."""
+    """Write the probability at the level asked for or of the site, or else the median."""
     name, answer = leading(inputs)
     scale, levels = inputs.scale, site_levels(inputs)
     if not answer.fitted:
@@ -103,31 +101,39 @@ def _sentence(inputs: ReportInputs) -> Markup:
     risk = None if isinstance(inputs.risk, str | None) else inputs.risk.arches.get(name)
     if not isinstance(risk, str | None) and not risk.rate.is_bound and risk.rate.quoted > 0.0:
         rates = risk.rate.quoted, risk.rate.upper, risk.rate.lower
-        period, *ends = (f"{float(f'{1.0 / each:.2g}'):,.0f}" for each in rates if each > 0.0)
+        period, *ends = (f"{float(f'{1.0 / rate:.2g}'):,.0f}" for rate in rates if rate > 0.0)
         found = f" ({inputs.percent}: {' to '.join(ends)})" if risk.rate.lower > 0.0 else ""
         end += f" Collapse has a return period of {period} years{found}."
     return form.format(start, html.percentages([value]), end)
 
 
 def _whose(inputs: ReportInputs, name: str) -> str:
-    """The arch or the class of an answer, in a sentence."""
-    answers, whose = inputs.quoted, name if len(inputs.quoted) > 1 else _noun(inputs)
+    """Name the arch or the class of an answer in a sentence."""
+    count, whose = len(inputs.quoted), name if len(inputs.quoted) > 1 else _noun(inputs)
     if name in inputs.classes:
-        count = list(arch_classes(inputs.cube).values()).count(name)
-        whose = f"an arch drawn from class {name} ({count} arches)"
+        members = list(arch_classes(inputs.cube).values()).count(name)
+        whose = f"an arch drawn from class {name} ({members} arches)"
     kinds = "classes and arches" if inputs.classes else "arches"
-    kinds = "classes" if len(answers) == len(inputs.classes) else kinds
-    return whose + f", the weakest of {len(answers)} {kinds}," * (len(answers) > 1)
+    kinds = "classes" if count == len(inputs.classes) else kinds
+    return whose + f", the weakest of {count} {kinds}," * (count > 1)
+
+
+def _noun(inputs: ReportInputs) -> str:
+    """Name the only arch of a study."""
+    _, arch, _ = inputs.arches[0]
+    column = "the column" if arch.free_end else "the arch"
+    return "the block" if arch.parameters["profile"] == "block" else column
 
 
 def _facts(inputs: ReportInputs) -> str:
-    cube, verdict = inputs.cube, inputs.cube["verdict"].values
+    """Write how many runs and collapses there are, and the dispersion of the only answer."""
+    cube, verdict, count = inputs.cube, inputs.cube["verdict"].values, len(inputs.answers)
     both = cube.attrs.get("vertical_component", "not used") != "not used"
     words = f"{(verdict != Verdict.NOT_RUN).sum():,} runs of {cube.sizes['record']} "
     words += "ground motions" + " with their vertical components" * both
-    words += f" on {len(inputs.answers)} arches" * (len(inputs.answers) > 1)
     collapses = int((verdict == Verdict.COLLAPSED).sum())
-    words += f", {collapses:,} collapse{'s' * (collapses != 1)}."
+    words += f" on {count} arches" * (count > 1) + f", {collapses:,} "
+    words += "collapse." if collapses == 1 else "collapses."
     answer = leading(inputs)[1]
     if len(inputs.quoted) == 1 and answer.n_independent and answer.fitted:
         interval = f"{inputs.percent}: {html.interval(answer.beta_interval)}"
@@ -135,28 +141,55 @@ def _facts(inputs: ReportInputs) -> str:
     return words
 
 
-def _drawn(inputs: ReportInputs) -> Iterator[Picture]:
-    """The arch of the leading answer; of two that differ in shape, fill or ties both."""
-    answers, places = inputs.quoted, [leading_arch(inputs)]
-    if len(answers) == 2:
-        both = [_place(inputs, *each) for each in answers.items()]
-        shapes = [_shape(inputs.arches[place][1]) for place in both]
-        places = both if both[0] != both[1] and shapes[0] != shapes[1] else places
-    named = bool(inputs.classes) or len(answers) > 1
+def before_and_after(inputs: ReportInputs) -> list[str]:
+    """Compare the two arches or classes of a study in sentences; empty if it has not two."""
+    ratios = inputs.ratios
+    if isinstance(ratios, str) or len(ratios) != 1:
+        return []
+    first, second = inputs.known
+    median, *rates = (ratio_text(row, inputs.percent) for row in ratios[second].values())
+    words = f"The median capacity of {second} is {median} times that of {first}"
+    words += "".join(f", its annual rate of collapse {rate} times" for rate in rates)
+    return [f"{words}.", *_crossing(inputs)]
+
+
+def ratio_text(row: Mapping[str, float], percent: str) -> str:
+    """Write a ratio with its interval."""
+    return f"{row['ratio']:.2f} ({percent}: {row['lower']:.2f} to {row['upper']:.2f})"
+
+
+def _crossing(inputs: ReportInputs) -> Iterator[str]:
+    """Say which of two curves is higher below the level at which they cross, if they do."""
+    levels, scale = inputs.cube["intensity"].values, inputs.scale
+    im = np.geomspace(np.nanmin(levels), np.nanmax(levels), 400)
+    one, two = (fit.probability(im) for fit in inputs.known.values())
+    seen = np.flatnonzero(np.abs(two - one) > _SEEN)
+    sign = np.sign(two - one)[seen]
+    changes = np.flatnonzero(np.diff(sign))
+    if changes.size == 1:
+        start, end = seen[changes[0]], seen[changes[0] + 1]
+        at = scale.factor * float(im[start + np.abs(two - one)[start : end + 1].argmin()])
+        name, level = list(inputs.known)[int(sign[changes[0]] > 0.0)], html.rounded(at)
+        where = f"Below {scale.measure} {level} {scale.unit} the curve of {name} is the higher one"
+        yield f"{where}, because its β is larger."
+
+
+def _arches(inputs: ReportInputs) -> Iterator[Picture]:
+    """Draw the arch of the leading answer; of two that look different both."""
+    places, most = [leading_arch(inputs)], _MOST
+    if len(inputs.quoted) == 2:
+        both = [_place(inputs, *answer) for answer in inputs.quoted.items()]
+        drawn = [[s.points.tolist() for s in inputs.arches[place][1].marks] for place in both]
+        if both[0] != both[1] and drawn[0] != drawn[1]:
+            places, most = both, _SMALL
+    named = bool(inputs.classes) or len(inputs.quoted) > 1
     for place in places:
-        name, arch, onset = inputs.arches[place]
-        yield _arch(arch, onset, name, named, _MOST if len(places) == 1 else _SMALL)
+        yield _arch(*inputs.arches[place], named, most)
 
 
-def _shape(arch: Arch) -> list[list[float]]:
-    """All that a drawing shows of an arch."""
-    points = [*arch.outlines, *arch.fill_outlines, *arch.tie_lines]
-    return [points.ravel().tolist() for points in points]
-
-
-def _arch(arch: Arch, onset: Onset, name: str, named: bool, most: tuple[float, float]) -> Picture:
-    """The arch to scale with its dimensions and hinges at onset; `named` in the caption or not."""
-    sheet = Sheet(look.NARROW)
+def _arch(name: str, arch: Arch, onset: Onset, named: bool, most: tuple[float, float]) -> Picture:
+    """Draw an arch to scale with its dimensions and hinges at onset; `named` in the caption."""
+    sheet = Sheet(svg.NARROW)
     panel = arch_panel(sheet, arch, 0.5 * sheet.width, 24.0, most)
     sheet.height = panel.box[3] + 8.0
     words = _dimensions(panel, arch)
@@ -164,14 +197,15 @@ def _arch(arch: Arch, onset: Onset, name: str, named: bool, most: tuple[float, f
     if not onset.stands:
         caption += "It does not stand under its own weight."
         return Picture(sheet.svg(f"{name}: {words}"), caption)
-    towards = "−x" if onset.minus < 0.999 * onset.plus else "+x"
-    limit, hinges, _ = onset.mechanism(towards.replace("−", "-"))
-    draw_hinges(panel, arch, hinges)
-    ties = counted(len(arch.tie_lines), "tie")
-    caption += f"Blue: {ties}. " * bool(len(arch.tie_lines))
-    caption += "Dashed: the surface of the fill. " * bool(arch.fill_outlines)
+    towards = "-x" if onset.minus < 0.999 * onset.plus else "+x"
+    limit, hinges, _ = onset.mechanism(towards)
+    paint(panel, mechanism_marks(arch, hinges, ()))
+    roles = [shape.role for shape in arch.marks]
+    caption += f"Blue: {counted(roles.count('tie'), 'tie')}. " * ("tie" in roles)
+    caption += "Dashed: the surface of the fill. " * ("earth" in roles)
     caption += f"Motion begins at {html.onset_text(limit)} of ground acceleration"
-    caption += f" towards {towards}" if not np.isclose(onset.plus, onset.minus) else ""
+    one_way = not np.isclose(onset.plus, onset.minus)
+    caption += f" towards {towards.replace('-', '−')}" * one_way
     caption += " with these hinges." if len(hinges) else "."
     return Picture(sheet.svg(f"{name} to scale: {words}"), caption)
 
@@ -180,15 +214,14 @@ def _dimensions(panel: Panel, arch: Arch) -> str:
     """Draw span, rise and thickness, or width and height; return them in words."""
     sheet, (left, top, right, bottom) = panel.sheet, panel.box
     if arch.free_end:
-        width, height = panel.x[1] - panel.x[0], panel.y[1] - panel.y[0]
+        width, height = np.ptp(panel.x), np.ptp(panel.y)
         _measure(sheet, (left, bottom + 12.0), (right, bottom + 12.0), f"{width:.3g} m")
         _measure(sheet, (right + 12.0, bottom), (right + 12.0, top), f"{height:.3g} m")
         return f"width {width:.3g} m, height {height:.3g} m"
     line, which = 0.5 * (arch.intrados + arch.extrados), ""
     if arch.parameters.get("span") is None:  # as a drawing gives them
         line, which = arch.intrados, "clear "
-    left, right = arch.springings
-    ends, crown = line[[left, right]], line[line[:, 1].argmax()]
+    ends, crown = line[list(arch.springings)], line[line[:, 1].argmax()]
     span, springing = float(np.ptp(ends[:, 0])), float(ends[:, 1].min())
     _, rise, thickness = arch.dimensions
     if not which:
@@ -206,7 +239,7 @@ def _dimensions(panel: Panel, arch: Arch) -> str:
 def _measure(
     sheet: Sheet, start: tuple[float, float], end: tuple[float, float], words: str
 ) -> None:
-    """A dimension line with its number: below a level one, right of an upright one."""
+    """Draw a dimension line with its number: below a level one, right of an upright one."""
     (a, b), (c, d) = start, end
     tick = "m-4 0h8" if a == c else "m0 -4v8"
     line = f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}M{a:.1f} {b:.1f}{tick}M{c:.1f} {d:.1f}{tick}"
@@ -220,23 +253,23 @@ def _measure(
 
 @partial(figure, width=_HALF)
 def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
-    """The curve with its band and what was observed, theta on the axis, and levels of the site or
-    of the reader; of two arches or classes the other curve too.
+    """Draw the curve with its band, what was observed, theta, and levels of the site or of the
+    reader; of two arches or classes the other curve too.
     """
     (name, answer), scale, reach = leading(inputs), inputs.scale, 1.05 * inputs.highest
     others = {k: fit for k, fit in inputs.known.items() if k != name}
     others = others if len(others) == 1 else {}
     whose = name if len(inputs.quoted) > 1 else _noun(inputs)
     whose = f"class {name}" if name in inputs.classes else whose
-    entries = [Entry(name, look.BLUE, "line"), *(Entry(k, look.GREEN, "dash") for k in others)]
+    entries = [Entry(name, svg.BLUE, "line"), *(Entry(k, svg.GREEN, "dash") for k in others)]
     panel = curve_panel(sheet, entries if others else [], reach, scale.label)
     words = f"Probability of collapse of {whose} against {scale.label}"
-    levels, seen = fractions_seen(inputs.fitted.runs[name], scale)
-    kind, design = "", json.loads(inputs.cube.attrs["archfrag_design"])["kind"]
-    if np.isfinite(seen).any():
-        kind = TEXTS["first_curve"].get(design, TEXTS["first_curve"]["stripes"])
+    results, kinds, kind = inputs.results(name), TEXTS["first_curve"], ""
+    if np.isfinite(results.fraction).any():
+        kind = kinds.get(results.runs.design.kind, kinds["stripes"])
+    seen = results.levels, results.fraction, svg.INK, "dot", 2.6
     if not (fit := answer).fitted:
-        panel.dots(levels, seen, look.INK, radius=2.6)
+        panel.dots(*seen)
         return words, kind.strip()
     curve = "mean curve of the arches" if fit.members is not None else "lognormal curve"
     caption = f"Line: {curve} of {whose}. Shaded: {inputs.percent} band.{kind}"
@@ -244,24 +277,17 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     marked |= {} if inputs.at is None else {"asked for": inputs.at}
     marked = {word: level for word, level in marked.items() if level < reach}
     for level in marked.values():
-        panel.line([level, level], [0.0, 1.0], look.VERMILION, 1.1, "2 2")
+        panel.line([level, level], [0.0, 1.0], svg.VERMILION, 1.1, "2 2")
     for other in others.values():
         draw_curve(panel, other, scale, entries[1], 1.6, band=False)
     draw_curve(panel, answer, scale, entries[0], 2.4)
-    panel.dots(levels, seen, look.INK, radius=2.6)
+    panel.dots(*seen)
     theta, median = scale.factor * fit.theta, scale.text(fit.theta)
     if theta < reach:
         half = float(fit.probability(fit.theta))  # of a class not quite 0.5
-        panel.line([0.0, theta, theta], [half, half, 0.0], look.INK, 0.9, "4 3")
-        panel.dots([theta], [half], look.BLUE, "hinge", 4.5)
+        panel.line([0.0, theta, theta], [half, half, 0.0], svg.INK, 0.9, "4 3")
+        panel.dots([theta], [half], svg.BLUE, "hinge", 4.5)
         panel.label(theta, panel.box[3] - 7.0, f"θ = {median}", "b")
     for row, word in enumerate(sorted(marked, key=marked.__getitem__)):
         panel.label(marked[word], panel.box[1] + 12.0 + 14.0 * row, word, "b")
     return f"{words}: median {median}, dispersion {fit.beta:.2f}", caption
-
-
-def _noun(inputs: ReportInputs) -> str:
-    """What the only arch of a study is."""
-    _, arch, _ = inputs.arches[0]
-    column = "the column" if arch.free_end else "the arch"
-    return "the block" if arch.parameters["profile"] == "block" else column

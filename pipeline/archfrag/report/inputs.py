@@ -2,9 +2,9 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +23,9 @@ from archfrag.physics.status import CollapseMode
 from archfrag.report.html import digits
 from archfrag.simulation.simulate import Onset, onset
 from archfrag.study.answer.compare import Table, compare
-from archfrag.study.answer.curves import Fitted, Runs, arch_classes, runs_of_cube
+from archfrag.study.answer.curves import Fitted, Runs, arch_classes
 from archfrag.study.answer.fits import cautions_of
 from archfrag.study.answer.risk import StudyRisk, risk_of_study
-from archfrag.study.designs import Design
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
 from archfrag.study.file.schema import Study, load_study
@@ -45,22 +44,57 @@ _MISSING = {"verdict": Verdict.NOT_RUN, "collapse_joint": -1}  # where no run wa
 
 @dataclass(frozen=True)
 class Scale:
-    """Scale of an intensity measure: its name, the unit people read, SI to that unit."""
+    """Scale of an intensity measure."""
 
     measure: str
-    unit: str
-    factor: float
+    unit: str  #: that people read
+    factor: float  #: times a value in SI gives one in `unit`
 
     @property
     def label(self) -> str:
         return f"{self.measure} [{self.unit}]"
 
     def digits(self, value_si: float) -> str:
-        """Value in the unit, three digits."""
+        """Write a value in the unit with three digits."""
         return digits(value_si * self.factor)
 
     def text(self, value_si: float) -> str:
+        """Write a value with its unit."""
         return f"{self.digits(value_si)} {self.unit}"
+
+
+@dataclass(frozen=True)
+class ArchResults:
+    """All runs of an arch, or of the arches of a class below each other."""
+
+    arch: str  #: or class
+    records: list[str]  #: of each row
+    scale: Scale
+    levels: FloatArray  #: (n_level,) in the reader's unit
+    own_levels: FloatArray | None  #: (n_record,), if each run has one of its own
+    table: Callable[[str], NDArray]  #: gives a variable of the cube by name [SI]
+    simulated: NDArray[np.bool_]  #: (n_record, n_level), which runs there are
+    runs: Runs
+    counts: Mapping[str, IntArray]  #: `count_verdicts` of runs at each level
+    #: Of records, with what their capacities imply if they were searched.
+    known: Mapping[str, IntArray]
+    #: Of each record that was run, the middle of its bracket in logarithms: inf where it never
+    #: collapsed, its lowest level where it collapsed there.
+    capacities: FloatArray
+
+    def __getitem__(self, name: str) -> NDArray:
+        """Return a variable of the cube, (n_record, n_level, ...); 0 or -1 without a run."""
+        return self.table(name)
+
+    @property
+    def verdict(self) -> IntArray:
+        return self.table("verdict")
+
+    @property
+    def fraction(self) -> FloatArray:
+        """Fraction of the known verdicts at each level that are collapses; nan if none is."""
+        decided = self.known["n"]
+        return np.asarray(self.known["collapsed"] / np.where(decided > 0, decided, np.nan))
 
 
 @dataclass(frozen=True)
@@ -95,14 +129,19 @@ class ReportInputs:
         return f"{100 * self.confidence:.0f} %"
 
     @cached_property
-    def fitted(self) -> Fitted:
-        """All curves and the cube, with the runs behind them."""
-        return Fitted(dict(self.answers), dict(self.classes), self.cube)
+    def quoted(self) -> dict[str, Curve]:
+        """Answers of the classes and of the arches without one, in the order of the study."""
+        return self.fitted.quoted()
 
     @cached_property
-    def quoted(self) -> dict[str, Curve]:
-        """Curves of classes and of arches of none, in the order of the study."""
-        return self.fitted.quoted()
+    def config(self) -> Mapping[str, Any]:
+        """Configuration of the study that made the cube; may be empty."""
+        return json.loads(self.cube.attrs.get("archfrag_config", "{}"))
+
+    @cached_property
+    def results(self) -> Callable[[str], ArchResults]:
+        """Function that gives the runs of an arch or a class by its name."""
+        return cache(lambda name: arch_results(self.fitted.runs[name], self.scale))
 
     @cached_property
     def known(self) -> dict[str, Curve]:
@@ -110,8 +149,13 @@ class ReportInputs:
         return {name: curve for name, curve in self.quoted.items() if curve.fitted}
 
     @cached_property
+    def fitted(self) -> Fitted:
+        """All curves and the cube, with the runs behind them."""
+        return Fitted(dict(self.answers), dict(self.classes), self.cube)
+
+    @cached_property
     def ratios(self) -> dict[str, Table] | str:
-        """`compare` of the others with the first of them; or why there are no ratios."""
+        """Ratios of the others to the first of them (`compare`); or why there are none."""
         names = list(self.known)
         if not 1 < len(names) <= _MOST_RATIOS:
             return {}
@@ -125,48 +169,16 @@ class ReportInputs:
         return self.scale.factor * float(self.cube["intensity"].max())
 
 
-@dataclass(frozen=True)
-class ArchResults:
-    """All runs of one arch; arrays (n_record, n_level), `model_time` with an axis of models."""
-
-    arch: str
-    records: list[str]
-    scale: Scale
-    levels: FloatArray  #: (n_level,) in the reader's unit
-    own_levels: FloatArray | None  #: (n_record,), where each run has one of its own
-    tables: Mapping[str, NDArray]  #: variables of the cube in SI units, by name
-    simulated: NDArray[np.bool_]  #: which runs there are
-    counts: Mapping[str, IntArray]  #: `count_verdicts` of runs at each level
-    design: Design
-    #: Of records, with what their capacities imply if they were searched.
-    known: Mapping[str, NDArray]
-    #: Of each record that was run, the middle of its bracket in logarithms: inf where it never
-    #: collapsed, its lowest level where it collapsed there.
-    capacities: FloatArray
-
-    def __getitem__(self, name: str) -> NDArray:
-        return self.tables[name]
-
-    @property
-    def verdict(self) -> IntArray:
-        return self.tables["verdict"]
-
-    @property
-    def fraction(self) -> FloatArray:
-        """Fraction of the known verdicts at each level that are collapses; nan if none is."""
-        return self.known["fraction"]
-
-
 def thetas(answers: Iterable[Curve]) -> FloatArray:
     """Return the median capacity of each arch [SI]; nan without a curve."""
     return np.array([curve.theta for curve in answers])
 
 
 def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
-    """Results of a study, and of another one whose file is `compared`.
+    """Read the results of a finished study, and of another one whose file is `compared`.
 
-    InputError if results are missing or not those of the study as it is, OutputError if another
-    study's cube is in its folder.
+    InputError if results are missing or out of date, OutputError if the cube of another study is
+    in the folder.
     """
     fitted = finished(study)
     answers, cube = fitted.arches, fitted.cube
@@ -200,7 +212,7 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
 
 
 def _title(study: Study) -> str:
-    """The heading; one of its own if the study was not given any but its id."""
+    """Return the title of the study, or a general one if it only has its id."""
     if study.title != study.id:
         return study.title
     block = all(member.entry.profile == "block" for member in study.members)
@@ -209,6 +221,7 @@ def _title(study: Study) -> str:
 
 
 def _compared(study: Study, path: Path) -> tuple[xr.Dataset, Mapping[str, Curve]]:
+    """Return the cube and the answers of another study; InputError if it has the same id."""
     other = load_study(path)
     if study.id == other.id:
         raise InputError(f"study {other.id!r} cannot be compared with another of the same id")
@@ -216,55 +229,41 @@ def _compared(study: Study, path: Path) -> tuple[xr.Dataset, Mapping[str, Curve]
     return fitted.cube, fitted.arches
 
 
-def study_config(cube: xr.Dataset) -> Mapping[str, Any]:
-    """Return the configuration of the study that made a cube; may be empty."""
-    return json.loads(cube.attrs.get("archfrag_config", "{}"))
-
-
-def arch_results(
-    cube: xr.Dataset, arch: str, scale: Scale, runs: Runs | None = None
-) -> ArchResults:
-    """Return everything the report needs of one arch of a cube; `runs` are its own, if known."""
-    runs = runs or runs_of_cube(cube, [arch])[arch]
-    part = runs.cube.isel(arch=0).transpose("record", "level", ...)
-    made = part["verdict"].values != Verdict.NOT_RUN
-    levels, own = part["intensity"].values.astype(float) * scale.factor, None
+def arch_results(runs: Runs, scale: Scale) -> ArchResults:
+    """Return what the report needs of the runs of an arch or a class."""
+    n_arch, made = len(runs.arches), runs.verdict != Verdict.NOT_RUN
+    levels, own_levels = runs.level * scale.factor, None
     if levels.ndim == 2:
-        own = levels[:, 0]
-        levels, group = _grouped(own, made[:, 0])
+        own_levels = levels[:, 0]
+        levels, group = _grouped(own_levels, made[:, 0])
         made = made & (group[:, None] == np.arange(levels.size))
-    tables = {}
-    for name, variable in part.data_vars.items():
-        if variable.dims[:2] == ("record", "level"):
-            mask = made.reshape(made.shape + (1,) * (variable.ndim - 2))
-            kept = np.where(mask, variable.values, _MISSING.get(str(name), 0))
-            tables[str(name)] = kept.astype(float if kept.dtype.kind == "f" else int)
-    counts, brackets = count_verdicts(tables["verdict"]), runs.brackets
+
+    @cache
+    def table(variable: str) -> NDArray:
+        values = runs.cube[variable]
+        values = values if "arch" in values.dims else values.expand_dims(arch=n_arch)
+        values = values.transpose("arch", "record", "level", ...).values
+        values = values.reshape(len(made), -1, *values.shape[3:])
+        mask = made.reshape(made.shape + (1,) * (values.ndim - 2))
+        kept = np.where(mask, values, _MISSING.get(variable, 0))
+        return kept.astype(float if kept.dtype.kind == "f" else int)
+
+    counts, brackets = count_verdicts(table("verdict")), runs.brackets
     return ArchResults(
-        arch=arch, records=cube["record"].values.astype(str).tolist(), scale=scale,
-        levels=levels, own_levels=own, tables=tables, simulated=made, counts=counts,
-        design=runs.design,
+        arch=runs.name, runs=runs, scale=scale,
+        records=runs.whole["record"].values.astype(str).tolist() * n_arch,
+        levels=levels, own_levels=own_levels, table=table, simulated=made,
+        counts=counts,
         known=count_verdicts(runs.filled),
         capacities=scale.factor * np.where(brackets.bracketed, brackets.middle, brackets.upper),
     )  # fmt: skip
 
 
-def fractions_seen(runs: Runs, scale: Scale) -> tuple[FloatArray, FloatArray]:
-    """Levels [unit of the scale], and fractions of the runs of an arch or class that collapse.
-
-    They are of what capacities imply if records were searched, and of groups of neighbouring runs
-    if each has a level of its own; nan where no run has a verdict.
-    """
-    verdict, levels = runs.filled, runs.level * scale.factor
-    if levels.ndim == 2:
-        levels, group = _grouped(levels[:, 0], verdict[:, 0] != Verdict.NOT_RUN)
-        mine = group[:, None] == np.arange(levels.size)
-        verdict = np.where(mine, verdict, Verdict.NOT_RUN)
-    return levels, count_verdicts(verdict)["fraction"]
-
-
 def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntArray]:
-    """Levels of groups of runs that have one of their own, and the group of each record, or -1."""
+    """Group neighbouring runs that have levels of their own.
+
+    Return the level of each group and the group of each record, or -1.
+    """
     run = np.flatnonzero(made & np.isfinite(own))
     order, place = run[np.argsort(own[run], kind="stable")], np.full(own.size, -1)
     groups = np.array_split(order, min(_MOST_GROUPS, max(1, order.size // 5)))
@@ -274,18 +273,18 @@ def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntA
 
 
 def summary(inputs: ReportInputs) -> dict[str, Any]:
-    """Content of ``summary.json``, as docs/reference/results.md lists it."""
+    """Return the content of ``summary.json``, which docs/reference/results.md lists."""
     cube, attributes, scale = inputs.cube, inputs.cube.attrs, inputs.scale
     of_class = arch_classes(cube)
     onsets = {name: onset for name, _, onset in inputs.arches}
     of_runs = ("verdict", "lost_contact_time", "collapse_mode", "collapse_joint")
     tables = [cube[name].transpose("arch", "record", "level").values for name in of_runs]
     arches = []
-    for name, *own in zip(map(str, cube["arch"].values), *tables, strict=True):
+    for name, *of_arch in zip(map(str, cube["arch"].values), *tables, strict=True):
         start = onsets.get(name)
         arches.append({
             "id": name, "class": of_class[name],
-            **_answered(inputs.answers[name], scale, inputs.at), **_runs(*own),
+            **_answered(inputs.answers[name], scale, inputs.at), **_counted(*of_arch),
             "stands": start and bool(start.stands),
             "onset": start and {"plus": start.plus, "minus": start.minus},
         })  # fmt: skip
@@ -309,11 +308,11 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
 
 
 def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
-    """Curve and probability of an arch or a class, or the reason why there is none."""
+    """Return the curve and the probability of an arch or a class, or why it has no curve."""
     lost = answer.more.get("without_verdict") or None
     if lost and "runs" in lost:
         medians = {key: lost[key].get("theta") for key in ("collapsed", "survived")}
-        theta = {key: each and scale.factor * each for key, each in medians.items()}
+        theta = {key: median and scale.factor * median for key, median in medians.items()}
         lost = {"runs": lost["runs"], "theta_if": theta}
     likelihood, likeliest, chance = answer.likelihood, None, None
     if not answer.fitted:
@@ -336,9 +335,10 @@ def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
     return {"reason": None, "without_verdict": lost, "curve": curve, "probability": chance}
 
 
-def _runs(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:
-    found, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
-    counts = {name: int(found[name].sum()) for name in COUNTS}
+def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:
+    """Return how many runs of an arch have each verdict, and fractions of its collapses."""
+    number, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
+    counts = {name: int(number[name].sum()) for name in COUNTS}
     counts["not_run"] = verdict.size - counts["runs"]
     landed = (verdict == Verdict.SURVIVED) & np.isfinite(lost)
     counts["lost_contact_and_stand"] = int(landed.sum())

@@ -1,21 +1,19 @@
 """What a study models and what not, in sentences that follow from its arches."""
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 from archfrag.report.html import TEXTS
-from archfrag.report.inputs import ReportInputs, study_config
+from archfrag.report.inputs import ReportInputs
 from archfrag.study.answer.curves import arch_classes
 
 _LISTED = 3  # names of arches in a sentence
 Given = Mapping[str, Sequence[Mapping[str, Any]]]  # keys of the arches, by name of arch or class
 
 
-@dataclass(frozen=True)
-class Aspect:
+class Aspect(NamedTuple):
     """Something that a model of an arch may have or lack."""
 
     modelled: bool
@@ -31,45 +29,44 @@ def aspects(
     `vertical` is the attribute ``vertical_component`` of a cube, `delay` that of the method in
     seconds; `spanning` is false if all arches are free-standing.
     """
-    counted = vertical.removeprefix("used").strip()
+    arches = [arch for members in given.values() for arch in members]
+    some = tuple(filter(None, [vertical.removeprefix("used").strip()]))  # records that have one
     others = {
         "always": (), "never": None, "delay": () if delay else None,
-        "vertical": None if vertical == "not used" else (counted,) if counted else (),
-        "sliding": () if any(map(_slides, chain.from_iterable(given.values()))) else None,
+        "vertical": None if vertical == "not used" else some,
+        "sliding": () if any(map(_slides, arches)) else None,
     }  # fmt: skip
-    found = []
+    result = []
     for text in TEXTS["limits"]:
         key = text["key"]
-        if text.get("spanning") and not spanning:
-            continue
-        whose = others[key] if key in others else _having(given, key)
-        words = "" if not whose else f" ({', '.join(whose)})"
-        kind = "no" if whose is None else "yes"
-        sentence = text[kind].format(of=words, delay=delay or 0.0)
-        name = text.get(f"{kind}_name", "")
-        found.append(Aspect(whose is not None, name + words * bool(name), sentence))
-    return found
+        if spanning or not text.get("spanning"):
+            whose = others[key] if key in others else _having(given, key)
+            words = f" ({', '.join(whose)})" if whose else ""
+            kind = "no" if whose is None else "yes"
+            name = text.get(f"{kind}_name", "")
+            sentence = text[kind].format(of=words, delay=delay or 0.0)
+            result.append(Aspect(kind == "yes", name + words * bool(name), sentence))
+    return result
 
 
 def study_aspects(inputs: ReportInputs) -> list[Aspect]:
     """Return what the study of a report models and what not."""
-    cube, of_class, given = inputs.cube, arch_classes(inputs.cube), inputs.given
+    of_class, given = arch_classes(inputs.cube), inputs.given
     if not given:  # a report without a study file
         given = {of_class[name]: [arch.parameters] for name, arch, _ in inputs.arches}
     return aspects(
-        given, cube.attrs.get("vertical_component", "not used"),
-        study_config(cube).get("method", {}).get("delay"),
+        given, inputs.cube.attrs.get("vertical_component", "not used"),
+        inputs.config.get("method", {}).get("delay"),
         not all(arch.free_end for _, arch, _ in inputs.arches),
     )  # fmt: skip
 
 
 def short(found: Iterable[Aspect]) -> str:
     """Write a line on what is modelled and what is not."""
-    lists = (
-        ", ".join(each.name for each in found if each.name and each.modelled == modelled)
-        for modelled in (True, False)
-    )
-    return "Modelled: {}. Not modelled: {}".format(*lists)
+    names = {True: list[str](), False: list[str]()}
+    for aspect in found:
+        names[aspect.modelled] += [aspect.name] * bool(aspect.name)
+    return f"Modelled: {', '.join(names[True])}. Not modelled: {', '.join(names[False])}"
 
 
 def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
@@ -80,21 +77,19 @@ def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
 
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:
-    """Return the arches that have a key: none of their names if all have it; None if none has."""
-    counts = {name: sum(_is_set(each.get(key)) for each in own) for name, own in given.items()}
+    """Return the arches that have a key: no names if all have it, None if none has it."""
+    counts = {name: sum(_is_set(arch.get(key)) for arch in of) for name, of in given.items()}
     having = [
         name if count == len(given[name]) else f"some arches of {name}"
         for name, count in counts.items() if count
     ]  # fmt: skip
-    if not having:
-        return None
-    if having == list(given):
-        return ()
+    if not having or having == list(given):
+        return () if having else None
     return tuple(having) if len(having) <= _LISTED else (f"{len(having)} of {len(given)}",)
 
 
 def _is_set(value: Any) -> bool:
-    """Whether a key holds a number other than 0, at whatever depth."""
+    """Return whether a key holds a number other than 0, at any depth."""
     if isinstance(value, Mapping):
         return any(map(_is_set, value.values()))
     if isinstance(value, list | tuple):
@@ -103,7 +98,8 @@ def _is_set(value: Any) -> bool:
 
 
 def _slides(arch: Mapping[str, Any]) -> bool:
-    """Whether a joint has a limit of friction, those of piers included."""
-    known = [arch.get("friction"), (arch.get("piers") or {}).get("friction")]
-    values = [one for each in known for one in (each if isinstance(each, list) else [each])]
-    return any(isinstance(one, int | float) and math.isfinite(one) for one in values)
+    """Return whether a joint can slide, those of piers included."""
+    coefficients = [arch.get("friction"), (arch.get("piers") or {}).get("friction")]
+    lists = (value if isinstance(value, list) else [value] for value in coefficients)
+    values = itertools.chain.from_iterable(lists)
+    return any(isinstance(value, int | float) and math.isfinite(value) for value in values)

@@ -11,8 +11,8 @@ from matplotlib.text import Text
 
 from archfrag import plots
 from archfrag.files import make_folder
-from archfrag.report.inputs import ArchResults, ReportInputs, arch_results
-from archfrag.report.run_tables import MEASURED, VERDICTS, ida_lines
+from archfrag.report.inputs import ArchResults, ReportInputs
+from archfrag.report.run_figures import MEASURED, VERDICTS, ida_lines
 
 _COLOURS = (plots.BLUE, plots.VERMILION, plots.GREEN, plots.ORANGE)
 _STYLES = {"16 %": "--", "84 %": ":"}
@@ -20,15 +20,41 @@ _MOST_NAMED = 60  # records whose names are written
 
 
 def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
-    """Write the figures to a folder; the files.
+    """Write the figures to a folder; return the files.
 
     They are the fragility curves, and for each arch that the report shows the IDA curves (not of
     a cloud), every run, and the arch at onset.
     """
     make_folder(folder)
-    scale, (figure, ax) = inputs.scale, _axes(3.6)
-    results = {name: arch_results(inputs.cube, name, scale, inputs.fitted.runs[name])
-               for name, _, _ in inputs.arches}  # fmt: skip
+    figures = {"fragility": _curves(inputs)}
+    for name, _, onset in inputs.arches:
+        results = inputs.results(name)
+        if results.own_levels is None:
+            figures[f"ida-{name}"] = _ida_figure(results)
+        figures[f"runs-{name}"] = _runs_figure(results)
+        figures[f"onset-{name}"], ax = _axes(3.6)
+        onset.plot(ax)
+    paths = []
+    for name, figure in figures.items():  # for print: black text on white
+        figure.patch.set(alpha=1.0, facecolor="white")
+        for text in figure.findobj(Text):
+            text.set_color("black")
+        paths += [folder / f"{name}.pdf", folder / f"{name}.png"]
+        with rc_context({"pdf.fonttype": 42}):  # fonts that editors can change
+            figure.savefig(paths[-2], metadata={"CreationDate": None})
+        figure.savefig(paths[-1], dpi=300)
+    return paths
+
+
+def _axes(height: float) -> tuple[Figure, Axes]:
+    """Return a figure of this height [inch], as wide as a text, and its axes."""
+    figure = Figure((5.4, height), layout="constrained")
+    return figure, plots.dressed(figure.add_subplot())
+
+
+def _curves(inputs: ReportInputs) -> Figure:
+    """Draw the curves of classes and arches with their bands, and the fractions of the runs."""
+    scale, (figure, ax), shown = inputs.scale, _axes(3.6), [name for name, _, _ in inputs.arches]
     for number, (name, answer) in enumerate(inputs.quoted.items()):
         colour, style = _COLOURS[number % 4], "-" if number < 4 else "--"
         if answer.fitted:
@@ -36,43 +62,18 @@ def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
             ax.plot(scale.factor * im, answer.probability(im), style, color=colour, label=label)
             band = answer.lower, answer.upper
             ax.fill_between(scale.factor * im, *band, color=colour, alpha=0.2, lw=0.0)
-        if name in results:  # of a class the fractions are not shown
-            own = results[name]
-            ax.plot(own.levels, own.fraction, "o", color=colour, ms=3.0)
+        if name in shown:  # of a class the fractions are not shown
+            results = inputs.results(name)
+            ax.plot(results.levels, results.fraction, "o", color=colour, ms=3.0)
     ax.set(xlabel=scale.label, ylabel="probability of collapse",
            xlim=(0.0, 1.05 * inputs.highest), ylim=(0.0, 1.02))  # fmt: skip
     if ax.get_legend_handles_labels()[0]:
         plots.legend(ax)
-    paths = _saved(figure, folder / "fragility")
-    for name, _, onset in inputs.arches:
-        if results[name].own_levels is None:
-            paths += _saved(_ida_figure(results[name]), folder / f"ida-{name}")
-        paths += _saved(_runs_figure(results[name]), folder / f"runs-{name}")
-        figure, ax = _axes(3.6)
-        onset.plot(ax)
-        paths += _saved(figure, folder / f"onset-{name}")
-    return paths
-
-
-def _axes(height: float) -> tuple[Figure, Axes]:
-    figure = Figure((5.4, height), layout="constrained")
-    return figure, plots.dressed(figure.add_subplot())
-
-
-def _saved(figure: Figure, path: Path) -> list[Path]:
-    """Save for print: black text on white, fonts that editors can change, no date."""
-    figure.patch.set(alpha=1.0, facecolor="white")
-    for text in figure.findobj(Text):
-        text.set_color("black")
-    paths = [path.with_name(f"{path.name}.{ending}") for ending in ("pdf", "png")]
-    with rc_context({"pdf.fonttype": 42}):
-        figure.savefig(paths[0], metadata={"CreationDate": None})
-        figure.savefig(paths[1], dpi=300)
-    return paths
+    return figure
 
 
 def _ida_figure(results: ArchResults) -> Figure:
-    """Largest and residual rotation against intensity; collapse is a flat line."""
+    """Draw largest and residual rotation against intensity; collapse is a flat line."""
     figure = Figure((7.2, 3.6), layout="constrained")
     axes: Any = figure.subplots(1, 2, sharey=True)
     for ax, (name, title) in zip(map(plots.dressed, axes), MEASURED.items()):
@@ -88,7 +89,7 @@ def _ida_figure(results: ArchResults) -> Figure:
 
 
 def _runs_figure(results: ArchResults) -> Figure:
-    """Verdict of every run: records in the order of their capacities, intensities to the right."""
+    """Draw the verdict of every run, records in the order of their capacities."""
     order, count = np.argsort(results.capacities, kind="stable"), len(results.records)
     figure, ax = _axes(1.0 + 0.16 * min(count, _MOST_NAMED))
     own, size = results.own_levels, min(16.0, 1000.0 / count)

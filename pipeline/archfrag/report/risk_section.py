@@ -8,11 +8,11 @@ import numpy as np
 from markupsafe import Markup
 from scipy.special import ndtr
 
-from archfrag.report import html
-from archfrag.report import svg as look
+from archfrag.report import html, svg
 from archfrag.report.html import TEXTS
-from archfrag.report.inputs import Scale
-from archfrag.report.run_tables import level_axis, stacked
+from archfrag.report.inputs import ReportInputs, Scale
+from archfrag.report.run_figures import level_axis, stacked
+from archfrag.report.sections import PageSection
 from archfrag.report.svg import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
 from archfrag.study.answer.risk import ASSUMPTIONS, ArchRisk, StudyRisk
 from archfrag.study.file.members import SHOWN
@@ -22,8 +22,16 @@ _REACH = 1e-4  # of the greatest density of the rate, where the axis ends
 _LEFT, _HEIGHTS = 66.0, (150.0, 110.0, 110.0)  # left of the panels and their heights [px]
 
 
+def risk_section(inputs: ReportInputs) -> Iterator[PageSection]:
+    """Yield the section on rates of collapse, if the study has a hazard curve."""
+    if inputs.risk is not None:
+        yield PageSection(
+            "risk", "Risk", list(risk_parts(inputs.risk, inputs.scale, inputs.percent))
+        )
+
+
 def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[Any]:
-    """Rates of collapse, and the figures of each arch; of many arches only of the first."""
+    """Yield the rates of collapse, and figures of each arch; of many arches only of the first."""
     if isinstance(risk, str):
         yield html.paragraph(f"There are no rates of collapse: {risk}.", "none")
         return
@@ -31,8 +39,8 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
     words = f"Rates with the hazard curve {first} of {Path(hazard.source).name}"
     yield html.paragraph(". ".join([words, *hazard.messages, ""]), "note")
     yield _rates_table(risk, percent)
-    known = [arch.rate for arch in risk.arches.values() if not isinstance(arch, str)]
-    if any(rate.mean > rate.quoted for rate in known):
+    rates = [arch.rate for arch in risk.arches.values() if not isinstance(arch, str)]
+    if any(rate.mean > rate.quoted for rate in rates):
         yield html.paragraph(TEXTS["notes"]["mean_rate"], "note")
     shown = SHOWN if len(risk.arches) <= SHOWN else 3
     for name, arch in list(risk.arches.items())[:shown]:
@@ -44,11 +52,12 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
         yield html.cautions(arch.cautions)
         yield hazard_and_fragility(arch, hazard, scale)
         yield contributions(arch, scale)
-    assumed = (f"{each[0].upper()}{each[1:]}." for each in ASSUMPTIONS)
+    assumed = (f"{words[0].upper()}{words[1:]}." for words in ASSUMPTIONS)
     yield html.paragraph(" ".join(assumed), "note")
 
 
 def _rates_table(risk: StudyRisk, percent: str) -> Markup:
+    """Tabulate the rate of collapse of each arch with what it means over some years."""
     heads = [
         "arch", "collapses a year", percent, "mean rate", "return period [years]",
         f"probability in {risk.years:g} years", percent, "beyond the hazard curve",
@@ -69,14 +78,14 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
             most + html.rounded(rate.return_period), least + html.rounded(likely),
             html.rounded_interval(*ends), f"{100 * (rate.below + rate.above):.1f} %",
             html.rounded(rate.below_onset) if np.any(arch.onset) else "–",
-            *(html.rounded(each) for each in list(arch.by_curve.values())[1:]),
+            *(html.rounded(rate) for rate in list(arch.by_curve.values())[1:]),
         ])  # fmt: skip
     return html.table("Rates of collapse", heads, rows, "compact")
 
 
 @figure
 def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Scale) -> str:
-    """Hazard curve, fragility curve and where the rate of collapse comes from, in three panels."""
+    """Draw the hazard curve, the fragility curve and where the rate of collapse comes from."""
     # Intensities from which all but a small part of the rate comes.
     wide = np.concatenate([arch.levels, hazard.main.im, [arch.fit.theta]])
     im = np.geomspace(0.2 * wide.min(), 5.0 * wide.max(), 1200)
@@ -89,7 +98,7 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
     seen = (points >= ends[0]) & (points <= ends[1])
     every = np.concatenate(list(rates.values()))
     low, high = float(every[every > 0.0].min()), float(every.max())
-    colours = [look.VERMILION, *[look.GREY] * (len(rates) - 1)]
+    colours = [svg.VERMILION, *[svg.GREY] * (len(rates) - 1)]
     entries = [Entry(f"hazard: {key}", colour, "line") for key, colour in zip(rates, colours)]
     top = sheet.legend(_LEFT, 0.0, entries) - 8.0
     panels: list[Panel] = []
@@ -99,10 +108,10 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
     first, second, third = panels
     for i, rate in reversed(list(enumerate(rates.values()))):
         first.line(shown, rate, entries[i].colour, 0.8 if i else 1.6)
-    first.dots(points[seen], hazard.main.rate[seen], look.VERMILION, radius=2.2)
-    second.line(shown, arch.fit.probability(im), look.BLUE)
-    third.band(shown, np.zeros(im.size), density, look.SKY, 0.5)
-    third.line(shown, density, look.BLUE)
+    first.dots(points[seen], hazard.main.rate[seen], svg.VERMILION, radius=2.2)
+    second.line(shown, arch.fit.probability(im), svg.BLUE)
+    third.band(shown, np.zeros(im.size), density, svg.SKY, 0.5)
+    third.line(shown, density, svg.BLUE)
     first.axis_y(log_ticks(low, high, (1.0,)), "exceeded [1/year]")
     second.axis_y([0.0, 0.5, 1.0], "P(collapse) [1]")
     third.axis_y(even_ticks(0.0, third.y[1], 4), f"rate per ln {scale.measure} [1/year]")
@@ -110,37 +119,40 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
     for panel in panels:
         for end in points[[0, -1]]:
             if ends[0] < end < ends[1]:
-                panel.line([end, end], panel.y, look.GREY, 0.9, "2 2")
+                panel.line([end, end], panel.y, svg.GREY, 0.9, "2 2")
         last = panel is third
         panel.axis_x(ticks, scale.label * last, [] if last else [""] * ticks.size, True)
-    sheet.height = third.box[3] + look.BELOW
-    found = f"{'at least ' * arch.rate.is_bound}{html.rounded(arch.rate.quoted)} a year"
-    return f"Hazard and fragility curve of {arch.arch} and their product; rate of collapse {found}"
+    sheet.height = third.box[3] + svg.BELOW
+    words = f"{'at least ' * arch.rate.is_bound}{html.rounded(arch.rate.quoted)} a year"
+    return f"Hazard and fragility curve of {arch.arch} and their product; rate of collapse {words}"
 
 
 @figure
 def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
-    """The rate by level and mechanism; None if no run collapsed."""
-    found = arch.by_mechanism
-    if not found.counts.any():
+    """Draw the rate by level and mechanism; None if no run collapsed."""
+    split = arch.by_mechanism
+    if not split.counts.any():
         return None
-    labels = [f"{name} {100 * f:.0f} %" for name, f in zip(found.categories, found.fraction)]
-    parts = stacked(labels, found.rate)
-    if found.unassigned.any():
-        parts.append((Entry("no collapse seen", look.PALE), found.unassigned))
+    labels = [f"{name} {100 * f:.0f} %" for name, f in zip(split.categories, split.fraction)]
+    parts = stacked(labels, split.rate)
+    if split.unassigned.any():
+        parts.append((Entry("no collapse seen", svg.PALE), split.unassigned))
     highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
     ends = (-0.5, arch.levels.size - 0.5), (0.0, highest)
-    panel = look.panel_below(sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT)
+    panel = svg.panel_below(sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT)
     panel.axis_y(even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
     panel.stack(parts)
     level_axis(panel, scale.factor * arch.levels, scale.label)
     texts = TEXTS["contributions"]
-    caption = texts["caption"] + texts["pale"] * bool(found.unassigned.any())
+    caption = texts["caption"] + texts["pale"] * bool(split.unassigned.any())
     return f"Rate of collapse of {arch.arch} by level and mechanism", caption
 
 
 def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:
-    """Rate of collapse per unit of ln im [1/year]; jumps where the slope of the hazard does."""
+    """Return the rate of collapse per unit of ln im [1/year].
+
+    It jumps where the slope of the hazard curve does.
+    """
     curve = hazard.main
     slope = curve.pieces(np.log(im))[2]
     theta, beta = arch.fit.parts.T

@@ -1,6 +1,8 @@
-"""Sections of the page on an arch and on a class, part by part in the order of the page."""
+"""Sections of the page on arches and classes, part by part in the order of the page."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,20 +13,19 @@ from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import Contributions
 from archfrag.fragility.verdicts import Verdict, clopper_pearson
 from archfrag.motions.measures import LEVEL_UNITS
-from archfrag.report import arch_figure as arch_figures
-from archfrag.report import curve_figures, html, run_tables
-from archfrag.report.arch_figure import Example
+from archfrag.report import arch_figure, curve_figures, html, run_figures
+from archfrag.report.film import Example, farthest, film, repeat
 from archfrag.report.html import TEXTS, Picture, digits, heading, measured, paragraph, table
 from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, thetas
 from archfrag.report.limits import base_of
-from archfrag.report.moving import film
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.simulation.simulate import Onset
 from archfrag.simulation.standing import inset_loss, inset_text
 from archfrag.study.answer.curves import arch_classes
+from archfrag.study.file.members import SHOWN
 
-Parts = Iterator[Any]  # of a section: markup and pictures; None is left out
-Rows = Iterator[tuple[str, object]]
+Parts = Iterator[Any]  # of a section: texts, tables and figures; None is left out
+_MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of answers
 _UNITS = {
     **dict.fromkeys(("radius", "thickness", "span", "rise", "width", "height"), " [m]"),
     **dict.fromkeys(("depth", "intrados", "extrados"), " [m]"),
@@ -32,56 +33,93 @@ _UNITS = {
 }  # fmt: skip
 
 
-def arch_parts(
-    inputs: ReportInputs, results: ArchResults, place: int, example: Example | None,
-    animated: bool, leads: bool,
-) -> Parts:  # fmt: skip
-    """Yield the parts of an arch's section; with films if it is `animated`.
+@dataclass(frozen=True)
+class PageSection:
+    """A chapter of the page: a title, and below it texts, tables and figures in order."""
 
-    `example` is a collapse; that of the arch that `leads` the report moves on the first page.
+    anchor: str
+    title: str
+    parts: Sequence[Any]  #: None is left out
+    files: Mapping[str, Picture] = field(default_factory=dict)  #: figures to be files too, by name
+
+
+def class_sections(inputs: ReportInputs) -> Iterator[PageSection]:
+    """Yield a section for each class of several arches."""
+    of_class = arch_classes(inputs.cube)
+    for place, name in enumerate(inputs.classes):
+        members = {k: answer for k, answer in inputs.answers.items() if of_class[k] == name}
+        curves = curve_figures.all_curves(inputs, members, {name: inputs.classes[name]})
+        parts = list(_class_parts(inputs, name, curves))
+        yield PageSection(f"class{place}", f"Class {name}", parts, {f"curve-{name}.svg": curves})
+
+
+def arch_sections(
+    inputs: ReportInputs, examples: Sequence[Example | None], lead: int
+) -> tuple[list[PageSection], list[PageSection]]:
+    """Return a section for each arch that is shown, and an appendix of those that classes have.
+
+    `examples` are collapses of the arches; that of the arch at place `lead` is on the first page.
     """
+    members = {k: answer for k, answer in inputs.answers.items() if k not in inputs.quoted}
+    folded, files, sections = list[Markup](), dict[str, Picture](), list[PageSection]()
+    for place, (name, _, _) in enumerate(inputs.arches):
+        curve = curve_figures.curve(inputs.results(name), inputs.answers[name])
+        file = {} if len(inputs.answers) > SHOWN else {f"curve-{name}.svg": curve}
+        parts = list(_arch_parts(inputs, place, curve, examples[place], place == lead))
+        if name in members:
+            folded.append(html.folded(name, *filter(None, parts)))
+            files |= file
+            continue
+        # An arch that has the name of its study was not given any.
+        alone = len(inputs.answers) == 1 and name == inputs.cube.attrs.get("archfrag_study")
+        sections.append(PageSection(f"arch{place}", "The arch" if alone else name, parts, file))
+    if not members:
+        return sections, []
+    folded.insert(0, html.folded("Answers", answers_table(inputs, members)))
+    return sections, [PageSection("members", "Appendix: arches of classes", folded, files)]
+
+
+def _arch_parts(
+    inputs: ReportInputs, place: int, curve: Picture, example: Example | None, leads: bool
+) -> Parts:
+    """Yield the parts of an arch's section; a film of its `example` unless it `leads`."""
     name, arch, onset = inputs.arches[place]
-    answer, percent = inputs.answers[name], inputs.percent
-    more, start = answer.more, f"{name}: "
-    cautions = [each.removeprefix(start) for each in inputs.cautions if each.startswith(start)]
+    answer, percent, results = inputs.answers[name], inputs.percent, inputs.results(name)
+    more, start, design = answer.more, f"{name}: ", results.runs.design
+    cautions = [words.removeprefix(start) for words in inputs.cautions if words.startswith(start)]
     yield card(answer, inputs.scale, percent, cautions, results, onset)
-    groups = run_tables.groupings(results, inputs.confidence)
+    groups = run_figures.groupings(results, inputs.confidence)
     yield heading("How it falls")
-    yield arch_figures.lost_joints(arch, results)
-    collapsed = results.counts["collapsed"].any()
-    base = base_of(arch.free_end, arch.parameters)
-    yield (
-        run_tables.fractions(groups, results, base)
-        if collapsed
-        else paragraph("No run collapsed.")
-    )
-    if animated and onset.stands:
-        yield from _films(inputs, results, place, None if leads else example)
-    if picture := run_tables.ida_curves(results):
+    yield arch_figure.lost_joints(arch, results)
+    if results.counts["collapsed"].any():
+        base = base_of(arch.free_end, arch.parameters)
+        yield run_figures.fractions(groups, results, base)
+    else:
+        yield paragraph("No run collapsed.")
+    if place < _MOST_ANIMATED and onset.stands:
+        yield from _films(inputs, place, None if leads else example)
+    if picture := run_figures.ida_curves(results):
         yield heading("How far it moves")
         yield picture
     yield heading("Every run")
-    yield (run_tables.verdict_map if results.own_levels is None else run_tables.single_runs)(
-        results
-    )
+    of_runs = run_figures.verdict_map if results.own_levels is None else run_figures.single_runs
+    yield of_runs(results)
     if more.get("limit_states"):
         yield from _limit_states(inputs, answer, name)
     if more.get("measures"):
         yield from _measures(more["measures"], name, inputs.scale)
     yield heading("The arch and its onset")
-    yield arch_figures.arch_at_onset(arch, onset, name)
-    facts = facts_text(arch)
-    yield paragraph(f"{facts[0].upper()}{facts[1:]}.")
-    if inset := inset_text(arch, inset_loss(arch)):
-        yield paragraph(f"{inset[0].upper()}{inset[1:]}.")
+    yield arch_figure.arch_at_onset(arch, onset, name)
+    for words in filter(None, (facts_text(arch), inset_text(arch, inset_loss(arch)))):
+        yield paragraph(f"{words[0].upper()}{words[1:]}.")
     yield heading("Checks")
-    yield curve_figures.curve(results, answer)
+    yield curve
     free = more.get("free", {})
     if "test_of_fit" in free:
         yield paragraph(free["test_of_fit"]["message"])
     elif "none" in free:
         yield paragraph(f"There is no isotonic curve and no test of fit: {free['none']}.")
-    yield paragraph(f"Design {results.design.kind}: {results.design.text}.")
+    yield paragraph(f"Design {design.kind}: {design.text}.")
     if "cloud" in more:
         yield paragraph(_cloud(more["cloud"]["logistic"], inputs.scale), "note")
     yield html.folded("Verdicts by level", _levels(results, answer, percent))
@@ -90,16 +128,29 @@ def arch_parts(
     yield html.folded("Geometry", geometry)
     computed = html.pairs(f"Models, time and accuracy of {name}", _computed(inputs, results))
     yield html.folded("How it was computed", computed)
-    if example is not None and (picture := run_tables.timeline(example)):
+    if example is not None and (picture := run_figures.timeline(example)):
         yield html.folded("The mechanism in one run", picture)
 
 
-def class_parts(inputs: ReportInputs, name: str, curve: Picture) -> Parts:
-    """Yield the parts of the section of a class of arches; `curve` is the figure of its curve."""
-    of_class, answer = arch_classes(inputs.cube), inputs.classes[name]
+def _films(inputs: ReportInputs, place: int, fall: Example | None) -> Parts:
+    """Yield films of a collapse, unless it is shown elsewhere, and of a near miss."""
+    films, results = [], inputs.results(inputs.arches[place][0])
+    if fall is not None and fall.response.collapsed:
+        films.append(film(fall, f"fall{place}", "A collapse"))
+    miss = repeat(inputs, place, farthest(results))
+    if miss is not None and not miss.response.collapsed:
+        films.append(film(miss, f"miss{place}", "A near miss", enlarged=True))
+    if any(films):
+        shown = Markup("\n").join(pair[0] for pair in films if pair is not None)
+        yield Markup('<div class="motions">{}</div>').format(shown)
+
+
+def _class_parts(inputs: ReportInputs, name: str, curves: Picture) -> Parts:
+    """Yield the parts of the section of a class; `curves` is the figure of its curves."""
+    answer = inputs.classes[name]
     yield card(answer, inputs.scale, inputs.percent)
     yield heading("Fragility curve of the class")
-    yield curve
+    yield curves
     split = answer.more.get("dispersion") or {}
     if "none" in split:
         yield paragraph(f"The parts of β are not known: {split['none']}.")
@@ -107,25 +158,50 @@ def class_parts(inputs: ReportInputs, name: str, curve: Picture) -> Parts:
         yield paragraph(TEXTS["notes"]["dispersion"].format(**split))
     if answer.more.get("limit_states"):
         yield from _limit_states(inputs, answer, name)
-    own, differences = np.array(list(of_class.values())) == name, {}
+    members = np.array(list(arch_classes(inputs.cube).values())) == name
+    differences = {}
     for key, variable in inputs.cube.data_vars.items():
         if str(key).startswith("arch_") and variable.dtype.kind in "fiu":
-            values = variable.values[own].astype(float)
+            values = variable.values[members].astype(float)
             if np.unique(values).size > 1:
                 differences[str(key).removeprefix("arch_").replace("_", " ")] = values
-    theta = inputs.scale.factor * thetas(inputs.answers.values())[own]
-    drawn = (curve_figures.tornado, curve_figures.theta_panels)
-    figures = [draw(theta, differences, name, inputs.scale.unit) for draw in drawn]
-    if any(figures):
+    theta = inputs.scale.factor * thetas(inputs.answers.values())[members]
+    if figure := curve_figures.theta_panels(theta, differences, name, inputs.scale.unit):
         yield heading("What θ depends on")
-        yield from figures
+        yield figure
+
+
+def answers_table(inputs: ReportInputs, listed: Mapping[str, Curve]) -> Markup:
+    """Tabulate the probability, the median and the dispersion of each answer."""
+    scale, at, count = inputs.scale, inputs.at, Counter(arch_classes(inputs.cube).values())
+    heads = ["arch", f"median capacity θ [{scale.unit}] ({inputs.percent})"]
+    heads.append(f"dispersion β ({inputs.percent})")
+    if at is not None:
+        heads.insert(1, f"P(collapse) at {scale.text(at / scale.factor)}")
+    rows = []
+    for name, answer in listed.items():
+        row = [f"{name}, {count[name]} arches" if name in inputs.classes else name]
+        rows.append(row)
+        if not answer.fitted:
+            row += ["no curve", *["–"] * (len(heads) - 2)]
+            continue
+        if at is not None:
+            value, *ends = answer.at(at / scale.factor)
+            row.append(f"{html.percentages([value])} ({html.percentages(ends)})")
+        theta, low, high = map(scale.digits, (answer.theta, *answer.theta_interval))
+        row += [
+            f"{theta} ({low} to {high})",
+            f"{answer.beta:.2f} ({html.interval(answer.beta_interval)})",
+        ]
+    more = f", the first {_MOST_ROWS}" if len(rows) > _MOST_ROWS else ""
+    return table(f"Answer for each arch{more}", heads, rows[:_MOST_ROWS], "compact")
 
 
 def card(
     answer: Curve, scale: Scale, percent: str, cautions: Sequence[str] = (),
     results: ArchResults | None = None, onset: Onset | None = None,
 ) -> Markup:  # fmt: skip
-    """The answer in large digits, cautions, and numbers of runs other than 0."""
+    """Return an answer in large digits with its cautions and the numbers of runs other than 0."""
     lost = answer.undecided(scale.text)
     parts, figures, counts = [html.cautions([*cautions, *filter(None, [lost])])], [], {}
     if results is not None:
@@ -154,34 +230,37 @@ def card(
 
 
 def _levels(results: ArchResults, answer: Curve, percent: str) -> Markup:
-    counts, known = results.counts, results.known
-    ends = zip(*clopper_pearson(known["collapsed"], known["n"], answer.confidence))
+    """Tabulate verdicts and probabilities at each level."""
+    counts, records = results.counts, results.known
+    ends = zip(*clopper_pearson(records["collapsed"], records["n"], answer.confidence))
     chance = np.full(results.levels.size, np.nan)
     if answer.fitted:
         chance = answer.probability(results.levels / results.scale.factor)
     columns = {
         results.scale.label: map(digits, results.levels),
         **{name.replace("_", " "): counts[name] for name in COUNTS},
-        "records with capacity below" if results.design.adaptive else "fraction":
-            [measured(each, ".3f") for each in results.fraction],
+        "records with capacity below" if results.runs.design.adaptive else "fraction":
+            [measured(value, ".3f") for value in results.fraction],
         f"Clopper–Pearson {percent}":
             [f"{measured(low, '.3f')} – {measured(high, '.3f')}" for low, high in ends],
-        "curve": [measured(each, ".3f") for each in chance],
+        "curve": [measured(value, ".3f") for value in chance],
     }  # fmt: skip
     label = f"Verdicts and probabilities of {results.arch} by level"
     return table(label, list(columns), zip(*columns.values()), "", 0)
 
 
 def _cloud(fit: Mapping[str, Any], scale: Scale) -> str:
+    """Write the curve of a logistic regression, or why there is none."""
     if "none" in fit:
         return f"There is no logistic regression: {fit['none']}."
     theta, low, high = map(scale.digits, (fit["theta"], *fit["theta_interval"]))
     beta = f"β {fit['beta']:.2f} ({html.interval(fit['beta_interval'])})"
-    found = f"θ {theta} {scale.unit} ({low} to {high}), {beta}"
-    return f"Logistic regression of collapse against ln intensity: {found}."
+    words = f"θ {theta} {scale.unit} ({low} to {high}), {beta}"
+    return f"Logistic regression of collapse against ln intensity: {words}."
 
 
 def _limit_states(inputs: ReportInputs, answer: Curve, name: str) -> Parts:
+    """Yield figure and table of limit states."""
     states = answer.more["limit_states"]
     yield heading("Limit states")
     if "none" in states:
@@ -205,6 +284,7 @@ def _limit_states(inputs: ReportInputs, answer: Curve, name: str) -> Parts:
 
 
 def _measures(found: Mapping[str, Any], name: str, scale: Scale) -> Parts:
+    """Yield the table of intensity measures, the most efficient first."""
     yield heading("Intensity measures compared")
     if "none" in found:
         yield paragraph(f"No comparison: {found['none']}")
@@ -228,13 +308,14 @@ def _measures(found: Mapping[str, Any], name: str, scale: Scale) -> Parts:
     yield paragraph(TEXTS["notes"]["efficiency"], "note")
 
 
-def _geometry(parameters: Mapping[str, Any]) -> Rows:
+def _geometry(parameters: Mapping[str, Any]) -> Parts:
+    """Yield names and values of the parameters of an arch, nested ones by both names."""
     for key, value in parameters.items():
         if isinstance(value, Mapping):
             yield from ((f"{key}: {name}", shown) for name, shown in _geometry(value))
         elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            for number, each in enumerate(value):
-                yield from _geometry({f"{key} {number + 1}": each})
+            for number, item in enumerate(value):
+                yield from _geometry({f"{key} {number + 1}": item})
         elif value is not None:
             shown = f"{value:g}" if isinstance(value, float) else str(value)
             shown = f"{np.size(value)} values" if np.size(value) > 6 else shown
@@ -246,6 +327,7 @@ def _geometry(parameters: Mapping[str, Any]) -> Rows:
 def _mechanism_table(
     groups: Sequence[Contributions], results: ArchResults, percent: str
 ) -> Iterator[Markup]:
+    """Yield the table of collapses by mode and by joint, and what its intervals count."""
     collapsed = results.counts["collapsed"].sum()
     rows = [["all", collapsed, "", ""]]
     for group in groups:
@@ -260,7 +342,8 @@ def _mechanism_table(
         yield paragraph(TEXTS["notes"]["effective"].format(**numbers), "note")
 
 
-def _computed(inputs: ReportInputs, results: ArchResults) -> Rows:
+def _computed(inputs: ReportInputs, results: ArchResults) -> Parts:
+    """Yield names and values of what the computation took and how exact it is."""
     models = inputs.cube["model"].values.astype(str)
     time = dict(zip(models, results["model_time"].sum(axis=(0, 1)).tolist()))
     total = sum(time.values())
@@ -284,16 +367,3 @@ def _computed(inputs: ReportInputs, results: ArchResults) -> Rows:
     if failed.any():
         label = "contact residual of solver failures, median and largest"
         yield label, html.median_and_largest(residual[failed])
-
-
-def _films(inputs: ReportInputs, results: ArchResults, place: int, fall: Example | None) -> Parts:
-    """Runs simulated again: a collapse, if it is not shown elsewhere, and a near miss."""
-    films, arch = [], inputs.arches[place][1]
-    if fall is not None and fall.response.collapsed:
-        films.append(film(fall, f"fall{place}", "A collapse"))
-    miss = arch_figures.repeat(inputs, results, arch, arch_figures.farthest(results))
-    if miss is not None and not miss.response.collapsed:
-        films.append(film(miss, f"miss{place}", "A near miss", enlarged=True))
-    if any(films):
-        shown = Markup("\n").join(film[0] for film in films if film is not None)
-        yield Markup('<div class="motions">{}</div>').format(shown)

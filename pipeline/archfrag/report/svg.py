@@ -1,4 +1,4 @@
-"""Figures as SVG, drawn once for the page's column and once for a phone.
+"""Figures as SVG, as wide as the page's column; a phone scrolls them sideways.
 
 A `Sheet` takes pixels; a `Panel` on it takes the units of its axes. No font is known here: the
 width of a text is estimated from above.
@@ -21,6 +21,7 @@ from archfrag.report.html import TEXTS, Picture, number, raised
 Range = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
 WIDE, NARROW = 760.0, 358.0  # widths of figures [px]
+READABLE = 0.65  # scale below which a figure does not shrink
 SIZE, SMALL = 11.5, 10.0  # of texts [px]
 LINE = 15.0  # [px]
 BELOW, LEFT = 36.0, 48.0  # space for labels and title below a panel and left of it [px]
@@ -43,7 +44,7 @@ class Entry(NamedTuple):
 def figure(
     draw: Callable[..., str | tuple[str, str] | None], width: float = WIDE
 ) -> Callable[..., Any]:
-    """Make a function that draws on a sheet return a `Picture`, drawn for two widths.
+    """Make a function that draws on a sheet of some width return a `Picture`.
 
     `draw` returns the alternative text, with the caption unless `TEXTS` has it by the function's
     name; or None if there is nothing to show.
@@ -51,24 +52,22 @@ def figure(
 
     @wraps(draw)
     def drawn(*arguments: Any, **named: Any) -> Picture | None:
-        sheets = Sheet(NARROW), Sheet(width)
-        words = [draw(sheet, *arguments, **named) for sheet in sheets][-1]
+        sheet = Sheet(width)
+        words = draw(sheet, *arguments, **named)
         if words is None:
             return None
         if isinstance(words, str):
             words = words, TEXTS[draw.__name__]["caption"]
-        slim, wide = (sheet.svg(words[0]) for sheet in sheets)
-        return Picture(wide, words[1], slim)
+        return Picture(sheet.svg(words[0]), words[1])
 
     return drawn
 
 
 class Sheet:
-    """A drawing of a given width [px]; `height` is set once it is known."""
+    """A drawing of a given width [px]; whoever draws sets its `height`."""
 
     def __init__(self, width: float) -> None:
         self.width, self.height = width, 0.0
-        self.narrow = width < 560.0  # panels go below each other
         self.parts: list[str] = []
 
     def text(self, x: float, y: float, words: str, kind: str = "", angle: int = 0) -> None:
@@ -80,9 +79,9 @@ class Sheet:
 
     def path(self, d: str, **attributes: object) -> None:
         """Add a path; attributes with an underscore for a hyphen, `kind` for the class."""
-        given = {key: value for key, value in attributes.items() if value not in ("", None)}
-        names = {key: "class" if key == "kind" else key.replace("_", "-") for key in given}
-        written = "".join(f' {names[key]}="{value}"' for key, value in given.items())
+        kept = {key: value for key, value in attributes.items() if value not in ("", None)}
+        names = {key: "class" if key == "kind" else key.replace("_", "-") for key in kept}
+        written = "".join(f' {names[key]}="{value}"' for key, value in kept.items())
         if d:
             self.parts.append(f'<path d="{d}"{written}/>')
 
@@ -121,18 +120,19 @@ class Sheet:
         return y + (rows[-1][0] + 1) * LINE + 3.0 if rows else y
 
     def grid(self, count: int, columns: int, height: float, below: float) -> list[Box]:
-        """Boxes of panels with headings, `below` apart, in rows or on a narrow sheet a column."""
-        columns = 1 if self.narrow else min(columns, count)
-        each, step = (self.width - 4.0) / columns, LINE + 3.0 + height + below
+        """Return boxes of panels with headings, in rows that are `below` apart."""
+        columns = min(columns, count)
+        width, step = (self.width - 4.0) / columns, LINE + 3.0 + height + below
         self.height = -(-count // columns) * step
-        corners = [(i % columns * each, i // columns * step + LINE + 3.0) for i in range(count)]
-        return [(x + LEFT, y, x + each - 10.0, y + height) for x, y in corners]
+        corners = [(i % columns * width, i // columns * step + LINE + 3.0) for i in range(count)]
+        return [(x + LEFT, y, x + width - 10.0, y + height) for x, y in corners]
 
     def svg(self, alternative: str) -> str:
-        return (
-            f'<svg viewBox="0 0 {number(self.width)} {number(self.height)}" role="img" '
-            f'aria-label="{escape(alternative, quote=True)}">{"".join(self.parts)}</svg>'
-        )
+        """Return the sheet as an SVG element with its alternative text."""
+        size = f'viewBox="0 0 {number(self.width)} {number(self.height)}"'
+        style = f'style="min-width:{number(READABLE * self.width)}px"'
+        label, inside = escape(alternative, quote=True), "".join(self.parts)
+        return f'<svg {size} role="img" {style} aria-label="{label}">{inside}</svg>'
 
 
 @dataclass
@@ -147,15 +147,18 @@ class Panel:
     log_y: bool = False
 
     def at_x(self, values: ArrayLike) -> FloatArray:
+        """Return pixels of values on the horizontal axis."""
         return _scaled(values, self.x, self.log_x, self.box[0], self.box[2])
 
     def at_y(self, values: ArrayLike) -> FloatArray:
+        """Return pixels of values on the vertical axis."""
         return _scaled(values, self.y, self.log_y, self.box[3], self.box[1])
 
     def line(
         self, x: ArrayLike, y: ArrayLike, colour: str = INK, width: float = 1.6,
         dash: str = "", opacity: float | None = None,
     ) -> None:  # fmt: skip
+        """Draw a line, with a gap where a point is not finite."""
         self.sheet.path(
             trace(self.at_x(x), self.at_y(y)), fill="none", stroke=colour, stroke_width=width,
             stroke_dasharray=dash, stroke_opacity=opacity, stroke_linejoin="round",
@@ -243,6 +246,7 @@ class Panel:
         self.sheet.text(place + (-6.0 if left else 6.0), y, words, f"{kind} h{' e' * left}")
 
     def heading(self, words: str) -> None:
+        """Write words above the panel."""
         self.sheet.text(self.box[0], self.box[1] - 6.0, words, "b")
 
 
@@ -250,20 +254,20 @@ def panel_below(
     sheet: Sheet, entries: Sequence[Entry], height: float, x: Range, y: Range, *,
     left: float = LEFT, log: bool = False,
 ) -> Panel:  # fmt: skip
-    """A legend, and below it the panel of a sheet, over its full width."""
+    """Draw a legend; return a panel below it over the full width of the sheet."""
     top = sheet.legend(left, 0.0, entries) + 6.0
     sheet.height = top + height + BELOW
     return Panel(sheet, (left, top, sheet.width - 10.0, top + height), x, y, log, log)
 
 
 def tick_label(value: float) -> str:
-    """A number as :g writes it, but with powers of ten: 0.2, 10⁻⁵, 5·10⁻⁵."""
+    """Write a number as :g does, but with powers of ten: 0.2, 10⁻⁵, 5·10⁻⁵."""
     number, _, power = f"{value:g}".partition("e")
     return f"{number}·{raised(power)}".removeprefix("1·") if power else number
 
 
 def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
-    """Round numbers from low to high, at most about so many."""
+    """Return round numbers from low to high, at most about `most`."""
     span = max(high - low, 1e-300)
     step = 10.0 ** np.floor(np.log10(span / most))
     step *= next(k for k in (1.0, 2.0, 2.5, 5.0, 10.0, 20.0) if k * step * most >= span)
@@ -273,36 +277,36 @@ def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
 
 
 def log_ticks(low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)) -> FloatArray:
-    """1, 2, 5 in each decade from low to high."""
+    """Return 1, 2 and 5 times powers of ten from low to high."""
     decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     ticks = np.unique(np.outer(decades, subs).ravel())
     return np.asarray(ticks[(ticks >= low * 0.999) & (ticks <= high * 1.001)], dtype=float)
 
 
 def legend_rows(entries: Sequence[Entry], width: float) -> list[tuple[int, float, Entry]]:
-    """Row and distance from its start of each line of a legend, with a label that fits."""
-    row, place, found = 0, 0.0, []
+    """Place entries of a legend: row, distance from its start, entry with a label that fits."""
+    row, place, rows = 0, 0.0, []
     for entry in entries:
         label = shortened(entry.label, width - 22.0)
         need = 22.0 + text_width(label)
         if place > 0.0 and place + need > width:
             row, place = row + 1, 0.0
-        found.append((row, place, entry._replace(label=label)))
+        rows.append((row, place, entry._replace(label=label)))
         place += need + 12.0
-    return found
+    return rows
 
 
 def text_width(words: str, size: float = SIZE) -> float:
-    """Width of a text [px], from above."""
+    """Estimate the width of a text from above [px]."""
     narrow, wide = (sum(c in some for c in words) for some in ("il.,:;|'!() ", "mwMW%"))
     wide += sum(ord(c) > 0x2E80 for c in words)
     upper = sum(c.isupper() and c not in "MW" for c in words)
-    other = len(words) - narrow - wide - upper
-    return size * (0.36 * narrow + wide + 0.72 * upper + 0.6 * other)
+    rest = len(words) - narrow - wide - upper
+    return size * (0.36 * narrow + wide + 0.72 * upper + 0.6 * rest)
 
 
 def shortened(words: str, width: float, size: float = SIZE) -> str:
-    """A text that fits a width; a long one loses its middle."""
+    """Shorten a text to fit a width; it loses its middle."""
     if text_width(words, size) <= width:
         return words
     fitting = (n for n in range(len(words), 4, -1) if text_width(words[:n], size) + size <= width)
@@ -311,7 +315,7 @@ def shortened(words: str, width: float, size: float = SIZE) -> str:
 
 
 def trace(x: FloatArray, y: FloatArray) -> str:
-    """Path through points, with a gap where one is not finite."""
+    """Return a path through points, with a gap where one is not finite."""
     pairs = np.stack([x, y], axis=1).tolist()
     points = [f"{number(a)} {number(b)}" if isfinite(a + b) else "" for a, b in pairs]
     lines = ("M" + " ".join(line) for seen, line in groupby(points, bool) if seen)
@@ -319,13 +323,13 @@ def trace(x: FloatArray, y: FloatArray) -> str:
 
 
 def ribbon(x: FloatArray, low: FloatArray, high: FloatArray) -> str:
-    """Closed path between two lines; empty without a point."""
+    """Return a closed path between two lines; empty without a point."""
     d = trace(np.append(x, x[::-1]), np.append(high, low[::-1]))
     return d + "z" if d else ""
 
 
 def envelope(values: FloatArray, bins: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Place among the samples and range of a trace in bins as wide as a line."""
+    """Return the places among samples of bins as wide as a line, and the range of each."""
     # Each bin starts with the last sample of the one before it: the trace stays connected.
     edges = np.unique(np.linspace(0, values.size - 1, min(bins, values.size - 1) + 1, dtype=int))
     pieces = [values[a : b + 1] for a, b in pairwise(edges)]
@@ -334,8 +338,8 @@ def envelope(values: FloatArray, bins: int) -> tuple[FloatArray, FloatArray, Flo
 
 
 def _scaled(values: ArrayLike, ends: Range, log: bool, start: float, stop: float) -> FloatArray:
-    given, (low, high) = np.asarray(values, dtype=float), ends
+    numbers, (low, high) = np.asarray(values, dtype=float), ends
     if log:
         with np.errstate(divide="ignore", invalid="ignore"):
-            given, low, high = np.log(given), np.log(low), np.log(high)
-    return np.asarray(start + (given - low) / (high - low) * (stop - start))
+            numbers, low, high = np.log(numbers), np.log(low), np.log(high)
+    return np.asarray(start + (numbers - low) / (high - low) * (stop - start))

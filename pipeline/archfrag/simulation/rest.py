@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
+from archfrag.arch.marks import Mark, mechanism_marks
 from archfrag.errors import InputError, UnitWarning
 from archfrag.physics.contact.path import new_path, solve_with_fallback
 from archfrag.physics.contact.placing import clearance, move_faces, place_contacts
@@ -109,6 +110,12 @@ class Onset:
             centre = self.thrust_plus if towards == "+x" else self.thrust_minus
             load = limit if towards == "+x" else -limit
         return None if centre is None else thrust_curve(self.arch, centre, load)
+
+    def marks(self, towards: str) -> list[Mark]:
+        """Return what a drawing shows of the mechanism: thrust lines, sliding joints, hinges."""
+        lines = {"rest": self.thrust_line(), "thrust": self.thrust_line(towards)}
+        marks = [Mark(role, line) for role, line in lines.items() if line is not None]
+        return marks + mechanism_marks(self.arch, *self.mechanism(towards)[1:])
 
     def plot(self, ax: Axes | None = None, towards: str | None = None) -> Axes:
         """Draw hinges, sliding joints and thrust line at onset, in `ax` or in new axes.

@@ -9,37 +9,36 @@ import numpy as np
 from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.risk import Contributions, contributions
 from archfrag.fragility.verdicts import Verdict
-from archfrag.report import svg as look
-from archfrag.report.arch_figure import Example
+from archfrag.report import svg
+from archfrag.report.film import Example, draw_ground
 from archfrag.report.html import TEXTS, digits
 from archfrag.report.inputs import ArchResults
 from archfrag.report.limits import base_of
-from archfrag.report.moving import draw_ground
 from archfrag.report.svg import BELOW, LEFT, LINE, Entry, Panel, Sheet, figure
 from archfrag.simulation.response import MechanismChange
 
 VERDICTS = {
     Verdict.SURVIVED: Entry("survived", "#cfe0ee"),
-    Verdict.COLLAPSED: Entry("collapsed", look.VERMILION),
+    Verdict.COLLAPSED: Entry("collapsed", svg.VERMILION),
     Verdict.UNFINISHED: Entry("unfinished", "#d9b310", "slash"),
-    Verdict.FAILED: Entry("failed", look.INK),
+    Verdict.FAILED: Entry("failed", svg.INK),
 }
 MODES = (  # by code of `CollapseMode`
-    Entry("mode not known", look.GREY), Entry("hinging", look.BLUE),
-    Entry("sliding", look.ORANGE, "slash"), Entry("lift-off", look.GREEN, "dots"),
-    Entry("overturning", look.PURPLE, "cross"),
+    Entry("mode not known", svg.GREY), Entry("hinging", svg.BLUE),
+    Entry("sliding", svg.ORANGE, "slash"), Entry("lift-off", svg.GREEN, "dots"),
+    Entry("overturning", svg.PURPLE, "cross"),
 )  # fmt: skip
 LOOKS = (
-    (look.BLUE, "area"), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
-    (look.VERMILION, "slash"), (look.SKY, "area"), (look.INK, "area"), (look.GREY, "area"),
+    (svg.BLUE, "area"), (svg.ORANGE, "slash"), (svg.GREEN, "dots"), (svg.PURPLE, "cross"),
+    (svg.VERMILION, "slash"), (svg.SKY, "area"), (svg.INK, "area"), (svg.GREY, "area"),
 )  # fmt: skip
 # What a joint may be seen doing, in words of the log, from code 1; a closed joint that sticks is
 # not drawn.
 JOINT_STATES = (
-    Entry("hinge intrados", look.BLUE), Entry("hinge extrados", look.VERMILION),
-    Entry("hinge intrados sliding", look.BLUE, "slash"),
-    Entry("hinge extrados sliding", look.VERMILION, "slash"),
-    Entry("slides", look.ORANGE, "cross"), Entry("open", look.INK),
+    Entry("hinge intrados", svg.BLUE), Entry("hinge extrados", svg.VERMILION),
+    Entry("hinge intrados sliding", svg.BLUE, "slash"),
+    Entry("hinge extrados sliding", svg.VERMILION, "slash"),
+    Entry("slides", svg.ORANGE, "cross"), Entry("open", svg.INK),
 )  # fmt: skip
 _LABELLED = 60  # records that have their names written
 _MOST_JOINTS = 4
@@ -57,17 +56,17 @@ def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
     values, logs = np.empty(0), np.log(levels)
     if levels.size > 1:
         spread = [float(np.std(np.diff(x)) / np.mean(np.diff(x))) for x in (levels, logs)]
-        make = look.log_ticks if spread[1] < spread[0] else partial(look.even_ticks, most=most)
+        make = svg.log_ticks if spread[1] < spread[0] else partial(svg.even_ticks, most=most)
         values = make(float(levels[0]), float(levels[-1]))
     if values.size < 2:
         values = levels
     places = np.interp(np.log(values), logs, np.arange(levels.size))
-    panel.axis_x(places, title, [look.tick_label(float(digits(value))) for value in values])
+    panel.axis_x(places, title, [svg.tick_label(float(digits(value))) for value in values])
 
 
 @figure
 def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
-    """Verdict of every run: records down, levels to the right."""
+    """Draw the verdict of every run: records down, levels to the right."""
     collapsed = results.verdict == Verdict.COLLAPSED
     lowest = np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), collapsed.shape[1])
     order = np.lexsort((collapsed.sum(axis=1), -lowest))
@@ -78,13 +77,13 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
         entries.append(Entry("blank: not run", "#ffffff"))
     bounded = len(results.capacities) == n_record and np.isfinite(results.capacities).any()
     if bounded:
-        entries.append(Entry("capacity", look.INK, "line"))
+        entries.append(Entry("capacity", svg.INK, "line"))
     labelled = n_record <= _LABELLED
-    longest = max(look.text_width(name, look.SMALL) for name in names)
-    left = min(longest + 12.0, 0.36 * sheet.width) if labelled else 26.0
+    longest = max(svg.text_width(name, svg.SMALL) for name in names)
+    left = min(longest + 12.0, 0.36 * sheet.width) if labelled else svg.LEFT
     height = (14.0 if labelled else min(14.0, 620.0 / n_record)) * n_record
     ends = (-0.5, n_level - 0.5), (n_record - 0.5, -0.5)
-    panel = look.panel_below(sheet, entries, height, *ends, left=left)
+    panel = svg.panel_below(sheet, entries, height, *ends, left=left)
     for code, (_, colour, mark) in VERDICTS.items():
         panel.cells(rows == code, colour, mark, half=0.45 if labelled else 0.5)
     for edge in np.arange(1, n_level) - 0.5:
@@ -94,13 +93,9 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
         x = np.interp(np.log(capacities), levels, np.arange(n_level), right=n_level - 0.5)
         x = np.where(capacities <= results.levels[0], -0.5, x)
         y = np.repeat(np.arange(n_record + 1), 2)[1:-1] - 0.5
-        panel.line(np.repeat(x, 2), y, look.INK, 1.4)
-    if labelled:
-        for y, name in zip(panel.at_y(np.arange(n_record)), names, strict=True):
-            sheet.text(left - 5.0, y + 3.5, look.shortened(name, left - 12.0, look.SMALL), "s e")
-    else:
-        words, middle = f"{n_record} records, most fragile at the bottom", sum(panel.box[1::2]) / 2
-        sheet.text(left - 8.0, middle, words, "m", angle=-90)
+        panel.line(np.repeat(x, 2), y, svg.INK, 1.4)
+    for y, name in zip(panel.at_y(np.arange(n_record)), names if labelled else ()):
+        sheet.text(left - 5.0, y + 3.5, svg.shortened(name, left - 12.0, svg.SMALL), "s e")
     level_axis(panel, results.levels, results.scale.label)
     texts = TEXTS["verdict_map"]
     caption = texts["caption"] + texts["capacity"] * bool(bounded)
@@ -109,23 +104,23 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
 
 @figure
 def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
-    """Every run where each has an intensity of its own: its largest displacement, its verdict."""
+    """Draw the verdict and the largest displacement of runs that each have their own intensity."""
     assert results.own_levels is not None
     run = results.simulated.any(axis=1)
     level = results.own_levels[run]
     verdict = np.where(results.simulated, results.verdict, 0).sum(axis=1)[run]
     reach = results["peak_displacement"].sum(axis=1)[run]
     looks = {code: entry._replace(mark="dot") for code, entry in VERDICTS.items()}
-    looks[Verdict.SURVIVED] = Entry("survived", look.SKY, "dot")
+    looks[Verdict.SURVIVED] = Entry("survived", svg.SKY, "dot")
     entries = [entry for code, entry in looks.items() if np.any(verdict == code)]
     low, high = 1e-4, 10.0 ** np.ceil(np.log10(max(np.nanmax(reach), 1e-3)))
     x = 0.95 * float(level.min()), 1.05 * float(level.max())
-    panel = look.panel_below(sheet, entries, 220.0, x, (low, high), left=56.0, log=True)
-    panel.axis_x(look.log_ticks(*x), results.scale.label, grid=True)
-    panel.axis_y(look.log_ticks(low, high, subs=(1.0,)), "largest displacement [m]")
+    panel = svg.panel_below(sheet, entries, 220.0, x, (low, high), left=56.0, log=True)
+    panel.axis_x(svg.log_ticks(*x), results.scale.label, grid=True)
+    panel.axis_y(svg.log_ticks(low, high, subs=(1.0,)), "largest displacement [m]")
     for code, (_, colour, _) in looks.items():
-        own = verdict == code
-        panel.dots(level[own], np.clip(reach[own], low, high), colour, radius=2.6)
+        chosen = verdict == code
+        panel.dots(level[chosen], np.clip(reach[chosen], low, high), colour, radius=2.6)
     return (
         f"{level.size} runs of {results.arch}: intensity, largest displacement and verdict",
         TEXTS["single_runs"]["caption"].format(low=low),
@@ -134,12 +129,12 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
 
 @figure
 def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
-    """Peak and residual rotation of each record against intensity; None if no run survived."""
+    """Draw largest rotations of each record against intensity; None if no run survived."""
     if results.own_levels is not None or not (results.verdict == Verdict.SURVIVED).any():
         return None
     entries = [
-        Entry("a record", look.GREY, "line"), Entry("median", look.BLUE, "line"),
-        Entry("16 and 84 %", look.BLUE, "dash"),
+        Entry("a record", svg.GREY, "line"), Entry("median", svg.BLUE, "line"),
+        Entry("16 and 84 %", svg.BLUE, "dash"),
     ]  # fmt: skip
     top = sheet.legend(LEFT, 0.0, entries)
     boxes = sheet.grid(len(MEASURED), 2, 260.0, BELOW)
@@ -148,52 +143,52 @@ def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
     for (name, title), (left, up, right, down) in zip(MEASURED.items(), boxes):
         reach, lines = ida_lines(results, name, 1.15)
         panel = Panel(sheet, (left, up + top, right, down + top), (0.0, reach), (0.0, highest))
-        panel.axis_x(look.even_ticks(0.0, reach, 5), title, grid=True)
-        panel.axis_y(look.even_ticks(0.0, highest), results.scale.label)
-        strokes = {"": (look.GREY, 0.7, ""), "median": (look.BLUE, 2.0, "")}
+        panel.axis_x(svg.even_ticks(0.0, reach, 5), title, grid=True)
+        panel.axis_y(svg.even_ticks(0.0, highest), results.scale.label)
+        strokes = {"": (svg.GREY, 0.7, ""), "median": (svg.BLUE, 2.0, "")}
         for x, y, part in lines:
-            panel.line(x, y, *strokes.get(part, (look.BLUE, 1.3, "5 2.5")))
+            panel.line(x, y, *strokes.get(part, (svg.BLUE, 1.3, "5 2.5")))
     return f"Peak and residual rotation of {results.arch} against {results.scale.label}"
 
 
 def ida_lines(
     results: ArchResults, name: str, margin: float
 ) -> tuple[float, list[tuple[FloatArray, FloatArray, str]]]:
-    """Largest rotation [degrees] times a margin, and lines of rotations and levels up to it.
+    """Return the largest rotation [degrees] times a margin, and lines of rotations and levels.
 
     A line of each record has an empty name; those of `FRACTILES` follow with theirs. A line ends
     flat, at the capacity of its record. Between the levels that were run it is interpolated.
     """
-    levels, standing = results.levels, results.verdict == Verdict.SURVIVED
+    levels, survived = results.levels, results.verdict == Verdict.SURVIVED
     degrees, capacities = np.rad2deg(results[name]), results.capacities
-    found = np.full(degrees.shape, np.nan)
-    for row, (own, value, capacity) in enumerate(zip(standing, degrees, capacities)):
-        own = own & (levels < capacity)
-        if own.any():
-            x, y = np.append(0.0, levels[own]), np.append(0.0, value[own])
-            found[row] = np.interp(levels, x, y)
-    found = np.where(levels > capacities[:, None], np.inf, found)
-    reach = margin * float(np.max(found, initial=1e-6, where=np.isfinite(found)))
-    rows = [(row, end, "") for row, end in zip(found, capacities.tolist())]
-    rows += fractiles(found, capacities)
+    curves = np.full(degrees.shape, np.nan)
+    for row, (used, value, capacity) in enumerate(zip(survived, degrees, capacities)):
+        used = used & (levels < capacity)
+        if used.any():
+            x, y = np.append(0.0, levels[used]), np.append(0.0, value[used])
+            curves[row] = np.interp(levels, x, y)
+    curves = np.where(levels > capacities[:, None], np.inf, curves)
+    reach = margin * float(np.max(curves, initial=1e-6, where=np.isfinite(curves)))
+    rows = [(row, end, "") for row, end in zip(curves, capacities.tolist())]
+    rows += fractiles(curves, capacities)
     return reach, [(*ida_line(levels, row, end, reach), part) for row, end, part in rows]
 
 
 def fractiles(curves: FloatArray, capacities: FloatArray) -> list[tuple[FloatArray, float, str]]:
-    """Fractiles of rotations (n_record, n_level), and where each ends."""
+    """Return the fractiles of rotations (n_record, n_level), and where each ends."""
     ranked = np.sort(np.where(np.isnan(curves), np.inf, curves), axis=0)
-    ends, found, last = np.sort(capacities), [], len(ranked) - 1
+    ends, lines, last = np.sort(capacities), [], len(ranked) - 1
     for name, part in FRACTILES.items():
         # The 84 % fractile of demand ends at the 16 % fractile of capacity.
         end = float(ends[min(int((1.0 - part) * len(ranked)), last)])
-        found.append((ranked[min(int(part * len(ranked)), last)], end, name))
-    return found
+        lines.append((ranked[min(int(part * len(ranked)), last)], end, name))
+    return lines
 
 
 def ida_line(
     levels: FloatArray, row: FloatArray, capacity: float, right: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Rotations and levels of a line from the origin; it is flat up to `right` at the capacity."""
+    """Return a line from the origin that is flat up to `right` at the capacity."""
     seen = np.isfinite(row)
     x, y = np.append(0.0, row[seen]), np.append(0.0, levels[seen])
     if np.isfinite(capacity):
@@ -202,16 +197,16 @@ def ida_line(
 
 
 def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
-    """Collapses by mode and by the joint that was lost."""
+    """Split the collapses by mode, and by the joint that was lost."""
     lost, collapsed = results["collapse_joint"], results.verdict == Verdict.COLLAPSED
     counted = Counter(np.sort(lost[collapsed]).tolist())
-    own = sorted(joint for joint, _ in counted.most_common(_MOST_JOINTS))
-    joint = np.where(np.isin(lost, own), np.searchsorted(own, lost), len(own))
+    commonest = sorted(joint for joint, _ in counted.most_common(_MOST_JOINTS))
+    joint = np.where(np.isin(lost, commonest), np.searchsorted(commonest, lost), len(commonest))
     return [
         contributions(collapsed, category, names, confidence=confidence)
         for category, names in (
             (results["collapse_mode"], [mode.label for mode in MODES]),
-            (joint, [*(f"joint {each}" for each in own), "other joints"]),
+            (joint, [*(f"joint {number}" for number in commonest), "other joints"]),
         )
     ]
 
@@ -220,7 +215,7 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
 def fractions(
     sheet: Sheet, groups: Sequence[Contributions], results: ArchResults, base: str
 ) -> tuple[str, str]:
-    """Fraction of collapses at each level, of the runs or the collapses, split by two criteria.
+    """Draw the fraction of collapses at each level, split by mode and by joint.
 
     `base` is what joint 0 is.
     """
@@ -229,7 +224,7 @@ def fractions(
     stacks = [stacked(group.categories, group.counts / divisor) for group in groups]
     keys = [[entry for entry, _ in parts] for parts in stacks]
     left, _, right, _ = sheet.grid(len(keys), 2, 150.0, BELOW)[0]
-    rows = 1 + max(look.legend_rows(key, right - left)[-1][0] for key in keys)
+    rows = 1 + max(svg.legend_rows(key, right - left)[-1][0] for key in keys)
     boxes = sheet.grid(len(keys), 2, 150.0, BELOW + rows * LINE)
     titles = "how it was moving", "joint that was lost"
     for box, parts, key, title in zip(boxes, stacks, keys, titles, strict=True):
@@ -248,17 +243,17 @@ def fractions(
 
 
 def stacked(names: Sequence[str], values: FloatArray) -> list[tuple[Entry, FloatArray]]:
-    """Categories that occur: how they look, and their values at each level."""
-    found = {entry.label: entry for entry in MODES}
+    """Return the categories that occur: how they look, and their values at each level."""
+    looks = {entry.label: entry for entry in MODES}
     for i, name in enumerate(names):
         colours = LOOKS[-1] if name.startswith("other") else LOOKS[i % len(LOOKS)]
-        found.setdefault(name, Entry(name, *colours))
-    return [(found[name], part) for name, part in zip(names, values) if part.any()]
+        looks.setdefault(name, Entry(name, *colours))
+    return [(looks[name], part) for name, part in zip(names, values) if part.any()]
 
 
 @figure
 def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
-    """Ground motion and joints of a run over time; None if nothing moved."""
+    """Draw the ground motion and the joints of a run over time; None if nothing moved."""
     changes, response = example.response.mechanism or (), example.response
     # Entries that last, or last for a time not known, in another model than rest.
     moving = [c for c in changes if c.model != "rest" and not c.until <= c.time]
@@ -275,7 +270,7 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     right, height = sheet.width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
     upper = Panel(sheet, (LEFT, top, right, top + 62.0), (start, end), (-1.0, 1.0))
     draw_ground(upper, example, 300)
-    upper.axis_y(look.even_ticks(*upper.y, 4), "ground [g]")
+    upper.axis_y(svg.even_ticks(*upper.y, 4), "ground [g]")
     ended = response.status.name.lower().replace("_", " ")
     if response.collapsed:
         ended = f"contact lost at {response.collapse_time:.2f} s, joint {response.collapse_joint}"
@@ -286,10 +281,10 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     middle.axis_y(np.arange(0, n_joint, step), "joint")
     for k, (_, colour, mark) in states:
         middle.cells((joints == k).T, colour, mark, edges, 0.4)
-    middle.axis_x(look.even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
+    middle.axis_x(svg.even_ticks(start, end, 9), "time [s]")
     if response.collapsed:
         line = f"M{float(middle.at_x(response.collapse_time)):.1f} {top:.1f}V{middle.box[3]:.1f}"
-        sheet.path(line, stroke=look.INK, stroke_dasharray="4 2")
+        sheet.path(line, stroke=svg.INK, stroke_dasharray="4 2")
     sheet.height = middle.box[3] + BELOW
     texts, about = TEXTS["timeline"], {"level": example.level, "reason": example.reason}
     motion, base = example.motion.id, base_of(example.arch.free_end, example.arch.parameters)
@@ -301,7 +296,7 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
 
 
 def sampled(changes: Sequence[MechanismChange], n_joint: int, edges: FloatArray) -> IntArray:
-    """States of the joints at the middle of each bin of time, (n_bin, n_joint)."""
+    """Return the states of the joints at the middle of each bin of time, (n_bin, n_joint)."""
     codes = {entry.label: code for code, entry in enumerate(JOINT_STATES, start=1)}
     states = np.zeros((len(changes), n_joint), dtype=np.int64)
     for i, change in enumerate(changes):

@@ -1,0 +1,113 @@
+"""What a drawing of an arch shows: marks, each with its role and the bodies that carry it.
+
+`archfrag.plots` paints them by matplotlib, `archfrag.report.arch_figure` as SVG.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.arch.checks import FloatArray
+from archfrag.arch.shape import Shape
+from archfrag.arch.tie_rods import tie_lines
+
+GROUND = -1
+AREAS = ("earth", "backing", "stone")  # roles of closed outlines
+_OVERHANG = 0.04  # of the ground beyond a springing, over the size of the arch
+
+
+class Mark(NamedTuple):
+    """An outline, a line or a point of a drawing."""
+
+    #: earth (fill), backing, stone, tie, ground; of an onset: rest and thrust (thrust lines of the
+    #: weight and at onset), sliding, hinge.
+    role: str
+    points: FloatArray  #: (n_point, 2) [m]
+    bodies: Sequence[int] = (GROUND,)  #: voussoir that carries each point, or all of them
+
+    def moved(self, centroids: FloatArray, place: FloatArray, rotation: FloatArray) -> FloatArray:
+        """Return the points in motion, (n_time, n_point, 2) [m].
+
+        Voussoirs with `centroids` (n_voussoir, 2) at rest have them at `place` (n_time,
+        n_voussoir, 2) and are turned by `rotation` (n_time, n_voussoir). Points that no voussoir
+        carries stay where they are.
+        """
+        bodies = np.broadcast_to(self.bodies, len(self.points))
+        points = np.tile(self.points, (len(place), 1, 1))
+        carried = (bodies >= 0) & (bodies < len(centroids))
+        body = bodies[carried]
+        x, y = (self.points[carried] - centroids[body]).T
+        sine, cosine = np.sin(rotation[:, body]), np.cos(rotation[:, body])
+        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
+        points[:, carried] = turned + place[:, body]
+        return points
+
+
+def arch_marks(arch: Shape) -> list[Mark]:
+    """Return the fill, the voussoirs, the ties and the ground of an arch at rest."""
+    roles = zip(AREAS, _fill_outlines(arch))
+    marks = [Mark(role, outline) for role, outline in roles]
+    marks += [Mark("stone", o, [body]) for body, o in enumerate(arch.outlines)]
+    ties = zip(tie_lines(arch), arch.tie_bodies.tolist())
+    marks += [Mark("tie", line, bodies) for line, bodies in ties]
+    size = np.ptp(np.concatenate([mark.points for mark in marks]), axis=0).max()
+    for joint in (0,) if arch.free_end else (0, arch.n_joint - 1):
+        inner, outer = arch.intrados[joint], arch.extrados[joint]
+        reach = _OVERHANG * size * (outer - inner) / np.linalg.norm(outer - inner)
+        marks.append(Mark("ground", np.array([inner - reach, outer + reach])))
+    return marks
+
+
+def mechanism_marks(
+    arch: Shape, hinges: Sequence[tuple[int, str]], sliding: Sequence[int]
+) -> list[Mark]:
+    """Return the faces of sliding joints, and the points of hinges by joint and side."""
+    faces = [np.array([arch.intrados[joint], arch.extrados[joint]]) for joint in sliding]
+    corners = [getattr(arch, side)[[joint]] for joint, side in hinges]
+    return [Mark("sliding", face) for face in faces] + [Mark("hinge", p) for p in corners]
+
+
+def frame(
+    arch: Shape, place: FloatArray, rotation: FloatArray, margin: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the lower left and the upper right corner of a frame about all voussoirs [m].
+
+    It shows them at rest and in motion (see `Mark.moved`), but not what flies off by more than
+    the size of the arch. `margin` is a part of this size.
+    """
+    stones = [mark for mark in arch_marks(arch) if mark.role == "stone"]
+    points = [stone.moved(arch.centroids, place, rotation) for stone in stones]
+    seen = np.concatenate([each.reshape(-1, 2) for each in points])
+    rest = np.concatenate(arch.outlines)
+    low, high = rest.min(axis=0), rest.max(axis=0)
+    size = float((high - low).max())
+    first = np.maximum(np.minimum(low, seen.min(axis=0)), low - size) - margin * size
+    return first, np.minimum(np.maximum(high, seen.max(axis=0)), high + size) + margin * size
+
+
+def _fill_outlines(arch: Shape) -> list[FloatArray]:
+    """Return the outlines of fill and of backing, (m, 2) each [m]; empty without fill.
+
+    They run along chords of the extrados, on which the voussoirs are drawn.
+    """
+    fill, (first, last) = arch.parameters.get("fill"), arch.springings
+    if not fill:
+        return []
+    back = arch.extrados[first : last + 1]
+    below = back[back[:, 0].argmin() : back[:, 0].argmax() + 1]
+    if first:  # on piers, whose tops carry fill too
+        tops = []
+        for outline in (arch.outlines[first - 1], arch.outlines[last]):
+            high = outline[outline[:, 1] > outline[:, 1].max() - 1e-9 * np.ptp(outline)]
+            tops.append(high[high[:, 0].argsort()])  # from left to right
+        left, right = tops[0][:, 0] < below[0, 0], tops[1][:, 0] > below[-1, 0]
+        below = np.concatenate([tops[0][left], below, tops[1][right]])
+    level = np.concatenate(arch.outlines[first:last])[:, 1].max() + fill["height_over_crown"]
+    middle = 0.5 * (arch.intrados + arch.extrados)[[first, last], 1].min()
+    levels = [level] + [middle + fill["backing_height"]] * (fill.get("backing_height", 0.0) > 0.0)
+    outlines = []
+    for top in np.minimum(levels, level):
+        line = np.column_stack([below[:, 0], np.minimum(below[:, 1], top)])
+        outlines.append(np.concatenate([line, [[line[-1, 0], top], [line[0, 0], top]]]))
+    return outlines
