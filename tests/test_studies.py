@@ -16,7 +16,7 @@ import xarray as xr
 import archfrag as af
 from archfrag import studies
 from archfrag.errors import InputError, OutputError
-from archfrag.study.file.records import prepare_motions, read_manifest
+from archfrag.study.file.prepared import prepare_motions, read_manifest
 from archfrag.study.file.schema import load_study
 from archfrag.study.steps import run_study
 from tests.arch.test_drawing import draw_arch

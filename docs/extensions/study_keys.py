@@ -15,7 +15,7 @@ MARK = re.compile(r"<!-- keys: (.+?) -->")
 WORDS = {"number": "number", "integer": "integer", "string": "text", "boolean": "true, false"}
 # Keys that come first; all others follow in the order of the model.
 FIRST = {
-    "Study": "id title arches motions intensity design report risk output method limit_states",
+    "StudyKeys": "id title arches motions intensity design report risk output method limit_states",
     "ArchEntry": "id profile drawing table span rise radius embrace thickness voussoirs friction "
     "density dead_load recess vary",
     "Motions": "files index",
@@ -75,10 +75,10 @@ def cell(text: str) -> str:
 
 def ordered(name: str, keys: Iterable[str]) -> list[str]:
     """Keys of a definition in their order of importance."""
-    from archfrag.study.file.schema import Study
+    from archfrag.study.file.schema import StudyKeys
 
-    model = Study.model_json_schema()
-    name = {"study": "Study"}.get(name, name)
+    model = StudyKeys.model_json_schema()
+    name = {"study": "StudyKeys"}.get(name, name)
     declared = [*FIRST.get(name, "").split(), *model["$defs"].get(name, model)["properties"]]
     return sorted(keys, key=declared.index)
 

@@ -25,8 +25,8 @@ from archfrag.report.film import example_of
 from archfrag.study.answer.compare import compare
 from archfrag.study.answer.cube import stored_cube
 from archfrag.study.answer.fits import cautions_of, in_unit
-from archfrag.study.answer.risk import risk_facts, risk_of
-from archfrag.study.file.schema import Study, load_study
+from archfrag.study.answer.rates import risk_facts, risk_of
+from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.hazard import Hazard, hazard_of_table, load_hazard
 from archfrag.study.provenance import OWNER, read_stamp, read_state, write_text
 from archfrag.study.steps import finished, make_step
@@ -94,7 +94,7 @@ class Results:
     folder : Path
     """
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: StudyKeys) -> None:
         self._study, self.folder = study, study.folder
         self._made = read_stamp(study, "cube")
         self._fitted = finished(study)

@@ -12,7 +12,7 @@ from archfrag.fragility.risk import HazardCurve
 from archfrag.report import film
 from archfrag.report.first_page import before_and_after, first_page, ratio_text
 from archfrag.report.page import render
-from archfrag.study.answer.risk import risk_of
+from archfrag.study.answer.rates import risk_of
 from archfrag.study.hazard import Hazard
 from tests.arch.test_marks import BRIDGE as AFTER
 from tests.arch.test_marks import FILLED as BEFORE

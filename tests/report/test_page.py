@@ -21,7 +21,7 @@ from archfrag.report.page import _scaled_spectra, render, write_report
 from archfrag.report.risk_section import risk_parts
 from archfrag.study.answer import fits
 from archfrag.study.answer.curves import Fitted
-from archfrag.study.answer.risk import risk_of
+from archfrag.study.answer.rates import risk_of
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import Hazard
 from tests.report import synthetic

@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import pytest
 
-from archfrag.study.file.records import prepare_motions
-from archfrag.study.file.schema import Study, load_study
+from archfrag.study.file.prepared import prepare_motions
+from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.runs.store import Plan, make_plan
 from tests.study.small import make_runs, small_study
 
 
 class Done(NamedTuple):
-    study: Study
+    study: StudyKeys
     plan: Plan
 
 

@@ -13,8 +13,8 @@ from click.testing import CliRunner, Result
 from archfrag.cli import main
 from archfrag.study.answer.cube import write_cube
 from archfrag.study.answer.fits import fit_cube
-from archfrag.study.file.records import prepare_motions
-from archfrag.study.file.schema import Study, load_study
+from archfrag.study.file.prepared import prepare_motions
+from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.steps import finish, step_names
 
@@ -50,7 +50,7 @@ def command(*arguments, **options) -> Result:
     return CliRunner().invoke(main, [str(argument) for argument in arguments], **options)
 
 
-def dumped(study: Study) -> str:
+def dumped(study: StudyKeys) -> str:
     """A study as the text of a study file, with absolute paths and defaults."""
     return yaml.safe_dump(study.model_dump(exclude_none=True), sort_keys=False)
 
@@ -59,18 +59,18 @@ def files_below(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def changed(study: Study, section: str, **keys: Any) -> Study:
+def changed(study: StudyKeys, section: str, **keys: Any) -> StudyKeys:
     """The study with other values of some keys of a section."""
     other = getattr(study, section).model_copy(update=keys)
     return study.model_copy(update={section: other})
 
 
-def make_runs(study: Study, quiet: bool = True) -> dict:
+def make_runs(study: StudyKeys, quiet: bool = True) -> dict:
     """Make all runs that are missing, in this process; the entry of the log."""
     return run_batch(study, workers=1, quiet=quiet)[0]
 
 
-def cube_of(study: Study, quiet: bool = True) -> tuple[dict, xr.Dataset]:
+def cube_of(study: StudyKeys, quiet: bool = True) -> tuple[dict, xr.Dataset]:
     """Make a study up to its cube: the entry of the log, and the cube."""
     prepare_motions(study)
     log = make_runs(study, quiet)
@@ -80,7 +80,7 @@ def cube_of(study: Study, quiet: bool = True) -> tuple[dict, xr.Dataset]:
 class Made(NamedTuple):
     """A study with its cube and its curves, all up to date."""
 
-    study: Study
+    study: StudyKeys
     log: dict
     cube: xr.Dataset
     fits: dict
@@ -91,7 +91,7 @@ def made(path: Path) -> Made:
     return Made(study, *cube_of(study), fitted(study))
 
 
-def fitted(study: Study) -> dict:
+def fitted(study: StudyKeys) -> dict:
     fit_cube(study)
     for step in step_names(study)[:-1]:
         finish(study, step)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import RecordError
-from archfrag.study.file.records import load_record, prepare_motions
+from archfrag.study.file.prepared import load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from tests.study.small import TEXT, command, cube_of, small_study, write_at2
 

@@ -11,7 +11,7 @@ from archfrag.errors import InputError, RecordError
 from archfrag.motions.measures import measure
 from archfrag.motions.partners import partners
 from archfrag.study.designs import CASE
-from archfrag.study.file.records import load_prepared, load_record, prepare_motions
+from archfrag.study.file.prepared import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.provenance import sha256_of
 from archfrag.study.runs.store import make_plan

@@ -25,7 +25,7 @@ from archfrag.study.answer.fits import (
     load_fits,
     record_cautions,
 )
-from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
+from archfrag.study.answer.rates import risk_facts, risk_of, risk_text
 from archfrag.study.designs import Ida, Stripes
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard

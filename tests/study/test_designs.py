@@ -14,7 +14,7 @@ from archfrag.physics.status import CollapseMode
 from archfrag.study.answer.cube import open_cube
 from archfrag.study.answer.fits import fit_cube
 from archfrag.study.designs import CASE, NEAR, Grid, Ida, ask, drive, order_of
-from archfrag.study.file.records import load_record, prepare_motions
+from archfrag.study.file.prepared import load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.store import COLUMNS, Plan

@@ -6,7 +6,7 @@ from obspy import Stream, Trace, UTCDateTime
 
 import archfrag as af
 from archfrag.errors import RecordError
-from archfrag.study.file.records import prepare_motions
+from archfrag.study.file.prepared import prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.validate import check_study
 from tests.motions.helpers import at2_text, refused, wave

@@ -10,7 +10,7 @@ from archfrag.errors import InputError
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import HazardCurve
 from archfrag.study.answer.fits import FITS
-from archfrag.study.answer.risk import risk_of
+from archfrag.study.answer.rates import risk_of
 from archfrag.study.hazard import _COLUMNS, Hazard, load_hazard
 from archfrag.study.steps import finish
 from tests.report.synthetic import answers_of, cube, motions

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from archfrag.errors import ArchfragError, InputError, RecordError
-from archfrag.study.file.records import load_prepared, load_record, prepare_motions
-from archfrag.study.file.schema import Study, load_study
+from archfrag.study.file.prepared import load_prepared, load_record, prepare_motions
+from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.runs.store import gather, make_plan
 from archfrag.study.steps import finish, make_step, stale_steps
 from tests.study.small import (
@@ -187,7 +187,7 @@ def with_each_key_changed(path):
             inner[place[-1]] = other
             with contextlib.suppress(ArchfragError, ValueError):
                 copy = path.with_name("changed.yaml")
-                copy.write_text(dumped(Study.model_validate(without_none(new))))
+                copy.write_text(dumped(StudyKeys.model_validate(without_none(new))))
                 study = load_study(copy)
                 seen.add(name)
                 yield name, study

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from archfrag.study.file.records import MANIFEST
+from archfrag.study.file.prepared import MANIFEST
 from archfrag.study.provenance import STAMPS, sha256_of
 from tests.study.small import command, files_below, small_study
 

@@ -20,7 +20,7 @@ import pytest
 import xarray as xr
 
 from archfrag.study.answer.cube import write_cube
-from archfrag.study.file.records import prepare_motions
+from archfrag.study.file.prepared import prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.validate import shipped_folder

@@ -18,7 +18,7 @@ from archfrag.files import opened
 from archfrag.report.film import check_target, example_of, save_film
 from archfrag.report.inputs import report_inputs
 from archfrag.report.printed import save_figures
-from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
+from archfrag.study.answer.rates import risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import CUBE

@@ -28,7 +28,7 @@ from archfrag.errors import attempt
 from archfrag.files import counted, printable
 from archfrag.report import make_report
 from archfrag.study.answer.fits import fit_lines, load_fits
-from archfrag.study.answer.risk import risk_lines, risk_of_study
+from archfrag.study.answer.rates import risk_lines, risk_of_study
 from archfrag.study.file.schema import load_study
 from archfrag.study.provenance import check_own
 from archfrag.study.running import only_run, stoppable

@@ -20,7 +20,7 @@ from archfrag.fragility.several import MOST_CROSSING, above
 from archfrag.fragility.verdicts import Verdict
 from archfrag.study.answer.curves import arch_classes
 from archfrag.study.file.members import SHOWN
-from archfrag.study.file.schema import Study
+from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import CUBE, commit, write_text
 from archfrag.study.steps import finished
 from archfrag.version import __version__
@@ -42,7 +42,7 @@ _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=
 
 
 def export_study(
-    study: Study, formats: Sequence[str], folder: Path | None = None, members: bool = False,
+    study: StudyKeys, formats: Sequence[str], folder: Path | None = None, members: bool = False,
     limit_states: Sequence[str] = (),
 ) -> dict[str, Any]:  # fmt: skip
     """Write curves and runs of a study whose results are up to date.
@@ -100,7 +100,7 @@ def export_study(
 
 
 def _limit_states(
-    study: Study, cube: xr.Dataset, answers: Mapping[str, Curve], requested: Sequence[str]
+    study: StudyKeys, cube: xr.Dataset, answers: Mapping[str, Curve], requested: Sequence[str]
 ) -> tuple[dict[str, dict[str, Curve]], list[str]]:
     """Return the curves of the limit states from mild to collapse, and notes on them.
 
@@ -167,7 +167,7 @@ def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
 
 
 def _write_tables(
-    study: Study, cube: xr.Dataset, curves: CurveSet, answers: Mapping[str, Curve],
+    study: StudyKeys, cube: xr.Dataset, curves: CurveSet, answers: Mapping[str, Curve],
     folder: Path, ending: str,
 ) -> list[Path]:  # fmt: skip
     """Write all tables as CSV with a JSON file on columns, or as Parquet; return the files."""

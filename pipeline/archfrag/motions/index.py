@@ -12,11 +12,18 @@ from typing import Any
 import numpy as np
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import opened, read_text, sha256_of, unquoted, write_csv
+from archfrag.files import (
+    check_decimals,
+    opened,
+    parse_table,
+    read_text,
+    sha256_of,
+    unquoted,
+    write_csv,
+)
 from archfrag.motions.calibrate import accepted_words
 from archfrag.motions.channel import unit_factor
 from archfrag.motions.formats.columns import Columns, parse_columns
-from archfrag.tables import check_decimals, parse_table
 
 INDEX_NAME = "index.csv"
 COLUMNS = (

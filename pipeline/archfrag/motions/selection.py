@@ -17,13 +17,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError, reason_of
-from archfrag.files import read_text, unquoted, write_csv
+from archfrag.files import check_decimals, parse_table, read_text, unquoted, write_csv
 from archfrag.motions.channel import STANDARD_GRAVITY
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import measure
 from archfrag.motions.motion import Motion
 from archfrag.motions.target import Array, Target, spectrum_target
-from archfrag.tables import check_decimals, parse_table
 
 LARGEST_TABLE = 200_000_000  # [bytes]
 PERIODS = (

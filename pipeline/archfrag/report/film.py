@@ -25,7 +25,7 @@ from archfrag.report.inputs import ArchResults, ReportInputs, report_inputs
 from archfrag.report.svg import NARROW, FloatArray, Panel, Sheet
 from archfrag.simulation.response import Response
 from archfrag.simulation.simulate import simulate
-from archfrag.study.file.schema import Study
+from archfrag.study.file.schema import StudyKeys
 from archfrag.study.keys import meant
 
 KINDS = (".gif", ".mp4", ".svg")
@@ -118,7 +118,7 @@ def repeat(inputs: ReportInputs, place: int, chosen: Chosen | None) -> Example |
     return Example(arch, motion, factor, shown, response, reason, same, ground)
 
 
-def example_of(study: Study, run: str = "median", arch: str | None = None) -> Example:
+def example_of(study: StudyKeys, run: str = "median", arch: str | None = None) -> Example:
     """Simulate one run of a finished study again: `run` and `arch` of `Results.response`.
 
     InputError if the study is not finished, or has no such arch or run.

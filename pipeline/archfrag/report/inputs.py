@@ -25,10 +25,10 @@ from archfrag.simulation.simulate import Onset, onset
 from archfrag.study.answer.compare import Table, compare
 from archfrag.study.answer.curves import Fitted, Runs, arch_classes
 from archfrag.study.answer.fits import cautions_of
-from archfrag.study.answer.risk import StudyRisk, risk_of_study
+from archfrag.study.answer.rates import StudyRisk, risk_of_study
 from archfrag.study.file.members import shown
-from archfrag.study.file.records import load_prepared, load_record
-from archfrag.study.file.schema import Study, load_study
+from archfrag.study.file.prepared import load_prepared, load_record
+from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.provenance import finite
 from archfrag.study.steps import finished, read_timings
 from archfrag.study.validate import logo_url
@@ -174,7 +174,7 @@ def thetas(answers: Iterable[Curve]) -> FloatArray:
     return np.array([curve.theta for curve in answers])
 
 
-def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
+def report_inputs(study: StudyKeys, compared: Path | None = None) -> ReportInputs:
     """Read the results of a finished study, and of another one whose file is `compared`.
 
     InputError if results are missing or out of date, OutputError if the cube of another study is
@@ -211,7 +211,7 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
     )
 
 
-def _title(study: Study) -> str:
+def _title(study: StudyKeys) -> str:
     """Return the title of the study, or a general one if it only has its id."""
     if study.title != study.id:
         return study.title
@@ -220,7 +220,7 @@ def _title(study: Study) -> str:
     return f"Fragility of {f'a {noun}' if len(study.members) == 1 else counted(2, noun)[2:]}"
 
 
-def _compared(study: Study, path: Path) -> tuple[xr.Dataset, Mapping[str, Curve]]:
+def _compared(study: StudyKeys, path: Path) -> tuple[xr.Dataset, Mapping[str, Curve]]:
     """Return the cube and the answers of another study; InputError if it has the same id."""
     other = load_study(path)
     if study.id == other.id:

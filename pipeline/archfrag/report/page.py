@@ -40,7 +40,7 @@ from archfrag.report.svg import Entry, Sheet, figure, log_ticks
 from archfrag.study.answer.curves import runs_of_cube
 from archfrag.study.answer.fits import gathered
 from archfrag.study.file.members import SHOWN
-from archfrag.study.file.schema import Study
+from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import write_text
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES
 
@@ -51,7 +51,7 @@ _NAME = 180.0  # of a record under its thumbnail [px]
 _MOST_THUMBNAILS, _MOST_SPECTRA = 60, 80
 
 
-def make_report(study: Study, compared: Path | None = None) -> Path:
+def make_report(study: StudyKeys, compared: Path | None = None) -> Path:
     """Write the report of a finished study, compared with that of another file; return its path.
 
     Beside it are its numbers ``summary.json``, its curves as SVG files (``curves.svg`` in the

@@ -14,7 +14,7 @@ from archfrag.report.inputs import ReportInputs, Scale
 from archfrag.report.run_figures import level_axis, stacked
 from archfrag.report.sections import PageSection
 from archfrag.report.svg import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
-from archfrag.study.answer.risk import ASSUMPTIONS, ArchRisk, StudyRisk
+from archfrag.study.answer.rates import ASSUMPTIONS, ArchRisk, StudyRisk
 from archfrag.study.file.members import SHOWN
 from archfrag.study.hazard import Hazard
 

@@ -13,7 +13,7 @@ from archfrag.study import provenance
 from archfrag.study.yaml_text import absolute, read_keys
 
 if TYPE_CHECKING:
-    from archfrag.study.file.schema import Study
+    from archfrag.study.file.schema import StudyKeys
 
 
 def finished_folder(path: Path, overrides: Sequence[str]) -> Path | None:
@@ -34,13 +34,13 @@ def finished_folder(path: Path, overrides: Sequence[str]) -> Path | None:
 
 
 def stamp_of_all(
-    study: "Study", path: Path, overrides: Sequence[str], made: Iterable[Path]
+    study: "StudyKeys", path: Path, overrides: Sequence[str], made: Iterable[Path]
 ) -> dict[str, Any]:
     """Return what `finished_folder` compares: files read and made, and folders that may get more.
 
     Empty if folders of records are found by a pattern: new ones may appear anywhere.
     """
-    from archfrag.study.file.records import read_manifest
+    from archfrag.study.file.prepared import read_manifest
     from archfrag.study.file.sources import input_paths
 
     asked = [entry.path for entry in study.motions.files]

@@ -15,10 +15,16 @@ import numpy as np
 import pandas as pd
 
 from archfrag.errors import InputError
-from archfrag.files import read_text
+from archfrag.files import (
+    check_thousands,
+    check_years,
+    parse_table,
+    read_text,
+    table_of,
+    with_points,
+)
 from archfrag.fragility.risk import HazardCurve
 from archfrag.motions.measures import LEVEL_UNITS, Measure, measure_unit, parse_measure
-from archfrag.tables import check_thousands, check_years, parse_table, table_of, with_points
 
 FARTHEST = 10.0  # [km], between the site asked for and the nearest one of the file
 LARGEST = 100_000_000  # [bytes] of a file

@@ -20,7 +20,7 @@ from archfrag.files import opened, replacing, sha256_of, sweep
 from archfrag.version import __version__
 
 if TYPE_CHECKING:
-    from archfrag.study.file.schema import Study
+    from archfrag.study.file.schema import StudyKeys
 
 PACKAGE = Path(__file__).resolve().parents[1]
 CUBE = "cube.nc"
@@ -85,7 +85,7 @@ def sha256_if_there(path: Path | str) -> str | None:
         return None
 
 
-def check_own(study: "Study") -> None:
+def check_own(study: "StudyKeys") -> None:
     """Sweep the hidden folder of a study; OutputError for anything there but files and folders.
 
     A link leads to files of somebody else, which would be emptied or removed as our own.
@@ -112,7 +112,7 @@ def write_stamp(work: Path, step: str, stamp: dict[str, Any]) -> None:
     write_text(work / STAMPS, canonical_json(read_state(work / STAMPS) | {step: stamp}) + "\n")
 
 
-def read_stamp(study: "Study", step: str) -> tuple[dict[str, Any] | None, dict[str, str]]:
+def read_stamp(study: "StudyKeys", step: str) -> tuple[dict[str, Any] | None, dict[str, str]]:
     """Return what a step was made from, None if it is not done, and digests of its files."""
     try:
         stamp = read_state(study.work / STAMPS)[step]
@@ -121,7 +121,7 @@ def read_stamp(study: "Study", step: str) -> tuple[dict[str, Any] | None, dict[s
         return None, {}
 
 
-def refuse_foreign_cube(study: "Study") -> None:
+def refuse_foreign_cube(study: "StudyKeys") -> None:
     """See that no other study's cube stands where this study's is to be; ours may be damaged."""
     path, digest = study.folder / CUBE, read_stamp(study, "cube")[1].get(CUBE)
     if not path.exists() or (digest is not None and sha256_if_there(path) == digest):

@@ -16,7 +16,7 @@ from tqdm import tqdm
 from archfrag.errors import OutputError
 from archfrag.files import cannot_write
 from archfrag.simulation.warmup import TICK, every
-from archfrag.study.file.schema import Study
+from archfrag.study.file.schema import StudyKeys
 
 GRACE = 4.0  # after a signal, for the run to end by itself [s]
 _SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -82,7 +82,7 @@ def clock(what: str, say: Callable[[str], None], quiet: bool) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def only_run(study: Study) -> Iterator[None]:
+def only_run(study: StudyKeys) -> Iterator[None]:
     """Hold the lock of a study's folder, which the system takes back whatever ends the process.
 
     OutputError if another run holds it.

@@ -23,8 +23,8 @@ from archfrag.study.answer.cube import write_cube
 from archfrag.study.answer.fits import fit_cube, fit_lines, load_fits
 from archfrag.study.done import stamp_of_all
 from archfrag.study.file.members import SHOWN
-from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
-from archfrag.study.file.schema import Study
+from archfrag.study.file.prepared import MANIFEST, prepare_motions, read_manifest, study_inputs
+from archfrag.study.file.schema import StudyKeys
 from archfrag.study.running import clock, only_run
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.store import Plan, gather, make_plan
@@ -38,7 +38,7 @@ REPORT_FILES = ("report.html", "summary.json", "capacities.csv", "runs.csv", REA
 ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
 _MOST_LINES = 8  # on what changed
 Say = Callable[[str], None]
-Report = Callable[[Study, Path | None], Path]  # writes it: of a layer above
+Report = Callable[[StudyKeys, Path | None], Path]  # writes it: of a layer above
 
 
 def batch_step(batch: int, batches: int) -> str:
@@ -46,13 +46,13 @@ def batch_step(batch: int, batches: int) -> str:
     return f"batch-{batch}of{batches}"
 
 
-def step_names(study: Study) -> list[str]:
+def step_names(study: StudyKeys) -> list[str]:
     """Return all steps of a study in their order."""
     count = study.execution.batches
     return ["motions", *(batch_step(i, count) for i in range(count)), "cube", "fit", "report"]
 
 
-def products(study: Study, step: str) -> list[Path]:
+def products(study: StudyKeys, step: str) -> list[Path]:
     """Return the files that a step makes; parts of runs have checks of their own."""
     if step.startswith("batch"):  # a table of its runs, with how long each took
         return [study.work / "runs" / f"{step}.csv"]
@@ -72,12 +72,12 @@ def products(study: Study, step: str) -> list[Path]:
     return [study.folder / name for name in names[step]]
 
 
-def _tables(study: Study) -> list[Path]:
+def _tables(study: StudyKeys) -> list[Path]:
     """Return the tables of the runs of all batches."""
     return [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
 
 
-def read_timings(study: Study) -> dict[str, list[float]]:
+def read_timings(study: StudyKeys) -> dict[str, list[float]]:
     """Return the wall times of the runs of each arch [s]; empty if their tables are not there."""
     paths = _tables(study)
     if not all(path.is_file() for path in paths):
@@ -87,7 +87,7 @@ def read_timings(study: Study) -> dict[str, list[float]]:
 
 
 def make_step(
-    study: Study, step: str, say: Say | None, plan: Plan | None = None, *,
+    study: StudyKeys, step: str, say: Say | None, plan: Plan | None = None, *,
     report: Report | None = None, cores: int | None = None, quiet: bool = False,
     compared: Path | None = None,
 ) -> None:  # fmt: skip
@@ -122,7 +122,7 @@ def make_step(
 
 
 def _make_batch(
-    study: Study, step: str, told: Say, plan: Plan, cores: int | None, quiet: bool
+    study: StudyKeys, step: str, told: Say, plan: Plan, cores: int | None, quiet: bool
 ) -> None:
     """Make the runs of a batch that are missing, and the table of all its runs."""
     batch, batches = map(int, step.removeprefix("batch-").split("of"))
@@ -138,7 +138,7 @@ def _make_batch(
     )
 
 
-def finish(study: Study, step: str, plan: Plan | None = None) -> None:
+def finish(study: StudyKeys, step: str, plan: Plan | None = None) -> None:
     """Put a step into the study's stamp; remove figures that it made before and not now.
 
     Batches, which may end at the same time, are not in it: their runs are known by their parts.
@@ -156,20 +156,20 @@ def finish(study: Study, step: str, plan: Plan | None = None) -> None:
     provenance.write_stamp(study.work, step, stamp)
 
 
-def require(study: Study, step: str, plan: Plan | None = None) -> None:
+def require(study: StudyKeys, step: str, plan: Plan | None = None) -> None:
     """See that the results of a step are those of the study as it is; else InputError."""
     if wrong := out_of_date(study, step, plan):
         raise InputError(f"{wrong}; `archfrag {step}` on the study file makes it again")
 
 
-def finished(study: Study) -> "Fitted":
+def finished(study: StudyKeys) -> "Fitted":
     """Return cube and answers of a study; InputError if they are out of date."""
     require(study, "cube")
     require(study, "fit")
     return load_fits(study)
 
 
-def stale_steps(study: Study) -> tuple[list[str], list[str]]:
+def stale_steps(study: StudyKeys) -> tuple[list[str], list[str]]:
     """Return the steps to be done, and what has changed since they were done last."""
     names, inputs = step_names(study), study_inputs(study)
     try:
@@ -187,7 +187,7 @@ def stale_steps(study: Study) -> tuple[list[str], list[str]]:
     return [], []
 
 
-def _runs_are_there(study: Study, plan: Plan, before: dict[str, str] | None) -> bool:
+def _runs_are_there(study: StudyKeys, plan: Plan, before: dict[str, str] | None) -> bool:
     """Return whether all runs of a plan are made, and that of the cube `before`, if any, was the
     same.
     """
@@ -200,7 +200,7 @@ def _runs_are_there(study: Study, plan: Plan, before: dict[str, str] | None) -> 
     return False
 
 
-def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
+def out_of_date(study: StudyKeys, step: str, plan: Plan | None = None) -> str:
     """Return why the results of a step are out of date; empty if they are not."""
     own = {os.path.relpath(path, study.folder): path for path in products(study, step)}
     main = next(iter(own.values()))
@@ -216,7 +216,7 @@ def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
     return ""
 
 
-def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, str]:
+def _made_from(study: StudyKeys, step: str, plan: Plan | None = None) -> dict[str, str]:
     """Return digests of a step's inputs, by the names that messages use."""
     code = {"code": provenance.digest_of_code("**/*"), "packages": provenance.versions()}
     if step == "cube":
@@ -226,11 +226,11 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
     return {name: provenance.digest_of(value) for name, value in (code | inputs).items()}
 
 
-def _inputs_of_motions(study: Study) -> dict[str, Any]:
+def _inputs_of_motions(study: StudyKeys) -> dict[str, Any]:
     return {name: read_manifest(study)[name] for name in ("key", "inputs")}
 
 
-def _inputs_of_cube(study: Study, plan: Plan) -> dict[str, Any]:
+def _inputs_of_cube(study: StudyKeys, plan: Plan) -> dict[str, Any]:
     return {
         **plan.digests,
         "attributes of arches": [(m.arch_class, m.attributes) for m in plan.arches],
@@ -241,7 +241,7 @@ def _inputs_of_cube(study: Study, plan: Plan) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _inputs_of_fit(study: Study, before: Sequence[str] = ("cube",)) -> dict[str, Any]:
+def _inputs_of_fit(study: StudyKeys, before: Sequence[str] = ("cube",)) -> dict[str, Any]:
     paths = [path for name in before for path in products(study, name)]
     return {
         **{path.name: provenance.sha256_if_there(path) for path in paths},
@@ -250,7 +250,7 @@ def _inputs_of_fit(study: Study, before: Sequence[str] = ("cube",)) -> dict[str,
     }
 
 
-def _inputs_of_report(study: Study) -> dict[str, Any]:
+def _inputs_of_report(study: StudyKeys) -> dict[str, Any]:
     logo, risk = Path(study.report.logo or ""), {}
     if study.risk is not None:
         hazard = Path(study.risk.hazard)
@@ -265,13 +265,13 @@ def _inputs_of_report(study: Study) -> dict[str, Any]:
     }
 
 
-_INPUTS: dict[str, Callable[[Study], dict[str, Any]]] = {
+_INPUTS: dict[str, Callable[[StudyKeys], dict[str, Any]]] = {
     "motions": _inputs_of_motions, "fit": _inputs_of_fit, "report": _inputs_of_report,
 }  # fmt: skip
 
 
 def run_study(
-    study: Study, study_file: Path, check_stopped: Callable[[], None], report: Report,
+    study: StudyKeys, study_file: Path, check_stopped: Callable[[], None], report: Report,
     cores: int | None = None, quiet: bool = False, overrides: Sequence[str] | None = None,
 ) -> bool:  # fmt: skip
     """Do all of a study that is not done yet; whether there was anything to do.
@@ -318,7 +318,7 @@ def run_study(
     return True
 
 
-def claim(study: Study, study_file: Path, write: bool = True) -> None:
+def claim(study: StudyKeys, study_file: Path, write: bool = True) -> None:
     """See that results are not those of another study file (OutputError); `write` whose they are.
 
     Its path is relative to them, so that both may be moved.

@@ -25,8 +25,8 @@ from archfrag.simulation.simulate import onset
 from archfrag.simulation.standing import arch_cautions
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import Members, check_standing, checked
-from archfrag.study.file.records import PreparedRecord, described
-from archfrag.study.file.schema import Study, study_schema
+from archfrag.study.file.prepared import PreparedRecord, described
+from archfrag.study.file.schema import StudyKeys, study_schema
 from archfrag.study.file.sources import VERTICAL_LEFT, find_sources, read_sources
 from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import OWNER, PACKAGE, read_state, refuse_foreign_cube
@@ -79,7 +79,7 @@ def suspicious(records: Sequence[PreparedRecord]) -> tuple[str, ...]:
     )
 
 
-def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
+def unit_warnings(study: StudyKeys, found: Members) -> tuple[str, ...]:
     """Warn of values so unusual that a unit may be wrong, and of what a drawing has more.
 
     Only the first arches are looked at.
@@ -134,7 +134,7 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
     return [text, *filter(None, [drawn.caution])]
 
 
-def arch_texts(study: Study) -> tuple[str, ...]:
+def arch_texts(study: StudyKeys) -> tuple[str, ...]:
     """Return the weights, forces and places of the first arches of a study, of a class those of
     its first.
     """
@@ -165,7 +165,7 @@ def logo_url(logo: str) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
-def check_start(study: Study) -> None:
+def check_start(study: StudyKeys) -> None:
     """Check hazard, logo, and that the output folder may take results; nothing is created."""
     if (risk := study.risk) is not None:
         load_hazard([Path(risk.hazard)], study.intensity.measure, risk.unit, risk.site)
@@ -186,7 +186,7 @@ def check_start(study: Study) -> None:
         raise OutputError(f"{study.folder}: {whose}; give the studies different output folders")
 
 
-def check_study(study: Study) -> dict[str, Any]:
+def check_study(study: StudyKeys) -> dict[str, Any]:
     """Check all of a study without running it: arches stand, records are read and scaled.
 
     Returned are numbers of things, of runs exactly, about or at most (``extent``), and texts.
@@ -225,7 +225,7 @@ def check_study(study: Study) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _read_records(study: Study, records: list[PreparedRecord], partners: list[str]) -> None:
+def _read_records(study: StudyKeys, records: list[PreparedRecord], partners: list[str]) -> None:
     """Read the records of a study, and say which files belong together."""
     unused = set[str]()
     every = study.motions.model_copy(update={"vertical": True})

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obspy import Trace
 
-from archfrag import tables
+from archfrag import files
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.formats.layout import Text, split, trace_of
 
@@ -87,15 +87,15 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     lines = [(place + 1, line.split("#")[0]) for place, line in enumerate(text.lines)
              if place >= columns.skip and not line.lstrip().startswith(("#", "%"))]  # fmt: skip
     chosen = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
-    separator = tables.separator_of(line for _, line in lines)
-    rows = tables.cells_of(lines, separator)
+    separator = files.separator_of(line for _, line in lines)
+    rows = files.cells_of(lines, separator)
     try:
         table = _numbers(rows, separator, chosen, text)
         if chosen:
-            tables.check_counts(rows, separator)
+            files.check_counts(rows, separator)
             for column in chosen[columns.time is not None :]:
-                tables.check_thousands([row[column] for _, row in rows], f"{column + 1}")
-                tables.check_one_number(rows, column, separator)
+                files.check_thousands([row[column] for _, row in rows], f"{column + 1}")
+                files.check_one_number(rows, column, separator)
         else:
             _refuse_columns(table, [number for number, _ in rows])
     except RecordError:
@@ -126,7 +126,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
 
 
 def _numbers(
-    rows: Sequence[tables.Row], separator: str, chosen: Sequence[int], text: Text
+    rows: Sequence[files.Row], separator: str, chosen: Sequence[int], text: Text
 ) -> list[list[float]]:
     """Return the numbers of chosen or all columns by rows; InputError for other cells."""
     whole = separator == "," and not any("." in cell or "E" in cell.upper()
@@ -141,9 +141,9 @@ def _numbers(
             column = (chosen or range(len(row)))[picked.index("")] + 1
             how = "give it a number, or leave such rows out"
             raise InputError(f"line {number}: the cell in column {column} is empty; {how}")
-        tables.check_decimals((number, cell) for cell in picked)
+        files.check_decimals((number, cell) for cell in picked)
         if separator != " " and (odd := next((c for c in picked if re.search(r"\s", c)), None)):
-            what = f"{odd[:40]!r} is not a finite number; {tables.NAMES[separator]} are between"
+            what = f"{odd[:40]!r} is not a finite number; {files.NAMES[separator]} are between"
             raise InputError(f"line {number}: {what} the cells of this file")
         values = [value for cell in picked for value in split(cell, text.place(number - 1))]
         if len(values) != len(picked) and (chosen or separator != " "):

@@ -7,14 +7,14 @@ from typing import Any
 from archfrag.files import counted
 from archfrag.study import provenance
 from archfrag.study.file.arches import ArchEntry
-from archfrag.study.file.records import read_manifest
-from archfrag.study.file.schema import Study
+from archfrag.study.file.prepared import read_manifest
+from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import strict_json
 from archfrag.study.runs.store import Plan
 from archfrag.version import __version__
 
 
-def attributes(study: Study, plan: Plan) -> dict[str, str]:
+def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
     """Return the global attributes: the same on every run of the same study with this code."""
     inputs, about = read_manifest(study)["inputs"], study.intensity
     facts = {

@@ -21,7 +21,7 @@ from archfrag.study.answer.attributes import attributes
 from archfrag.study.designs import Cases
 from archfrag.study.file.arches import UNITS
 from archfrag.study.file.members import Members
-from archfrag.study.file.schema import Study
+from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import strict_json
 from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, make_plan
 
@@ -34,7 +34,7 @@ _UDUNITS = {
 }  # fmt: skip
 
 
-def write_cube(study: Study, plan: Plan | None = None) -> Path:
+def write_cube(study: StudyKeys, plan: Plan | None = None) -> Path:
     """Gather the parts of a study into its cube, written completely or not at all.
 
     InputError if results of runs are missing, OutputError if the file cannot be written.
@@ -53,7 +53,7 @@ def write_cube(study: Study, plan: Plan | None = None) -> Path:
 
 
 def build_cube(
-    study: Study, plan: Plan, cases: Cases, table: Table, facts: dict[int, dict[str, Any]]
+    study: StudyKeys, plan: Plan, cases: Cases, table: Table, facts: dict[int, dict[str, Any]]
 ) -> xr.Dataset:
     """Return the cube of a study's runs, as `gather` returns them, in the form that is stored.
 
@@ -108,7 +108,7 @@ def build_cube(
     return cube.swap_dims(level="intensity") if regular else cube
 
 
-def open_cube(study: Study) -> xr.Dataset:
+def open_cube(study: StudyKeys) -> xr.Dataset:
     """Read the cube of a study into memory, as this package works with it.
 
     Its runs are along level, intensities in SI units, and verdicts codes without a missing value.
@@ -123,7 +123,7 @@ def open_cube(study: Study) -> xr.Dataset:
     return along.assign(verdict=codes).drop_vars("intensity").rename(intensity_si="intensity")
 
 
-def stored_cube(study: Study) -> xr.Dataset:
+def stored_cube(study: StudyKeys) -> xr.Dataset:
     """Read the cube of a study into memory, as it is stored; errors as for `open_cube`."""
     path = study.folder / provenance.CUBE
     provenance.refuse_foreign_cube(study)

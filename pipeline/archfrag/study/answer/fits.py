@@ -20,8 +20,8 @@ from archfrag.study.answer import curves
 from archfrag.study.answer.cube import open_cube
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.file.members import SHOWN, shown
-from archfrag.study.file.records import read_manifest
-from archfrag.study.file.schema import Intensity, Study
+from archfrag.study.file.prepared import read_manifest
+from archfrag.study.file.schema import Intensity, StudyKeys
 from archfrag.study.provenance import finite, read_json, write_text
 from archfrag.study.validate import suspicious, unit_warnings
 
@@ -33,7 +33,7 @@ MOST_SCALING = 10.0
 LEAST_EVENTS = 4
 
 
-def fit_cube(study: Study) -> Fitted:
+def fit_cube(study: StudyKeys) -> Fitted:
     """Find and store the curves of arches and classes: JSON in SI, CSV in the study's unit."""
     confidence, keys = study.report.confidence, study.limit_states.model_dump()
     worded = partial(FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit)
@@ -76,7 +76,7 @@ def fit_cube(study: Study) -> Fitted:
     return fitted
 
 
-def _store(study: Study, fitted: Fitted) -> None:
+def _store(study: StudyKeys, fitted: Fitted) -> None:
     """Write ``fits.json`` and ``curve.csv``."""
     measure, unit, factor = study.intensity.measure, study.intensity.unit, study.intensity.factor
     cube, plain = fitted.cube, {name: each.to_dict() for name, each in fitted.arches.items()}
@@ -98,7 +98,7 @@ def _store(study: Study, fitted: Fitted) -> None:
     write_csv(study.folder / CURVE, rows, float_format="%.7g")
 
 
-def load_fits(study: Study) -> Fitted:
+def load_fits(study: StudyKeys) -> Fitted:
     """Read the curves that `fit_cube` stored, and the cube; InputError if a file is damaged."""
     path = study.folder / FITS
     try:
@@ -119,7 +119,7 @@ def in_unit(curve: Curve, name: str, intensity: Intensity) -> Curve:
     return replace(curve, name=name, levels=list(intensity.given))
 
 
-def fit_lines(study: Study, fitted: Fitted) -> tuple[list[str], list[str]]:
+def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
     """Write aligned lines on the curves of classes and of arches of none, and the cautions."""
     answers = {k: in_unit(each, k, study.intensity) for k, each in fitted.quoted().items()}
     rows = [(name, *answers[name].words()) for name in list(answers)[:SHOWN]]
@@ -152,7 +152,7 @@ def gathered(cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]) 
     return found
 
 
-def cautions_of(study: Study, fitted: Fitted) -> list[str]:
+def cautions_of(study: StudyKeys, fitted: Fitted) -> list[str]:
     """List the cautions on a study's cube and curves, with levels in the study's unit."""
     unit, named = study.intensity.unit, ["levels of their own"]
     if study.design.on_levels:

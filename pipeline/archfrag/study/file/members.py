@@ -12,13 +12,12 @@ import numpy as np
 
 from archfrag.arch.uncertain import sample, to_digits
 from archfrag.errors import InputError, StabilityError
-from archfrag.files import read_text
+from archfrag.files import check_decimals, parse_table, read_text, table_of
 from archfrag.simulation.simulate import onset
 from archfrag.simulation.standing import prestress_text
 from archfrag.study.file.arches import COLUMNS, VARIABLE, ArchEntry, JointScatter
 from archfrag.study.keys import at, meant
 from archfrag.study.yaml_text import parse_value
-from archfrag.tables import check_decimals, parse_table, table_of
 
 MOST_CHECKED = 500  # arches that are built to validate a study; a run builds all of them
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each

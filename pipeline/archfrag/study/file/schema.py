@@ -187,7 +187,7 @@ class Execution(Section):
     """Number of Snakemake jobs among which the runs are divided."""
 
 
-class Study(Section):
+class StudyKeys(Section):
     """A study file."""
 
     id: Identifier
@@ -229,7 +229,7 @@ class Study(Section):
         return self._expanded[1]
 
 
-def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
+def load_study(path: str | Path, overrides: Sequence[str] = ()) -> StudyKeys:
     """Read a study file in YAML, whose paths are relative to its folder; those returned are not.
 
     `overrides` are texts ``key.key=value``, the value as the file would give it. InputError is one
@@ -238,14 +238,14 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     return study_of(*read_keys(Path(path), overrides), path)
 
 
-def study_of(given: dict[str, Any], folder: Path, place: Any) -> Study:
+def study_of(given: dict[str, Any], folder: Path, place: Any) -> StudyKeys:
     """Check the keys of a study, whose relative paths are below a folder.
 
     InputError begins with the `place` that they are from.
     """
     given.setdefault("output", str(folder / "results" / str(given.get("id"))))
     with at(place, given):
-        study = Study.model_validate(given, context={"folder": folder})
+        study = StudyKeys.model_validate(given, context={"folder": folder})
         check_buildable(checked(study.members))
     return study
 
@@ -254,7 +254,7 @@ def study_schema() -> str:
     """Return the JSON schema of study files, for editors; the text of
     ``configs/study.schema.json``.
     """
-    schema = Study.model_json_schema()
+    schema = StudyKeys.model_json_schema() | {"title": "Study"}
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "archfrag study"
     schema["$defs"]["Method"]["properties"]["name"]["enum"] = list(method_names())

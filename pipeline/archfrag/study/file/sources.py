@@ -20,7 +20,7 @@ from archfrag.motions.motion import Motion, with_component
 from archfrag.motions.partners import folder_names
 from archfrag.motions.process import both_senses
 from archfrag.study.file.motions import Motions, apply_step
-from archfrag.study.file.schema import Study
+from archfrag.study.file.schema import StudyKeys
 from archfrag.study.keys import at, meant
 
 VERTICAL_LEFT = "Vertical component left out."
@@ -88,7 +88,7 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
     return sources
 
 
-def input_paths(study: Study) -> dict[str, list[Path]]:
+def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
     """Return the files, by kind, that the motions follow from, or would if they appeared."""
     sources, table = find_sources(study.motions, study.intensity.measure), study.motions.index
     records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]

@@ -20,7 +20,7 @@ from archfrag.physics.methods.registry import AUTO, METHODS
 from archfrag.simulation.warmup import every, is_shipped, kernels_are_compiled, warmup
 from archfrag.study.designs import CASE, Cases, Verdicts, drive, order_of
 from archfrag.study.file.members import check_standing
-from archfrag.study.file.schema import Study
+from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import add_to_log, machine
 from archfrag.study.runs import store
 from archfrag.study.runs.store import Plan, Table, places
@@ -34,7 +34,7 @@ LARGEST_SHARE = 16
 
 
 def run_batch(
-    study: Study, batch: int = 0, workers: int | None = None, quiet: bool = False,
+    study: StudyKeys, batch: int = 0, workers: int | None = None, quiet: bool = False,
     plan: Plan | None = None,
 ) -> tuple[dict[str, Any], "pd.DataFrame"]:  # fmt: skip
     """Make the runs of one batch that the design requests; those that are there are kept.

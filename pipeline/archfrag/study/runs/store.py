@@ -28,8 +28,8 @@ from archfrag.physics.kernels.cache import digest_of_syntax, kernel_platform
 from archfrag.physics.status import Count, Energy, Level, Loss, Peak, Status
 from archfrag.study.designs import Cases, Grid, Requests, Verdicts, ask, order_of
 from archfrag.study.file.members import Members
-from archfrag.study.file.records import PreparedRecord, load_prepared, load_record
-from archfrag.study.file.schema import Study
+from archfrag.study.file.prepared import PreparedRecord, load_prepared, load_record
+from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import digest_of, files_of_code
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ _stored_motion = lru_cache(maxsize=64)(load_record)
 class Plan:
     """The study, arches and records that decide what its runs are."""
 
-    study: Study
+    study: StudyKeys
     arches: Members
     records: tuple[PreparedRecord, ...]
     identity: str = field(default_factory=lambda: code_identity())  # of the code that makes runs
@@ -203,7 +203,7 @@ class Plan:
         return requests
 
 
-def make_plan(study: Study) -> Plan:
+def make_plan(study: StudyKeys) -> Plan:
     """Return the plan of a study whose motions are prepared."""
     return Plan(study, study.members, tuple(load_prepared(study)))
 

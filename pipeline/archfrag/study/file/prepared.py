@@ -15,7 +15,7 @@ from archfrag.motions.measures import measure, sample_cautions, scale_factor
 from archfrag.motions.motion import REVERSED, Motion, load_stored, store
 from archfrag.motions.partners import earthquakes, recording_of
 from archfrag.study import provenance
-from archfrag.study.file.schema import Study
+from archfrag.study.file.schema import StudyKeys
 from archfrag.study.yaml_text import relative
 
 MANIFEST, FOLDER = "motions.json", "motions"
@@ -57,7 +57,7 @@ def _sources() -> Any:
     return sources
 
 
-def study_inputs(study: Study) -> provenance.Inputs:
+def study_inputs(study: StudyKeys) -> provenance.Inputs:
     """Return the digests of all files that the motions of a study follow from.
 
     Paths are relative to the folder of the results, so that a study may be moved with them.
@@ -69,7 +69,9 @@ def study_inputs(study: Study) -> provenance.Inputs:
     }  # fmt: skip
 
 
-def described(study: Study, motion: Motion, compared: Sequence[str] = COMPARED) -> PreparedRecord:
+def described(
+    study: StudyKeys, motion: Motion, compared: Sequence[str] = COMPARED
+) -> PreparedRecord:
     """Return the facts of a motion that is not stored yet; InputError if it cannot be scaled.
 
     Its `measures` are that of the study and those that are `compared` with it.
@@ -92,7 +94,7 @@ def described(study: Study, motion: Motion, compared: Sequence[str] = COMPARED) 
     )  # fmt: skip
 
 
-def prepare_motions(study: Study) -> list[PreparedRecord]:
+def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
     """Store the motions of a study, one file each, with a manifest.
 
     New motions count when the manifest is written, which is last; until then the old ones do.
@@ -119,7 +121,7 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
     return records
 
 
-def read_manifest(study: Study) -> dict[str, Any]:
+def read_manifest(study: StudyKeys) -> dict[str, Any]:
     """Return the manifest that `prepare_motions` wrote: key, inputs and `PreparedRecord`s."""
     path = study.work / MANIFEST
     try:
@@ -132,7 +134,7 @@ def read_manifest(study: Study) -> dict[str, Any]:
         raise InputError(f"{path}: is damaged ({error}); {_AGAIN}") from None
 
 
-def load_prepared(study: Study) -> list[PreparedRecord]:
+def load_prepared(study: StudyKeys) -> list[PreparedRecord]:
     """Return the stored records; InputError if they are not those of the study, or damaged."""
     manifest = read_manifest(study)
     if manifest["key"] != motions_key(study):
@@ -157,7 +159,7 @@ def _check_stored(work: Path, record: PreparedRecord) -> Path:
     return path
 
 
-def motions_key(study: Study) -> dict[str, Any]:
+def motions_key(study: StudyKeys) -> dict[str, Any]:
     """Return what a study sets of its motions and measure; paths are as in `study_inputs`."""
     motions = relative(study.motions.model_dump(mode="json"), study.folder)
     return {"motions": motions, "measure": study.intensity.measure}

@@ -17,7 +17,7 @@ from archfrag.fragility.verdicts import Verdict
 from archfrag.physics.status import CollapseMode
 from archfrag.study.answer.curves import Fitted, Runs, runs_of_cube
 from archfrag.study.file.members import SHOWN
-from archfrag.study.file.schema import Study
+from archfrag.study.file.schema import StudyKeys
 from archfrag.study.hazard import Hazard, load_hazard
 from archfrag.study.provenance import finite
 
@@ -96,7 +96,7 @@ def risk_of(
     return StudyRisk(hazard, years, arches, {name: n for name, n in sizes.items() if n > 1})
 
 
-def risk_of_study(study: Study, fitted: Fitted) -> StudyRisk | None:
+def risk_of_study(study: StudyKeys, fitted: Fitted) -> StudyRisk | None:
     """Find the rates at the site of a study, of classes and of arches of none; None if no site."""
     if (given := study.risk) is None:
         return None
@@ -182,7 +182,7 @@ def _on_levels(
     return levels, grid, codes, ends
 
 
-def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
+def risk_facts(risk: StudyRisk, study: StudyKeys) -> dict[str, Any]:
     """Return rates and their parts as plain numbers, with intensities in the study's unit."""
     factor, hazard = study.intensity.factor, risk.hazard
     arches: dict[str, Any] = {}
