@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 import archfrag as af
-from archfrag import studies
+from archfrag.api import studies
 from archfrag.errors import InputError, OutputError
 from archfrag.study.file.prepared import prepare_motions, read_manifest
 from archfrag.study.file.schema import load_study

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archfrag.export.papers import RUN_COLUMNS, write_papers
 from archfrag.report.curve_figures import effects_on_theta
+from archfrag.report.papers import RUN_COLUMNS, write_papers
 from archfrag.report.run_figures import fractiles, ida_line
 from archfrag.study.answer.fits import load_fits
 from archfrag.study.file.schema import load_study

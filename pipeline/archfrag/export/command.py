@@ -3,7 +3,7 @@
 import itertools
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,25 +17,23 @@ from archfrag.export.writers import CurveSet, named_measure
 from archfrag.files import counted, make_folder, replacing, sha256_of, write_csv
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.several import MOST_CROSSING, above
-from archfrag.fragility.verdicts import Verdict
 from archfrag.study.answer.curves import arch_classes
+from archfrag.study.answer.tables import (
+    Columns,
+    Pieces,
+    about_column,
+    facts_table,
+    runs_table,
+)
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import CUBE, commit, write_text
 from archfrag.study.steps import finished
 from archfrag.version import __version__
 
-PIECE = 20_000  # runs held at a time: some ten megabytes
 _POINTS = 211
 # Limit states; their order in files follows from their curves, and collapse is the last.
 LIMIT_STATES = ("motion", "impact", "residual", "rotation", "contact_lost", "collapse")
-_RUN = ("arch", "record", "level")
-# Text of records and arches that groups runs; other text would be repeated in every row.
-_GROUPS = ("arch", "record", "event", "arch_class")
-# What each column is: `about`, and where they apply `unit` (CF's spelling) and `codes` by meaning.
-Columns = dict[str, dict[str, Any]]
-# A table in pieces of the same columns. There is at least one piece; it may have no row.
-Pieces = tuple[Columns, Iterable[pd.DataFrame]]
 # Columns of the tables of curves; the unit of an intensity is "given" or "si", and {percent} in a
 # text is the confidence.
 _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=False)
@@ -247,73 +245,7 @@ def curve_tables(
         about = Columns()
         for row in _COLUMNS[_COLUMNS["table"].isin(["", name])].to_dict("records"):
             text = row["about"].format(percent=f"{100 * confidence:g} %")
-            about[row["name"]] = _about(text, units.get(row["unit"], row["unit"]))
+            about[row["name"]] = about_column(text, units.get(row["unit"], row["unit"]))
         pieces = [frame.reindex(columns=list(about)) for frame in frames or [pd.DataFrame()]]
         tables[name] = about, pieces
     return tables
-
-
-def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Pieces:
-    """Return a table of all values of all runs, read from the cube a few arches at a time.
-
-    Values of a record, an arch or a level stand in each of their runs. Of texts about a record
-    only its event does. Values by model or measure have a column for each.
-    """
-    names = []
-    for name in dict.fromkeys((*_RUN, "intensity", *map(str, cube.variables))):
-        variable = cube.variables[name]
-        own = [d for d in variable.dims if d in _RUN]
-        text = variable.dtype.kind in "OSU" and name not in _GROUPS
-        if own and own != ["arch", "level"] and not text:  # of arch and level: counts of records
-            names.append(name)
-    columns, values = _columns(cube, names)
-
-    def pieces() -> Iterator[pd.DataFrame]:
-        n_arch, n_record, n_level = (cube.sizes[name] for name in _RUN)
-        at_once = max(piece // max(n_record * n_level, 1), 1)
-        stored = (cube["verdict"].encoding.get("chunksizes") or (1,))[0]  # each chunk is read once
-        at_once = -(-at_once // stored) * stored
-        for first in range(0, max(n_arch, 1), at_once):
-            some = xr.Dataset(values).isel(arch=slice(first, first + at_once))
-            frame = some.to_dataframe(dim_order=list(_RUN)).reset_index()[list(columns)]
-            yield frame[frame["verdict"] != Verdict.NOT_RUN].reset_index(drop=True)
-
-    return columns, pieces()
-
-
-def facts_table(cube: xr.Dataset, dimension: str) -> Pieces:
-    """Return a table of the values of each record, or of each arch."""
-    columns, values = _columns(cube, [
-        name for name in sorted(map(str, cube.variables), key=dimension.__ne__)
-        if [d for d in cube.variables[name].dims if d in _RUN] == [dimension]
-    ])  # fmt: skip
-    return columns, [pd.DataFrame({name: each.values for name, each in values.items()})]
-
-
-def _columns(cube: xr.Dataset, names: Iterable[str]) -> tuple[Columns, dict[str, xr.Variable]]:
-    """Return columns and values of variables, a column for each label of a further dimension."""
-    columns, values = Columns(), dict[str, xr.Variable]()
-    for name in names:
-        variable, codes = cube.variables[name], {}
-        attrs = variable.attrs
-        if "flag_meanings" in attrs:
-            flags = np.ravel(attrs["flag_values"]).tolist()
-            codes = dict(zip(attrs["flag_meanings"].split(), flags))
-        text = ". ".join(filter(None, (attrs.get("long_name", name), attrs.get("comment", ""))))
-        unit = str(attrs.get("units", ""))
-        other = [str(d) for d in variable.dims if d not in _RUN]
-        if not other:
-            columns[name], values[name] = _about(text, unit, codes), variable
-            continue
-        of_each = cube.get(f"{other[0]}_unit")
-        for n, label in enumerate(cube[other[0]].values):
-            unit = unit if of_each is None else str(of_each.values[n])
-            columns[f"{name}_{label}"] = _about(text, unit, codes)
-            values[f"{name}_{label}"] = variable.isel({other[0]: n})
-    return columns, values
-
-
-def _about(text: str, unit: str, codes: Mapping[str, int] | None = None) -> dict[str, Any]:
-    """Describe a column, without what does not apply."""
-    facts = {"about": text, "unit": unit, "codes": codes}
-    return {key: value for key, value in facts.items() if value}

@@ -18,7 +18,6 @@ from markupsafe import Markup, escape
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
-from archfrag.export.papers import write_papers
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
@@ -28,6 +27,7 @@ from archfrag.report.first_page import first_page, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
 from archfrag.report.inputs import ReportInputs, arch_results, report_inputs, summary, thetas
 from archfrag.report.limits import study_aspects
+from archfrag.report.papers import write_papers
 from archfrag.report.risk_section import risk_section
 from archfrag.report.sections import (
     PageSection,
@@ -55,7 +55,7 @@ def make_report(study: StudyKeys, compared: Path | None = None) -> Path:
     """Write the report of a finished study, compared with that of another file; return its path.
 
     Beside it are its numbers ``summary.json``, its curves as SVG files (``curves.svg`` in the
-    place of those of many arches), and the tables of `archfrag.export.papers`.
+    place of those of many arches), and the tables of `archfrag.report.papers`.
     """
     return write_report(report_inputs(study, compared), study.folder / "report.html")
 

@@ -15,6 +15,7 @@ import numpy as np
 from markupsafe import escape
 from numpy.typing import ArrayLike
 
+from archfrag.api.results import Results
 from archfrag.arch import Arch
 from archfrag.errors import InputError, OutputError
 from archfrag.files import counted, make_folder, read_text, sha256_of
@@ -22,7 +23,6 @@ from archfrag.motions.index import INDEX_NAME, write_index
 from archfrag.motions.measures import measure_unit
 from archfrag.motions.motion import Motion
 from archfrag.report import make_report
-from archfrag.results import Results
 from archfrag.study.file import schema
 from archfrag.study.file.arches import VARIABLE
 from archfrag.study.keys import check_text

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from archfrag.export.command import runs_table
 from archfrag.files import write_csv
 from archfrag.study.answer.curves import Fitted
+from archfrag.study.answer.tables import runs_table
 from archfrag.study.provenance import write_text
 from archfrag.study.steps import README
 from archfrag.version import __version__
