@@ -14,8 +14,8 @@ from numba.core.registry import cpu_target
 from numba.extending import lower_builtin, models, register_model, typeof_impl
 
 from archfrag.physics.kernels import lower
-from archfrag.physics.kernels.kernel import Kernel
 from archfrag.physics.kernels.processor import PROCESSOR, has_common_features, machine
+from archfrag.physics.kernels.structs import Source
 
 
 class Version(NamedTuple):
@@ -69,7 +69,7 @@ _named: dict[str, Version] = {}
 _calls: list[set[str]] = []  # by the versions that are being compiled, the innermost last
 
 
-def version_of(kernel: Kernel, args: tuple[Any, ...]) -> Version:
+def version_of(kernel: Source, args: tuple[Any, ...]) -> Version:
     """Return the version of a kernel for numba's types of its arguments."""
     found = _versions.get((kernel.name, args))
     if found is None:
@@ -80,7 +80,7 @@ def version_of(kernel: Kernel, args: tuple[Any, ...]) -> Version:
     return found
 
 
-def _compiled(kernel: Kernel, args: tuple[Any, ...]) -> Version:
+def _compiled(kernel: Source, args: tuple[Any, ...]) -> Version:
     flags: Any = Flags()
     flags.nrt, flags.error_model, flags.forceinline = False, "numpy", kernel.inline
     flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
@@ -168,7 +168,7 @@ def _optimise(module: Any) -> None:
 class KernelType(types.Callable, types.Dummy):
     """Type of a kernel among the globals of another."""
 
-    def __init__(self, kernel: Kernel) -> None:
+    def __init__(self, kernel: Source) -> None:
         self.kernel = kernel
         super().__init__(name=f"kernel {kernel.name}")
 
@@ -191,13 +191,13 @@ class KernelType(types.Callable, types.Dummy):
 register_model(KernelType)(models.OpaqueModel)
 
 
-@typeof_impl.register(Kernel)
-def _type_of_value(kernel: Kernel, context: Any) -> KernelType:
+@typeof_impl.register(Source)
+def _type_of_value(kernel: Source, context: Any) -> KernelType:
     return _type_of_kernel(kernel)
 
 
 @functools.cache
-def _type_of_kernel(kernel: Kernel) -> KernelType:
+def _type_of_kernel(kernel: Source) -> KernelType:
     of = KernelType(kernel)
 
     @lower_builtin(of.name, types.VarArg(types.Any))

@@ -7,18 +7,17 @@ import os
 from collections.abc import Callable
 from typing import Any
 
-from archfrag.physics.kernels.structs import class_of, describe
+from archfrag.physics.kernels.structs import Source, class_of, describe
 
 _C = {"f8": ctypes.c_double, "i8": ctypes.c_int64, "b1": ctypes.c_uint8, "none": ctypes.c_void_p}
 
 
-class Kernel:
+class Kernel(Source):
     """A compiled function; in a call from Python its arguments decide which version is made."""
 
     def __init__(self, py_func: Callable, inline: bool) -> None:
+        super().__init__(py_func, inline)
         functools.update_wrapper(self, py_func)
-        self.py_func, self.inline = py_func, inline
-        self.name = f"{py_func.__module__}:{py_func.__qualname__}"
         self._entries: dict[Any, Callable] = {}
 
     def __repr__(self) -> str:

@@ -19,6 +19,14 @@ _SCALARS = {float: "f8", int: "i8", bool: "b1"}
 _NAMES = {"float": float, "int": int, "bool": bool}
 
 
+class Source:
+    """A Python function that numba compiles, into its callers if `inline`."""
+
+    def __init__(self, py_func: Callable, inline: bool) -> None:
+        self.py_func, self.inline = py_func, inline
+        self.name = f"{py_func.__module__}:{py_func.__qualname__}"
+
+
 def struct(**shapes: tuple[int, ...]) -> Callable[[type], Any]:
     """Decorate a named tuple of arrays, numbers, structs and tuples of arrays.
 
