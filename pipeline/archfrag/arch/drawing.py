@@ -5,8 +5,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import ezdxf
-import ezdxf.path
 import numpy as np
 import shapely
 
@@ -97,6 +95,8 @@ def read_drawing(
 
 def _document(path: Path) -> Any:
     """Return the file as ezdxf reads it."""
+    import ezdxf  # start-up: it looks for fonts and a cache of its own
+
     read_bytes(path, LARGEST_FILE, GeometryError, "the drawing")  # small enough, no device
     try:
         return ezdxf.readfile(path)
@@ -200,9 +200,11 @@ def _fills(hatch: Any, blocks: list[FloatArray]) -> bool:
     """Return whether a hatch fills blocks that are drawn: the middle of each boundary is in
     one.
     """
+    from ezdxf.path import from_hatch
+
     shapes = [shapely.Polygon(block) for block in blocks]
     try:
-        paths = list(ezdxf.path.from_hatch(hatch))
+        paths = list(from_hatch(hatch))
     except Exception:  # ezdxf raises of all kinds for damaged boundaries
         return False
     middles = [np.mean([(p.x, p.y) for p in path.control_vertices()], axis=0) for path in paths]

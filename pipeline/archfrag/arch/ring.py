@@ -9,10 +9,9 @@ springing, +1/2 at the right one. Joint lines are the ends at the intrados and a
 import math
 from collections.abc import Callable, Iterable
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import ellipeinc
 
 from archfrag.arch import STANDARD_GRAVITY, geometry
@@ -40,6 +39,13 @@ class Ring(NamedTuple):
     surfaces: list[FloatArray]  # (m, 3) each: the back from joint to joint with bulges, for fill
 
 
+def _root(*given: Any, **tolerances: float) -> Any:
+    """Find where a function of one number is zero, between two numbers."""
+    from scipy.optimize import brentq  # start-up: most arches need none
+
+    return brentq(*given, **tolerances)
+
+
 def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     """Return the upper half of an ellipse.
 
@@ -50,7 +56,7 @@ def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     parameter = 1.0 - (b / a) ** 2
     length = 2.0 * np.abs(fraction) * float(ellipeinc(right, parameter))
     roots = [
-        brentq(lambda u, s: float(ellipeinc(u, parameter)) - s, 0.0, right, (s,), 1e-15, 1e-15)
+        _root(lambda u, s: float(ellipeinc(u, parameter)) - s, 0.0, right, (s,), 1e-15, 1e-15)
         for s in length.tolist()
     ]
     u = np.copysign(roots, fraction)
@@ -72,7 +78,7 @@ def catenary(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     # (cosh w − 1)/w exceeds w/2 everywhere, and exp(w/2)/4 beyond w = 4.
     above = min(2.0 * slenderness, max(4.0, 2.0 * math.log(4.0 * slenderness + 1.0)))
     above *= 1.0 + 1e-12
-    w = brentq(
+    w = _root(
         lambda w: 2.0 * math.sinh(0.5 * w) ** 2 / w - slenderness,
         0.5 * min(above, 1e-9), above, xtol=1e-300, rtol=1e-15,
     )  # fmt: skip

@@ -3,7 +3,7 @@
 import glob
 import os
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,24 +34,20 @@ def finished_folder(path: Path, overrides: Sequence[str]) -> Path | None:
 
 
 def stamp_of_all(
-    study: "StudyKeys", path: Path, overrides: Sequence[str], made: Iterable[Path]
-) -> dict[str, Any]:
+    study: "StudyKeys", path: Path, overrides: Sequence[str], inputs: Mapping[str, Sequence[Path]],
+    made: Iterable[Path],
+) -> dict[str, Any]:  # fmt: skip
     """Return what `finished_folder` compares: files read and made, and folders that may get more.
 
     Empty if folders of records are found by a pattern: new ones may appear anywhere.
     """
-    from archfrag.study.file.prepared import read_manifest
-    from archfrag.study.file.sources import input_paths
-
     asked = [entry.path for entry in study.motions.files]
     if any(glob.has_magic(os.path.dirname(each)) for each in asked):
         return {}
-    inputs = input_paths(study)
-    prepared = [study.work / record.file for record in read_manifest(study)["records"]]
     given = [each for entry in study.arches for each in (entry.table, entry.drawing)]
     given += [study.report.logo, study.risk.hazard if study.risk else None]
     folders = (each.parent for each in inputs["record"])
-    every = chain(*inputs.values(), folders, prepared, asked, given, made)
+    every = chain(*inputs.values(), folders, asked, given, made)
     watched = sorted({str(each) for each in every if each})
     return {"watched": watched, "digest": _digest(path, read_keys(path, overrides)[0], watched)}
 

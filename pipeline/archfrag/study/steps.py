@@ -25,6 +25,7 @@ from archfrag.study.done import stamp_of_all
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.prepared import MANIFEST, prepare_motions, read_manifest, study_inputs
 from archfrag.study.file.schema import StudyKeys
+from archfrag.study.file.sources import input_paths
 from archfrag.study.running import clock, only_run
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.store import Plan, gather, make_plan
@@ -222,7 +223,7 @@ def _made_from(study: StudyKeys, step: str, plan: Plan | None = None) -> dict[st
     if step == "cube":
         inputs = _inputs_of_cube(study, plan or make_plan(study))
     else:
-        inputs = _INPUTS[step](study)
+        inputs = _INPUTS[step](study) if step in _INPUTS else {}  # batches have none
     return {name: provenance.digest_of(value) for name, value in (code | inputs).items()}
 
 
@@ -309,7 +310,9 @@ def run_study(
         stamp = {}
         if overrides is not None:  # before the last look at all that it is of
             made = chain.from_iterable(products(study, step) for step in step_names(study))
-            stamp = stamp_of_all(study, study_file, overrides, made)
+            prepared = (study.work / record.file for record in read_manifest(study)["records"])
+            made = chain(made, prepared)
+            stamp = stamp_of_all(study, study_file, overrides, input_paths(study), made)
         still, changed = stale_steps(study)
         if still:
             what = f"{(changed or still)[0]}, while the run was at work"

@@ -57,10 +57,10 @@ def test_an_edited_helper_is_compiled_anew_and_a_second_clone_compiles_nothing(t
     cache, answers = tmp_path / "cache", []
     for name in ("first", "second"):
         package = clone(tmp_path / name)
-        (package / "mechanics" / "caller.py").write_text(CALLER)
+        (package / "physics" / "caller.py").write_text(CALLER)
         answers.append(python(ASK, PYTHONPATH=tmp_path / name, NUMBA_CACHE_DIR=cache).split())
     assert answers == [["8.0", "True"], ["8.0", "False"]]
-    helper = package / "mechanics" / "ground.py"
+    helper = package / "physics" / "ground.py"
     text = helper.read_text()
     assert text.count("return margin\n") == 1
     helper.write_text(text.replace("return margin\n", "return margin + 1.0\n"))

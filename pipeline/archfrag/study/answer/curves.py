@@ -348,5 +348,7 @@ def dispersion_split(runs: Runs, curves: Sequence[Curve], beta: float) -> dict[s
             [fit.theta for fit in fits], [fit.beta for fit in fits],
             [fit.standard_errors[0] for fit in fits], shared=shared,
         )  # fmt: skip
+    if not any(split):
+        return {"none": "all capacities lie between the same two levels"}
     scale = beta / np.hypot(*split)
     return {"beta_record_to_record": scale * split[0], "beta_model": scale * split[1]}

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, create_model
 
-from archfrag.motions import process
 from archfrag.motions.calibrate import Acceptable
 from archfrag.study.keys import PathText, Section, refuse
 
@@ -104,6 +103,8 @@ def apply_step(
     name: str, settings: dict[str, Any], motion: "Motion", record: Path, inventory: str | None
 ) -> "Motion":
     """Apply one step to a motion; InputError if it does not suit it."""
+    from archfrag.motions import process  # start-up: workers load no obspy
+
     if name == "choose":  # done where records are read
         return motion
     if name == "response":
