@@ -10,17 +10,24 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "pipeline" / "archfrag"
-ROOMS = {
-    "arch": 1900, "cli": 1340, "export": 680, "fragility": 2200, "motions": 4000, "physics": 9000,
-    "report": 2600, "simulation": 1600, "study": 4800,
-}  # fmt: skip
+# By row: what is aimed at, and what is allowed until then. A row that shrinks lowers its limit.
 LIMITS = {
-    "lines": 26000, "modules": 130, "functions": 1300, "classes": 120,
-    "imports inside functions": 40, "names of classes that stand twice": 0,
-    "names of files that stand twice": 0, "files of more than 400 lines": 0, "packages at the top": 10,
-    "lines of archbench": 5900, "lines of tests": 17000,
-    **{f"lines of {room}": most for room, most in ROOMS.items()},
+    "lines": (26000, 32900), "modules": (130, 172), "functions": (1300, 1665),
+    "classes": (120, 153), "imports inside functions": (40, 40), "names of classes that stand twice": (0, 0),
+    "names of files that stand twice": (0, 0), "files of more than 400 lines": (0, 4),
+    "packages at the top": (10, 10),
+    "lines of arch": (1900, 2670), "lines of api and cli": (2100, 1990),
+    "lines of export": (680, 560), "lines of fragility": (2500, 2090),
+    "lines of motions": (4000, 4660), "lines of physics": (9000, 9160),
+    "lines of report": (2600, 3640), "lines of simulation": (1600, 1770),
+    "lines of study": (4300, 5580),
+    "lines of archbench": (5900, 6620), "lines of tests": (17000, 21450),
 }  # fmt: skip
+ROOMS = {
+    row.removeprefix("lines of "): row.removeprefix("lines of ").split(" and ")
+    for row in LIMITS
+    if row.startswith("lines of ") and row not in ("lines of archbench", "lines of tests")
+}
 
 
 def lines_of(folder: Path, *suffixes: str) -> int:
@@ -64,7 +71,10 @@ def measure() -> dict[str, int]:
         "packages at the top": sum(path.is_dir() for path in PACKAGE.glob("[a-z]*")),
         "lines of archbench": lines_of(ROOT / "pipeline" / "archbench", *code),
         "lines of tests": lines_of(ROOT / "tests", ".py"),
-        **{f"lines of {room}": lines_of(PACKAGE / room, *code) for room in ROOMS},
+        **{
+            f"lines of {name}": sum(lines_of(PACKAGE / room, *code) for room in rooms)
+            for name, rooms in ROOMS.items()
+        },
     }
 
 
@@ -76,9 +86,11 @@ def lines_of_file(path: Path) -> int:
 def main() -> int:
     """Print all rows; return 1 if one is exceeded."""
     found = measure()
-    for row, most in LIMITS.items():
-        print(f"{row:34} {found[row]:6} {most:6}{'' if found[row] <= most else '  exceeded'}")
-    return int(any(found[row] > most for row, most in LIMITS.items()))
+    print(f"{'':34} {'is':>6} {'most':>6} {'aim':>6}")
+    for row, (aim, most) in LIMITS.items():
+        exceeded = "  exceeded" if found[row] > most else ""
+        print(f"{row:34} {found[row]:6} {most:6} {aim:6}{exceeded}")
+    return int(any(found[row] > most for row, (_, most) in LIMITS.items()))
 
 
 if __name__ == "__main__":

@@ -78,7 +78,7 @@ class SlowTests:
         self.path, self.seconds = path, dict[str, float]()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        if report.when == "teardown":
+        if report.when == "teardown" and report.nodeid.startswith("tests/"):
             self.seconds[report.nodeid] = dict(report.user_properties)["cpu_seconds"]
 
     def pytest_sessionfinish(self) -> None:

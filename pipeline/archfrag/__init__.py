@@ -1,6 +1,6 @@
 """Earthquake records to collapse probabilities of masonry arches.
 
-What it offers is listed in ``__init__.pyi``, and imported when it is asked for.
+Its stub lists what it offers, which is imported when it is asked for.
 """
 
 import lazy_loader

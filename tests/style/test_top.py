@@ -26,4 +26,4 @@ def test_each_test_that_is_called_slow_exists():
         path, *names = row["test"].partition("[")[0].split("::")
         text = (ROOT / path).read_text("utf-8")
         assert all(f"def {name}(" in text or f"class {name}" in text for name in names), row
-        assert float(row["cpu_seconds"]) > 2.0
+        assert float(row["cpu_seconds"]) >= 2.0

@@ -22,15 +22,14 @@ from archfrag.simulation.response import MODEL_WORDS
 from archfrag.simulation.simulate import Onset
 from archfrag.simulation.standing import inset_loss, inset_text
 from archfrag.study.answer.curves import arch_classes
+from archfrag.study.file.arches import UNITS
 from archfrag.study.file.members import SHOWN
 
 Parts = Iterator[Any]  # of a section: texts, tables and figures; None is left out
 _MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of answers
-_UNITS = {
-    **dict.fromkeys(("radius", "thickness", "span", "rise", "width", "height"), " [m]"),
-    **dict.fromkeys(("depth", "intrados", "extrados"), " [m]"),
-    "embrace": " [deg]", "density": " [kg/m³]", "dead_load": " [N]",
-}  # fmt: skip
+_SPELT = {"1": "", "degree": " [deg]", "kg m-3": " [kg/m³]"}  # of units as the cube has them
+_UNITS = {name: _SPELT.get(unit, f" [{unit}]") for name, unit in UNITS.items()}
+_UNITS |= {"intrados": " [m]", "extrados": " [m]"}
 
 
 @dataclass(frozen=True)
