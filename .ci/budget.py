@@ -13,7 +13,8 @@ PACKAGE = ROOT / "pipeline" / "archfrag"
 # By row: what is aimed at, and what is allowed until then. A row that shrinks lowers its limit.
 LIMITS = {
     "lines": (26000, 32900), "modules": (130, 172), "functions": (1300, 1665),
-    "classes": (120, 153), "imports inside functions": (40, 40), "names of classes that stand twice": (0, 0),
+    "classes": (120, 153),
+    "imports inside functions": (40, 40), "names of classes that stand twice": (0, 0),
     "names of files that stand twice": (0, 0), "files of more than 400 lines": (0, 4),
     "packages at the top": (10, 10),
     "lines of arch": (1900, 2670), "lines of api and cli": (2100, 1990),
