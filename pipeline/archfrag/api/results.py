@@ -332,7 +332,7 @@ class Results:
         return files
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the curves of classes, and of arches that are of none."""
+        """Draw the curves of classes, and of arches without a class."""
         from archfrag.plots import axes_of, legend
 
         ax = axes_of(ax)

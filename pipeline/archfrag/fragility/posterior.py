@@ -91,7 +91,7 @@ class Posterior:
 
     @cached_property
     def _cumulative(self) -> FloatArray:
-        """Probability of each row up to each node, (n_row, n_node)."""
+        """Return the probability of each row up to each node, (n_row, n_node)."""
         middle = 0.5 * (self.density[:, 1:] + self.density[:, :-1])
         return np.pad(np.cumsum(middle, axis=1), ((0, 0), (1, 0)))
 

@@ -93,7 +93,7 @@ class Design(Section, ABC):
         """Return the number of runs of an arch, and whether it is exact, about or at most."""
 
     def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> Curve:
-        """Curve and band; options and errors are those of `quoted_band`."""
+        """Return the curve and band; options and errors are those of `quoted_band`."""
         return quoted_band(found, im, **options)
 
     def posterior(self, found: Brackets) -> tuple[Posterior, float]:
@@ -101,7 +101,7 @@ class Design(Section, ABC):
         return capacity_posterior(found)
 
     def likelihood(self, found: Brackets) -> Curve:
-        """Curve by maximum likelihood: binomial, by the fractions that collapsed at each level."""
+        """Return the curve by maximum likelihood, from the collapses at each level."""
         levels, collapsed = found.single_runs()
         level, place = np.unique(levels, return_inverse=True)
         collapses = np.bincount(place, collapsed, level.size)
@@ -149,11 +149,11 @@ class Cloud(Design):
         return n_record, "exactly"
 
     def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> Curve:
-        """Curve and band from single runs, each with a motion of its own."""
+        """Return the curve and band from single runs, each with a motion of its own."""
         return quoted_runs(*found.single_runs(), im, confidence=options["confidence"])
 
     def posterior(self, found: Brackets) -> tuple[Posterior, float]:
-        """Posterior of the curve of single runs, and their number."""
+        """Return the posterior of the curve of single runs, and their number."""
         level, collapsed = found.single_runs()
         return fit_posterior(level, collapsed, 1), float(level.size)
 
@@ -272,7 +272,7 @@ class Ida(Design):
         return min(search_runs + checks, n_record * n_level), "about"
 
     def likelihood(self, found: Brackets) -> Curve:
-        """Curve by maximum likelihood, from the brackets of the records' capacities."""
+        """Return the curve by maximum likelihood, from brackets of the capacities."""
         known = found.of_records()
         return fit_brackets(known.lower, known.upper)
 

@@ -20,7 +20,7 @@ class LaneArray(np.ndarray):
 
 
 def lane_array(shape: tuple[int, ...]) -> LaneArray:
-    """Return the zeros for four runs, of the shape of one run's array."""
+    """Return an array of zeros for four runs; `shape` is that of one run."""
     size = 8 * LANES * math.prod(shape)
     memory = np.zeros(size + _ALIGNMENT, np.uint8)
     start = -memory.ctypes.data % _ALIGNMENT

@@ -85,7 +85,7 @@ def verdicts_of(status: NDArray) -> NDArray[np.int8]:
 
 
 def columns_of(results: "Outcomes") -> dict[str, NDArray]:
-    """Columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s]."""
+    """Return the columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s]."""
     energy, largest = results.energy, results.energy[:, Energy.LARGEST_KINETIC]
     columns: dict[str, NDArray] = {
         "verdict": verdicts_of(results.status),
