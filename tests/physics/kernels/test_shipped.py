@@ -23,7 +23,7 @@ BUILD = "python -m archfrag.physics.kernels build"
 MADE_ON = "znver4"
 READY = """
 import json, sys
-from archfrag.warmup import kernels_are_compiled, warmup
+from archfrag.simulation.warmup import kernels_are_compiled, warmup
 messages = []
 before = kernels_are_compiled()
 warmup("auto", messages.append)
@@ -34,7 +34,7 @@ print(json.dumps([before, kernels_are_compiled(), messages[0], "numba" in sys.mo
 def test_it_is_of_this_source_and_of_the_kernels_that_studies_call():
     for name in load.SETS:
         assert load._shipped(name)[0] == source_hash(), f"run `{BUILD}`"
-    used = subprocess.check_output([sys.executable, "-m", "archfrag.warmup"], text=True)
+    used = subprocess.check_output([sys.executable, "-m", "archfrag.simulation.warmup"], text=True)
     shipped = {name: load._kernels(load._shipped(name)[1]) for name in load.SETS}
     found = {name: [(kernel, load.as_tuples(key)) for kernel, key in each]
              for name, each in json.loads(used).items()}  # fmt: skip
