@@ -8,6 +8,7 @@ import sys
 import warnings
 from pathlib import Path
 
+import lxml.html
 import numpy as np
 import pandas as pd
 import pytest
@@ -378,3 +379,20 @@ def test_studies_in_threads_leave_the_interpreter_alone(tmp_path):
     assert done.returncode == 0, done.stderr[-3000:]
     assert sorted(done.stdout.split()) == ["True", *["made"] * 12]
     assert len(list((tmp_path / "results").iterdir())) == 12
+
+
+def test_the_report_of_a_cloud_counts_its_runs_in_groups(folder):
+    """Each run has a level of its own: neighbours are counted together, and none is left out."""
+    wave = np.sin(np.arange(100) / 5.0) * np.hanning(100)
+    motions = [af.Motion(a * wave, 0.01, id=f"w{n}") for n, a in enumerate(np.arange(1, 25))]
+    study = af.Study(
+        af.Block(0.4, 2.0, 0.8), motions, levels=[1.0], id="cloud",
+        design={"kind": "cloud", "factor": 2.0},
+    )  # fmt: skip
+    results = study.run(progress=False)
+    page = lxml.html.fromstring((results.folder / "report.html").read_text("utf-8"))
+    (table,) = page.xpath("//table[contains(@aria-label, 'by level')]")
+    rows = [[cell.text_content() for cell in row] for row in table.xpath(".//tbody/tr")]
+    assert len(rows) > 2
+    assert sum(int(row[1]) for row in rows) == len(motions)
+    assert len({row[6] for row in rows}) > 1  # fractions

@@ -11,7 +11,7 @@ from scipy.special import logit, ndtr
 from scipy.stats import norm
 from sklearn.linear_model import LogisticRegression
 
-from archfrag.errors import FitError
+from archfrag.errors import FitError, InputError
 from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes
 from archfrag.fragility.several import split_capacities, split_curves
 
@@ -164,3 +164,17 @@ def test_shared_records_have_their_error_in_common():
     own, shared = (split_curves(*given, shared=s) for s in (0.0, 0.75))
     assert own[1] ** 2 == pytest.approx(0.04 - 0.01)
     assert shared[1] ** 2 == pytest.approx(0.04 - 0.0025)
+
+
+def test_a_curve_of_no_study_is_tabulated_at_intensities_that_are_given():
+    curve = fit_ida([0.5, 0.7, 0.9, 1.3])
+    assert curve.to_dataframe([0.4, 0.8])["intensity"].tolist() == [0.4, 0.8]
+    with pytest.raises(InputError, match="im must be given"):
+        curve.to_dataframe()
+
+
+def test_a_curve_in_another_unit_has_its_likeliest_curve_in_that_unit():
+    curve = fit_ida([0.5, 0.7, 0.9, 1.3])
+    other = replace(curve, likelihood=curve).in_unit(2.0, "PGA", "g")
+    assert other.theta == other.likelihood.theta == curve.theta / 2.0
+    assert other.likelihood.beta == curve.beta

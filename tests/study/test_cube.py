@@ -250,6 +250,12 @@ def test_dispersion_of_a_class_has_the_parts_of_its_capacities(largest):
             dispersion_split(two, [answers[0], Curve(reason="no curve")], 0.4)
 
 
+def test_equal_capacities_have_no_parts_of_beta():
+    runs = Runs("a", Stripes(), np.tile([0, 1], (4, 1)), np.array([0.4, 0.6]))
+    (reason,) = dispersion_split(runs, [Curve(), Curve()], 0.1).values()
+    assert reason == "all capacities lie between the same two levels"
+
+
 def test_cautions_of_a_study_name_the_arch_and_its_unit(copied):
     with changed_cube(copied.study) as cube:
         cube["verdict"][:] = Verdict.SURVIVED

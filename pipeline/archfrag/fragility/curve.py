@@ -209,18 +209,21 @@ class Curve:
         members = None if self.members is None else self.members / [si, 1.0]
         return replace(
             self, theta=self.theta / si, members=members, intervals=low_high, si=si,
+            likelihood=self.likelihood and self.likelihood.in_unit(si, measure, unit),
             im=[each / si for each in self.im], measure=measure, unit=unit,
         )  # fmt: skip
 
     def to_dataframe(self, im: ArrayLike | None = None) -> pd.DataFrame:
         """Tabulate intensities, (n,), with the probability and the ends of the band at each.
 
-        They are the levels of the study if `im` is not given.
+        They are the levels of the study if `im` is not given; InputError for a curve of none.
         """
         import pandas as pd  # which takes a third of a second
 
+        if im is None and not self.levels:
+            raise InputError("im must be given: intensities at which the curve is wanted")
         at = np.asarray(self.levels if im is None else im, float)
-        heads = f"{self.measure} [{self.unit}]", "probability", "lower", "upper"
+        heads = self._axis(), "probability", "lower", "upper"
         return pd.DataFrame(dict(zip(heads, (at, self(at), *self.band(at)))))
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -234,9 +237,12 @@ class Curve:
         im = np.linspace(0.0, end, 200)
         (line,) = ax.plot(im, self(im), **{"label": self.name, **style})
         ax.fill_between(im, *self.band(im), color=line.get_color(), alpha=0.2, linewidth=0.0)
-        label = f"{self.measure} [{self.unit}]" if self.measure else "intensity"
-        ax.set(xlabel=label, ylabel=f"probability of {self.state}", xlim=(0.0, end), ylim=(0, 1))
+        ax.set(xlabel=self._axis(), ylabel=f"probability of {self.state}")
+        ax.set(xlim=(0.0, end), ylim=(0, 1))
         return ax
+
+    def _axis(self) -> str:
+        return f"{self.measure} [{self.unit}]" if self.measure else "intensity"
 
     def words(self) -> tuple[str, str]:
         """Write median and dispersion with their intervals; or why there is no curve."""

@@ -93,8 +93,7 @@ class ArchResults:
     @property
     def fraction(self) -> FloatArray:
         """Fraction of the known verdicts at each level that are collapses; nan if none is."""
-        decided = self.known["n"]
-        return np.asarray(self.known["collapsed"] / np.where(decided > 0, decided, np.nan))
+        return np.asarray(self.known["fraction"])
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,7 @@ class ReportInputs:
 
     @cached_property
     def quoted(self) -> dict[str, Curve]:
-        """Answers of the classes and of the arches without one, in the order of the study."""
+        """Curves of the classes, and of the arches without a class, in the order of the study."""
         return self.fitted.quoted()
 
     @cached_property
@@ -145,7 +144,7 @@ class ReportInputs:
 
     @cached_property
     def known(self) -> dict[str, Curve]:
-        """Those of them that have a curve."""
+        """The curves of `quoted`, without those that could not be fitted."""
         return {name: curve for name, curve in self.quoted.items() if curve.fitted}
 
     @cached_property
@@ -254,7 +253,7 @@ def arch_results(runs: Runs, scale: Scale) -> ArchResults:
         records=runs.whole["record"].values.astype(str).tolist() * n_arch,
         levels=levels, own_levels=own_levels, table=table, simulated=made,
         counts=counts,
-        known=count_verdicts(runs.filled),
+        known=count_verdicts(runs.filled) if runs.design.adaptive else counts,
         capacities=scale.factor * np.where(brackets.bracketed, brackets.middle, brackets.upper),
     )  # fmt: skip
 
