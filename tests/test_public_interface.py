@@ -14,7 +14,7 @@ import archfrag as af
 
 def test_names_are_there_and_an_unknown_one_is_refused():
     assert all(getattr(af, name) is not None for name in af.__all__)
-    with pytest.raises(AttributeError, match="No archfrag attribute simulat$"):
+    with pytest.raises(AttributeError, match=r"No archfrag attribute simulat$"):
         _ = af.simulat
 
 
