@@ -55,6 +55,7 @@ class TestHelp:
         for name in COMMANDS if not group else records.commands:
             assert name in listed
             text = command(*group, name, "--help").output
+            assert group or COMMANDS[name][1] in " ".join(text.split())
             assert not group or f"archfrag records {name}" in text.split("Example:")[1]
 
 
