@@ -32,7 +32,7 @@ COMMANDS = {
     "open": ("answers", "Open the report of STUDY in the browser."),
     "onset": ("arch", "Find the steady ground acceleration that starts to move an arch."),
     "simulate": ("arch", "Simulate one arch under one record, until it rests or collapses."),
-    "records": ("records", "Tools for ground-motion records."),
+    "records": ("records", "Inspect, measure, select, convert, fetch and make records."),
 }
 
 
