@@ -29,6 +29,8 @@ class Chain(NamedTuple):
     # (n_body, 3) where a run begins: centroids [m] and rotations; None: as built
     start: np.ndarray | None = None
     tie: np.ndarray | None = None  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
+    # (n_joint, len(Joint)) by archfrag.physics.status.Joint: joints that give; None: rigid ones
+    joint: np.ndarray | None = None
 
 
 @struct()

@@ -142,6 +142,15 @@ class Tie(IntEnum):
     RUPTURE = 9  # elongation at which it breaks; inf: never [m]
 
 
+class Joint(IntEnum):
+    """Columns of ``Chain.joint``."""
+
+    STIFFNESS = 0  # normal one, of a metre of the joint [N/m2]
+    SHEAR = 1  # [N/m2]
+    DAMPING = 2  # of the first mode with all joints closed, over the critical one [1]
+    POINTS = 3  # at which a joint bears, 2 or 3; 0: all along it
+
+
 class TieState(IntEnum):
     """Columns of ``State.tie``."""
 
