@@ -5,7 +5,7 @@ from archfrag.physics.contact.placing import at_point
 from archfrag.physics.contact.ties import tie_energy, tie_stretch
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
-from archfrag.physics.numbers import larger
+from archfrag.physics.numbers import larger, smaller
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Energy
 
@@ -58,6 +58,13 @@ def unexplained_work(friction, impact, balance_error):
 
 
 @inlined
+def _record_error(unexplained, where, energy):
+    energy[Energy.BALANCE_ERROR] += select(where, unexplained, 0.0)
+    most = larger(energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR]))
+    energy[Energy.BALANCE_ERROR_PEAK] = select(where, most, energy[Energy.BALANCE_ERROR_PEAK])
+
+
+@inlined
 def record_work(friction, impact, balance_error, where, energy):
     """Add the works of all joints over one step [J]; see `unexplained_work`."""
     both = friction + impact
@@ -65,10 +72,7 @@ def record_work(friction, impact, balance_error, where, energy):
     rubs = select(impact > 0.0, both, select(friction > 0.0, 0.0, friction))
     energy[Energy.FRICTION] += select(where & opposite(makes), rubs, 0.0)
     energy[Energy.IMPACT] += select(where & opposite(makes), both - rubs, 0.0)
-    unexplained = unexplained_work(friction, impact, balance_error)
-    energy[Energy.BALANCE_ERROR] += select(where, unexplained, 0.0)
-    most = larger(energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR]))
-    energy[Energy.BALANCE_ERROR_PEAK] = select(where, most, energy[Energy.BALANCE_ERROR_PEAK])
+    _record_error(unexplained_work(friction, impact, balance_error), where, energy)
 
 
 @inlined
@@ -81,11 +85,20 @@ def record_step(state, work, where):
 @inlined
 def record_ties(state, yielded, unexplained, where):
     """Record what ties dissipate by yielding, and the error of their work in a step [J]."""
-    energy = state.energy
-    energy[Energy.FRICTION] += select(where, yielded, 0.0)
-    energy[Energy.BALANCE_ERROR] += select(where, unexplained, 0.0)
-    most = larger(energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR]))
-    energy[Energy.BALANCE_ERROR_PEAK] = select(where, most, energy[Energy.BALANCE_ERROR_PEAK])
+    state.energy[Energy.FRICTION] += select(where, yielded, 0.0)
+    _record_error(unexplained, where, state.energy)
+
+
+@inlined
+def record_faces(friction, taken, where, energy):
+    """Record the work in a step of friction and dashpots of joints that give [J].
+
+    What dashpots have given in sum is the error of the steps.
+    """
+    energy[Energy.FRICTION] += select(where, friction, 0.0)
+    spent = energy[Energy.IMPACT] + taken
+    energy[Energy.IMPACT] = select(where, smaller(spent, 0.0), energy[Energy.IMPACT])
+    _record_error(larger(spent, 0.0), where, energy)
 
 
 @inlined

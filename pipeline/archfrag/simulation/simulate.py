@@ -16,9 +16,10 @@ from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import ArchfragError, InputError, UnitWarning
 from archfrag.motions.motion import Motion
 from archfrag.physics.collapse import NOTED_GAP
+from archfrag.physics.faces.settle import longest_step
 from archfrag.physics.ground import grounds_of
 from archfrag.physics.interface import Options, Outcomes
-from archfrag.physics.methods.registry import AUTO, OWN_STEP, MethodInfo
+from archfrag.physics.methods.registry import AUTO, FACE_STEP, OWN_STEP, MethodInfo
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Count
 from archfrag.simulation import arguments
@@ -214,6 +215,8 @@ def _checked_call(
         if not isinstance(motion, Motion):
             raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
     arguments.check_taken(info, rtol=rtol, dt=dt)
+    if arch.chain.joint is not None:
+        arguments.check_faces(info)
     tolerance = arguments.default_of(info, "rtol") if rtol is None else rtol
     for factor in factors:
         arguments.check_number("scale", factor, -math.inf, math.inf)
@@ -228,6 +231,8 @@ def _checked_call(
     else:
         rule = info.step_rule(float(tolerance), arch.n_voussoir)
         step, largest_step = unit * rule[0], unit * rule[1]
+        if arch.chain.joint is not None:
+            step = largest_step = min(FACE_STEP * largest_step, longest_step(arch.chain))
     span = max(motion.duration for motion in motions) + follow
     samples = max(len(motion.acceleration) for motion in motions)
     sampling = min(float(motion.dt) for motion in motions)

@@ -83,7 +83,7 @@ def set_rows(model, position, work):
 
 
 @inlined
-def _solve_block(f, x, y, z):
+def solve_block(f, x, y, z):
     """Solve an eliminated 3 x 3 block, given by rows with reciprocals on its diagonal."""
     y = fused(-f[3], x, y)
     z = fused(-f[7], y, fused(-f[6], x, z)) * f[8]
@@ -93,7 +93,7 @@ def _solve_block(f, x, y, z):
 
 
 @inlined
-def _block(f, j):
+def block_of(f, j):
     """Return an eliminated block as nine numbers."""
     return (
         f[j, 0, 0], f[j, 0, 1], f[j, 0, 2],
@@ -133,13 +133,13 @@ def _eliminate(model, work, j):
     """Eliminate the joint before from the block of joint j."""
     row, column, f, lower, upper = work.row, work.column, work.block, work.lower, work.upper
     mass, inertia = -model.inverse_mass[j], -model.inverse_inertia[j]
-    block = _block(f, j - 1)
+    block = block_of(f, j - 1)
     first = _weighted(row, j - 1, 0, mass, inertia, 2)
     second = _weighted(row, j - 1, 1, mass, inertia, 2)
     third = _weighted(row, j - 1, 2, mass, inertia, 2)
     for b in range(3):
         to = _on(column, j, b, 3)
-        x, y, z = _solve_block(block, dot(first, to), dot(second, to), dot(third, to))
+        x, y, z = solve_block(block, dot(first, to), dot(second, to), dot(third, to))
         upper[j - 1, 0, b], upper[j - 1, 1, b], upper[j - 1, 2, b] = x, y, z
     for a in range(3):
         moved = _weighted(row, j, a, mass, inertia, 3)
@@ -154,9 +154,9 @@ def _eliminate(model, work, j):
 
 
 @inlined
-def _factorise_block(f, j):
+def factorise_block(f, j):
     """Factorise a block into triangles, with reciprocals on the diagonal."""
-    a, b, c, d, e, g, h, i, k = _block(f, j)
+    a, b, c, d, e, g, h, i, k = block_of(f, j)
     a = 1.0 / a
     d, h = d * a, h * a
     e = 1.0 / fused(-d, b, e)
@@ -172,7 +172,7 @@ def _factorise_joint(j, model, work, compliance):
     _set_diagonal(model, work, j, compliance)
     if j > 0:
         _eliminate(model, work, j)
-    _factorise_block(work.block, j)
+    factorise_block(work.block, j)
 
 
 @kernel
@@ -240,14 +240,14 @@ def substitute(model, position, work, where):
     f, lower, upper = work.block, work.lower, work.upper
     residual, out = work.residual, work.unknown
     last = residual.shape[0] - 1
-    x, y, z = _solve_block(_block(f, 0), -residual[0, 0], -residual[0, 1], -residual[0, 2])
+    x, y, z = solve_block(block_of(f, 0), -residual[0, 0], -residual[0, 1], -residual[0, 2])
     out[0, 0], out[0, 1], out[0, 2] = x, y, z
     for j in range(1, last + 1):
         known = x, y, z
         x = -residual[j, 0] - dot((lower[j, 0, 0], lower[j, 0, 1], lower[j, 0, 2]), known)
         y = -residual[j, 1] - dot((lower[j, 1, 0], lower[j, 1, 1], lower[j, 1, 2]), known)
         z = -residual[j, 2] - dot((lower[j, 2, 0], lower[j, 2, 1], lower[j, 2, 2]), known)
-        x, y, z = _solve_block(_block(f, j), x, y, z)
+        x, y, z = solve_block(block_of(f, j), x, y, z)
         out[j, 0], out[j, 1], out[j, 2] = x, y, z
     for j in range(last, -1, -1):
         if j < last:

@@ -58,8 +58,11 @@ def goes_by_events(tolerance: float, n_body: int = 0, n_break: float = np.inf) -
     return tolerance <= COARSE or (rare and tolerance <= COARSEST)
 
 
-def _attempts(options: Options, by_events: bool) -> list[tuple[ModuleType, Options]]:
+def _attempts(chain: Chain, options: Options, by_events: bool) -> list[tuple[ModuleType, Options]]:
     """List the methods to try with their options; each repeats what the last did inaccurately."""
+    if chain.joint is not None:
+        shorter = options._replace(time_step=SHORTER * options.time_step)
+        return [(stepper, options), (stepper, shorter)]
     steady = options.time_step
     if options.largest_step > options.time_step:
         steady *= STEADY
@@ -101,7 +104,7 @@ def run_many(
     def make(method: ModuleType, given: Options, rows: np.ndarray) -> Outcomes:
         return method.run_many(chain, grounds, motion[rows], factor[rows], given)
 
-    return _made_well(chain, _attempts(options, by_events), len(motion), make)
+    return _made_well(chain, _attempts(chain, options, by_events), len(motion), make)
 
 
 def run(
@@ -119,4 +122,4 @@ def run(
 
     n_break = count_breaks(grounds) if frames.time.size else np.inf
     by_events = goes_by_events(options.tolerance, chain.mass.size, n_break)
-    return _made_well(chain, _attempts(options, by_events), 1, make)
+    return _made_well(chain, _attempts(chain, options, by_events), 1, make)

@@ -77,6 +77,10 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     return impact, max(largest * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
 
 
+# Methods that take joints that give, and their equal steps over the largest of rigid joints.
+OF_FACES, FACE_STEP = (AUTO, "time_stepping"), 0.5
+
+
 def _from(module: str, name: str = "run") -> Callable[[], Callable]:
     """Return a function that imports `name` of a module of the physics."""
     return lambda: getattr(import_module(f"archfrag.physics.{module}"), name)

@@ -16,6 +16,7 @@ from archfrag.physics.contact.blocks import FOR_STEPS
 from archfrag.physics.contact.modes import solve_contact, start_modes
 from archfrag.physics.contact.path import Path, new_path
 from archfrag.physics.contact.placing import move_faces
+from archfrag.physics.faces import run as faces
 from archfrag.physics.ground import Grounds, end_of_motion, impulse_between
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import kernel
@@ -40,6 +41,7 @@ from archfrag.physics.state import (
 )
 from archfrag.physics.status import Count
 from archfrag.physics.steps import at_impacts, service
+from archfrag.physics.steps.side_by_side import fetch_run, jobs_of, return_run
 from archfrag.physics.steps.step import accept_step, pose_step
 
 UNKNOWN = (np.nan, np.nan)
@@ -165,40 +167,6 @@ def start_given(model, state, work, options, output):
     shared.read_state(model, state, work)
     shared.log_change(state, 0.0, service.BY_START, -1, shared.ALL, output)
     service.start_moving(state, options, output)
-
-
-@kernel
-def fetch_run(four, number, one):
-    """Copy the state of one of four runs; tuples of arrays, (n, 4) and (n,).
-
-    Reads: four.
-    Writes: one.
-    """
-    for k in range(len(four)):
-        for i in range(four[k].shape[0]):
-            one[k][i] = four[k][i, number]
-
-
-@kernel
-def return_run(one, number, four):
-    """Copy the state of a run back among four.
-
-    Reads: one.
-    Writes: four.
-    """
-    for k in range(len(one)):
-        for i in range(four[k].shape[0]):
-            four[k][i, number] = one[k][i]
-
-
-@struct()
-class Jobs(NamedTuple):
-    """Many runs, and the numbers of those in progress."""
-
-    motion: np.ndarray  # (n_run,) int64: which ground motion moves each
-    factor: np.ndarray  # (n_run,) on it
-    upcoming: np.ndarray  # (1,) int64: the next to start
-    runs: np.ndarray  # (4,) int64: those in progress side by side; -1: none
 
 
 @struct()
@@ -345,6 +313,9 @@ def run(
     archfrag.physics.interface.Outcomes
         One row.
     """
+    if chain.joint is not None:
+        given = position, velocity, from_rest, options, frames, log
+        return faces.run(chain, grounds, factor, *given)
     model, results = model_of(chain), shared.new_results(1)
     options = shared.ready(options, model, rest_of(model) if from_rest else UNKNOWN)
     state, work, path = new_one(model)[:3]
@@ -369,14 +340,11 @@ def run_many(
     Run k is moved by the motion of number ``motion[k]``, times ``factor[k]``; its row of the
     results is the same as of `run`.
     """
+    if chain.joint is not None:
+        return faces.run_many(chain, grounds, motion, factor, options)
     model, results = model_of(chain), shared.new_results(len(motion))
     options = shared.ready(options, model, rest_of(model))
-    jobs = Jobs(
-        np.ascontiguousarray(motion, np.int64),
-        np.ascontiguousarray(factor, float),
-        np.zeros(1, np.int64),
-        np.full(LANES, -1),
-    )
     output = shared.no_output(chain.mass.size, chain.friction.size)
+    jobs = jobs_of(motion, factor)
     run_four(model, grounds, *_buffers(model), options, jobs, output, results)
     return results

@@ -1,0 +1,1 @@
+"""Joints that give: elastic faces without tension, stepped with all voussoirs."""

@@ -1,0 +1,312 @@
+"""Time stepping of chains whose joints give: one run, or many of one arch four at a time.
+
+Steps are equal, but for those whose velocities are not found, which are halved. Every step of the
+motion is computed, as a chain on springs is never at rest in it; the run is over when no body has
+been faster than a small speed for a while afterwards.
+"""
+
+import threading
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.physics import shared
+from archfrag.physics.contact.placing import move_faces
+from archfrag.physics.faces.law import Faces
+from archfrag.physics.faces.settle import settled
+from archfrag.physics.faces.solve import find_velocities
+from archfrag.physics.faces.step import Runs, accept_step, new_runs, pose_step, record_joints
+from archfrag.physics.ground import Grounds, end_of_motion, impulse_between
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.primitives import LANES, lane, lane_array, opposite, select, some
+from archfrag.physics.kernels.structs import struct
+from archfrag.physics.numbers import smaller
+from archfrag.physics.state import Clock, Model, model_of
+from archfrag.physics.status import Count, Energy, Status
+from archfrag.physics.steps import service
+from archfrag.physics.steps.side_by_side import fetch_run, jobs_of, return_run
+
+# A chain rests when no body has been faster than this, over the root of gravity times joint
+# length, for so long after the motion [s]: longer than a turning point of a motion lasts.
+STILL, REST_SPAN = 1e-2, 2.0
+BALANCED = 1e-6  # acceleration over gravity that a step may leave unbalanced
+ALMOST = 1e-6  # of a step is no step
+VACANT = 100.0  # code of a place side by side that no run takes
+
+
+@struct()
+class Scene(NamedTuple):
+    """What does not change in the runs of a chain."""
+
+    model: Model
+    faces: Faces
+    grounds: Grounds
+    options: Options
+
+
+@kernel
+def try_step(scene, runs, live):
+    """Pose the next step of every run and find its velocities; return impulse, solved.
+
+    The step of a run that is not solved is halved.
+
+    Reads: scene, runs.
+    Writes: runs.
+    """
+    model, state, clock = scene.model, runs.state, runs.state.clock
+    step, time = clock[Clock.STEP], clock[Clock.TIME]
+    impulse = impulse_between(scene.grounds, clock, time, time + step)
+    pose_step(model, runs, impulse, step)
+    solved, iterations = find_velocities(model, scene.faces, runs, step, BALANCED, live)
+    state.count[Count.ITERATIONS] += select(live, iterations, 0.0)
+    failed = live & opposite(solved)
+    state.count[Count.SHORTENED] += select(failed, 1.0, 0.0)
+    clock[Clock.STEP] = select(failed, 0.5 * step, step)
+    if some(solved):
+        record_joints(model, scene.faces, runs, step, solved)
+    return impulse, solved
+
+
+@inlined
+def _go_on(scene, state, until, solved, collapsed, broken):
+    """Set the next step of runs, and the codes of those that end or wait."""
+    options, clock, count = scene.options, state.clock, state.count
+    over = clock[Clock.TIME] >= until - ALMOST * options.time_step
+    left, next_step = (
+        until - clock[Clock.TIME],
+        smaller(2.0 * clock[Clock.STEP], options.time_step),
+    )
+    next_step = select((left > 0.0) & (left < next_step), left, next_step)
+    clock[Clock.STEP] = select(solved, next_step, clock[Clock.STEP])
+    quick = clock[Clock.FASTEST] >= options.still
+    moved = quick | (clock[Clock.TIME] < until - options.follow)
+    clock[Clock.LIVELY] = select(solved & moved, clock[Clock.TIME], clock[Clock.LIVELY])
+    calm = clock[Clock.TIME] - clock[Clock.LIVELY] >= REST_SPAN
+    most = options.first_steps + until * (service.MOST_STEPS / options.time_step)
+    spent = count[Count.STEPS] + count[Count.SHORTENED] >= most
+    hopeless = clock[Clock.STEP] < service.SHORTEST * options.time_step
+    hopeless = hopeless & opposite(solved)
+    before = clock[Clock.CODE]
+    clock[Clock.CODE] = (
+        select(broken, float(shared.BROKEN),
+        select(collapsed, float(shared.COLLAPSES),
+        select(before > shared.GO, before,
+        select(solved & calm, float(shared.IDLE),
+        select(solved & over, float(shared.AT_END),
+        select(spent, float(shared.EXHAUSTED),
+        select(hopeless, float(shared.UNSOLVED), before)))))))
+    )  # fmt: skip
+
+
+@kernel
+def step_four(scene, runs):
+    """Step four runs until one ends; the reason is in ``state.clock[Clock.CODE]``.
+
+    Reads: scene, runs.
+    Writes: runs.
+    """
+    state, clock = runs.state, runs.state.clock
+    until = end_of_motion(scene.grounds, clock, scene.options.follow)
+    ends = False
+    while not ends:
+        live = clock[Clock.CODE] == shared.GO
+        impulse, solved = try_step(scene, runs, live)
+        collapsed = broken = clock[Clock.CODE] != clock[Clock.CODE]
+        if some(solved):
+            collapsed, broken = accept_step(
+                scene.model, state, runs.work, impulse, solved, scene.options.loss_limit
+            )
+        _go_on(scene, state, until, solved, collapsed, broken)
+        ends = some((clock[Clock.CODE] != shared.GO) & (clock[Clock.CODE] < VACANT))
+
+
+@kernel
+def step_one(scene, runs, output):
+    """Step one run with its history until it ends; as `step_four`.
+
+    Reads: scene, runs, output.
+    Writes: runs, output.
+    """
+    model, state, work, clock = scene.model, runs.state, runs.work, runs.state.clock
+    until = end_of_motion(scene.grounds, clock, scene.options.follow)
+    while clock[Clock.CODE] == shared.GO:
+        impulse, solved = try_step(scene, runs, True)
+        collapsed = broken = False
+        if solved:
+            service.write_if_due(model, state, work, output)
+            cause, joint, time = -1, -1, clock[Clock.TIME]
+            if output.log.time.size > 0:
+                cause, joint = service.dominant_change(state, work)
+            collapsed, broken = accept_step(
+                model, state, work, impulse, True, scene.options.loss_limit
+            )
+            service.keep_forces(work, clock[Clock.STEP], output)
+            if cause >= 0:
+                shared.log_change(state, time, cause, joint, shared.ALL, output)
+        _go_on(scene, state, until, solved, collapsed, broken)
+
+
+@kernel
+def start(scene, runs, motion, factor):
+    """Start a run from rest on its joints.
+
+    Reads: scene, runs.
+    Writes: runs.
+    """
+    state, memory, faces = runs.state, runs.memory, scene.faces
+    shared.begin(scene.model, state, runs.work, motion, factor)
+    state.clock[Clock.STEP] = scene.options.time_step
+    memory.stored[0] = faces.stored
+    for j in range(state.slip.size):
+        memory.bears[j] = faces.bears[j]
+        for i in range(3):
+            memory.slip[j, i] = faces.slip[j, i]
+
+
+@kernel
+def read_given(scene, runs):
+    """Start a run from the positions and velocities of a given state; joints have not slipped.
+
+    Reads: scene, runs.
+    Writes: runs.
+    """
+    model, state, memory = scene.model, runs.state, runs.memory
+    shared.read_state(model, state, runs.work)
+    state.clock[Clock.STEP] = scene.options.time_step
+    memory.slip[:, :] = 0.0
+
+
+@kernel
+def end(scene, runs, output, results, row):
+    """Write the results of a run that has ended; what joints store is potential energy.
+
+    Reads: scene, runs, output.
+    Writes: runs, output, results.
+    """
+    state, work = runs.state, runs.work
+    shared.end_run(scene.model, state, work, scene.options, output, results, row)
+    results.energy[row, Energy.POTENTIAL] += runs.memory.stored[0] - scene.faces.stored
+
+
+@kernel
+def next_run(scene, one, jobs):
+    """Start the next run; return its number, -1 if there is none.
+
+    Reads: scene, one, jobs.
+    Writes: one, jobs.upcoming.
+    """
+    run = jobs.upcoming[0]
+    if run >= jobs.motion.size:
+        one.state.clock[Clock.CODE], one.state.clock[Clock.STEP] = VACANT, 1.0
+        return -1
+    jobs.upcoming[0] += 1
+    start(scene, one, jobs.motion[run], jobs.factor[run])
+    return run
+
+
+@kernel
+def run_four(scene, four, one, jobs, output, results):
+    """Make many runs from rest, four at a time.
+
+    Reads: scene, four, one, jobs, output.
+    Writes: four, one, jobs (runs, upcoming), output, results.
+    """
+    running = 0
+    for number in range(LANES):
+        jobs.runs[number] = next_run(scene, one, jobs)
+        running += jobs.runs[number] >= 0
+        return_run(one.columns, number, four.columns)
+    while running > 0:
+        step_four(scene, four)
+        for number in range(LANES):
+            if jobs.runs[number] < 0 or int(lane(four.state.clock[Clock.CODE], number)) == 0:
+                continue
+            fetch_run(four.columns, number, one.columns)
+            model, state, work = scene.model, one.state, one.work
+            move_faces(model, state.position, work.rotated, work.face, work.tangent)
+            end(scene, one, output, results, jobs.runs[number])
+            jobs.runs[number] = next_run(scene, one, jobs)
+            running -= jobs.runs[number] < 0
+            return_run(one.columns, number, four.columns)
+
+
+@kernel
+def run_one(scene, runs, output, results):
+    """Move one run to its end.
+
+    Reads: scene, runs, output.
+    Writes: runs, output, results.
+    """
+    model, state, work = scene.model, runs.state, runs.work
+    shared.log_change(state, 0.0, service.BY_START, -1, shared.ALL, output)
+    step_one(scene, runs, output)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    end(scene, runs, output, results, 0)
+
+
+def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | None:
+    """Return what the runs of a chain share; None if it does not stand on its joints."""
+    found = settled(chain)
+    if found is None:
+        return None
+    model, faces = found
+    still = STILL * float(np.sqrt(model.gravity * model.length.max()))
+    return Scene(model, faces, grounds, options._replace(still=still))
+
+
+def _fallen(n_run: int) -> Outcomes:
+    results = shared.new_results(n_run)
+    results.status[:] = int(Status.DOES_NOT_STAND)
+    return results
+
+
+def run(
+    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
+    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
+) -> Outcomes:  # fmt: skip
+    """Integrate one chain under one ground motion; as `archfrag.physics.steps.run.run`.
+
+    A given initial state is that of rigid joints; what they yield under the weight is added.
+    """
+    scene, results = _scene(chain, grounds, options), shared.new_results(1)
+    if scene is None:
+        return _fallen(1)
+    runs, start_position = new_runs(scene.model), scene.model.start[1:-1]
+    start(scene, runs, 0, float(factor))
+    if not from_rest:
+        shift = position - model_of(chain).start[1:-1]
+        runs.state.position[1:-1], runs.state.velocity[1:-1] = start_position + shift, velocity
+        read_given(scene, runs)
+    output = shared.output_to(frames, log, options.frame_interval)
+    run_one(scene, runs, output, results)
+    position[:], velocity[:] = runs.state.position[1:-1], runs.state.velocity[1:-1]
+    results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
+    return results
+
+
+def run_many(
+    chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
+) -> Outcomes:
+    """Integrate one chain from rest under many scaled ground motions, four at a time; as
+    `archfrag.physics.steps.run.run_many`.
+    """
+    scene = _scene(chain, grounds, options)
+    if scene is None:
+        return _fallen(len(motion))
+    results, model = shared.new_results(len(motion)), scene.model
+    output = shared.no_output(chain.mass.size, chain.friction.size)
+    run_four(scene, *_buffers(model), jobs_of(motion, factor), output, results)
+    return results
+
+
+def _buffers(model: Model) -> tuple[Runs, Runs]:
+    """Return buffers for many runs of a chain; a thread keeps those that it used last."""
+    kept = _kept.__dict__
+    if kept.get("model") is not model:
+        kept["model"], kept["buffers"] = model, (new_runs(model, lane_array), new_runs(model))
+    buffers: tuple[Runs, Runs] = kept["buffers"]
+    return buffers
+
+
+_kept = threading.local()

@@ -1,0 +1,138 @@
+"""Rest on joints that give: the first mode, and the equilibrium under the weight where runs start.
+
+Equilibrium is found by implicit steps from rest, each of which starts with no velocity and goes as
+far as the laws of the joints are asked for. Without friction each of them lowers the energy, so
+that a chain that can rest comes to rest, and one that cannot moves on.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from archfrag.physics.contact.placing import move_faces, relative_velocity
+from archfrag.physics.faces.law import Faces, overlap_moments
+from archfrag.physics.faces.solve import find_velocities
+from archfrag.physics.faces.step import new_runs, pose_step, remember
+from archfrag.physics.ground import Impulse
+from archfrag.physics.interface import Chain
+from archfrag.physics.kernels.kernel import kernel
+from archfrag.physics.numbers import larger
+from archfrag.physics.state import Model, model_of
+from archfrag.physics.status import Joint
+
+# Steps to equilibrium, over the period of the first mode: the first, how they grow, the largest.
+FIRST_STEP, GROWTH, LARGEST_STEP = 0.1, 1.3, 0.5
+# Equilibrium is reached where no body moves by more than this in a step, over the joint's length;
+# none is where one has moved by FAR. The most steps.
+SETTLED, FAR, MOST_ROUNDS, BALANCED = 1e-9, 0.5, 4000, 1e-9
+
+# Stiffness of a joint times the square of a step, over the mass of the lightest body.
+STIFFEST = 2000.0
+
+
+def first_frequency(model: Model, chain: Chain) -> float:
+    """Return the frequency of the first mode with all joints closed [Hz]."""
+    assert chain.joint is not None
+    n_row, kept = model.mass.size, []
+    for j, (k, along, _, points) in enumerate(chain.joint.tolist()):
+        length = float(model.length[j])
+        _, _, turn = overlap_moments(-1.0, 0.0, 0.5 * length, points)
+        tx, ty = model.tangent[j, 0]
+        arms = [model.corner[j, side].mean(axis=0) for side in range(2)]
+        for (dx, dy, w), size in (
+            ((ty, -tx, 0.0), k * length), ((tx, ty, 0.0), along * length), ((0, 0, 1.0), k * turn),
+        ):  # fmt: skip
+            row = np.zeros((n_row, 3))
+            for side, sign in enumerate((-1.0, 1.0)):
+                x, y = arms[side]
+                row[j + side] = sign * dx, sign * dy, sign * (w + x * dy - y * dx)
+            kept.append(math.sqrt(size) * row[1:-1].ravel())
+    inverse = np.stack([model.inverse_mass, model.inverse_mass, model.inverse_inertia], axis=1)
+    rows = np.array(kept) * np.sqrt(inverse[1:-1].ravel())
+    return math.sqrt(max(float(np.linalg.eigvalsh(rows.T @ rows)[0]), 0.0)) / (2.0 * math.pi)
+
+
+def longest_step(chain: Chain) -> float:
+    """Return the longest step with which the velocities of stiff joints are found [s]."""
+    assert chain.joint is not None
+    stiffness = (chain.joint[:, Joint.STIFFNESS] * model_of(chain).length).max()
+    return math.sqrt(STIFFEST * float(chain.mass.min()) / float(stiffness))
+
+
+@kernel
+def settle(model, faces, runs, period, limit):
+    """Bring a chain from where it is to equilibrium under its weight; return whether it does.
+
+    Reads: model, faces, runs, limit.
+    Writes: runs.
+    """
+    state, work, memory = runs.state, runs.work, runs.memory
+    step, still = FIRST_STEP * period, Impulse(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for _ in range(MOST_ROUNDS):
+        state.velocity[:] = 0.0
+        pose_step(model, runs, still, step)
+        for c in range(2):
+            work.position[-1, c] = state.position[-1, c]
+        solved, _ = find_velocities(model, faces, runs, step, BALANCED, True)
+        if not solved:
+            step *= 0.25
+            continue
+        span = larger(step, faces.delay)
+        relative_velocity(work.position, work.solved, work.pivot, work.relative)
+        stored = moved = away = 0.0
+        for j in range(state.slip.shape[0]):
+            energy, _ = remember(j, model, faces, runs, span, span, True)
+            stored += energy
+            for k in range(2):
+                state.contact[j, k] = work.contact[j, k]
+        for i in range(1, state.position.shape[0] - 1):
+            for c in range(3):
+                size = model.length[0] if c == 2 else 1.0
+                change = span * work.solved[i, c]
+                state.position[i, c] += change
+                moved = larger(moved, size * abs(change))
+                away = larger(away, size * abs(state.position[i, c] - model.start[i, c]))
+        memory.stored[0] = stored
+        if away > FAR * limit or not away == away:
+            return False
+        if moved < SETTLED * limit and step >= LARGEST_STEP * period:
+            state.velocity[:] = 0.0
+            move_faces(model, state.position, work.rotated, work.face, work.tangent)
+            return True
+        step = min(GROWTH * step, LARGEST_STEP * period)
+    return False
+
+
+def settled(chain: Chain) -> tuple[Model, Faces] | None:
+    """Return model and joints of a chain in equilibrium on joints that give; None if it has none.
+
+    They are kept with the chain. The model starts there.
+    """
+    kept: dict[str, Any] = chain.__dict__
+    if "settled" not in kept:
+        kept["settled"] = _settled(chain)
+    found: tuple[Model, Faces] | None = kept["settled"]
+    return found
+
+
+def _settled(chain: Chain) -> tuple[Model, Faces] | None:
+    assert chain.joint is not None
+    model, joint = model_of(chain), np.ascontiguousarray(chain.joint.T)
+    frequency, zeros = first_frequency(model, chain), np.zeros(model.friction.size)
+    delay = float(joint[Joint.DAMPING, 0]) / (math.pi * frequency)
+    faces: Any = Faces(
+        joint[Joint.STIFFNESS].copy(), joint[Joint.SHEAR].copy(), np.zeros((zeros.size, 3)),
+        zeros, 0.0, 0.0,
+        float(joint[Joint.POINTS, 0]),
+    )  # fmt: skip
+    runs = new_runs(model)
+    runs.state.position[:] = model.start
+    runs.memory.bears[:] = model.length
+    rests = settle(model, faces, runs, 1.0 / frequency, float(model.length.min()))
+    if not rests:
+        return None
+    start = model._replace(start=runs.state.position.copy())
+    slip, bears, stored = runs.memory
+    faces = faces._replace(slip=slip, bears=bears, stored=float(stored[0]), delay=delay)
+    return start, faces

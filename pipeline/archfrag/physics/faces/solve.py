@@ -1,0 +1,251 @@
+"""Velocities after a step of bodies whose joints give: Newton's iteration on block-tridiagonal
+problems.
+
+With the velocities w after a step of h, each joint has the gap d_m + b u_w: that in the middle of
+the step, moved on for the time b, the larger of the step and of the delay of its dashpots. In the
+limit of stiff joints this is Signorini's law as `steps.step` has it, where b is the step. What
+joints bear is linear in between changes of what overlaps, and without friction the derivative of
+a convex energy: Newton's step is cut to where the energy falls no more along it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.physics.contact.blocks import block_of, factorise_block, solve_block
+from archfrag.physics.contact.placing import corner_rate_at
+from archfrag.physics.faces.law import bear
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.primitives import fused, opposite, select, some
+from archfrag.physics.kernels.structs import struct
+from archfrag.physics.numbers import dot, flag, larger, smaller
+
+MOST_ITERATIONS = 40.0
+# A step along which the slope of the energy rises to more than this part of what it was is cut to
+# where the slope vanishes; trials keep this part of an interval from its ends, down to a shortest.
+TURNED, LEAST, SHORTEST = 0.5, 0.05, 1e-6
+
+
+@struct(
+    gap=(2,), slip=(3,), force=(3,), stiffness=(3, 3), block=(3, 3), lower=(3, 3), upper=(3, 3), left=(3,),
+    forward=(3,), base=(3,), change=(3,),
+)  # fmt: skip
+class FaceWork(NamedTuple):
+    """Workspace of a step of joints that give, of one run or of four."""
+
+    gap: np.ndarray  # (n_joint, 2) in the middle of the step: at the joint's middle [m], slope [1]
+    tilt: np.ndarray  # (n_joint,) by which the slope falls with the relative rotation
+    half: np.ndarray  # (n_joint,) of the length along which the faces lie opposite [m]
+    slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points there [m]
+    bears: np.ndarray  # (n_joint,) length in contact before the step [m]
+    force: np.ndarray  # (n_joint, 3) normal [N], its moment [N m], shear [N]
+    stiffness: np.ndarray  # (n_joint, 3, 3) of x, y and rotation about the pivot
+    block: np.ndarray  # (n_body + 2, 3, 3) of the system, eliminated
+    left: np.ndarray  # (n_body + 2, 3) impulses that are not balanced
+    lower: np.ndarray  # (n_joint, 3, 3) coupling of the body after a joint with that before
+    upper: np.ndarray  # (n_joint, 3, 3) of the body before with that after
+    forward: np.ndarray  # (n_body + 2, 3) solution of the rows above each body
+    base: np.ndarray  # (n_body + 2, 3) velocities from which a Newton step goes
+    change: np.ndarray  # (n_body + 2, 3) by which it lowers them
+
+
+@inlined
+def _set_stiffness(j, work, own, b, model, faces):
+    """Set what joint j bears, and how that changes with its relative displacement."""
+    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    ux, uy = corner_rate_at(j, work.pivot[j, 0], work.pivot[j, 1], work.position, work.solved)
+    c = own.tilt[j]
+    turns = c * (work.solved[j + 1, 2] - work.solved[j, 2])
+    d0, d1 = own.gap[j, 0] + b * (nx * ux + ny * uy), own.gap[j, 1] - b * turns
+    along = b * (nx * uy - ny * ux)
+    slip = own.slip[j, 0] + along, own.slip[j, 1] + along, own.slip[j, 2] + along
+    k, mu = faces.stiffness[j], model.friction[j]
+    has = bear(d0, d1, own.half[j], slip, own.bears[j], k, faces.shear[j], mu, faces.points)
+    own.force[j, 0], own.force[j, 1], own.force[j, 2] = has.normal, c * has.moment, has.shear
+    press, tilt, by_slip = k * has.l0, c * k * has.l1, has.hold
+    s = own.stiffness
+    s[j, 0, 0] = nx * (press * nx - has.rub_0 * ny) + by_slip * ny * ny
+    s[j, 0, 1] = ny * (press * nx - has.rub_0 * ny) - by_slip * ny * nx
+    s[j, 1, 0] = nx * (press * ny + has.rub_0 * nx) - by_slip * nx * ny
+    s[j, 1, 1] = ny * (press * ny + has.rub_0 * nx) + by_slip * nx * nx
+    rub_1 = c * has.rub_1
+    s[j, 0, 2], s[j, 1, 2] = rub_1 * ny - tilt * nx, -rub_1 * nx - tilt * ny
+    s[j, 2, 0], s[j, 2, 1], s[j, 2, 2] = -tilt * nx, -tilt * ny, c * c * k * has.l2
+
+
+@inlined
+def _turning(s, j, a, arm):
+    """Return row `a` of the stiffness of joint j, for the motion of a body."""
+    x, y = s[j, a, 0], s[j, a, 1]
+    return x, y, fused(arm[0], y, fused(-arm[1], x, s[j, a, 2]))
+
+
+@inlined
+def _add(out, i, size, rows, arm):
+    """Add forces and moments on a body, whose centroid is `arm` from the pivot."""
+    x, y, z = rows
+    for c in range(3):
+        out[i, 0, c] += size * x[c]
+        out[i, 1, c] += size * y[c]
+        out[i, 2, c] += size * fused(arm[0], y[c], fused(-arm[1], x[c], z[c]))
+
+
+@inlined
+def _push(own, i, fx, fy, moment, arm):
+    """Subtract an impulse at a pivot from those that are left on a body."""
+    own.left[i, 0] -= fx
+    own.left[i, 1] -= fy
+    own.left[i, 2] -= moment + arm[0] * fy - arm[1] * fx
+
+
+@inlined
+def _add_joint(j, work, own, step, b):
+    """Add what joint j bears in the step, and its stiffness, to the system."""
+    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    px, py = work.pivot[j, 0], work.pivot[j, 1]
+    after = px - work.position[j + 1, 0], py - work.position[j + 1, 1]
+    before = px - work.position[j, 0], py - work.position[j, 1]
+    press, rub, turn = step * own.force[j, 0], step * own.force[j, 2], step * own.force[j, 1]
+    fx, fy = press * nx - rub * ny, press * ny + rub * nx
+    work.reaction[j, 0], work.reaction[j, 1], work.reaction[j, 2] = fx, fy, -turn
+    _push(own, j + 1, fx, fy, -turn, after)
+    _push(own, j, -fx, -fy, turn, before)
+    s, size = own.stiffness, step * b
+    later = _turning(s, j, 0, after), _turning(s, j, 1, after), _turning(s, j, 2, after)
+    sooner = _turning(s, j, 0, before), _turning(s, j, 1, before), _turning(s, j, 2, before)
+    for a in range(3):
+        for c in range(3):
+            own.upper[j, a, c] = own.lower[j, a, c] = 0.0
+    _add(own.block, j + 1, size, later, after)
+    _add(own.block, j, size, sooner, before)
+    _add(own.upper, j, -size, later, before)
+    _add(own.lower, j, -size, sooner, after)
+
+
+@kernel
+def balance(model, faces, work, own, step, b):
+    """Set up the balance of momentum at the velocities in ``work.solved``.
+
+    Returns the square of what is not balanced, over masses, and the slope of the energy along
+    ``own.change``.
+
+    Reads: model, faces, work, own.
+    Writes: work.reaction, own.
+    """
+    n_joint, last = work.slide.shape[0], work.solved.shape[0] - 1
+    for i in range(last + 1):
+        for a in range(3):
+            mass = model.inertia[i] if a == 2 else model.mass[i]
+            own.left[i, a] = mass * (work.solved[i, a] - work.free[i, a])
+            for c in range(3):
+                own.block[i, a, c] = mass if a == c else 0.0
+    for j in range(n_joint):
+        _set_stiffness(j, work, own, b, model, faces)
+        _add_joint(j, work, own, step, b)
+    square = slope = 0.0 * step
+    for i in range(1, last):
+        x, y, z = own.left[i, 0], own.left[i, 1], own.left[i, 2]
+        square += model.inverse_mass[i] * (x * x + y * y) + model.inverse_inertia[i] * (z * z)
+        slope -= dot((x, y, z), (own.change[i, 0], own.change[i, 1], own.change[i, 2]))
+    return square, slope
+
+
+@inlined
+def _row(of, i, a):
+    return of[i, a, 0], of[i, a, 1], of[i, a, 2]
+
+
+@kernel
+def newton_step(own, last, where):
+    """Solve the system for ``own.change`` of the bodies 1 to `last`; return the slope along it.
+
+    Reads: own (block, change, left, lower, upper).
+    Writes: own (block, change, upper).
+    """
+    block, lower, upper, left = own.block, own.lower, own.upper, own.left
+    x, y, z = left[1, 0], left[1, 1], left[1, 2]
+    for i in range(1, last + 1):
+        if i > 1:
+            j = i - 1
+            f = block_of(block, i - 1)
+            x, y, z = solve_block(f, x, y, z)
+            known = x, y, z
+            for c in range(3):
+                solved = solve_block(f, upper[j, 0, c], upper[j, 1, c], upper[j, 2, c])
+                upper[j, 0, c], upper[j, 1, c], upper[j, 2, c] = solved
+                for a in range(3):
+                    block[i, a, c] -= dot(_row(lower, j, a), solved)
+            own.forward[i - 1, 0], own.forward[i - 1, 1], own.forward[i - 1, 2] = known
+            x = left[i, 0] - dot(_row(lower, j, 0), known)
+            y = left[i, 1] - dot(_row(lower, j, 1), known)
+            z = left[i, 2] - dot(_row(lower, j, 2), known)
+        factorise_block(block, i)
+    x, y, z = solve_block(block_of(block, last), x, y, z)
+    slope = 0.0 * x
+    for i in range(last, 0, -1):
+        if i < last:
+            known = x, y, z
+            x = own.forward[i, 0] - dot(_row(upper, i, 0), known)
+            y = own.forward[i, 1] - dot(_row(upper, i, 1), known)
+            z = own.forward[i, 2] - dot(_row(upper, i, 2), known)
+        own.change[i, 0] = select(where, x, own.change[i, 0])
+        own.change[i, 1] = select(where, y, own.change[i, 1])
+        own.change[i, 2] = select(where, z, own.change[i, 2])
+        slope -= dot((x, y, z), (left[i, 0], left[i, 1], left[i, 2]))
+    return slope
+
+
+@kernel
+def find_velocities(model, faces, runs, step, balanced, live):
+    """Find the velocities after a step, ``work.solved``, and impulses in ``work.reaction``.
+
+    What is not balanced of accelerations is at most `balanced`, over gravity. Velocities are those
+    that the impulses give to the bodies, so that momentum is balanced to rounding. Returns the mask of the runs that are solved, and their iterations.
+
+    Reads: model, faces, runs.
+    Writes: runs.
+    """
+    state, work, own = runs.state, runs.work, runs.own
+    last, mass = work.solved.shape[0] - 1, 0.0
+    for i in range(1, last):
+        mass += model.mass[i]
+        for c in range(3):
+            work.solved[i, c] = own.base[i, c] = state.velocity[i, c]
+            own.change[i, c] = 0.0 * step
+    for c in range(3):
+        work.solved[last, c] = work.free[last, c]
+    b = larger(step, faces.delay + 0.0 * step)
+    enough = balanced * model.gravity * step
+    enough = enough * enough * mass
+    active, part, before, iterations = live, 1.0 + 0.0 * step, 0.0 * step, 0.0 * step
+    low, high, at_low, at_high = 0.0 * step, part, before, before
+    while True:
+        square, slope = balance(model, faces, work, own, step, b)
+        active = active & opposite(square <= enough)
+        if not some(active & (iterations < MOST_ITERATIONS)):
+            break
+        # Where the energy rises again too soon, its slope vanishes between `low` and `high`.
+        turned = select(part < 1.0, abs(slope), slope) > -TURNED * before
+        back = active & turned & (high - low > SHORTEST)
+        over = slope > 0.0
+        high, at_high = select(over, part, high), select(over, slope, at_high)
+        low, at_low = select(over, low, part), select(over, at_low, slope)
+        ahead = active & opposite(back)
+        if some(ahead):
+            found = newton_step(own, last - 1, ahead)
+            before = select(ahead, found, before)
+        cut = smaller(larger(at_low / (at_low - at_high), LEAST), 1.0 - LEAST)
+        part = select(back, low + cut * (high - low), 1.0)
+        low, high = select(ahead, 0.0, low), select(ahead, 1.0, high)
+        at_low, at_high = select(ahead, before, at_low), select(ahead, 0.0, at_high)
+        for i in range(1, last):
+            for c in range(3):
+                own.base[i, c] = select(ahead, work.solved[i, c], own.base[i, c])
+                moved = own.base[i, c] - part * own.change[i, c]
+                work.solved[i, c] = select(active, moved, work.solved[i, c])
+        iterations += flag(active)
+    for i in range(1, last):
+        work.solved[i, 0] -= model.inverse_mass[i] * own.left[i, 0]
+        work.solved[i, 1] -= model.inverse_mass[i] * own.left[i, 1]
+        work.solved[i, 2] -= model.inverse_inertia[i] * own.left[i, 2]
+    return live & opposite(active), iterations
