@@ -67,7 +67,7 @@ def is_shipped() -> bool:
 
 def kernels_are_compiled() -> bool:
     """Return whether `warmup` has only to load the kernels of a study."""
-    return all(load.is_ready(name) for name in load.SETS)
+    return all(load.is_ready(name) for name in load.OF_ALL)
 
 
 def _use(method: str) -> None:
@@ -120,7 +120,14 @@ def used_kernels() -> dict[str, list[Any]]:
             for start in (None, (moving[0], moving[1])):
                 simulate(arch, motion, method=name, initial=start)
 
-    for name, call in (("rest", rest), ("steps", steps), ("events", events)):
+    def faces() -> None:
+        joint = np.tile([1e10, 1e10, 0.05, 0.0], (arch.n_joint, 1))
+        soft = arch.changed(chain=arch.chain._replace(joint=joint))
+        simulate_many(soft, motion, [0.5])
+        for start in (None, (moving[0], moving[1])):
+            simulate(soft, motion, initial=start)
+
+    for name, call in zip(load.SETS, (rest, steps, events, faces), strict=True):
         load.called.clear()
         call()
         new = sorted(set(load.called) - known, key=repr)

@@ -86,7 +86,7 @@ def test_a_list_of_kernels_that_is_older_than_their_source_is_said(monkeypatch):
     monkeypatch.setattr(ready, "_second_process", lambda names: contextlib.nullcontext())
     with pytest.warns(UserWarning, match="run `python -m archfrag.physics.kernels build`") as said:
         ready.make_all_ready()
-    assert (made, len(said)) == (list(load.SETS), 3)
+    assert (made, len(said)) == (list(load.OF_ALL), 3)
 
 
 def runs(name):

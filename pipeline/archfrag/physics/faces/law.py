@@ -31,7 +31,7 @@ class Faces(NamedTuple):
     stiffness: np.ndarray  # (n_joint,) of a metre of the joint [N/m2]
     shear: np.ndarray  # (n_joint,) the same along the tangent [N/m2]
     slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points where runs start [m]
-    bears: np.ndarray  # (n_joint,) length in contact there [m]
+    touching: np.ndarray  # (n_joint,) length in contact there [m]
     stored: float  # elastic energy there [J]
     delay: float  # dashpots over springs [s]
     points: float  # at which a joint bears; zero: all along it
@@ -85,17 +85,17 @@ def rub(normal, slip, hold, friction):
 
 
 @inlined
-def bear(d0, d1, half, slip, bears, stiffness, shear, friction, points):
+def bear(d0, d1, half, slip, touching, stiffness, shear, friction, points):
     """Return what a joint bears with the gap d0 + s d1; `slip` is the elastic one of each point.
 
-    A face that bears along its length has one slip, of the part `bears` that was in contact: what
-    comes into contact has not slipped.
+    A face that bears along its length has one slip, of the length `touching` that was in contact:
+    what comes into contact has not slipped.
     """
     l0, l1, l2 = overlap_moments(d0, d1, half, points)
     normal, moment = -stiffness * (d0 * l0 + d1 * l1), -stiffness * (d0 * l1 + d1 * l2)
     pressed = smaller(friction, ROUGH) * stiffness
     if points == ALONG:
-        hold = shear * smaller(l0, bears)
+        hold = shear * smaller(l0, touching)
         along, sense = rub(normal, slip[0], hold, friction)
         hold = select(sense != 0.0, 0.0, hold)
         sense = sense * pressed

@@ -159,7 +159,7 @@ def start(scene, runs, motion, factor):
     state.clock[Clock.STEP] = scene.options.time_step
     memory.stored[0] = faces.stored
     for j in range(state.slip.size):
-        memory.bears[j] = faces.bears[j]
+        memory.touching[j] = faces.touching[j]
         for i in range(3):
             memory.slip[j, i] = faces.slip[j, i]
 
@@ -181,7 +181,7 @@ def read_given(scene, runs):
 def end(scene, runs, output, results, row):
     """Write the results of a run that has ended; what joints store is potential energy.
 
-    Reads: scene, runs, output.
+    Reads: scene, runs, output (frames, frames.time, written).
     Writes: runs, output, results.
     """
     state, work = runs.state, runs.work
@@ -193,7 +193,7 @@ def end(scene, runs, output, results, row):
 def next_run(scene, one, jobs):
     """Start the next run; return its number, -1 if there is none.
 
-    Reads: scene, one, jobs.
+    Reads: scene, one, jobs (factor, motion, upcoming).
     Writes: one, jobs.upcoming.
     """
     run = jobs.upcoming[0]
@@ -209,7 +209,7 @@ def next_run(scene, one, jobs):
 def run_four(scene, four, one, jobs, output, results):
     """Make many runs from rest, four at a time.
 
-    Reads: scene, four, one, jobs, output.
+    Reads: scene, four, one, jobs (factor, motion, runs, upcoming), output.
     Writes: four, one, jobs (runs, upcoming), output, results.
     """
     running = 0

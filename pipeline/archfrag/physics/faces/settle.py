@@ -64,7 +64,7 @@ def longest_step(chain: Chain) -> float:
 def settle(model, faces, runs, period, limit):
     """Bring a chain from where it is to equilibrium under its weight; return whether it does.
 
-    Reads: model, faces, runs, limit.
+    Reads: model, faces (delay, points, shear, stiffness), runs.
     Writes: runs.
     """
     state, work, memory = runs.state, runs.work, runs.memory
@@ -94,7 +94,7 @@ def settle(model, faces, runs, period, limit):
                 moved = larger(moved, size * abs(change))
                 away = larger(away, size * abs(state.position[i, c] - model.start[i, c]))
         memory.stored[0] = stored
-        if away > FAR * limit or not away == away:
+        if away > FAR * limit or math.isnan(away):
             return False
         if moved < SETTLED * limit and step >= LARGEST_STEP * period:
             state.velocity[:] = 0.0
@@ -128,11 +128,11 @@ def _settled(chain: Chain) -> tuple[Model, Faces] | None:
     )  # fmt: skip
     runs = new_runs(model)
     runs.state.position[:] = model.start
-    runs.memory.bears[:] = model.length
+    runs.memory.touching[:] = model.length
     rests = settle(model, faces, runs, 1.0 / frequency, float(model.length.min()))
     if not rests:
         return None
     start = model._replace(start=runs.state.position.copy())
-    slip, bears, stored = runs.memory
-    faces = faces._replace(slip=slip, bears=bears, stored=float(stored[0]), delay=delay)
+    slip, touching, stored = runs.memory
+    faces = faces._replace(slip=slip, touching=touching, stored=float(stored[0]), delay=delay)
     return start, faces

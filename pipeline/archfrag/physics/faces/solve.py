@@ -26,10 +26,15 @@ MOST_ITERATIONS = 40.0
 TURNED, LEAST, SHORTEST = 0.5, 0.05, 1e-6
 
 
-@struct(
-    gap=(2,), slip=(3,), force=(3,), stiffness=(3, 3), block=(3, 3), lower=(3, 3), upper=(3, 3), left=(3,),
-    forward=(3,), base=(3,), change=(3,),
-)  # fmt: skip
+# Shapes of arrays behind their first dimension, and those with a row for each body.
+OF_WORK = {
+    "gap": (2,), "slip": (3,), "force": (3,), "stiffness": (3, 3), "block": (3, 3),
+    "lower": (3, 3), "upper": (3, 3), "left": (3,), "forward": (3,), "base": (3,), "change": (3,),
+}  # fmt: skip
+OF_ROWS = ("block", "left", "forward", "base", "change")
+
+
+@struct(**OF_WORK)
 class FaceWork(NamedTuple):
     """Workspace of a step of joints that give, of one run or of four."""
 
@@ -37,7 +42,7 @@ class FaceWork(NamedTuple):
     tilt: np.ndarray  # (n_joint,) by which the slope falls with the relative rotation
     half: np.ndarray  # (n_joint,) of the length along which the faces lie opposite [m]
     slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points there [m]
-    bears: np.ndarray  # (n_joint,) length in contact before the step [m]
+    touching: np.ndarray  # (n_joint,) length in contact before the step [m]
     force: np.ndarray  # (n_joint, 3) normal [N], its moment [N m], shear [N]
     stiffness: np.ndarray  # (n_joint, 3, 3) of x, y and rotation about the pivot
     block: np.ndarray  # (n_body + 2, 3, 3) of the system, eliminated
@@ -60,7 +65,7 @@ def _set_stiffness(j, work, own, b, model, faces):
     along = b * (nx * uy - ny * ux)
     slip = own.slip[j, 0] + along, own.slip[j, 1] + along, own.slip[j, 2] + along
     k, mu = faces.stiffness[j], model.friction[j]
-    has = bear(d0, d1, own.half[j], slip, own.bears[j], k, faces.shear[j], mu, faces.points)
+    has = bear(d0, d1, own.half[j], slip, own.touching[j], k, faces.shear[j], mu, faces.points)
     own.force[j, 0], own.force[j, 1], own.force[j, 2] = has.normal, c * has.moment, has.shear
     press, tilt, by_slip = k * has.l0, c * k * has.l1, has.hold
     s = own.stiffness
@@ -130,7 +135,7 @@ def balance(model, faces, work, own, step, b):
     ``own.change``.
 
     Reads: model, faces, work, own.
-    Writes: work.reaction, own.
+    Writes: work.reaction, own (block, force, left, lower, stiffness, upper).
     """
     n_joint, last = work.slide.shape[0], work.solved.shape[0] - 1
     for i in range(last + 1):
@@ -159,8 +164,8 @@ def _row(of, i, a):
 def newton_step(own, last, where):
     """Solve the system for ``own.change`` of the bodies 1 to `last`; return the slope along it.
 
-    Reads: own (block, change, left, lower, upper).
-    Writes: own (block, change, upper).
+    Reads: own (block, change, forward, left, lower, upper).
+    Writes: own (block, change, forward, upper).
     """
     block, lower, upper, left = own.block, own.lower, own.upper, own.left
     x, y, z = left[1, 0], left[1, 1], left[1, 2]
@@ -200,7 +205,8 @@ def find_velocities(model, faces, runs, step, balanced, live):
     """Find the velocities after a step, ``work.solved``, and impulses in ``work.reaction``.
 
     What is not balanced of accelerations is at most `balanced`, over gravity. Velocities are those
-    that the impulses give to the bodies, so that momentum is balanced to rounding. Returns the mask of the runs that are solved, and their iterations.
+    that the impulses give to the bodies, so that momentum is balanced to rounding. Returns the
+    mask of the runs that are solved, and their iterations.
 
     Reads: model, faces, runs.
     Writes: runs.

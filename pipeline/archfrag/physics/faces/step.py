@@ -1,4 +1,4 @@
-"""One step of a chain whose joints give: pose, solve, accept; as `steps.step`, for one run or four.
+"""One step of a chain whose joints give, of one run or of four: pose, solve, accept.
 
 Positions are those of the midpoint scheme. In the middle of the step each joint has a gap, and the
 elastic part of its slip; forces act at its middle for the entire step. What a joint stores is
@@ -16,7 +16,7 @@ from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact.placing import move_faces, relative_velocity
 from archfrag.physics.energy import record_faces
 from archfrag.physics.faces.law import ALONG, ROUGH, overlap_moments, places_of, rub
-from archfrag.physics.faces.solve import FaceWork
+from archfrag.physics.faces.solve import OF_ROWS, OF_WORK, FaceWork
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import (
     LANES,
@@ -44,7 +44,7 @@ class Memory(NamedTuple):
     """What joints that give remember between steps, of one run or of four."""
 
     slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points [m]
-    bears: np.ndarray  # (n_joint,) length in contact [m]
+    touching: np.ndarray  # (n_joint,) length in contact [m]
     stored: np.ndarray  # (1,) elastic energy of all [J]
 
 
@@ -63,9 +63,8 @@ def new_runs(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -
     """Allocate the buffers of one run, or of four with `lane_array` as `zeros`."""
     state, n_joint, n_row = new_state(model, zeros), model.friction.size, model.mass.size
     memory = Memory(zeros((n_joint, 3)), zeros((n_joint,)), zeros((1,)))
-    of_joints = ("gap", "tilt", "half", "slip", "bears", "force", "stiffness", "lower", "upper")
     own: Any = FaceWork(*(
-        zeros((n_joint if name in of_joints else n_row, *FaceWork.shapes.get(name, ())))
+        zeros((n_row if name in OF_ROWS else n_joint, *OF_WORK.get(name, ())))
         for name in FaceWork._fields
     ))  # fmt: skip
     shape = (-1,) if zeros is np.zeros else (-1, LANES)
@@ -123,7 +122,7 @@ def pose_step(model, runs, impulse, step):
     for j in range(state.slip.shape[0]):
         nx, ny = work.normal[j, 0], work.normal[j, 1]
         rate = nx * work.earlier[j, 1] - ny * work.earlier[j, 0]
-        own.bears[j] = runs.memory.bears[j]
+        own.touching[j] = runs.memory.touching[j]
         for i in range(3):
             own.slip[j, i] = runs.memory.slip[j, i] + 0.5 * step * rate
 
@@ -162,11 +161,11 @@ def remember(j, model, faces, runs, b, span, where):
     l0 = moments[0]
     sense = friction = held = 0.0 * half
     if points == ALONG:
-        size = smaller(overlap_moments(g0, g1, half, points)[0], own.bears[j])
+        size = smaller(overlap_moments(g0, g1, half, points)[0], own.touching[j])
         gap = -own.force[j, 0] / (k * larger(size, 1e-300))
         kept, friction, sense = _slip_after(j, 0, gap, size, ways, model, faces, own)
         # What comes into contact has not slipped yet.
-        kept = kept * smaller(own.bears[j] / larger(l0, 1e-300), 1.0)
+        kept = kept * smaller(own.touching[j] / larger(l0, 1e-300), 1.0)
         kept = select(l0 > 0.0, kept, 0.0)
         memory.slip[j, 0] = select(where, kept, memory.slip[j, 0])
         held = l0 * kept * kept
@@ -175,14 +174,14 @@ def remember(j, model, faces, runs, b, span, where):
         for i in range(3):
             place, size = half * (i - 1.0), inner if i == 1 else outer
             gap = g0 + place * g1
-            bears = select(gap < 0.0, size, 0.0)
-            kept, work_of, way = _slip_after(j, i, gap, bears, ways, model, faces, own)
+            touching = select(gap < 0.0, size, 0.0)
+            kept, work_of, way = _slip_after(j, i, gap, touching, ways, model, faces, own)
             kept = select(d0 + place * d1 < 0.0, kept, 0.0)
             memory.slip[j, i] = select(where, kept, memory.slip[j, i])
-            friction += select(bears > 0.0, work_of, 0.0)
-            sense = select((bears > 0.0) & (sense == 0.0), way, sense)
+            friction += select(touching > 0.0, work_of, 0.0)
+            sense = select((touching > 0.0) & (sense == 0.0), way, sense)
             held += select(d0 + place * d1 < 0.0, size, 0.0) * kept * kept
-    memory.bears[j] = select(where, l0, memory.bears[j])
+    memory.touching[j] = select(where, l0, memory.touching[j])
     work.contact[j, 0] = flag(d0 - half * d1 < 0.0)
     work.contact[j, 1] = flag(d0 + half * d1 < 0.0)
     work.slide[j] = select(l0 > 0.0, sense, 0.0)
@@ -195,7 +194,7 @@ def remember(j, model, faces, runs, b, span, where):
 def record_joints(model, faces, runs, step, where):
     """Remember joints at the end of a solved step, and record their work; modes go into `work`.
 
-    Reads: model, faces, runs.
+    Reads: model.friction, faces (delay, points, shear, stiffness), runs.
     Writes: runs.
     """
     memory, work = runs.memory, runs.work
@@ -237,7 +236,7 @@ def accept_step(model, state, work, impulse, where, loss_limit):
     ``work.reaction`` goes from impulses into the mean forces over the step.
 
     Reads: model, state, work, impulse (x, y).
-    Writes: state, work.
+    Writes: state, work (face, reaction, rotated, tangent, tie).
     """
     clock, step = state.clock, state.clock[Clock.STEP]
     record_far_work(state, work, where)

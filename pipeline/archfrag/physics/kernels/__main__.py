@@ -15,15 +15,16 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from archfrag.physics.kernels.cache import HOME, source_hash, use_kernel_cache
-from archfrag.physics.kernels.load import SETS, SHIPPED, as_tuples, is_ready, make_ready
+from archfrag.physics.kernels.load import OF_ALL, SHIPPED, as_tuples, is_ready, make_ready
 
 
 def make_all_ready() -> None:
-    """Make the machine code of all sets; a second process makes what this one comes to last.
+    """Make the machine code that every study needs; a second process makes what this one comes to
+    last.
 
     Kernels of a set that cannot be compiled as its list says are compiled when they are called.
     """
-    missing = [name for name in SETS if not is_ready(name)]
+    missing = [name for name in OF_ALL if not is_ready(name)]
     with _second_process(missing[-1:]) if len(missing) > 1 else contextlib.nullcontext():
         for name in missing:
             try:

@@ -21,9 +21,9 @@ import numpy as np
 from archfrag.physics.events import front as events
 from archfrag.physics.ground import Grounds
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
+from archfrag.physics.methods import stepping as stepper
 from archfrag.physics.shared import is_accurate, new_results, refuse
 from archfrag.physics.status import Count, Status
-from archfrag.physics.steps import run as stepper
 
 # Energy below this, over weight times the longest joint's length, is rounding.
 ROUNDING = 1e-12

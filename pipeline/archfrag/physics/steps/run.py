@@ -16,7 +16,6 @@ from archfrag.physics.contact.blocks import FOR_STEPS
 from archfrag.physics.contact.modes import solve_contact, start_modes
 from archfrag.physics.contact.path import Path, new_path
 from archfrag.physics.contact.placing import move_faces
-from archfrag.physics.faces import run as faces
 from archfrag.physics.ground import Grounds, end_of_motion, impulse_between
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import kernel
@@ -54,8 +53,8 @@ def try_step(model, grounds, state, work, options, live):
     Returns impulse, solved, unsolved. What is neither has been shortened, or its modes go on
     changing in the next call.
 
-    Reads: model, grounds, state, work, options.time_step.
-    Writes: state (clock, count, force, velocity), work.
+    Reads: scene, runs.
+    Writes: runs.
     """
     clock = state.clock
     step, time = clock[Clock.STEP], clock[Clock.TIME]
@@ -85,8 +84,8 @@ def try_step(model, grounds, state, work, options, live):
 def step_four(model, grounds, state, work, options):
     """Step four runs until one waits; the reason is in ``state.clock[Clock.CODE]``.
 
-    Reads: model, grounds, state, work, options.
-    Writes: state, work.
+    Reads: scene, runs.
+    Writes: runs.
     """
     clock = state.clock
     until = end_of_motion(grounds, clock, options.follow)
@@ -109,8 +108,8 @@ def step_four(model, grounds, state, work, options):
 def step_one(model, grounds, state, work, options, output):
     """Step one run with its history; as `step_four`.
 
-    Reads: model, grounds, state, work, options, output.
-    Writes: state, work, output.
+    Reads: scene, runs, output.
+    Writes: runs, output.
     """
     clock = state.clock
     until = end_of_motion(grounds, clock, options.follow)
@@ -132,7 +131,7 @@ def finish_one(model, grounds, state, work, path, options, output, results, row)
     """Move one run to its end.
 
     Reads: model, grounds, state, work, path, options, output.
-    Writes: state, work, path, output, results.
+    Writes: grounds, state, work, path, output, results.
     """
     code = int(state.clock[Clock.CODE])
     while code == shared.GO:
@@ -212,8 +211,8 @@ def next_run(model, grounds, one, options, jobs, output, results):
 
     Returns its number, -1 if there is none.
 
-    Reads: model, grounds, one, options, jobs, output.
-    Writes: one, jobs.upcoming, output, results.
+    Reads: scene, one, jobs (factor, motion, upcoming).
+    Writes: one, jobs.upcoming.
     """
     state = one.state
     while jobs.upcoming[0] < jobs.motion.size:
@@ -237,7 +236,7 @@ def next_run(model, grounds, one, options, jobs, output, results):
 def run_four(model, grounds, four, one, options, jobs, output, results):
     """Make many runs from rest, four at a time; arguments are those of `next_run`.
 
-    Reads: model, grounds, four, one, options, jobs (factor, motion, runs, upcoming), output.
+    Reads: scene, four, one, jobs (factor, motion, runs, upcoming), output.
     Writes: four, one, jobs (runs, upcoming), output, results.
     """
     state, runs, running = one.state, jobs.runs, 0
@@ -313,9 +312,6 @@ def run(
     archfrag.physics.interface.Outcomes
         One row.
     """
-    if chain.joint is not None:
-        given = position, velocity, from_rest, options, frames, log
-        return faces.run(chain, grounds, factor, *given)
     model, results = model_of(chain), shared.new_results(1)
     options = shared.ready(options, model, rest_of(model) if from_rest else UNKNOWN)
     state, work, path = new_one(model)[:3]
@@ -340,8 +336,6 @@ def run_many(
     Run k is moved by the motion of number ``motion[k]``, times ``factor[k]``; its row of the
     results is the same as of `run`.
     """
-    if chain.joint is not None:
-        return faces.run_many(chain, grounds, motion, factor, options)
     model, results = model_of(chain), shared.new_results(len(motion))
     options = shared.ready(options, model, rest_of(model))
     output = shared.no_output(chain.mass.size, chain.friction.size)

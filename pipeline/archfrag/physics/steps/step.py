@@ -199,8 +199,8 @@ def carry_on(model, state, work, span):
 def pose_step(model, state, work, impulse, step, shortest):
     """Set up the contact problem of a step, without initial modes.
 
-    Reads: model, state, work, impulse.
-    Writes: state.velocity, work.
+    Reads: model, runs, impulse.
+    Writes: runs.
     """
     free_fall(model, state, work, impulse, step)
     move_far_springing(state, work, impulse)
