@@ -255,7 +255,7 @@ def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | None:
     return Scene(model, faces, grounds, options._replace(still=still))
 
 
-def _fallen(n_run: int) -> Outcomes:
+def _do_not_stand(n_run: int) -> Outcomes:
     results = shared.new_results(n_run)
     results.status[:] = int(Status.DOES_NOT_STAND)
     return results
@@ -271,7 +271,7 @@ def run(
     """
     scene, results = _scene(chain, grounds, options), shared.new_results(1)
     if scene is None:
-        return _fallen(1)
+        return _do_not_stand(1)
     runs, start_position = new_runs(scene.model), scene.model.start[1:-1]
     start(scene, runs, 0, float(factor))
     if not from_rest:
@@ -293,7 +293,7 @@ def run_many(
     """
     scene = _scene(chain, grounds, options)
     if scene is None:
-        return _fallen(len(motion))
+        return _do_not_stand(len(motion))
     results, model = shared.new_results(len(motion)), scene.model
     output = shared.no_output(chain.mass.size, chain.friction.size)
     run_four(scene, *_buffers(model), jobs_of(motion, factor), output, results)

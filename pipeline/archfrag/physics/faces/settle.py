@@ -25,7 +25,7 @@ from archfrag.physics.status import Joint
 FIRST_STEP, GROWTH, LARGEST_STEP = 0.1, 1.3, 0.5
 # Equilibrium is reached where no body moves by more than this in a step, over the joint's length;
 # none is where one has moved by FAR. The most steps.
-SETTLED, FAR, MOST_ROUNDS, BALANCED = 1e-9, 0.5, 4000, 1e-9
+SETTLED, FAR, MOST_STEPS, BALANCED = 1e-9, 0.5, 4000, 1e-9
 
 # Stiffness of a joint times the square of a step, over the mass of the lightest body.
 STIFFEST = 2000.0
@@ -69,7 +69,7 @@ def settle(model, faces, runs, period, limit):
     """
     state, work, memory = runs.state, runs.work, runs.memory
     step, still = FIRST_STEP * period, Impulse(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_STEPS):
         state.velocity[:] = 0.0
         pose_step(model, runs, still, step)
         for c in range(2):

@@ -1,0 +1,155 @@
+"""Joints that give: what rigid joints and an inset leave out of an elastic face, and what each costs.
+
+Borders of half sines, the least amplitudes from which an arch falls, and theta of studies with the
+shipped motions, each by rigid joints, by contact points inside their ends, and by faces.
+"""
+
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+
+import archfrag as af
+from archbench.runner import Bench, Row
+from archfrag.errors import ArchfragError
+
+# Radius, thickness [m], embrace [degrees], voussoirs, friction, height of piers [m]; 0: none.
+ARCHES = (
+    (4.0, 0.36, 150, 17, 0.7, 0), (10.0, 0.9, 120, 21, 0.6, 0), (5.0, 0.5, 120, 9, 0.8, 0),
+    (3.0, 0.33, 160, 27, 0.8, 0), (6.0, 0.66, 100, 31, 0.5, 0), (4.0, 0.5, 180, 17, 0.7, 0),
+    (5.0, 0.6, 90, 13, 0.6, 0), (8.0, 1.04, 157, 11, 0.7, 0), (12.0, 1.6, 140, 15, 0.6, 0),
+    (10.0, 1.5, 157.5, 7, 0.7, 0), (6.0, 0.9, 160, 35, 0.7, 0), (7.0, 1.1, 180, 21, 0.8, 0),
+    (4.0, 0.7, 80, 9, 0.5, 0), (4.0, 0.8, 180, 17, 0.7, 0), (6.0, 1.2, 140, 41, 0.7, 0),
+    (9.0, 1.9, 170, 13, 0.6, 0), (5.0, 1.15, 180, 25, 0.7, 0), (8.0, 2.0, 180, 11, 0.5, 0),
+    (5.0, 0.8, 150, 13, 0.7, 4.0), (4.0, 0.6, 120, 9, 0.6, 3.0),
+)  # fmt: skip
+STIFFNESS = (3e9, 1e10, 3e10, 1e11, 3e11)  # [Pa/m]
+PULSES = (0.1, 0.25, 0.5)  # [s]
+LEAST, CLOSE, FOLLOW = 0.5, 0.01, 12.0  # of the onset; relative width of a border; [s]
+# Arches of the studies of theta, their stiffness and levels over the border of the longest pulse.
+STUDIED, STUDIED_STIFFNESS, SETS, LEVELS = (1, 3, 9, 13, 16), (1e10, 1e11), 4, 12
+MODELS = ("rigid", "inset", "face")
+
+
+def arch_of(number: int) -> af.Arch:
+    """Build an arch of the table."""
+    radius, thickness, embrace, voussoirs, friction, piers = ARCHES[number]
+    ring = af.Arch.circular(radius, thickness, embrace, int(voussoirs), friction)
+    if not piers:
+        return ring
+    return ring.on_piers(height=piers, width=2.5 * thickness, courses=2)
+
+
+def with_joints(arch: af.Arch, model: str, stiffness: float) -> af.Arch:
+    """Return the arch with joints of one of the models."""
+    return arch if model == "rigid" else af.jointed(arch, stiffness, model=model)
+
+
+def border_of(falls: Callable[[float], bool], start: float) -> float:
+    """Return the least level from which an arch falls; nan if it does not up to 100 times `start`."""
+    low, high = start, start
+    while not falls(high):
+        low, high = high, 1.3 * high
+        if high > 100.0 * start:
+            return math.nan
+    if high == start:
+        return math.nan
+    while high > (1.0 + CLOSE) * low:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if falls(middle) else (middle, high)
+    return math.sqrt(low * high)
+
+
+def _half_sine(duration: float) -> af.Motion:
+    time = np.arange(0.0, duration + 0.25e-3, 5e-4)
+    return af.Motion(9.80665 * np.sin(np.pi * np.minimum(time / duration, 1.0)), 5e-4)
+
+
+def borders_of(number: int) -> list[Row]:
+    """Measure the borders of one arch."""
+    arch, rows = arch_of(number), []
+    onset = af.onset(arch)
+    least = min(onset.plus, onset.minus)
+    for stiffness in (math.inf, *STIFFNESS):
+        for model in MODELS[1:] if math.isfinite(stiffness) else MODELS[:1]:
+            row: Row = {"arch": number, "stiffness": stiffness, "model": model}
+            try:
+                given = with_joints(arch, model, stiffness)
+                now = af.onset(given)
+            except ArchfragError as reason:
+                rows.append({**row, "status": str(reason)[:80]})
+                continue
+            row["onset_loss"] = 1.0 - min(now.plus, now.minus) / least
+            for pulse in PULSES:
+                motion, began = _half_sine(pulse), time.process_time()
+
+                def falls(level: float) -> bool:
+                    run = af.simulate(given, motion, level, follow=FOLLOW)
+                    return bool(run.collapsed)
+
+                border = border_of(falls, LEAST * min(now.plus, now.minus))
+                spent = time.process_time() - began
+                rows.append({**row, "pulse": pulse, "border": border, "seconds": spent})
+    return rows
+
+
+def theta_of(number: int, stiffness: float, part: int, records: str) -> list[Row]:
+    """Fit theta of one arch under a quarter of the shipped motions, by each model."""
+    motions = list(af.read_motions(f"{records}/synthetic/*"))[part::SETS]
+    arch, rows = arch_of(number), []
+    pulse = _half_sine(PULSES[-1])
+    middle = border_of(lambda level: bool(af.simulate(arch, pulse, level).collapsed),
+                       LEAST * af.onset(arch).plus)  # fmt: skip
+    levels = middle * np.geomspace(0.4, 4.0, LEVELS)
+    for model in MODELS:
+        try:
+            given = with_joints(arch, model, stiffness)
+        except ArchfragError as reason:
+            rows.append({"model": model, "status": str(reason)[:80]})
+            continue
+        began, fallen, failed = time.process_time(), [], 0
+        for level in levels:
+            factors = [level * 9.80665 / motion.pga for motion in motions]
+            runs = af.simulate_many(given, motions, factors)
+            status = runs.status.values
+            fallen.append(int((status == "collapsed").sum()))
+            failed += int((~np.isin(status, ("collapsed", "standing"))).sum())
+        seconds = time.process_time() - began
+        curve = af.fit_stripes(levels, fallen, len(motions))
+        rows.append({"model": model, "theta": curve.theta, "beta": curve.beta,
+                     "failed": failed, "seconds": seconds})  # fmt: skip
+    return [{"arch": number, "stiffness": stiffness, "set": part, **row} for row in rows]
+
+
+def measure(bench: Bench) -> dict[str, pd.DataFrame]:
+    """Borders and theta of all arches, and how far each model is from the face."""
+    numbers = range(0, len(ARCHES), 4 if bench.quick else 1)
+    found = bench.run("joints", borders_of, {(n,): (n,) for n in numbers}, 1800.0)
+    borders = pd.DataFrame([row for rows in found.values() if isinstance(rows, list) for row in rows])
+    tasks = {
+        (number, stiffness, part): (number, stiffness, part, str(bench.records))
+        for number in STUDIED for stiffness in STUDIED_STIFFNESS for part in range(SETS)
+        if number in numbers or not bench.quick
+    }  # fmt: skip
+    fits = bench.run("joints_theta", theta_of, tasks, 1800.0)
+    theta = pd.DataFrame([row for rows in fits.values() if isinstance(rows, list) for row in rows])
+    names = ("radius", "thickness", "embrace", "voussoirs", "friction", "piers")
+    arches = pd.DataFrame(ARCHES, columns=names)
+    return {"arches": arches, "borders": borders, "theta": theta, "errors": errors_table(borders)}
+
+
+def errors_table(borders: pd.DataFrame) -> pd.DataFrame:
+    """Compare the borders of rigid joints and of the inset with those of the face."""
+    keys = ["arch", "stiffness", "pulse"]
+    of = {model: borders[borders["model"] == model] for model in MODELS}
+    table = of["face"][[*keys, "border", "seconds"]].merge(
+        of["inset"][[*keys, "border", "onset_loss", "seconds"]], "left", keys,
+        suffixes=("_face", "_inset"),
+    )  # fmt: skip
+    rigid = of["rigid"][["arch", "pulse", "border", "seconds"]]
+    table = table.merge(rigid, "left", ["arch", "pulse"])
+    for model, name in (("rigid", "border"), ("inset", "border_inset")):
+        table[f"error_{model}"] = table[name] / table["border_face"] - 1.0
+    return table.dropna(subset=["border_face"])
