@@ -32,6 +32,7 @@ USUAL = {
     "fill.unit_weight": ("N/m3", 5e3, 4e4),
     "fill.backing_unit_weight": ("N/m3", 5e3, 4e4),
     "strength": ("N/m2", 2e5, 3e8),  # from adobe to granite
+    "joints.stiffness": ("Pa/m", 1e8, 1e13),  # from thick lime mortar to dry joints of hard stone
     "ties.area": ("m2", 1e-6, 0.1),
     "ties.modulus": ("N/m2", 1e9, 1e12),  # from timber to carbon fibre
 }
@@ -112,6 +113,9 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
     if arch.free_end:
         values = {"height": float(np.ptp(np.concatenate(arch.outlines)[:, 1]))}
     values |= {key: given[key] for key in ("density", "depth", "strength") if key in given}
+    if stiffness := arch.joint_keys.get("stiffness"):
+        known = np.array(stiffness, dtype=float)
+        values["joints.stiffness"] = known[np.isfinite(known)]
     for part in ("piers", "fill"):
         values |= {f"{part}.{key}": value for key, value in given.get(part, {}).items()}
     if not values.get("fill.backing_height"):

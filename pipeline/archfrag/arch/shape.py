@@ -63,6 +63,18 @@ class Shape:
         return bridge.extended(ring, given["piers"], "depth") if "piers" in given else ring
 
     @property
+    def joint_depths(self) -> NDArray[np.float64]:
+        """Depth of each joint, that of the shallower of its bodies, (n_joint,) [m]."""
+        padded = np.pad(self.depths, 1, mode="edge")
+        return np.minimum(padded[:-1], padded[1:])[: self.n_joint]
+
+    @property
+    def joint_keys(self) -> dict[str, Any]:
+        """What was given of joints that give; empty of rigid ones."""
+        given = self.parameters.get("joints")  # a list: positions of the joints of a ring
+        return given if isinstance(given, dict) else {}
+
+    @property
     def dimensions(self) -> tuple[float, float, float]:
         """Clear span, rise at the joints' intrados and mean thickness of the ring [m]."""
         first, last = self.springings

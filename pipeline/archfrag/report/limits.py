@@ -78,7 +78,7 @@ def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:
     """Return the arches that have a key: no names if all have it, None if none has it."""
-    counts = {name: sum(_is_set(arch.get(key)) for arch in of) for name, of in given.items()}
+    counts = {name: sum(_is_set(_value(arch, key)) for arch in of) for name, of in given.items()}
     having = [
         name if count == len(given[name]) else f"some arches of {name}"
         for name, count in counts.items() if count
@@ -86,6 +86,16 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
     if not having or having == list(given):
         return () if having else None
     return tuple(having) if len(having) <= _LISTED else (f"{len(having)} of {len(given)}",)
+
+
+def _value(arch: Mapping[str, Any], key: str) -> Any:
+    """Return the value of a key; of joints the finite numbers of their stiffness."""
+    value = arch.get(key)
+    if key != "joints":
+        return value
+    value = value.get("stiffness") if isinstance(value, Mapping) else None
+    each = value if isinstance(value, list) else [value]
+    return [one for one in each if isinstance(one, int | float) and math.isfinite(one)]
 
 
 def _is_set(value: Any) -> bool:

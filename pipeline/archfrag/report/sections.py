@@ -29,7 +29,8 @@ Parts = Iterator[Any]  # of a section: texts, tables and figures; None is left o
 _MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of answers
 _SPELT = {"1": "", "degree": " [deg]", "kg m-3": " [kg/m³]"}  # of units as the cube has them
 _UNITS = {name: _SPELT.get(unit, f" [{unit}]") for name, unit in UNITS.items()}
-_UNITS |= {"intrados": " [m]", "extrados": " [m]"}
+_UNITS |= {"intrados": " [m]", "extrados": " [m]", "joints": ""}
+_UNITS |= {"stiffness": " [Pa/m]", "shear": " [Pa/m]"}
 
 
 @dataclass(frozen=True)
