@@ -52,7 +52,7 @@ def facts_of(arch: Shape) -> dict[str, Any]:
     """
     span, rise, thickness = arch.dimensions
     first, last = arch.springings
-    joints = np.stack([arch.intrados, arch.extrados], axis=1)
+    joints = np.stack(arch.ring_lines, axis=1)
     gravity, given = arch.chain.gravity, arch.parameters
     fill, masonry = 0.0, arch.chain.mass * gravity
     if "fill" in given:
@@ -68,7 +68,7 @@ def facts_of(arch: Shape) -> dict[str, Any]:
             for tie, ends in zip(given.get("ties", ()), tie_lines(arch))]  # fmt: skip
     return {
         "span": span, "rise": rise, "thickness": thickness,
-        "springings": joints[[first] if arch.free_end else [first, last]].tolist(),
+        "springings": joints[[0] if arch.free_end else [0, -1]].tolist(),
         "weights": weights, "ties": ties,
     }  # fmt: skip
 

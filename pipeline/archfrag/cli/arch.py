@@ -21,7 +21,13 @@ from archfrag.simulation.response import STATUS_MESSAGE, UNITS, Response, summar
 from archfrag.simulation.simulate import onset as find_onset
 from archfrag.simulation.simulate import simulate as run_simulation
 from archfrag.simulation.springings import springing_path
-from archfrag.simulation.standing import arch_cautions, inset_loss, inset_text, prestress_text
+from archfrag.simulation.standing import (
+    arch_cautions,
+    inset_loss,
+    inset_text,
+    joints_text,
+    prestress_text,
+)
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.schema import load_study
 from archfrag.study.keys import first_message
@@ -147,7 +153,7 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
         lines.append(f"ground towards {sense}: {moves}{how}")
     loss, cautions = inset_loss(arch), arch_cautions(arch, start)
-    lines += filter(None, [inset_text(arch, loss)])
+    lines += filter(None, [inset_text(arch, loss), joints_text(arch)])
     text = "\n".join(lines)
     if not start.stands:
         text = prestress_text(arch) or "does not stand under its own weight"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy  # whose parts are loaded when they are used
@@ -115,38 +115,39 @@ def jointed(
     >>> round(af.onset(af.jointed(block, 3e10)).plus, 4)
     0.1984
     """
-    given = {"stiffness": stiffness, "shear": shear, "damping": damping, "model": model,
-             "points": points}  # fmt: skip
     normal, tangential = (
         checks.shared_or_each(
             f"joints.{name}", value, arch.n_joint, "joint", "Pa/m", least=SOFTEST, infinite="rigid"
         )
-        for name, value in (("stiffness", stiffness), ("shear", stiffness if shear is None else shear))
+        for name, value in (
+            ("stiffness", stiffness),
+            ("shear", stiffness if shear is None else shear),
+        )
     )
     _check_model(damping, model, points, strength)
     if np.isinf(normal).all():
         return crushed(arch, strength)
     _check_first(arch, "joints")
-    told = {key: each if key == "model" else plain(each) for key, each in given.items()}
-    if points is not None:
-        told["points"] = points
-    if (positions := arch.parameters.get("joints")) is not None:
-        told["positions"] = positions
-    told = {key: each for key, each in told.items() if each is not None}
-    parameters = {**arch.parameters, "joints": told}
+    told = {
+        "positions": arch.parameters.get("joints"), "stiffness": plain(stiffness),
+        "shear": plain(shear), "damping": float(damping), "model": model, "points": points,
+    }  # fmt: skip
+    more: dict[str, Any] = {
+        "joints": {key: each for key, each in told.items() if each is not None}
+    }
+    if math.isfinite(strength):
+        more["strength"] = strength
     if model == "face":
-        row = {Joint.STIFFNESS: normal, Joint.SHEAR: tangential}
-        if not np.isfinite([*row.values()]).all():
-            raise InputError("joints.model face needs a finite stiffness and shear of all joints")
         joint = np.zeros((arch.n_joint, len(Joint)))
-        for column, values in row.items():
-            joint[:, column] = values * arch.joint_depths
+        joint[:, Joint.STIFFNESS] = normal * arch.joint_depths
+        joint[:, Joint.SHEAR] = tangential * arch.joint_depths
         joint[:, Joint.DAMPING], joint[:, Joint.POINTS] = damping, points or 0
-        soft = arch.changed(chain=arch.chain._replace(joint=joint), parameters=parameters)
+        if not np.isfinite(joint).all():
+            raise InputError("joints.model face needs a finite stiffness and shear of all joints")
+        soft = arch.changed(chain=arch.chain._replace(joint=joint))
     else:
-        if math.isfinite(strength):
-            parameters["strength"] = strength
-        soft = _inset(arch, normal, strength).changed(parameters=parameters)
+        soft = _inset(arch, normal, strength)
+    soft = soft.changed(parameters={**arch.parameters, **more})
     warn_of_units(soft, "joints", "strength")
     return soft
 

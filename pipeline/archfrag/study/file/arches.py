@@ -33,10 +33,6 @@ class Key(NamedTuple):
     unit: str | None = None  # as the cube states it
 
 
-def _stiffness(given: Any) -> Any:
-    return math.inf if given == "inf" else given
-
-
 def _coefficient(given: Any) -> Any:
     if isinstance(given, int | float) and 1e6 < given < math.inf:
         raise refuse("must be at most 1e+06, or inf for no sliding")
@@ -68,12 +64,9 @@ Friction = Annotated[
 Stiffness = Annotated[
     float,
     Field(allow_inf_nan=True),
-    BeforeValidator(_stiffness),
-    WithJsonSchema(
-        {"anyOf": [{"type": "number", "minimum": SOFTEST, "maximum": MOST["Pa/m"]},
-                   {"const": "inf"}]}
-    ),
-]  # fmt: skip
+    BeforeValidator(lambda given: math.inf if given == "inf" else given),
+    WithJsonSchema({"anyOf": [{"type": "number", "minimum": SOFTEST}, {"const": "inf"}]}),
+]
 Value = Annotated[float, Field(ge=-MOST["Pa/m"], le=MOST["Pa/m"])]
 Positive = Annotated[float, Field(gt=0.0, le=MOST["Pa/m"])]
 Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
@@ -391,7 +384,9 @@ class ArchEntry(Section):
     @model_validator(mode="after")
     def _have_what_varies(self) -> Self:
         if self.soft.positions is not None and not self.table and self.profile not in RINGS:
-            rule = f"has positions, which only {', '.join(RINGS)} take; give a block with stiffness"
+            rule = (
+                f"has positions, which only {', '.join(RINGS)} take; give a block with stiffness"
+            )
             raise refuse(rule, "joints")
         later = self.table or (self.vary is not None and "joints" in self.vary.of)
         if isinstance(self.joints, JointEntry) and self.soft.stiffness is None and not later:
@@ -481,7 +476,10 @@ def _built(entry: ArchEntry) -> "Arch":
     if entry.recess is not None:
         built = built.recessed(entry.recess.intrados, entry.recess.extrados)
     strength = math.inf if entry.strength is None else entry.strength
-    built = jointed(built, **soft, strength=strength) if "stiffness" in soft else crushed(built, strength)
+    if "stiffness" in soft:
+        built = jointed(built, **soft, strength=strength)
+    else:
+        built = crushed(built, strength)
     if entry.springings is not None:
         built = move_springing(built, **entry.springings.model_dump())
     for tie in entry.ties or ():
