@@ -95,6 +95,15 @@ def test_hinges_inside_the_edges_of_a_thin_arch_are_a_caution(tmp_path):
     assert caution.startswith("ring: hinges 10 mm inside the edges of the joints lower the onset")
 
 
+def test_faces_are_for_time_stepping(tmp_path):
+    face = TEXT.replace("friction: 0.7", "friction: 0.7, joints: {stiffness: 3.0e+10, model: face}")
+    assert load_study(small_study(tmp_path, face)).arches[0].soft.model == "face"
+    events = face.replace("name: time_stepping", "name: event_driven").replace("dt: 2.0e-3", "rtol: 1e-6")
+    rule = r"arches\[0\].joints.model face needs method time_stepping or auto, not event_driven"
+    with pytest.raises(InputError, match=rule):
+        load_study(small_study(tmp_path, events))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "part"),
     [

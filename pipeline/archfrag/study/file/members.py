@@ -226,10 +226,15 @@ def _joints_drawn(
 
 
 def check_buildable(given: Members) -> None:
-    """Check that all arches can exist; InputError names the first that cannot."""
+    """Check that all arches can exist; InputError, or StabilityError of one that does not stand
+    with its joints, names the first that cannot.
+    """
     for member in given:
-        with at(f"{member.place}: cannot exist"):
-            member.entry.build()
+        try:
+            with at(f"{member.place}: cannot exist"):
+                member.entry.build()
+        except StabilityError as error:
+            raise StabilityError(f"{member.place}: {error}") from error
 
 
 def check_standing(given: Members) -> None:
