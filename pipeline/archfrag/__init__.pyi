@@ -6,11 +6,11 @@ from .fragility.fit import fit_ida, fit_stripes
 from .motions.formats.columns import Columns
 from .motions.motion import Motion
 from .motions.read import read_motion
+from .simulation.joints import crushed, jointed
 from .simulation.response import Response
 from .simulation.rest import Onset, onset
 from .simulation.simulate import limit_load, simulate, simulate_many
 from .simulation.springings import move_springing, springing_path
-from .simulation.joints import crushed, jointed
 from .study.reading import read_motions
 from .version import __version__
 

@@ -181,7 +181,7 @@ class TestSettings:
             (lambda: af.jointed(RING, 1e10).on_piers(height=5.0, width=3.0), GeometryError,
              "has joints already; on_piers and filled come before"),
             (lambda: af.jointed(THIN, 1e7), StabilityError,
-             "joints of 1e+07 Pa/m, bearing inside their ends; make them stiffer"),
+             "joints of 1e+07 Pa/m, which bear inside their ends; make it thicker"),
         ],
     )  # fmt: skip
     @pytest.mark.filterwarnings("ignore:joints.stiffness")

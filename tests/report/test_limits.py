@@ -24,7 +24,14 @@ KEYS = {
     "delay": (0.4, "0.4 s after the left one", "the same ground motion"),
     "friction": (0.6, "slide against Coulomb friction", "cannot slide"),
 }  # fmt: skip
-OTHERWISE = {"joints": {"stiffness": float("inf"), "damping": 0.05}, "vertical": "not used", "delay": None, "friction": "inf", "dead_load": 0.0}
+RIGID = {"stiffness": float("inf"), "damping": 0.05}
+OTHERWISE = {
+    "joints": RIGID,
+    "vertical": "not used",
+    "delay": None,
+    "friction": "inf",
+    "dead_load": 0.0,
+}
 
 
 def told(had):

@@ -84,7 +84,7 @@ def shared_or_each(
     end += f" (inf: {infinite})" if infinite else ""
     array = _floats(
         name, value, allowed.rstrip() + end,
-        lambda x: (x >= least) & (((x <= most) & np.isfinite(x)) | ((x == math.inf) & bool(infinite))),
+        lambda x: (x >= least) & ((x <= most) & np.isfinite(x) | (x == math.inf) & bool(infinite)),
         lambda shape: shape in ((), (size,)),
     )  # fmt: skip
     return np.broadcast_to(array, size).copy()

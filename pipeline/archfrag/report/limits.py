@@ -89,22 +89,20 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
 
 
 def _value(arch: Mapping[str, Any], key: str) -> Any:
-    """Return the value of a key; of joints the finite numbers of their stiffness."""
+    """Return the value of a key; of joints their stiffness."""
     value = arch.get(key)
     if key != "joints":
         return value
-    value = value.get("stiffness") if isinstance(value, Mapping) else None
-    each = value if isinstance(value, list) else [value]
-    return [one for one in each if isinstance(one, int | float) and math.isfinite(one)]
+    return value.get("stiffness") if isinstance(value, Mapping) else None
 
 
 def _is_set(value: Any) -> bool:
-    """Return whether a key holds a number other than 0, at any depth."""
+    """Return whether a key holds a finite number other than 0, at any depth."""
     if isinstance(value, Mapping):
         return any(map(_is_set, value.values()))
     if isinstance(value, list | tuple):
         return any(map(_is_set, value))
-    return isinstance(value, int | float) and value != 0
+    return isinstance(value, int | float) and value != 0 and math.isfinite(value)
 
 
 def _slides(arch: Mapping[str, Any]) -> bool:

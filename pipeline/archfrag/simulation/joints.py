@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy  # whose parts are loaded when they are used
@@ -76,14 +76,13 @@ def jointed(
     """Return the arch with joints that give.
 
     A face without tension that has rotated by theta bears on a strip x = sqrt(2 N / (k b theta))
-    long, k b being stiffness times depth and N the normal force; its resultant lies x/3 inside the
-    edge. A mechanism that has rotated by theta so bears the steady load (onset with contact points
-    x/3 inside) - (onset of rigid joints) theta/theta_s, with the rotation theta_s of unstable
-    equilibrium. Where this is largest, at theta*, the rotation has cost as much as another x/6.
-    Rigid joints whose contact points lie x(theta*)/2 inside bear the same load: the model inset.
-    Masses, inertias and centroids stay. N is that at rest, as of `crushed`. If the mechanism
-    slides, theta* is that without sliding; if there is no theta_s either, x/6 over the height of
-    the centroid of all bodies above the lower end, as of a block.
+    with its resultant x/3 inside the edge; N is the normal force at rest, k b stiffness times
+    depth. A mechanism then bears the steady load (onset with contact points x/3 inside) - (onset
+    of rigid joints) theta/theta_s, with the rotation theta_s of unstable equilibrium. At theta*,
+    where this is largest, the rotation has cost as much as another x/6: the model inset has rigid
+    joints with contact points x(theta*)/2 inside. Masses, inertias and centroids stay. If the
+    mechanism slides, theta* is that without sliding; if there is no theta_s either, it is x/6 over
+    the height of the centroid of all bodies above the lower end, as of a block.
 
     Parameters
     ----------
@@ -113,16 +112,14 @@ def jointed(
     >>> import archfrag as af
     >>> block = af.Block(width=0.2, height=1.0, friction=0.8)
     >>> round(af.onset(af.jointed(block, 3e10)).plus, 4)
-    0.1984
+    0.1907
     """
+    both = {"stiffness": stiffness, "shear": stiffness if shear is None else shear}
     normal, tangential = (
         checks.shared_or_each(
             f"joints.{name}", value, arch.n_joint, "joint", "Pa/m", least=SOFTEST, infinite="rigid"
         )
-        for name, value in (
-            ("stiffness", stiffness),
-            ("shear", stiffness if shear is None else shear),
-        )
+        for name, value in both.items()
     )
     _check_model(damping, model, points, strength)
     if np.isinf(normal).all():
@@ -132,11 +129,12 @@ def jointed(
         "positions": arch.parameters.get("joints"), "stiffness": plain(stiffness),
         "shear": plain(shear), "damping": float(damping), "model": model, "points": points,
     }  # fmt: skip
-    more: dict[str, Any] = {
-        "joints": {key: each for key, each in told.items() if each is not None}
+    given = {
+        **arch.parameters,
+        "joints": {k: each for k, each in told.items() if each is not None},
     }
     if math.isfinite(strength):
-        more["strength"] = strength
+        given["strength"] = strength
     if model == "face":
         joint = np.zeros((arch.n_joint, len(Joint)))
         joint[:, Joint.STIFFNESS] = normal * arch.joint_depths
@@ -147,7 +145,7 @@ def jointed(
         soft = arch.changed(chain=arch.chain._replace(joint=joint))
     else:
         soft = _inset(arch, normal, strength)
-    soft = soft.changed(parameters={**arch.parameters, **more})
+    soft = soft.changed(parameters=given)
     warn_of_units(soft, "joints", "strength")
     return soft
 
@@ -172,14 +170,15 @@ def _check_first(arch: Arch, key: str) -> None:
 def _check_model(damping: float, model: str, points: int | None, strength: float) -> None:
     """See that the settings of joints that give fit together."""
     check_number("joints.damping", damping, 0.0, 1.0)
-    if model not in ("inset", "face"):
-        raise InputError(f"joints.model = {model!r} must be inset or face")
-    if points not in (None, 2, 3):
-        raise InputError(f"joints.points = {points!r} must be 2 or 3, or not given")
-    if points is not None and model == "inset":
-        raise InputError(f"joints.points = {points} needs joints.model face")
-    if not _is_unlimited(strength) and model == "face":
-        raise InputError(f"strength = {strength:g} needs joints.model inset")
+    for wrong, text in (
+        (model not in ("inset", "face"), f"joints.model = {model!r} must be inset or face"),
+        (points not in (None, 2, 3), f"joints.points = {points!r} must be 2 or 3, or not given"),
+        (points and model != "face", f"joints.points = {points} needs joints.model face"),
+        (not _is_unlimited(strength) and model != "inset",
+         f"strength = {strength:g} needs joints.model inset"),
+    ):  # fmt: skip
+        if wrong:
+            raise InputError(text)
 
 
 def _inset(arch: Arch, stiffness: NDArray[np.float64], strength: float) -> Arch:
@@ -192,14 +191,10 @@ def _inset(arch: Arch, stiffness: NDArray[np.float64], strength: float) -> Arch:
         strip = unit * np.sqrt(np.maximum(start.normal, 0.0))
         soft = _shortened(arch, 0.5 * unit / math.sqrt(_rotation(arch, start, strip)), strength)
     if soft is None:
-        what = "with its joints rigid"
-        if start.stands:
-            low, high = stiffness.min(), stiffness[np.isfinite(stiffness)].max()
-            what = f"with joints of {low:g}{'' if low == high else f' to {high:g}'} Pa/m"
-            what += "" if math.isinf(strength) else f" and a strength of {strength:g} N/m2"
-            what += ", bearing inside their ends; make them stiffer, or the arch thicker, or try "
-            what += "joints.model face"
-        raise StabilityError(f"{arch!r}: the arch does not stand {what}")
+        raise StabilityError(
+            f"{arch!r}: the arch does not stand with joints of {stiffness.min():g} Pa/m, which "
+            "bear inside their ends; make it thicker or them stiffer, or try joints.model face"
+        )
     return soft
 
 
@@ -220,7 +215,7 @@ def _rotation(arch: Arch, start: Onset, strip: NDArray[np.float64]) -> float:
         ends = 0.5 * (arch.intrados + arch.extrados)[[0] if arch.free_end else [0, -1], 1]
         mass = arch.chain.mass
         height = max(mass @ arch.centroids[:, 1] / mass.sum() - ends.min(), length.mean())
-        middle = float(np.sqrt(np.mean(strip[strip > 0.0] ** 2)))
+        middle = max(float(np.sqrt(np.mean(strip**2))), checks.SMALLEST)
         return (middle / (6.0 * height)) ** (2.0 / 3.0)
 
     def lost(log_rotation: float) -> float:
@@ -234,9 +229,8 @@ def _rotation(arch: Arch, start: Onset, strip: NDArray[np.float64]) -> float:
     tried = np.log(falls) + np.linspace(math.log(LEAST_ROTATION), 0.0, TRIED)
     best = int(np.argmin([lost(each) for each in tried]))
     bounds = tried[max(best - 1, 0)], tried[min(best + 1, TRIED - 1)]
-    found = scipy.optimize.minimize_scalar(
-        lost, bounds=bounds, method="bounded", options={"xatol": REFINED}
-    )
+    options = {"xatol": REFINED}
+    found = scipy.optimize.minimize_scalar(lost, bounds=bounds, method="bounded", options=options)
     return math.exp(found.x)
 
 

@@ -12,8 +12,8 @@ from archfrag.arch.drawing import read_drawing
 from archfrag.arch.facts import no_unit_warnings
 from archfrag.arch.polygons import polygon_ring
 from archfrag.arch.uncertain import Marginal
-from archfrag.simulation.springings import move_springing
 from archfrag.simulation.joints import SOFTEST, crushed, jointed
+from archfrag.simulation.springings import move_springing
 from archfrag.study.keys import PathText, Section, at, refuse
 
 if TYPE_CHECKING:
@@ -408,7 +408,7 @@ class ArchEntry(Section):
         return self.model_dump(exclude_none=True)
 
     def value(self, key: str) -> Any:
-        """Return the value of a key that may vary, None if it has none; of joints the stiffness."""
+        """Return the value of a key that may vary, of joints their stiffness; None without one."""
         return self.soft.stiffness if key == "joints" else getattr(self, key, None)
 
     @property
