@@ -164,7 +164,8 @@ def _class_parts(inputs: ReportInputs, name: str, curves: Picture) -> Parts:
     for key, variable in inputs.cube.data_vars.items():
         if str(key).startswith("arch_") and variable.dtype.kind in "fiu":
             values = variable.values[members].astype(float)
-            if np.unique(values).size > 1:
+            values[np.isinf(values)] = np.nan  # has no place on an axis
+            if np.unique(values[~np.isnan(values)]).size > 1:
                 differences[str(key).removeprefix("arch_").replace("_", " ")] = values
     theta = inputs.scale.factor * thetas(inputs.answers.values())[members]
     if figure := curve_figures.theta_panels(theta, differences, name, inputs.scale.unit):

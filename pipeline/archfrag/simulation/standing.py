@@ -89,7 +89,7 @@ def joints_text(arch: Arch) -> str:
     if math.isnan(loss):
         return ""
     stiffness = np.min(np.array(soft.get("stiffness", USUAL_STIFFNESS), dtype=float))
-    who = f"{'its ' if soft else ''}joints of {stiffness:g} Pa/m{'' if soft else ', as is usual,'}"
+    who = f"{'its ' if soft else ''}joints of {stiffness:.3g} Pa/m{'' if soft else ', as is usual,'}"
     lost = f"{who} lower the onset of motion by {100.0 * loss:.1f} %"
     if loss >= 1.0:
         lost = f"with {who} bearing inside their ends it does not stand"
