@@ -223,7 +223,6 @@ class TestJointsThatGive:
             assert entry["joints"]["stiffness"] == 1e10
             ArchEntry.model_validate(entry)
 
-
     def test_a_sample_that_does_not_stand_is_named(self):
         with pytest.raises(StabilityError, match=r"^arches\[0\] \(ring\): sample 1 \(joints = "):
             drawn({"of": {"joints": lognormal(2e6, 0.1)}})

@@ -52,7 +52,10 @@ def facts_of(arch: Shape) -> dict[str, Any]:
     """
     span, rise, thickness = arch.dimensions
     first, last = arch.springings
-    joints = np.stack(arch.ring_lines, axis=1)
+    lines = arch.ring_lines
+    if arch.chain.start is not None:  # where they have moved to
+        lines = arch.intrados[first : last + 1], arch.extrados[first : last + 1]
+    joints = np.stack(lines, axis=1)
     gravity, given = arch.chain.gravity, arch.parameters
     fill, masonry = 0.0, arch.chain.mass * gravity
     if "fill" in given:

@@ -54,7 +54,7 @@ def crushed(arch: Arch, strength: float) -> Arch:
     >>> af.onset(af.crushed(arch, 2e6)).plus < af.onset(arch).plus
     True
     """
-    if _is_unlimited(strength):
+    if math.isinf(strength):
         return arch
     _check_first(arch, "strength")
     weak = _shortened(arch, np.zeros(arch.n_joint), strength)
@@ -150,13 +150,6 @@ def jointed(
     return soft
 
 
-def _is_unlimited(strength: float) -> bool:
-    """Return whether nothing crushes; a strength that is none is refused."""
-    if not math.isinf(strength):
-        check_number("strength", strength, 1.0, 1e12, "N/m2")
-    return math.isinf(strength)
-
-
 def _check_first(arch: Arch, key: str) -> None:
     """See that an arch may still get joints that give, or crush."""
     if arch.chain.start is not None or arch.chain.tie is not None:
@@ -174,7 +167,7 @@ def _check_model(damping: float, model: str, points: int | None, strength: float
         (model not in ("inset", "face"), f"joints.model = {model!r} must be inset or face"),
         (points not in (None, 2, 3), f"joints.points = {points!r} must be 2 or 3, or not given"),
         (points and model != "face", f"joints.points = {points} needs joints.model face"),
-        (not _is_unlimited(strength) and model != "inset",
+        (math.isfinite(strength) and model != "inset",
          f"strength = {strength:g} needs joints.model inset"),
     ):  # fmt: skip
         if wrong:
@@ -240,6 +233,8 @@ def _shortened(arch: Arch, unit: NDArray[np.float64], strength: float) -> Arch |
 
     A joint under the force N loses `unit` times its root, or half of the depth that crushes.
     """
+    if math.isfinite(strength):
+        check_number("strength", strength, 1.0, 1e12, "N/m2")
     wide, length = arch.joint_depths, np.hypot(*(arch.extrados - arch.intrados)[: arch.n_joint].T)
     lost, now = np.zeros(arch.n_joint), arch
     for _ in range(MOST_ITERATIONS):

@@ -89,15 +89,15 @@ def joints_text(arch: Arch) -> str:
     if math.isnan(loss):
         return ""
     stiffness = np.min(np.array(soft.get("stiffness", USUAL_STIFFNESS), dtype=float))
-    who = f"{'its ' if soft else ''}joints of {stiffness:.3g} Pa/m{'' if soft else ', as is usual,'}"
+    who = f"{'its' if soft else 'usual'} joints of {stiffness:.3g} Pa/m"
     lost = f"{who} lower the onset of motion by {100.0 * loss:.1f} %"
     if loss >= 1.0:
         lost = f"with {who} bearing inside their ends it does not stand"
+    if loss > INSET_ENOUGH:
+        return f"{lost}: joints.model face is needed"
     if loss < RIGID_ENOUGH:
         return f"{lost}: rigid ones are enough"
-    return (
-        f"{lost}: joints.model {'inset is enough' if loss <= INSET_ENOUGH else 'face is needed'}"
-    )
+    return f"{lost}: joints.model inset is enough, rigid ones are not"
 
 
 def inset_text(arch: Arch, loss: float) -> str:
