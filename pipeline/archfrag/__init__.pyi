@@ -6,11 +6,11 @@ from .fragility.fit import fit_ida, fit_stripes
 from .motions.formats.columns import Columns
 from .motions.motion import Motion
 from .motions.read import read_motion
+from .simulation.joints import crushed, jointed
 from .simulation.response import Response
 from .simulation.rest import Onset, onset
 from .simulation.simulate import limit_load, simulate, simulate_many
 from .simulation.springings import move_springing, springing_path
-from .simulation.strength import crushed
 from .study.reading import read_motions
 from .version import __version__
 
@@ -28,6 +28,7 @@ __all__ = [
     "crushed",
     "fit_ida",
     "fit_stripes",
+    "jointed",
     "limit_load",
     "move_springing",
     "onset",

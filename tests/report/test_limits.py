@@ -15,6 +15,7 @@ KEYS = {
     "fill": ({"height_over_crown": 0.3, "unit_weight": 18e3}, "Fill is modelled", "Fill is not"),
     "dead_load": (500.0, "A dead load is modelled", "No dead load"),
     "strength": (5e6, "Crushing is modelled", "Crushing is not"),
+    "joints": ({"stiffness": 3e10, "damping": 0.05}, "Joints give: by", "Joints do not give"),
     "springings": ({"spread": 0.02, "springing": "left"}, "A springing has moved", "Movement of"),
     "ties": ([{"level": 1.0, "area": 1e-3}], "Ties are modelled as", "Ties are not"),
     "piers": ({"height": [3.0, 3.0], "width": [1.0, 1.0]}, "Piers are modelled", "Piers are not"),
@@ -23,7 +24,14 @@ KEYS = {
     "delay": (0.4, "0.4 s after the left one", "the same ground motion"),
     "friction": (0.6, "slide against Coulomb friction", "cannot slide"),
 }  # fmt: skip
-OTHERWISE = {"vertical": "not used", "delay": None, "friction": "inf", "dead_load": 0.0}
+RIGID = {"stiffness": float("inf"), "damping": 0.05}
+OTHERWISE = {
+    "joints": RIGID,
+    "vertical": "not used",
+    "delay": None,
+    "friction": "inf",
+    "dead_load": 0.0,
+}
 
 
 def told(had):

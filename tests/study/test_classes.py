@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import lxml.etree
@@ -14,6 +15,7 @@ import pytest
 from archfrag.fragility.verdicts import Verdict
 from archfrag.report.inputs import report_inputs, summary
 from archfrag.report.page import render
+from archfrag.report.sections import class_sections
 from archfrag.study.file.schema import RiskKeys
 from archfrag.study.steps import products
 from tests.study.small import command, made, small_study
@@ -125,6 +127,14 @@ class TestOneCurve:
         assert slab["curve"]["maximum_likelihood"] is None
         (dispersion,) = page.xpath('//section[@id="class0"]//dl[1]/div[2]/dd[1]')
         assert dispersion.text == f"{slab['curve']['beta']:#.3g}"
+
+
+def test_what_is_infinite_has_no_place_where_theta_depends_on_it(classes):
+    inputs = report_inputs(classes.study)
+    stiffness = [1e10, 2e10, 3e10, np.inf, 1e10, np.inf, np.nan]
+    cube = inputs.cube.assign(arch_joints=("arch", stiffness))
+    slab, fleet = class_sections(replace(inputs, cube=cube))
+    assert [">joints<" in "".join(map(str, page.parts)) for page in (slab, fleet)] == [True, False]
 
 
 def test_more_samples_run_alone(classes, tmp_path):

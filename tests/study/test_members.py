@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+import archfrag as af
+from archfrag.api.studies import _arches
 from archfrag.errors import InputError, StabilityError
 from archfrag.simulation.simulate import onset
-from archfrag.study.file.arches import ArchEntry
+from archfrag.study.file.arches import ArchEntry, JointEntry
 from archfrag.study.file.members import check_buildable, check_standing, expand
 
 SHARED = {"profile": "circular", "embrace": 157.5, "voussoirs": 7, "friction": 0.7}
@@ -118,6 +120,112 @@ def fleet(folder, text=TABLE, **changed):
     path = folder / "fleet.csv"
     path.write_text(text, encoding="utf-8", newline="")
     return ArchEntry.model_validate({"id": "fleet", **SHARED, "table": str(path), **changed})
+
+
+SOFT = {"stiffness": 2e10, "shear": 1e10, "damping": 0.1, "model": "face", "points": 3}
+
+
+def lognormal(median, beta, **more):
+    return {"distribution": "lognormal", "median": median, "beta": beta, **more}
+
+
+class TestJointsThatGive:
+    @pytest.mark.parametrize(
+        "given", [NO_RING | BLOCK, NO_RING | COLUMN, {"profile": "circular"}], ids=str
+    )
+    def test_a_block_of_keys_is_what_python_makes_of_them(self, given):
+        entry = {**RING, **given, "joints": SOFT}
+        entry = {key: value for key, value in entry.items() if value is not None}
+        rigid = ArchEntry.model_validate({**entry, "joints": None}).build()
+        built = ArchEntry.model_validate(entry).build()
+        np.testing.assert_array_equal(built.chain.joint, af.jointed(rigid, **SOFT).chain.joint)
+        assert built.parameters["joints"] == SOFT
+        # What Python has is again what a study takes.
+        known = {key: each for key, each in built.parameters.items() if each is not None}
+        assert (
+            ArchEntry.model_validate({**known, "id": "again"}).build().parameters["joints"] == SOFT
+        )
+
+    def test_positions_recess_and_strength_go_with_it(self):
+        at = [0.0, 20.0, 40.0, 60.0, 90.0, 120.0, 140.0, 157.5]
+        keys = {**RING, "joints": {"positions": at, "stiffness": [*[2e10] * 7, "inf"]},
+                "recess": {"intrados": 0.02}, "strength": 4e6}  # fmt: skip
+        soft = ArchEntry.model_validate(keys).build()
+        ring = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7, joints=at).recessed(0.02)
+        expected = af.jointed(ring, [*[2e10] * 7, np.inf], strength=4e6)
+        np.testing.assert_array_equal(soft.chain.face_after, expected.chain.face_after)
+        assert soft.parameters == {
+            **expected.parameters,
+            "recess": {"intrados": 0.02, "extrados": 0.0},
+        }
+
+    @pytest.mark.parametrize("stiffness", ["inf", np.inf, ["inf"] * 8])
+    def test_infinite_stiffness_is_the_rigid_arch(self, stiffness):
+        rigid = ArchEntry.model_validate(RING).build()
+        same = ArchEntry.model_validate({**RING, "joints": {"stiffness": stiffness}}).build()
+        assert same.parameters == rigid.parameters
+        for name, value in rigid.chain._asdict().items():
+            np.testing.assert_array_equal(getattr(same.chain, name), value)
+
+    @pytest.mark.parametrize(
+        "joints", [None, SOFT, {"model": "face", "damping": 0.1}, [0.0, 157.5]]
+    )
+    def test_stiffness_varies_and_other_keys_stay(self, joints):
+        if isinstance(joints, list):
+            joints = np.linspace(*joints, 8).tolist()
+        found = drawn({"of": {"joints": lognormal(3e10, 1.0)}}, 64, joints=joints)
+        stiffness = [member.entry.joints.stiffness for member in found]
+        assert stiffness == [member.values["joints"] for member in found]
+        assert np.log(stiffness).mean() == pytest.approx(np.log(3e10), abs=0.05)
+        assert np.log(stiffness).std() == pytest.approx(1.0, rel=0.05)
+        keys = joints if isinstance(joints, dict) else {"positions": joints} if joints else {}
+        for entry in entries(found):
+            expected = JointEntry(**{**keys, "stiffness": entry.joints.stiffness})
+            assert entry.joints == expected
+        shift = [np.linalg.norm(e.build().chain.face_after[0, 0]) for e in entries(found)]
+        assert (len(set(shift)) == 64) == ("model" not in keys)
+
+    def test_relative_values_multiply_one_or_each(self):
+        law = {"of": {"joints": lognormal(1.0, 0.5, relative=True)}}
+        for member in drawn(law, joints={"stiffness": 2e10, "shear": 1e10}):
+            assert member.values == {"joints": member.entry.joints.stiffness}
+            assert member.entry.joints.shear == 1e10
+        own = np.linspace(1e10, 2e10, 8)
+        for member in drawn(law, joints={"stiffness": own.tolist()}):
+            factor = member.values["joints_factor"]
+            np.testing.assert_allclose(member.entry.joints.stiffness, factor * own)
+
+    def test_with_scatter_of_positions_and_an_angle_that_varies(self):
+        vary = {"of": {"embrace": normal(150.0, 0.02)}, "joints": {"position": uniform(-0.1, 0.1)}}
+        plain = drawn(vary)
+        soft = drawn(vary, joints={"stiffness": 2e10})
+        for one, other in zip(entries(plain), entries(soft), strict=True):
+            assert other.joints.positions == one.joints
+            assert other.joints.stiffness == 2e10
+
+    def test_a_column_of_a_table_is_the_stiffness(self, tmp_path):
+        table = "id,radius,thickness,joints\na,10,1.5,2e10\nb,10,1.5,\nc,10,1.5,inf\n"
+        found = expand([fleet(tmp_path, table, joints={"stiffness": 1e10, "damping": 0.2})])
+        assert [member.entry.joints.stiffness for member in found] == [2e10, 1e10, np.inf]
+        assert [member.values["joints"] for member in found] == [2e10, 1e10, np.inf]
+        assert {member.entry.joints.damping for member in found} == {0.2}
+
+    def test_a_study_of_python_keeps_scatter_and_stiffness_apart(self):
+        scatter = {"friction": normal(1.0, 0.1)}
+        for joints, place in ((scatter, ()), (lognormal(3e10, 1.0), ("of",))):
+            (entry,) = _arches(
+                af.jointed(af.Block(1.0, 2.0, 0.8), 1e10), "b", {"samples": 4, "joints": joints}
+            )
+            vary = entry["vary"]
+            for key in place:
+                vary = vary[key]
+            assert vary["joints"] == joints
+            assert entry["joints"]["stiffness"] == 1e10
+            ArchEntry.model_validate(entry)
+
+    def test_a_sample_that_does_not_stand_is_named(self):
+        with pytest.raises(StabilityError, match=r"^arches\[0\] \(ring\): sample 1 \(joints = "):
+            drawn({"of": {"joints": lognormal(2e6, 0.1)}})
 
 
 class TestTables:

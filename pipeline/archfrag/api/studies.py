@@ -245,7 +245,8 @@ def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
         given = each.parameters if isinstance(each, Arch) else each
         entries.append({"id": name} | {k: v for k, v in given.items() if v is not None})
         if vary is not None:
-            of = {key: law for key, law in vary.items() if key in VARIABLE}
+            of = {key: law for key, law in vary.items()
+                  if key in VARIABLE and (key != "joints" or "distribution" in law)}  # fmt: skip
             others = {key: value for key, value in vary.items() if key not in of}
             entries[-1]["vary"] = others | ({"of": {**others.get("of", {}), **of}} if of else {})
     return entries

@@ -35,7 +35,8 @@ def checked_piers(
     )  # fmt: skip
     found: Piers = {
         name: value if value is None else checks.shared_or_each(
-            f"piers.{name}", value, 2, "pier", unit, least=least, infinite=name == "friction"
+            f"piers.{name}", value, 2, "pier", unit, least=least,
+            infinite=checks.ROUGH if name == "friction" else "",
         ).tolist()
         for name, value, unit, least in rows
     }  # fmt: skip

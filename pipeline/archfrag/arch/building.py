@@ -43,7 +43,7 @@ def fields_of(given: Given) -> dict[str, Any]:
     ring, springings, joints = given.ring, (0, count), count + (not given.free_end)
     if given.piers is None:
         friction = checks.shared_or_each(
-            "friction", given.friction, joints, "joint", infinite=True
+            "friction", given.friction, joints, "joint", infinite=checks.ROUGH
         )
     else:
         piers = bridge.checked_piers(**given.piers)
@@ -84,7 +84,7 @@ def _friction_on_piers(
 
 
 def _coefficients(friction: ArrayLike, count: int) -> NDArray[np.float64]:
-    return checks.shared_or_each("friction", friction, count, "joint", infinite=True)
+    return checks.shared_or_each("friction", friction, count, "joint", infinite=checks.ROUGH)
 
 
 def plain(value: ArrayLike | None) -> Any:

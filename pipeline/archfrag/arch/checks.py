@@ -13,6 +13,8 @@ from archfrag.errors import GeometryError
 FloatArray = NDArray[np.float64]
 # Lengths [m] between which nothing overflows; beyond them units were mistaken.
 SMALLEST, LARGEST = 1e-6, 1e6
+MOST = {"m": LARGEST, "Pa/m": 1e15}  # by unit
+ROUGH = "the limit of large friction"
 # Of an arch: beyond it even the onset takes longer than a check of a study should.
 MOST_VOUSSOIRS = 2000
 
@@ -70,19 +72,19 @@ def flag(name: str, value: object) -> bool:
 
 
 def shared_or_each(
-    name: str, value: Any, size: int, each: str, unit: str = "", *, infinite: bool = False,
+    name: str, value: Any, size: int, each: str, unit: str = "", *, infinite: str = "",
     least: float = 0.0,
 ) -> FloatArray:  # fmt: skip
-    """Return one number for all, or one for each; none below `least`, lengths within their
-    bounds.
+    """Return one number for all, or one for each; none below `least`, and all within the bounds
+    of their unit. `infinite` is what inf stands for; it is not allowed if that is empty.
     """
-    most = LARGEST if unit == "m" else math.inf
+    most = MOST.get(unit, math.inf)
     allowed = f"one number or one for each of the {size} {each}s, all at least {least:g} {unit}"
-    end = f" and at most {most:g} m" if math.isfinite(most) else " and finite"
-    end = " (inf: the limit of large friction)" if infinite else end
+    end = f" and at most {most:g} {unit}" if unit in MOST else "" if infinite else " and finite"
+    end += f" (inf: {infinite})" if infinite else ""
     array = _floats(
         name, value, allowed.rstrip() + end,
-        lambda x: (x >= least) & (x <= most) & (np.isfinite(x) | infinite),
+        lambda x: (x >= least) & ((x <= most) & np.isfinite(x) | (x == math.inf) & bool(infinite)),
         lambda shape: shape in ((), (size,)),
     )  # fmt: skip
     return np.broadcast_to(array, size).copy()

@@ -32,6 +32,7 @@ USUAL = {
     "fill.unit_weight": ("N/m3", 5e3, 4e4),
     "fill.backing_unit_weight": ("N/m3", 5e3, 4e4),
     "strength": ("N/m2", 2e5, 3e8),  # from adobe to granite
+    "joints.stiffness": ("Pa/m", 1e8, 1e13),  # from thick lime mortar to dry joints of hard stone
     "ties.area": ("m2", 1e-6, 0.1),
     "ties.modulus": ("N/m2", 1e9, 1e12),  # from timber to carbon fibre
 }
@@ -51,7 +52,10 @@ def facts_of(arch: Shape) -> dict[str, Any]:
     """
     span, rise, thickness = arch.dimensions
     first, last = arch.springings
-    joints = np.stack([arch.intrados, arch.extrados], axis=1)
+    lines = arch.ring_lines
+    if arch.chain.start is not None:  # where they have moved to
+        lines = arch.intrados[first : last + 1], arch.extrados[first : last + 1]
+    joints = np.stack(lines, axis=1)
     gravity, given = arch.chain.gravity, arch.parameters
     fill, masonry = 0.0, arch.chain.mass * gravity
     if "fill" in given:
@@ -67,7 +71,7 @@ def facts_of(arch: Shape) -> dict[str, Any]:
             for tie, ends in zip(given.get("ties", ()), tie_lines(arch))]  # fmt: skip
     return {
         "span": span, "rise": rise, "thickness": thickness,
-        "springings": joints[[first] if arch.free_end else [first, last]].tolist(),
+        "springings": joints[[0] if arch.free_end else [0, -1]].tolist(),
         "weights": weights, "ties": ties,
     }  # fmt: skip
 
@@ -112,6 +116,9 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
     if arch.free_end:
         values = {"height": float(np.ptp(np.concatenate(arch.outlines)[:, 1]))}
     values |= {key: given[key] for key in ("density", "depth", "strength") if key in given}
+    if stiffness := arch.joint_keys.get("stiffness"):
+        known = np.array(stiffness, dtype=float)
+        values["joints.stiffness"] = known[np.isfinite(known)]
     for part in ("piers", "fill"):
         values |= {f"{part}.{key}": value for key, value in given.get(part, {}).items()}
     if not values.get("fill.backing_height"):

@@ -376,6 +376,8 @@ class Arch(Shape):
             "level": level, "area": area, "modulus": modulus, "prestress": prestress,
             "strength": strength, "rupture": rupture, "ends": ends,
         }  # fmt: skip
+        if self.chain.joint is not None:
+            raise GeometryError("a tie needs rigid joints: joints.model inset")
         row = tie_row(self, **given)  # type: ignore[arg-type]
         ties = [row] if self.chain.tie is None else [*self.chain.tie, row]
         told = {key: value for key, value in given.items() if value not in (None, math.inf)}
@@ -409,6 +411,8 @@ class Arch(Shape):
         """
         if self.chain.start is not None:
             raise GeometryError("a springing has moved already; recessed comes before")
+        if self.joint_keys:
+            raise GeometryError("the arch has joints that give already; recessed comes before")
         n_joint, depths = self.n_joint, []
         for name, value in (("intrados", intrados), ("extrados", extrados)):
             depths.append(checks.shared_or_each(f"recess.{name}", value, n_joint, "joint", "m"))
@@ -494,7 +498,8 @@ class Arch(Shape):
         return self._with(fill={**given, **more})
 
     def _with(self, **more: dict[str, Any]) -> Arch:
-        if later := {"recess", "strength", "springings", "ties"} & set(self.parameters):
+        later = {"recess", "strength", "springings", "ties"} & set(self.parameters)
+        if later := later | ({"joints"} if self.joint_keys else set()):
             names = ", ".join(sorted(later))
             raise GeometryError(f"the arch has {names} already; on_piers and filled come before")
         return self.rebuilt(**more)._warned(*more)

@@ -63,10 +63,29 @@ class Shape:
         return bridge.extended(ring, given["piers"], "depth") if "piers" in given else ring
 
     @property
+    def joint_depths(self) -> NDArray[np.float64]:
+        """Depth of each joint, that of the shallower of its bodies, (n_joint,) [m]."""
+        padded = np.pad(self.depths, 1, mode="edge")
+        return np.minimum(padded[:-1], padded[1:])[: self.n_joint]
+
+    @property
+    def joint_keys(self) -> dict[str, Any]:
+        """What was given of joints that give; empty of rigid ones."""
+        given = self.parameters.get("joints")  # a list: positions of the joints of a ring
+        return given if isinstance(given, dict) else {}
+
+    @property
+    def ring_lines(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Ends of the joints of the ring at intrados and extrados [m]; whole ones if they give."""
+        if self.joint_keys:
+            return self.given.ring.intrados, self.given.ring.extrados
+        first, last = self.springings
+        return self.intrados[first : last + 1], self.extrados[first : last + 1]
+
+    @property
     def dimensions(self) -> tuple[float, float, float]:
         """Clear span, rise at the joints' intrados and mean thickness of the ring [m]."""
-        first, last = self.springings
-        inner, outer = self.intrados[first : last + 1], self.extrados[first : last + 1]
+        inner, outer = self.ring_lines
         ends = inner[[0, -1]]
         span, rise = abs(ends[1, 0] - ends[0, 0]), inner[:, 1].max() - ends[:, 1].min()
         thickness = np.linalg.norm(outer - inner, axis=1).mean()

@@ -17,11 +17,11 @@ from archfrag.errors import InputError
 from archfrag.motions.measures import scale_factor
 from archfrag.motions.read import read_motion
 from archfrag.plots import svg_of
+from archfrag.simulation import standing
 from archfrag.simulation.response import STATUS_MESSAGE, UNITS, Response, summary
 from archfrag.simulation.simulate import onset as find_onset
 from archfrag.simulation.simulate import simulate as run_simulation
 from archfrag.simulation.springings import springing_path
-from archfrag.simulation.standing import arch_cautions, inset_loss, inset_text, prestress_text
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.schema import load_study
 from archfrag.study.keys import first_message
@@ -146,11 +146,11 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         how = f": {', '.join(parts)}" if parts else ""
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
         lines.append(f"ground towards {sense}: {moves}{how}")
-    loss, cautions = inset_loss(arch), arch_cautions(arch, start)
-    lines += filter(None, [inset_text(arch, loss)])
+    loss, cautions = standing.inset_loss(arch), standing.arch_cautions(arch, start)
+    lines += filter(None, [standing.inset_text(arch, loss), standing.joints_text(arch)])
     text = "\n".join(lines)
     if not start.stands:
-        text = prestress_text(arch) or "does not stand under its own weight"
+        text = standing.prestress_text(arch) or "does not stand under its own weight"
     text += f"\n{facts_text(arch)}"
     facts = {name: getattr(start, name) for name in names} | {"arch": facts_of(arch)}
     facts |= {"loss_10_mm": loss, "cautions": cautions}

@@ -36,7 +36,9 @@ from archfrag.study.validate import logo_url
 SUMMARY_FORMAT = "archfrag-summary/2"
 COUNTS = ("runs", "collapsed", "survived", "unfinished", "failed")
 _MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
-_MODELLED = {"friction", "recess", "strength", "dead_load", "fill", "piers", "springings", "ties"}
+_MODELLED = {
+    "friction", "recess", "joints", "strength", "dead_load", "fill", "piers", "springings", "ties",
+}  # fmt: skip
 _MOST_GROUPS = 10
 _MOST_RATIOS = 8  # arches or classes whose ratios are told
 _MISSING = {"verdict": Verdict.NOT_RUN, "collapse_joint": -1}  # where no run was made, or 0

@@ -78,7 +78,7 @@ def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:
     """Return the arches that have a key: no names if all have it, None if none has it."""
-    counts = {name: sum(_is_set(arch.get(key)) for arch in of) for name, of in given.items()}
+    counts = {name: sum(_is_set(_value(arch, key)) for arch in of) for name, of in given.items()}
     having = [
         name if count == len(given[name]) else f"some arches of {name}"
         for name, count in counts.items() if count
@@ -88,13 +88,21 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
     return tuple(having) if len(having) <= _LISTED else (f"{len(having)} of {len(given)}",)
 
 
+def _value(arch: Mapping[str, Any], key: str) -> Any:
+    """Return the value of a key; of joints their stiffness."""
+    value = arch.get(key)
+    if key != "joints":
+        return value
+    return value.get("stiffness") if isinstance(value, Mapping) else None
+
+
 def _is_set(value: Any) -> bool:
-    """Return whether a key holds a number other than 0, at any depth."""
+    """Return whether a key holds a finite number other than 0, at any depth."""
     if isinstance(value, Mapping):
         return any(map(_is_set, value.values()))
     if isinstance(value, list | tuple):
         return any(map(_is_set, value))
-    return isinstance(value, int | float) and value != 0
+    return isinstance(value, int | float) and value != 0 and math.isfinite(value)
 
 
 def _slides(arch: Mapping[str, Any]) -> bool:

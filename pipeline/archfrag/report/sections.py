@@ -20,7 +20,7 @@ from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, the
 from archfrag.report.limits import base_of
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.simulation.simulate import Onset
-from archfrag.simulation.standing import inset_loss, inset_text
+from archfrag.simulation.standing import inset_loss, inset_text, joints_text
 from archfrag.study.answer.curves import arch_classes
 from archfrag.study.file.arches import UNITS
 from archfrag.study.file.members import SHOWN
@@ -29,7 +29,8 @@ Parts = Iterator[Any]  # of a section: texts, tables and figures; None is left o
 _MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of answers
 _SPELT = {"1": "", "degree": " [deg]", "kg m-3": " [kg/m³]"}  # of units as the cube has them
 _UNITS = {name: _SPELT.get(unit, f" [{unit}]") for name, unit in UNITS.items()}
-_UNITS |= {"intrados": " [m]", "extrados": " [m]"}
+_UNITS |= {"intrados": " [m]", "extrados": " [m]", "joints": ""}
+_UNITS |= {"stiffness": " [Pa/m]", "shear": " [Pa/m]"}
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,8 @@ def _arch_parts(
         yield from _measures(more["measures"], name, inputs.scale)
     yield heading("The arch and its onset")
     yield arch_figure.arch_at_onset(arch, onset, name)
-    for words in filter(None, (facts_text(arch), inset_text(arch, inset_loss(arch)))):
+    texts = facts_text(arch), inset_text(arch, inset_loss(arch)), joints_text(arch)
+    for words in filter(None, texts):
         yield paragraph(f"{words[0].upper()}{words[1:]}.")
     yield heading("Checks")
     yield curve
@@ -162,7 +164,8 @@ def _class_parts(inputs: ReportInputs, name: str, curves: Picture) -> Parts:
     for key, variable in inputs.cube.data_vars.items():
         if str(key).startswith("arch_") and variable.dtype.kind in "fiu":
             values = variable.values[members].astype(float)
-            if np.unique(values).size > 1:
+            values[np.isinf(values)] = np.nan  # has no place on an axis
+            if np.unique(values[~np.isnan(values)]).size > 1:
                 differences[str(key).removeprefix("arch_").replace("_", " ")] = values
     theta = inputs.scale.factor * thetas(inputs.answers.values())[members]
     if figure := curve_figures.theta_panels(theta, differences, name, inputs.scale.unit):

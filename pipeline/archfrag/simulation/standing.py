@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from archfrag.arch import Arch
+from archfrag.arch.facts import no_unit_warnings
 from archfrag.arch.tie_rods import tie_name
 from archfrag.errors import GeometryError, StabilityError
 from archfrag.physics.contact.ties import tie_stretch
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Status, Tie
+from archfrag.simulation.joints import jointed
 from archfrag.simulation.response import STATUS_MESSAGE
 from archfrag.simulation.rest import Onset, onset
 
 # How far inside the edges hinges are put [m], and the part of the onset above which this matters.
 INSET, MOST_LOST = 0.01, 0.1
+# Parts of the onset that joints that give take, up to which rigid joints and the model inset are
+# enough, and the stiffness that is taken if none is given: cut stone or brick in mortar [Pa/m].
+RIGID_ENOUGH, INSET_ENOUGH, USUAL_STIFFNESS = 0.02, 0.25, 3e10
 HALVINGS = 20  # of the prestress that an arch stands
 _STANDING = WeakKeyDictionary[Arch, Onset]()  # arches are asked for with every chunk of runs
 
@@ -41,29 +47,71 @@ def inset_loss(arch: Arch) -> float:
     """Find the part of its onset that an arch loses with hinges 10 mm inside its edges [1].
 
     Of the arch as built, before its springings moved; nan if it does not stand then, or nothing
-    moves it. 1 if it does not stand with such hinges.
+    moves it. 1 if it does not stand with such hinges. If its joints give by the model inset, they
+    are 10 mm further inside.
     """
-    built = arch.built or arch
-    start = onset(built)
+    built: Arch = arch.built or arch
+    built = built.changed(parameters={**built.parameters, "joints": None})
+    return _loss(built, lambda: built.recessed(INSET, INSET))
+
+
+def joints_loss(arch: Arch) -> float:
+    """Find the part of its onset that an arch of rigid joints loses by the model inset [1].
+
+    With the stiffness that was given, or `USUAL_STIFFNESS`; of the arch without ties, strength and
+    movements of springings. nan and 1 are as of `inset_loss`.
+    """
+    given, soft = arch.parameters, arch.joint_keys
+    rigid = arch.rebuilt()
+    if "recess" in given:
+        rigid = rigid.recessed(**given["recess"])
+    stiffness = np.array(soft.get("stiffness", USUAL_STIFFNESS), dtype=float)
+    with no_unit_warnings():
+        return _loss(rigid, lambda: jointed(rigid, stiffness))
+
+
+def _loss(arch: Arch, change: Callable[[], Arch]) -> float:
+    """Return the part of its onset that an arch loses by a change; 1 if it does not stand then."""
+    start = onset(arch)
     before = min(start.plus, start.minus)
     if not start.stands or not 0.0 < before < math.inf:
         return math.nan
     try:
-        inside = onset(built.recessed(INSET, INSET))
-    except GeometryError:  # nothing is left of a joint
+        inside = onset(change())
+    except (GeometryError, StabilityError):  # nothing is left of a joint, or too little
         return 1.0
     return 1.0 - min(inside.plus, inside.minus) / before if inside.stands else 1.0
+
+
+def joints_text(arch: Arch) -> str:
+    """Say which model of its joints an arch needs; empty if that is not known."""
+    loss, soft = joints_loss(arch), arch.joint_keys
+    if math.isnan(loss):
+        return ""
+    stiffness = np.min(np.array(soft.get("stiffness", USUAL_STIFFNESS), dtype=float))
+    who = f"{'its' if soft else 'usual'} joints of {stiffness:.3g} Pa/m"
+    lost = f"{who} lower the onset of motion by {100.0 * loss:.1f} %"
+    if loss >= 1.0:
+        lost = f"with {who} bearing inside their ends it does not stand"
+    if loss > INSET_ENOUGH:
+        return f"{lost}: joints.model face is needed"
+    if loss < RIGID_ENOUGH:
+        return f"{lost}: rigid ones are enough"
+    return f"{lost}: joints.model inset is enough, rigid ones are not"
 
 
 def inset_text(arch: Arch, loss: float) -> str:
     """Say what hinges inside the edges do to the onset; empty if that is not known."""
     where = f"hinges {1000.0 * INSET:g} mm inside the edges of the joints"
+    if arch.joint_keys.get("model") == "inset":
+        where = f"hinges {1000.0 * INSET:g} mm further inside the joints"
     if math.isnan(loss):
         return ""
     if loss >= 1.0:
         return f"with {where} the arch does not stand"
     of = " of the arch as built" if arch.built else ""
-    return f"{where} lower the onset of motion{of} by {100.0 * loss:.1f} %"
+    lower = f"{where} lower the onset of motion{of} by {100.0 * loss:.1f} %"
+    return f"{lower}, and the collapse border by about as much"
 
 
 def arch_cautions(arch: Arch, start: Onset) -> list[str]:
@@ -78,12 +126,14 @@ def arch_cautions(arch: Arch, start: Onset) -> list[str]:
             "each other at any load. Contact dynamics may still let it fall, so a run in which "
             "it stays at rest proves little; see limit_load"
         )
-    if loss > MOST_LOST:
+    if not arch.joint_keys and loss > MOST_LOST:
         found.append(
             f"{inset_text(arch, loss)}; rigid joints bear at their very edges, which is on the "
-            "unsafe side for an arch as thin as this: compare it with recess: {intrados: "
-            f"{INSET:g}, extrados: {INSET:g}}}"
+            "unsafe side for an arch as thin as this: compare it with joints: {stiffness: "
+            f"{USUAL_STIFFNESS:g}}}"
         )
+    if arch.joint_keys.get("model") == "inset" and joints_loss(arch) > INSET_ENOUGH:
+        found.append(joints_text(arch))
     return found
 
 

@@ -22,7 +22,7 @@ from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import cannot_write, counted, make_folder, read_bytes
 from archfrag.simulation.rest import stays_at_rest
 from archfrag.simulation.simulate import onset
-from archfrag.simulation.standing import arch_cautions
+from archfrag.simulation.standing import arch_cautions, joints_text
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import Members, check_standing, checked
 from archfrag.study.file.prepared import PreparedRecord, described
@@ -122,7 +122,7 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
     path = Path(str(entry.drawing))
     drawn = read_drawing(path, entry.layer, entry.unit)
     layer, unit = f"layer {drawn.layer}", drawn.unit
-    added = ("piers", "fill", "recess", "strength", "springings", "ties")
+    added = ("piers", "fill", "recess", "joints", "strength", "springings", "ties")
     arch = entry.model_copy(update=dict.fromkeys(added)).build()
     size, high, thick = arch.dimensions
     kind, rise = "clear span", f", rise {high:.3g} m"
@@ -140,7 +140,11 @@ def arch_texts(study: StudyKeys) -> tuple[str, ...]:
     """
     first = {member.arch_class: member for member in reversed(study.members)}
     some = list(reversed(first.values()))[:MOST_ASKED]
-    return tuple(f"{member.id}: {facts_text(member.entry.build())}" for member in some)
+    arches = {member.id: member.entry.build() for member in some}
+    return tuple(
+        f"{name}: {'; '.join(filter(None, (facts_text(arch), joints_text(arch))))}"
+        for name, arch in arches.items()
+    )
 
 
 def logo_url(logo: str) -> str:

@@ -7,13 +7,13 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema,
 from scipy import stats
 
 from archfrag import arch
-from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
+from archfrag.arch.checks import LARGEST, MOST, MOST_VOUSSOIRS, SMALLEST
 from archfrag.arch.drawing import read_drawing
 from archfrag.arch.facts import no_unit_warnings
 from archfrag.arch.polygons import polygon_ring
 from archfrag.arch.uncertain import Marginal
+from archfrag.simulation.joints import SOFTEST, crushed, jointed
 from archfrag.simulation.springings import move_springing
-from archfrag.simulation.strength import crushed
 from archfrag.study.keys import PathText, Section, at, refuse
 
 if TYPE_CHECKING:
@@ -61,8 +61,14 @@ Friction = Annotated[
     BeforeValidator(_coefficient),
     WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}]}),
 ]
-Value = Annotated[float, Field(ge=-1e12, le=1e12)]
-Positive = Annotated[float, Field(gt=0.0, le=1e12)]
+Stiffness = Annotated[
+    float,
+    Field(allow_inf_nan=True),
+    BeforeValidator(lambda given: math.inf if given == "inf" else given),
+    WithJsonSchema({"anyOf": [{"type": "number", "minimum": SOFTEST}, {"const": "inf"}]}),
+]
+Value = Annotated[float, Field(ge=-MOST["Pa/m"], le=MOST["Pa/m"])]
+Positive = Annotated[float, Field(gt=0.0, le=MOST["Pa/m"])]
 Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 Line = Annotated[list[Point], Field(min_length=2, max_length=2)]
@@ -81,6 +87,26 @@ class Recess(Section):
     """Depth from the intrados along the joint, one for all joints or one for each [m]."""
     extrados: OneOrList[Depth] = 0.0
     """Depth from the extrados along the joint, one for all joints or one for each [m]."""
+
+
+class JointEntry(Section):
+    """Joints that give: their stiffness lets a hinge bear on a strip inside the edge."""
+
+    stiffness: OneOrList[Stiffness] | None = None
+    """Normal stiffness of an area of the joints, one for all or one for each, those of piers and
+    bases included [Pa/m]; inf: rigid. It may be left out if vary.of.joints or a table gives it."""
+    shear: OneOrList[Stiffness] | None = None
+    """Shear stiffness [Pa/m]; if not given, as the normal one. Only model: face uses it."""
+    damping: Annotated[float, Field(ge=0.0, le=1.0)] = 0.05
+    """Over the critical one, of the first mode with all joints closed; model: face uses it."""
+    model: Literal["inset", "face"] = "inset"
+    """inset: rigid joints with contact points as far inside their ends as the strip asks for;
+    face: elastic faces without tension, by time stepping, without ties and strength."""
+    points: Literal[2, 3] | None = None
+    """Points at which a face bears: its ends (2), or these and its middle (3); if not given, it
+    bears all along."""
+    positions: List[float] | None = None
+    """Joints of a ring, as the list joints has them."""
 
 
 class Piers(Section):
@@ -267,7 +293,7 @@ class ArchEntry(Section):
     """An arch, column or block from a profile or a drawing, or many from the rows of a table."""
 
     kind_key = "profile"
-    common = ("id", "friction", "density", "depth", "recess", "vary")
+    common = ("id", "friction", "density", "depth", "recess", "joints", "vary")
 
     id: Identifier
     """Name of the arch or class of arches in results: letters, digits and _ . + - only."""
@@ -297,8 +323,16 @@ class ArchEntry(Section):
     """Number of voussoirs."""
     sector: Annotated[bool | None, Key(taken=RINGS[:2])] = None
     """Exact annular sectors (circular, segmental); false: straight-sided voussoirs."""
-    joints: Annotated[List[float] | None, Key(taken=RINGS)] = None
-    """Joints from the left springing: degrees (circular) or fractions of the centre line."""
+    joints: Annotated[
+        Annotated[
+            Annotated[List[float], Tag("list")] | Annotated[JointEntry, Tag("block")],
+            Discriminator(lambda given: "list" if isinstance(given, list) else "block"),
+        ]
+        | None,
+        Key(unit="Pa m-1"),
+    ] = None
+    """Positions of the joints of a ring from the left springing: degrees (circular) or fractions
+    of the centre line; or a block with their stiffness, of any profile."""
     intrados: Annotated[List[Point] | None, Key(needed=("from_joints",))] = None
     """Inner ends of the joints, in order [m]."""
     extrados: Annotated[List[Point] | None, Key(needed=("from_joints",))] = None
@@ -349,8 +383,16 @@ class ArchEntry(Section):
 
     @model_validator(mode="after")
     def _have_what_varies(self) -> Self:
+        if self.soft.positions is not None and not self.table and self.profile not in RINGS:
+            rule = (
+                f"has positions, which only {', '.join(RINGS)} take; give a block with stiffness"
+            )
+            raise refuse(rule, "joints")
+        later = self.table or (self.vary is not None and "joints" in self.vary.of)
+        if isinstance(self.joints, JointEntry) and self.soft.stiffness is None and not later:
+            raise refuse("must be given", "joints.stiffness")
         for key, distribution in self.vary.of.items() if self.vary and not self.table else ():
-            if distribution.relative and getattr(self, key, None) is None:
+            if distribution.relative and self.value(key) is None:
                 text = f"needs a key {key} of the arch, which it multiplies"
                 raise refuse(text, f"vary.of.{key}.relative")
         joints = self.vary.joints if self.vary and self.piers else None
@@ -364,6 +406,17 @@ class ArchEntry(Section):
     def parameters(self) -> dict[str, Any]:
         """Keys that have a value, with defaults, as a study file gives them."""
         return self.model_dump(exclude_none=True)
+
+    def value(self, key: str) -> Any:
+        """Return the value of a key that may vary, of joints their stiffness; None without one."""
+        return self.soft.stiffness if key == "joints" else getattr(self, key, None)
+
+    @property
+    def soft(self) -> JointEntry:
+        """The key joints as a block; without stiffness where only positions are given."""
+        if isinstance(self.joints, JointEntry):
+            return self.joints
+        return JointEntry(positions=self.joints)
 
     def read(self) -> "ArchEntry":
         """Return the arch with what its drawing holds; GeometryError if that cannot be an arch."""
@@ -414,15 +467,21 @@ def _built(entry: ArchEntry) -> "Arch":
     """Return the arch of an entry, which is read from its drawing already."""
     name, makers = str(entry.profile), {"block": arch.Block, "polygons": arch.Arch.from_polygons}
     make: Any = makers.get(name) or getattr(arch.Arch, name)
-    later = {"strength", "springings", "ties", "recess", "vary", "id", "profile"}
+    later = {"joints", "strength", "springings", "ties", "recess", "vary", "id", "profile"}
     given = entry.model_dump(exclude=later, exclude_none=True)
+    soft = entry.soft.model_dump(exclude_none=True)
+    if (positions := soft.pop("positions", None)) is not None:
+        given["joints"] = positions
     built: Arch = make(**given)
     if entry.recess is not None:
         built = built.recessed(entry.recess.intrados, entry.recess.extrados)
-    if entry.strength is not None or entry.springings is not None:
-        built = built if entry.strength is None else crushed(built, entry.strength)
-        if entry.springings is not None:
-            built = move_springing(built, **entry.springings.model_dump())
+    strength = math.inf if entry.strength is None else entry.strength
+    if "stiffness" in soft:
+        built = jointed(built, **soft, strength=strength)
+    else:
+        built = crushed(built, strength)
+    if entry.springings is not None:
+        built = move_springing(built, **entry.springings.model_dump())
     for tie in entry.ties or ():
         built = built.tied(**tie.model_dump(exclude_none=True))
     return built

@@ -130,11 +130,14 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
                 given[key] = int(number) if number.is_integer() else number
             except ValueError:
                 given[key] = parse_value(row[key], f"{place}, column {key}")
+            if key == "joints" and not isinstance(given[key], dict):
+                name = "positions" if isinstance(given[key], list) else "stiffness"
+                given[key] = _other_joints(defaults.get("joints"), {name: given[key]})
         own = f"{place}, arch {row['id']}"
         with at(own, given):
             arch = ArchEntry.model_validate(given)
         # Of rows that leave a cell empty too: the study's entry gives what they have.
-        values = {key: getattr(arch, key) for key in keys if key in ("voussoirs", *VARIABLE)}
+        values = {key: arch.value(key) for key in keys if key in ("voussoirs", *VARIABLE)}
         numbers = {key: float(v) for key, v in values.items() if isinstance(v, float | int)}
         attributes = {str(key): text for key, text in row.items() if key not in COLUMNS}
         yield Member(arch, entry.id, own, values=numbers, attributes=attributes)
@@ -166,13 +169,16 @@ def _drawn(base: Member) -> Iterator[Member]:
         for key, distribution in vary.of.items():
             value = given[key] = float(values[key][i])
             if distribution.relative:
-                given[key] = to_digits(np.multiply(plain[key], value)).tolist()
+                given[key] = to_digits(np.multiply(base.entry.value(key), value)).tolist()
             many = isinstance(given[key], list)
             own[f"{key}_factor" if many else key] = value if many else given[key]
-        if "embrace" in vary.of and "joints" in plain:
+        changed: dict[str, Any] = {"stiffness": given["joints"]} if "joints" in vary.of else {}
+        if "embrace" in vary.of and (positions := base.entry.soft.positions):
             # Joints in degrees keep their parts of an angle of embrace that varies.
             ratio = given["embrace"] / plain["embrace"]
-            given["joints"] = [*(j * ratio for j in plain["joints"][:-1]), given["embrace"]]
+            changed["positions"] = [*(j * ratio for j in positions[:-1]), given["embrace"]]
+        if changed:
+            given["joints"] = _other_joints(plain.get("joints"), changed)
         if vary.joints is not None:
             # Zeros behind a seed are the same seed to numpy: 1 separates joints from keys.
             generator = np.random.default_rng([*seed, i, 1])
@@ -182,6 +188,13 @@ def _drawn(base: Member) -> Iterator[Member]:
         with at(place, given):
             entry = ArchEntry.model_validate(given)
         yield replace(base, entry=entry, place=place, values=own)
+
+
+def _other_joints(given: Any, changed: dict[str, Any]) -> Any:
+    """Return the key joints of an arch with other positions or another stiffness."""
+    block = given if isinstance(given, dict) else {"positions": given} if given else {}
+    block = {**block, **changed}
+    return block["positions"] if [*block] == ["positions"] else block
 
 
 def _joints_drawn(
@@ -199,10 +212,13 @@ def _joints_drawn(
         elif name == "position":  # the springings stay where they are
             end, count = float(given.get("embrace", 1.0)), max(n_joint - 1, 1)
             step = end / count
-            places = given.get("joints") or [*(step * j for j in range(count)), end]
+            joined = given.get("joints")
+            places = joined.get("positions") if isinstance(joined, dict) else joined
+            places = places or [*(step * j for j in range(count)), end]
             moved = np.asarray(places[1:-1]) + step * values[1:-1]
             inner = (float(f"{place:.12g}") for place in moved)
-            keys["joints"] = [float(places[0]), *inner, float(places[-1])]
+            positions = [float(places[0]), *inner, float(places[-1])]
+            keys["joints"] = _other_joints(joined, {"positions": positions})
         else:
             side = {name.removeprefix("recess_"): values.tolist()}
             keys["recess"] = keys.get("recess", given.get("recess", {})) | side
@@ -210,10 +226,15 @@ def _joints_drawn(
 
 
 def check_buildable(given: Members) -> None:
-    """Check that all arches can exist; InputError names the first that cannot."""
+    """Check that all arches can exist; InputError, or StabilityError of one that does not stand
+    with its joints, names the first that cannot.
+    """
     for member in given:
-        with at(f"{member.place}: cannot exist"):
-            member.entry.build()
+        try:
+            with at(f"{member.place}: cannot exist"):
+                member.entry.build()
+        except StabilityError as error:
+            raise StabilityError(f"{member.place}: {error}") from error
 
 
 def check_standing(given: Members) -> None:
