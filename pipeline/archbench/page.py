@@ -25,6 +25,7 @@ PARTS = {
     "knee": "Knee: what an error of theta costs",
     "growth": "Growth with the number of voussoirs",
     "stability": "Stability: where methods fail",
+    "joints": "Joints that give",
     "corner_cases": "Corner cases",
     "bands": "How often bands hold the truth",
 }

@@ -13,6 +13,7 @@ from archfrag.arch.facts import no_unit_warnings
 from archfrag.arch.tie_rods import tie_name
 from archfrag.errors import GeometryError, StabilityError
 from archfrag.physics.contact.ties import tie_stretch
+from archfrag.physics.faces.settle import settled
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Status, Tie
 from archfrag.simulation.joints import jointed
@@ -39,6 +40,8 @@ def check_stands(arch: Arch) -> Onset:
             ends = f"{-start.minus:.4g} and {start.plus:.4g} g"
             message += f" (rest would need a steady horizontal acceleration between {ends})"
         raise StabilityError(message)
+    if arch.chain.joint is not None and settled(arch.chain) is None:
+        raise StabilityError(f"{arch!r}: the arch does not stand on joints that soft")
     _STANDING[arch] = start
     return start
 
