@@ -24,7 +24,7 @@ from archfrag.simulation.rest import Onset, onset
 INSET, MOST_LOST = 0.01, 0.1
 # Parts of the onset that joints that give take, up to which rigid joints and the model inset are
 # enough, and the stiffness that is taken if none is given: cut stone or brick in mortar [Pa/m].
-RIGID_ENOUGH, INSET_ENOUGH, USUAL_STIFFNESS = 0.02, 0.25, 3e10
+RIGID_ENOUGH, INSET_ENOUGH, USUAL_STIFFNESS = 0.01, 0.25, 3e10
 HALVINGS = 20  # of the prestress that an arch stands
 _STANDING = WeakKeyDictionary[Arch, Onset]()  # arches are asked for with every chunk of runs
 
