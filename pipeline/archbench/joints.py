@@ -1,4 +1,4 @@
-"""Joints that give: what rigid joints and an inset leave out of an elastic face, and what each costs.
+"""Joints that give: what rigid joints and an inset leave out of an elastic face, and their cost.
 
 Borders of half sines, the least amplitudes from which an arch falls, and theta of studies with the
 shipped motions, each by rigid joints, by contact points inside their ends, and by faces.
@@ -6,14 +6,17 @@ shipped motions, each by rigid joints, by contact points inside their ends, and 
 
 import math
 import time
+import warnings
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 import archfrag as af
 from archbench.runner import Bench, Row
-from archfrag.errors import ArchfragError
+from archfrag.errors import ArchfragError, UnitWarning
 
 # Radius, thickness [m], embrace [degrees], voussoirs, friction, height of piers [m]; 0: none.
 ARCHES = (
@@ -42,13 +45,13 @@ def arch_of(number: int) -> af.Arch:
     return ring.on_piers(height=piers, width=2.5 * thickness, courses=2)
 
 
-def with_joints(arch: af.Arch, model: str, stiffness: float) -> af.Arch:
+def with_joints(arch: af.Arch, model: Any, stiffness: float) -> af.Arch:
     """Return the arch with joints of one of the models."""
     return arch if model == "rigid" else af.jointed(arch, stiffness, model=model)
 
 
 def border_of(falls: Callable[[float], bool], start: float) -> float:
-    """Return the least level from which an arch falls; nan if it does not up to 100 times `start`."""
+    """Return the least level from which an arch falls; nan if none up to 100 times `start`."""
     low, high = start, start
     while not falls(high):
         low, high = high, 1.3 * high
@@ -67,9 +70,15 @@ def _half_sine(duration: float) -> af.Motion:
     return af.Motion(9.80665 * np.sin(np.pi * np.minimum(time / duration, 1.0)), 5e-4)
 
 
+def _falls(arch: af.Arch, motion: af.Motion, level: float) -> bool:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnitWarning)
+        return bool(af.simulate(arch, motion, level, follow=FOLLOW).collapsed)
+
+
 def borders_of(number: int) -> list[Row]:
     """Measure the borders of one arch."""
-    arch, rows = arch_of(number), []
+    arch, rows = arch_of(number), list[Row]()
     onset = af.onset(arch)
     least = min(onset.plus, onset.minus)
     for stiffness in (math.inf, *STIFFNESS):
@@ -85,10 +94,7 @@ def borders_of(number: int) -> list[Row]:
             for pulse in PULSES:
                 motion, began = _half_sine(pulse), time.process_time()
 
-                def falls(level: float) -> bool:
-                    run = af.simulate(given, motion, level, follow=FOLLOW)
-                    return bool(run.collapsed)
-
+                falls = partial(_falls, given, motion)
                 border = border_of(falls, LEAST * min(now.plus, now.minus))
                 spent = time.process_time() - began
                 rows.append({**row, "pulse": pulse, "border": border, "seconds": spent})
@@ -98,10 +104,9 @@ def borders_of(number: int) -> list[Row]:
 def theta_of(number: int, stiffness: float, part: int, records: str) -> list[Row]:
     """Fit theta of one arch under a quarter of the shipped motions, by each model."""
     motions = list(af.read_motions(f"{records}/synthetic/*"))[part::SETS]
-    arch, rows = arch_of(number), []
+    arch, rows = arch_of(number), list[Row]()
     pulse = _half_sine(PULSES[-1])
-    middle = border_of(lambda level: bool(af.simulate(arch, pulse, level).collapsed),
-                       LEAST * af.onset(arch).plus)  # fmt: skip
+    middle = border_of(partial(_falls, arch, pulse), LEAST * af.onset(arch).plus)
     levels = middle * np.geomspace(0.4, 4.0, LEVELS)
     for model in MODELS:
         try:
@@ -127,7 +132,9 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Borders and theta of all arches, and how far each model is from the face."""
     numbers = range(0, len(ARCHES), 4 if bench.quick else 1)
     found = bench.run("joints", borders_of, {(n,): (n,) for n in numbers}, 1800.0)
-    borders = pd.DataFrame([row for rows in found.values() if isinstance(rows, list) for row in rows])
+    borders = pd.DataFrame(
+        [row for rows in found.values() if isinstance(rows, list) for row in rows]
+    )
     tasks = {
         (number, stiffness, part): (number, stiffness, part, str(bench.records))
         for number in STUDIED for stiffness in STUDIED_STIFFNESS for part in range(SETS)

@@ -73,10 +73,8 @@ def _go_on(scene, state, until, solved, collapsed, broken):
     """Set the next step of runs, and the codes of those that end or wait."""
     options, clock, count = scene.options, state.clock, state.count
     over = clock[Clock.TIME] >= until - ALMOST * options.time_step
-    left, next_step = (
-        until - clock[Clock.TIME],
-        smaller(2.0 * clock[Clock.STEP], options.time_step),
-    )
+    left = until - clock[Clock.TIME]
+    next_step = smaller(2.0 * clock[Clock.STEP], options.time_step)
     next_step = select((left > 0.0) & (left < next_step), left, next_step)
     clock[Clock.STEP] = select(solved, next_step, clock[Clock.STEP])
     quick = clock[Clock.FASTEST] >= options.still
@@ -122,13 +120,14 @@ def step_four(scene, runs):
 
 
 @kernel
-def step_one(scene, runs, output):
-    """Step one run with its history until it ends; as `step_four`.
+def run_one(scene, runs, output, results):
+    """Move one run to its end, with its history.
 
     Reads: scene, runs, output.
-    Writes: runs, output.
+    Writes: runs, output, results.
     """
     model, state, work, clock = scene.model, runs.state, runs.work, runs.state.clock
+    shared.log_change(state, 0.0, service.BY_START, -1, shared.ALL, output)
     until = end_of_motion(scene.grounds, clock, scene.options.follow)
     while clock[Clock.CODE] == shared.GO:
         impulse, solved = try_step(scene, runs, True)
@@ -145,6 +144,8 @@ def step_one(scene, runs, output):
             if cause >= 0:
                 shared.log_change(state, time, cause, joint, shared.ALL, output)
         _go_on(scene, state, until, solved, collapsed, broken)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    end(scene, runs, output, results, 0)
 
 
 @kernel
@@ -231,20 +232,6 @@ def run_four(scene, four, one, jobs, output, results):
             return_run(one.columns, number, four.columns)
 
 
-@kernel
-def run_one(scene, runs, output, results):
-    """Move one run to its end.
-
-    Reads: scene, runs, output.
-    Writes: runs, output, results.
-    """
-    model, state, work = scene.model, runs.state, runs.work
-    shared.log_change(state, 0.0, service.BY_START, -1, shared.ALL, output)
-    step_one(scene, runs, output)
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    end(scene, runs, output, results, 0)
-
-
 def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | None:
     """Return what the runs of a chain share; None if it does not stand on its joints."""
     found = settled(chain)
@@ -253,12 +240,6 @@ def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | None:
     model, faces = found
     still = STILL * float(np.sqrt(model.gravity * model.length.max()))
     return Scene(model, faces, grounds, options._replace(still=still))
-
-
-def _do_not_stand(n_run: int) -> Outcomes:
-    results = shared.new_results(n_run)
-    results.status[:] = int(Status.DOES_NOT_STAND)
-    return results
 
 
 def run(
@@ -271,7 +252,8 @@ def run(
     """
     scene, results = _scene(chain, grounds, options), shared.new_results(1)
     if scene is None:
-        return _do_not_stand(1)
+        results.status[:] = int(Status.DOES_NOT_STAND)
+        return results
     runs, start_position = new_runs(scene.model), scene.model.start[1:-1]
     start(scene, runs, 0, float(factor))
     if not from_rest:
@@ -291,12 +273,12 @@ def run_many(
     """Integrate one chain from rest under many scaled ground motions, four at a time; as
     `archfrag.physics.steps.run.run_many`.
     """
-    scene = _scene(chain, grounds, options)
+    scene, results = _scene(chain, grounds, options), shared.new_results(len(motion))
     if scene is None:
-        return _do_not_stand(len(motion))
-    results, model = shared.new_results(len(motion)), scene.model
+        results.status[:] = int(Status.DOES_NOT_STAND)
+        return results
     output = shared.no_output(chain.mass.size, chain.friction.size)
-    run_four(scene, *_buffers(model), jobs_of(motion, factor), output, results)
+    run_four(scene, *_buffers(scene.model), jobs_of(motion, factor), output, results)
     return results
 
 

@@ -108,8 +108,8 @@ def step_four(model, grounds, state, work, options):
 def step_one(model, grounds, state, work, options, output):
     """Step one run with its history; as `step_four`.
 
-    Reads: scene, runs, output.
-    Writes: runs, output.
+    Reads: model, grounds, state, work, options, output.
+    Writes: grounds, state, work (face, reaction, rotated, tangent, tie), output.
     """
     clock = state.clock
     until = end_of_motion(grounds, clock, options.follow)
