@@ -16,6 +16,7 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 
 from archbench.growth import medians
+from archbench.joints import EXACT, NAMES
 from archbench.quantities import QUANTITIES
 from archbench.speed import kept_errors
 
@@ -180,6 +181,32 @@ def knee_chart(settings: pd.DataFrame) -> Figure:
         axes.set(xscale="log", title=arch, xlabel="CPU seconds of 450 runs",
                  ylabel="error of theta (%)")  # fmt: skip
     _legend(figure, _ordered(settings["method"]), floor=False)
+    return figure
+
+
+def joints_chart(errors: pd.DataFrame, left_out: pd.DataFrame) -> Figure:
+    """What rigid joints and an inset leave out of a face, beside the errors of steps."""
+    figure, panels = _panels(3.2, 1, 3, 3)
+    colours = {"rigid": INK, "inset": STYLES["auto"].colour}
+    for model, colour in colours.items():
+        percent = 100.0 * errors[f"error_{model}"]
+        panels[0].plot(100.0 * errors["onset_loss"], percent, ".", color=colour, label=model)
+    panels[0].axhspan(-5.0, 5.0, color=PALE, zorder=0)
+    panels[0].set(title="borders of half sines", xlabel="onset that the inset takes (%)",
+                  ylabel="border over that of the face (%)", ylim=(-40.0, 80.0))  # fmt: skip
+    panels[0].legend()
+    for axes, (arch, name) in zip(panels[1:], NAMES.items(), strict=True):
+        own = left_out[(left_out["arch"] == arch) & ~left_out["model"].isin(EXACT)]
+        for model, rows in own.groupby(own["model"].where(own["model"].isin(colours), "steps")):
+            style = {
+                "color": colours.get(str(model), GREY),
+                "fmt": "s" if model in colours else "o",
+            }
+            axes.errorbar(rows["seconds"], 100.0 * rows["error"], 100.0 * rows["standard_error"],
+                          ms=4.0, label=f"{model}", **style)  # fmt: skip
+        axes.axhline(0.0, color=GREY, lw=0.7, zorder=1)
+        axes.set(xscale="log", title=name, xlabel=COST, ylabel="error of theta (%)")
+        axes.legend()
     return figure
 
 

@@ -58,6 +58,8 @@ def figures_of(part: str, tables: dict[str, pd.DataFrame]) -> Iterator[tuple[str
     elif part == "stability":
         for plane, cells in tables["cells"].groupby("plane", sort=False):
             yield f"stability_{plane}", charts.stability_map(cells)
+    elif part == "joints":
+        yield "joints", charts.joints_chart(tables["errors"], tables["left_out"])
     elif part == "corner_cases":
         yield "corner_cases", charts.corner_chart(tables["runs"])
 

@@ -9,9 +9,9 @@ import archfrag as af
 from archbench.paper.many_points import ManyPoints
 from archfrag.errors import InputError
 from archfrag.physics.faces.law import bear
+from archfrag.physics.faces.midpoint import new_runs, pose_step
 from archfrag.physics.faces.settle import first_frequency, settled
-from archfrag.physics.faces.solve import balance, find_velocities
-from archfrag.physics.faces.step import new_runs, pose_step
+from archfrag.physics.faces.velocities import balance, find_velocities
 from archfrag.physics.ground import Impulse
 from archfrag.physics.state import model_of
 
@@ -286,6 +286,11 @@ class TestMotion:
         assert alike.peak_rotation == pytest.approx(alone.peak_rotation, rel=1e-6)
         assert apart.peak_rotation != pytest.approx(alone.peak_rotation, rel=1e-3)
 
-    def test_a_method_for_rigid_joints_refuses(self):
+    def test_what_needs_rigid_joints_refuses(self):
         with pytest.raises(InputError, match="method event_driven needs rigid joints"):
             af.simulate(lemos(), half_sine(0.25, 0.5), method="event_driven")
+        rest = np.zeros((17, 3))
+        with pytest.raises(InputError, match="initial needs rigid joints"):
+            af.simulate(lemos(), half_sine(0.25, 0.5), initial=(rest, rest))
+        with pytest.raises(InputError, match="limit_load needs rigid joints"):
+            af.limit_load(lemos())

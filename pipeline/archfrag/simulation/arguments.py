@@ -5,15 +5,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from archfrag.arch import Arch
 from archfrag.errors import InputError
-from archfrag.physics.methods.registry import (
-    AUTO,
-    METHODS,
-    OF_FACES,
-    MethodInfo,
-    Parameter,
-    known_methods,
-)
+from archfrag.physics.methods.registry import AUTO, METHODS, MethodInfo, Parameter, known_methods
 
 LOSS_LIMIT = 0.5  # gap at both corners of a joint, over its length, that ends a run [1]
 # Parameters of methods that are arguments of `simulate`.
@@ -73,13 +67,10 @@ def check_taken(info: MethodInfo, **given: Any) -> None:
             )
 
 
-def check_faces(info: MethodInfo) -> None:
-    """See that a method takes joints that give."""
-    if info.name not in OF_FACES:
-        raise InputError(
-            f"method {info.name} needs rigid joints; with joints.model face the method must be "
-            f"{' or '.join(OF_FACES)}, or the model inset"
-        )
+def check_rigid(arch: Arch, what: str) -> None:
+    """See that the joints of an arch are rigid, which something needs."""
+    if arch.chain.joint is not None:
+        raise InputError(f"{what} needs rigid joints; give them joints.model inset, not face")
 
 
 def check_settings(info: MethodInfo, settings: Any) -> dict[str, float]:

@@ -19,7 +19,7 @@ from archfrag.physics.collapse import NOTED_GAP
 from archfrag.physics.faces.settle import longest_step
 from archfrag.physics.ground import grounds_of
 from archfrag.physics.interface import Options, Outcomes
-from archfrag.physics.methods.registry import AUTO, FACE_STEP, OWN_STEP, MethodInfo
+from archfrag.physics.methods.registry import AUTO, FACE_STEP, OF_FACES, OWN_STEP, MethodInfo
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Count
 from archfrag.simulation import arguments
@@ -123,6 +123,7 @@ def simulate(
     if initial is None:
         warn_if_in_g(motion, scale, check_stands(arch))
     else:
+        arguments.check_rigid(arch, "initial")
         shift, velocity = check_initial(initial, arch)
         position += shift
     ground = grounds_of([ground_of(motion, far, arch)])
@@ -178,6 +179,7 @@ def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -
     >>> round(af.limit_load(block), 3)
     0.3
     """
+    arguments.check_rigid(arch, "limit_load")
     bound, _, _ = check_stands(arch).mechanism(towards)
     locks = math.isinf(bound)
     bound = LARGEST_LOAD if locks else bound
@@ -215,8 +217,8 @@ def _checked_call(
         if not isinstance(motion, Motion):
             raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
     arguments.check_taken(info, rtol=rtol, dt=dt)
-    if arch.chain.joint is not None:
-        arguments.check_faces(info)
+    if info.name not in OF_FACES:
+        arguments.check_rigid(arch, f"method {info.name}")
     tolerance = arguments.default_of(info, "rtol") if rtol is None else rtol
     for factor in factors:
         arguments.check_number("scale", factor, -math.inf, math.inf)

@@ -12,8 +12,8 @@ import numpy as np
 
 from archfrag.physics.contact.placing import move_faces, relative_velocity
 from archfrag.physics.faces.law import Faces, overlap_moments
-from archfrag.physics.faces.solve import find_velocities
-from archfrag.physics.faces.step import new_runs, pose_step, remember
+from archfrag.physics.faces.midpoint import new_runs, pose_step, remember
+from archfrag.physics.faces.velocities import find_velocities
 from archfrag.physics.ground import Impulse
 from archfrag.physics.interface import Chain
 from archfrag.physics.kernels.kernel import kernel

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from archfrag.physics.faces import run as faces
+from archfrag.physics.faces import shake as faces
 from archfrag.physics.ground import Grounds
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.steps import run as rigid

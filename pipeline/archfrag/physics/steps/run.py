@@ -211,8 +211,8 @@ def next_run(model, grounds, one, options, jobs, output, results):
 
     Returns its number, -1 if there is none.
 
-    Reads: scene, one, jobs (factor, motion, upcoming).
-    Writes: one, jobs.upcoming.
+    Reads: model, grounds, one, options, jobs, output.
+    Writes: one, jobs.upcoming, output, results.
     """
     state = one.state
     while jobs.upcoming[0] < jobs.motion.size:

@@ -13,16 +13,22 @@ import numpy as np
 from archfrag.physics import shared
 from archfrag.physics.contact.placing import move_faces
 from archfrag.physics.faces.law import Faces
+from archfrag.physics.faces.midpoint import (
+    FaceRuns,
+    accept_step,
+    new_runs,
+    pose_step,
+    record_joints,
+)
 from archfrag.physics.faces.settle import settled
-from archfrag.physics.faces.solve import find_velocities
-from archfrag.physics.faces.step import Runs, accept_step, new_runs, pose_step, record_joints
+from archfrag.physics.faces.velocities import find_velocities
 from archfrag.physics.ground import Grounds, end_of_motion, impulse_between
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import LANES, lane, lane_array, opposite, select, some
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.numbers import smaller
-from archfrag.physics.state import Clock, Model, model_of
+from archfrag.physics.state import Clock, Model
 from archfrag.physics.status import Count, Energy, Status
 from archfrag.physics.steps import service
 from archfrag.physics.steps.side_by_side import fetch_run, jobs_of, return_run
@@ -120,13 +126,14 @@ def step_four(scene, runs):
 
 
 @kernel
-def run_one(scene, runs, output, results):
+def run_one(scene, runs, factor, output, results):
     """Move one run to its end, with its history.
 
     Reads: scene, runs, output.
-    Writes: runs, output, results.
+    Writes: runs, output.
     """
     model, state, work, clock = scene.model, runs.state, runs.work, runs.state.clock
+    _begin(scene, runs, 0, factor)
     shared.log_change(state, 0.0, service.BY_START, -1, shared.ALL, output)
     until = end_of_motion(scene.grounds, clock, scene.options.follow)
     while clock[Clock.CODE] == shared.GO:
@@ -144,17 +151,12 @@ def run_one(scene, runs, output, results):
             if cause >= 0:
                 shared.log_change(state, time, cause, joint, shared.ALL, output)
         _go_on(scene, state, until, solved, collapsed, broken)
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    end(scene, runs, output, results, 0)
+    _end(scene, runs, output, results, 0)
 
 
-@kernel
-def start(scene, runs, motion, factor):
-    """Start a run from rest on its joints.
-
-    Reads: scene, runs.
-    Writes: runs.
-    """
+@inlined
+def _begin(scene, runs, motion, factor):
+    """Start a run from rest on its joints."""
     state, memory, faces = runs.state, runs.memory, scene.faces
     shared.begin(scene.model, state, runs.work, motion, factor)
     state.clock[Clock.STEP] = scene.options.time_step
@@ -165,44 +167,24 @@ def start(scene, runs, motion, factor):
             memory.slip[j, i] = faces.slip[j, i]
 
 
-@kernel
-def read_given(scene, runs):
-    """Start a run from the positions and velocities of a given state; joints have not slipped.
-
-    Reads: scene, runs.
-    Writes: runs.
-    """
-    model, state, memory = scene.model, runs.state, runs.memory
-    shared.read_state(model, state, runs.work)
-    state.clock[Clock.STEP] = scene.options.time_step
-    memory.slip[:, :] = 0.0
-
-
-@kernel
-def end(scene, runs, output, results, row):
-    """Write the results of a run that has ended; what joints store is potential energy.
-
-    Reads: scene, runs, output (frames, frames.time, written).
-    Writes: runs, output, results.
-    """
-    state, work = runs.state, runs.work
-    shared.end_run(scene.model, state, work, scene.options, output, results, row)
+@inlined
+def _end(scene, runs, output, results, row):
+    """Write the results of a run that has ended; what joints store is potential energy."""
+    model, state, work = scene.model, runs.state, runs.work
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    shared.end_run(model, state, work, scene.options, output, results, row)
     results.energy[row, Energy.POTENTIAL] += runs.memory.stored[0] - scene.faces.stored
 
 
-@kernel
-def next_run(scene, one, jobs):
-    """Start the next run; return its number, -1 if there is none.
-
-    Reads: scene, one, jobs (factor, motion, upcoming).
-    Writes: one, jobs.upcoming.
-    """
+@inlined
+def _next_run(scene, one, jobs):
+    """Start the next run; return its number, -1 if there is none."""
     run = jobs.upcoming[0]
     if run >= jobs.motion.size:
         one.state.clock[Clock.CODE], one.state.clock[Clock.STEP] = VACANT, 1.0
         return -1
     jobs.upcoming[0] += 1
-    start(scene, one, jobs.motion[run], jobs.factor[run])
+    _begin(scene, one, jobs.motion[run], jobs.factor[run])
     return run
 
 
@@ -215,7 +197,7 @@ def run_four(scene, four, one, jobs, output, results):
     """
     running = 0
     for number in range(LANES):
-        jobs.runs[number] = next_run(scene, one, jobs)
+        jobs.runs[number] = _next_run(scene, one, jobs)
         running += jobs.runs[number] >= 0
         return_run(one.columns, number, four.columns)
     while running > 0:
@@ -224,10 +206,8 @@ def run_four(scene, four, one, jobs, output, results):
             if jobs.runs[number] < 0 or int(lane(four.state.clock[Clock.CODE], number)) == 0:
                 continue
             fetch_run(four.columns, number, one.columns)
-            model, state, work = scene.model, one.state, one.work
-            move_faces(model, state.position, work.rotated, work.face, work.tangent)
-            end(scene, one, output, results, jobs.runs[number])
-            jobs.runs[number] = next_run(scene, one, jobs)
+            _end(scene, one, output, results, jobs.runs[number])
+            jobs.runs[number] = _next_run(scene, one, jobs)
             running -= jobs.runs[number] < 0
             return_run(one.columns, number, four.columns)
 
@@ -248,20 +228,15 @@ def run(
 ) -> Outcomes:  # fmt: skip
     """Integrate one chain under one ground motion; as `archfrag.physics.steps.run.run`.
 
-    A given initial state is that of rigid joints; what they yield under the weight is added.
+    A run begins at rest on the joints, whatever the state given.
     """
     scene, results = _scene(chain, grounds, options), shared.new_results(1)
     if scene is None:
         results.status[:] = int(Status.DOES_NOT_STAND)
         return results
-    runs, start_position = new_runs(scene.model), scene.model.start[1:-1]
-    start(scene, runs, 0, float(factor))
-    if not from_rest:
-        shift = position - model_of(chain).start[1:-1]
-        runs.state.position[1:-1], runs.state.velocity[1:-1] = start_position + shift, velocity
-        read_given(scene, runs)
+    runs = new_runs(scene.model)
     output = shared.output_to(frames, log, options.frame_interval)
-    run_one(scene, runs, output, results)
+    run_one(scene, runs, float(factor), output, results)
     position[:], velocity[:] = runs.state.position[1:-1], runs.state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
     return results
@@ -282,12 +257,12 @@ def run_many(
     return results
 
 
-def _buffers(model: Model) -> tuple[Runs, Runs]:
+def _buffers(model: Model) -> tuple[FaceRuns, FaceRuns]:
     """Return buffers for many runs of a chain; a thread keeps those that it used last."""
     kept = _kept.__dict__
     if kept.get("model") is not model:
         kept["model"], kept["buffers"] = model, (new_runs(model, lane_array), new_runs(model))
-    buffers: tuple[Runs, Runs] = kept["buffers"]
+    buffers: tuple[FaceRuns, FaceRuns] = kept["buffers"]
     return buffers
 
 

@@ -16,7 +16,7 @@ from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact.placing import move_faces, relative_velocity
 from archfrag.physics.energy import record_faces
 from archfrag.physics.faces.law import ALONG, ROUGH, overlap_moments, places_of, rub
-from archfrag.physics.faces.solve import OF_ROWS, OF_WORK, FaceWork
+from archfrag.physics.faces.velocities import OF_ROWS, OF_WORK, FaceWork
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import (
     LANES,
@@ -49,7 +49,7 @@ class Memory(NamedTuple):
 
 
 @struct()
-class Runs(NamedTuple):
+class FaceRuns(NamedTuple):
     """State and workspace of one run or of four, and the same memory as columns of numbers."""
 
     state: State
@@ -59,7 +59,7 @@ class Runs(NamedTuple):
     columns: tuple[np.ndarray, ...]  # (n,) or (n, 4) each: arrays of state and memory
 
 
-def new_runs(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> Runs:
+def new_runs(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> FaceRuns:
     """Allocate the buffers of one run, or of four with `lane_array` as `zeros`."""
     state, n_joint, n_row = new_state(model, zeros), model.friction.size, model.mass.size
     memory = Memory(zeros((n_joint, 3)), zeros((n_joint,)), zeros((1,)))
@@ -70,7 +70,7 @@ def new_runs(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -
     shape = (-1,) if zeros is np.zeros else (-1, LANES)
     plain = runs_of if zeros is lane_array else np.asarray
     columns = tuple(plain(array).reshape(shape) for array in (*state, *memory))
-    return Runs(state, memory, new_work(model, zeros), own, columns)
+    return FaceRuns(state, memory, new_work(model, zeros), own, columns)
 
 
 @inlined
