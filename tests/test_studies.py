@@ -396,3 +396,27 @@ def test_the_report_of_a_cloud_counts_its_runs_in_groups(folder):
     assert len(rows) > 2
     assert sum(int(row[1]) for row in rows) == len(motions)
     assert len({row[6] for row in rows}) > 1  # fractions
+
+
+def test_a_study_of_joints_that_give(tmp_path):
+    """Nothing is known of where they move, so no rate is cut and no state asks for it."""
+    ring = af.Arch.circular(4.0, 0.5, 180.0, 9, 0.7)
+    soft = af.jointed(ring, 1e10, model="face")
+    time = np.arange(0.0, 1.0, 0.01)
+    motions = [af.Motion(np.where(time < d, np.sin(np.pi * time / d), 0.0), 0.01, id=f"p{k}")
+               for k, d in enumerate((0.2, 0.3, 0.5))]  # fmt: skip
+    found = []
+    for cores in (1, 2):
+        study = af.Study(
+            soft, motions, measure="PGA", levels=[0.03, 0.06, 0.1, 0.2],
+            output=tmp_path / str(cores), id=f"soft{cores}",
+        )  # fmt: skip
+        found.append(study.run(cores=cores))
+    one, two = (each.cube for each in found)
+    assert np.isnan(one.onset_plus).all()
+    assert 0.0 < one.collapsed.mean() < 1.0
+    for name in ("collapsed", "end_time", "peak_rotation"):
+        np.testing.assert_array_equal(one[name], two[name])
+    states = [each.state for each in found[0].curve.states]
+    assert "rotation" in states
+    assert "motion" not in states

@@ -173,11 +173,13 @@ def _arch_variables(arches: Members) -> dict[str, xr.Variable]:
     """Return the variables of arches: names, onsets, and the values and texts of their entries."""
     built = [member.entry.build() for member in arches]
     starts = [onset(arch) for arch in built]
+    # What a joint of rigid bodies would bear is no bound of one that gives.
+    gives = [arch.chain.joint is not None for arch in built]
     values = {
         "arch": [member.id for member in arches],
         "arch_class": [member.arch_class for member in arches],
-        "onset_plus": [start.plus for start in starts],
-        "onset_minus": [start.minus for start in starts],
+        "onset_plus": np.where(gives, np.nan, [start.plus for start in starts]),
+        "onset_minus": np.where(gives, np.nan, [start.minus for start in starts]),
         "static_limit": [static_limit(arch, start) for arch, start in zip(built, starts)],
         "joint_length": [arch.dimensions[2] for arch in built],
     }

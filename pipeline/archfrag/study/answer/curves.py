@@ -257,6 +257,8 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict
     }  # fmt: skip
     if not np.isfinite(limits).all():
         del exceeded["rotation"]
+    if np.isnan(cube["onset_plus"]).any():  # corners of joints that give open in any motion
+        del exceeded["motion"], exceeded["impact"]
     onset, states, known = _onset_in_measure(cube), list[Curve](), dict[bytes, Curve]()
     for name, (meaning, condition) in exceeded.items():
         exceeds = collapsed | runs.decided & condition.values.reshape(runs.verdict.shape)
