@@ -412,7 +412,7 @@ def test_a_study_of_joints_that_give(tmp_path):
             output=tmp_path / str(cores), id=f"soft{cores}",
         )  # fmt: skip
         found.append(study.run(cores=cores))
-    one, two = (each.cube for each in found)
+    one, two = (each.runs for each in found)
     assert np.isnan(one.onset_plus).all()
     assert 0.0 < one.collapsed.mean() < 1.0
     for name in ("collapsed", "end_time", "peak_rotation"):
