@@ -1,3 +1,4 @@
+from .api.fit_table import TableResults, fit
 from .api.results import Results, open
 from .api.studies import Study
 from .arch.model import Arch, Block
@@ -24,8 +25,10 @@ __all__ = [
     "Response",
     "Results",
     "Study",
+    "TableResults",
     "__version__",
     "crushed",
+    "fit",
     "fit_ida",
     "fit_stripes",
     "jointed",

@@ -97,6 +97,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     text = html.template(
         "report.html.j2", inputs=inputs, scale=inputs.scale, sections=sections,
         n_level=inputs.cube.sizes["level"], n_arch=len(inputs.answers),
+        n_record=len(inputs.motions),
         script=html.SCRIPT, script_hash=f"'sha256-{digest}'",
         first=first_page(inputs, examples[lead]),
         answers=answers_table(inputs, listed) if len(listed) > 1 else "",

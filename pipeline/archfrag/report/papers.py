@@ -49,7 +49,8 @@ def runs_in_words(cube: xr.Dataset, intensity: str, factor: float) -> Iterator[p
     names = {name: name if unit == "1" else f"{name} [{unit}]" for name, unit in units.items()}
     names["intensity"] = intensity
     for piece in pieces:
-        own: dict[str, Any] = {"intensity": factor * piece["intensity"]}
+        levels = (factor * piece["intensity"]).map("{:.12g}".format)  # as the study gives them
+        own: dict[str, Any] = {"intensity": levels}
         for name in names:
             if codes := about[name].get("codes"):
                 words = {code: word.replace("_", " ") for word, code in codes.items()}

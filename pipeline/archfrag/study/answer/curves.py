@@ -298,7 +298,7 @@ def _damage_of_arch(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tu
 
 def _damage_of_table(cube: xr.Dataset) -> dict[str, tuple[str, Any]]:
     """Return the damage states that a table gives its runs, and which runs reach each."""
-    names = list(enumerate(json.loads(cube["damage"].attrs["flag_meanings"])))
+    names = list(enumerate(json.loads(cube["damage"].attrs["states"])))
     return {name: ("damage that the table states", cube["damage"] >= n) for n, name in names[1:-1]}
 
 

@@ -24,6 +24,8 @@ from archfrag.study.file.schema import Intensity, ReportKeys, StudyKeys
 from archfrag.study.keys import at
 from archfrag.study.provenance import digest_of, strict_json
 
+# What a table does not state of its runs, and answers to a study ask for.
+BLANK = {"collapse_joint": -1, "collapse_mode": 0, "lost_contact_time": np.nan}
 LARGEST = 200_000_000  # [bytes] of a file
 _NAMED = tomllib.loads(Path(__file__).with_name("outside.toml").read_text("utf-8"))
 _ROLES: dict[str, list[str]] = _NAMED["columns"]
@@ -98,7 +100,7 @@ class OutsideRuns:
 
     study: StudyKeys
     cube: xr.Dataset
-    digest: str  # SHA-256 of what is used of the table
+    source: Mapping[str, str]  # what exports state of the table
 
 
 def read_runs(
@@ -128,7 +130,9 @@ def read_runs(
         output=str(output or Path("results") / path.stem), design=_design(given, runs),
         intensity=_intensity(given, runs, measure, unit), report=ReportKeys(confidence=confidence),
     )  # fmt: skip
-    return OutsideRuns(study, _cube(given, runs, study, states), digest_of(dict(given.cells)))
+    source = {"source": "table", "cube_sha256": digest_of(dict(given.cells))}
+    source["cube_archfrag_commit"] = "none: runs of another program"
+    return OutsideRuns(study, _cube(given, runs, study, states), source)
 
 
 def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
@@ -317,9 +321,10 @@ def _cube(
         "arch_class": ("arch", [classes[name] or name for name in arches]),
         "scale_factor": (dims, filled(pd.to_numeric(factors or np.nan, errors="coerce"), np.nan)),
     }  # fmt: skip
+    variables |= {name: (dims, np.full(shape, none)) for name, none in BLANK.items()}
     if "state" in given.cells and states:
         variables["damage"] = dims, filled([max(run.state, 0) for run in runs], -1, "i2")
-        variables["damage"] += ({"flag_meanings": strict_json(states)},)
+        variables["damage"] += ({"states": strict_json(states)},)
     about = {"title": study.title, "archfrag_study": study.id}
     design = strict_json(study.design.model_dump(mode="json"))
     return xr.Dataset(variables, attrs=about | {"archfrag_design": design})

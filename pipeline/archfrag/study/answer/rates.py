@@ -125,10 +125,7 @@ def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
 
 def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> ArchRisk:
     """Find the rate of an arch or class, and divide it by level and mechanism."""
-    pairs = np.full((*runs.verdict.shape, 2), -1)  # of runs of another program
-    if "collapse_joint" in runs.cube:
-        names = "collapse_joint", "collapse_mode"
-        pairs = np.stack([runs.cube[key].values for key in names], -1)
+    pairs = np.stack([runs.cube[key].values for key in ("collapse_joint", "collapse_mode")], -1)
     # Mechanisms are joint and mode: each pair has a number, which rises with both.
     mechanisms, code = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
     levels, collapsed, code, ends = _on_levels(
@@ -145,8 +142,8 @@ def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> Arc
     kinds, counts = np.unique(code[collapsed], return_counts=True)
     kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
     labels = [
-        f"joint {joint}, {CollapseMode(mode).name.lower().replace('_', '-')}" if mode >= 0
-        else "not known"
+        f"joint {joint}, {CollapseMode(mode).name.lower().replace('_', '-')}" if joint >= 0
+        else "not known"  # of runs of another program
         for joint, mode in mechanisms[kept].astype(int).tolist()
     ]
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
