@@ -129,6 +129,13 @@ def in_unit(curve: Curve, name: str, intensity: Intensity) -> Curve:
 
 def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
     """Write aligned lines on the curves of classes and of arches of none, and the cautions."""
+    return answer_lines(study, fitted, cautions_of(study, fitted))
+
+
+def answer_lines(
+    study: StudyKeys, fitted: Fitted, found: Iterable[str]
+) -> tuple[list[str], list[str]]:
+    """Write what `fit_lines` does, of the cautions that were `found`."""
     answers = {k: in_unit(each, k, study.intensity) for k, each in fitted.quoted().items()}
     rows = [(name, *answers[name].words()) for name in list(answers)[:SHOWN]]
     first = max(len("report"), *(len(name) for name, _, _ in rows))
@@ -137,8 +144,7 @@ def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
     if len(answers) > SHOWN:
         lines.append(f"{len(answers) - SHOWN} more in {study.folder / CURVE}")
     cautions = [f"{name}: {text}" for name, each in answers.items() if (text := each.undecided())]
-    cautions += cautions_of(study, fitted)
-    return lines, gathered(cautions, fitted.cube, list(answers)[:SHOWN])
+    return lines, gathered([*cautions, *found], fitted.cube, list(answers)[:SHOWN])
 
 
 def gathered(cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]) -> list[str]:

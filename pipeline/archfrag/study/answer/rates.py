@@ -142,7 +142,8 @@ def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> Arc
     kinds, counts = np.unique(code[collapsed], return_counts=True)
     kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
     labels = [
-        f"joint {joint}, {CollapseMode(mode).name.lower().replace('_', '-')}" if joint >= 0
+        f"joint {joint}, {CollapseMode(mode).name.lower().replace('_', '-')}"
+        if joint >= 0
         else "not known"  # of runs of another program
         for joint, mode in mechanisms[kept].astype(int).tolist()
     ]
