@@ -1,7 +1,6 @@
 """Curves from verdicts of other programs and of experiments."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,12 +9,13 @@ import xarray as xr
 
 from archfrag.api.results import PathLike, Results
 from archfrag.errors import InputError
-from archfrag.export.command import export_fitted
+from archfrag.export.command import export_study
 from archfrag.fragility.verdicts import DECIDED, Verdict
-from archfrag.report.table_page import write_table_report
+from archfrag.report.page import make_table_report
 from archfrag.simulation.response import Response
 from archfrag.study.answer.fits import fit_runs
-from archfrag.study.answer.outside import BLANK, OutsideRuns, read_runs
+from archfrag.study.answer.outside import read_runs
+from archfrag.study.file.schema import StudyKeys
 
 
 def fit(
@@ -57,7 +57,8 @@ def fit(
     >>> af.fit(tests).curve
     <Curve structure: median 0.281 PGA>
     """
-    return TableResults(read_runs(table, columns, measure, unit, states, confidence, output))
+    given = read_runs(table, columns, measure, unit, states, confidence, output)
+    return TableResults(*given)
 
 
 class TableResults(Results):
@@ -66,10 +67,9 @@ class TableResults(Results):
     They are those of a study, but for what needs its arches and motions.
     """
 
-    def __init__(self, given: OutsideRuns) -> None:
-        super().__init__(given.study, fit_runs(given.study, given.cube))
-        bare = replace(self._fitted, cube=given.cube.drop_vars([*BLANK]))
-        self._export_to = partial(export_fitted, given.study, bare, given.source)
+    def __init__(self, study: StudyKeys, cube: xr.Dataset) -> None:
+        super().__init__(study, fit_runs(study, cube))
+        self._export_to = partial(export_study, study, fitted=self._fitted)
 
     @property
     def runs(self) -> xr.Dataset:
@@ -83,5 +83,5 @@ class TableResults(Results):
         raise InputError("a table of verdicts has no arch and no motions, so no run can be shown")
 
     def report(self) -> Path:
-        """Write report.html, summary.json, fits.json and curve.csv; return the first's path."""
-        return write_table_report(self._study, self._fitted, self.cautions, None)
+        """Write report.html and the tables beside it; return the report's path."""
+        return make_table_report(self._study, self._fitted, self.cautions)

@@ -10,9 +10,9 @@ from archfrag.cli.options import PATH, echo, json_option, takes_study
 from archfrag.cli.study import fit_study, print_answers
 from archfrag.errors import FitError, InputError, attempt
 from archfrag.export import FORMATS
-from archfrag.export.command import export_fitted
-from archfrag.report.table_page import write_table_report
-from archfrag.study.answer.fits import answer_lines, fit_runs, run_cautions
+from archfrag.export.command import export_study
+from archfrag.report.page import make_table_report
+from archfrag.study.answer.fits import FITS, answer_lines, fit_runs, run_cautions
 from archfrag.study.answer.outside import read_runs
 from archfrag.study.answer.rates import risk_of
 from archfrag.study.hazard import load_hazard
@@ -33,7 +33,7 @@ def _mapping(context: click.Context, parameter: click.Parameter, texts: tuple[st
 @click.option("--measure", help="Measure of the intensity, if its column does not state it.")
 @click.option("--unit", help="Unit of the intensity, if its column does not state it.")
 @click.option("--states", metavar="NAME,...", default="",
-              help="Damage states of a column of them, in order, from none to collapse.")  # fmt: skip
+              help="Damage states of a column, in order, from none to collapse.")  # fmt: skip
 @click.option("--confidence", type=float, default=0.9, show_default=True, help="Of all bands.")
 @click.option("--hazard", type=PATH, help="Hazard curve of a site, for the rate of collapse.")
 @click.option("--output", type=PATH, help="Folder to write to; results/NAME if not given.")
@@ -56,17 +56,16 @@ def fit_command(study_file: Path, overrides: tuple[str, ...], as_json: bool, **g
         return fit_study.callback(study_file, overrides, as_json=as_json)
     hazard, formats = given.pop("hazard"), given.pop("formats")
     states = [name.strip() for name in given.pop("states").split(",") if name.strip()]
-    found = read_runs(study_file, states=states, **given)
-    study, fitted = found.study, fit_runs(found.study, found.cube)
-    risk, cautions = None, run_cautions(study, fitted)
+    study, cube = read_runs(study_file, states=states, **given)
+    fitted, risk = fit_runs(study, cube), None
+    cautions = run_cautions(study, fitted)
     if hazard is not None:
-        site = load_hazard([hazard], study.intensity.measure, None, None)
-        confidence = study.report.confidence
-        risk = attempt(partial(risk_of, fitted.cube, fitted.quoted(), site, 50.0, confidence))
-    report = write_table_report(study, fitted, cautions, risk)
-    made = export_fitted(study, fitted, found.source, formats) if formats else {"files": ()}
+        site, confidence = load_hazard([hazard], study.intensity.measure), given["confidence"]
+        risk = attempt(partial(risk_of, cube, fitted.quoted(), site, 50.0, confidence))
+    report = make_table_report(study, fitted, cautions, risk)
+    made = export_study(study, formats, fitted=fitted) if formats else {"files": ()}
     if as_json:
-        return echo((study.folder / "fits.json").read_text("utf-8"))
+        return echo((study.folder / FITS).read_text("utf-8"))
     print_answers(*answer_lines(study, fitted, cautions), risk)
     for each in made["files"]:
         echo(f"{each['format']}: {each['file']}")

@@ -18,6 +18,7 @@ from archfrag.files import counted, make_folder, replacing, sha256_of, write_csv
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.several import MOST_CROSSING, above
 from archfrag.study.answer.curves import Fitted, arch_classes
+from archfrag.study.answer.outside import BLANK
 from archfrag.study.answer.tables import (
     Columns,
     Pieces,
@@ -41,9 +42,9 @@ _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=
 
 def export_study(
     study: StudyKeys, formats: Sequence[str], folder: Path | None = None, members: bool = False,
-    limit_states: Sequence[str] = (),
+    limit_states: Sequence[str] = (), fitted: Fitted | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Write curves and runs of a study whose results are up to date.
+    """Write curves and runs of a study whose results are up to date, or of a table if `fitted`.
 
     `formats` are of `archfrag.export.FORMATS`; `folder` is ``export`` in the study's folder if not
     given. With `members` the arches of classes have curves too. `limit_states` are written besides
@@ -55,25 +56,15 @@ def export_study(
     is no such limit state, pyarrow is not installed) or a FitError (no arch, or a limit state
     asked for, has no curve).
     """
-    fitted = finished(study)
-    source = {
-        "cube_archfrag_commit": str(fitted.cube.attrs.get("archfrag_commit", "unknown")),
-        "cube_sha256": sha256_of(study.folder / CUBE),
-    }
-    return export_fitted(study, fitted, source, formats, folder, members, limit_states)
-
-
-def export_fitted(
-    study: StudyKeys, fitted: Fitted, source: Mapping[str, str], formats: Sequence[str],
-    folder: Path | None = None, members: bool = False, limit_states: Sequence[str] = (),
-) -> dict[str, Any]:  # fmt: skip
-    """Write curves and runs as `export_study` does; `source` says what they were made from."""
+    fitted = fitted or finished(study)
     answers = fitted.quoted(members)
     with fitted.cube as cube:
         levels, number = cube["intensity"].values, Counter(arch_classes(cube).values())
         made = {
             "study": study.id, "title": study.title,
-            "archfrag": __version__, "archfrag_commit": commit(), **source,
+            "archfrag": __version__, "archfrag_commit": commit(),
+            "cube_archfrag_commit": str(cube.attrs.get("archfrag_commit", "unknown")),
+            "cube_sha256": cube.attrs.get("table_sha256") or sha256_of(study.folder / CUBE),
         }  # fmt: skip
         ends = float(np.nanmin(levels)), float(np.nanmax(levels))
         classes = {name: number[name] for name in answers if number[name] > 1}
@@ -189,7 +180,7 @@ def _write_tables(
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
     every = {
         **curve_tables(curves, answers, *units, study.intensity.factor),
-        "runs": runs_table(cube),
+        "runs": runs_table(cube if "openings" in cube else cube.drop_vars([*BLANK])),
         "records": facts_table(cube, "record"), "arches": facts_table(cube, "arch"),
     }  # fmt: skip
     paths = [folder / f"{study.id}-{name}.{ending}" for name in every]

@@ -59,10 +59,10 @@ class CurveSet:
         title = "".join(c if c.isprintable() else " " for c in self.made["title"]).rstrip(".")
         text = (
             "{title}. Study {study}, exported by archfrag {archfrag} (commit {archfrag_commit}) "
-            "from the {source} with SHA-256 {cube_sha256} (commit {cube_archfrag_commit})."
+            "from the cube with SHA-256 {cube_sha256} (commit {cube_archfrag_commit})."
         )
         remarks = "".join(f" Note: {each}." for each in (condition, *self.remarks) if each)
-        return text.format(**{"source": "cube", **self.made, "title": title}) + remarks
+        return text.format(**{**self.made, "title": title}) + remarks
 
     @property
     def limit_states(self) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """Runs of other programs and of experiments: a table of verdicts as a cube and a study's keys."""
 
 import contextlib
+import os
 import re
 import tomllib
 from collections import Counter
@@ -21,6 +22,7 @@ from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import LEVEL_UNITS, measure_unit, parse_measure
 from archfrag.study.designs import Cloud, Design, Ida, Stripes
 from archfrag.study.file.schema import Intensity, ReportKeys, StudyKeys
+from archfrag.study.hazard import spelled
 from archfrag.study.keys import at
 from archfrag.study.provenance import digest_of, strict_json
 
@@ -31,15 +33,7 @@ _NAMED = tomllib.loads(Path(__file__).with_name("outside.toml").read_text("utf-8
 _ROLES: dict[str, list[str]] = _NAMED["columns"]
 _WORDS = {w: Verdict[name.upper()] for name, words in _NAMED["verdicts"].items() for w in words}
 _UNITS = {unit for units in LEVEL_UNITS.values() for unit in units}
-_RULE = (
-    "is no verdict; write collapsed or survived (also 1 or 0, yes or no, true or false, fell or "
-    "stood), or unfinished or failed for a run that shows neither"
-)
-_NEEDED = (
-    "needs a column intensity (or im, level, or a measure as in `PGA [g]`) with a column verdict "
-    "or damage state, or else columns lower and upper; a mapping of columns names others, such as "
-    "intensity=PGA,verdict=fell"
-)
+_RULE, _NEEDED = _NAMED["messages"]["verdict"], _NAMED["messages"]["columns"]
 
 
 class _Run(NamedTuple):
@@ -79,36 +73,28 @@ class VerdictTable:
 
     def code(self, place: int, what: str, words: Mapping[str, int], rule: str) -> int:
         """Return what the word or the whole number in a cell stands for."""
-        word = _plain(self.cells[what][place])
-        word = word.removesuffix(".0")
+        word = _plain(self.cells[what][place]).removesuffix(".0")
         if word not in words:
             raise self.wrong(place, what, rule)
         return words[word]
 
     def name(self, place: int, what: str, default: str) -> str:
         """Return the name in a cell, or the default of a table without such a column."""
-        if what not in self.cells:
-            return default
-        if not self.cells[what][place]:
+        cell = self.cells[what][place] if what in self.cells else default
+        if not cell:
             raise self.wrong(place, what, f"is no name; every row needs its {what}")
-        return self.cells[what][place]
-
-
-@dataclass(frozen=True)
-class OutsideRuns:
-    """A table of runs as a cube, with the keys that a study with these runs would have."""
-
-    study: StudyKeys
-    cube: xr.Dataset
-    source: Mapping[str, str]  # what exports state of the table
+        return cell
 
 
 def read_runs(
     table: Any, columns: Mapping[str, str] | None = None, measure: str | None = None,
     unit: str | None = None, states: Sequence[str] = (), confidence: float = 0.9,
-    output: str | Path | None = None,
-) -> OutsideRuns:  # fmt: skip
-    """Read a table of runs as `archfrag.fit` describes it; InputError names row, column, value."""
+    output: str | os.PathLike[str] | None = None,
+) -> tuple[StudyKeys, xr.Dataset]:  # fmt: skip
+    """Return a table of runs, as `archfrag.fit` describes it, as a cube with the keys of a study.
+
+    InputError names row, column, value and what is allowed.
+    """
     tails(confidence)
     given, states = read_table(table, columns or {}), [str(each) for each in states]
     if "state" in given.cells and "verdict" not in given.cells and len(states) < 2:
@@ -130,9 +116,7 @@ def read_runs(
         output=str(output or Path("results") / path.stem), design=_design(given, runs),
         intensity=_intensity(given, runs, measure, unit), report=ReportKeys(confidence=confidence),
     )  # fmt: skip
-    source = {"source": "table", "cube_sha256": digest_of(dict(given.cells))}
-    source["cube_archfrag_commit"] = "none: runs of another program"
-    return OutsideRuns(study, _cube(given, runs, study, states), source)
+    return study, _cube(given, runs, study, states)
 
 
 def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
@@ -140,28 +124,19 @@ def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
     if isinstance(table, str | Path):
         source = str(table)
         with at(source):
-            text = read_text(Path(table), LARGEST, InputError, "the table")
-            separator, names, found = parse_table(text)
+            content = read_text(Path(table), LARGEST, InputError, "the table")
+            separator, names, found = parse_table(content)
             found = with_points(found, separator)
         rows = [f"line {line}" for line, _ in found]
         cells = [[unquoted(cell) for cell in each] for _, each in found]
     else:
-        source = "the table"
-        with at(source, kind=InputError):
-            frame = _frame(table)
+        source, frame = "the table", pd.DataFrame(table)
         names, rows = [str(name) for name in frame], [f"row {n + 1}" for n in range(len(frame))]
-        cells = frame.astype(object).where(frame.notna(), "").map(lambda c: str(c).strip()).values
+        text = frame.astype(object).where(frame.notna(), "").map(lambda c: str(c).strip())
+        cells = text.to_numpy().tolist()
     heads = _heads(source, names, columns)
     kept = {what: [str(each[names.index(head)]) for each in cells] for what, head in heads.items()}
     return VerdictTable(source, rows, heads, kept)
-
-
-def _frame(table: Any) -> pd.DataFrame:
-    """Return a DataFrame of what makes one."""
-    try:
-        return pd.DataFrame(table)
-    except (ValueError, TypeError) as error:
-        raise InputError(f"is no path and makes no DataFrame ({error})") from None
 
 
 def _plain(name: str) -> str:
@@ -180,18 +155,14 @@ def _heads(source: str, names: Sequence[str], columns: Mapping[str, str]) -> dic
             raise InputError(f"columns: {source} has no column {given!r}, but {', '.join(names)}")
         heads[what] = head
     for what, known in _ROLES.items():
-        found = [plain[name] for name in known if name in plain and plain[name] not in columns]
-        heads |= {what: found[0]} if found and what not in heads else {}
+        own = [plain[name] for name in known if name in plain]
+        heads |= {what: own[0]} if {*own} - {*heads.values()} and what not in heads else {}
+    weak = "intensity" not in columns and _plain(heads.get("intensity", "level")) == "level"
     measured = [name for name in names if _measure_of(name) and name not in heads.values()]
-    if (
-        measured
-        and "intensity" not in columns
-        and _plain(heads.get("intensity", "level")) == "level"
-    ):
-        heads["intensity"] = measured[0]
-        if measured[1:]:
-            both = " and ".join(measured[:2])
-            raise InputError(f"{source}: {both} may both be the intensity; say which by columns")
+    if weak and len(measured) > 1:
+        both = " and ".join(measured[:2])
+        raise InputError(f"{source}: {both} may both be the intensity; say which by columns")
+    heads |= {"intensity": measured[0]} if weak and measured else {}
     by_run = "intensity" in heads and {"verdict", "state"} & heads.keys()
     if not by_run and not {"lower", "upper"} <= heads.keys():
         raise InputError(f"{source}: {_NEEDED}; it has {', '.join(names)}")
@@ -201,7 +172,7 @@ def _heads(source: str, names: Sequence[str], columns: Mapping[str, str]) -> dic
 
 def _stated(head: str) -> tuple[str, str | None]:
     """Split the name of a column into what it names and its unit."""
-    found = re.fullmatch(r"(.+?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]", head)
+    found = re.fullmatch(r"(.+?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]", head := spelled(head))
     return (found[1], found[2]) if found and found[2] in _UNITS else (head, None)
 
 
@@ -215,18 +186,13 @@ def _measure_of(head: str) -> str | None:
 
 def _of_row(given: VerdictTable, place: int, states: Sequence[str]) -> Iterator[_Run]:
     """Yield the runs that a row states: one, or those at the ends of a bracket."""
-    about = (
-        place,
-        given.name(place, "arch", "structure"),
-        given.name(place, "record", given.rows[place]),
-    )
+    arch = given.name(place, "arch", "structure")
+    about = place, arch, given.name(place, "record", given.rows[place])
     if "lower" in given.cells:
         none = {"lower": ("", "0", "0.0"), "upper": ("", "inf")}
         ends = {w: given.number(place, w) for w in none if given.cells[w][place] not in none[w]}
         if not ends:
-            raise given.wrong(
-                place, "upper", "leaves the row without a level; give lower or upper"
-            )
+            raise given.wrong(place, "upper", "leaves the row without a level; give one end")
         if len(ends) == 2 and ends["lower"] >= ends["upper"]:
             rule = "the highest level that stood must be below the lowest that collapsed"
             raise given.wrong(place, "upper", f"is not above {ends['lower']:g}; {rule}")
@@ -257,8 +223,7 @@ def _intensity(
             raise InputError(f"{where} states no {name}; name it as `PGA [g]`, or give {name}")
     measure, unit = str(own or measure), str(own_unit or unit)
     with at(given.source):
-        allowed = LEVEL_UNITS.get(measure_unit(measure), {})
-        if unit not in allowed:
+        if unit not in (allowed := LEVEL_UNITS.get(measure_unit(measure), {})):
             raise InputError(f"unit {unit} must be one of {', '.join(allowed)} for {measure}")
     levels = sorted({run.level for run in runs})
     return Intensity.model_construct(measure=measure, unit=unit, levels=levels)
@@ -296,10 +261,8 @@ def _cube(
     records, arches = ({name: n for n, name in enumerate(each)} for each in (events, classes))
     levels = {level: n if regular else 0 for n, level in enumerate(intensity.given)}
     cells = [(arches[run.arch], records[run.record], levels[run.level]) for run in runs]
-    dims, shape = (
-        ("arch", "record", "level"),
-        (len(arches), len(records), max(levels.values()) + 1),
-    )
+    dims = "arch", "record", "level"
+    shape = len(arches), len(records), max(levels.values()) + 1
 
     def filled(values: Any, missing: float, kind: str = "f8") -> NDArray:
         cube = np.full(shape, missing, kind)
@@ -325,6 +288,8 @@ def _cube(
     if "state" in given.cells and states:
         variables["damage"] = dims, filled([max(run.state, 0) for run in runs], -1, "i2")
         variables["damage"] += ({"states": strict_json(states)},)
-    about = {"title": study.title, "archfrag_study": study.id}
-    design = strict_json(study.design.model_dump(mode="json"))
-    return xr.Dataset(variables, attrs=about | {"archfrag_design": design})
+    return xr.Dataset(variables, attrs={
+        "title": study.title, "archfrag_study": study.id,
+        "archfrag_design": strict_json(study.design.model_dump(mode="json")),
+        "archfrag_commit": "none: of a table", "table_sha256": digest_of(dict(given.cells)),
+    })  # fmt: skip
