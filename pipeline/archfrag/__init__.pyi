@@ -1,4 +1,4 @@
-from .api.fit_table import TableResults, fit
+from .api.fit_table import fit
 from .api.results import Results, open
 from .api.studies import Study
 from .arch.model import Arch, Block
@@ -25,7 +25,6 @@ __all__ = [
     "Response",
     "Results",
     "Study",
-    "TableResults",
     "__version__",
     "crushed",
     "fit",

@@ -55,7 +55,7 @@ def fit(
     >>> fell = [0, 0, 1, 0, 1, 1, 0, 1]
     >>> tests = {"PGA [g]": [0.1, 0.2, 0.25, 0.3, 0.35, 0.5, 0.28, 0.6], "verdict": fell}
     >>> af.fit(tests).curve
-    <Curve structure: median 0.281 PGA>
+    <Curve structure: median 0.292 g PGA (90 %: 0.190–0.436), dispersion 0.37 (0.14–1.14)>
     """
     given = read_runs(table, columns, measure, unit, states, confidence, output)
     return TableResults(*given)

@@ -110,7 +110,7 @@ def _limit_states(
     requested = [name.strip().casefold().replace(" ", "_") for name in requested]
     requested = ["residual" if name == "residual_displacement" else name for name in requested]
     every: Sequence[str] = LIMIT_STATES
-    if "openings" not in cube:  # runs of another program
+    if "table_sha256" in cube.attrs:  # runs of another program
         names = json.loads(cube["damage"].attrs["states"])[1:-1] if "damage" in cube else ()
         every = [*(name.replace(" ", "_") for name in names), "collapse"]
     for name in sorted(set(requested) - set(every)):
@@ -180,7 +180,7 @@ def _write_tables(
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
     every = {
         **curve_tables(curves, answers, *units, study.intensity.factor),
-        "runs": runs_table(cube if "openings" in cube else cube.drop_vars([*BLANK])),
+        "runs": runs_table(cube.drop_vars([*BLANK]) if "table_sha256" in cube.attrs else cube),
         "records": facts_table(cube, "record"), "arches": facts_table(cube, "arch"),
     }  # fmt: skip
     paths = [folder / f"{study.id}-{name}.{ending}" for name in every]
