@@ -50,11 +50,12 @@ def main() -> None:
     changed = [*RIGID, f"output={json.dumps(str(twin))}"]
     archfrag("run", STUDY, "--cores", CORES, *(f"--set={each}" for each in changed))
     (rigid,) = json.loads((twin / "summary.json").read_text())["classes"]
+    # Before files of the checkout change, and with them its state.
+    risk = archfrag("risk", STUDY, "--hazard", HAZARD.name, "--members", "--json")
     shutil.rmtree(RESULTS, ignore_errors=True)
     RESULTS.mkdir()
     (RESULTS / "rigid.json").write_text(json.dumps(rigid, indent=1) + "\n")
-    asked = "risk", STUDY, "--hazard", HAZARD.name, "--members", "--json"
-    (RESULTS / "risk.json").write_text(archfrag(*asked))
+    (RESULTS / "risk.json").write_text(risk)
     for pattern in KEPT:
         for path in (out / "export").glob(pattern):
             shutil.copy(path, RESULTS)
