@@ -280,37 +280,42 @@ class Results:
 
     def to_nrml(
         self, path: PathLike, discrete: bool = False, members: bool = False,
-        limit_states: Sequence[str] = (),
+        limit_states: Sequence[str] = (), curve: str = "median",
     ) -> Path:  # fmt: skip
         """Write the curves for OpenQuake as a fragility model in NRML, and return its path.
 
         Lognormal curves, or probabilities at levels if `discrete`. A class has one curve, with
         `members` its arches have theirs too. `limit_states` are written besides collapse, all that
-        have curves if none is given. Warnings name what is left out and what to heed.
+        have curves if none is given. `curve` is "median"; "predictive", the mean over what theta
+        and beta may be; or "branches", a curve for each of 15 pairs of them, with a CSV of
+        weights beside. Warnings name what is left out and what to heed.
         """
         kind = f"nrml-{'discrete' if discrete else 'continuous'}"
-        return self._export(kind, path, members, limit_states)[0]
+        return self._export(kind, path, members, limit_states, curve)[0]
 
     def to_pelicun(
-        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = ()
-    ) -> list[Path]:
+        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = (),
+        curve: str = "median",
+    ) -> list[Path]:  # fmt: skip
         """Write the curves into a folder as a damage database of pelicun: a CSV and a JSON."""
-        return self._export("pelicun", path, members, limit_states)
+        return self._export("pelicun", path, members, limit_states, curve)
 
     def to_incore(
-        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = ()
-    ) -> list[Path]:
+        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = (),
+        curve: str = "median",
+    ) -> list[Path]:  # fmt: skip
         """Write the curves for IN-CORE into a folder: a DFR3 set in JSON for each arch."""
-        return self._export("in-core", path, members, limit_states)
+        return self._export("in-core", path, members, limit_states, curve)
 
     def to_csv(
-        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = ()
-    ) -> list[Path]:
+        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = (),
+        curve: str = "median",
+    ) -> list[Path]:  # fmt: skip
         """Write tables of curves, parameters, runs, records and arches into a folder."""
-        return self._export("csv", path, members, limit_states)
+        return self._export("csv", path, members, limit_states, curve)
 
     def _export(
-        self, kind: str, path: PathLike, members: bool, limit_states: Sequence[str]
+        self, kind: str, path: PathLike, members: bool, limit_states: Sequence[str], curve: str
     ) -> list[Path]:
         """Export to a folder, or a single file to the path of a file."""
         self._check_there()
@@ -320,12 +325,14 @@ class Results:
             raise InputError(f"{path}: {kind} is written into a folder; give the folder, {how}")
         with tempfile.TemporaryDirectory() as temporary:
             to = Path(temporary) if single else path
-            made = export_study(self._study, [kind], to, members, limit_states)
+            made = export_study(self._study, [kind], to, members, limit_states, curve)
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)
-                write_text(path, files[0].read_text("utf-8"))
-                files = [path]
+                texts = [each.read_text("utf-8") for each in files]
+                files = [path, path.with_name(f"{path.stem}-branches.csv")][: len(texts)]
+                for file, text in zip(files, texts, strict=True):
+                    write_text(file, text)
         left = [f"no curve of {arch} is exported: {why}" for arch, why in made["left_out"].items()]
         for message in (*left, *made["notes"]):
             warnings.warn(message, stacklevel=3)

@@ -12,7 +12,7 @@ import xarray as xr
 from archfrag.cli.options import PATH, echo, json_option, show, warn, wrapped
 from archfrag.cli.with_study import with_study
 from archfrag.errors import FitError, InputError
-from archfrag.export import FORMATS
+from archfrag.export import CURVES, FORMATS
 from archfrag.export.command import export_study
 from archfrag.files import opened
 from archfrag.report.film import check_target, example_of, save_film
@@ -36,13 +36,16 @@ _FORMATS = (f"{name:15}  {about}" for name, (about, _, _) in FORMATS.items())
     click.option("--limit-state", "limit_states", multiple=True, metavar="NAME",
                  help="Limit state to write besides collapse: motion, impact, residual, "
                  "rotation or contact_lost; all if not given. Repeatable."),
+    click.option("--curve", type=click.Choice(CURVES), default="median", show_default=True,
+                 help="Curve of the medians of theta and beta; predictive: its mean over what "
+                 "they may be; branches: 15 weighted curves for a logic tree."),
     click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
                  help="Folder to write to; `export` in the results folder if not given."),
     members_option, json_option,
 )  # fmt: skip
 def export(
-    study: Any, formats: tuple[str, ...], limit_states: tuple[str, ...], out: Path | None,
-    members: bool, as_json: bool,
+    study: Any, formats: tuple[str, ...], limit_states: tuple[str, ...], curve: str,
+    out: Path | None, members: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Export a finished study in the formats of other programs.
 
@@ -54,7 +57,7 @@ def export(
     curve of a state lies below that of a severer one by more than 0.01 in probability, it takes up
     that one's dispersion as far as needed, and a note states it. The files hold these notes too.
     """
-    made = export_study(study, formats, out, members, limit_states)
+    made = export_study(study, formats, out, members, limit_states, curve)
     for arch, why in made["left_out"].items():
         warn(f"no curve of {arch} is exported: {why}")
     for message in made["notes"]:

@@ -4,6 +4,7 @@ import itertools
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,14 @@ import pandas as pd
 import xarray as xr
 
 from archfrag.errors import FitError, InputError, from_extra
-from archfrag.export import FORMATS, writers
+from archfrag.export import CURVES, FORMATS, writers
 from archfrag.export.writers import CurveSet, named_measure
 from archfrag.files import counted, make_folder, replacing, sha256_of, write_csv
+from archfrag.fragility.branches import branches_of, predictive
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.several import MOST_CROSSING, above
 from archfrag.study.answer.curves import arch_classes
+from archfrag.study.answer.rates import SEED
 from archfrag.study.answer.tables import (
     Columns,
     Pieces,
@@ -41,13 +44,14 @@ _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=
 
 def export_study(
     study: StudyKeys, formats: Sequence[str], folder: Path | None = None, members: bool = False,
-    limit_states: Sequence[str] = (),
+    limit_states: Sequence[str] = (), curve: str = "median",
 ) -> dict[str, Any]:  # fmt: skip
     """Write curves and runs of a study whose results are up to date.
 
     `formats` are of `archfrag.export.FORMATS`; `folder` is ``export`` in the study's folder if not
     given. With `members` the arches of classes have curves too. `limit_states` are written besides
-    collapse, each by a name of `LIMIT_STATES`; if none is given, all that have curves.
+    collapse, each by a name of `LIMIT_STATES`; if none is given, all that have curves. `curve` is
+    one of `archfrag.export.CURVES`.
 
     Returned are ``folder``; ``files``, each with its format; ``limit_states`` written;
     ``left_out``, by arch, why it has no curve; ``notes`` on limit states and on the use of the
@@ -55,6 +59,8 @@ def export_study(
     is no such limit state, pyarrow is not installed) or a FitError (no arch, or a limit state
     asked for, has no curve).
     """
+    if curve not in CURVES:
+        raise InputError(f"curve is {curve!r}; it is one of {', '.join(CURVES)}")
     fitted = finished(study)
     answers = fitted.quoted(members)
     with fitted.cube as cube:
@@ -68,19 +74,13 @@ def export_study(
         ends = float(np.nanmin(levels)), float(np.nanmax(levels))
         classes = {name: number[name] for name in answers if number[name] > 1}
         states, messages = _limit_states(study, cube, answers, limit_states)
-        curves = CurveSet(states, study.intensity.measure, ends, made, classes, tuple(messages))
-        texts, files = list[tuple[str, str, str]](), list[tuple[str, Path]]()
-        for name in dict.fromkeys(formats):
-            _, receiver, functions = FORMATS[name]
-            if functions and not curves.complete:
-                reasons = "; ".join(f"{arch}: {why}" for arch, why in curves.left_out.items())
-                raise FitError(f"there is no curve to export for {receiver}: {reasons}")
-            if functions and (message := named_measure(receiver, curves.measure).condition):
-                messages.append(f"{name}: {message}")
-            for ending, function in functions.items():
-                text = getattr(writers, function)(curves)
-                each = {"": text} if isinstance(text, str) else text  # one file, or one an arch
-                texts += [(name, ending.format(arch), text) for arch, text in each.items()]
+        states, branches = _with_uncertainty(states, curve)
+        if curve == "predictive":
+            messages += _lognormal_remarks(states, formats)
+        curves = CurveSet(
+            states, study.intensity.measure, ends, made, classes, tuple(messages), branches
+        )
+        texts, files = _texts(curves, formats, messages), list[tuple[str, Path]]()
         if "parquet" in formats:
             from_extra("pyarrow", "parquet")  # before anything is written
         folder = make_folder(folder or study.folder / "export")
@@ -95,6 +95,27 @@ def export_study(
         "limit_states": list(curves.limit_states if curves.complete else ()),
         "files": [{"format": name, "file": str(path)} for name, path in files],
     }  # fmt: skip
+
+
+def _texts(
+    curves: CurveSet, formats: Sequence[str], messages: list[str]
+) -> list[tuple[str, str, str]]:
+    """Return format, end of the name and text of each file that is no table; add messages."""
+    texts = []
+    for name in dict.fromkeys(formats):
+        _, receiver, functions = FORMATS[name]
+        if functions and not curves.complete:
+            reasons = "; ".join(f"{arch}: {why}" for arch, why in curves.left_out.items())
+            raise FitError(f"there is no curve to export for {receiver}: {reasons}")
+        if functions and (message := named_measure(receiver, curves.measure).condition):
+            messages.append(f"{name}: {message}")
+        for ending, function in functions.items():
+            text = getattr(writers, function)(curves)
+            each = {"": text} if isinstance(text, str) else text  # one file, or one an arch
+            texts += [(name, ending.format(arch), text) for arch, text in each.items()]
+    if curves.branches:
+        texts.append(("branches", "branches.csv", writers.branch_weights(curves)))
+    return texts
 
 
 def _limit_states(
@@ -151,6 +172,56 @@ def _limit_states(
                 own[arch][name] = fit
     none = Curve(reason="none")
     return {arch: {k: each.get(k, none) for k in kept} for arch, each in own.items()}, messages
+
+
+def _with_uncertainty(
+    states: Mapping[str, Mapping[str, Curve]], kind: str
+) -> tuple[dict[str, dict[str, Curve]], dict[str, tuple[str, float]]]:
+    """Return the curves of a kind of `CURVES`, and of each branch its arch and its weight.
+
+    The draws are those of the mean rate of collapse. All states of a branch are at the same node,
+    and are moved where they cross.
+    """
+    found, branches = dict[str, dict[str, Curve]](), dict[str, tuple[str, float]]()
+    for arch, each in states.items():
+        if kind == "median" or not each["collapse"].fitted:
+            found[arch] = dict(each)
+        elif kind == "predictive":
+            mean = {state: predictive(fit, fit.draws(SEED)) for state, fit in each.items()}
+            found[arch] = _consistent(mean)
+        else:
+            nodes = {state: branches_of(fit, fit.draws(SEED)) for state, fit in each.items()}
+            for n, weight in enumerate(nodes["collapse"][1].tolist()):
+                name = f"{arch}-b{n + 1}"
+                branches[name] = arch, weight
+                found[name] = _consistent({state: at[n] for state, (at, _) in nodes.items()})
+    return found, branches
+
+
+def _consistent(states: Mapping[str, Curve]) -> dict[str, Curve]:
+    """Return the curves of an arch, from mild to severe, moved where they cross."""
+    severe, *milder = reversed(states.items())
+    found = dict([severe])
+    for name, fit in milder:
+        found = {name: above(fit, next(iter(found.values())))} | found
+    return found
+
+
+def _lognormal_remarks(
+    states: Mapping[str, Mapping[str, Curve]], formats: Sequence[str]
+) -> list[str]:
+    """Say how far predictive curves are from the lognormal ones that some formats hold."""
+    named = [name for name in ("nrml-continuous", "pelicun", "in-core") if name in formats]
+    far = 0.0
+    for fit in (fit for each in states.values() for fit in each.values() if fit.fitted):
+        im = fit.theta * np.exp(fit.beta * np.linspace(-4.0, 4.0, 81))
+        far = max(far, float(np.abs(fit(im) - replace(fit, members=None)(im)).max()))
+    remark = (
+        f"{', '.join(named)}: the predictive curve is no lognormal one; the one with its mean and "
+        f"standard deviation of ln capacity is written, {far:.2g} from it in probability at most; "
+        "nrml-discrete and the table of curves hold the curve itself"
+    )
+    return [remark] if named else []
 
 
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
@@ -218,8 +289,8 @@ def curve_tables(
             if not fit.fitted:
                 continue
             labels = {"arch": arch, "limit_state": state, "measure": curves.measure, "unit": unit}
-            found = answers[arch]
-            if state != "collapse":
+            found = answers.get(arch, fit)  # a branch has no band
+            if state != "collapse" and found is not fit:
                 found = next(s for s in found.states if s.state == state.replace("_", " "))
             ends = (found.lower, found.upper)
             lower, upper = (np.interp(levels, found.im or [0.0], end or [np.nan]) for end in ends)

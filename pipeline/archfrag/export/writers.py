@@ -44,9 +44,13 @@ class CurveSet:
     made: Mapping[str, str]  # study, title, versions and commits of archfrag, SHA-256 of the cube
     classes: Mapping[str, int] = field(default_factory=dict)  # of those, number of arches
     remarks: Sequence[str] = ()  # on limit states that are left out or were made consistent
+    branches: Mapping[str, tuple[str, float]] = field(default_factory=dict)  # arch and weight
 
     def described(self, name: str) -> str:
         """Describe what a curve is of."""
+        if name in self.branches:
+            arch, weight = self.branches[name]
+            return f"{self.described(arch)}; branch of weight {weight:.6f}"
         if name not in self.classes:
             return f"Masonry arch {name}"
         return (
@@ -165,6 +169,7 @@ def _nrml(
     about = {"id": name, "assetCategory": "masonry arches", "lossCategory": "structural"}
     model = _add(root, "fragilityModel", **about)
     of = "".join(f" {curves.described(name)}." for name in curves.classes)
+    of += "".join(f" {name}: {curves.described(name)}." for name in curves.branches)
     left = "".join(f" No curve for {arch}: {why}." for arch, why in curves.left_out.items())
     text = f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. "
     _add(model, "description", f"{text}{more}{curves.origin(imt.condition)}{of}{left}")
@@ -192,6 +197,13 @@ def _xml(root: Element) -> str:
 
 def _text(content: dict[str, object]) -> str:
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def branch_weights(curves: CurveSet) -> str:
+    """Write the weights of branches as OpenQuake's mapping of taxonomies, which are the arches."""
+    rows = [(arch, name, weight) for name, (arch, weight) in curves.branches.items()]
+    table = pd.DataFrame(rows, columns=["taxonomy", "risk_id", "weight"])
+    return table.to_csv(index=False, lineterminator="\n")
 
 
 def pelicun_table(curves: CurveSet) -> str:
