@@ -6,7 +6,7 @@ import json
 import os
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ import xarray as xr
 from markupsafe import escape
 
 from archfrag.errors import FitError, InputError
-from archfrag.export.command import export_study
+from archfrag.export.command import export_study, write_vulnerability
 from archfrag.files import WORK, make_folder
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
@@ -25,7 +25,7 @@ from archfrag.report.film import example_of
 from archfrag.study.answer.compare import compare
 from archfrag.study.answer.cube import stored_cube
 from archfrag.study.answer.fits import cautions_of, in_unit
-from archfrag.study.answer.rates import risk_facts, risk_of
+from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, vulnerability_table
 from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.hazard import Hazard, hazard_of_table, load_hazard
 from archfrag.study.provenance import OWNER, read_stamp, read_state, write_text
@@ -192,6 +192,38 @@ class Results:
             raise FitError("no arch has a curve, so there is no rate")
         table = pd.DataFrame.from_dict(rows, orient="index", columns=_RISK, dtype=float)
         table.attrs.update(facts)
+        return table
+
+    def losses(
+        self, hazard: Hazards | None = None, *, consequence: Mapping[str, float],
+        path: PathLike | None = None, **given: Any,
+    ) -> pd.DataFrame:  # fmt: skip
+        """Find the average annual loss at a site, as a part of the value of each arch or class.
+
+        Parameters
+        ----------
+        hazard, **given
+            As for `risk`.
+        consequence : dict of str to float
+            Cost of each limit state, collapse among them, as a part of the value from 0 to 1.
+        path : path, optional
+            File for the mean loss ratio against intensity: .csv, or .xml for OpenQuake.
+
+        Returns
+        -------
+        pandas.DataFrame
+            aal, aal_mean, aal_lower, aal_upper in 1/year, aal_is_lower_bound; in ``attrs`` the
+            table of mean loss, ``vulnerability``.
+        """
+        study, fitted = self._study, self._fitted
+        site, confidence = self._hazard(hazard, **given)[0], study.report.confidence
+        losses = losses_of(fitted.cube, fitted.quoted(), site, consequence, confidence)
+        points = vulnerability_table(losses, study)
+        if path is not None:
+            write_vulnerability(Path(path), points, study.intensity.factor, study.id)
+        known = {name: each for name, each in losses.items() if "none" not in each}
+        table = pd.DataFrame.from_dict(known, orient="index").drop(columns="vulnerability")
+        table.attrs["vulnerability"] = points
         return table
 
     def compare(

@@ -273,6 +273,16 @@ def write_parquet(path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, A
             writer.write_table(table.cast(schema))
 
 
+def write_vulnerability(path: Path, table: pd.DataFrame, factor: float, study: str) -> None:
+    """Write a table of mean loss as CSV or NRML, by the ending of the path."""
+    if path.suffix not in (".csv", ".xml"):
+        raise InputError(f"{path}: a table of mean loss is written as .csv or .xml")
+    text = table.to_csv(index=False, lineterminator="\n")
+    if path.suffix == ".xml":
+        text = writers.nrml_vulnerability(table, str(table["measure"][0]), factor, study)
+    write_text(path, text)
+
+
 def curve_tables(
     curves: CurveSet, answers: Mapping[str, Curve], unit: str, si: str, factor: float
 ) -> dict[str, Pieces]:

@@ -159,6 +159,23 @@ def nrml_discrete(curves: CurveSet) -> str:
     return _xml(root)
 
 
+def nrml_vulnerability(points: pd.DataFrame, measure: str, factor: float, study: str) -> str:
+    """Write mean loss ratios as NRML; intensities of `points` times `factor` are in SI.
+
+    Coefficients of variation are 0: the file has the mean alone.
+    """
+    imt, root = named_measure("OpenQuake", measure), Element("nrml", {"xmlns": NAMESPACE})
+    about = {"id": re.sub(r"[^A-Za-z0-9_:-]", "_", study)[:75], "lossCategory": "structural"}
+    model = _add(root, "vulnerabilityModel", assetCategory="masonry arches", **about)
+    _add(model, "description", f"Mean loss ratio against {measure} in {imt.unit}; study {study}.")
+    for name, rows in points[points["im"] > 0.0].groupby("arch", sort=False):
+        function = _add(model, "vulnerabilityFunction", id=str(name), dist="LN")
+        _add(function, "imls", _row(rows["im"] * factor * imt.factor), imt=imt.name)
+        _add(function, "meanLRs", _row(rows["loss_ratio"]))
+        _add(function, "covLRs", _row(0.0 * rows["loss_ratio"]))
+    return _xml(root)
+
+
 def _nrml(
     curves: CurveSet, more: str, **kind: str
 ) -> tuple[Named, Element, list[tuple[Element, dict[str, Curve]]]]:
