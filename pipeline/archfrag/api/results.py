@@ -200,20 +200,10 @@ class Results:
     ) -> pd.DataFrame:  # fmt: skip
         """Find the average annual loss at a site, as a part of the value of each arch or class.
 
-        Parameters
-        ----------
-        hazard, **given
-            As for `risk`.
-        consequence : dict of str to float
-            Cost of each limit state, collapse among them, as a part of the value from 0 to 1.
-        path : path, optional
-            File for the mean loss ratio against intensity: .csv, or .xml for OpenQuake.
-
-        Returns
-        -------
-        pandas.DataFrame
-            aal, aal_mean, aal_lower, aal_upper in 1/year, aal_is_lower_bound; in ``attrs`` the
-            table of mean loss, ``vulnerability``.
+        `consequence` has by limit state, collapse among them, what it costs as a part of the
+        value; hazard and `given` are as for `risk`. Columns are aal, aal_mean, aal_lower and
+        aal_upper in 1/year, and aal_is_lower_bound; ``attrs["vulnerability"]`` has the mean loss
+        ratio against intensity, which is written to `path`, .csv or .xml for OpenQuake.
         """
         study, fitted = self._study, self._fitted
         site, confidence = self._hazard(hazard, **given)[0], study.report.confidence

@@ -4,7 +4,6 @@ import itertools
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +36,10 @@ from archfrag.version import __version__
 _POINTS = 211
 # Limit states; their order in files follows from their curves, and collapse is the last.
 LIMIT_STATES = ("motion", "impact", "residual", "rotation", "contact_lost", "collapse")
+_LOGNORMAL = (
+    "the predictive curve is no lognormal one: nrml-discrete and the table of curves hold it; "
+    "nrml-continuous, pelicun and in-core the one with its mean and deviation of ln capacity"
+)
 # Columns of the tables of curves; the unit of an intensity is "given" or "si", and {percent} in a
 # text is the confidence.
 _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=False)
@@ -75,8 +78,8 @@ def export_study(
         classes = {name: number[name] for name in answers if number[name] > 1}
         states, messages = _limit_states(study, cube, answers, limit_states)
         states, branches = _with_uncertainty(states, curve)
-        if curve == "predictive":
-            messages += _lognormal_remarks(states, formats)
+        if curve == "predictive" and {"nrml-continuous", "pelicun", "in-core"} & set(formats):
+            messages.append(_LOGNORMAL)
         curves = CurveSet(
             states, study.intensity.measure, ends, made, classes, tuple(messages), branches
         )
@@ -186,42 +189,21 @@ def _with_uncertainty(
     for arch, each in states.items():
         if kind == "median" or not each["collapse"].fitted:
             found[arch] = dict(each)
-        elif kind == "predictive":
-            mean = {state: predictive(fit, fit.draws(SEED)) for state, fit in each.items()}
-            found[arch] = _consistent(mean)
-        else:
-            nodes = {state: branches_of(fit, fit.draws(SEED)) for state, fit in each.items()}
-            for n, weight in enumerate(nodes["collapse"][1].tolist()):
-                name = f"{arch}-b{n + 1}"
-                branches[name] = arch, weight
-                found[name] = _consistent({state: at[n] for state, (at, _) in nodes.items()})
+            continue
+        nodes, names = dict[str, list[Curve]](), [arch]
+        for state, fit in each.items():  # collapse is the last
+            draws = fit.draws(SEED)
+            nodes[state], weights = [predictive(fit, draws)], np.ones(1)
+            if kind == "branches":
+                nodes[state], weights = branches_of(fit, draws)
+                names = [f"{arch}-b{n + 1}" for n in range(weights.size)]
+                branches |= {k: (arch, w) for k, w in zip(names, weights.tolist())}
+        for n, name in enumerate(names):
+            severe, moved = nodes["collapse"][n], dict[str, Curve]()
+            for state in reversed(each):
+                severe = moved[state] = above(nodes[state][n], severe)
+            found[name] = {state: moved[state] for state in each}
     return found, branches
-
-
-def _consistent(states: Mapping[str, Curve]) -> dict[str, Curve]:
-    """Return the curves of an arch, from mild to severe, moved where they cross."""
-    severe, *milder = reversed(states.items())
-    found = dict([severe])
-    for name, fit in milder:
-        found = {name: above(fit, next(iter(found.values())))} | found
-    return found
-
-
-def _lognormal_remarks(
-    states: Mapping[str, Mapping[str, Curve]], formats: Sequence[str]
-) -> list[str]:
-    """Say how far predictive curves are from the lognormal ones that some formats hold."""
-    named = [name for name in ("nrml-continuous", "pelicun", "in-core") if name in formats]
-    far = 0.0
-    for fit in (fit for each in states.values() for fit in each.values() if fit.fitted):
-        im = fit.theta * np.exp(fit.beta * np.linspace(-4.0, 4.0, 81))
-        far = max(far, float(np.abs(fit(im) - replace(fit, members=None)(im)).max()))
-    remark = (
-        f"{', '.join(named)}: the predictive curve is no lognormal one; the one with its mean and "
-        f"standard deviation of ln capacity is written, {far:.2g} from it in probability at most; "
-        "nrml-discrete and the table of curves hold the curve itself"
-    )
-    return [remark] if named else []
 
 
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:

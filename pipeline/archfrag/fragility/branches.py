@@ -52,20 +52,11 @@ def predictive(curve: Curve, draws: Draws) -> Curve:
 def _gauss(values: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     """Return nodes and weights, (n,) each, with the first 2 n - 1 moments of `values` about 0.
 
-    By Lanczos' tridiagonal matrix (Golub and Welsch 1969, Math. Comp. 23), with each vector made
-    orthogonal twice.
+    They are of the matrix of multiplication by the values among polynomials of degree < n that
+    are orthogonal on them (Golub and Welsch 1969, Math. Comp. 23).
     """
-    basis, matrix = [np.full(values.size, values.size**-0.5)], np.zeros((n, n))
-    for i in range(n):
-        vector = values * basis[i]
-        matrix[i, i] = basis[i] @ vector
-        for _ in range(2):
-            vector = vector - np.array(basis).T @ (np.array(basis) @ vector)
-        length = float(np.linalg.norm(vector))
-        if i + 1 < n:
-            matrix[i, i + 1] = matrix[i + 1, i] = length
-            basis.append(vector / length)
-    nodes, vectors = np.linalg.eigh(matrix)
+    basis = np.linalg.qr(np.vander(values, n, increasing=True))[0]
+    nodes, vectors = np.linalg.eigh(basis.T @ (values[:, None] * basis))
     return nodes, vectors[0] ** 2
 
 
