@@ -200,7 +200,7 @@ def _with_uncertainty(
                 branches |= {k: (arch, w) for k, w in zip(names, weights.tolist())}
         for n, name in enumerate(names):
             severe, moved = nodes["collapse"][n], dict[str, Curve]()
-            for state in reversed(each):
+            for state in reversed(list(each)):
                 severe = moved[state] = above(nodes[state][n], severe)
             found[name] = {state: moved[state] for state in each}
     return found, branches
