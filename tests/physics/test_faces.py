@@ -14,6 +14,7 @@ from archfrag.physics.faces.settle import first_frequency, settled
 from archfrag.physics.faces.velocities import balance, find_velocities
 from archfrag.physics.ground import Impulse
 from archfrag.physics.state import model_of
+from archfrag.simulation.simulate import simulate_runs
 
 K, SHEAR, MU = 3e10, 2e10, 0.6
 # Crown of an arch of 17 voussoirs under a half sine of 0.15 g and 0.25 s, with stiffness damping
@@ -54,9 +55,8 @@ def crown(arch, run):
 
 
 def law_of(d0, d1, half, slip=0.0, length=None, points=0.0, mu=MU):
-    return bear(
-        d0, d1, half, (slip,) * 3, 2.0 * half if length is None else length, K, SHEAR, mu, points
-    )
+    touching = 2.0 * half if length is None else length
+    return bear(d0, d1, half, (slip,) * 3, touching, (K, SHEAR, mu), points)
 
 
 class TestLaw:
@@ -217,6 +217,7 @@ class TestMotion:
         time = 5e-3 * np.arange(theirs.size)
         ours = np.interp(time, run.history.time.values, own)
         assert np.abs(ours).max() == pytest.approx(np.abs(theirs).max(), rel=0.01)
+        # Our dashpots act a delay before points close, theirs from then on.
         first = time < 0.3
         assert np.abs(ours - theirs)[first].max() < 0.02 * np.abs(theirs).max()
 
@@ -246,15 +247,19 @@ class TestMotion:
         fall = np.diff(np.log(sway[tops])).mean()
         assert fall == pytest.approx(-2.0 * math.pi * 0.05, rel=0.05)
 
-    def test_runs_side_by_side_have_the_bits_of_single_ones(self):
-        arch, factors = lemos(1e10, 0), [0.5, 0.9, 1.2, 0.2, 0.7]
-        motion = half_sine(0.25, 0.5)
-        many = af.simulate_many(arch, motion, factors)
-        for k, factor in enumerate(factors):
-            one = af.simulate(arch, motion, factor)
-            for name in ("end_time", "peak_rotation", "peak_displacement"):
-                assert many[name].values[k] == getattr(one, name)
-            assert many.status.values[k] == one.status.name.lower()
+    @pytest.mark.parametrize(("stiffness", "dt"), [(1e10, 1e-3), (1e14, 2e-3)])
+    def test_runs_side_by_side_have_the_bits_of_single_ones(self, stiffness, dt):
+        # With the stiffer joints some steps find no velocities, and are halved.
+        arch, factors = lemos(stiffness, 0), [0.7, 0.9, 1.2, 3.0, 0.5]
+        motion, given = half_sine(0.25, 0.5), {"method": "time_stepping", "dt": dt, "follow": 1.0}
+        many = simulate_runs(arch, [motion] * len(factors), factors, **given)
+        single = [af.simulate(arch, motion, factor, **given) for factor in factors]
+        assert (sum(one.work["shortened"] for one in single) > 0) is (stiffness > 1e12)
+        for one, side in zip(single, many, strict=True):
+            assert one.work == side.work
+            assert one.energy == side.energy
+            assert (one.status, one.end_time) == (side.status, side.end_time)
+            assert one.peak_rotation == side.peak_rotation
 
     @pytest.mark.parametrize(("stiffness", "border"), [(1e10, 0.090), (1e11, 0.145)])
     def test_a_thin_arch_falls_earlier_on_joints_that_give(self, stiffness, border):
