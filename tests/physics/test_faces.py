@@ -39,24 +39,21 @@ def lemos(stiffness=1e10, points=3):
 
 def half_sine(duration, rest, amplitude=1.0):
     time = np.arange(0.0, duration + rest, 5e-4)
-    return af.Motion(
-        amplitude * np.where(time < duration, np.sin(np.pi * time / duration), 0.0), 5e-4
-    )
+    wave = amplitude * np.sin(np.pi * time / duration)
+    return af.Motion(np.where(time < duration, wave, 0.0), 5e-4)
 
 
 def crown(arch, run):
     """Time and sway of the top of the key [s], [mm]."""
     key, history = arch.n_voussoir // 2, run.history
     above = arch.extrados[key : key + 2, 1].mean() - arch.centroids[key, 1]
-    turn = history.rotation.values[:, key]
-    return history.time.values, 1e3 * (
-        history.displacement.values[:, key, 0] - above * np.sin(turn)
-    )
+    sway = history.displacement.values[:, key, 0]
+    sway = sway - above * np.sin(history.rotation.values[:, key])
+    return history.time.values, 1e3 * sway
 
 
-def law_of(d0, d1, half, slip=0.0, length=None, points=0.0, mu=MU):
-    touching = 2.0 * half if length is None else length
-    return bear(d0, d1, half, (slip,) * 3, touching, (K, SHEAR, mu), points)
+def law_of(d0, d1, half, slip=0.0, length=1e9, points=0.0):
+    return bear(d0, d1, half, (slip,) * 3, length, (K, SHEAR, MU), points)
 
 
 class TestLaw:

@@ -74,12 +74,6 @@ def new_runs(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -
 
 
 @inlined
-def _middle(face, j, side):
-    x = 0.5 * (face[j, side, 0, 0] + face[j, side, 1, 0])
-    return x, 0.5 * (face[j, side, 0, 1] + face[j, side, 1, 1])
-
-
-@inlined
 def _place_joint(j, model, work, own):
     """Set pivot, normal and gap of joint j between the faces as they are; return its slip [m]."""
     face, tangent = work.face, work.tangent
@@ -88,7 +82,10 @@ def _place_joint(j, model, work, own):
     sum_of_both = math.sqrt((ax + bx) * (ax + bx) + (ay + by) * (ay + by))
     size = 1.0 / sum_of_both
     tx, ty = size * (ax + bx), size * (ay + by)
-    (px, py), (qx, qy) = _middle(face, j, 0), _middle(face, j, 1)
+    px = 0.5 * (face[j, 0, 0, 0] + face[j, 0, 1, 0])
+    py = 0.5 * (face[j, 0, 0, 1] + face[j, 0, 1, 1])
+    qx = 0.5 * (face[j, 1, 0, 0] + face[j, 1, 1, 0])
+    qy = 0.5 * (face[j, 1, 0, 1] + face[j, 1, 1, 1])
     dx, dy = qx - px, qy - py
     work.normal[j, 0], work.normal[j, 1] = ty, -tx
     work.pivot[j, 0], work.pivot[j, 1] = 0.5 * (px + qx), 0.5 * (py + qy)
