@@ -400,17 +400,14 @@ def test_the_report_of_a_cloud_counts_its_runs_in_groups(folder):
 
 def test_a_study_of_joints_that_give(tmp_path):
     """Nothing is known of where they move, so no rate is cut and no state asks for it."""
-    ring = af.Arch.circular(4.0, 0.5, 180.0, 9, 0.7)
-    soft = af.jointed(ring, 1e10, model="face")
+    soft = af.jointed(af.Arch.circular(4.0, 0.5, 180.0, 9, 0.7), 1e10, model="face")
     time = np.arange(0.0, 1.0, 0.01)
     motions = [af.Motion(np.where(time < d, np.sin(np.pi * time / d), 0.0), 0.01, id=f"p{k}")
                for k, d in enumerate((0.2, 0.3, 0.5))]  # fmt: skip
     found = []
     for cores in (1, 2):
-        study = af.Study(
-            soft, motions, measure="PGA", levels=[0.03, 0.06, 0.1, 0.2],
-            output=tmp_path / str(cores), id=f"soft{cores}",
-        )  # fmt: skip
+        place = {"output": tmp_path / str(cores), "id": f"soft{cores}"}
+        study = af.Study(soft, motions, measure="PGA", levels=[0.03, 0.06, 0.1, 0.2], **place)
         found.append(study.run(cores=cores))
     one, two = (each.runs for each in found)
     assert np.isnan(one.onset_plus).all()

@@ -36,6 +36,9 @@ def test_results_of_the_bridge_belong_to_its_study():
     assert (tied.lower > 1.0).sum() == 2
     spread = compared[compared.one == "spread-0"].iloc[1:]
     assert ((spread.lower < 1.0) & (spread.upper > 1.0)).all()
+    joints = pd.read_csv(folder / "results" / "joints.csv")
+    assert (joints.after < joints.before).all()
+    assert joints.lower.max() < joints.upper.min()
 
 
 def test_drawing_is_the_one_of_the_page():
@@ -54,6 +57,9 @@ def test_claims_of_the_page_hold():
     start = af.onset(af.Arch.from_dxf(STUDY / "bridge.dxf", friction=0.6))
     assert ring["curve"]["theta"] > 2.5 * start.plus
     assert ring["dispersion"]["beta_model"] < 0.5 * ring["dispersion"]["beta_record_to_record"]
+    rigid = read("rigid")
+    assert rigid["curve"]["theta"] > ring["curve"]["theta"]
+    assert rigid["dispersion"]["beta_model"] < ring["dispersion"]["beta_model"]
 
 
 def test_hazard_is_the_power_law_of_the_page():

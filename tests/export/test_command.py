@@ -1,5 +1,6 @@
 """The command `archfrag export`: what it writes, and what it refuses."""
 
+import itertools
 import json
 import re
 
@@ -9,10 +10,12 @@ import pytest
 import xarray as xr
 
 from archfrag.errors import FitError, InputError
-from archfrag.export import FORMATS, writers
-from archfrag.export.command import LIMIT_STATES, _not_fitted, export_study
+from archfrag.export import CURVES, FORMATS, writers
+from archfrag.export.command import LIMIT_STATES, _not_fitted, _with_uncertainty, export_study
+from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
 from archfrag.study import steps
 from archfrag.study.answer.fits import load_fits
+from archfrag.study.answer.rates import SEED
 from archfrag.study.file.schema import LimitStates, load_study
 from tests.export.made import fragility
 from tests.report import synthetic
@@ -183,3 +186,47 @@ def test_messages_and_json(study, tmp_path):
     facts = json.loads(command(*call, "in-core", "--json").stdout)
     assert [each["format"] for each in facts["files"]] == ["in-core"]
     assert list(facts["left_out"]) == ["slab"]
+
+
+def test_branches_and_predictive_curves_in_files(study, tmp_path):
+    """Each file has all curves; weights are 1 in sum; states do not cross within a branch."""
+    formats = ["nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv"]
+    made = {kind: export_study(study, formats, tmp_path / kind, curve=kind) for kind in CURVES}
+    weights = pd.read_csv(tmp_path / "branches" / "small-branches.csv")
+    assert list(weights) == ["taxonomy", "risk_id", "weight"]
+    assert (weights["taxonomy"] == "ring").all()
+    assert weights["weight"].sum() == pytest.approx(1.0, abs=1e-12)
+    text = (tmp_path / "branches" / "small-fragility-continuous.xml").read_text()
+    assert re.findall(r'fragilityFunction id="([^"]*)"', text) == weights["risk_id"].tolist()
+    assert "ring-b5: Masonry arch ring; branch of weight 0." in text
+    ids = pd.read_csv(tmp_path / "branches" / "small-pelicun.csv")["ID"]
+    assert ids.tolist() == [name.replace("-", "_") for name in weights["risk_id"]]
+    assert len(list((tmp_path / "branches").glob("small-in-core-ring-b*.json"))) == 15
+    points = pd.read_csv(tmp_path / "branches" / "small-curves.csv")
+    assert points["lower"].isna().all()
+    by_state = points.pivot(index=["arch", "im"], columns="limit_state", values="probability")
+    for mild, severe in itertools.pairwise(made["branches"]["limit_states"]):
+        assert (by_state[severe] - by_state[mild]).max() < 0.0101, mild
+    collapse = by_state["collapse"].unstack("arch")[weights["risk_id"]]
+    mean = pd.read_csv(tmp_path / "predictive" / "small-curves.csv")
+    mean = mean.query("limit_state == 'collapse'")["probability"].values
+    np.testing.assert_allclose(mean, collapse.values @ weights["weight"].values, atol=1e-3)
+    assert "the predictive curve is no lognormal one" in made["predictive"]["notes"][-1]
+    assert not any("predictive" in note for note in made["median"]["notes"])
+    with pytest.raises(InputError, match="curve is 'mean'; it is one of median, predictive"):
+        export_study(study, ["csv"], tmp_path / "none", curve="mean")
+
+
+def test_rates_by_the_files_are_the_mean_rate_of_the_study(study, tmp_path):
+    """Of branches by their parameters, of the predictive curve by its points."""
+    curve = load_fits(study).arches["ring"]
+    for kind in CURVES:
+        export_study(study, ["csv"], tmp_path / kind, curve=kind, limit_states=["impact"])
+    hazard = HazardCurve([0.05, 0.2, 1.0, 4.0, 16.0], [0.1, 0.03, 3e-3, 1e-4, 1e-6])
+    mean = collapse_rate(hazard, curve, curve.draws(SEED)).mean
+    weights = pd.read_csv(tmp_path / "branches" / "small-branches.csv")["weight"].values
+    stated = pd.read_csv(tmp_path / "branches" / "small-parameters.csv")
+    theta, beta = stated.query("limit_state == 'collapse'")[["theta_si", "beta"]].values.T
+    assert weights @ lognormal_rates(hazard, theta, beta) == pytest.approx(mean, rel=5e-3)
+    predicted = _with_uncertainty({"ring": {"collapse": curve}}, "predictive")[0]["ring"]
+    assert collapse_rate(hazard, predicted["collapse"]).rate == pytest.approx(mean, rel=5e-3)

@@ -78,3 +78,21 @@ def test_blocks_under_records_go_by_steps():
     assert found.drop_attrs().equals(steps.drop_attrs())
     fine = af.simulate(block, motions[2], 0.4, method="event_driven", rtol=1e-7)
     assert found.peak_rotation.values[2] == pytest.approx(fine.peak_rotation, rel=2e-3)
+
+
+@pytest.mark.parametrize("solved", [True, False])
+def test_a_run_whose_contacts_are_not_solved_is_made_again_by_another_method(monkeypatch, solved):
+    made, step = [], auto.stepper.run
+
+    def fails(*given):
+        results = step(*given)
+        made.append(given)
+        if len(made) == 1 or not solved:
+            results.status[:] = int(Status.NO_CONTACT_SOLUTION)
+        return results
+
+    for method in (auto.stepper, auto.events):
+        monkeypatch.setattr(method, "run", fails)
+    found = af.simulate(ARCH, MOTION, rtol=0.05)
+    assert len(made) == (2 if solved else 3)
+    assert (found.status == Status.NO_CONTACT_SOLUTION) is not solved

@@ -14,6 +14,7 @@ from archfrag.physics.faces.settle import first_frequency, settled
 from archfrag.physics.faces.velocities import balance, find_velocities
 from archfrag.physics.ground import Impulse
 from archfrag.physics.state import model_of
+from archfrag.simulation.simulate import simulate_runs
 
 K, SHEAR, MU = 3e10, 2e10, 0.6
 # Crown of an arch of 17 voussoirs under a half sine of 0.15 g and 0.25 s, with stiffness damping
@@ -38,25 +39,21 @@ def lemos(stiffness=1e10, points=3):
 
 def half_sine(duration, rest, amplitude=1.0):
     time = np.arange(0.0, duration + rest, 5e-4)
-    return af.Motion(
-        amplitude * np.where(time < duration, np.sin(np.pi * time / duration), 0.0), 5e-4
-    )
+    wave = amplitude * np.sin(np.pi * time / duration)
+    return af.Motion(np.where(time < duration, wave, 0.0), 5e-4)
 
 
 def crown(arch, run):
     """Time and sway of the top of the key [s], [mm]."""
     key, history = arch.n_voussoir // 2, run.history
     above = arch.extrados[key : key + 2, 1].mean() - arch.centroids[key, 1]
-    turn = history.rotation.values[:, key]
-    return history.time.values, 1e3 * (
-        history.displacement.values[:, key, 0] - above * np.sin(turn)
-    )
+    sway = history.displacement.values[:, key, 0]
+    sway = sway - above * np.sin(history.rotation.values[:, key])
+    return history.time.values, 1e3 * sway
 
 
-def law_of(d0, d1, half, slip=0.0, length=None, points=0.0, mu=MU):
-    return bear(
-        d0, d1, half, (slip,) * 3, 2.0 * half if length is None else length, K, SHEAR, mu, points
-    )
+def law_of(d0, d1, half, slip=0.0, length=1e9, points=0.0):
+    return bear(d0, d1, half, (slip,) * 3, length, (K, SHEAR, MU), points)
 
 
 class TestLaw:
@@ -217,6 +214,7 @@ class TestMotion:
         time = 5e-3 * np.arange(theirs.size)
         ours = np.interp(time, run.history.time.values, own)
         assert np.abs(ours).max() == pytest.approx(np.abs(theirs).max(), rel=0.01)
+        # Our dashpots act a delay before points close, theirs from then on.
         first = time < 0.3
         assert np.abs(ours - theirs)[first].max() < 0.02 * np.abs(theirs).max()
 
@@ -246,15 +244,19 @@ class TestMotion:
         fall = np.diff(np.log(sway[tops])).mean()
         assert fall == pytest.approx(-2.0 * math.pi * 0.05, rel=0.05)
 
-    def test_runs_side_by_side_have_the_bits_of_single_ones(self):
-        arch, factors = lemos(1e10, 0), [0.5, 0.9, 1.2, 0.2, 0.7]
-        motion = half_sine(0.25, 0.5)
-        many = af.simulate_many(arch, motion, factors)
-        for k, factor in enumerate(factors):
-            one = af.simulate(arch, motion, factor)
-            for name in ("end_time", "peak_rotation", "peak_displacement"):
-                assert many[name].values[k] == getattr(one, name)
-            assert many.status.values[k] == one.status.name.lower()
+    @pytest.mark.parametrize(("stiffness", "dt"), [(1e10, 1e-3), (1e14, 2e-3)])
+    def test_runs_side_by_side_have_the_bits_of_single_ones(self, stiffness, dt):
+        # With the stiffer joints some steps find no velocities, and are halved.
+        arch, factors = lemos(stiffness, 0), [0.7, 0.9, 1.2, 3.0, 0.5]
+        motion, given = half_sine(0.25, 0.5), {"method": "time_stepping", "dt": dt, "follow": 1.0}
+        many = simulate_runs(arch, [motion] * len(factors), factors, **given)
+        single = [af.simulate(arch, motion, factor, **given) for factor in factors]
+        assert (sum(one.work["shortened"] for one in single) > 0) is (stiffness > 1e12)
+        for one, side in zip(single, many, strict=True):
+            assert one.work == side.work
+            assert one.energy == side.energy
+            assert (one.status, one.end_time) == (side.status, side.end_time)
+            assert one.peak_rotation == side.peak_rotation
 
     @pytest.mark.parametrize(("stiffness", "border"), [(1e10, 0.090), (1e11, 0.145)])
     def test_a_thin_arch_falls_earlier_on_joints_that_give(self, stiffness, border):

@@ -4,8 +4,10 @@ import json
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import archfrag
 from archfrag.errors import InputError
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import HazardCurve
@@ -282,6 +284,33 @@ def test_by_the_command(tmp_path):
     assert ring["rate_by_hazard_curve"]["0.84"] == pytest.approx(2.0 * ring["rate"])
     assert sum(ring["rate_by_level"]) == pytest.approx(ring["rate"])
     assert facts["hazard"]["curves"]["mean"]["im"] == pytest.approx([0.01, 0.1, 3.0])
+    table, model = tmp_path / "loss.csv", tmp_path / "loss.xml"
+    for path in (table, model):
+        result = command(
+            *asked, "--json", "--consequence", "collapse=0.5", "--vulnerability", path
+        )
+        assert result.exit_code == 0, result.output
+    losses = json.loads(result.stdout)["losses"]["ring"]
+    assert losses["aal"] == pytest.approx(0.5 * ring["rate"])
+    assert losses["aal_lower"] == pytest.approx(0.5 * ring["rate_band"][0])
+    points = pd.read_csv(table).query("arch == 'ring'")
+    np.testing.assert_allclose(points["loss_ratio"], 0.5 * FIT(points["im"] * G), rtol=1e-9)
+    text = model.read_text()
+    (im,) = re.findall(r'id="ring" dist="LN">\s*<imls imt="PGA">([^<]*)<', text)
+    np.testing.assert_allclose(np.array(im.split(), float), points["im"][1:], rtol=1e-12)
+    assert "average annual loss" in command(*asked, "--consequence", "collapse=0.5").stdout
+    by_python = archfrag.open(tmp_path / "small.yaml").losses(
+        hazard, consequence={"collapse": 0.5}
+    )
+    assert by_python.loc["ring", "aal"] == losses["aal"]
+    for options, message in (
+        (["--vulnerability", table], "--vulnerability needs --consequence"),
+        (["--consequence", "collapse"], "must be limit states with ratios"),
+        (["--consequence", "collapse=1", "--vulnerability", "a.txt"], "written as .csv or .xml"),
+    ):
+        result = command(*asked, *options)
+        assert result.exit_code == 2
+        assert message in result.stderr
     with_curves(ring={"none": "nothing fell"}, slab={"none": "nothing fell"})
     result = command(*asked)
     assert result.exit_code == 6

@@ -6,7 +6,7 @@ import json
 import os
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ import xarray as xr
 from markupsafe import escape
 
 from archfrag.errors import FitError, InputError
-from archfrag.export.command import export_study
+from archfrag.export.command import export_study, write_vulnerability
 from archfrag.files import WORK, make_folder
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
@@ -27,7 +27,7 @@ from archfrag.study.answer.compare import compare
 from archfrag.study.answer.cube import stored_cube
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.fits import cautions_of, in_unit, run_cautions
-from archfrag.study.answer.rates import risk_facts, risk_of
+from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, vulnerability_table
 from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.hazard import Hazard, hazard_of_table, load_hazard
 from archfrag.study.provenance import OWNER, read_stamp, read_state, write_text
@@ -197,6 +197,28 @@ class Results:
         table.attrs.update(facts)
         return table
 
+    def losses(
+        self, hazard: Hazards | None = None, *, consequence: Mapping[str, float],
+        path: PathLike | None = None, **given: Any,
+    ) -> pd.DataFrame:  # fmt: skip
+        """Find the average annual loss at a site, as a part of the value of each arch or class.
+
+        `consequence` has by limit state, collapse among them, what it costs as a part of the
+        value; hazard and `given` are as for `risk`. Columns are aal, aal_mean, aal_lower and
+        aal_upper in 1/year, and aal_is_lower_bound; ``attrs["vulnerability"]`` has the mean loss
+        ratio against intensity, which is written to `path`, .csv or .xml for OpenQuake.
+        """
+        study, fitted = self._study, self._fitted
+        site, confidence = self._hazard(hazard, **given)[0], study.report.confidence
+        losses = losses_of(fitted.cube, fitted.quoted(), site, consequence, confidence)
+        points = vulnerability_table(losses, study)
+        if path is not None:
+            write_vulnerability(Path(path), points, study.intensity.factor, study.id)
+        known = {name: each for name, each in losses.items() if "none" not in each}
+        table = pd.DataFrame.from_dict(known, orient="index").drop(columns="vulnerability")
+        table.attrs["vulnerability"] = points
+        return table
+
     def compare(
         self, before: str, after: str, hazard: Hazards | None = None, *,
         other: Results | None = None, **given: Any,
@@ -283,37 +305,42 @@ class Results:
 
     def to_nrml(
         self, path: PathLike, discrete: bool = False, members: bool = False,
-        limit_states: Sequence[str] = (),
+        limit_states: Sequence[str] = (), curve: str = "median",
     ) -> Path:  # fmt: skip
         """Write the curves for OpenQuake as a fragility model in NRML, and return its path.
 
         Lognormal curves, or probabilities at levels if `discrete`. A class has one curve, with
         `members` its arches have theirs too. `limit_states` are written besides collapse, all that
-        have curves if none is given. Warnings name what is left out and what to heed.
+        have curves if none is given. `curve` is "median"; "predictive", the mean over what theta
+        and beta may be; or "branches", a curve for each of 15 pairs of them, with a CSV of
+        weights beside. Warnings name what is left out and what to heed.
         """
         kind = f"nrml-{'discrete' if discrete else 'continuous'}"
-        return self._export(kind, path, members, limit_states)[0]
+        return self._export(kind, path, members, limit_states, curve)[0]
 
     def to_pelicun(
-        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = ()
-    ) -> list[Path]:
+        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = (),
+        curve: str = "median",
+    ) -> list[Path]:  # fmt: skip
         """Write the curves into a folder as a damage database of pelicun: a CSV and a JSON."""
-        return self._export("pelicun", path, members, limit_states)
+        return self._export("pelicun", path, members, limit_states, curve)
 
     def to_incore(
-        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = ()
-    ) -> list[Path]:
+        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = (),
+        curve: str = "median",
+    ) -> list[Path]:  # fmt: skip
         """Write the curves for IN-CORE into a folder: a DFR3 set in JSON for each arch."""
-        return self._export("in-core", path, members, limit_states)
+        return self._export("in-core", path, members, limit_states, curve)
 
     def to_csv(
-        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = ()
-    ) -> list[Path]:
+        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = (),
+        curve: str = "median",
+    ) -> list[Path]:  # fmt: skip
         """Write tables of curves, parameters, runs, records and arches into a folder."""
-        return self._export("csv", path, members, limit_states)
+        return self._export("csv", path, members, limit_states, curve)
 
     def _export(
-        self, kind: str, path: PathLike, members: bool, limit_states: Sequence[str]
+        self, kind: str, path: PathLike, members: bool, limit_states: Sequence[str], curve: str
     ) -> list[Path]:
         """Export to a folder, or a single file to the path of a file."""
         self._check_there()
@@ -323,12 +350,14 @@ class Results:
             raise InputError(f"{path}: {kind} is written into a folder; give the folder, {how}")
         with tempfile.TemporaryDirectory() as temporary:
             to = Path(temporary) if single else path
-            made = self._export_to([kind], to, members, limit_states)
+            made = self._export_to([kind], to, members, limit_states, curve)
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)
-                write_text(path, files[0].read_text("utf-8"))
-                files = [path]
+                texts = [each.read_text("utf-8") for each in files]
+                files = [path, path.with_name(f"{path.stem}-branches.csv")][: len(texts)]
+                for file, text in zip(files, texts, strict=True):
+                    write_text(file, text)
         left = [f"no curve of {arch} is exported: {why}" for arch, why in made["left_out"].items()]
         for message in (*left, *made["notes"]):
             warnings.warn(message, stacklevel=3)

@@ -12,16 +12,22 @@ import xarray as xr
 from archfrag.cli.options import PATH, echo, json_option, show, warn, wrapped
 from archfrag.cli.with_study import with_study
 from archfrag.errors import FitError, InputError
-from archfrag.export import FORMATS
-from archfrag.export.command import export_study
+from archfrag.export import CURVES, FORMATS
+from archfrag.export.command import export_study, write_vulnerability
 from archfrag.files import opened
 from archfrag.report.film import check_target, example_of, save_film
 from archfrag.report.inputs import report_inputs
 from archfrag.report.printed import save_figures
-from archfrag.study.answer.rates import risk_facts, risk_of, risk_text
+from archfrag.study.answer.rates import (
+    losses_of,
+    risk_facts,
+    risk_of,
+    risk_text,
+    vulnerability_table,
+)
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
-from archfrag.study.provenance import CUBE
+from archfrag.study.provenance import CUBE, finite
 from archfrag.study.steps import REPORT_FILES, finished
 
 members_option = click.option("--members", is_flag=True,
@@ -36,13 +42,16 @@ _FORMATS = (f"{name:15}  {about}" for name, (about, _, _) in FORMATS.items())
     click.option("--limit-state", "limit_states", multiple=True, metavar="NAME",
                  help="Limit state to write besides collapse: motion, impact, residual, "
                  "rotation or contact_lost; all if not given. Repeatable."),
+    click.option("--curve", type=click.Choice(CURVES), default="median", show_default=True,
+                 help="Curve of the medians of theta and beta; predictive: its mean over what "
+                 "they may be; branches: 15 weighted curves for a logic tree."),
     click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
                  help="Folder to write to; `export` in the results folder if not given."),
     members_option, json_option,
 )  # fmt: skip
 def export(
-    study: Any, formats: tuple[str, ...], limit_states: tuple[str, ...], out: Path | None,
-    members: bool, as_json: bool,
+    study: Any, formats: tuple[str, ...], limit_states: tuple[str, ...], curve: str,
+    out: Path | None, members: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Export a finished study in the formats of other programs.
 
@@ -54,7 +63,7 @@ def export(
     curve of a state lies below that of a severer one by more than 0.01 in probability, it takes up
     that one's dispersion as far as needed, and a note states it. The files hold these notes too.
     """
-    made = export_study(study, formats, out, members, limit_states)
+    made = export_study(study, formats, out, members, limit_states, curve)
     for arch, why in made["left_out"].items():
         warn(f"no curve of {arch} is exported: {why}")
     for message in made["notes"]:
@@ -99,6 +108,15 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
     return (lon, lat) if text else None
 
 
+def _ratios(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
+    try:
+        pairs = [each.split("=") for each in text.split(",")] if text else []
+        return {name: float(ratio) for name, ratio in pairs}
+    except ValueError:
+        rule = "must be limit states with ratios, such as rotation=0.1,collapse=1"
+        raise click.BadParameter(f"{text!r} {rule}") from None
+
+
 @click.command()
 @with_study(
     click.option("--hazard", "hazards", type=PATH, required=True, multiple=True, metavar="FILE",
@@ -109,11 +127,16 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
     click.option("--site", callback=_site, metavar="LON,LAT",
                  help="Place: the nearest site of OpenQuake's file within 10 km."),
     click.option("--confidence", type=float, default=0.9, show_default=True, help="Of all bands."),
+    click.option("--consequence", callback=_ratios, metavar="NAME=RATIO,...",
+                 help="Cost of limit states as parts of the arch's value, 0 to 1: the average "
+                 "annual loss is given too."),
+    click.option("--vulnerability", type=PATH, metavar="FILE",
+                 help="File for mean loss against intensity: .csv, or .xml for OpenQuake."),
     members_option, json_option,
 )  # fmt: skip
 def risk(
-    study: Any, hazards: tuple[Path, ...], unit: str | None, site: Any, years: float,
-    confidence: float, members: bool, as_json: bool,
+    study: Any, hazards: tuple[Path, ...], members: bool, as_json: bool,
+    consequence: dict[str, float], vulnerability: Path | None, **given: Any,
 ) -> None:  # fmt: skip
     """Find the rate of collapse of a finished STUDY at a site.
 
@@ -130,10 +153,20 @@ def risk(
     Example:
       archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
     """
-    hazard = load_hazard(hazards, study.intensity.measure, unit, site)
+    if vulnerability and not consequence:
+        raise InputError("--vulnerability needs --consequence, such as rotation=0.1,collapse=1")
+    intensity, confidence = study.intensity, given["confidence"]
+    hazard = load_hazard(hazards, intensity.measure, given["unit"], given["site"])
     fitted = finished(study)
-    rates = risk_of(fitted.cube, fitted.quoted(members), hazard, years, confidence)
-    facts = risk_facts(rates, study)
+    curves = fitted.quoted(members)
+    rates = risk_of(fitted.cube, curves, hazard, given["years"], confidence)
+    facts = risk_facts(rates, study) | {"confidence": confidence}
+    if consequence:
+        losses = losses_of(fitted.cube, curves, hazard, consequence, confidence)
+        if vulnerability:
+            table = vulnerability_table(losses, study)
+            write_vulnerability(vulnerability, table, intensity.factor, study.id)
+        facts["losses"] = finite(losses, None)
     show(facts, risk_text(facts), as_json)
     if all("none" in arch for arch in facts["arches"].values()):
         raise FitError("no arch has a curve, so there is no rate")

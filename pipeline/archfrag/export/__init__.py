@@ -14,3 +14,6 @@ FORMATS: dict[str, tuple[str, str, dict[str, str]]] = {
     "csv": ("curves, parameters, runs, records and arches; JSON on columns", "", {}),
     "parquet": ("the same tables: pip install 'archfrag[parquet]'", "", {}),
 }  # fmt: skip
+# What is written of a curve: of the medians of theta and beta, its mean over what they may be, or
+# a curve for each of some weighted pairs of them.
+CURVES = ("median", "predictive", "branches")

@@ -12,13 +12,15 @@ import pandas as pd
 import xarray as xr
 
 from archfrag.errors import FitError, InputError, from_extra
-from archfrag.export import FORMATS, writers
+from archfrag.export import CURVES, FORMATS, writers
 from archfrag.export.writers import CurveSet, named_measure
 from archfrag.files import counted, make_folder, replacing, sha256_of, write_csv
+from archfrag.fragility.branches import branches_of, predictive
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.several import MOST_CROSSING, above
 from archfrag.study.answer.curves import Fitted, arch_classes
 from archfrag.study.answer.outside import BLANK
+from archfrag.study.answer.rates import SEED
 from archfrag.study.answer.tables import (
     Columns,
     Pieces,
@@ -35,6 +37,10 @@ from archfrag.version import __version__
 _POINTS = 211
 # Limit states; their order in files follows from their curves, and collapse is the last.
 LIMIT_STATES = ("motion", "impact", "residual", "rotation", "contact_lost", "collapse")
+_LOGNORMAL = (
+    "the predictive curve is no lognormal one: nrml-discrete and the table of curves hold it; "
+    "nrml-continuous, pelicun and in-core the one with its mean and deviation of ln capacity"
+)
 # Columns of the tables of curves; the unit of an intensity is "given" or "si", and {percent} in a
 # text is the confidence.
 _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=False)
@@ -42,13 +48,14 @@ _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=
 
 def export_study(
     study: StudyKeys, formats: Sequence[str], folder: Path | None = None, members: bool = False,
-    limit_states: Sequence[str] = (), fitted: Fitted | None = None,
+    limit_states: Sequence[str] = (), curve: str = "median", fitted: Fitted | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Write curves and runs of a study whose results are up to date, or of a table if `fitted`.
 
     `formats` are of `archfrag.export.FORMATS`; `folder` is ``export`` in the study's folder if not
     given. With `members` the arches of classes have curves too. `limit_states` are written besides
-    collapse, each by a name of `LIMIT_STATES`; if none is given, all that have curves.
+    collapse, each by a name of `LIMIT_STATES`; if none is given, all that have curves. `curve` is
+    one of `archfrag.export.CURVES`.
 
     Returned are ``folder``; ``files``, each with its format; ``limit_states`` written;
     ``left_out``, by arch, why it has no curve; ``notes`` on limit states and on the use of the
@@ -56,6 +63,8 @@ def export_study(
     is no such limit state, pyarrow is not installed) or a FitError (no arch, or a limit state
     asked for, has no curve).
     """
+    if curve not in CURVES:
+        raise InputError(f"curve is {curve!r}; it is one of {', '.join(CURVES)}")
     fitted = fitted or finished(study)
     answers = fitted.quoted(members)
     with fitted.cube as cube:
@@ -69,19 +78,13 @@ def export_study(
         ends = float(np.nanmin(levels)), float(np.nanmax(levels))
         classes = {name: number[name] for name in answers if number[name] > 1}
         states, messages = _limit_states(study, cube, answers, limit_states)
-        curves = CurveSet(states, study.intensity.measure, ends, made, classes, tuple(messages))
-        texts, files = list[tuple[str, str, str]](), list[tuple[str, Path]]()
-        for name in dict.fromkeys(formats):
-            _, receiver, functions = FORMATS[name]
-            if functions and not curves.complete:
-                reasons = "; ".join(f"{arch}: {why}" for arch, why in curves.left_out.items())
-                raise FitError(f"there is no curve to export for {receiver}: {reasons}")
-            if functions and (message := named_measure(receiver, curves.measure).condition):
-                messages.append(f"{name}: {message}")
-            for ending, function in functions.items():
-                text = getattr(writers, function)(curves)
-                each = {"": text} if isinstance(text, str) else text  # one file, or one an arch
-                texts += [(name, ending.format(arch), text) for arch, text in each.items()]
+        states, branches = _with_uncertainty(states, curve)
+        if curve == "predictive" and {"nrml-continuous", "pelicun", "in-core"} & set(formats):
+            messages.append(_LOGNORMAL)
+        curves = CurveSet(
+            states, study.intensity.measure, ends, made, classes, tuple(messages), branches
+        )
+        texts, files = _texts(curves, formats, messages), list[tuple[str, Path]]()
         if "parquet" in formats:
             from_extra("pyarrow", "parquet")  # before anything is written
         folder = make_folder(folder or study.folder / "export")
@@ -96,6 +99,27 @@ def export_study(
         "limit_states": list(curves.limit_states if curves.complete else ()),
         "files": [{"format": name, "file": str(path)} for name, path in files],
     }  # fmt: skip
+
+
+def _texts(
+    curves: CurveSet, formats: Sequence[str], messages: list[str]
+) -> list[tuple[str, str, str]]:
+    """Return format, end of the name and text of each file that is no table; add messages."""
+    texts = []
+    for name in dict.fromkeys(formats):
+        _, receiver, functions = FORMATS[name]
+        if functions and not curves.complete:
+            reasons = "; ".join(f"{arch}: {why}" for arch, why in curves.left_out.items())
+            raise FitError(f"there is no curve to export for {receiver}: {reasons}")
+        if functions and (message := named_measure(receiver, curves.measure).condition):
+            messages.append(f"{name}: {message}")
+        for ending, function in functions.items():
+            text = getattr(writers, function)(curves)
+            each = {"": text} if isinstance(text, str) else text  # one file, or one an arch
+            texts += [(name, ending.format(arch), text) for arch, text in each.items()]
+    if curves.branches:
+        texts.append(("branches", "branches.csv", writers.branch_weights(curves)))
+    return texts
 
 
 def _limit_states(
@@ -158,6 +182,35 @@ def _limit_states(
     return {arch: {k: each.get(k, none) for k in kept} for arch, each in own.items()}, messages
 
 
+def _with_uncertainty(
+    states: Mapping[str, Mapping[str, Curve]], kind: str
+) -> tuple[dict[str, dict[str, Curve]], dict[str, tuple[str, float]]]:
+    """Return the curves of a kind of `CURVES`, and of each branch its arch and its weight.
+
+    The draws are those of the mean rate of collapse. All states of a branch are at the same node,
+    and are moved where they cross.
+    """
+    found, branches = dict[str, dict[str, Curve]](), dict[str, tuple[str, float]]()
+    for arch, each in states.items():
+        if kind == "median" or not each["collapse"].fitted:
+            found[arch] = dict(each)
+            continue
+        nodes, names = dict[str, list[Curve]](), [arch]
+        for state, fit in each.items():  # collapse is the last
+            draws = fit.draws(SEED)
+            nodes[state], weights = [predictive(fit, draws)], np.ones(1)
+            if kind == "branches":
+                nodes[state], weights = branches_of(fit, draws)
+                names = [f"{arch}-b{n + 1}" for n in range(weights.size)]
+                branches |= {k: (arch, w) for k, w in zip(names, weights.tolist())}
+        for n, name in enumerate(names):
+            severe, moved = nodes["collapse"][n], dict[str, Curve]()
+            for state in reversed(list(each)):
+                severe = moved[state] = above(nodes[state][n], severe)
+            found[name] = {state: moved[state] for state in each}
+    return found, branches
+
+
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
     """Say why an arch or a class has no fit of a limit state."""
     own = [arch in names for names in arch_classes(cube).items()]
@@ -207,6 +260,16 @@ def write_parquet(path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, A
             writer.write_table(table.cast(schema))
 
 
+def write_vulnerability(path: Path, table: pd.DataFrame, factor: float, study: str) -> None:
+    """Write a table of mean loss as CSV or NRML, by the ending of the path."""
+    if path.suffix not in (".csv", ".xml"):
+        raise InputError(f"{path}: a table of mean loss is written as .csv or .xml")
+    text = table.to_csv(index=False, lineterminator="\n")
+    if path.suffix == ".xml":
+        text = writers.nrml_vulnerability(table, str(table["measure"][0]), factor, study)
+    write_text(path, text)
+
+
 def curve_tables(
     curves: CurveSet, answers: Mapping[str, Curve], unit: str, si: str, factor: float
 ) -> dict[str, Pieces]:
@@ -223,8 +286,8 @@ def curve_tables(
             if not fit.fitted:
                 continue
             labels = {"arch": arch, "limit_state": state, "measure": curves.measure, "unit": unit}
-            found = answers[arch]
-            if state != "collapse":
+            found = answers.get(arch, fit)  # a branch has no band
+            if state != "collapse" and found is not fit:
                 found = next(s for s in found.states if s.state == state.replace("_", " "))
             ends = (found.lower, found.upper)
             lower, upper = (np.interp(levels, found.im or [0.0], end or [np.nan]) for end in ends)

@@ -44,9 +44,13 @@ class CurveSet:
     made: Mapping[str, str]  # study, title, versions and commits of archfrag, SHA-256 of the cube
     classes: Mapping[str, int] = field(default_factory=dict)  # of those, number of arches
     remarks: Sequence[str] = ()  # on limit states that are left out or were made consistent
+    branches: Mapping[str, tuple[str, float]] = field(default_factory=dict)  # arch and weight
 
     def described(self, name: str) -> str:
         """Describe what a curve is of."""
+        if name in self.branches:
+            arch, weight = self.branches[name]
+            return f"{self.described(arch)}; branch of weight {weight:.6f}"
         if name not in self.classes:
             return f"Masonry arch {name}"
         return (
@@ -155,6 +159,23 @@ def nrml_discrete(curves: CurveSet) -> str:
     return _xml(root)
 
 
+def nrml_vulnerability(points: pd.DataFrame, measure: str, factor: float, study: str) -> str:
+    """Write mean loss ratios as NRML; intensities of `points` times `factor` are in SI.
+
+    Coefficients of variation are 0: the file has the mean alone.
+    """
+    imt, root = named_measure("OpenQuake", measure), Element("nrml", {"xmlns": NAMESPACE})
+    about = {"id": re.sub(r"[^A-Za-z0-9_:-]", "_", study)[:75], "lossCategory": "structural"}
+    model = _add(root, "vulnerabilityModel", assetCategory="masonry arches", **about)
+    _add(model, "description", f"Mean loss ratio against {measure} in {imt.unit}; study {study}.")
+    for name, rows in points[points["im"] > 0.0].groupby("arch", sort=False):
+        function = _add(model, "vulnerabilityFunction", id=str(name), dist="LN")
+        _add(function, "imls", _row(rows["im"] * factor * imt.factor), imt=imt.name)
+        _add(function, "meanLRs", _row(rows["loss_ratio"]))
+        _add(function, "covLRs", _row(0.0 * rows["loss_ratio"]))
+    return _xml(root)
+
+
 def _nrml(
     curves: CurveSet, more: str, **kind: str
 ) -> tuple[Named, Element, list[tuple[Element, dict[str, Curve]]]]:
@@ -165,6 +186,7 @@ def _nrml(
     about = {"id": name, "assetCategory": "masonry arches", "lossCategory": "structural"}
     model = _add(root, "fragilityModel", **about)
     of = "".join(f" {curves.described(name)}." for name in curves.classes)
+    of += "".join(f" {name}: {curves.described(name)}." for name in curves.branches)
     left = "".join(f" No curve for {arch}: {why}." for arch, why in curves.left_out.items())
     text = f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. "
     _add(model, "description", f"{text}{more}{curves.origin(imt.condition)}{of}{left}")
@@ -192,6 +214,13 @@ def _xml(root: Element) -> str:
 
 def _text(content: dict[str, object]) -> str:
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def branch_weights(curves: CurveSet) -> str:
+    """Write the weights of branches as OpenQuake's mapping of taxonomies, which are the arches."""
+    rows = [(arch, name, weight) for name, (arch, weight) in curves.branches.items()]
+    table = pd.DataFrame(rows, columns=["taxonomy", "risk_id", "weight"])
+    return table.to_csv(index=False, lineterminator="\n")
 
 
 def pelicun_table(curves: CurveSet) -> str:

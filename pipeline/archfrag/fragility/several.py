@@ -66,7 +66,7 @@ def above(mild: Curve, severe: Curve) -> Curve:
         return mild
     theta = min(mild.theta, severe.theta)
     for beta in np.linspace(mild.beta, severe.beta, 101):
-        moved = replace(mild, theta=theta, beta=float(beta), kind="adjusted")
+        moved = replace(mild, theta=theta, beta=float(beta), kind="adjusted", members=None)
         if crossing(moved, severe) <= MOST_CROSSING:
             return moved
     return severe  # a mean of curves, which no lognormal one of this dispersion comes close to

@@ -10,6 +10,7 @@ from archfrag.report.sections import PageSection, card, levels_table, states_par
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.rates import StudyRisk
 from archfrag.study.file.schema import StudyKeys
+from archfrag.version import __version__
 
 
 def table_inputs(
@@ -28,7 +29,9 @@ def table_sections(inputs: ReportInputs) -> Iterator[PageSection]:
     for place, name in enumerate(inputs.quoted):
         yield PageSection(f"curve{place}", name, list(_parts(inputs, name)))
     assumed = {each.assumptions: None for each in inputs.known.values()}
-    how = [paragraph(text) for text in (TEXTS["notes"]["table"], *assumed)]
+    digest = inputs.cube.attrs["table_sha256"]
+    words = TEXTS["notes"]["table"].format(digest=digest, version=__version__)
+    how = [paragraph(text) for text in (words, *assumed)]
     yield PageSection("glossary", "How the curves were found", how)
 
 

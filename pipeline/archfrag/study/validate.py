@@ -122,7 +122,7 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
     path = Path(str(entry.drawing))
     drawn = read_drawing(path, entry.layer, entry.unit)
     layer, unit = f"layer {drawn.layer}", drawn.unit
-    added = ("piers", "fill", "recess", "joints", "strength", "springings", "ties")
+    added = ("piers", "fill", "recess", "joints", "strength", "springings", "ties", "vary")
     arch = entry.model_copy(update=dict.fromkeys(added)).build()
     size, high, thick = arch.dimensions
     kind, rise = "clear span", f", rise {high:.3g} m"

@@ -85,12 +85,15 @@ def rub(normal, slip, hold, friction):
 
 
 @inlined
-def bear(d0, d1, half, slip, touching, stiffness, shear, friction, points):
+def bear(d0, d1, half, slip, touching, material, points):
     """Return what a joint bears with the gap d0 + s d1; `slip` is the elastic one of each point.
+
+    `material` has the normal and the shear stiffness of a metre, and the coefficient of friction.
 
     A face that bears along its length has one slip, of the length `touching` that was in contact:
     what comes into contact has not slipped.
     """
+    stiffness, shear, friction = material
     l0, l1, l2 = overlap_moments(d0, d1, half, points)
     normal, moment = -stiffness * (d0 * l0 + d1 * l1), -stiffness * (d0 * l1 + d1 * l2)
     pressed = smaller(friction, ROUGH) * stiffness

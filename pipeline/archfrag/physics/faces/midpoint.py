@@ -82,14 +82,10 @@ def _place_joint(j, model, work, own):
     sum_of_both = math.sqrt((ax + bx) * (ax + bx) + (ay + by) * (ay + by))
     size = 1.0 / sum_of_both
     tx, ty = size * (ax + bx), size * (ay + by)
-    px, py = (
-        0.5 * (face[j, 0, 0, 0] + face[j, 0, 1, 0]),
-        0.5 * (face[j, 0, 0, 1] + face[j, 0, 1, 1]),
-    )
-    qx, qy = (
-        0.5 * (face[j, 1, 0, 0] + face[j, 1, 1, 0]),
-        0.5 * (face[j, 1, 0, 1] + face[j, 1, 1, 1]),
-    )
+    px = 0.5 * (face[j, 0, 0, 0] + face[j, 0, 1, 0])
+    py = 0.5 * (face[j, 0, 0, 1] + face[j, 0, 1, 1])
+    qx = 0.5 * (face[j, 1, 0, 0] + face[j, 1, 1, 0])
+    qy = 0.5 * (face[j, 1, 0, 1] + face[j, 1, 1, 1])
     dx, dy = qx - px, qy - py
     work.normal[j, 0], work.normal[j, 1] = ty, -tx
     work.pivot[j, 0], work.pivot[j, 1] = 0.5 * (px + qx), 0.5 * (py + qy)

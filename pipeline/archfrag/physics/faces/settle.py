@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from archfrag.physics.contact.placing import move_faces, relative_velocity
+from archfrag.physics.contact.placing import relative_velocity
 from archfrag.physics.faces.law import Faces, overlap_moments
 from archfrag.physics.faces.midpoint import new_runs, pose_step, remember
 from archfrag.physics.faces.velocities import find_velocities
@@ -26,7 +26,6 @@ FIRST_STEP, GROWTH, LARGEST_STEP = 0.1, 1.3, 0.5
 # Equilibrium is reached where no body moves by more than this in a step, over the joint's length;
 # none is where one has moved by FAR. The most steps.
 SETTLED, FAR, MOST_STEPS, BALANCED = 1e-9, 0.5, 4000, 1e-9
-
 # Stiffness of a joint times the square of a step, over the mass of the lightest body.
 STIFFEST = 2000.0
 
@@ -72,8 +71,6 @@ def settle(model, faces, runs, period, limit):
     for _ in range(MOST_STEPS):
         state.velocity[:] = 0.0
         pose_step(model, runs, still, step)
-        for c in range(2):
-            work.position[-1, c] = state.position[-1, c]
         solved, _ = find_velocities(model, faces, runs, step, BALANCED, True)
         if not solved:
             step *= 0.25
@@ -84,8 +81,6 @@ def settle(model, faces, runs, period, limit):
         for j in range(state.slip.shape[0]):
             energy, _ = remember(j, model, faces, runs, span, span, True)
             stored += energy
-            for k in range(2):
-                state.contact[j, k] = work.contact[j, k]
         for i in range(1, state.position.shape[0] - 1):
             for c in range(3):
                 size = model.length[0] if c == 2 else 1.0
@@ -97,8 +92,6 @@ def settle(model, faces, runs, period, limit):
         if away > FAR * limit or math.isnan(away):
             return False
         if moved < SETTLED * limit and step >= LARGEST_STEP * period:
-            state.velocity[:] = 0.0
-            move_faces(model, state.position, work.rotated, work.face, work.tangent)
             return True
         step = min(GROWTH * step, LARGEST_STEP * period)
     return False
@@ -121,11 +114,9 @@ def _settled(chain: Chain) -> tuple[Model, Faces] | None:
     model, joint = model_of(chain), np.ascontiguousarray(chain.joint.T)
     frequency, zeros = first_frequency(model, chain), np.zeros(model.friction.size)
     delay = float(joint[Joint.DAMPING, 0]) / (math.pi * frequency)
-    faces: Any = Faces(
-        joint[Joint.STIFFNESS].copy(), joint[Joint.SHEAR].copy(), np.zeros((zeros.size, 3)),
-        zeros, 0.0, 0.0,
-        float(joint[Joint.POINTS, 0]),
-    )  # fmt: skip
+    stiffness, shear, points = (joint[k] for k in (Joint.STIFFNESS, Joint.SHEAR, Joint.POINTS))
+    rest = np.zeros((zeros.size, 3)), zeros, 0.0, 0.0
+    faces: Any = Faces(stiffness.copy(), shear.copy(), *rest, float(points[0]))
     runs = new_runs(model)
     runs.state.position[:] = model.start
     runs.memory.touching[:] = model.length

@@ -64,8 +64,9 @@ def _set_stiffness(j, work, own, b, model, faces):
     d0, d1 = own.gap[j, 0] + b * (nx * ux + ny * uy), own.gap[j, 1] - b * turns
     along = b * (nx * uy - ny * ux)
     slip = own.slip[j, 0] + along, own.slip[j, 1] + along, own.slip[j, 2] + along
-    k, mu = faces.stiffness[j], model.friction[j]
-    has = bear(d0, d1, own.half[j], slip, own.touching[j], k, faces.shear[j], mu, faces.points)
+    k = faces.stiffness[j]
+    material = k, faces.shear[j], model.friction[j]
+    has = bear(d0, d1, own.half[j], slip, own.touching[j], material, faces.points)
     own.force[j, 0], own.force[j, 1], own.force[j, 2] = has.normal, c * has.moment, has.shear
     press, tilt, by_slip = k * has.l0, c * k * has.l1, has.hold
     s = own.stiffness

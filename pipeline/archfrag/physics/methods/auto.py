@@ -6,9 +6,9 @@
 3. Mega-voussoirs from event to event for tolerances of `COARSE` and below, and for a history of
    `SMALL_CHAIN` bodies under a ground motion with rare breaks: there events are rare, so that
    they cost little and give peaks and histories exactly.
-4. A run that has made or lost more energy, or let bodies overlap more, than its tolerance allows
-   is made again by the other method, and then by equal steps. If none of them holds it, the run
-   is refused.
+4. A run that has made or lost more energy, or let bodies overlap more, than its tolerance allows,
+   or whose contacts were not solved, is made again by the other method, and then by equal steps.
+   If none of them holds it, the run is refused.
 
 The mechanism log of a run states which of them moved it when.
 """
@@ -25,6 +25,8 @@ from archfrag.physics.methods import stepping as stepper
 from archfrag.physics.shared import is_accurate, new_results, refuse
 from archfrag.physics.status import Count, Status
 
+# Outcomes that another method may better.
+AGAIN_BY_OTHERS = (int(Status.INACCURATE), int(Status.NO_CONTACT_SOLUTION))
 # Energy below this, over weight times the longest joint's length, is rounding.
 ROUNDING = 1e-12
 # Tolerances at which runs go by events whatever moves them, and where events are rare.
@@ -87,11 +89,11 @@ def _made_well(
         made.count[:, Count.REFINED] = number
         for gathered, part in zip(results, made):
             gathered[rows] = part
-        good = is_accurate(chain, given, made, ROUNDING) & (made.status != Status.INACCURATE)
+        good = is_accurate(chain, given, made, ROUNDING) & ~np.isin(made.status, AGAIN_BY_OTHERS)
         rows = rows[~good]
         if rows.size == 0:
             break
-    refuse(results, rows)
+    refuse(results, rows[results.status[rows] != Status.NO_CONTACT_SOLUTION])
     return results
 
 

@@ -32,6 +32,8 @@ LARGEST = 200_000_000  # [bytes] of a file
 _NAMED = tomllib.loads(Path(__file__).with_name("outside.toml").read_text("utf-8"))
 _ROLES: dict[str, list[str]] = _NAMED["columns"]
 _WORDS = {w: Verdict[name.upper()] for name, words in _NAMED["verdicts"].items() for w in words}
+_SURVIVED_CODES = {word: Verdict(1 - _WORDS[word]) for word in _NAMED["answers"]["words"]}
+_SURVIVED_NAMES = {*_NAMED["verdicts"]["survived"]} - {*_SURVIVED_CODES}
 _UNITS = {unit for units in LEVEL_UNITS.values() for unit in units}
 _RULE, _NEEDED = _NAMED["messages"]["verdict"], _NAMED["messages"]["columns"]
 
@@ -172,8 +174,9 @@ def _heads(source: str, names: Sequence[str], columns: Mapping[str, str]) -> dic
 
 def _stated(head: str) -> tuple[str, str | None]:
     """Split the name of a column into what it names and its unit."""
-    found = re.fullmatch(r"(.+?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]", head := spelled(head))
-    return (found[1], found[2]) if found and found[2] in _UNITS else (head, None)
+    found = re.fullmatch(r"(.+?)(?:\s*[\[(]\s*|[\s_]+)([^\[\]()]*?)\s*[\])]?", head)
+    named = found and found[2] in _UNITS
+    return (spelled(found[1]), found[2]) if found and named else (spelled(head), None)
 
 
 def _measure_of(head: str) -> str | None:
@@ -201,7 +204,13 @@ def _of_row(given: VerdictTable, place: int, states: Sequence[str]) -> Iterator[
         return
     level = given.number(place, "intensity")
     if "state" not in given.cells or not states:
-        yield _Run(*about, level, Verdict(given.code(place, "verdict", _WORDS, _RULE)))
+        # In a column that is named "survived" a 1 is a survival.
+        words = (
+            _WORDS
+            if _plain(given.heads["verdict"]) not in _SURVIVED_NAMES
+            else _WORDS | _SURVIVED_CODES
+        )
+        yield _Run(*about, level, Verdict(given.code(place, "verdict", words, _RULE)))
         return
     places = {str(n): n for n in range(len(states))} | {_plain(s): n for n, s in enumerate(states)}
     lost = {w: -code for w, code in _WORDS.items() if code > 1 and not w.isdecimal()}
