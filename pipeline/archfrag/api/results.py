@@ -19,11 +19,13 @@ from archfrag.errors import FitError, InputError
 from archfrag.export.command import export_study, write_vulnerability
 from archfrag.files import WORK, make_folder
 from archfrag.fragility.curve import Curve
+from archfrag.fragility.plane import Plane
 from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
 from archfrag.report import make_report
 from archfrag.report.film import example_of
 from archfrag.study.answer.compare import compare
 from archfrag.study.answer.cube import stored_cube
+from archfrag.study.answer.curves import plane_of
 from archfrag.study.answer.fits import cautions_of, in_unit
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, vulnerability_table
 from archfrag.study.file.schema import StudyKeys, load_study
@@ -215,6 +217,37 @@ class Results:
         table = pd.DataFrame.from_dict(known, orient="index").drop(columns="vulnerability")
         table.attrs["vulnerability"] = points
         return table
+
+    def plane(self, second: str = "best", arch: str | None = None) -> Plane:
+        """Find P(collapse | two intensities) of an arch, and whether the second one tells more.
+
+        To test it, whole earthquakes are held back. FitError if there are fewer than 8
+        earthquakes (records, if they have none), or the two measures say the same.
+
+        Parameters
+        ----------
+        second : str
+            Measure besides that of the study, such as PGV; "best" tries all that the cube has.
+        arch : str, optional
+            Its name, if there are several.
+
+        Examples
+        --------
+        >>> import numpy as np, archfrag as af
+        >>> time, turns = np.arange(0, 4, 0.02), np.geomspace(3, 30, 12)
+        >>> waves = [np.sin(turn * time) * np.hanning(200) for turn in turns]
+        >>> motions = [af.Motion(wave, 0.02, id=f"wave{i}") for i, wave in enumerate(waves)]
+        >>> levels = [0.2, 0.5, 1, 2, 4]
+        >>> study = af.Study(af.Block(0.4, 2, 0.8), motions, levels=levels, id="waves")
+        >>> plane = study.run(progress=False).plane("PGV")
+        >>> plane.gains, plane.to_dataframe().columns[:3].tolist()
+        (True, ['PGA [g]', 'PGV [m/s]', 'probability'])
+        """
+        names, intensity = list(self._fitted.arches), self._study.intensity
+        if arch not in (names if arch or names[1:] else [None]):
+            raise InputError(f"plane: arch = {arch!r} must be one of {', '.join(names)}")
+        runs = self._fitted.runs[arch or names[0]]
+        return plane_of(runs, second, intensity.factor, intensity.unit)
 
     def compare(
         self, before: str, after: str, hazard: Hazards | None = None, *,

@@ -12,10 +12,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import FitError
+from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_cloud
+from archfrag.fragility.plane import Plane, fit_plane
 from archfrag.fragility.quoted import check_lognormal, isotonic_curve, shared_events
 from archfrag.fragility.several import crossing_words, mixture, split_capacities, split_curves
 from archfrag.fragility.verdicts import DECIDED, NOTHING, Brackets, Verdict, find_brackets
@@ -222,18 +223,54 @@ def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
 
 def measures_compared(runs: Runs) -> dict[str, Any]:
     """Compare the study's measure with others in which its motions are known."""
-    cube = runs.cube
-    names = cube["measure"].values.astype(str).tolist()
-    value = cube["record_measure"].transpose("measure", "record").values
-    exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))
-    known = {k: v for k, v in zip(names, value) if exponent[k] > 0.0 and (v > 0.0).all()}
+    cube, (known, exponent, units) = runs.cube, known_measures(runs.cube)
     table = compare_measures(
         runs.brackets, known, exponent, str(cube["intensity"].attrs["measure"]),
         magnitude=cube["magnitude"].values, distance=cube["distance"].values,
         event=runs.group,
     )  # fmt: skip
-    units = dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
     return {**table, "rows": [{**row, "unit": units[row["measure"]]} for row in table["rows"]]}
+
+
+def known_measures(cube: xr.Dataset) -> tuple[dict[str, FloatArray], dict[str, float], dict]:
+    """Return measures that grow with the factor: values of records, exponents, and SI units."""
+    names = cube["measure"].values.astype(str).tolist()
+    value = cube["record_measure"].transpose("measure", "record").values
+    exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))
+    known = {k: v for k, v in zip(names, value) if exponent[k] > 0.0 and (v > 0.0).all()}
+    return known, exponent, dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
+
+
+def plane_of(runs: Runs, second: str, factor: float, unit: str) -> Plane:
+    """Return the plane of an arch in the study's measure, its unit `factor` in SI, and a second.
+
+    The second is the measure with the least p-value if it is "best". It is in `unit` if that is
+    one of it, else in the SI unit.
+    """
+    known, exponent, units = known_measures(runs.cube)
+    own = str(runs.cube["intensity"].attrs["measure"])
+    others = [name for name in known if name != own]
+    if second not in (*others, "best"):
+        have = ", ".join(others)
+        raise InputError(f"second = {second!r} must be best, or one of this study: {have}")
+    planes, reasons, whole = list[Plane](), list[FitError](), runs.brackets
+    ends = {name: getattr(whole, name) / factor for name in ("lower", "upper", "levels")}
+    for name in others if second == "best" else [second]:
+        same = units[name] == units[own]
+        power = exponent[name] / exponent[own]
+        ratio = known[name] / (factor if same else 1.0) / (known[own] / factor) ** power
+        try:
+            plane = fit_plane(replace(whole, **ends), ratio, power, runs.group)
+        except FitError as error:
+            reasons.append(error)
+            continue
+        planes.append(
+            replace(plane, measures=(own, name), units=(unit, unit if same else units[name]))
+        )
+    if not planes:
+        raise reasons[0]
+    best = min(planes, key=lambda plane: plane.p_value)
+    return replace(best, tests=len(planes), p_value=min(1.0, best.p_value * len(planes)))
 
 
 def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict[str, Any]:
