@@ -24,7 +24,7 @@ from archfrag.fragility.verdicts import Brackets
 SIGNIFICANCE = 0.05
 FEWEST = 8  # events, or records of no event
 MOST_ALIKE = 0.99  # correlation of ln x1 and ln x2 over the runs
-_DRAWS, _ROUNDS, _FREEDOM, _SEED = 4000, 4, 5.0, 11
+_DRAWS, _ROUNDS, _FREEDOM, _SEED = 4000, 3, 5.0, 11
 _SEPARATED = 0.01  # of the log-likelihood: a plane without scatter agrees with all verdicts
 
 
@@ -157,7 +157,8 @@ def _weighted(
             z = np.log(known.levels) * one - shifts
             each = np.exp(-z * z - log_ndtr(z) - log_ndtr(-z))
             rows = np.column_stack([design, np.log(known.levels)])
-            root = np.linalg.det(np.einsum("nm,ni,nj->mij", each, rows, rows))
+            products = (rows[:, :, None] * rows[:, None]).reshape(len(u), -1)
+            root = np.linalg.det((each.T @ products).reshape(-1, q, q))
             weight += 0.5 * np.log(np.maximum(root, 1e-250)) - np.log(one)
             weight -= np.log1p((one * LIKELY_BETA * span) ** -2.0)
         weight[p[:, -1] <= 0.0] = -np.inf
