@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from archfrag.errors import FitError, InputError
-from archfrag.study.answer.curves import plane_of, runs_of_cube
+from archfrag.study.answer.compare import plane_of
+from archfrag.study.answer.curves import runs_of_cube
 from tests.report import synthetic
 
 N, G = 24, 9.80665

@@ -12,11 +12,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import FitError, InputError
+from archfrag.errors import FitError
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_cloud
-from archfrag.fragility.plane import Plane, fit_plane
 from archfrag.fragility.quoted import check_lognormal, isotonic_curve, shared_events
 from archfrag.fragility.several import crossing_words, mixture, split_capacities, split_curves
 from archfrag.fragility.verdicts import DECIDED, NOTHING, Brackets, Verdict, find_brackets
@@ -25,6 +24,7 @@ from archfrag.study.designs import Design, design_of
 POINTS = 120  # of a band
 MISFIT = 0.05  # p-value below which the lognormal curve does not describe the collapses
 MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
+_COLLAPSE = "a loss of contact that cannot be regained", "the severest that the table states"
 _DRAWN: dict[str, Any] = {"seed": 1, "resamples": 300}
 Worded = Callable[[FitError], str]  # text of an error, with its levels in the unit people read
 
@@ -70,6 +70,8 @@ class Runs:
         There is one for each part of the curve. They are known in PGA, if the mechanism at onset
         does not slide: else its onset is an upper bound.
         """
+        if "static_limit" not in self.cube:  # runs of another program
+            return np.zeros(() if curve.members is None else len(self.arches))
         known = np.isfinite(self.cube["static_limit"].values)
         known &= str(self.cube["intensity"].attrs["measure"]) == "PGA"
         least = np.where(known, _onset_peaks(self.cube), 0.0)
@@ -241,44 +243,43 @@ def known_measures(cube: xr.Dataset) -> tuple[dict[str, FloatArray], dict[str, f
     return known, exponent, dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
 
 
-def plane_of(runs: Runs, second: str, factor: float, unit: str) -> Plane:
-    """Return the plane of an arch in the study's measure, its unit `factor` in SI, and a second.
-
-    The second is the measure with the least p-value if it is "best". It is in `unit` if that is
-    one of it, else in the SI unit.
-    """
-    known, exponent, units = known_measures(runs.cube)
-    own = str(runs.cube["intensity"].attrs["measure"])
-    others = [name for name in known if name != own]
-    if second not in (*others, "best"):
-        have = ", ".join(others)
-        raise InputError(f"second = {second!r} must be best, or one of this study: {have}")
-    planes, reasons, whole = list[Plane](), list[FitError](), runs.brackets
-    ends = {name: getattr(whole, name) / factor for name in ("lower", "upper", "levels")}
-    for name in others if second == "best" else [second]:
-        same = units[name] == units[own]
-        power = exponent[name] / exponent[own]
-        ratio = known[name] / (factor if same else 1.0) / (known[own] / factor) ** power
-        try:
-            plane = fit_plane(replace(whole, **ends), ratio, power, runs.group)
-        except FitError as error:
-            reasons.append(error)
-            continue
-        planes.append(
-            replace(plane, measures=(own, name), units=(unit, unit if same else units[name]))
-        )
-    if not planes:
-        raise reasons[0]
-    best = min(planes, key=lambda plane: plane.p_value)
-    return replace(best, tests=len(planes), p_value=min(1.0, best.p_value * len(planes)))
-
-
 def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict[str, Any]:
     """Return curves of damage short of collapse, from light to severe, and that of `collapse`.
 
     A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study.
     """
     cube, collapsed = runs.cube, runs.verdict == Verdict.COLLAPSED
+    exceeded = _damage_of_table(cube) if "damage" in cube else _damage_of_arch(cube, keys)
+    onset, states, known = _onset_in_measure(cube), list[Curve](), dict[bytes, Curve]()
+    for name, (meaning, condition) in exceeded.items():
+        exceeds = collapsed | runs.decided & condition.values.reshape(runs.verdict.shape)
+        key = exceeds.tobytes()  # states often coincide
+        if key not in known:
+            known[key] = _state_curve(runs, exceeds, collapse.confidence)
+        curve = known[key]
+        if curve.fitted and onset > 0.0 and (below := curve.at(onset)[0]) > MOST_BELOW:
+            curve = Curve(reason=(
+                f"it would give a probability of {below:.2f} at the onset of motion, below "
+                "which nothing moves; levels near the onset may show it"
+            ))  # fmt: skip
+        states.append(replace(curve, state=name, meaning=meaning))
+    # The lightest first; what has no curve before them.
+    states.sort(key=lambda each: each.theta if each.fitted else 0.0)
+    states.append(replace(  # its band is that of `collapse`
+        collapse, meaning=_COLLAPSE["damage" in cube], im=[], lower=[], upper=[],
+        method="", assumptions="", n_independent=0.0, n_non_monotone=0,
+    ))  # fmt: skip
+    plain = []
+    for each in states:
+        own = each.to_dict() if each.fitted else {"curve": each.fit_dict()}
+        own.pop("more", None)
+        plain.append({"name": each.state, "meaning": each.meaning, **own})
+    message = crossing_words([each for each in states if each.fitted])
+    return {"message": message, "states": plain}
+
+
+def _damage_of_arch(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str, Any]]:
+    """Return what each limit state means, and which runs of a study exceed it."""
     limits, residual, rotation = cube["static_limit"], keys["residual"], keys["rotation"]
     rad = f", {limits.values[0]:.3g} rad" if limits.size == 1 else ""
     exceeded = {
@@ -296,32 +297,13 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict
         del exceeded["rotation"]
     if np.isnan(cube["onset_plus"]).any():  # corners of joints that give open in any motion
         del exceeded["motion"], exceeded["impact"]
-    onset, states, known = _onset_in_measure(cube), list[Curve](), dict[bytes, Curve]()
-    for name, (meaning, condition) in exceeded.items():
-        exceeds = collapsed | runs.decided & condition.values.reshape(runs.verdict.shape)
-        key = exceeds.tobytes()  # states often coincide
-        if key not in known:
-            known[key] = _state_curve(runs, exceeds, collapse.confidence)
-        curve = known[key]
-        if curve.fitted and onset > 0.0 and (below := curve.at(onset)[0]) > MOST_BELOW:
-            curve = Curve(reason=(
-                f"it would give a probability of {below:.2f} at the onset of motion, below "
-                "which nothing moves; levels near the onset may show it"
-            ))  # fmt: skip
-        states.append(replace(curve, state=name, meaning=meaning))
-    # The lightest first; what has no curve before them.
-    states.sort(key=lambda each: each.theta if each.fitted else 0.0)
-    states.append(replace(  # its band is that of `collapse`
-        collapse, meaning="a loss of contact that cannot be regained", im=[], lower=[], upper=[],
-        method="", assumptions="", n_independent=0.0, n_non_monotone=0,
-    ))  # fmt: skip
-    plain = []
-    for each in states:
-        own = each.to_dict() if each.fitted else {"curve": each.fit_dict()}
-        own.pop("more", None)
-        plain.append({"name": each.state, "meaning": each.meaning, **own})
-    message = crossing_words([each for each in states if each.fitted])
-    return {"message": message, "states": plain}
+    return exceeded
+
+
+def _damage_of_table(cube: xr.Dataset) -> dict[str, tuple[str, Any]]:
+    """Return the damage states that a table gives its runs, and which runs reach each."""
+    names = list(enumerate(json.loads(cube["damage"].attrs["states"])))
+    return {name: ("damage that the table states", cube["damage"] >= n) for n, name in names[1:-1]}
 
 
 def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], confidence: float) -> Curve:
@@ -355,6 +337,8 @@ def _onset_peaks(cube: xr.Dataset) -> FloatArray:
 
 def _onset_in_measure(cube: xr.Dataset) -> float:
     """Return the least level at which an arch can move under its records [SI]; 0 if not known."""
+    if "measure" not in cube:
+        return 0.0
     own, names = cube["intensity"].attrs["measure"], cube["measure"].values.astype(str).tolist()
     if not {own, "PGA"} <= set(names):
         return 0.0
