@@ -136,6 +136,14 @@ class TestGain:
         assert s.min() - 1e-9 <= ratio.min() < ratio.max() <= s.max() + 1e-9
         assert not table.isna().any(axis=None)
 
+    def test_what_is_held_back_was_not_learned_from(self):
+        """Seen runs are always likelier by a plane; runs held back are not without an effect."""
+        gains = []
+        for seed in range(20, 28):
+            logs, s = records(seed, 24, gamma=0.0)
+            gains.append(fit_plane(stripes(logs), np.exp(s), 1.0, np.arange(24) // 2).gain)
+        assert np.mean(gains) < -0.005
+
     def test_no_gain_no_figure(self):
         logs, s = records(9, gamma=0.0)
         plane = fit_plane(stripes(logs), np.exp(s), 1.0)

@@ -221,35 +221,13 @@ class Results:
         return table
 
     def plane(self, second: str = "best", arch: str | None = None) -> Plane:
-        """Find P(collapse | two intensities) of an arch, and whether the second one tells more.
+        """Find P(collapse | two intensities), and test on earthquakes held back what it gains.
 
-        To test it, whole earthquakes are held back. FitError if there are fewer than 8
-        earthquakes (records, if they have none), or the two measures say the same.
-
-        Parameters
-        ----------
-        second : str
-            Measure besides that of the study, such as PGV; "best" tries all that the cube has.
-        arch : str, optional
-            Its name, if there are several.
-
-        Examples
-        --------
-        >>> import numpy as np, archfrag as af
-        >>> time, turns = np.arange(0, 4, 0.02), np.geomspace(3, 30, 12)
-        >>> waves = [np.sin(turn * time) * np.hanning(200) for turn in turns]
-        >>> motions = [af.Motion(wave, 0.02, id=f"wave{i}") for i, wave in enumerate(waves)]
-        >>> levels = [0.2, 0.5, 1, 2, 4]
-        >>> study = af.Study(af.Block(0.4, 2, 0.8), motions, levels=levels, id="waves")
-        >>> plane = study.run(progress=False).plane("PGV")
-        >>> plane.gains, plane.to_dataframe().columns[:3].tolist()
-        (True, ['PGA [g]', 'PGV [m/s]', 'probability'])
+        `second` is a measure such as PGV, or "best", which tries all that the cube has; `arch` is
+        needed if there are several. FitError with fewer than 8 earthquakes (records, if these
+        have none), or if both measures say the same.
         """
-        names, intensity = list(self._fitted.arches), self._study.intensity
-        if arch not in (names if arch or names[1:] else [None]):
-            raise InputError(f"plane: arch = {arch!r} must be one of {', '.join(names)}")
-        runs = self._fitted.runs[arch or names[0]]
-        return plane_of(runs, second, intensity.factor, intensity.unit)
+        return plane_of(self._fitted, self._study.intensity, second, arch)
 
     def compare(
         self, before: str, after: str, hazard: Hazards | None = None, *,

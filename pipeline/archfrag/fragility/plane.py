@@ -30,7 +30,20 @@ _SEPARATED = 0.01  # of the log-likelihood: a plane without scatter agrees with 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Plane:
-    """Probability of collapse against two intensities, and what the second one tells."""
+    """Probability of collapse against two intensities, and what the second one tells.
+
+    Examples
+    --------
+    >>> import numpy as np, archfrag as af
+    >>> turns, window = np.geomspace(3, 30, 12), np.hanning(200)
+    >>> waves = [window * np.sin(turn * np.arange(0, 4, 0.02)) for turn in turns]
+    >>> motions = [af.Motion(wave, 0.02, id=f"wave{i}") for i, wave in enumerate(waves)]
+    >>> levels = [0.2, 0.5, 1, 2, 4]
+    >>> study = af.Study(af.Block(0.4, 2, 0.8), motions, levels=levels, id="waves")
+    >>> plane = study.run(progress=False).plane("PGV")
+    >>> plane.gains, plane.to_dataframe().columns[:3].tolist()
+    (True, ['PGA [g]', 'PGV [m/s]', 'probability'])
+    """
 
     coefficients: FloatArray  #: (3,): a, b1, b2 by maximum likelihood
     draws: FloatArray  #: (3, n): those of the posterior, equally probable

@@ -15,6 +15,7 @@ from archfrag.fragility.risk import HazardCurve
 from archfrag.fragility.several import left_out, parts_of, ratios
 from archfrag.fragility.verdicts import Brackets
 from archfrag.study.answer.curves import Fitted, Runs, known_measures, runs_of_cube
+from archfrag.study.file.schema import Intensity
 
 Table = dict[str, dict[str, float]]
 
@@ -66,18 +67,24 @@ def compare(
     }  # fmt: skip
 
 
-def plane_of(runs: Runs, second: str, factor: float, unit: str) -> Plane:
-    """Return the plane of an arch in the study's measure, its unit `factor` in SI, and a second.
+def plane_of(
+    fitted: Fitted, intensity: Intensity, second: str = "best", arch: str | None = None
+) -> Plane:
+    """Return the plane of an arch in the study's intensity and a second measure.
 
-    The second is the measure with the least p-value if it is "best". It is in `unit` too, or in
-    its SI unit if that is of another kind.
+    The second is the measure with the least p-value if it is "best". It has the unit of the
+    levels, or its SI unit if that is of another kind. `arch` may be None if there is one.
     """
+    names, unit, factor = list(fitted.arches), intensity.unit, intensity.factor
+    if arch not in (names if arch or names[1:] else [None]):
+        raise InputError(f"plane: arch = {arch!r} must be one of {', '.join(names)}")
+    runs = fitted.runs[arch or names[0]]
     known, exponent, units = known_measures(runs.cube)
-    own = str(runs.cube["intensity"].attrs["measure"])
-    others, planes, reasons = [each for each in known if each != own], list[Plane](), []
+    own, planes, reasons = intensity.measure, list[Plane](), list[FitError]()
+    others = [name for name in known if name != own]
     if second not in (*others, "best"):
         have = ", ".join(others)
-        raise InputError(f"second = {second!r} must be best, or one of this study: {have}")
+        raise InputError(f"plane: second = {second!r} must be best, or one of {have}")
     ends = {end: getattr(runs.brackets, end) / factor for end in ("lower", "upper", "levels")}
     for name in others if second == "best" else [second]:
         power, alike = exponent[name] / exponent[own], units[name] == units[own]
