@@ -79,6 +79,13 @@ class TestExact:
         np.testing.assert_allclose([low, high], curve.band(LEVELS), atol=0.015)
         assert not plane.gains
 
+    def test_where_single_runs_scatter_too(self):
+        generator = np.random.default_rng(11)
+        logs = 0.3 * generator.standard_normal((30, 1)) + 0.3 * generator.standard_normal((30, 15))
+        found, s = find_brackets(np.repeat(logs <= np.log(LEVELS), 2, 0), LEVELS), [-0.5, 0.5]
+        plane, curve = fit_plane(found, np.exp(np.tile(s, 30)), 1.0), fit_capacity_posterior(found)
+        np.testing.assert_allclose(plane.at(LEVELS, LEVELS)[0], curve.curve(LEVELS), atol=0.01)
+
     def test_of_single_runs_too(self):
         (found, _), s = cloud(5, 30, gamma=0.0, beta=0.5), np.repeat([-0.5, 0.5], 30)
         found = find_brackets(np.tile(found.verdict, (2, 1)), np.tile(found.levels, (2, 1)))

@@ -99,9 +99,9 @@ def fit_plane(
     `ratio`, (n_record,), is x2 / x1^`power`. Records with one label in `groups` count as fewer,
     and are held back together. Priors are those of a curve: Jeffreys' where records have a run
     each; else with Cauchy's for gamma at the span of ln levels, for s over its standard deviation.
-    Scatter of single runs is added to beta. The test is Student's, of the mean over events held
-    back of the sum of p_plane / p_curve - 1 of records, which is 0 if the curve is true. FitError
-    if there is no plane, or none can be tested.
+    Scatter of single runs adds to beta^2 what it adds to that of the curve. The test is Student's,
+    of the mean over events held back of the sum of p_plane / p_curve - 1 of records, which is 0 if
+    the curve is true. FitError if there is no plane, or none can be tested.
     """
     known, s = brackets.of_records(), np.log(np.asarray(ratio, dtype=float)[brackets.run])
     label = np.arange(s.size) if groups is None else np.asarray(groups)[brackets.run]
@@ -114,9 +114,10 @@ def fit_plane(
     if abs(alike) > MOST_ALIKE or not s.std():
         what = f"the two measures say the same (correlation of their logarithms {alike:.3f})"
         raise FitError(f"{what}; choose another second one")
-    scatter, parts, scores = fit_capacity_posterior(known).scatter, parts_of(label), []
+    parts, scores, each = parts_of(label), [], (known, known.without_scatter())
+    whole, between = (fit_capacity_posterior(some).curve.beta ** 2 for some in each)
     for u in (np.empty((s.size, 0)), (s[:, None] - s.mean()) / s.std()):
-        start, p, logs, weight, share = _weighted(known.without_scatter(), u, label)
+        start, p, logs, weight, share = _weighted(each[1], u, label)
         held = softmax(weight - share * (parts @ logs), axis=1)  # (n_part, n_draw)
         scores.append(np.log((parts * (held @ np.exp(logs.T))).sum(axis=0)))
     gains = scores[1] - scores[0]
@@ -126,7 +127,7 @@ def fit_plane(
     alpha, gamma, one = np.vstack([start, p[place.clip(max=_DRAWS - 1)]]).T
     gamma /= s.std()
     lines = np.stack([gamma * s.mean() - alpha, one + gamma * power, -gamma])
-    lines[:, 1:] /= np.hypot(1.0, scatter * one[1:])
+    lines[:, 1:] /= np.sqrt(1.0 + max(whole - between, 0.0) * one[1:] ** 2)
     p_value = float(stdtr(len(parts) - 1, -t))
     runs = np.stack([level, np.exp(second), collapsed], axis=1)
     return Plane(lines[:, 0], lines[:, 1:], float(gains.mean()), p_value, runs, power)
