@@ -161,9 +161,8 @@ def _weighted(
         p = mean + e @ np.linalg.cholesky(covariance).T
         one, shifts = np.abs(p[:, -1]), design @ p[:, :-1].T
         logs = np.maximum(log_between(low * one - shifts, high * one - shifts), -700.0)
-        weight = share * logs.sum(axis=0) + 0.5 * (_FREEDOM + q) * np.log1p(
-            (e**2).sum(1) / _FREEDOM
-        )
+        weight = share * logs.sum(axis=0)
+        weight += 0.5 * (_FREEDOM + q) * np.log1p((e**2).sum(axis=1) / _FREEDOM)
         if known.verdict.shape[1] > 1:  # in (alpha, gamma, ln beta), of which p has one^q
             weight += capacity_prior(1.0 / one, resolved, ends) - q * np.log(one)
             weight -= np.log1p((p[:, 1:-1].T / one / span) ** 2).sum(axis=0)
