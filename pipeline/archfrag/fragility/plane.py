@@ -24,7 +24,7 @@ from archfrag.fragility.verdicts import Brackets
 SIGNIFICANCE = 0.05
 FEWEST = 8  # events, or records of no event
 MOST_ALIKE = 0.99  # correlation of ln x1 and ln x2 over the runs
-_DRAWS, _ROUNDS, _FREEDOM, _SEED = 4000, 3, 5.0, 11
+_DRAWS, _FITS, _FREEDOM, _SEED = 4000, 3, 5.0, 11
 _SEPARATED = 0.01  # of the log-likelihood: a plane without scatter agrees with all verdicts
 
 
@@ -155,7 +155,7 @@ def _weighted(
     generator, q = np.random.default_rng(_SEED), len(information)
     mean = start = np.append(start, 1.0) / deviation
     covariance = np.linalg.inv(information) / share
-    for _ in range(_ROUNDS):
+    for _ in range(_FITS):
         e = generator.standard_normal((_DRAWS, q))
         e *= np.sqrt(_FREEDOM / generator.chisquare(_FREEDOM, (_DRAWS, 1)))
         p = mean + e @ np.linalg.cholesky(covariance).T
