@@ -1,6 +1,7 @@
 """How often the band that a report quotes holds the truth, over simulated studies.
 
-Other tables are of limit states, designs and records that stand again (`COVERED`), and of ratios.
+Other tables are of limit states, designs and records that stand again (`COVERED`), of ratios, and
+of planes in two measures.
 
 ``python -m archbench.bands FOLDER FILE`` measures the posterior of few runs on the public data
 sets of Van Biesbroeck, Gauchy, Feau and Garnier, and writes its table of the evidence page.
@@ -18,6 +19,7 @@ from scipy.stats import norm, skewnorm, weibull_min
 
 from archbench.runner import Bench
 from archfrag.errors import FitError
+from archfrag.fragility.plane import fit_plane
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 from archfrag.fragility.quoted import capacity_posterior, quoted_band, quoted_runs
 from archfrag.fragility.risk import HazardCurve, lognormal_rates
@@ -93,6 +95,14 @@ COMPARED = {
     "24 records": World(24), "15 events of 2": World(30, per_event=2),
     "24 records, single runs scatter by 0.2": World(24, 0.2),
 }  # fmt: skip
+# Planes, with the part of the variance of ln capacity that the second measure explains.
+PLANES = {
+    f"{design}, {n} records{', 3 an event' * (m == 3)}": World(n, per_event=m, design=design)
+    for design in ("stripes", "cloud") for n in (24, 60) for m in (1, 3)
+}  # fmt: skip
+PLANES["stripes, 30 records, single runs scatter by 0.2"] = World(30, 0.2)
+EXPLAINED = 0.0, 0.15, 0.3
+WIDTH, ALIKE = 0.7, 0.7  # deviation of ln x1 and ln x2 of unscaled records, and correlation
 RATIO = 1.3
 DISPERSION = 0.4
 FINE = np.geomspace(0.25, 4.0, 15)
@@ -164,6 +174,38 @@ def coverage_of_ratios(name: str, studies: int) -> dict[str, float]:
         for key, value in truth.items():
             held[key] += rows[key]["lower"] <= value <= rows[key]["upper"]
     return {key: value / studies for key, value in held.items()}
+
+
+def coverage_of_planes(name: str, explained: float, studies: int) -> dict[str, float]:
+    """Coverage of the plane's 90 % band, and the fractions of studies with a gain and a plane.
+
+    The band is asked for at each of `P`, at three ratios of the measures.
+    """
+    world = PLANES[name]
+    generator = np.random.default_rng([SEED, len(name), world.size, round(100 * explained)])
+    groups = np.arange(world.size) // world.per_event if world.per_event > 1 else None
+    spread = WIDTH * np.sqrt(2.0 - 2.0 * ALIKE)
+    gamma, own = DISPERSION * np.sqrt(explained) / spread, DISPERSION * np.sqrt(1.0 - explained)
+    at = np.repeat([-spread, 0.0, spread], P.size)
+    x1 = np.exp(gamma * at + np.hypot(own, world.scatter) * np.tile(norm.ppf(P), 3))
+    held, gains, planes = 0.0, 0, 0
+    for _ in range(studies):
+        one, two, rest = (_logs(world, generator, 1)[0] for _ in range(3))
+        s = WIDTH * (ALIKE * one + np.sqrt(1.0 - ALIKE**2) * two - one)
+        capacity = np.exp(gamma * s + own * rest)
+        if world.design == "cloud":
+            level = np.exp(WIDTH * one)[:, None]
+            found = find_brackets((capacity[:, None] <= level).astype(int), level)
+        else:
+            found = find_brackets(_collapsed(world, capacity, generator), FINE)
+        try:
+            plane = fit_plane(found, np.exp(s), 1.0, groups)
+        except FitError:
+            continue
+        _, low, high = plane.at(x1, x1 * np.exp(at))
+        held += ((low <= np.tile(P, 3)) & (np.tile(P, 3) <= high)).mean()
+        gains, planes = gains + plane.gains, planes + 1
+    return {"band": held / planes, "gain": gains / planes, "plane": planes / studies}
 
 
 def _plain(found: Brackets) -> Any:
@@ -239,7 +281,13 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     for (name, _), found in bench.run("bands_ratio", coverage_of_ratios, own, LIMIT).items():
         head = {"records": name, "studies": few}
         shown.append(head | ({"failed": found} if isinstance(found, str) else found))
-    return {"coverage": pd.DataFrame(rows), "ratio": pd.DataFrame(shown)}
+    two: dict[tuple, tuple] = {(n, e, few): (n, e, few) for n in PLANES for e in EXPLAINED}
+    drawn: list[dict[str, Any]] = []
+    for key, found in bench.run("bands_planes", coverage_of_planes, two, LIMIT).items():
+        head = dict(zip(("runs", "explained", "studies"), key, strict=True))
+        drawn.append(head | ({"failed": found} if isinstance(found, str) else found))
+    tables = {"coverage": rows, "ratio": shown, "planes": drawn}
+    return {name: pd.DataFrame(each) for name, each in tables.items()}
 
 
 def few_runs(folder: Path, sizes: Sequence[int], sets: int) -> pd.DataFrame:

@@ -19,7 +19,7 @@ from matplotlib.animation import FuncAnimation, PillowWriter, writers
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
@@ -289,4 +289,23 @@ def plot_spectra(
         ax.plot(periods, median, color=colour, lw=2.0, label=label)
     ax.set(xscale="log", yscale="log", xlabel="period [s]", ylabel="Sa, 5 % damping [g]")
     legend(ax)
+    return ax
+
+
+def plot_plane(table: Any, runs: FloatArray, ax: Axes | None = None) -> Axes:
+    """Draw contours of a table of probabilities, and runs: both intensities, 1 of a collapse."""
+    ax, (one, two) = axes_of(ax, (5.6, 4.2)), table.columns[:2]
+    for code, label, mark in ((1, "collapsed", "x"), (0, "survived", ".")):
+        x, y, _ = runs[runs[:, 2] == code].T
+        ax.plot(x, y, mark, color=(GREY, VERMILION)[code], ms=4.0, label=label)
+    grid = table.pivot(index=two, columns=one, values="probability")
+    levels = 0.05, 0.25, 0.5, 0.75, 0.95
+    ax.set(xscale="log", yscale="log", xlabel=one, ylabel=two)
+    ax.clabel(ax.contour(grid.columns, grid.index, grid, levels, colors=BLUE), fontsize=SIZE)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+        axis.set_minor_formatter("{x:g}")
+    ax.tick_params(which="minor", colors=INK, labelsize=SIZE - 1.0)
+    legend(ax, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return ax

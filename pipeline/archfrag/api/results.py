@@ -20,10 +20,11 @@ from archfrag.errors import FitError, InputError
 from archfrag.export.command import export_study, write_vulnerability
 from archfrag.files import WORK, make_folder
 from archfrag.fragility.curve import Curve
+from archfrag.fragility.plane import Plane
 from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
 from archfrag.report import make_report
 from archfrag.report.film import example_of
-from archfrag.study.answer.compare import compare
+from archfrag.study.answer.compare import compare, plane_of
 from archfrag.study.answer.cube import stored_cube
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.fits import cautions_of, in_unit, run_cautions
@@ -218,6 +219,15 @@ class Results:
         table = pd.DataFrame.from_dict(known, orient="index").drop(columns="vulnerability")
         table.attrs["vulnerability"] = points
         return table
+
+    def plane(self, second: str = "best", arch: str | None = None) -> Plane:
+        """Find P(collapse | two intensities), and test on earthquakes held back what it gains.
+
+        `second` is a measure such as PGV, or "best", which tries all that the cube has; `arch` is
+        needed if there are several. FitError with fewer than 8 earthquakes (records, if these
+        have none), or if both measures say the same.
+        """
+        return plane_of(self._fitted, self._study.intensity, second, arch)
 
     def compare(
         self, before: str, after: str, hazard: Hazards | None = None, *,

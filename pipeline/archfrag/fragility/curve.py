@@ -231,9 +231,7 @@ class Curve:
 
         `style` is handed to the line, such as color or label.
         """
-        from archfrag.plots import axes_of  # matplotlib takes half a second
-
-        ax, end = axes_of(ax), self.im[-1] if self.im else float(self.quantile(0.99))
+        ax, end = plots().axes_of(ax), self.im[-1] if self.im else float(self.quantile(0.99))
         im = np.linspace(0.0, end, 200)
         (line,) = ax.plot(im, self(im), **{"label": self.name, **style})
         ax.fill_between(im, *self.band(im), color=line.get_color(), alpha=0.2, linewidth=0.0)
@@ -279,9 +277,7 @@ class Curve:
         return f"<Curve {name}{': ' * bool(name)}{words}{'; ' * bool(lost)}{lost}>"
 
     def _repr_html_(self) -> str:
-        from archfrag.plots import html_of  # matplotlib takes half a second
-
-        return html_of(self)
+        return str(plots().html_of(self))
 
     def fit_dict(self) -> dict[str, Any]:
         """Return theta, beta and how they were fitted as plain values; or why there are none."""
@@ -309,6 +305,13 @@ class Curve:
             own["intervals"] = tuple(tuple(float(each) for each in pair) for pair in ends)
         labels = {"state": plain.get("name", "collapse"), "meaning": plain.get("meaning", "")}
         return cls(**own, **labels)
+
+
+def plots() -> Any:
+    """Return the module of figures."""
+    import archfrag.plots  # matplotlib takes half a second
+
+    return archfrag.plots
 
 
 def _fit_of(plain: Mapping[str, Any]) -> dict[str, Any]:

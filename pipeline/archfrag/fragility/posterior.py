@@ -28,7 +28,7 @@ _ROWS, _NODES = 72, 96  # of the grid: values of beta, and of ln theta for each
 _SEARCH = 25  # of the grids that find where the posterior is, each way
 _DEPTH = 14.0  # of the log-density below its greatest value, at the ends of the grid
 _HALVINGS = 30
-_LIKELY_BETA = 0.3  # over the span of ln levels: from 5 to 95 % a curve spans 3.3 beta
+LIKELY_BETA = 0.3  # over the span of ln levels: from 5 to 95 % a curve spans 3.3 beta
 _MOST_LEVELS = 150  # of runs that each have a level of their own
 # Standard deviations between runs: tried at the likeliest curve, and summed over; the fall of the
 # log-likelihood below its greatest value at the first and last of the latter.
@@ -113,7 +113,7 @@ def fit_posterior(
 
     Prior: Jeffreys' for the runs that were made, proper at two levels or more (Ibrahim and Laud
     1991, J. Am. Stat. Assoc. 86; Chen, Ibrahim and Kim 2008, the same 103), of beta > 0, times
-    1 / (1 / beta + beta / b^2), which is greatest where beta is b, `_LIKELY_BETA` of ln of the
+    1 / (1 / beta + beta / b^2), which is greatest where beta is b, `LIKELY_BETA` of ln of the
     highest over the lowest level. Jeffreys' alone makes beta too small: at 10 runs 90 % bands
     hold the truth in 78 to 86 %. The second term keeps ten runs with one collapse from making
     beta and theta too large; docs/evidence.md compares them.
@@ -131,7 +131,7 @@ def fit_posterior(
         raise FitError(ONE_LEVEL)
     k, m = (np.bincount(place, part[n > 0], x.size) for part in (collapses, n))
     span = x[-1] - x[0]
-    likely = _LIKELY_BETA * span
+    likely = LIKELY_BETA * span
     borders = np.append(x[k > 0][:1], x[k < m][-1:])  # first collapse, last survival
     start = borders.mean(), np.clip(0.25 * np.ptp(borders), np.diff(x).min(), span)
 
@@ -181,7 +181,7 @@ def fit_capacity_posterior(brackets: Brackets, n_effective: float | None = None)
     start, power = (float(np.median(x)), resolved), share * number.astype(float)
 
     def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
-        prior = _capacity_prior(beta, resolved, x)
+        prior = capacity_prior(beta, resolved, x)
         return _of_cells(ends, chance, power, log_theta, beta), prior
 
     return _summed(terms, x, start, max(1, round(power.sum())))
@@ -226,7 +226,7 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
         return np.array(logs)
 
     def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
-        return logsumexp(by_scatter(log_theta, beta), axis=0), _capacity_prior(beta, start[1], x)
+        return logsumexp(by_scatter(log_theta, beta), axis=0), capacity_prior(beta, start[1], x)
 
     known = _summed(terms, x, start, max(1, round(power.sum())))
     curve = known.curve
@@ -263,7 +263,7 @@ def _of_cells(
     return logs
 
 
-def _capacity_prior(beta: FloatArray, resolved: float, x: FloatArray) -> FloatArray:
+def capacity_prior(beta: FloatArray, resolved: float, x: FloatArray) -> FloatArray:
     """Return the log-prior of capacities in (ln theta, ln beta), for ln levels `x`."""
     return -np.log1p((resolved / beta) ** 2 / 12.0) - np.log1p((beta / (x[-1] - x[0])) ** 2)
 

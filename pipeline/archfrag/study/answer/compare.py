@@ -1,6 +1,7 @@
-"""An arch or a class of arches compared with another one that met the same motions."""
+"""Arches or classes of arches compared that met the same motions; two measures and one."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -8,11 +9,13 @@ import xarray as xr
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import Curve
+from archfrag.fragility.plane import Plane, fit_plane
 from archfrag.fragility.quoted import shared_events
 from archfrag.fragility.risk import HazardCurve
 from archfrag.fragility.several import left_out, parts_of, ratios
 from archfrag.fragility.verdicts import Brackets
-from archfrag.study.answer.curves import Fitted, Runs, runs_of_cube
+from archfrag.study.answer.curves import Fitted, Runs, known_measures, runs_of_cube
+from archfrag.study.file.schema import Intensity
 
 Table = dict[str, dict[str, float]]
 
@@ -62,6 +65,41 @@ def compare(
                      (least[0], least[i]), confidence)
         for i, name in enumerate(names) if i
     }  # fmt: skip
+
+
+def plane_of(
+    fitted: Fitted, intensity: Intensity, second: str = "best", arch: str | None = None
+) -> Plane:
+    """Return the plane of an arch in the study's intensity and a second measure.
+
+    The second is the measure with the least p-value if it is "best". It has the unit of the
+    levels, or its SI unit if that is of another kind. `arch` may be None if there is one.
+    """
+    names, unit, factor = list(fitted.arches), intensity.unit, intensity.factor
+    if arch not in (names if arch or names[1:] else [None]):
+        raise InputError(f"plane: arch = {arch!r} must be one of {', '.join(names)}")
+    runs = fitted.runs[arch or names[0]]
+    known, exponent, units = known_measures(runs.cube)
+    own, planes, reasons = intensity.measure, list[Plane](), list[FitError]()
+    others = [name for name in known if name != own]
+    if second not in (*others, "best"):
+        have = ", ".join(others)
+        raise InputError(f"plane: second = {second!r} must be best, or one of {have}")
+    ends = {end: getattr(runs.brackets, end) / factor for end in ("lower", "upper", "levels")}
+    for name in others if second == "best" else [second]:
+        power, alike = exponent[name] / exponent[own], units[name] == units[own]
+        ratio = known[name] / (factor if alike else 1.0) / (known[own] / factor) ** power
+        try:
+            plane = fit_plane(replace(runs.brackets, **ends), ratio, power, runs.group)
+        except FitError as error:
+            reasons.append(error)
+            continue
+        both = unit, unit if alike else units[name]
+        planes.append(replace(plane, measures=(own, name), units=both))
+    if not planes:
+        raise reasons[0]
+    best = min(planes, key=lambda plane: plane.p_value)
+    return replace(best, tests=len(planes), p_value=min(1.0, best.p_value * len(planes)))
 
 
 def _same_motions(own: xr.Dataset, other: xr.Dataset) -> xr.Dataset:

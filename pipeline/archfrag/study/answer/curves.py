@@ -225,18 +225,22 @@ def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
 
 def measures_compared(runs: Runs) -> dict[str, Any]:
     """Compare the study's measure with others in which its motions are known."""
-    cube = runs.cube
-    names = cube["measure"].values.astype(str).tolist()
-    value = cube["record_measure"].transpose("measure", "record").values
-    exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))
-    known = {k: v for k, v in zip(names, value) if exponent[k] > 0.0 and (v > 0.0).all()}
+    cube, (known, exponent, units) = runs.cube, known_measures(runs.cube)
     table = compare_measures(
         runs.brackets, known, exponent, str(cube["intensity"].attrs["measure"]),
         magnitude=cube["magnitude"].values, distance=cube["distance"].values,
         event=runs.group,
     )  # fmt: skip
-    units = dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
     return {**table, "rows": [{**row, "unit": units[row["measure"]]} for row in table["rows"]]}
+
+
+def known_measures(cube: xr.Dataset) -> tuple[dict[str, FloatArray], dict[str, float], dict]:
+    """Return measures that grow with the factor: values of records, exponents, and SI units."""
+    names = cube["measure"].values.astype(str).tolist()
+    value = cube["record_measure"].transpose("measure", "record").values
+    exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))
+    known = {k: v for k, v in zip(names, value) if exponent[k] > 0.0 and (v > 0.0).all()}
+    return known, exponent, dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
 
 
 def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict[str, Any]:
