@@ -12,7 +12,7 @@ import xarray as xr
 from archfrag.cli.options import PATH, echo, json_option, show, warn, wrapped
 from archfrag.cli.with_study import with_study
 from archfrag.errors import FitError, InputError
-from archfrag.export import CURVES, FORMATS
+from archfrag.export import CURVES, FORMATS, OF_ARCHES
 from archfrag.export.command import export_study, write_vulnerability
 from archfrag.files import opened
 from archfrag.report.film import check_target, example_of, save_film
@@ -53,7 +53,7 @@ def export(
     study: Any, formats: tuple[str, ...], limit_states: tuple[str, ...], curve: str,
     out: Path | None, members: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    """Export a finished study in the formats of other programs.
+    """Export a finished study in the formats of other programs, its arches without runs too.
 
     OpenQuake, pelicun and IN-CORE get PGA, Sa and AvgSA in g, and PGV in cm/s. A class of arches
     has one curve, the mean of those of its arches. An arch without a curve is in the tables of
@@ -70,7 +70,8 @@ def export(
         warn(f"note: {message}")
     lines = [f"{each['format']}: {each['file']}" for each in made["files"]]
     states = made["limit_states"]
-    lines.append(f"limit states written: {len(states)} ({', '.join(states) or 'no curve'})")
+    if not set(formats) <= set(OF_ARCHES):
+        lines.append(f"limit states written: {len(states)} ({', '.join(states) or 'no curve'})")
     show(made, "\n".join(lines), as_json)
 
 

@@ -1,0 +1,146 @@
+"""Arches for other programs: a scene with the scaled motions (scene.schema.json), and drawings."""
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from archfrag.arch import Arch
+from archfrag.arch.checks import FloatArray
+from archfrag.arch.drawing import drawing_text
+from archfrag.arch.geometry import cross, polygon_section
+from archfrag.arch.tie_rods import tie_lines
+from archfrag.errors import InputError
+from archfrag.physics.status import Tie
+from archfrag.study.file.members import Member
+from archfrag.study.file.schema import StudyKeys
+from archfrag.study.provenance import finite
+from archfrag.study.runs.store import Plan, make_plan
+from archfrag.study.steps import require
+
+SCHEMA = Path(__file__).with_name("scene.schema.json")
+MOST_ARCHES = 500
+_LISTS = re.compile(r"\[\n\s*[^][{}]*?\n\s*\]")  # innermost ones, indented
+
+
+def arch_texts(
+    study: StudyKeys, formats: Sequence[str], members: bool, made: dict[str, str]
+) -> tuple[list[tuple[str, str, str]], list[str]]:
+    """Return format of `OF_ARCHES`, end of the name and text of each file, and notes.
+
+    Of a class there is its first arch, with `members` all. InputError if there are too many, or
+    the motions of a scene are not prepared.
+    """
+    sizes = Counter(each.arch_class for each in study.members)
+    chosen = {each.id if members else each.arch_class: each for each in reversed(study.members)}
+    if len(chosen) > MOST_ARCHES:
+        remedy = f"scene and dxf take at most {MOST_ARCHES}; leave out --members"
+        raise InputError(f"study {study.id} has {len(chosen)} arches; {remedy}")
+    notes = [f"scene and dxf have {chosen[name].id} of {size} arches of {name}; --members: all"
+             for name, size in sizes.items() if size > 1 and not members]  # fmt: skip
+    arches = {each.id: each.entry.build() for each in reversed(chosen.values())}
+    texts = [("dxf", f"{name}.dxf", drawing_text(_lines(arch)))
+             for name, arch in arches.items() if "dxf" in formats]  # fmt: skip
+    if "scene" in formats:
+        classes = {each.id: each.arch_class for each in chosen.values()}
+        about = [{"id": name, "class": classes[name]} | _arch(a) for name, a in arches.items()]
+        scene = json.dumps(_scene(study, about, made), indent=1, allow_nan=False)
+        rows = _LISTS.sub(lambda found: re.sub(r"\n\s*", " ", found[0]), scene)
+        texts.append(("scene", "scene.json", rows + "\n"))
+    return texts, notes
+
+
+def _scene(study: StudyKeys, arches: list[dict[str, Any]], made: dict[str, str]) -> Any:
+    """Return arches, levels and motions for strict JSON."""
+    require(study, "motions")
+    plan, intensity, about = make_plan(study), study.intensity, json.loads(SCHEMA.read_text())
+    return finite({
+        **{key: about["properties"][key]["const"] for key in ("schema", "units")},
+        "made": made, "arches": arches, "delay": study.method.delay or 0.0,
+        "intensity": {
+            "measure": intensity.measure, "unit": intensity.unit,
+            "levels": list(intensity.given), "power": plan.power,
+        },
+        "motions": [_motion(plan, number) for number in range(len(plan.records))],
+    })  # fmt: skip
+
+
+def _motion(plan: Plan, number: int) -> dict[str, Any]:
+    """Return a record at factor 1, and the factors that bring it to the levels."""
+    record, motion = plan.records[number], plan.motion(number)
+    factors = plan.unscaled[number] * plan.levels**plan.power
+    samples = {"horizontal": motion.acceleration, "vertical": motion.vertical}
+    return {"id": record.id, "event": record.event, "dt": motion.dt, "factors": factors.tolist()} | {
+        key: values.tolist() for key, values in samples.items() if values is not None
+    }
+
+
+def _arch(arch: Arch) -> dict[str, Any]:
+    """Return bodies at rest, those of the ground last, and what joins them."""
+    chain, n, (first, last) = arch.chain, arch.n_voussoir, arch.springings
+
+    def bodies(pair: Sequence[int]) -> list[int]:
+        return [n if body < 0 else n + 1 if body == n else body for body in pair]
+
+    parts: list[dict[str, Any]] = [{
+        "kind": "voussoir" if first <= i < last else "pier", "outline": _anticlockwise(outline),
+        "centroid": arch.centroids[i].tolist(), "depth": depth, "mass": mass, "inertia": inertia,
+        "density": mass / (polygon_section(outline)[0] * depth),
+    } for i, (outline, depth, mass, inertia) in enumerate(
+        zip(arch.outlines, arch.depths.tolist(), chain.mass.tolist(), chain.inertia.tolist())
+    )]  # fmt: skip
+    parts += [{"kind": "ground", "outline": _anticlockwise(each)} for each in _ground(arch)]
+    joints: list[dict[str, Any]] = [{
+        "bodies": bodies((j - 1, j)), "friction": friction,
+        "ends": [arch.intrados[j].tolist(), arch.extrados[j].tolist()],
+    } for j, friction in enumerate(chain.friction.tolist())]  # fmt: skip
+    gives = {key: each for key, each in arch.joint_keys.items() if key != "positions"}
+    for key, name in (("kn", "stiffness"), ("ks", "shear")) if gives else ():
+        values = np.array(gives.get(name, gives["stiffness"]), dtype=float)
+        for joint, value in zip(joints, np.broadcast_to(values, arch.n_joint).tolist()):
+            joint[key] = value
+    ties, rows = [], () if chain.tie is None else chain.tie
+    for pair, ends, tie in zip(arch.tie_bodies.tolist(), tie_lines(arch), rows):
+        own = {each.name.lower(): float(tie[each]) for each in list(Tie)[Tie.STIFFNESS :]}
+        own["prestress"] = own["stiffness"] * (np.hypot(*(ends[1] - ends[0])) - own["length"])
+        ties.append({"bodies": bodies(pair), "ends": ends.tolist(), **own})
+    model = {key: gives[key] for key in ("model", "damping", "points") if key in gives}
+    return {"gravity": chain.gravity, **model, "bodies": parts, "joints": joints, "ties": ties}
+
+
+def _edges(arch: Arch) -> Iterator[FloatArray]:
+    """Yield the sides of bodies on which an arch stands, (2, 2) each, from the intrados [m]."""
+    for joint in (0, -1)[: 1 if arch.free_end else 2]:
+        ends, outline = np.array([arch.intrados[joint], arch.extrados[joint]]), arch.outlines[joint]
+        along = ends[1] - ends[0]
+        on = np.abs(cross(outline - ends[0], along)) < 1e-9 * along @ along
+        points = np.vstack([ends, outline[on]])  # a joint may bear on a part of the side
+        yield points[[np.argmin(points @ along), np.argmax(points @ along)]]
+
+
+def _ground(arch: Arch) -> Iterator[FloatArray]:
+    """Yield a block of ground under each edge, (4, 2), which it exceeds for bodies that slide."""
+    edges = list(_edges(arch))
+    clear = np.hypot(*(edges[-1][0] - edges[0][0])) if len(edges) > 1 else np.inf
+    for edge, body in zip(edges, (0, -1)):
+        along = edge[1] - edge[0]
+        away = 2.0 * np.array([-along[1], along[0]])
+        away *= -np.sign(away @ (arch.centroids[body] - edge[0]))
+        near = edge[0] - min(1.0, 0.4 * clear / np.hypot(*along)) * along  # both do not meet
+        yield np.array([near, edge[1] + along, edge[1] + along + away, near + away])
+
+
+def _lines(arch: Arch) -> Iterator[tuple[str, FloatArray]]:
+    """Yield layers and lines of a drawing; `read_drawing` takes VOUSSOIRS."""
+    layers = {"VOUSSOIRS": [*arch.outlines, *_edges(arch)], "GROUND": _ground(arch)}
+    for layer, shapes in {**layers, "TIES": tie_lines(arch)}.items():
+        yield from ((layer, points) for points in shapes)
+
+
+def _anticlockwise(points: FloatArray) -> Any:
+    turn = cross(points, np.roll(points, -1, axis=0)).sum()
+    return (points if turn > 0.0 else points[::-1]).tolist()
