@@ -1,3 +1,4 @@
+from .api.fit_table import fit
 from .api.results import Results, open
 from .api.studies import Study
 from .arch.model import Arch, Block
@@ -26,6 +27,7 @@ __all__ = [
     "Study",
     "__version__",
     "crushed",
+    "fit",
     "fit_ida",
     "fit_stripes",
     "jointed",

@@ -414,7 +414,7 @@ class TestWords:
         given, _, _ = full
         study = load_study(small_study(tmp_path))
         study.folder.mkdir()
-        fits._store(study, Fitted(dict(given.answers), {}, given.cube))
+        fits.store_fits(study, Fitted(dict(given.answers), {}, given.cube))
         lines = (study.folder / "curve.csv").read_text().splitlines()[1:]
         cells = [cell for line in lines for cell in line.split(",")[1:]]
         digits_of = [len(re.sub(r"e.*|[.-]", "", cell).lstrip("0")) for cell in cells]

@@ -7,6 +7,7 @@ import os
 import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,8 @@ from archfrag.report import make_report
 from archfrag.report.film import example_of
 from archfrag.study.answer.compare import compare
 from archfrag.study.answer.cube import stored_cube
-from archfrag.study.answer.fits import cautions_of, in_unit
+from archfrag.study.answer.curves import Fitted
+from archfrag.study.answer.fits import cautions_of, in_unit, run_cautions
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, vulnerability_table
 from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.hazard import Hazard, hazard_of_table, load_hazard
@@ -94,15 +96,16 @@ class Results:
     folder : Path
     """
 
-    def __init__(self, study: StudyKeys) -> None:
+    def __init__(self, study: StudyKeys, fitted: Fitted | None = None) -> None:
         self._study, self.folder = study, study.folder
         self._made = read_stamp(study, "cube")
-        self._fitted = finished(study)
+        self._fitted = fitted or finished(study)
         self.curves = {
             name: in_unit(curve, name, study.intensity)
             for name, curve in self._fitted.curves.items() if curve.fitted
         }  # fmt: skip
-        self.cautions = cautions_of(study, self._fitted)
+        self.cautions = (run_cautions if fitted else cautions_of)(study, self._fitted)
+        self._export_to = partial(export_study, study)
 
     @property
     def curve(self) -> Curve:
@@ -347,7 +350,7 @@ class Results:
             raise InputError(f"{path}: {kind} is written into a folder; give the folder, {how}")
         with tempfile.TemporaryDirectory() as temporary:
             to = Path(temporary) if single else path
-            made = export_study(self._study, [kind], to, members, limit_states, curve)
+            made = self._export_to([kind], to, members, limit_states, curve)
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)

@@ -6,7 +6,7 @@ import shlex
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from archfrag.errors import attempt
 from archfrag.files import counted, printable
 from archfrag.report import make_report
 from archfrag.study.answer.fits import fit_lines, load_fits
-from archfrag.study.answer.rates import risk_lines, risk_of_study
+from archfrag.study.answer.rates import StudyRisk, risk_lines, risk_of_study
 from archfrag.study.file.schema import load_study
 from archfrag.study.provenance import check_own
 from archfrag.study.running import only_run, stoppable
@@ -86,15 +86,21 @@ def _stoppable(again: str) -> Iterator[Callable[[], None]]:
 def _summary(study: Any) -> None:
     """Print the answers of a finished study."""
     fitted = load_fits(study)
-    answers, cautions = fit_lines(study, fitted)
     risk = attempt(lambda: risk_of_study(study, fitted))
+    print_answers(*fit_lines(study, fitted), risk, arch_texts(study))
+
+
+def print_answers(
+    answers: list[str], cautions: list[str], risk: StudyRisk | str | None,
+    facts: Iterable[str] = (),
+) -> None:  # fmt: skip
+    """Print curves and rates with their cautions, and facts on arches."""
     if isinstance(risk, str):
         cautions.append(f"no rates of collapse: {risk}")
     elif risk is not None:  # of a study that has a hazard
         lines, more = risk_lines(risk)
         answers, cautions = answers + lines, cautions + more
-    texts = *answers, *arch_texts(study)
-    for line in (line for text in texts for line in wrapped(text, 8)):
+    for line in (line for text in (*answers, *facts) for line in wrapped(text, 8)):
         echo(line)
     for first, *others in (wrapped(f"! {printable(each)}", 2) for each in cautions):
         click.echo("\n".join([click.style("!", fg="yellow") + first[1:], *others]))
@@ -144,7 +150,7 @@ batch_command = _step("batch", COMMANDS["batch"][1],
                    help="Its number, from 0."), cores_option,
       click.option("--quiet", is_flag=True, help="No progress bar."))  # fmt: skip
 cube_command = _step("cube", COMMANDS["cube"][1])
-fit_command = _step("fit", COMMANDS["fit"][1], json_option)
+fit_study = _step("fit", COMMANDS["fit"][1], json_option)
 report_command = _step("report", COMMANDS["report"][1],
       click.option("--compare", "compared", type=PATH, metavar="OTHER_STUDY",
                    help="Compare the arches with those of another, finished study."))  # fmt: skip

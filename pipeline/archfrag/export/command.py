@@ -19,7 +19,8 @@ from archfrag.files import counted, make_folder, replacing, sha256_of, write_csv
 from archfrag.fragility.branches import branches_of, predictive
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.several import MOST_CROSSING, above
-from archfrag.study.answer.curves import arch_classes
+from archfrag.study.answer.curves import Fitted, arch_classes
+from archfrag.study.answer.outside import BLANK
 from archfrag.study.answer.rates import SEED
 from archfrag.study.answer.tables import (
     Columns,
@@ -48,9 +49,10 @@ _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=
 
 def export_study(
     study: StudyKeys, formats: Sequence[str], folder: Path | None = None, members: bool = False,
-    limit_states: Sequence[str] = (), curve: str = "median",
+    limit_states: Sequence[str] = (), curve: str = "median", fitted: Fitted | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Write curves and runs of a study whose results are up to date; arches and motions of any.
+    """Write curves and runs of a study whose results are up to date, or of a table if `fitted`;
+    arches and motions of any study.
 
     `formats` are of `archfrag.export.FORMATS`; `folder` is ``export`` in the study's folder if not
     given. With `members` the arches of classes have curves too. `limit_states` are written besides
@@ -65,33 +67,35 @@ def export_study(
     """
     if curve not in CURVES:
         raise InputError(f"curve is {curve!r}; it is one of {', '.join(CURVES)}")
-    made = {
-        "study": study.id, "title": study.title,
-        "archfrag": __version__, "archfrag_commit": commit(),
-    }  # fmt: skip
     folder = folder or study.folder / "export"
     of_arches = [name for name in OF_ARCHES if name in formats]
-    texts, notes = arch_texts(study, of_arches, members, made) if of_arches else ([], [])
+    texts, notes = arch_texts(study, of_arches, members, _made(study)) if of_arches else ([], [])
     done: dict[str, Any] = {"left_out": {}, "notes": [], "limit_states": [], "files": []}
     if rest := [name for name in formats if name not in OF_ARCHES]:
-        done = _export_curves(study, rest, folder, members, limit_states, curve, made)
+        fitted = fitted or finished(study)
+        done = _export_curves(study, fitted, rest, folder, members, limit_states, curve)
     done["notes"] += notes
     done["files"] += _write_texts(study, make_folder(folder), texts)
     return {"folder": str(folder), **done}
 
 
+def _made(study: StudyKeys) -> dict[str, str]:
+    """Return what made a file."""
+    about = {"study": study.id, "title": study.title}
+    return about | {"archfrag": __version__, "archfrag_commit": commit()}
+
+
 def _export_curves(
-    study: StudyKeys, formats: Sequence[str], folder: Path, members: bool,
-    limit_states: Sequence[str], curve: str, made: dict[str, str],
+    study: StudyKeys, fitted: Fitted, formats: Sequence[str], folder: Path, members: bool,
+    limit_states: Sequence[str], curve: str,
 ) -> dict[str, Any]:  # fmt: skip
     """Write the formats of curves and runs, see `export_study`."""
-    fitted = finished(study)
     answers = fitted.quoted(members)
     with fitted.cube as cube:
         levels, number = cube["intensity"].values, Counter(arch_classes(cube).values())
-        made = made | {
+        made = _made(study) | {
             "cube_archfrag_commit": str(cube.attrs.get("archfrag_commit", "unknown")),
-            "cube_sha256": sha256_of(study.folder / CUBE),
+            "cube_sha256": cube.attrs.get("table_sha256") or sha256_of(study.folder / CUBE),
         }
         ends = float(np.nanmin(levels)), float(np.nanmax(levels))
         classes = {name: number[name] for name in answers if number[name] > 1}
@@ -157,8 +161,12 @@ def _limit_states(
     """
     requested = [name.strip().casefold().replace(" ", "_") for name in requested]
     requested = ["residual" if name == "residual_displacement" else name for name in requested]
-    for name in sorted(set(requested) - set(LIMIT_STATES)):
-        raise InputError(f"there is no limit state {name!r}; they are {', '.join(LIMIT_STATES)}")
+    every: Sequence[str] = LIMIT_STATES
+    if "table_sha256" in cube.attrs:  # runs of another program
+        names = json.loads(cube["damage"].attrs["states"])[1:-1] if "damage" in cube else ()
+        every = [*(name.replace(" ", "_") for name in names), "collapse"]
+    for name in sorted(set(requested) - set(every)):
+        raise InputError(f"there is no limit state {name!r}; they are {', '.join(every)}")
     own = dict[str, dict[str, Curve]]()
     for arch, answer in answers.items():
         own[arch] = {each.state.replace(" ", "_"): each for each in answer.states}
@@ -167,11 +175,11 @@ def _limit_states(
     severe = {arch: curve for arch, curve in answers.items() if curve.fitted}
     kept, messages = ["collapse"], list[str]()
     place = dict[str, float]()  # mean of ln theta; -inf where there is no curve
-    for name in LIMIT_STATES[:-1]:
+    for name in every[:-1]:
         fits = [own[a][name] for a in severe if name in own[a] and own[a][name].fitted]
         place[name] = float(np.mean([np.log(fit.theta) for fit in fits])) if fits else -np.inf
     ordered = [*sorted(place, key=lambda name: place[name]), "collapse"]
-    for name in (name for name in reversed(ordered) if name in (requested or LIMIT_STATES)):
+    for name in (name for name in reversed(ordered) if name in (requested or every)):
         found = {arch: own[arch].get(name) for arch in severe}
         curves = {arch: fit for arch, fit in found.items() if fit is not None and fit.fitted}
         if lacking := [arch for arch in found if arch not in curves]:
@@ -234,8 +242,8 @@ def _with_uncertainty(
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
     """Say why an arch or a class has no fit of a limit state."""
     own = [arch in names for names in arch_classes(cube).items()]
-    sliding = np.isnan(cube["static_limit"].values[own])
-    if name != "rotation" or not sliding.any():
+    sliding = np.isnan(cube["static_limit"].values[own]) if name == "rotation" else np.zeros(0)
+    if not sliding.any():
         return f"archfrag fits limit states to all of up to {SHOWN} arches, and to three of more"
     whose = f"of {sliding.sum()} of its {sliding.size} arches " * (sliding.size > 1)
     why = "so there is no rotation of unstable equilibrium to compare with"
@@ -253,7 +261,7 @@ def _write_tables(
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
     every = {
         **curve_tables(curves, answers, *units, study.intensity.factor),
-        "runs": runs_table(cube),
+        "runs": runs_table(cube.drop_vars([*BLANK]) if "table_sha256" in cube.attrs else cube),
         "records": facts_table(cube, "record"), "arches": facts_table(cube, "arch"),
     }  # fmt: skip
     paths = [folder / f"{study.id}-{name}.{ending}" for name in every]

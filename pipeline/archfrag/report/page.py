@@ -18,6 +18,7 @@ from markupsafe import Markup, escape
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
+from archfrag.files import make_folder
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
@@ -37,8 +38,10 @@ from archfrag.report.sections import (
     class_sections,
 )
 from archfrag.report.svg import Entry, Sheet, figure, log_ticks
-from archfrag.study.answer.curves import runs_of_cube
-from archfrag.study.answer.fits import gathered
+from archfrag.report.table_page import table_inputs, table_sections
+from archfrag.study.answer.curves import Fitted, runs_of_cube
+from archfrag.study.answer.fits import gathered, store_fits
+from archfrag.study.answer.rates import StudyRisk
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import write_text
@@ -60,6 +63,16 @@ def make_report(study: StudyKeys, compared: Path | None = None) -> Path:
     return write_report(report_inputs(study, compared), study.folder / "report.html")
 
 
+def make_table_report(
+    study: StudyKeys, fitted: Fitted, cautions: Sequence[str], risk: StudyRisk | str | None = None
+) -> Path:
+    """Write the report on a table of verdicts and its numbers; return the path of the former."""
+    make_folder(study.folder)
+    store_fits(study, fitted)
+    inputs = table_inputs(study, fitted, cautions, risk)
+    return write_report(inputs, study.folder / "report.html")
+
+
 def write_report(inputs: ReportInputs, out: Path) -> Path:
     """Write the report `out` and the files beside it; return its path.
 
@@ -78,19 +91,24 @@ def write_report(inputs: ReportInputs, out: Path) -> Path:
 
 def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     """Return the page as text, and by file name the figures that are files too."""
-    lead = leading_arch(inputs)
-    examples = [typical_run(inputs, place) for place in range(len(inputs.arches))]
-    arches, appendix = arch_sections(inputs, examples, lead)
     curves = curve_figures.all_curves(inputs, inputs.answers, inputs.classes)
-    sections = [
-        *risk_section(inputs), *overview(inputs, curves),
-        *class_sections(inputs), *arches,
-        *compared_section(inputs), motions_section(inputs),
-        provenance_section(inputs.cube.attrs), *appendix,
-        glossary_section(inputs),
-    ]  # fmt: skip
+    sections = [*risk_section(inputs), *overview(inputs, curves)]
+    if not inputs.arches:  # runs of another program
+        sections += table_sections(inputs)
+        first, shown = Markup("<h1>{}</h1>").format(inputs.title), list(inputs.quoted)
+    else:
+        lead = leading_arch(inputs)
+        examples = [typical_run(inputs, place) for place in range(len(inputs.arches))]
+        arches, appendix = arch_sections(inputs, examples, lead)
+        sections += [
+            *class_sections(inputs), *arches,
+            *compared_section(inputs), motions_section(inputs),
+            provenance_section(inputs.cube.attrs), *appendix,
+            glossary_section(inputs),
+        ]  # fmt: skip
+        first = first_page(inputs, examples[lead])
+        shown = [name for name, _, _ in inputs.arches if name in inputs.quoted]
     # Cautions that no section has; of those of arches that differ in numbers only the first.
-    shown = [name for name, _, _ in inputs.arches if name in inputs.quoted]
     rest = [words for words in inputs.cautions if words.partition(": ")[0] not in shown]
     digest = base64.b64encode(hashlib.sha256(html.SCRIPT.encode()).digest()).decode()
     listed = inputs.quoted
@@ -98,7 +116,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         "report.html.j2", inputs=inputs, scale=inputs.scale, sections=sections,
         n_level=inputs.cube.sizes["level"], n_arch=len(inputs.answers),
         script=html.SCRIPT, script_hash=f"'sha256-{digest}'",
-        first=first_page(inputs, examples[lead]),
+        first=first,
         answers=answers_table(inputs, listed) if len(listed) > 1 else "",
         cautions=html.cautions(gathered(rest, inputs.cube, shown)),
     )  # fmt: skip

@@ -49,7 +49,7 @@ def runs_in_words(cube: xr.Dataset, intensity: str, factor: float) -> Iterator[p
     names = {name: name if unit == "1" else f"{name} [{unit}]" for name, unit in units.items()}
     names["intensity"] = intensity
     for piece in pieces:
-        own: dict[str, Any] = {"intensity": factor * piece["intensity"]}
+        own: dict[str, Any] = {"intensity": [_stated(si, factor) for si in piece["intensity"]]}
         for name in names:
             if codes := about[name].get("codes"):
                 words = {code: word.replace("_", " ") for word, code in codes.items()}
@@ -57,3 +57,9 @@ def runs_in_words(cube: xr.Dataset, intensity: str, factor: float) -> Iterator[p
             elif name.endswith("_joint"):
                 own[name] = piece[name].where(piece[name] >= 0).astype("Int64")
         yield piece.assign(**own)[list(names)].rename(columns=names)
+
+
+def _stated(si: float, factor: float) -> str:
+    """Write an SI level times `factor` as a study gives it, or in full."""
+    short = f"{factor * si:.12g}"
+    return short if float(short) * (1.0 / factor) == si else repr(float(factor * si))

@@ -105,7 +105,7 @@ def _arch_parts(
     of_runs = run_figures.verdict_map if results.own_levels is None else run_figures.single_runs
     yield of_runs(results)
     if more.get("limit_states"):
-        yield from _limit_states(inputs, answer, name)
+        yield from states_parts(inputs, answer, name)
     if more.get("measures"):
         yield from _measures(more["measures"], name, inputs.scale)
     yield heading("The arch and its onset")
@@ -123,7 +123,7 @@ def _arch_parts(
     yield paragraph(f"Design {design.kind}: {design.text}.")
     if "cloud" in more:
         yield paragraph(_cloud(more["cloud"]["logistic"], inputs.scale), "note")
-    yield html.folded("Verdicts by level", _levels(results, answer, percent))
+    yield html.folded("Verdicts by level", levels_table(results, answer, percent))
     yield html.folded("Collapses by mechanism", *_mechanism_table(groups, results, percent))
     geometry = html.pairs(f"Geometry of {name}", _geometry(arch.parameters), "parameter")
     yield html.folded("Geometry", geometry)
@@ -158,7 +158,7 @@ def _class_parts(inputs: ReportInputs, name: str, curves: Picture) -> Parts:
     elif split:
         yield paragraph(TEXTS["notes"]["dispersion"].format(**split))
     if answer.more.get("limit_states"):
-        yield from _limit_states(inputs, answer, name)
+        yield from states_parts(inputs, answer, name)
     members = np.array(list(arch_classes(inputs.cube).values())) == name
     differences = {}
     for key, variable in inputs.cube.data_vars.items():
@@ -231,7 +231,7 @@ def card(
     return Markup('<div class="answer">{}</div>').format(Markup("\n").join(parts))
 
 
-def _levels(results: ArchResults, answer: Curve, percent: str) -> Markup:
+def levels_table(results: ArchResults, answer: Curve, percent: str) -> Markup:
     """Tabulate verdicts and probabilities at each level."""
     counts, records = results.counts, results.known
     ends = zip(*clopper_pearson(records["collapsed"], records["n"], answer.confidence))
@@ -261,7 +261,7 @@ def _cloud(fit: Mapping[str, Any], scale: Scale) -> str:
     return f"Logistic regression of collapse against ln intensity: {words}."
 
 
-def _limit_states(inputs: ReportInputs, answer: Curve, name: str) -> Parts:
+def states_parts(inputs: ReportInputs, answer: Curve, name: str) -> Parts:
     """Yield figure and table of limit states."""
     states = answer.more["limit_states"]
     yield heading("Limit states")

@@ -113,10 +113,15 @@ def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
 
 def _measure(stated: str) -> Measure | None:
     """Return the measure that a file states in whatever case; None if it is not one of ours."""
-    known = _COLUMNS["measure"]
     with contextlib.suppress(InputError):
-        return parse_measure(re.sub(r"\w+", lambda w: known.get(w[0].casefold(), w[0]), stated))
+        return parse_measure(spelled(stated))
     return None
+
+
+def spelled(name: str) -> str:
+    """Return the name of a measure in whatever case as archfrag spells it."""
+    known = _COLUMNS["measure"]
+    return re.sub(r"\w+", lambda word: known.get(word[0].casefold(), word[0]), name)
 
 
 def _factor(

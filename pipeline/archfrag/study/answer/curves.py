@@ -24,6 +24,7 @@ from archfrag.study.designs import Design, design_of
 POINTS = 120  # of a band
 MISFIT = 0.05  # p-value below which the lognormal curve does not describe the collapses
 MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
+_COLLAPSE = "a loss of contact that cannot be regained", "the severest that the table states"
 _DRAWN: dict[str, Any] = {"seed": 1, "resamples": 300}
 Worded = Callable[[FitError], str]  # text of an error, with its levels in the unit people read
 
@@ -69,6 +70,8 @@ class Runs:
         There is one for each part of the curve. They are known in PGA, if the mechanism at onset
         does not slide: else its onset is an upper bound.
         """
+        if "static_limit" not in self.cube:  # runs of another program
+            return np.zeros(() if curve.members is None else len(self.arches))
         known = np.isfinite(self.cube["static_limit"].values)
         known &= str(self.cube["intensity"].attrs["measure"]) == "PGA"
         least = np.where(known, _onset_peaks(self.cube), 0.0)
@@ -242,6 +245,37 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict
     A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study.
     """
     cube, collapsed = runs.cube, runs.verdict == Verdict.COLLAPSED
+    exceeded = _damage_of_table(cube) if "damage" in cube else _damage_of_arch(cube, keys)
+    onset, states, known = _onset_in_measure(cube), list[Curve](), dict[bytes, Curve]()
+    for name, (meaning, condition) in exceeded.items():
+        exceeds = collapsed | runs.decided & condition.values.reshape(runs.verdict.shape)
+        key = exceeds.tobytes()  # states often coincide
+        if key not in known:
+            known[key] = _state_curve(runs, exceeds, collapse.confidence)
+        curve = known[key]
+        if curve.fitted and onset > 0.0 and (below := curve.at(onset)[0]) > MOST_BELOW:
+            curve = Curve(reason=(
+                f"it would give a probability of {below:.2f} at the onset of motion, below "
+                "which nothing moves; levels near the onset may show it"
+            ))  # fmt: skip
+        states.append(replace(curve, state=name, meaning=meaning))
+    # The lightest first; what has no curve before them.
+    states.sort(key=lambda each: each.theta if each.fitted else 0.0)
+    states.append(replace(  # its band is that of `collapse`
+        collapse, meaning=_COLLAPSE["damage" in cube], im=[], lower=[], upper=[],
+        method="", assumptions="", n_independent=0.0, n_non_monotone=0,
+    ))  # fmt: skip
+    plain = []
+    for each in states:
+        own = each.to_dict() if each.fitted else {"curve": each.fit_dict()}
+        own.pop("more", None)
+        plain.append({"name": each.state, "meaning": each.meaning, **own})
+    message = crossing_words([each for each in states if each.fitted])
+    return {"message": message, "states": plain}
+
+
+def _damage_of_arch(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str, Any]]:
+    """Return what each limit state means, and which runs of a study exceed it."""
     limits, residual, rotation = cube["static_limit"], keys["residual"], keys["rotation"]
     rad = f", {limits.values[0]:.3g} rad" if limits.size == 1 else ""
     exceeded = {
@@ -259,32 +293,13 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict
         del exceeded["rotation"]
     if np.isnan(cube["onset_plus"]).any():  # corners of joints that give open in any motion
         del exceeded["motion"], exceeded["impact"]
-    onset, states, known = _onset_in_measure(cube), list[Curve](), dict[bytes, Curve]()
-    for name, (meaning, condition) in exceeded.items():
-        exceeds = collapsed | runs.decided & condition.values.reshape(runs.verdict.shape)
-        key = exceeds.tobytes()  # states often coincide
-        if key not in known:
-            known[key] = _state_curve(runs, exceeds, collapse.confidence)
-        curve = known[key]
-        if curve.fitted and onset > 0.0 and (below := curve.at(onset)[0]) > MOST_BELOW:
-            curve = Curve(reason=(
-                f"it would give a probability of {below:.2f} at the onset of motion, below "
-                "which nothing moves; levels near the onset may show it"
-            ))  # fmt: skip
-        states.append(replace(curve, state=name, meaning=meaning))
-    # The lightest first; what has no curve before them.
-    states.sort(key=lambda each: each.theta if each.fitted else 0.0)
-    states.append(replace(  # its band is that of `collapse`
-        collapse, meaning="a loss of contact that cannot be regained", im=[], lower=[], upper=[],
-        method="", assumptions="", n_independent=0.0, n_non_monotone=0,
-    ))  # fmt: skip
-    plain = []
-    for each in states:
-        own = each.to_dict() if each.fitted else {"curve": each.fit_dict()}
-        own.pop("more", None)
-        plain.append({"name": each.state, "meaning": each.meaning, **own})
-    message = crossing_words([each for each in states if each.fitted])
-    return {"message": message, "states": plain}
+    return exceeded
+
+
+def _damage_of_table(cube: xr.Dataset) -> dict[str, tuple[str, Any]]:
+    """Return the damage states that a table gives its runs, and which runs reach each."""
+    names = list(enumerate(json.loads(cube["damage"].attrs["states"])))
+    return {name: ("damage that the table states", cube["damage"] >= n) for n, name in names[1:-1]}
 
 
 def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], confidence: float) -> Curve:
@@ -318,6 +333,8 @@ def _onset_peaks(cube: xr.Dataset) -> FloatArray:
 
 def _onset_in_measure(cube: xr.Dataset) -> float:
     """Return the least level at which an arch can move under its records [SI]; 0 if not known."""
+    if "measure" not in cube:
+        return 0.0
     own, names = cube["intensity"].attrs["measure"], cube["measure"].values.astype(str).tolist()
     if not {own, "PGA"} <= set(names):
         return 0.0

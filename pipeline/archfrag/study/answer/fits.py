@@ -35,6 +35,13 @@ LEAST_EVENTS = 4
 
 def fit_cube(study: StudyKeys) -> Fitted:
     """Find and store the curves of arches and classes: JSON in SI, CSV in the study's unit."""
+    fitted = fit_runs(study, open_cube(study))
+    store_fits(study, fitted)
+    return fitted
+
+
+def fit_runs(study: StudyKeys, cube: xr.Dataset) -> Fitted:
+    """Find the curves of arches and classes of a cube, which may lack measures and damage."""
     confidence, keys = study.report.confidence, study.limit_states.model_dump()
     worded = partial(FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit)
 
@@ -43,7 +50,7 @@ def fit_cube(study: StudyKeys) -> Fitted:
         made = attempt(partial(make, *arguments), worded)
         return {"none": made} if isinstance(made, str) else made
 
-    cube = open_cube(study)
+    measured, damaged = "record_measure" in cube, bool({"openings", "damage"} & {*cube})
     sizes = Counter(curves.arch_classes(cube).values())
     names = [name for name, size in sizes.items() if size > 1]
     runs = curves.runs_of_cube(cube, [*curves.arch_classes(cube), *names], worded)
@@ -54,8 +61,10 @@ def fit_cube(study: StudyKeys) -> Fitted:
         own, more = runs[name], curve.more
         if name in detailed:
             more["free"] = part(curves.free_shapes, own, confidence)
-            more["measures"] = part(curves.measures_compared, own)
-            more["limit_states"] = part(curves.limit_states, own, keys, curve)
+            if measured:
+                more["measures"] = part(curves.measures_compared, own)
+            if damaged:
+                more["limit_states"] = part(curves.limit_states, own, keys, curve)
             if not own.design.on_levels:
                 more["cloud"] = {"logistic": part(curves.cloud_curves, own, confidence)}
         more["without_verdict"] = part(curves.without_verdict, own, confidence)
@@ -68,15 +77,14 @@ def fit_cube(study: StudyKeys) -> Fitted:
         more["dispersion"] = {}
         if curve.fitted:
             more["dispersion"] = part(curves.dispersion_split, own, members, curve.beta)
-        more["limit_states"] = states = part(curves.limit_states, own, keys, curve)
-        states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
+        if damaged:
+            more["limit_states"] = states = part(curves.limit_states, own, keys, curve)
+            states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
         more["without_verdict"] = part(curves.without_verdict, own, confidence)
-    fitted = Fitted(arches, classes, cube)
-    _store(study, fitted)
-    return fitted
+    return Fitted(arches, classes, cube)
 
 
-def _store(study: StudyKeys, fitted: Fitted) -> None:
+def store_fits(study: StudyKeys, fitted: Fitted) -> None:
     """Write ``fits.json`` and ``curve.csv``."""
     measure, unit, factor = study.intensity.measure, study.intensity.unit, study.intensity.factor
     cube, plain = fitted.cube, {name: each.to_dict() for name, each in fitted.arches.items()}
@@ -121,6 +129,13 @@ def in_unit(curve: Curve, name: str, intensity: Intensity) -> Curve:
 
 def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
     """Write aligned lines on the curves of classes and of arches of none, and the cautions."""
+    return answer_lines(study, fitted, cautions_of(study, fitted))
+
+
+def answer_lines(
+    study: StudyKeys, fitted: Fitted, found: Iterable[str]
+) -> tuple[list[str], list[str]]:
+    """Write what `fit_lines` does, of the cautions that were `found`."""
     answers = {k: in_unit(each, k, study.intensity) for k, each in fitted.quoted().items()}
     rows = [(name, *answers[name].words()) for name in list(answers)[:SHOWN]]
     first = max(len("report"), *(len(name) for name, _, _ in rows))
@@ -129,8 +144,7 @@ def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
     if len(answers) > SHOWN:
         lines.append(f"{len(answers) - SHOWN} more in {study.folder / CURVE}")
     cautions = [f"{name}: {text}" for name, each in answers.items() if (text := each.undecided())]
-    cautions += cautions_of(study, fitted)
-    return lines, gathered(cautions, fitted.cube, list(answers)[:SHOWN])
+    return lines, gathered([*cautions, *found], fitted.cube, list(answers)[:SHOWN])
 
 
 def gathered(cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]) -> list[str]:
@@ -154,6 +168,12 @@ def gathered(cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]) 
 
 def cautions_of(study: StudyKeys, fitted: Fitted) -> list[str]:
     """List the cautions on a study's cube and curves, with levels in the study's unit."""
+    members = unit_warnings(study, study.members)
+    return run_cautions(study, fitted, members + suspicious(read_manifest(study)["records"]))
+
+
+def run_cautions(study: StudyKeys, fitted: Fitted, others: Iterable[str] = ()) -> list[str]:
+    """List the cautions on the runs of a cube and its curves, and `others` among them."""
     unit, named = study.intensity.unit, ["levels of their own"]
     if study.design.on_levels:
         named = [f"{level:.4g} {unit}" for level in study.intensity.given]
@@ -163,9 +183,7 @@ def cautions_of(study: StudyKeys, fitted: Fitted) -> list[str]:
         for message in arch_cautions(fitted.runs[name], named, curve)
     ]
     facts = json.loads(fitted.cube.attrs["archfrag_design"]).get("arches", {})
-    cautions += unit_warnings(study, study.members)
-    cautions += suspicious(read_manifest(study)["records"])
-    return [*cautions, *study.design.cautions(facts), *record_cautions(fitted.cube)]
+    return [*cautions, *others, *study.design.cautions(facts), *record_cautions(fitted.cube)]
 
 
 def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator[str]:

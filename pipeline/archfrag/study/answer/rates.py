@@ -151,6 +151,8 @@ def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> Arc
     kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
     labels = [
         f"joint {joint}, {CollapseMode(mode).name.lower().replace('_', '-')}"
+        if joint >= 0
+        else "not known"  # of runs of another program
         for joint, mode in mechanisms[kept].astype(int).tolist()
     ]
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)

@@ -1,0 +1,324 @@
+"""Verdicts of other programs and experiments: the curve of a study's own runs, and bad tables."""
+
+import io
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import archfrag as af
+from archfrag.errors import FitError, InputError
+from archfrag.report.papers import runs_in_words
+from archfrag.study.answer.cube import write_cube
+from archfrag.study.answer.fits import fit_cube
+from archfrag.study.answer.tables import runs_table
+from archfrag.study.file.prepared import prepare_motions
+from archfrag.study.file.schema import load_study
+from tests.study.small import command, make_runs, small_study, write_at2
+
+BAKER = {0.2: 0, 0.3: 0, 0.4: 0, 0.6: 4, 0.7: 6, 0.8: 13, 0.9: 12, 1.0: 16}  # collapses of 40 runs
+HAZARD = np.array([[0.05, 0.03], [0.1, 0.01], [0.5, 2e-4], [2.0, 2e-6], [4.0, 2e-7]])
+STATES = ["none", "light", "moderate", "collapse"]
+
+
+def stripes(n_record=24, per_event=1, seed=3):
+    """Runs of records at seven levels, with the damage that each shows."""
+    generator, rows = np.random.default_rng(seed), []
+    shared = np.repeat(generator.standard_normal(n_record // per_event), per_event)
+    own = generator.standard_normal(n_record) * (0.3 if per_event > 1 else 1.0)
+    for i, capacity in enumerate(0.4 * np.exp(0.4 * (shared + own) / np.hypot(1.0, own.std()))):
+        for level in (0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0):
+            state = STATES[sum(level > part * capacity for part in (0.4, 0.7, 1.0))]
+            rows.append({"record": f"r{i}", "event": f"e{i // per_event}", "PGA [g]": level,
+                         "verdict": level > capacity, "state": state})  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def bits(curve):
+    """All numbers of a curve with its band and intervals."""
+    plain = curve.to_dict()
+    plain["likelihood"].pop("none", None)  # a reason, with levels in the unit of the table
+    parts = ("curve", "likelihood", "theta", "beta", "im", "lower", "upper", "n_independent")
+    return json.dumps({name: plain[name] for name in parts})
+
+
+@pytest.mark.parametrize("design", ["stripes", "ida", "cloud"])
+def test_the_runs_of_a_study_give_its_own_curve_to_the_last_bit(tmp_path, design):
+    path, time = small_study(tmp_path), np.arange(150) * 0.01
+    for n, peak in enumerate((0.2, 0.5, 0.7, 0.9, 1.3, 2.0)):
+        wave = peak * np.sin(2 * np.pi * (0.9 + 0.1 * n) * time) * np.sin(np.pi * time / 1.5)
+        write_at2(tmp_path / "records" / f"more{n}.AT2", wave, 0.01)
+    levels = "intensity.levels={start: 0.1, stop: 2.0, count: 8}"
+    study = load_study(path, [f"design={{kind: {design}}}", levels])
+    prepare_motions(study)
+    make_runs(study)
+    write_cube(study)
+    fitted = fit_cube(study)
+    assert any(curve.fitted for curve in fitted.arches.values())
+    words = pd.concat(runs_in_words(fitted.cube, "PGA [g]", 1.0 / study.intensity.factor))
+    words.to_csv(tmp_path / "runs.csv", index=False)
+    tables = [(tmp_path / "runs.csv", {})]
+    _, pieces = runs_table(fitted.cube)
+    tables.append((pd.concat(pieces), {"measure": "PGA", "unit": "m/s2"}))
+    for table, given in tables:
+        found = af.fit(table, **given)
+        assert found._study.design.kind == design
+        for name, curve in fitted.arches.items():
+            mine = found._fitted.arches[name]
+            assert mine.theta == pytest.approx(curve.theta, rel=1e-13)
+            if design != "cloud" or given:  # its levels in g are not to the last bit those in m/s2
+                assert bits(mine) == bits(curve)
+
+
+def test_levels_of_runs_csv_are_those_of_the_study(tmp_path):
+    level = float(f"{0.1 + 1.9 / 7:.12g}")  # as a range in a study file gives it
+    made = f"{level * 9.80665 / 9.80665:.12g}"
+    table = tmp_path / "runs.csv"
+    table.write_text(f"record,PGA [g],verdict\na,{made},1\na,0.1,0\nb,{made},0\nb,1,1\n")
+    assert level in af.fit(table)._study.intensity.given
+
+
+def test_published_stripes_give_the_published_maximum_and_a_band():
+    rows = [(im, n < k) for im, k in BAKER.items() for n in range(40)]
+    curve = af.fit(pd.DataFrame(rows, columns=["Sa(1.0) [g]", "collapse"])).curve
+    likeliest = curve.likelihood
+    assert likeliest.theta == pytest.approx(1.0761, abs=5e-5)
+    assert likeliest.beta == pytest.approx(0.4292, abs=5e-5)
+    assert curve.theta_interval[0] < likeliest.theta < curve.theta_interval[1]
+    low, high = curve.band(0.8)
+    assert low < curve(0.8) < high
+    assert (curve.measure, curve.unit) == ("Sa(1.0)", "g")
+
+
+def test_records_of_one_earthquake_count_as_fewer():
+    table = stripes(per_event=4)
+    shared, alone = af.fit(table).curve, af.fit(table.drop(columns="event")).curve
+    assert shared.n_independent < 0.7 * alone.n_independent == 0.7 * 24
+    assert np.ptp(shared.theta_interval) > 1.2 * np.ptp(alone.theta_interval)
+
+
+def test_brackets_give_the_posterior_of_their_runs():
+    table = stripes()
+    both = table.groupby(["record", "verdict"])["PGA [g]"].agg(["min", "max"]).unstack()
+    brackets = pd.DataFrame({"lower [g]": both["max"][False], "upper [g]": both["min"][True]})
+    found = af.fit(brackets.reset_index(), measure="PGA")
+    assert found._study.design.kind == "ida"
+    capacities, whole = found.capacities.set_index("record"), af.fit(table).capacities
+    whole = whole.set_index("record").loc[capacities.index]
+    assert np.allclose(capacities[["lower", "upper"]], whole[["lower", "upper"]])
+    assert found.curve.theta == pytest.approx(af.fit(table).curve.theta, rel=1e-9)
+
+
+def test_runs_without_a_verdict_count_as_neither():
+    table = stripes()
+    lost = table["verdict"].astype(str)
+    lost[(table["PGA [g]"] == 0.4) & (table.index % 3 == 0)] = "unfinished"
+    lost[(table["PGA [g]"] == 0.3) & (table.index % 5 == 0)] = "failed"
+    found = af.fit(table.assign(verdict=lost))
+    n_lost = int(lost.isin(["unfinished", "failed"]).sum())
+    assert f"{n_lost} runs have no verdict" in found.curve.undecided()
+    assert any("unfinished or failed" in each for each in found.cautions)
+    without = af.fit(table[~lost.isin(["unfinished", "failed"])]).curve
+    assert found.curve.theta == without.theta
+
+
+def test_words_for_verdicts_and_a_mapping_of_columns():
+    table, whole = stripes(), af.fit(stripes()).curve
+    lower = table.rename(columns={"PGA [g]": "pga (g)"})
+    assert bits(af.fit(lower).curve) == bits(whole)
+    for words in (("fell", "stood"), ("yes", "no"), (1, 0), (1.0, 0.0), ("TRUE", "FALSE")):
+        own = pd.DataFrame({
+            "motion": table["record"], "event": table["event"], "peak": table["PGA [g]"],
+            "what happened": np.where(table["verdict"], *words),
+        })  # fmt: skip
+        columns = {"intensity": "peak", "verdict": "what happened"}
+        assert bits(af.fit(own, columns, "PGA", "g").curve) == bits(whole)
+
+
+@pytest.mark.parametrize("name", ["survived", "Stood"])
+def test_in_a_column_of_survivals_one_means_that_it_stood(name):
+    table, whole = stripes(), af.fit(stripes()).curve
+    own = table.assign(verdict=~table["verdict"]).rename(
+        columns={"verdict": name, "PGA [g]": "pga_g"}
+    )
+    for words in ((True, False), (1, 0), ("yes", "no"), ("survived", "collapsed")):
+        own[name] = np.where(table["verdict"], words[1], words[0])
+        assert bits(af.fit(own).curve) == bits(whole)
+        named = own.rename(columns={"pga_g": "peak"})
+        columns = {"intensity": "peak", "verdict": name}
+        assert bits(af.fit(named, columns, "PGA", "g").curve) == bits(whole)
+
+
+def test_damage_states_are_limit_states_and_the_last_is_collapse():
+    table = stripes().drop(columns="verdict")
+    found = af.fit(table, states=STATES)
+    states = found.curve.limit_states
+    assert list(states) == ["light", "moderate", "collapse"]
+    medians = [each.theta for each in states.values()]
+    assert medians == sorted(medians)
+    assert bits(found.curve) == bits(af.fit(stripes()).curve)
+    numbers = table.assign(state=table["state"].map(STATES.index))
+    again = af.fit(numbers, states=STATES).curve.limit_states
+    assert again["light"].theta == states["light"].theta
+
+
+def test_risk_exports_and_report_need_no_arch(tmp_path):
+    found = af.fit(stripes(), states=(), output=tmp_path / "out")
+    assert 0.0 < found.risk(HAZARD).loc["structure", "rate"] < 0.03
+    assert "structure" in found.to_nrml(tmp_path / "curve.xml").read_text("utf-8")
+    assert "commit none: of a table" in (tmp_path / "curve.xml").read_text("utf-8")
+    names = {path.name for path in found.to_csv(tmp_path / "csv")}
+    assert "fit-runs.csv" in names
+    assert "collapse_joint" not in pd.read_csv(tmp_path / "csv" / "fit-runs.csv")
+    page = found.report().read_text("utf-8")
+    assert "fitted curves and simulated nothing" in page
+    assert "shown one by one" not in page
+    assert "24 ground motions" in page
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text("utf-8"))
+    assert summary["arches"][0]["curve"]["theta"] == pytest.approx(found.curve.theta)
+    with pytest.raises(InputError, match="no arch and no motions"):
+        found.film()
+
+
+def test_no_curve_is_said_with_the_reason():
+    found = af.fit({"PGA [g]": [0.1, 0.2, 0.3], "verdict": [0, 0, 0]})
+    with pytest.raises(FitError, match=r"structure: there is no curve: nothing bounds theta"):
+        _ = found.curve
+
+
+HEAD = "record,event,PGA [g],verdict\n"
+GOOD = "a,e,0.1,0\na,e,0.4,1\nb,f,0.2,0\n"
+BAD = {
+    "a verdict that is none":
+        (HEAD + GOOD + "b,f,0.5,maybe\n",
+         r"line 5, column 'verdict': 'maybe' is no verdict"),
+    "an empty verdict":
+        (HEAD + GOOD + "b,f,0.5,\n",
+         r"line 5, column 'verdict': '' is no verdict"),
+    "a code beyond":
+        (HEAD + GOOD + "b,f,0.5,7\n",
+         r"line 5, column 'verdict': '7' is no verdict"),
+    "an intensity that is a word":
+        (HEAD + GOOD + "b,f,high,1\n",
+         r"line 5, column 'PGA \[g\]': 'high' is no intensity"),
+    "a negative intensity":
+        (HEAD + GOOD + "b,f,-0.5,1\n",
+         r"line 5, column 'PGA \[g\]': '-0.5' is no intensity"),
+    "an intensity of nothing":
+        (HEAD + GOOD + "b,f,0,1\n",
+         r"'0' is no intensity; it must be a number above 0"),
+    "an empty intensity":
+        (HEAD + GOOD + "b,f,,1\n",
+         r"line 5, column 'PGA \[g\]': '' is no intensity"),
+    "an infinite intensity":
+        (HEAD + GOOD + "b,f,inf,1\n",
+         r"'inf' is no intensity"),
+    "no name of a record":
+        (HEAD + GOOD + ",f,0.5,1\n",
+         r"line 5, column 'record': '' is no name"),
+    "a run twice":
+        (HEAD + GOOD + "a,e,0.4,0\n",
+         r"line 5, column 'PGA \[g\]': '0.4' is there twice for a, see line 3"),
+    "two events of a record":
+        (HEAD + GOOD + "b,e,0.5,1\n",
+         r"line 5, column 'event': 'e' differs from 'f' in another row of b"),
+    "a row that is cut":
+        (HEAD + GOOD + "b,f,0.5\n",
+         r"line 5 has 3 of 4 cells"),
+    "a decimal comma":
+        (HEAD + GOOD + 'b,f,"0,5",1\n',
+         r"line 5: '0,5' has a comma within a number"),
+    "no row":
+        (HEAD,
+         r"has no run"),
+    "nothing at all":
+        ("",
+         r"is not a table in CSV"),
+    "no column of verdicts":
+        ("record,PGA [g],peak drift\na,0.1,0.2\n",
+         r"needs a column intensity .* it has record, PGA \[g\], peak drift"),
+    "no unit":
+        ("record,PGA,verdict\na,0.1,0\n",
+         r"column 'PGA' states no unit; name it as `PGA \[g\]`, or give unit"),
+    "no measure":
+        ("record,im [g],verdict\na,0.1,0\n",
+         r"column 'im \[g\]' states no measure"),
+    "two measures":
+        ("PGA [g],PGV [m/s],verdict\n0.1,0.2,0\n",
+         r"PGA \[g\] and PGV \[m/s\] may both be the intensity"),
+    "a column twice":
+        ("record,record,PGA [g],verdict\na,b,0.1,0\n",
+         r"column 'record' is there twice"),
+    "a bracket upside down":
+        ("record,lower [g],upper [g]\na,0.4,0.3\n",
+         r"line 2, column 'upper \[g\]': '0.3' is not above 0.4"),
+    "a bracket without ends":
+        ("record,lower [g],upper [g]\na,0,inf\n",
+         r"line 2, column 'upper \[g\]': 'inf' leaves the row without a level"),
+    "damage without its states":
+        ("record,PGA [g],damage\na,0.1,light\n",
+         r"column 'damage' is of damage: states must list all"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "message"), BAD.values(), ids=BAD)
+def test_a_damaged_table_gets_one_sentence(tmp_path, text, message):
+    path = tmp_path / "verdicts.csv"
+    path.write_text(text)
+    measure = "PGA" if "lower" in text else None
+    with pytest.raises(InputError, match=message) as caught:
+        af.fit(path, measure=measure)
+    assert "verdicts.csv" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_command_prints_the_curve_and_writes_the_report(tmp_path):
+    stripes().to_csv(tmp_path / "frame.csv", index=False)
+    pd.DataFrame(HAZARD, columns=["PGA [g]", "rate"]).to_csv(tmp_path / "hazard.csv", index=False)
+    options = "--output", tmp_path / "out", "--hazard", tmp_path / "hazard.csv"
+    done = command("fit", tmp_path / "frame.csv", *options, "--format", "nrml-discrete")
+    assert done.exit_code == 0, done.output
+    curve = af.fit(tmp_path / "frame.csv").curve
+    assert curve.words()[0] in " ".join(done.stdout.split())
+    assert "a year" in done.stdout
+    assert (tmp_path / "out" / "export" / "frame-fragility-discrete.xml").is_file()
+    made = {"report.html", "summary.json", "fits.json", "curve.csv", "runs.csv", "export"}
+    assert made <= {path.name for path in (tmp_path / "out").iterdir()}
+    stored = json.loads((tmp_path / "out" / "fits.json").read_text("utf-8"))
+    assert stored["fits"]["structure"]["theta"] == pytest.approx(9.80665 * curve.theta, rel=1e-12)
+
+
+def test_the_command_takes_a_mapping_and_names_a_bad_row(tmp_path):
+    path = tmp_path / "tests.csv"
+    path.write_text("peak;fell\n0,2;no\n0,3;yes\n0,25;perhaps\n")
+    options = "--columns", "intensity=peak,verdict=fell", "--measure", "PGA", "--unit", "g"
+    done = command("fit", path, *options)
+    assert done.exit_code == 2
+    assert "line 4, column 'fell': 'perhaps' is no verdict" in done.stderr
+    done = command("fit", path, "--columns", "peak")
+    assert done.exit_code == 2
+    assert "--columns peak: write it as intensity=PGA" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"columns": {"verdikt": "x"}}, "columns: 'verdikt' is not known; allowed are arch"),
+        ({"columns": {"verdict": "x"}}, r"columns: .* has no column 'x', but record"),
+        ({"measure": "PGV"}, r"states PGA, but measure is PGV"),
+        ({"unit": "m/s2"}, r"states g, but unit is m/s2"),
+        ({"confidence": 90}, "confidence is 90; it lies between 0 and 1"),
+        ({"columns": {"state": "verdict"}, "states": STATES}, "'0' is no damage"),
+    ],
+    ids=["what", "column", "measure", "unit", "confidence", "state"],
+)
+def test_an_option_that_cannot_be_used(given, message):
+    if "states" in given:
+        given["columns"] = {"state": "verdict"}
+        table = io.StringIO((HEAD + GOOD).replace(",0\n", ",broken\n"))
+        message = "'broken' is no damage state; they are none, light, moderate, collapse"
+    else:
+        table = io.StringIO(HEAD + GOOD)
+    with pytest.raises(InputError, match=message):
+        af.fit(pd.read_csv(table), **given)
