@@ -161,6 +161,12 @@ class TestArches:
         assert [found.plus, found.minus] == pytest.approx([rigid.plus, rigid.minus], rel=1e-3)
 
 
+def test_blocks_of_ground_of_a_narrow_arch_do_not_meet():
+    arch = af.Arch.circular(1.0, 1.2, 180.0, voussoirs=7, friction=0.7)
+    left, right = map(shapely.Polygon, scenes._ground(arch))
+    assert not left.intersects(right)
+
+
 def test_joints_that_give(made):
     found = {arch["id"]: arch for arch in made[2]["arches"]}
     face, mixed, inset = (found[name] for name in ("face", "mixed", "inset"))
