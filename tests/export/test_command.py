@@ -10,13 +10,12 @@ import pytest
 import xarray as xr
 
 from archfrag.errors import FitError, InputError
-from archfrag.export import CURVES, FORMATS, scenes, writers
+from archfrag.export import CURVES, FORMATS, writers
 from archfrag.export.command import LIMIT_STATES, _not_fitted, _with_uncertainty, export_study
 from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
 from archfrag.study import steps
 from archfrag.study.answer.fits import load_fits
 from archfrag.study.answer.rates import SEED
-from archfrag.study.file.prepared import prepare_motions
 from archfrag.study.file.schema import LimitStates, load_study
 from tests.export.made import fragility
 from tests.report import synthetic
@@ -24,7 +23,7 @@ from tests.study.small import ROOT, command, files_below, small_study
 
 FILES = {
     "fragility-continuous.xml", "fragility-discrete.xml", "in-core-ring.json", "pelicun.csv",
-    "pelicun.json", "tables.json", "scene.json", "ring.dxf", "slab.dxf",
+    "pelicun.json", "tables.json",
     *(f"{table}.{ending}" for ending in ("csv", "parquet")
       for table in ("arches", "curves", "parameters", "records", "runs")),
 }  # fmt: skip
@@ -61,9 +60,7 @@ def study(tmp_path, monkeypatch):
     answers["ring"].more["limit_states"] = {"states": STATES}
     stored = {"classes": {}, "arches": {name: found.to_dict() for name, found in answers.items()}}
     (loaded.folder / "fits.json").write_text(json.dumps(stored))
-    for module in (steps, scenes):
-        monkeypatch.setattr(module, "require", lambda study, step: None)
-    prepare_motions(loaded)
+    monkeypatch.setattr(steps, "require", lambda study, step: None)
     return loaded
 
 

@@ -8,6 +8,7 @@ import json
 import os
 import re
 import subprocess
+from types import SimpleNamespace
 
 import ezdxf
 import jsonschema
@@ -20,7 +21,7 @@ from archfrag.arch.drawing import drawing_text
 from archfrag.arch.tie_rods import tie_lines
 from archfrag.errors import InputError
 from archfrag.export import scenes
-from archfrag.export.command import export_study
+from archfrag.export.scenes import export_arches
 from archfrag.motions.measures import measure
 from archfrag.study.file.prepared import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
@@ -64,7 +65,7 @@ def study_of(folder, arches=ARCHES, *, prepared=True, text=""):
 def made(tmp_path_factory):
     """A study of all kinds of arches, its folder of exports, and its scene."""
     study = study_of(tmp_path_factory.mktemp("scene"), text="method: {delay: 0.02}\n")
-    export_study(study, ["scene", "dxf"])
+    export_arches(study, ["scene", "dxf"])
     folder = study.folder / "export"
     return study, folder, json.loads((folder / "small-scene.json").read_text())
 
@@ -193,7 +194,9 @@ def test_ties(made):
     assert (second["strength"], second["rupture"]) == (9e4, 0.5)
     assert second["prestress"] == pytest.approx(0.0, abs=1.0)
     anchored = af.Block(0.4, 2.0, 0.7).tied(area=1e-4, ends=[(-1, 1.0, 0.0), (0, 0.2, 1.5)])
-    assert scenes._arch(anchored)["ties"][0]["bodies"] == [1, 0]
+    entry = SimpleNamespace(build=lambda: anchored)
+    member = SimpleNamespace(entry=entry, id="a", arch_class="a")
+    assert scenes._arch(member)["ties"][0]["bodies"] == [1, 0]
 
 
 def test_motions_are_those_of_the_study_to_the_last_bit(made):
@@ -227,7 +230,7 @@ def test_vertical_components(tmp_path):
     study = load_study(tmp_path / "small.yaml")
     prepare_motions(study)
     finish(study, "motions")
-    export_study(study, ["scene"])
+    export_arches(study, ["scene"])
     scene = json.loads((study.folder / "export" / "small-scene.json").read_text())
     jsonschema.validate(scene, json.loads(scenes.SCHEMA.read_text()))
     exact = load_record(study.work, load_prepared(study)[0])
@@ -245,21 +248,24 @@ def test_a_title_is_kept_as_it_is_and_the_file_says_who_made_it(made):
 
 
 def test_of_a_class_there_is_the_first_arch_or_all(tmp_path, monkeypatch):
-    vary = ("vary: {samples: 4, of: {thickness: {distribution: uniform, start: 1.4, stop: 1.6}}}")
+    vary = "vary: {samples: 4, of: {thickness: {distribution: uniform, start: 1.4, stop: 1.6}}}"
     study = study_of(tmp_path, {"k": f"{RING}, friction: 0.7, {vary}", "one": ARCHES["block"]})
-    found = export_study(study, ["scene", "dxf"])
+    found = export_arches(study, ["scene", "dxf"])
     assert found["notes"] == ["scene and dxf have k-0001 of 4 arches of k; --members: all"]
     names = [each["file"].rsplit("/", 1)[1] for each in found["files"]]
-    assert names == ["small-k-0001.dxf", "small-one.dxf", "small-scene.json"]
-    found = export_study(study, ["scene"], members=True)
+    assert names == ["small-scene.json", "small-k-0001.dxf", "small-one.dxf"]
+    found = export_arches(study, ["scene"], members=True)
     scene = json.loads((study.folder / "export" / "small-scene.json").read_text())
     ids = [f"k-000{n}" for n in (1, 2, 3, 4)]
-    assert [(a["id"], a["class"]) for a in scene["arches"]] == [*((i, "k") for i in ids), ("one",) * 2]
+    assert [(a["id"], a["class"]) for a in scene["arches"]] == [
+        *((i, "k") for i in ids),
+        ("one",) * 2,
+    ]
     assert found["notes"] == []
     monkeypatch.setattr(scenes, "MOST_ARCHES", 4)
     message = "study small has 5 arches; scene and dxf take at most 4; leave out --members"
     with pytest.raises(InputError, match=message):
-        export_study(study, ["scene"], tmp_path / "none", members=True)
+        export_arches(study, ["scene"], tmp_path / "none", members=True)
     assert not (tmp_path / "none").exists()
 
 
@@ -306,7 +312,7 @@ class TestDrawings:
         }  # fmt: skip
         assert all(each.closed for each in drawing.modelspace().query("LWPOLYLINE"))
         before = path.read_bytes()
-        export_study(made[0], ["dxf"])
+        export_arches(made[0], ["dxf"])
         assert path.read_bytes() == before
         assert not ezdxf.options.write_fixed_meta_data_for_testing
 

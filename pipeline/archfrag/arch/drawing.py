@@ -103,11 +103,9 @@ def drawing_text(lines: Iterable[tuple[str, FloatArray]]) -> str:
         document = ezdxf.new("R2010", units=ezdxf.units.M)
         space = document.modelspace()
         for layer, points in lines:
-            corners, about = points.tolist(), {"layer": layer}
-            if len(corners) == 2:
-                space.add_line(*corners, about)
-            else:
-                space.add_lwpolyline(corners, close=True, dxfattribs=about)
+            corners, line = points.tolist(), len(points) == 2
+            part = space.add_line(*corners) if line else space.add_lwpolyline(corners, close=True)
+            part.dxf.layer = layer
         document.write(stream)
     finally:
         ezdxf.options.write_fixed_meta_data_for_testing = before

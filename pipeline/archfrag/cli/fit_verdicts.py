@@ -9,7 +9,7 @@ import click
 from archfrag.cli.options import PATH, echo, json_option, takes_study
 from archfrag.cli.study import fit_study, print_answers
 from archfrag.errors import FitError, InputError, attempt
-from archfrag.export import FORMATS, OF_ARCHES
+from archfrag.export import FORMATS
 from archfrag.export.command import export_study
 from archfrag.report.page import make_table_report
 from archfrag.study.answer.fits import FITS, answer_lines, fit_runs, run_cautions
@@ -37,8 +37,7 @@ def _mapping(context: click.Context, parameter: click.Parameter, texts: tuple[st
 @click.option("--confidence", type=float, default=0.9, show_default=True, help="Of all bands.")
 @click.option("--hazard", type=PATH, help="Hazard curve of a site, for the rate of collapse.")
 @click.option("--output", type=PATH, help="Folder to write to; results/NAME if not given.")
-@click.option("--format", "formats", multiple=True,
-              type=click.Choice([name for name in FORMATS if name not in OF_ARCHES]),
+@click.option("--format", "formats", multiple=True, type=click.Choice(FORMATS),
               help="Format to export to, as `archfrag export` does. Repeatable.")  # fmt: skip
 @json_option
 def fit_command(study_file: Path, overrides: tuple[str, ...], as_json: bool, **given: Any) -> None:

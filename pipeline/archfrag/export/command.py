@@ -12,8 +12,7 @@ import pandas as pd
 import xarray as xr
 
 from archfrag.errors import FitError, InputError, from_extra
-from archfrag.export import CURVES, FORMATS, OF_ARCHES, writers
-from archfrag.export.scenes import arch_texts
+from archfrag.export import CURVES, FORMATS, writers
 from archfrag.export.writers import CurveSet, named_measure
 from archfrag.files import counted, make_folder, replacing, sha256_of, write_csv
 from archfrag.fragility.branches import branches_of, predictive
@@ -51,13 +50,12 @@ def export_study(
     study: StudyKeys, formats: Sequence[str], folder: Path | None = None, members: bool = False,
     limit_states: Sequence[str] = (), curve: str = "median", fitted: Fitted | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Write curves and runs of a study whose results are up to date, or of a table if `fitted`;
-    arches and motions of any study.
+    """Write curves and runs of a study whose results are up to date, or of a table if `fitted`.
 
     `formats` are of `archfrag.export.FORMATS`; `folder` is ``export`` in the study's folder if not
     given. With `members` the arches of classes have curves too. `limit_states` are written besides
     collapse, each by a name of `LIMIT_STATES`; if none is given, all that have curves. `curve` is
-    one of `archfrag.export.CURVES`. Formats of `archfrag.export.OF_ARCHES` need no runs.
+    one of `archfrag.export.CURVES`.
 
     Returned are ``folder``; ``files``, each with its format; ``limit_states`` written;
     ``left_out``, by arch, why it has no curve; ``notes`` on limit states and on the use of the
@@ -67,36 +65,16 @@ def export_study(
     """
     if curve not in CURVES:
         raise InputError(f"curve is {curve!r}; it is one of {', '.join(CURVES)}")
-    folder = folder or study.folder / "export"
-    of_arches = [name for name in OF_ARCHES if name in formats]
-    texts, notes = arch_texts(study, of_arches, members, _made(study)) if of_arches else ([], [])
-    done: dict[str, Any] = {"left_out": {}, "notes": [], "limit_states": [], "files": []}
-    if rest := [name for name in formats if name not in OF_ARCHES]:
-        fitted = fitted or finished(study)
-        done = _export_curves(study, fitted, rest, folder, members, limit_states, curve)
-    done["notes"] += notes
-    done["files"] += _write_texts(study, make_folder(folder), texts)
-    return {"folder": str(folder), **done}
-
-
-def _made(study: StudyKeys) -> dict[str, str]:
-    """Return what made a file."""
-    about = {"study": study.id, "title": study.title}
-    return about | {"archfrag": __version__, "archfrag_commit": commit()}
-
-
-def _export_curves(
-    study: StudyKeys, fitted: Fitted, formats: Sequence[str], folder: Path, members: bool,
-    limit_states: Sequence[str], curve: str,
-) -> dict[str, Any]:  # fmt: skip
-    """Write the formats of curves and runs, see `export_study`."""
+    fitted = fitted or finished(study)
     answers = fitted.quoted(members)
     with fitted.cube as cube:
         levels, number = cube["intensity"].values, Counter(arch_classes(cube).values())
-        made = _made(study) | {
+        made = {
+            "study": study.id, "title": study.title,
+            "archfrag": __version__, "archfrag_commit": commit(),
             "cube_archfrag_commit": str(cube.attrs.get("archfrag_commit", "unknown")),
             "cube_sha256": cube.attrs.get("table_sha256") or sha256_of(study.folder / CUBE),
-        }
+        }  # fmt: skip
         ends = float(np.nanmin(levels)), float(np.nanmax(levels))
         classes = {name: number[name] for name in answers if number[name] > 1}
         states, messages = _limit_states(study, cube, answers, limit_states)
@@ -106,27 +84,21 @@ def _export_curves(
         curves = CurveSet(
             states, study.intensity.measure, ends, made, classes, tuple(messages), branches
         )
-        texts = _texts(curves, formats, messages)
+        texts, files = _texts(curves, formats, messages), list[tuple[str, Path]]()
         if "parquet" in formats:
             from_extra("pyarrow", "parquet")  # before anything is written
-        files = _write_texts(study, make_folder(folder), texts)
+        folder = make_folder(folder or study.folder / "export")
+        for name, ending, text in texts:
+            files.append((name, folder / f"{study.id}-{ending}"))
+            write_text(files[-1][1], text)
         for name in dict.fromkeys(name for name in formats if not FORMATS[name][1]):
             paths = _write_tables(study, cube, curves, answers, folder, name)
-            files += [{"format": name, "file": str(path)} for path in paths]
+            files += [(name, path) for path in paths]
     return {
-        "left_out": curves.left_out, "notes": messages, "files": files,
+        "folder": str(folder), "left_out": curves.left_out, "notes": messages,
         "limit_states": list(curves.limit_states if curves.complete else ()),
+        "files": [{"format": name, "file": str(path)} for name, path in files],
     }  # fmt: skip
-
-
-def _write_texts(
-    study: StudyKeys, folder: Path, texts: Sequence[tuple[str, str, str]]
-) -> list[dict[str, str]]:
-    """Write texts, each with its format and the end of its file's name; return both by file."""
-    for _, ending, text in texts:
-        write_text(folder / f"{study.id}-{ending}", text)
-    return [{"format": name, "file": str(folder / f"{study.id}-{ending}")}
-            for name, ending, _ in texts]  # fmt: skip
 
 
 def _texts(

@@ -15,72 +15,72 @@ from archfrag.arch.drawing import drawing_text
 from archfrag.arch.geometry import cross, polygon_section
 from archfrag.arch.tie_rods import tie_lines
 from archfrag.errors import InputError
+from archfrag.files import make_folder
 from archfrag.physics.status import Tie
 from archfrag.study.file.members import Member
 from archfrag.study.file.schema import StudyKeys
-from archfrag.study.provenance import finite
-from archfrag.study.runs.store import Plan, make_plan
+from archfrag.study.provenance import commit, finite, write_text
+from archfrag.study.runs.store import make_plan
 from archfrag.study.steps import require
+from archfrag.version import __version__
 
 SCHEMA = Path(__file__).with_name("scene.schema.json")
 MOST_ARCHES = 500
-_LISTS = re.compile(r"\[\n\s*[^][{}]*?\n\s*\]")  # innermost ones, indented
+_LISTS = re.compile(r"\[\n\s*[^][{}]*?\n\s*\]")  # of numbers, indented
 
 
-def arch_texts(
-    study: StudyKeys, formats: Sequence[str], members: bool, made: dict[str, str]
-) -> tuple[list[tuple[str, str, str]], list[str]]:
-    """Return format of `OF_ARCHES`, end of the name and text of each file, and notes.
+def export_arches(
+    study: StudyKeys, formats: Sequence[str], folder: Path | None = None, members: bool = False
+) -> dict[str, Any]:
+    """Write arches of a study, and with a scene its motions, in formats of `export.OF_ARCHES`.
 
-    Of a class there is its first arch, with `members` all. InputError if there are too many, or
-    the motions of a scene are not prepared.
+    Of a class there is its first arch, with `members` all. Returned are ``files`` and ``notes`` as
+    of `export_study`. Nothing is written after an InputError: too many arches, or no motions yet.
     """
     sizes = Counter(each.arch_class for each in study.members)
-    chosen = {each.id if members else each.arch_class: each for each in reversed(study.members)}
-    if len(chosen) > MOST_ARCHES:
+    found = {each.id if members else each.arch_class: each for each in reversed(study.members)}
+    if len(found) > MOST_ARCHES:
         remedy = f"scene and dxf take at most {MOST_ARCHES}; leave out --members"
-        raise InputError(f"study {study.id} has {len(chosen)} arches; {remedy}")
-    notes = [f"scene and dxf have {chosen[name].id} of {size} arches of {name}; --members: all"
+        raise InputError(f"study {study.id} has {len(found)} arches; {remedy}")
+    notes = [f"scene and dxf have {found[name].id} of {size} arches of {name}; --members: all"
              for name, size in sizes.items() if size > 1 and not members]  # fmt: skip
-    arches = {each.id: each.entry.build() for each in reversed(chosen.values())}
-    texts = [("dxf", f"{name}.dxf", drawing_text(_lines(arch)))
-             for name, arch in arches.items() if "dxf" in formats]  # fmt: skip
+    chosen, texts = list(reversed(found.values())), dict[str, str]()
     if "scene" in formats:
-        classes = {each.id: each.arch_class for each in chosen.values()}
-        about = [{"id": name, "class": classes[name]} | _arch(a) for name, a in arches.items()]
-        scene = json.dumps(_scene(study, about, made), indent=1, allow_nan=False)
-        rows = _LISTS.sub(lambda found: re.sub(r"\n\s*", " ", found[0]), scene)
-        texts.append(("scene", "scene.json", rows + "\n"))
-    return texts, notes
+        text = json.dumps(_scene(study, chosen), indent=1, allow_nan=False)
+        texts["scene.json"] = _LISTS.sub(lambda one: re.sub(r"\n\s*", " ", one[0]), text) + "\n"
+    if "dxf" in formats:
+        texts |= {f"{each.id}.dxf": drawing_text(_lines(each.entry.build())) for each in chosen}
+    paths = [make_folder(folder or study.folder / "export") / f"{study.id}-{end}" for end in texts]
+    for path, text in zip(paths, texts.values()):
+        write_text(path, text)
+    files = [{"format": {".json": "scene"}.get(p.suffix, "dxf"), "file": str(p)} for p in paths]
+    return {"files": files, "notes": notes}
 
 
-def _scene(study: StudyKeys, arches: list[dict[str, Any]], made: dict[str, str]) -> Any:
-    """Return arches, levels and motions for strict JSON."""
+def _scene(study: StudyKeys, chosen: Sequence[Member]) -> Any:
+    """Return arches, levels, and motions at factor 1 with their factors, for strict JSON."""
     require(study, "motions")
-    plan, intensity, about = make_plan(study), study.intensity, json.loads(SCHEMA.read_text())
+    plan, levels, motions = make_plan(study), study.intensity, []
+    for number, record in enumerate(plan.records):
+        motion, factors = plan.motion(number), plan.unscaled[number] * plan.levels**plan.power
+        own = {"id": record.id, "event": record.event, "dt": motion.dt}
+        rows = {"horizontal": motion.acceleration, "vertical": motion.vertical, "factors": factors}
+        motions.append(own | {key: row.tolist() for key, row in rows.items() if row is not None})
+    made = {"study": study.id, "title": study.title}
+    made |= {"archfrag": __version__, "archfrag_commit": commit()}
+    about = json.loads(SCHEMA.read_text())["properties"]
     return finite({
-        **{key: about["properties"][key]["const"] for key in ("schema", "units")},
-        "made": made, "arches": arches, "delay": study.method.delay or 0.0,
-        "intensity": {
-            "measure": intensity.measure, "unit": intensity.unit,
-            "levels": list(intensity.given), "power": plan.power,
-        },
-        "motions": [_motion(plan, number) for number in range(len(plan.records))],
+        "schema": about["schema"]["const"], "units": about["units"]["const"], "made": made,
+        "arches": [_arch(each) for each in chosen], "delay": study.method.delay or 0.0,
+        "intensity": {"measure": levels.measure, "unit": levels.unit,
+                      "levels": list(levels.given), "power": plan.power},
+        "motions": motions,
     })  # fmt: skip
 
 
-def _motion(plan: Plan, number: int) -> dict[str, Any]:
-    """Return a record at factor 1, and the factors that bring it to the levels."""
-    record, motion = plan.records[number], plan.motion(number)
-    factors = plan.unscaled[number] * plan.levels**plan.power
-    samples = {"horizontal": motion.acceleration, "vertical": motion.vertical}
-    return {"id": record.id, "event": record.event, "dt": motion.dt, "factors": factors.tolist()} | {
-        key: values.tolist() for key, values in samples.items() if values is not None
-    }
-
-
-def _arch(arch: Arch) -> dict[str, Any]:
+def _arch(member: Member) -> dict[str, Any]:
     """Return bodies at rest, those of the ground last, and what joins them."""
+    arch: Arch = member.entry.build()
     chain, n, (first, last) = arch.chain, arch.n_voussoir, arch.springings
 
     def bodies(pair: Sequence[int]) -> list[int]:
@@ -108,14 +108,15 @@ def _arch(arch: Arch) -> dict[str, Any]:
         own = {each.name.lower(): float(tie[each]) for each in list(Tie)[Tie.STIFFNESS :]}
         own["prestress"] = own["stiffness"] * (np.hypot(*(ends[1] - ends[0])) - own["length"])
         ties.append({"bodies": bodies(pair), "ends": ends.tolist(), **own})
-    model = {key: gives[key] for key in ("model", "damping", "points") if key in gives}
-    return {"gravity": chain.gravity, **model, "bodies": parts, "joints": joints, "ties": ties}
+    about = {"id": member.id, "class": member.arch_class, "gravity": chain.gravity}
+    about |= {key: gives[key] for key in ("model", "damping", "points") if key in gives}
+    return about | {"bodies": parts, "joints": joints, "ties": ties}
 
 
 def _edges(arch: Arch) -> Iterator[FloatArray]:
     """Yield the sides of bodies on which an arch stands, (2, 2) each, from the intrados [m]."""
-    for joint in (0, -1)[: 1 if arch.free_end else 2]:
-        ends, outline = np.array([arch.intrados[joint], arch.extrados[joint]]), arch.outlines[joint]
+    for end in (0, -1)[: 1 if arch.free_end else 2]:
+        ends, outline = np.array([arch.intrados[end], arch.extrados[end]]), arch.outlines[end]
         along = ends[1] - ends[0]
         on = np.abs(cross(outline - ends[0], along)) < 1e-9 * along @ along
         points = np.vstack([ends, outline[on]])  # a joint may bear on a part of the side
