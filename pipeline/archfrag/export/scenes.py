@@ -42,7 +42,7 @@ def export_arches(
     if len(found) > MOST_ARCHES:
         remedy = f"scene and dxf take at most {MOST_ARCHES}; leave out --members"
         raise InputError(f"study {study.id} has {len(found)} arches; {remedy}")
-    notes = [f"scene and dxf have {found[name].id} of {size} arches of {name}; --members: all"
+    messages = [f"scene and dxf have {found[name].id} of {size} arches of {name}; --members: all"
              for name, size in sizes.items() if size > 1 and not members]  # fmt: skip
     chosen, texts = list(reversed(found.values())), dict[str, str]()
     if "scene" in formats:
@@ -54,7 +54,7 @@ def export_arches(
     for path, text in zip(paths, texts.values()):
         write_text(path, text)
     files = [{"format": {".json": "scene"}.get(p.suffix, "dxf"), "file": str(p)} for p in paths]
-    return {"files": files, "notes": notes}
+    return {"files": files, "notes": messages}
 
 
 def _scene(study: StudyKeys, chosen: Sequence[Member]) -> Any:
