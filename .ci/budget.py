@@ -22,7 +22,7 @@ LIMITS = {
     "lines of motions": (4000, 4653), "lines of physics": (9000, 10251),
     "lines of report": (2600, 3714), "lines of simulation": (1600, 2010),
     "lines of study": (4300, 6067),
-    "lines of archbench": (5900, 6991), "lines of tests": (17000, 22785),
+    "lines of archbench": (5900, 6991), "lines of tests": (17000, 22836),
 }  # fmt: skip
 ROOMS = {
     row.removeprefix("lines of "): row.removeprefix("lines of ").split(" and ")

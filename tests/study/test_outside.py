@@ -163,6 +163,20 @@ def test_damage_states_are_limit_states_and_the_last_is_collapse():
     assert again["light"].theta == states["light"].theta
 
 
+def test_structures_of_a_class_share_a_curve_and_lose():
+    tables = [stripes(seed=n).assign(arch=f"a{n}", **{"class": "bridges"}) for n in (3, 4, 5)]
+    found = af.fit(pd.concat(tables))
+    own = [af.fit(each.drop(columns="class")).curve for each in tables]
+    assert min(each.theta for each in own) < found.curve.theta < max(each.theta for each in own)
+    assert np.ptp(np.log(found.curve.theta_interval)) < np.ptp(np.log(own[0].theta_interval))
+    found = af.fit(tables[0].drop(columns=["verdict", "class"]), states=STATES)
+    losses = [
+        found.losses(HAZARD, consequence={"light": light, "collapse": 1.0}) for light in (0.0, 0.5)
+    ]
+    assert losses[0]["aal"].item() == pytest.approx(found.risk(HAZARD)["rate"].item(), rel=1e-9)
+    assert losses[1]["aal"].item() > 1.5 * losses[0]["aal"].item()
+
+
 def test_risk_exports_and_report_need_no_arch(tmp_path):
     found = af.fit(stripes(), states=(), output=tmp_path / "out")
     assert 0.0 < found.risk(HAZARD).loc["structure", "rate"] < 0.03
