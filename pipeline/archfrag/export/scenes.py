@@ -53,7 +53,8 @@ def export_arches(
     paths = [make_folder(folder or study.folder / "export") / f"{study.id}-{end}" for end in texts]
     for path, text in zip(paths, texts.values()):
         write_text(path, text)
-    files = [{"format": {".json": "scene"}.get(p.suffix, "dxf"), "file": str(p)} for p in paths]
+    names = ["dxf" if path.suffix == ".dxf" else "scene" for path in paths]
+    files = [{"format": name, "file": str(path)} for name, path in zip(names, paths)]
     return {"files": files, "notes": messages}
 
 
