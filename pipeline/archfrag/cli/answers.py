@@ -55,7 +55,9 @@ def export(
     study: Any, formats: tuple[str, ...], limit_states: tuple[str, ...], curve: str,
     out: Path | None, members: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    """Export a finished study, or arches of any study, in the formats of other programs.
+    """Export a finished study in the formats of other programs.
+
+    The formats scene and dxf need no runs; scene needs the motions, by `archfrag motions`.
 
     OpenQuake, pelicun and IN-CORE get PGA, Sa and AvgSA in g, and PGV in cm/s. A class of arches
     has one curve, the mean of those of its arches. An arch without a curve is in the tables of
