@@ -1,7 +1,8 @@
 """DXF drawings of arches: the only module that imports ezdxf."""
 
+import io
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -93,10 +94,33 @@ def read_drawing(
     return found
 
 
-def _document(path: Path) -> Any:
-    """Return the file as ezdxf reads it."""
+def drawing_text(lines: Iterable[tuple[str, FloatArray]]) -> str:
+    """Write lines of layers as DXF in metres: two points are a LINE, more a closed polyline."""
+    ezdxf, stream = _library(), io.StringIO()
+    before = ezdxf.options.write_fixed_meta_data_for_testing
+    ezdxf.options.write_fixed_meta_data_for_testing = True  # no date: same lines, same text
+    try:
+        document = ezdxf.new("R2010", units=ezdxf.units.M)
+        space = document.modelspace()
+        for layer, points in lines:
+            corners, line = points.tolist(), len(points) == 2
+            part = space.add_line(*corners) if line else space.add_lwpolyline(corners, close=True)
+            part.dxf.layer = layer
+        document.write(stream)
+    finally:
+        ezdxf.options.write_fixed_meta_data_for_testing = before
+    return stream.getvalue()
+
+
+def _library() -> Any:
     import ezdxf  # start-up: it looks for fonts and a cache of its own
 
+    return ezdxf
+
+
+def _document(path: Path) -> Any:
+    """Return the file as ezdxf reads it."""
+    ezdxf = _library()
     read_bytes(path, LARGEST_FILE, GeometryError, "the drawing")  # small enough, no device
     try:
         return ezdxf.readfile(path)

@@ -12,8 +12,9 @@ import xarray as xr
 from archfrag.cli.options import PATH, echo, json_option, show, warn, wrapped
 from archfrag.cli.with_study import with_study
 from archfrag.errors import FitError, InputError
-from archfrag.export import CURVES, FORMATS
+from archfrag.export import CURVES, FORMATS, OF_ARCHES
 from archfrag.export.command import export_study, write_vulnerability
+from archfrag.export.scenes import export_arches
 from archfrag.files import opened
 from archfrag.report.film import check_target, example_of, save_film
 from archfrag.report.inputs import report_inputs
@@ -32,12 +33,13 @@ from archfrag.study.steps import REPORT_FILES, finished
 
 members_option = click.option("--members", is_flag=True,
                               help="Include the arches of classes as well.")  # fmt: skip
-_FORMATS = (f"{name:15}  {about}" for name, (about, _, _) in FORMATS.items())
+_USES = {name: about for name, (about, _, _) in FORMATS.items()} | OF_ARCHES
+_FORMATS = (f"{name:15}  {about}" for name, about in _USES.items())
 
 
 @click.command(epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
 @with_study(
-    click.option("--format", "formats", multiple=True, required=True, type=click.Choice(FORMATS),
+    click.option("--format", "formats", multiple=True, required=True, type=click.Choice(_USES),
                  help="Format to write. Repeatable."),
     click.option("--limit-state", "limit_states", multiple=True, metavar="NAME",
                  help="Limit state to write besides collapse: motion, impact, residual, "
@@ -55,6 +57,8 @@ def export(
 ) -> None:  # fmt: skip
     """Export a finished study in the formats of other programs.
 
+    The formats scene and dxf need no runs; scene needs the motions, by `archfrag motions`.
+
     OpenQuake, pelicun and IN-CORE get PGA, Sa and AvgSA in g, and PGV in cm/s. A class of arches
     has one curve, the mean of those of its arches. An arch without a curve is in the tables of
     runs, records and arches only, and a message states why.
@@ -63,14 +67,21 @@ def export(
     curve of a state lies below that of a severer one by more than 0.01 in probability, it takes up
     that one's dispersion as far as needed, and a note states it. The files hold these notes too.
     """
-    made = export_study(study, formats, out, members, limit_states, curve)
+    of_curves, of_arches = ([n for n in formats if n in known] for known in (FORMATS, OF_ARCHES))
+    made: dict[str, Any] = {"left_out": {}, "notes": [], "files": []}
+    if of_curves:
+        made = export_study(study, of_curves, out, members, limit_states, curve)
+    if of_arches:
+        for key, more in export_arches(study, of_arches, out, members).items():
+            made[key] += more
     for arch, why in made["left_out"].items():
         warn(f"no curve of {arch} is exported: {why}")
     for message in made["notes"]:
         warn(f"note: {message}")
     lines = [f"{each['format']}: {each['file']}" for each in made["files"]]
-    states = made["limit_states"]
-    lines.append(f"limit states written: {len(states)} ({', '.join(states) or 'no curve'})")
+    if of_curves:
+        states = made["limit_states"]
+        lines.append(f"limit states written: {len(states)} ({', '.join(states) or 'no curve'})")
     show(made, "\n".join(lines), as_json)
 
 

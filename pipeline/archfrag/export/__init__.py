@@ -14,6 +14,11 @@ FORMATS: dict[str, tuple[str, str, dict[str, str]]] = {
     "csv": ("curves, parameters, runs, records and arches; JSON on columns", "", {}),
     "parquet": ("the same tables: pip install 'archfrag[parquet]'", "", {}),
 }  # fmt: skip
+# Of arches and motions, by name: its use.
+OF_ARCHES = {
+    "scene": "LMGC90, 3DEC and others: bodies, joints, ties and scaled motions in JSON",
+    "dxf": "drawing programs: a drawing of each arch",
+}
 # What is written of a curve: of the medians of theta and beta, its mean over what they may be, or
 # a curve for each of some weighted pairs of them.
 CURVES = ("median", "predictive", "branches")
