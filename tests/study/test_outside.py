@@ -261,6 +261,9 @@ BAD = {
     "two measures":
         ("PGA [g],PGV [m/s],verdict\n0.1,0.2,0\n",
          r"PGA \[g\] and PGV \[m/s\] may both be the intensity"),
+    "two columns of verdicts":
+        ("record,PGA [g],verdict,collapsed\na,0.1,0,1\n",
+         r"verdict and collapsed may both be the verdict; say which by columns"),
     "a column twice":
         ("record,record,PGA [g],verdict\na,b,0.1,0\n",
          r"column 'record' is there twice"),
@@ -313,6 +316,20 @@ def test_the_command_takes_a_mapping_and_names_a_bad_row(tmp_path):
     done = command("fit", path, "--columns", "peak")
     assert done.exit_code == 2
     assert "--columns peak: write it as intensity=PGA" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"PGA [g]": [0.1, 0.2], "verdict": [1]}, "is no table .*; give a file, a DataFrame"),
+        (5, "is no table"),
+        (pd.DataFrame([[0.1, 0, 1]], columns=["PGA [g]", "verdict", "verdict"]), "is there twice"),
+    ],
+    ids=["lengths", "number", "twice"],
+)
+def test_what_is_no_table(table, message):
+    with pytest.raises(InputError, match=message):
+        af.fit(table)
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,7 @@ _WORDS = {w: Verdict[name.upper()] for name, words in _NAMED["verdicts"].items()
 _SURVIVED_CODES = {word: Verdict(1 - _WORDS[word]) for word in _NAMED["answers"]["words"]}
 _SURVIVED_NAMES = {*_NAMED["verdicts"]["survived"]} - {*_SURVIVED_CODES}
 _UNITS = {unit for units in LEVEL_UNITS.values() for unit in units}
+_CHOOSE = "say which by columns"
 _RULE, _NEEDED = _NAMED["messages"]["verdict"], _NAMED["messages"]["columns"]
 
 
@@ -132,13 +133,24 @@ def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
         rows = [f"line {line}" for line, _ in found]
         cells = [[unquoted(cell) for cell in each] for _, each in found]
     else:
-        source, frame = "the table", pd.DataFrame(table)
+        source, frame = "the table", _frame(table)
         names, rows = [str(name) for name in frame], [f"row {n + 1}" for n in range(len(frame))]
         text = frame.astype(object).where(frame.notna(), "").map(lambda c: str(c).strip())
         cells = text.to_numpy().tolist()
     heads = _heads(source, names, columns)
     kept = {what: [str(each[names.index(head)]) for each in cells] for what, head in heads.items()}
     return VerdictTable(source, rows, heads, kept)
+
+
+def _frame(table: Any) -> pd.DataFrame:
+    try:
+        frame = pd.DataFrame(table)
+    except (ValueError, TypeError) as error:
+        how = "give a file, a DataFrame, or columns of one length by name"
+        raise InputError(f"the table is no table ({error}); {how}") from None
+    if twice := frame.columns[frame.columns.duplicated()].tolist():
+        raise InputError(f"the table: column {twice[0]!r} is there twice")
+    return frame
 
 
 def _plain(name: str) -> str:
@@ -158,12 +170,14 @@ def _heads(source: str, names: Sequence[str], columns: Mapping[str, str]) -> dic
         heads[what] = head
     for what, known in _ROLES.items():
         own = [plain[name] for name in known if name in plain]
+        if what == "verdict" and what not in heads and own[1:]:
+            raise InputError(f"{source}: {own[0]} and {own[1]} may both be the {what}; {_CHOOSE}")
         heads |= {what: own[0]} if {*own} - {*heads.values()} and what not in heads else {}
     weak = "intensity" not in columns and _plain(heads.get("intensity", "level")) == "level"
     measured = [name for name in names if _measure_of(name) and name not in heads.values()]
     if weak and len(measured) > 1:
         both = " and ".join(measured[:2])
-        raise InputError(f"{source}: {both} may both be the intensity; say which by columns")
+        raise InputError(f"{source}: {both} may both be the intensity; {_CHOOSE}")
     heads |= {"intensity": measured[0]} if weak and measured else {}
     by_run = "intensity" in heads and {"verdict", "state"} & heads.keys()
     if not by_run and not {"lower", "upper"} <= heads.keys():
