@@ -134,6 +134,64 @@ class Motion:
             raise InputError(f"{name}: scale factor {factor} must be a finite number")
         return self.changed(lambda samples: samples * factor, f"Multiplied by {factor:.9g}.")
 
+    def then(self, second: Motion, gap: float = 20.0) -> Motion:
+        """Return one motion: this one, a time without acceleration, and `second`.
+
+        So an arch is shaken twice, and what the first motion left is there when the second comes.
+
+        Parameters
+        ----------
+        second : Motion
+            Begins at the time ``metadata["begins"]`` of the result [s].
+        gap : float
+            Time between the last sample of this motion and the first of `second` [s], to the next
+            time step. It should be long enough for the arch to come to rest.
+
+        The time step is the smaller of the two. The other motion is interpolated linearly, as it
+        is in a simulation; no step is longer, so that no frequency folds over.
+
+        Raises
+        ------
+        InputError
+            If `gap` is negative or not finite.
+
+        Examples
+        --------
+        >>> import numpy as np, archfrag as af
+        >>> first, second = (af.Motion(np.ones(n), dt, id=f"{n}") for n, dt in ((3, 0.02), (6, 0.01)))
+        >>> both = first.then(second, gap=0.1)
+        >>> both
+        <Motion 3+6: PGA 0.102 g, 0.2 s at 0.01 s, horizontal>
+        >>> both.metadata["begins"]
+        0.15
+        """
+        if not 0.0 <= gap < np.inf:
+            raise InputError(f"gap = {gap} s must be a time that is not negative")
+        step = min(self.dt, second.dt)
+        one, two = (each._at_step(step) for each in (self, second))
+        still = np.zeros(round(gap / step))
+        both: dict[str, Any] = dict.fromkeys(one)
+        for key in both:
+            parts = one[key], two[key]
+            if any(part is not None for part in parts):
+                before, after = (np.zeros(each["acceleration"].shape) if part is None else part
+                                 for part, each in zip(parts, (one, two)))  # fmt: skip
+                both[key] = np.concatenate([before, still, after])
+        begins = float(f"{(both['acceleration'].size - two['acceleration'].size) * step:.12g}")
+        done = f"Put behind {self.id or 'another motion'}, to begin at {begins:g} s."
+        return replace(
+            second, **both, dt=step, id=f"{self.id}+{second.id}", log=(*second.log, done),
+            metadata={**second.metadata, "begins": begins},
+        )  # fmt: skip
+
+    def _at_step(self, step: float) -> dict[str, Any]:
+        """Return the components at another time step, linear between their samples."""
+        if step == self.dt:
+            return self.components
+        time = np.arange(int(self.duration / step + 1e-6) + 1) * step
+        return {key: None if part is None else np.interp(time, self.time, part)
+                for key, part in self.components.items()}  # fmt: skip
+
     def __mul__(self, factor: float) -> Motion:
         if not isinstance(factor, float | int | np.number):
             return NotImplemented

@@ -27,9 +27,9 @@ from archfrag.study.answer.curves import Fitted, Runs, arch_classes
 from archfrag.study.answer.fits import cautions_of
 from archfrag.study.answer.rates import StudyRisk, risk_of_study
 from archfrag.study.file.members import shown
-from archfrag.study.file.prepared import load_prepared, load_record
 from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.provenance import finite
+from archfrag.study.runs.store import Plan, make_plan
 from archfrag.study.steps import finished, read_timings
 from archfrag.study.validate import logo_url
 
@@ -122,6 +122,7 @@ class ReportInputs:
     target: tuple[FloatArray, Mapping[str, float]] | None = None
     #: Keys of all arches that say what is modelled, by name of arch or class.
     given: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+    plan: Plan | None = None  #: of the runs, for motions that first shocks precede
     #: Project, client and author, and a picture as a data URL, as far as they are given.
     about: Mapping[str, str] = field(default_factory=dict)
 
@@ -183,7 +184,7 @@ def report_inputs(study: StudyKeys, compared: Path | None = None) -> ReportInput
     """
     fitted = finished(study)
     answers, cube = fitted.arches, fitted.cube
-    prepared, intensity = load_prepared(study), study.intensity
+    plan, intensity = make_plan(study), study.intensity
     entries = {member.id: member.entry for member in study.members}
     names = [list(answers)[i] for i in shown(thetas(answers.values()).tolist())]
     arches = {name: entries[name].build() for name in names}
@@ -194,7 +195,8 @@ def report_inputs(study: StudyKeys, compared: Path | None = None) -> ReportInput
     return ReportInputs(
         cube=cube,
         scale=Scale(intensity.measure, intensity.unit, 1.0 / intensity.factor),
-        motions=[load_record(study.work, record) for record in prepared],
+        motions=[plan.motion(record) for record in range(len(plan.records))],
+        plan=plan,
         arches=[(name, arch, onset(arch)) for name, arch in arches.items()],
         answers=answers,
         classes=fitted.classes,
@@ -336,10 +338,16 @@ def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
     return {"reason": None, "without_verdict": lost, "curve": curve, "probability": chance}
 
 
+def told_counts(counts: Mapping[str, IntArray]) -> dict[str, IntArray]:
+    """Return the counts of verdicts that are told; collapses in a first shock if there are any."""
+    before = ("collapsed_before",) * bool(counts["collapsed_before"].any())
+    return {name: counts[name] for name in (*COUNTS, *before)}
+
+
 def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:
     """Return how many runs of an arch have each verdict, and fractions of its collapses."""
     number, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
-    counts = {name: int(number[name].sum()) for name in COUNTS}
+    counts = {name: int(count.sum()) for name, count in told_counts(number).items()}
     counts["not_run"] = verdict.size - counts["runs"]
     landed = (verdict == Verdict.SURVIVED) & np.isfinite(lost)
     counts["lost_contact_and_stand"] = int(landed.sum())

@@ -22,7 +22,8 @@ class Aspect(NamedTuple):
 
 
 def aspects(
-    given: Given, vertical: str = "not used", delay: float | None = None, spanning: bool = True
+    given: Given, vertical: str = "not used", delay: float | None = None, spanning: bool = True,
+    shocks: bool = False,
 ) -> list[Aspect]:
     """Return what is modelled and what is not, each with its sentence.
 
@@ -34,6 +35,7 @@ def aspects(
     others = {
         "always": (), "never": None, "delay": () if delay else None,
         "vertical": None if vertical == "not used" else some,
+        "shocks": () if shocks else None,
         "sliding": () if any(map(_slides, arches)) else None,
     }  # fmt: skip
     result = []
@@ -58,6 +60,7 @@ def study_aspects(inputs: ReportInputs) -> list[Aspect]:
         given, inputs.cube.attrs.get("vertical_component", "not used"),
         inputs.config.get("method", {}).get("delay"),
         not all(arch.free_end for _, arch, _ in inputs.arches),
+        "archfrag_first_shocks" in inputs.cube.attrs,
     )  # fmt: skip
 
 

@@ -249,7 +249,8 @@ class Ida(Design):
         # Some cells near the borders, any as likely as another: how often do they contradict?
         place, unseen = np.arange(n_level), grid.seen == Verdict.NOT_RUN
         near = (place >= low[:, None] - NEAR) & (place <= high[:, None] + NEAR)
-        free, places = np.nonzero(near & unseen)
+        before = (grid.seen == Verdict.COLLAPSED_BEFORE).any(axis=1)
+        free, places = np.nonzero(near & unseen & ~before[:, None])
         count = n_record if self.checks is None else self.checks
         generator = np.random.default_rng([self.seed, grid.arch])
         chosen = np.sort(generator.permutation(free.size)[:count])
@@ -319,6 +320,7 @@ def search(
         collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.SURVIVED
         high[left[collapsed]] = places[collapsed]
         low[left[survived]] = places[survived]
+        left = left[verdicts != Verdict.COLLAPSED_BEFORE]  # as it would at any level
 
 
 def expected_borders(levels: FloatArray, low: IntArray, high: IntArray) -> FloatArray:

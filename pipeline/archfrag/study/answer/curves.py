@@ -103,6 +103,12 @@ def arch_classes(cube: xr.Dataset) -> dict[str, str]:
     return dict(zip(cube["arch"].values.astype(str).tolist(), classes.values.astype(str).tolist()))
 
 
+def after_shock(cube: xr.Dataset) -> NDArray[np.bool_]:
+    """Tell which arches of a cube were in a first shock before each record, (n_arch,)."""
+    level = cube["first_shock"] if "first_shock" in cube else 0.0 * cube["onset_plus"]
+    return np.asarray(level.values > 0.0)
+
+
 @dataclass(frozen=True)
 class Fitted:
     """Curves of the arches of a study and of its classes of several arches, and the cube."""
@@ -289,6 +295,8 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict
 
 def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], confidence: float) -> Curve:
     """Return the curve of runs that exceed a limit state, or the reason why there is none."""
+    if after_shock(runs.cube).any():
+        return Curve(reason="its measure is of the first shock too, so it has no curve after one")
     if runs.design.adaptive:
         # Measured: theta 9 to 34 % too low at 0.6 to 0.8 of that of collapse.
         kind = runs.design.kind
@@ -310,7 +318,9 @@ def _onset_peaks(cube: xr.Dataset) -> FloatArray:
     It is known if all points of the ground have one horizontal motion and no vertical one.
     """
     least = np.minimum(cube["onset_plus"].values, cube["onset_minus"].values)
-    least = STANDARD_GRAVITY * np.where(np.isfinite(least), least, 0.0)
+    # What a first shock left of an arch may move at less.
+    known = np.isfinite(least) & ~after_shock(cube)
+    least = STANDARD_GRAVITY * np.where(known, least, 0.0)
     method = json.loads(cube.attrs.get("archfrag_config", "{}")).get("method", {})
     unknown = bool(cube["record_vertical"].any()) or method.get("delay") is not None
     return 0.0 * least if unknown else least

@@ -5,7 +5,7 @@ import glob
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -90,12 +90,13 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
 
 def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
     """Return the files, by kind, that the motions follow from, or would if they appeared."""
-    sources, table = find_sources(study.motions, study.intensity.measure), study.motions.index
+    asked = [each for each in (study.motions, study.motions.first) if each is not None]
+    sources = [s for each in asked for s in find_sources(each, study.intensity.measure)]
     records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
     folders = list(dict.fromkeys(path.parent for path in records))
     indices = [place / index.INDEX_NAME for folder in folders for place in (folder, folder.parent)]
-    if table is not None:
-        indices.insert(0, Path(table, index.INDEX_NAME if os.path.isdir(table) else ""))
+    tables = [each.index for each in asked if each.index is not None]
+    indices[:0] = [Path(t, index.INDEX_NAME if os.path.isdir(t) else "") for t in tables]
     names = {name for path in records for name in (path.stem, path.name)}
     inventories = [Path(p) for s in sources if (p := s.options.get("inventory")) is not None]
     for folder in folders:
@@ -105,12 +106,30 @@ def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
     return {"record": records, "index": indices, "inventory": inventories}
 
 
-def check_known(selected: Iterable[str], ids: Sequence[str]) -> None:
+def check_known(
+    selected: Iterable[str], ids: Sequence[str], key: str = "select", of: str = "study"
+) -> None:
     """Raise InputError for the first selected record that does not exist."""
     for name in selected:
         if name not in ids:
-            hint = meant(name, ids) or f"the study has {', '.join(ids)}"
-            raise InputError(f"motions.select: {name!r} is not a record of the study; {hint}")
+            hint = meant(name, ids) or f"the {of} has {', '.join(ids)}"
+            raise InputError(f"motions.{key}: {name!r} is not a record of the {of}; {hint}")
+
+
+def first_shocks(
+    asked: Motions, records: Sequence[Any], make: Callable[[Motions], list[Any]]
+) -> list[Any]:
+    """Return the motions that come first, of the study's `records` or made from an index.
+
+    InputError if one of them is not there. Each has an `id`.
+    """
+    before, first = asked.before, asked.first
+    if before is None:
+        return []
+    known: dict[str, Any] = {each.id: each for each in (records if first is None else make(first))}
+    of = "study" if first is None else "index"
+    check_known(before.records or (), list(known), "before.records", of)
+    return [known[name] for name in before.records or known]
 
 
 def _matching(text: str) -> list[Path]:

@@ -84,8 +84,11 @@ def verdicts_of(status: NDArray) -> NDArray[np.int8]:
     return table[status]
 
 
-def columns_of(results: "Outcomes") -> dict[str, NDArray]:
-    """Return the columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s]."""
+def columns_of(results: "Outcomes", begins: Any = 0.0) -> dict[str, NDArray]:
+    """Return the columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s].
+
+    Records begin at the times `begins` [s]; what collapsed before that has a verdict of its own.
+    """
     energy, largest = results.energy, results.energy[:, Energy.LARGEST_KINETIC]
     columns: dict[str, NDArray] = {
         "verdict": verdicts_of(results.status),
@@ -100,6 +103,9 @@ def columns_of(results: "Outcomes") -> dict[str, NDArray]:
             name, _, entry = column.source.partition(".")
             values = getattr(results, name)
             columns[column.name] = values[:, _ENTRIES[name][entry]] if entry else values
+    early = np.fmin(results.collapse_time, results.end_time) < begins
+    collapsed = columns["verdict"] == Verdict.COLLAPSED
+    columns["verdict"][early & collapsed] = Verdict.COLLAPSED_BEFORE
     return columns
 
 
@@ -114,20 +120,38 @@ class Plan:
     study: StudyKeys
     arches: Members
     records: tuple[PreparedRecord, ...]
+    first: tuple[PreparedRecord, ...] = ()  # shocks that come before records, in turn
     identity: str = field(default_factory=lambda: code_identity())  # of the code that makes runs
-    motions: tuple["Motion", ...] = ()  # of the records, where the study's folder is not at hand
+    motions: tuple["Motion", ...] = ()  # of records and first shocks, where the study's folder is not at hand
     built: "dict[int, Arch]" = field(default_factory=dict, compare=False)  # so far, by number
 
     def with_motions(self) -> "Plan":
         """Return the plan for workers that do not have the study's folder."""
-        found = (load_record(self.study.work, record) for record in self.records)
+        found = (load_record(self.study.work, record) for record in (*self.records, *self.first))
         return replace(self, motions=tuple(found))
 
     def motion(self, record: int) -> "Motion":
-        """Return the motion of a record, by its number."""
+        """Return the motion of a record by its number, or of a first shock, numbered after them."""
         if self.motions:
             return self.motions[record]
-        return _stored_motion(self.study.work, self.records[record])
+        return _stored_motion(self.study.work, (*self.records, *self.first)[record])
+
+    def shock(self, arch: int, record: int) -> tuple[int, float, float] | None:
+        """Return the number, factor and gap [s] of the motion before a record; None if none is."""
+        level, before = self.arches[arch].shock, self.study.motions.before
+        if not level or before is None:
+            return None
+        place = record % len(self.first)
+        return len(self.records) + place, self.first[place].factor * level**self.power, before.gap
+
+    def ground(self, arch: int, record: int, factor: float) -> "tuple[Motion, float, float]":
+        """Return the motion of a run, the factor on it, and when the record begins in it [s]."""
+        motion, shock = self.motion(record), self.shock(arch, record)
+        if shock is None:
+            return motion, factor, 0.0
+        number, level, gap = shock
+        both = self.motion(number).scaled(level).then(motion.scaled(factor), gap)
+        return both, 1.0, both.metadata["begins"]
 
     def arch(self, number: int) -> "Arch":
         """Return an arch, built once."""
@@ -161,6 +185,9 @@ class Plan:
             "levels": study.intensity.si, "measure": study.intensity.measure,
             "method": study.method.model_dump(), "design": study.design.model_dump(mode="json"),
         }  # fmt: skip
+        if study.motions.before is not None:
+            shocks = [member.shock for member in self.arches], study.motions.before.gap
+            parts["first shocks"] = [*shocks, [asdict(record) for record in self.first]]
         return {name: digest_of(part) for name, part in parts.items()}
 
     @cached_property
@@ -181,6 +208,10 @@ class Plan:
         for pair, factor in zip(pairs, self.factors(cases).astype("<f8")):
             if pair not in stems:
                 own = f"{given}/{self.arches[pair[0]].chain}/{self.records[pair[1]].samples}/"
+                if (shock := self.shock(*pair)) is not None:
+                    number, level, gap = shock
+                    first = self.first[number - len(self.records)].samples
+                    own += f"{first}/{level.hex()}/{gap.hex()}/"
                 stems[pair] = hashlib.blake2b(own.encode(), digest_size=KEY)
             state = stems[pair].copy()
             state.update(factor.tobytes())
@@ -205,7 +236,8 @@ class Plan:
 
 def make_plan(study: StudyKeys) -> Plan:
     """Return the plan of a study whose motions are prepared."""
-    return Plan(study, study.members, tuple(load_prepared(study)))
+    records = (tuple(load_prepared(study, name)) for name in ("records", "first"))
+    return Plan(study, study.members, *records)
 
 
 def table_of(keys: NDArray[np.bytes_], columns: Mapping[str, Any]) -> Table:
