@@ -135,62 +135,39 @@ class Motion:
         return self.changed(lambda samples: samples * factor, f"Multiplied by {factor:.9g}.")
 
     def then(self, second: Motion, gap: float = 20.0) -> Motion:
-        """Return one motion: this one, a time without acceleration, and `second`.
+        """Return one motion: this one, time without acceleration for an arch to rest, and another.
 
-        So an arch is shaken twice, and what the first motion left is there when the second comes.
+        Its time step is the smaller one; samples at the other one are interpolated linearly, as in
+        a simulation. ``metadata["begins"]`` tells when the second motion begins [s].
 
         Parameters
         ----------
         second : Motion
-            Begins at the time ``metadata["begins"]`` of the result [s].
         gap : float
-            Time between the last sample of this motion and the first of `second` [s], to the next
-            time step. It should be long enough for the arch to come to rest.
-
-        The time step is the smaller of the two. The other motion is interpolated linearly, as it
-        is in a simulation; no step is longer, so that no frequency folds over.
-
-        Raises
-        ------
-        InputError
-            If `gap` is negative or not finite.
+            Time without acceleration [s]; InputError if it is negative.
 
         Examples
         --------
         >>> import numpy as np, archfrag as af
-        >>> first, second = (af.Motion(np.ones(n), dt, id=f"{n}") for n, dt in ((3, 0.02), (6, 0.01)))
+        >>> first, second = (af.Motion(np.ones(6), dt, id=f"by{dt}") for dt in (0.02, 0.01))
         >>> both = first.then(second, gap=0.1)
-        >>> both
-        <Motion 3+6: PGA 0.102 g, 0.2 s at 0.01 s, horizontal>
-        >>> both.metadata["begins"]
-        0.15
+        >>> both, both.metadata["begins"]
+        (<Motion by0.02+by0.01: PGA 0.102 g, 0.26 s at 0.01 s, horizontal>, 0.21)
         """
         if not 0.0 <= gap < np.inf:
-            raise InputError(f"gap = {gap} s must be a time that is not negative")
-        step = min(self.dt, second.dt)
-        one, two = (each._at_step(step) for each in (self, second))
-        still = np.zeros(round(gap / step))
-        both: dict[str, Any] = dict.fromkeys(one)
-        for key in both:
-            parts = one[key], two[key]
-            if any(part is not None for part in parts):
-                before, after = (np.zeros(each["acceleration"].shape) if part is None else part
-                                 for part, each in zip(parts, (one, two)))  # fmt: skip
-                both[key] = np.concatenate([before, still, after])
-        begins = float(f"{(both['acceleration'].size - two['acceleration'].size) * step:.12g}")
-        done = f"Put behind {self.id or 'another motion'}, to begin at {begins:g} s."
-        return replace(
-            second, **both, dt=step, id=f"{self.id}+{second.id}", log=(*second.log, done),
-            metadata={**second.metadata, "begins": begins},
-        )  # fmt: skip
-
-    def _at_step(self, step: float) -> dict[str, Any]:
-        """Return the components at another time step, linear between their samples."""
-        if step == self.dt:
-            return self.components
-        time = np.arange(int(self.duration / step + 1e-6) + 1) * step
-        return {key: None if part is None else np.interp(time, self.time, part)
-                for key, part in self.components.items()}  # fmt: skip
+            raise InputError(f"gap = {gap} s must be a time from 0 upwards")
+        step, waves = min(self.dt, second.dt), dict[str, Any]()
+        sizes = [int(each.duration / step + 1e-6) + 1 for each in (self, second)]
+        begin = sizes[0] + round(gap / step)
+        for key in self.components:
+            wave = np.zeros(begin + sizes[1])
+            for each, place, size in zip((self, second), (0, begin), sizes):
+                if (given := each.components[key]) is not None:
+                    part = np.interp(np.arange(size) * step, each.time, given)
+                    wave[place : place + size], waves[key] = part, wave
+        log, about = (*second.log, f"Put {gap:g} s after {self.id}."), {"begins": begin * step}
+        waves |= {"dt": step, "id": f"{self.id}+{second.id}", "log": log}
+        return replace(second, **waves, metadata={**second.metadata, **about})
 
     def __mul__(self, factor: float) -> Motion:
         if not isinstance(factor, float | int | np.number):

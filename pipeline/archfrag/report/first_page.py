@@ -21,7 +21,7 @@ from archfrag.report.inputs import ReportInputs, thetas
 from archfrag.report.limits import short, study_aspects
 from archfrag.report.svg import Entry, Panel, Sheet, figure
 from archfrag.simulation.simulate import Onset
-from archfrag.study.answer.curves import after_shock, arch_classes
+from archfrag.study.answer.curves import arch_classes
 from archfrag.version import __version__
 
 PERIODS = (475.0, 2475.0)  # return periods of building codes [years]
@@ -32,15 +32,13 @@ _MOST, _SMALL = (270.0, 180.0), (270.0, 130.0)  # width and height of an arch, a
 
 def leading(inputs: ReportInputs) -> tuple[str, Curve]:
     """Return the answer that stands first: the weakest class, or arch of none, by its median."""
-    intact = _intact(inputs)
-    theta = thetas(intact.values())
-    return list(intact.items())[int(np.where(np.isnan(theta), np.inf, theta).argmin())]
+    theta = np.where(_shaken(inputs), np.inf, thetas(inputs.quoted.values()))
+    return list(inputs.quoted.items())[int(np.where(np.isnan(theta), np.inf, theta).argmin())]
 
 
-def _intact(inputs: ReportInputs) -> dict[str, Curve]:
-    """Return the answers that hold without a first shock."""
-    return {name: curve for name, curve in inputs.quoted.items()
-            if not after_shock(inputs.fitted.runs[name].cube).any()}  # fmt: skip
+def _shaken(inputs: ReportInputs) -> list[bool]:
+    """Tell which answers hold after a first shock only."""
+    return [inputs.fitted.runs[name].shaken for name in inputs.quoted]
 
 
 def leading_arch(inputs: ReportInputs) -> int:
@@ -116,13 +114,12 @@ def _sentence(inputs: ReportInputs) -> Markup:
 
 def _whose(inputs: ReportInputs, name: str) -> str:
     """Name the arch or the class of an answer in a sentence."""
-    intact, whose = _intact(inputs), name if len(inputs.quoted) > 1 else _noun(inputs)
-    count = len(intact)
+    count, whose = _shaken(inputs).count(False), name if len(inputs.quoted) > 1 else _noun(inputs)
     if name in inputs.classes:
         members = list(arch_classes(inputs.cube).values()).count(name)
         whose = f"an arch drawn from class {name} ({members} arches)"
     kinds = "classes and arches" if inputs.classes else "arches"
-    kinds = "classes" if intact.keys() <= inputs.classes.keys() else kinds
+    kinds = "classes" if len(inputs.quoted) == len(inputs.classes) else kinds
     return whose + f", the weakest of {count} {kinds}," * (count > 1)
 
 

@@ -34,7 +34,7 @@ from archfrag.study.steps import finished, read_timings
 from archfrag.study.validate import logo_url
 
 SUMMARY_FORMAT = "archfrag-summary/2"
-COUNTS = ("runs", "collapsed", "survived", "unfinished", "failed")
+COUNTS = ("runs", "collapsed", "survived", "unfinished", "failed", "collapsed_before")
 _MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
 _MODELLED = {
     "friction", "recess", "joints", "strength", "dead_load", "fill", "piers", "springings", "ties",
@@ -191,7 +191,7 @@ def report_inputs(study: StudyKeys, compared: Path | None = None) -> ReportInput
     given: dict[str, list[Mapping[str, Any]]] = {}
     for member in study.members:
         keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
-        given.setdefault(member.arch_class, []).append(keys)
+        given.setdefault(member.arch_class, []).append(keys | {"shocks": member.shock})
     return ReportInputs(
         cube=cube,
         scale=Scale(intensity.measure, intensity.unit, 1.0 / intensity.factor),
@@ -338,16 +338,10 @@ def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
     return {"reason": None, "without_verdict": lost, "curve": curve, "probability": chance}
 
 
-def told_counts(counts: Mapping[str, IntArray]) -> dict[str, IntArray]:
-    """Return the counts of verdicts that are told; collapses in a first shock if there are any."""
-    before = ("collapsed_before",) * bool(counts["collapsed_before"].any())
-    return {name: counts[name] for name in (*COUNTS, *before)}
-
-
 def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:
     """Return how many runs of an arch have each verdict, and fractions of its collapses."""
     number, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
-    counts = {name: int(count.sum()) for name, count in told_counts(number).items()}
+    counts = {name: int(number[name].sum()) for name in COUNTS}
     counts["not_run"] = verdict.size - counts["runs"]
     landed = (verdict == Verdict.SURVIVED) & np.isfinite(lost)
     counts["lost_contact_and_stand"] = int(landed.sum())

@@ -22,8 +22,7 @@ class Aspect(NamedTuple):
 
 
 def aspects(
-    given: Given, vertical: str = "not used", delay: float | None = None, spanning: bool = True,
-    shocks: bool = False,
+    given: Given, vertical: str = "not used", delay: float | None = None, spanning: bool = True
 ) -> list[Aspect]:
     """Return what is modelled and what is not, each with its sentence.
 
@@ -35,7 +34,6 @@ def aspects(
     others = {
         "always": (), "never": None, "delay": () if delay else None,
         "vertical": None if vertical == "not used" else some,
-        "shocks": () if shocks else None,
         "sliding": () if any(map(_slides, arches)) else None,
     }  # fmt: skip
     result = []
@@ -60,7 +58,6 @@ def study_aspects(inputs: ReportInputs) -> list[Aspect]:
         given, inputs.cube.attrs.get("vertical_component", "not used"),
         inputs.config.get("method", {}).get("delay"),
         not all(arch.free_end for _, arch, _ in inputs.arches),
-        "archfrag_first_shocks" in inputs.cube.attrs,
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from archfrag.motions.measures import LEVEL_UNITS
 from archfrag.report import arch_figure, curve_figures, html, run_figures
 from archfrag.report.film import Example, farthest, film, repeat
 from archfrag.report.html import TEXTS, Picture, digits, heading, measured, paragraph, table
-from archfrag.report.inputs import ArchResults, ReportInputs, Scale, thetas, told_counts
+from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, thetas
 from archfrag.report.limits import base_of
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.simulation.simulate import Onset
@@ -207,8 +207,7 @@ def card(
     lost = answer.undecided(scale.text)
     parts, figures, counts = [html.cautions([*cautions, *filter(None, [lost])])], [], {}
     if results is not None:
-        found = told_counts(results.counts)
-        counts = {name.replace("_", " "): count.sum() for name, count in found.items()}
+        counts = {n.replace("_", " "): results.counts[n].sum() for n in COUNTS}
     if not answer.fitted:
         parts.append(paragraph(f"No fragility curve: {answer.reason}.", "none"))
     else:
@@ -241,7 +240,7 @@ def _levels(results: ArchResults, answer: Curve, percent: str) -> Markup:
         chance = answer.probability(results.levels / results.scale.factor)
     columns = {
         results.scale.label: map(digits, results.levels),
-        **{name.replace("_", " "): count for name, count in told_counts(counts).items()},
+        **{name.replace("_", " "): counts[name] for name in COUNTS[:-1]},
         "records with capacity below" if results.runs.design.adaptive else "fraction":
             [measured(value, ".3f") for value in results.fraction],
         f"Clopper–Pearson {percent}":

@@ -249,8 +249,7 @@ class Ida(Design):
         # Some cells near the borders, any as likely as another: how often do they contradict?
         place, unseen = np.arange(n_level), grid.seen == Verdict.NOT_RUN
         near = (place >= low[:, None] - NEAR) & (place <= high[:, None] + NEAR)
-        before = (grid.seen == Verdict.COLLAPSED_BEFORE).any(axis=1)
-        free, places = np.nonzero(near & unseen & ~before[:, None])
+        free, places = np.nonzero(near & unseen)
         count = n_record if self.checks is None else self.checks
         generator = np.random.default_rng([self.seed, grid.arch])
         chosen = np.sort(generator.permutation(free.size)[:count])

@@ -80,7 +80,7 @@ def build_cube(
     )}  # fmt: skip
     if study.motions.before is not None:
         about["first_shock"] = about["first_shock"]._replace(units=about["intensity"].units)
-        values["first_shock"] = [member.shock for member in plan.arches]
+        values["first_shock"] = [sum(member.shock[:1]) for member in plan.arches]
     if regular:
         scales = plan.unscaled[:, None] * plan.levels**plan.power
         values |= {"intensity": plan.levels, "scale_factor": scales}

@@ -184,8 +184,8 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator
         )
     if before := (verdict == Verdict.COLLAPSED_BEFORE).any(axis=1).sum():
         yield (
-            f"the first shock alone makes it collapse before {before} of {n_record} records, which "
-            "are left out: the curve is that of the arch if it stands after the first shock"
+            f"the first shock alone makes it collapse before {before} of {n_record} records; they "
+            "are left out: the curve is that of the arch if it stands after its first shock"
         )
     if not runs.design.on_levels:
         return

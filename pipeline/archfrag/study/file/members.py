@@ -37,7 +37,7 @@ class Member:
     # What it differs by within its class: numbers drawn, and numbers from a table [SI, degrees].
     values: dict[str, float] = field(default_factory=dict)
     attributes: dict[str, str] = field(default_factory=dict)  # text from a table
-    shock: float = 0.0  # level of the first shock that it is in the study after; 0: none [SI]
+    shock: tuple[float, ...] = ()  # level [SI] of a shock before each record, and gap [s]; or none
 
     @property
     def id(self) -> str:
@@ -53,10 +53,8 @@ class Member:
             digest.update(f"{name} {array.shape} ".encode() + array.tobytes())
         return digest.hexdigest()
 
-
-    def after(self, level: str, shock: float) -> "Member":
-        """Return the arch after a first shock, its level also as text: of another class."""
-        end = f"-after-{level}"
+    def after(self, end: str, shock: tuple[float, ...]) -> "Member":
+        """Return the arch after a first shock, with an end of its name and that of its class."""
         entry = self.entry.model_copy(update={"id": self.id + end})
         return replace(self, entry=entry, arch_class=self.arch_class + end, shock=shock)
 
@@ -81,16 +79,14 @@ def shown(theta: Sequence[float]) -> list[int]:
     return sorted({int(known[0]), int(known[len(known) // 2]), int(known[-1])})
 
 
-def expand(entries: Sequence[ArchEntry], shocks: Mapping[str, float] | None = None) -> Members:
-    """List all arches of the entries of a study file, and each after `shocks`: levels [SI] by
-    their texts.
+def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
+    """List all arches of the entries of a study file, and these after shocks as `Member.after`.
 
     InputError if a table or drawing cannot be used, two arches have the same id, or there are too
     many.
     """
     found: list[Member] = []
     seen: dict[str, str] = {}
-    shocks = {} if shocks is None else shocks
     for i, entry in enumerate(entries):
         where = f"arches[{i}] ({entry.id})"
         bases = list(_listed(entry, where))
@@ -99,7 +95,7 @@ def expand(entries: Sequence[ArchEntry], shocks: Mapping[str, float] | None = No
             most = f"a study must have at most {MOST_MEMBERS}"
             raise InputError(f"{where}: makes {count} arches with those before it; {most}")
         new = [member for base in bases for member in _drawn(base)]
-        new += [member.after(*shock) for shock in shocks.items() for member in new]
+        new += [member.after(*shock) for shock in shocks for member in new]
         names = dict.fromkeys((entry.id, *(member.arch_class for member in new)))
         for name in (*names, *(member.id for member in new if member.id != member.arch_class)):
             if name in seen:

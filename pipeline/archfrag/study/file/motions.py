@@ -2,9 +2,9 @@
 
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, create_model, model_validator
+from pydantic import BeforeValidator, Field, create_model
 
 from archfrag.motions.calibrate import Acceptable
 from archfrag.study.keys import PathText, Section, refuse
@@ -73,29 +73,24 @@ class FileSet(Section):
 
 
 class FirstShocks(Section):
-    """First shocks: each arch is shaken by another motion before the record, and comes to rest."""
+    """Motions that shake each arch before its record, after which it comes to rest."""
+
+    kind_key, common = "records", ("levels", "gap")
+    kinds: ClassVar = {"index": (("index",), ("records",)), "records": (("records",), ())}
 
     records: Annotated[list[str], Field(min_length=1)] | None = None
-    """Ids of the motions that come first, in this order: of the study's records, or of the index;
-    all of the index if not given. The record with number i follows the first motion with number i,
-    and if there are fewer of them, they begin again."""
+    """Ids of the study's records, or of the index, that come first; all of the index if not given.
+    Before the n-th record comes the n-th of them; if they are fewer, they begin again."""
     index: PathText | None = None
-    """Index (CSV) of the motions that come first, processed as the records are; if not given,
-    they are records of the study."""
+    """Index (CSV) of other motions that come first, processed as the records are."""
     levels: Annotated[
-        list[Annotated[float, Field(ge=0.0, le=1e6)]], Field(min_length=1, max_length=100),
-        BeforeValidator(lambda given: [given] if isinstance(given, int | float) else given),
-    ]  # fmt: skip
-    """Level of the first shocks or a list of levels, in the measure and unit of `intensity`. Each
-    arch is in the study intact, and after each level but 0 as an arch ID-after-LEVEL."""
+        Annotated[list[Annotated[float, Field(ge=0.0, le=1e6)]], Field(min_length=1)],
+        BeforeValidator(lambda given: given if isinstance(given, list) else [given]),
+    ]
+    """Level of the first shocks or a list of levels, in the study's measure and unit. Besides the
+    intact arch ID the study then has an arch ID-after-LEVEL for each of them but 0."""
     gap: Annotated[float, Field(ge=0.0, le=3600.0)] = 20.0
-    """Time without acceleration between both motions, in which the arch comes to rest [s]."""
-
-    @model_validator(mode="after")
-    def _named(self) -> Self:
-        if self.records is None and self.index is None:
-            raise refuse("needs records or index: which motions come first")
-        return self
+    """Time without acceleration between both motions [s]."""
 
 
 class Motions(Section):
@@ -118,14 +113,14 @@ class Motions(Section):
     processing: Annotated[list[_Step], Field(max_length=50)] = Field(default_factory=list)
     """Steps applied to each record before it is measured and scaled, in this order."""
     before: FirstShocks | None = None
-    """Motions that shake each arch before its record, for shocks one after another."""
+    """First shocks: motions that shake each arch before its record."""
 
     @property
     def first(self) -> "Motions | None":
-        """What is asked for first shocks that have an index of their own; None without one."""
-        index = self.before and self.before.index
-        changed = {"index": index, "select": None, "files": [], "both_senses": False}
-        return self.model_copy(update=changed) if index else None
+        """What is asked for first shocks with an index of their own; None without one."""
+        if self.before is None or self.before.index is None:
+            return None
+        return Motions(index=self.before.index, vertical=self.vertical, processing=self.processing)
 
     @property
     def steps(self) -> list[tuple[str, dict[str, Any]]]:

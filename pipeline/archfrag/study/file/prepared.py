@@ -136,7 +136,7 @@ def read_manifest(study: StudyKeys) -> dict[str, Any]:
     """Return the manifest that `prepare_motions` wrote: key, inputs, records and first shocks."""
     path = study.work / MANIFEST
     try:
-        stored = provenance.read_json(path)
+        stored = {"first": (), **provenance.read_json(path)}
         lists = {name: [PreparedRecord(**record) for record in stored[name]]
                  for name in ("records", "first")}  # fmt: skip
         return {"key": stored["key"], "inputs": dict(stored["inputs"]), **lists}
@@ -147,9 +147,7 @@ def read_manifest(study: StudyKeys) -> dict[str, Any]:
 
 
 def load_prepared(study: StudyKeys, name: str = "records") -> list[PreparedRecord]:
-    """Return the stored records, or the "first" shocks; InputError if they are not those of the
-    study, or damaged.
-    """
+    """Return the stored records or "first" shocks; InputError if other ones, or damaged."""
     manifest = read_manifest(study)
     if manifest["key"] != motions_key(study):
         other = "other records or another measure than the study now has"

@@ -235,9 +235,9 @@ class StudyKeys(Section):
         arches, before = self.arches, self.motions.before
         known, shaken, _ = self._expanded
         if known is not arches or shaken is not before:  # not yet, or this is a changed copy
-            levels = () if before is None else before.levels
-            shocks = {f"{level:.12g}": level * self.intensity.factor for level in levels if level}
-            self._expanded = arches, before, expand(arches, shocks)
+            ends = [(f"-after-{level:.12g}", (level * self.intensity.factor, before.gap))
+                    for level in before.levels if level] if before else ()  # fmt: skip
+            self._expanded = arches, before, expand(arches, ends)
         return self._expanded[2]
 
 

@@ -95,8 +95,8 @@ def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
     records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
     folders = list(dict.fromkeys(path.parent for path in records))
     indices = [place / index.INDEX_NAME for folder in folders for place in (folder, folder.parent)]
-    tables = [each.index for each in asked if each.index is not None]
-    indices[:0] = [Path(t, index.INDEX_NAME if os.path.isdir(t) else "") for t in tables]
+    lists = [each.index for each in asked if each.index is not None]
+    indices[:0] = (Path(path, index.INDEX_NAME * os.path.isdir(path)) for path in lists)
     names = {name for path in records for name in (path.stem, path.name)}
     inventories = [Path(p) for s in sources if (p := s.options.get("inventory")) is not None]
     for folder in folders:
@@ -106,30 +106,22 @@ def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
     return {"record": records, "index": indices, "inventory": inventories}
 
 
-def check_known(
-    selected: Iterable[str], ids: Sequence[str], key: str = "select", of: str = "study"
-) -> None:
+def check_known(selected: Iterable[str], ids: Sequence[str], key: str = "motions.select") -> None:
     """Raise InputError for the first selected record that does not exist."""
     for name in selected:
         if name not in ids:
-            hint = meant(name, ids) or f"the {of} has {', '.join(ids)}"
-            raise InputError(f"motions.{key}: {name!r} is not a record of the {of}; {hint}")
+            hint = meant(name, ids) or f"the study has {', '.join(ids)}"
+            raise InputError(f"{key}: {name!r} is not a record of the study; {hint}")
 
 
-def first_shocks(
-    asked: Motions, records: Sequence[Any], make: Callable[[Motions], list[Any]]
-) -> list[Any]:
-    """Return the motions that come first, of the study's `records` or made from an index.
-
-    InputError if one of them is not there. Each has an `id`.
-    """
-    before, first = asked.before, asked.first
-    if before is None:
+def first_shocks(asked: Motions, records: Sequence[Any], make: Callable[[Motions], Any]) -> Any:
+    """Return the motions that come first: of `records`, or what `make` makes of their index."""
+    if asked.before is None:
         return []
-    known: dict[str, Any] = {each.id: each for each in (records if first is None else make(first))}
-    of = "study" if first is None else "index"
-    check_known(before.records or (), list(known), "before.records", of)
-    return [known[name] for name in before.records or known]
+    known = {each.id: each for each in (make(asked.first) if asked.first else records)}
+    names = asked.before.records or [*known]
+    check_known(names, [*known], "motions.before.records")
+    return [known[name] for name in names]
 
 
 def _matching(text: str) -> list[Path]:

@@ -49,7 +49,7 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
         same = _identity() == plan.identity
     if not same:
         raise WorkerError(f"a worker on {socket.gethostname()} runs {describe_code()}")
-    runs = zip(*(cases[name].tolist() for name in ("arch", "record")), plan.factors(cases).tolist())
+    runs = zip(cases["arch"].tolist(), cases["record"].tolist(), plan.factors(cases).tolist())
     motions, factors, begins = zip(*(plan.ground(*run) for run in runs))
     method = plan.study.method
     options = method.model_dump(exclude={"name", "delay"})
