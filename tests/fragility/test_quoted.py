@@ -36,10 +36,10 @@ FEW = np.array([0.2, 0.3, 0.4, 0.5, 0.7])
 
 
 def test_each_verdict_at_each_level():
-    counts = count_verdicts([[0, 1, 4], [0, 2, 4], [1, 3, 1]])
+    counts = count_verdicts([[0, 1, 4], [0, 2, 4], [1, 3, 1], [5, 4, 4]])
     assert {name: each.tolist() for name, each in counts.items()} == {
         "survived": [2, 0, 0], "collapsed": [1, 1, 1], "unfinished": [0, 1, 0],
-        "failed": [0, 1, 0], "n": [3, 1, 1], "runs": [3, 3, 1],
+        "failed": [0, 1, 0], "collapsed_before": [1, 0, 0], "n": [3, 1, 1], "runs": [4, 3, 1],
         "fraction": [1 / 3, 1.0, 1.0],
     }  # fmt: skip
 

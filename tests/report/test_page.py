@@ -403,7 +403,7 @@ class TestWords:
         given, _, _ = full
         shown = curve_figures.all_curves(given, given.answers, given.classes).caption
         assert "Bold: an arch drawn at random from class both." in shown
-        two = {"both": given.classes["both"], "other": given.classes["both"]}
+        two = {"both": given.classes["both"], "thick": given.classes["both"]}
         shown = curve_figures.all_curves(given, given.answers, two).caption
         assert shown.count("Shaded") == 1
         assert not shown.startswith("Lognormal")

@@ -26,6 +26,7 @@ class Verdict(IntEnum):
     UNFINISHED = 2  # the arch still moved at the end
     FAILED = 3  # no method solved it
     NOT_RUN = 4  # the design of the study asked for no such run
+    COLLAPSED_BEFORE = 5  # in a first shock, before the record began
 
 
 DECIDED = (Verdict.SURVIVED, Verdict.COLLAPSED)

@@ -134,6 +134,41 @@ class Motion:
             raise InputError(f"{name}: scale factor {factor} must be a finite number")
         return self.changed(lambda samples: samples * factor, f"Multiplied by {factor:.9g}.")
 
+    def then(self, second: Motion, gap: float = 20.0) -> Motion:
+        """Return one motion: this one, time without acceleration for an arch to rest, and another.
+
+        Its time step is the smaller one; samples at the other one are interpolated linearly, as in
+        a simulation. ``metadata["begins"]`` tells when the second motion begins [s].
+
+        Parameters
+        ----------
+        second : Motion
+        gap : float
+            Time without acceleration [s]; InputError if it is negative.
+
+        Examples
+        --------
+        >>> import numpy as np, archfrag as af
+        >>> first, second = (af.Motion(np.ones(6), dt, id=f"by{dt}") for dt in (0.02, 0.01))
+        >>> both = first.then(second, gap=0.1)
+        >>> both, both.metadata["begins"]
+        (<Motion by0.02+by0.01: PGA 0.102 g, 0.26 s at 0.01 s, horizontal>, 0.21)
+        """
+        if not 0.0 <= gap < np.inf:
+            raise InputError(f"gap = {gap} s must be a time from 0 upwards")
+        step, waves = min(self.dt, second.dt), dict[str, Any]()
+        sizes = [int(each.duration / step + 1e-6) + 1 for each in (self, second)]
+        begin = sizes[0] + round(gap / step)
+        for key in self.components:
+            wave = np.zeros(begin + sizes[1])
+            for each, place, size in zip((self, second), (0, begin), sizes):
+                if (given := each.components[key]) is not None:
+                    part = np.interp(np.arange(size) * step, each.time, given)
+                    wave[place : place + size], waves[key] = part, wave
+        log, about = (*second.log, f"Put {gap:g} s after {self.id}."), {"begins": begin * step}
+        waves |= {"dt": step, "id": f"{self.id}+{second.id}", "log": log}
+        return replace(second, **waves, metadata={**second.metadata, **about})
+
     def __mul__(self, factor: float) -> Motion:
         if not isinstance(factor, float | int | np.number):
             return NotImplemented

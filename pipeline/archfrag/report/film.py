@@ -104,6 +104,9 @@ def repeat(inputs: ReportInputs, place: int, chosen: Chosen | None) -> Example |
     method["far"] = method.pop("delay", None)
     motion = next(m for m in inputs.motions if m.id == results.records[record])
     factor = float(results["scale_factor"][record, level])
+    if inputs.plan is not None:
+        number = [member.id for member in inputs.plan.arches].index(name)
+        motion, factor, _ = inputs.plan.ground(number, record, factor)
     status, steps, time = (results[k][record, level] for k in ("status", "steps", "collapse_time"))
     # `auto` may take a history by events; the study's verdict came by steps.
     for tried in (kind, "time_stepping"):

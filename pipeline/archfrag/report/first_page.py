@@ -32,8 +32,13 @@ _MOST, _SMALL = (270.0, 180.0), (270.0, 130.0)  # width and height of an arch, a
 
 def leading(inputs: ReportInputs) -> tuple[str, Curve]:
     """Return the answer that stands first: the weakest class, or arch of none, by its median."""
-    theta = thetas(inputs.quoted.values())
+    theta = np.where(_shaken(inputs), np.inf, thetas(inputs.quoted.values()))
     return list(inputs.quoted.items())[int(np.where(np.isnan(theta), np.inf, theta).argmin())]
+
+
+def _shaken(inputs: ReportInputs) -> list[bool]:
+    """Tell which answers hold after a first shock only."""
+    return [inputs.fitted.runs[name].shaken for name in inputs.quoted]
 
 
 def leading_arch(inputs: ReportInputs) -> int:
@@ -109,12 +114,12 @@ def _sentence(inputs: ReportInputs) -> Markup:
 
 def _whose(inputs: ReportInputs, name: str) -> str:
     """Name the arch or the class of an answer in a sentence."""
-    count, whose = len(inputs.quoted), name if len(inputs.quoted) > 1 else _noun(inputs)
+    count, whose = _shaken(inputs).count(False), name if len(inputs.quoted) > 1 else _noun(inputs)
     if name in inputs.classes:
         members = list(arch_classes(inputs.cube).values()).count(name)
         whose = f"an arch drawn from class {name} ({members} arches)"
     kinds = "classes and arches" if inputs.classes else "arches"
-    kinds = "classes" if count == len(inputs.classes) else kinds
+    kinds = "classes" if len(inputs.quoted) == len(inputs.classes) else kinds
     return whose + f", the weakest of {count} {kinds}," * (count > 1)
 
 

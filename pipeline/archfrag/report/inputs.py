@@ -27,14 +27,14 @@ from archfrag.study.answer.curves import Fitted, Runs, arch_classes
 from archfrag.study.answer.fits import cautions_of
 from archfrag.study.answer.rates import StudyRisk, risk_of_study
 from archfrag.study.file.members import shown
-from archfrag.study.file.prepared import load_prepared, load_record
 from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.provenance import finite
+from archfrag.study.runs.store import Plan, make_plan
 from archfrag.study.steps import finished, read_timings
 from archfrag.study.validate import logo_url
 
 SUMMARY_FORMAT = "archfrag-summary/2"
-COUNTS = ("runs", "collapsed", "survived", "unfinished", "failed")
+COUNTS = ("runs", "collapsed", "survived", "unfinished", "failed", "collapsed_before")
 _MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
 _MODELLED = {
     "friction", "recess", "joints", "strength", "dead_load", "fill", "piers", "springings", "ties",
@@ -122,6 +122,7 @@ class ReportInputs:
     target: tuple[FloatArray, Mapping[str, float]] | None = None
     #: Keys of all arches that say what is modelled, by name of arch or class.
     given: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+    plan: Plan | None = None  #: of the runs, for motions that first shocks precede
     #: Project, client and author, and a picture as a data URL, as far as they are given.
     about: Mapping[str, str] = field(default_factory=dict)
 
@@ -183,18 +184,19 @@ def report_inputs(study: StudyKeys, compared: Path | None = None) -> ReportInput
     """
     fitted = finished(study)
     answers, cube = fitted.arches, fitted.cube
-    prepared, intensity = load_prepared(study), study.intensity
+    plan, intensity = make_plan(study), study.intensity
     entries = {member.id: member.entry for member in study.members}
     names = [list(answers)[i] for i in shown(thetas(answers.values()).tolist())]
     arches = {name: entries[name].build() for name in names}
     given: dict[str, list[Mapping[str, Any]]] = {}
     for member in study.members:
         keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
-        given.setdefault(member.arch_class, []).append(keys)
+        given.setdefault(member.arch_class, []).append(keys | {"shocks": member.shock})
     return ReportInputs(
         cube=cube,
         scale=Scale(intensity.measure, intensity.unit, 1.0 / intensity.factor),
-        motions=[load_record(study.work, record) for record in prepared],
+        motions=[plan.motion(record) for record in range(len(plan.records))],
+        plan=plan,
         arches=[(name, arch, onset(arch)) for name, arch in arches.items()],
         answers=answers,
         classes=fitted.classes,

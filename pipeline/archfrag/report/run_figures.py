@@ -22,6 +22,7 @@ VERDICTS = {
     Verdict.COLLAPSED: Entry("collapsed", svg.VERMILION),
     Verdict.UNFINISHED: Entry("unfinished", "#d9b310", "slash"),
     Verdict.FAILED: Entry("failed", svg.INK),
+    Verdict.COLLAPSED_BEFORE: Entry("collapsed in the first shock", svg.ORANGE, "dots"),
 }
 MODES = (  # by code of `CollapseMode`
     Entry("mode not known", svg.GREY), Entry("hinging", svg.BLUE),

@@ -240,7 +240,7 @@ def levels_table(results: ArchResults, answer: Curve, percent: str) -> Markup:
         chance = answer.probability(results.levels / results.scale.factor)
     columns = {
         results.scale.label: map(digits, results.levels),
-        **{name.replace("_", " "): counts[name] for name in COUNTS},
+        **{name.replace("_", " "): counts[name] for name in COUNTS[:-1]},
         "records with capacity below" if results.runs.design.adaptive else "fraction":
             [measured(value, ".3f") for value in results.fraction],
         f"Clopper–Pearson {percent}":

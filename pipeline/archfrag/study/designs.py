@@ -319,6 +319,7 @@ def search(
         collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.SURVIVED
         high[left[collapsed]] = places[collapsed]
         low[left[survived]] = places[survived]
+        left = left[verdicts != Verdict.COLLAPSED_BEFORE]  # as it would at any level
 
 
 def expected_borders(levels: FloatArray, low: IntArray, high: IntArray) -> FloatArray:

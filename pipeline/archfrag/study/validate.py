@@ -27,7 +27,7 @@ from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import Members, check_standing, checked
 from archfrag.study.file.prepared import PreparedRecord, described
 from archfrag.study.file.schema import StudyKeys, study_schema
-from archfrag.study.file.sources import VERTICAL_LEFT, find_sources, read_sources
+from archfrag.study.file.sources import VERTICAL_LEFT, find_sources, first_shocks, read_sources
 from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import OWNER, PACKAGE, read_state, refuse_foreign_cube
 
@@ -138,7 +138,8 @@ def arch_texts(study: StudyKeys) -> tuple[str, ...]:
     """Return the weights, forces and places of the first arches of a study, of a class those of
     its first.
     """
-    first = {member.arch_class: member for member in reversed(study.members)}
+    first = {member.arch_class: member for member in reversed(study.members)
+             if not member.shock}  # fmt: skip
     some = list(reversed(first.values()))[:MOST_ASKED]
     arches = {member.id: member.entry.build() for member in some}
     return tuple(
@@ -243,6 +244,9 @@ def _read_records(study: StudyKeys, records: list[PreparedRecord], partners: lis
             partners.append(f"{about['file']} with {used}")
         if motion.vertical is None and (about["file"] in partnered or VERTICAL_LEFT in motion.log):
             unused.add(records[-1].id)
+    first_shocks(study.motions, records, lambda asked: [
+        described(study, motion, ()) for motion in read_sources(asked, study.intensity.measure)
+    ])  # fmt: skip
     if unused:
         what = "have a vertical component that is not used; motions.vertical: true uses it"
         partners.append(f"{len(unused)} of {counted(len(records), 'record')} {what}")

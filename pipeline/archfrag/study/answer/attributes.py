@@ -29,6 +29,8 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
         "processing": [{"step": name, "settings": given} for name, given in study.motions.steps],
         "versions": provenance.versions(),
     }  # fmt: skip
+    if before := study.motions.before:
+        facts["first_shocks"] = {"gap": before.gap, "records": [each.id for each in plan.first]}
     count, of = sum(record.vertical for record in plan.records), len(plan.records)
     some = f"used for {count} of {of} records"
     counts = f"{counted(len(plan.arches), 'arch')} under {counted(of, 'record')}"

@@ -78,6 +78,9 @@ def build_cube(
     about = VARIABLES | {"intensity": VARIABLES["intensity"]._replace(
         units=_UDUNITS[measure_unit(measure)], long_name=f"{measure} of the scaled record"
     )}  # fmt: skip
+    if study.motions.before is not None:
+        about["first_shock"] = about["first_shock"]._replace(units=about["intensity"].units)
+        values["first_shock"] = [sum(member.shock[:1]) for member in plan.arches]
     if regular:
         scales = plan.unscaled[:, None] * plan.levels**plan.power
         values |= {"intensity": plan.levels, "scale_factor": scales}

@@ -60,6 +60,11 @@ class Runs:
         return find_brackets(self.verdict, self.level)
 
     @property
+    def shaken(self) -> bool:
+        """Whether the arches were in a first shock before each record."""
+        return "first_shock" in self.cube and bool(self.cube["first_shock"].any())
+
+    @property
     def filled(self) -> NDArray[np.int64]:
         """Verdicts; of an adaptive design with those that the capacities imply."""
         return self.brackets.filled if self.design.adaptive else self.verdict
@@ -68,12 +73,12 @@ class Runs:
         """Return the least levels at which the arches can move [SI], 0 if they are not known.
 
         There is one for each part of the curve. They are known in PGA, if the mechanism at onset
-        does not slide: else its onset is an upper bound.
+        does not slide, else its onset is an upper bound, and no shock came first.
         """
         if "static_limit" not in self.cube:  # runs of another program
             return np.zeros(() if curve.members is None else len(self.arches))
         known = np.isfinite(self.cube["static_limit"].values)
-        known &= str(self.cube["intensity"].attrs["measure"]) == "PGA"
+        known &= str(self.cube["intensity"].attrs["measure"]) == "PGA" and not self.shaken
         least = np.where(known, _onset_peaks(self.cube), 0.0)
         return least if curve.members is not None else np.asarray(least.min())
 
@@ -308,6 +313,8 @@ def _damage_of_table(cube: xr.Dataset) -> dict[str, tuple[str, Any]]:
 
 def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], confidence: float) -> Curve:
     """Return the curve of runs that exceed a limit state, or the reason why there is none."""
+    if runs.shaken:
+        return Curve(reason="its measure is of the first shock too, so it has no curve after one")
     if runs.design.adaptive:
         # Measured: theta 9 to 34 % too low at 0.6 to 0.8 of that of collapse.
         kind = runs.design.kind

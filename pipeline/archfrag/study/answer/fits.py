@@ -190,7 +190,7 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator
     """Yield messages on the runs of an arch, at levels as they are `named`."""
     verdict, levels, n_record = runs.verdict, runs.level, len(runs.verdict)
     counts = count_verdicts(verdict)
-    lost = counts["runs"] - counts["n"]
+    lost = counts["unfinished"] + counts["failed"]
     fraction = lost / np.maximum(counts["runs"], 1)
     if many := np.count_nonzero(fraction > MOST_UNDECIDED):
         worst = int(fraction.argmax())
@@ -199,6 +199,11 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator
             f"of {len(named)} levels (most: {lost[worst]} of {counts['runs'][worst]} at "
             f"{named[worst]}); they count neither as collapse nor as survival, so the curve may "
             "be wrong by more than its band"
+        )
+    if before := (verdict == Verdict.COLLAPSED_BEFORE).any(axis=1).sum():
+        yield (
+            f"the first shock alone makes it collapse before {before} of {n_record} records; they "
+            "are left out: the curve is that of the arch if it stands after its first shock"
         )
     if not runs.design.on_levels:
         return

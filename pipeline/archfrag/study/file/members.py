@@ -37,6 +37,7 @@ class Member:
     # What it differs by within its class: numbers drawn, and numbers from a table [SI, degrees].
     values: dict[str, float] = field(default_factory=dict)
     attributes: dict[str, str] = field(default_factory=dict)  # text from a table
+    shock: tuple[float, ...] = ()  # level [SI] of a shock before each record, and gap [s]; or none
 
     @property
     def id(self) -> str:
@@ -51,6 +52,11 @@ class Member:
             array = np.ascontiguousarray(value, "<f8")
             digest.update(f"{name} {array.shape} ".encode() + array.tobytes())
         return digest.hexdigest()
+
+    def after(self, end: str, shock: tuple[float, ...]) -> "Member":
+        """Return the arch after a first shock, with an end of its name and that of its class."""
+        entry = self.entry.model_copy(update={"id": self.id + end})
+        return replace(self, entry=entry, arch_class=self.arch_class + end, shock=shock)
 
 
 Members = tuple[Member, ...]  # in the order of the study's entries
@@ -73,8 +79,8 @@ def shown(theta: Sequence[float]) -> list[int]:
     return sorted({int(known[0]), int(known[len(known) // 2]), int(known[-1])})
 
 
-def expand(entries: Sequence[ArchEntry]) -> Members:
-    """List all arches of the entries of a study file.
+def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
+    """List all arches of the entries of a study file, and these after shocks as `Member.after`.
 
     InputError if a table or drawing cannot be used, two arches have the same id, or there are too
     many.
@@ -85,11 +91,13 @@ def expand(entries: Sequence[ArchEntry]) -> Members:
         where = f"arches[{i}] ({entry.id})"
         bases = list(_listed(entry, where))
         each = 1 if entry.vary is None else entry.vary.samples
-        if (count := len(found) + each * len(bases)) > MOST_MEMBERS:
+        if (count := len(found) + each * len(bases) * (1 + len(shocks))) > MOST_MEMBERS:
             most = f"a study must have at most {MOST_MEMBERS}"
             raise InputError(f"{where}: makes {count} arches with those before it; {most}")
         new = [member for base in bases for member in _drawn(base)]
-        for name in dict.fromkeys((entry.id, *(member.id for member in new))):
+        new += [member.after(*shock) for shock in shocks for member in new]
+        names = dict.fromkeys((entry.id, *(member.arch_class for member in new)))
+        for name in (*names, *(member.id for member in new if member.id != member.arch_class)):
             if name in seen:
                 raise InputError(f"{where}: the id {name!r} already belongs to {seen[name]}")
             seen[name] = where

@@ -2,7 +2,7 @@
 
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, create_model
 
@@ -72,6 +72,27 @@ class FileSet(Section):
     header (its peak is off by a tenth, or it contradicts the unit or the channel code)."""
 
 
+class FirstShocks(Section):
+    """Motions that shake each arch before its record, after which it comes to rest."""
+
+    kind_key, common = "records", ("levels", "gap")
+    kinds: ClassVar = {"index": (("index",), ("records",)), "records": (("records",), ())}
+
+    records: Annotated[list[str], Field(min_length=1)] | None = None
+    """Ids of the study's records, or of the index, that come first; all of the index if not given.
+    Before the n-th record comes the n-th of them; if they are fewer, they begin again."""
+    index: PathText | None = None
+    """Index (CSV) of other motions that come first, processed as the records are."""
+    levels: Annotated[
+        Annotated[list[Annotated[float, Field(ge=0.0, le=1e6)]], Field(min_length=1)],
+        BeforeValidator(lambda given: given if isinstance(given, list) else [given]),
+    ]
+    """Level of the first shocks or a list of levels, in the study's measure and unit. Besides the
+    intact arch ID the study then has an arch ID-after-LEVEL for each of them but 0."""
+    gap: Annotated[float, Field(ge=0.0, le=3600.0)] = 20.0
+    """Time without acceleration between both motions [s]."""
+
+
 class Motions(Section):
     """The ground motions of the study."""
 
@@ -91,6 +112,15 @@ class Motions(Section):
     that its sense does not decide. Both belong to one earthquake; the vertical stays as it is."""
     processing: Annotated[list[_Step], Field(max_length=50)] = Field(default_factory=list)
     """Steps applied to each record before it is measured and scaled, in this order."""
+    before: FirstShocks | None = None
+    """First shocks: motions that shake each arch before its record."""
+
+    @property
+    def first(self) -> "Motions | None":
+        """What is asked for first shocks with an index of their own; None without one."""
+        if self.before is None or self.before.index is None:
+            return None
+        return Motions(index=self.before.index, vertical=self.vertical, processing=self.processing)
 
     @property
     def steps(self) -> list[tuple[str, dict[str, Any]]]:

@@ -4,6 +4,7 @@ import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from archfrag.motions.measures import measure, sample_cautions, scale_factor
 from archfrag.motions.motion import REVERSED, Motion, load_stored, store
 from archfrag.motions.partners import earthquakes, recording_of
 from archfrag.study import provenance
+from archfrag.study.file.motions import Motions
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.yaml_text import relative
 
@@ -99,9 +101,23 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
 
     New motions count when the manifest is written, which is last; until then the old ones do.
     """
-    inputs, records, facts = study_inputs(study), list[PreparedRecord](), list[dict[str, Any]]()
-    folder = make_folder(study.work / FOLDER)
-    for motion in _sources().read_sources(study.motions, study.intensity.measure):
+    inputs, folder = study_inputs(study), make_folder(study.work / FOLDER)
+    records = _stored(study, study.motions)
+    first = _sources().first_shocks(study.motions, records, partial(_stored, study))
+    manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,
+                "records": [asdict(record) for record in records],
+                "first": [asdict(record) for record in first]}  # fmt: skip
+    provenance.write_text(study.work / MANIFEST, provenance.canonical_json(manifest) + "\n")
+    kept = {study.work / record.file for record in (*records, *first)}
+    for path in set(folder.glob("*.npz")) - kept:
+        path.unlink()
+    return records
+
+
+def _stored(study: StudyKeys, asked: Motions) -> list[PreparedRecord]:
+    """Store the motions that are asked for, and return them."""
+    records, facts, folder = list[PreparedRecord](), list[dict[str, Any]](), study.work / FOLDER
+    for motion in _sources().read_sources(asked, study.intensity.measure):
         record = described(study, motion)
         store(folder / "new.npz", motion)
         prepared = sha256_of(folder / "new.npz")
@@ -109,40 +125,36 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
         facts.append(recording_of(motion))
         os.replace(folder / "new.npz", study.work / records[-1].file)
     records = [replace(record, event=name) for record, name in zip(records, earthquakes(facts))]
-    if (select := study.motions.select) is not None:
-        ends = ["", REVERSED][: 1 + study.motions.both_senses]
+    if (select := asked.select) is not None:
+        ends = ["", REVERSED][: 1 + asked.both_senses]
         order = [name + end for name in select for end in ends]
         records.sort(key=lambda record: order.index(record.id))
-    manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,
-                "records": [asdict(record) for record in records]}  # fmt: skip
-    provenance.write_text(study.work / MANIFEST, provenance.canonical_json(manifest) + "\n")
-    for path in set(folder.glob("*.npz")) - {study.work / record.file for record in records}:
-        path.unlink()
     return records
 
 
 def read_manifest(study: StudyKeys) -> dict[str, Any]:
-    """Return the manifest that `prepare_motions` wrote: key, inputs and `PreparedRecord`s."""
+    """Return the manifest that `prepare_motions` wrote: key, inputs, records and first shocks."""
     path = study.work / MANIFEST
     try:
-        stored = provenance.read_json(path)
-        records = [PreparedRecord(**record) for record in stored["records"]]
-        return {"key": stored["key"], "inputs": dict(stored["inputs"]), "records": records}
+        stored = {"first": (), **provenance.read_json(path)}
+        lists = {name: [PreparedRecord(**record) for record in stored[name]]
+                 for name in ("records", "first")}  # fmt: skip
+        return {"key": stored["key"], "inputs": dict(stored["inputs"]), **lists}
     except FileNotFoundError:
         raise InputError(f"{path}: the motions are not prepared yet; {_AGAIN}") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: is damaged ({error}); {_AGAIN}") from None
 
 
-def load_prepared(study: StudyKeys) -> list[PreparedRecord]:
-    """Return the stored records; InputError if they are not those of the study, or damaged."""
+def load_prepared(study: StudyKeys, name: str = "records") -> list[PreparedRecord]:
+    """Return the stored records or "first" shocks; InputError if other ones, or damaged."""
     manifest = read_manifest(study)
     if manifest["key"] != motions_key(study):
         other = "other records or another measure than the study now has"
         raise InputError(f"{study.work / MANIFEST}: was made for {other}; {_AGAIN}")
-    for record in manifest["records"]:
+    for record in manifest[name]:
         _check_stored(study.work, record)
-    return list(manifest["records"])
+    return list(manifest[name])
 
 
 def load_record(work: Path, record: PreparedRecord) -> Motion:

@@ -217,7 +217,7 @@ class StudyKeys(Section):
                 raise refuse(f"face {rule}", f"arches[{place}].joints.model")
         return self
 
-    _expanded: tuple[Any, Members] = (None, ())
+    _expanded: tuple[Any, Any, Members] = (None, None, ())
 
     @property
     def folder(self) -> Path:
@@ -232,9 +232,13 @@ class StudyKeys(Section):
     @property
     def members(self) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
-        if self._expanded[0] is not self.arches:  # not yet, or of the study that this is a copy of
-            self._expanded = self.arches, expand(self.arches)
-        return self._expanded[1]
+        arches, before = self.arches, self.motions.before
+        known, shaken, _ = self._expanded
+        if known is not arches or shaken is not before:  # not yet, or this is a changed copy
+            ends = [(f"-after-{level:.12g}", (level * self.intensity.factor, before.gap))
+                    for level in before.levels if level] if before else ()  # fmt: skip
+            self._expanded = arches, before, expand(arches, ends)
+        return self._expanded[2]
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> StudyKeys:

@@ -5,7 +5,7 @@ import glob
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -90,12 +90,13 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
 
 def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
     """Return the files, by kind, that the motions follow from, or would if they appeared."""
-    sources, table = find_sources(study.motions, study.intensity.measure), study.motions.index
+    asked = [each for each in (study.motions, study.motions.first) if each is not None]
+    sources = [s for each in asked for s in find_sources(each, study.intensity.measure)]
     records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
     folders = list(dict.fromkeys(path.parent for path in records))
     indices = [place / index.INDEX_NAME for folder in folders for place in (folder, folder.parent)]
-    if table is not None:
-        indices.insert(0, Path(table, index.INDEX_NAME if os.path.isdir(table) else ""))
+    lists = [each.index for each in asked if each.index is not None]
+    indices[:0] = (Path(path, index.INDEX_NAME * os.path.isdir(path)) for path in lists)
     names = {name for path in records for name in (path.stem, path.name)}
     inventories = [Path(p) for s in sources if (p := s.options.get("inventory")) is not None]
     for folder in folders:
@@ -105,12 +106,22 @@ def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
     return {"record": records, "index": indices, "inventory": inventories}
 
 
-def check_known(selected: Iterable[str], ids: Sequence[str]) -> None:
+def check_known(selected: Iterable[str], ids: Sequence[str], key: str = "motions.select") -> None:
     """Raise InputError for the first selected record that does not exist."""
     for name in selected:
         if name not in ids:
             hint = meant(name, ids) or f"the study has {', '.join(ids)}"
-            raise InputError(f"motions.select: {name!r} is not a record of the study; {hint}")
+            raise InputError(f"{key}: {name!r} is not a record of the study; {hint}")
+
+
+def first_shocks(asked: Motions, records: Sequence[Any], make: Callable[[Motions], Any]) -> Any:
+    """Return the motions that come first: of `records`, or what `make` makes of their index."""
+    if asked.before is None:
+        return []
+    known = {each.id: each for each in (make(asked.first) if asked.first else records)}
+    names = asked.before.records or [*known]
+    check_known(names, [*known], "motions.before.records")
+    return [known[name] for name in names]
 
 
 def _matching(text: str) -> list[Path]:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 # Code that decides what a run is, and what its row holds.
 DECIDING = (
-    "physics/**/*.py", "simulation/**/*.py", "study/runs/store.py",
+    "physics/**/*.py", "simulation/**/*.py", "motions/motion.py", "study/runs/store.py",
 )  # fmt: skip
 KEY = 16  # bytes
 Table = NDArray[np.void]
@@ -84,8 +84,11 @@ def verdicts_of(status: NDArray) -> NDArray[np.int8]:
     return table[status]
 
 
-def columns_of(results: "Outcomes") -> dict[str, NDArray]:
-    """Return the columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s]."""
+def columns_of(results: "Outcomes", begins: Any = 0.0) -> dict[str, NDArray]:
+    """Return the columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s].
+
+    What collapsed before its record `begins` [s] has a verdict of its own.
+    """
     energy, largest = results.energy, results.energy[:, Energy.LARGEST_KINETIC]
     columns: dict[str, NDArray] = {
         "verdict": verdicts_of(results.status),
@@ -100,6 +103,8 @@ def columns_of(results: "Outcomes") -> dict[str, NDArray]:
             name, _, entry = column.source.partition(".")
             values = getattr(results, name)
             columns[column.name] = values[:, _ENTRIES[name][entry]] if entry else values
+    early = (results.status == Status.COLLAPSED) & (results.collapse_time < begins)
+    columns["verdict"][early] = Verdict.COLLAPSED_BEFORE
     return columns
 
 
@@ -114,20 +119,36 @@ class Plan:
     study: StudyKeys
     arches: Members
     records: tuple[PreparedRecord, ...]
+    first: tuple[PreparedRecord, ...] = ()  # shocks that come before records, in turn
     identity: str = field(default_factory=lambda: code_identity())  # of the code that makes runs
-    motions: tuple["Motion", ...] = ()  # of the records, where the study's folder is not at hand
+    motions: tuple["Motion", ...] = ()  # of both, where the study's folder is not at hand
     built: "dict[int, Arch]" = field(default_factory=dict, compare=False)  # so far, by number
 
     def with_motions(self) -> "Plan":
         """Return the plan for workers that do not have the study's folder."""
-        found = (load_record(self.study.work, record) for record in self.records)
+        found = (load_record(self.study.work, record) for record in (*self.records, *self.first))
         return replace(self, motions=tuple(found))
 
     def motion(self, record: int) -> "Motion":
-        """Return the motion of a record, by its number."""
+        """Return the motion of a record by its number, or of a first shock, numbered after it."""
         if self.motions:
             return self.motions[record]
-        return _stored_motion(self.study.work, self.records[record])
+        return _stored_motion(self.study.work, (*self.records, *self.first)[record])
+
+    def shock(self, arch: int, record: int) -> tuple[int, float, float] | None:
+        """Return number, factor and gap [s] of the first shock before a record; None without."""
+        if not (shock := self.arches[arch].shock):
+            return None
+        place, (level, gap) = record % len(self.first), shock
+        return len(self.records) + place, self.first[place].factor * level**self.power, gap
+
+    def ground(self, arch: int, record: int, factor: float) -> "tuple[Motion, float, float]":
+        """Return the motion of a run, the factor on it, and when the record begins in it [s]."""
+        motion = self.motion(record)
+        if (shock := self.shock(arch, record)) is None:
+            return motion, factor, 0.0
+        both = self.motion(shock[0]).scaled(shock[1]).then(motion.scaled(factor), shock[2])
+        return both, 1.0, both.metadata["begins"]
 
     def arch(self, number: int) -> "Arch":
         """Return an arch, built once."""
@@ -156,8 +177,8 @@ class Plan:
         study = self.study
         parts = {
             "archfrag": self.identity, "study": study.id,
-            "arches": [[member.entry.parameters, member.chain] for member in self.arches],
-            "records": [asdict(record) for record in self.records],
+            "arches": [[each.entry.parameters, each.chain, *each.shock] for each in self.arches],
+            "records": [asdict(record) for record in (*self.records, *self.first)],
             "levels": study.intensity.si, "measure": study.intensity.measure,
             "method": study.method.model_dump(), "design": study.design.model_dump(mode="json"),
         }  # fmt: skip
@@ -181,6 +202,9 @@ class Plan:
         for pair, factor in zip(pairs, self.factors(cases).astype("<f8")):
             if pair not in stems:
                 own = f"{given}/{self.arches[pair[0]].chain}/{self.records[pair[1]].samples}/"
+                if shock := self.shock(*pair):
+                    first = (*self.records, *self.first)[shock[0]].samples
+                    own += f"{first}/{shock[1].hex()}/{shock[2].hex()}/"
                 stems[pair] = hashlib.blake2b(own.encode(), digest_size=KEY)
             state = stems[pair].copy()
             state.update(factor.tobytes())
@@ -205,7 +229,8 @@ class Plan:
 
 def make_plan(study: StudyKeys) -> Plan:
     """Return the plan of a study whose motions are prepared."""
-    return Plan(study, study.members, tuple(load_prepared(study)))
+    records, first = (tuple(load_prepared(study, name)) for name in ("records", "first"))
+    return Plan(study, study.members, records, first)
 
 
 def table_of(keys: NDArray[np.bytes_], columns: Mapping[str, Any]) -> Table:

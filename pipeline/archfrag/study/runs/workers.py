@@ -49,13 +49,14 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
         same = _identity() == plan.identity
     if not same:
         raise WorkerError(f"a worker on {socket.gethostname()} runs {describe_code()}")
-    motions = [plan.motion(record) for record in cases["record"].tolist()]
+    runs = zip(cases["arch"].tolist(), cases["record"].tolist(), plan.factors(cases).tolist())
+    motions, factors, begins = zip(*(plan.ground(*run) for run in runs))
     method = plan.study.method
     options = method.model_dump(exclude={"name", "delay"})
     options |= {"method": method.name, "far": method.delay}
-    arch, factors = plan.arch(int(cases["arch"][0])), plan.factors(cases).tolist()
+    arch = plan.arch(int(cases["arch"][0]))
     results, wall_time = results_of_runs(arch, motions, factors, **options)
-    columns = store.columns_of(results) | {"wall_time": wall_time}
+    columns = store.columns_of(results, begins) | {"wall_time": wall_time}
     return store.table_of(plan.keys(cases), columns)
 
 

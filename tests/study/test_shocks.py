@@ -1,0 +1,254 @@
+"""Shocks one after another: each arch after a first shock is an arch of its own in the study."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import archfrag as af
+from archfrag.errors import InputError
+from archfrag.fragility.verdicts import Verdict, find_brackets
+from archfrag.motions.index import write_index
+from archfrag.report.film import repeat
+from archfrag.report.first_page import first_page, leading
+from archfrag.report.inputs import report_inputs, summary
+from archfrag.study.answer.fits import cautions_of, load_fits
+from archfrag.study.designs import CASE
+from archfrag.study.file.prepared import load_prepared, prepare_motions, read_manifest
+from archfrag.study.file.schema import load_study
+from archfrag.study.runs.execute import run_batch
+from archfrag.study.runs.store import gather, make_plan
+from archfrag.study.runs.workers import make_runs
+from tests.study.small import TEXT, changed, command, cube_of, made, small_study, write_at2
+
+SLIDES = TEXT.replace("friction: 0.7", "friction: 0.35").replace(
+    "thickness: 1.5", "thickness: 2.4"
+)
+FEW = SLIDES.replace("[0.1, 0.6, 1.2]", "[0.6, 0.9, 1.2, 1.6, 2.0]").replace("2.0}", "20.0}")
+
+
+def shaken(levels="[0.6, 3.0]", more="", text=FEW, motions="records: [wave1]"):
+    """The small study with first shocks."""
+    before = f"motions:\n  before: {{{motions}, levels: {levels}{more}}}\n"
+    return text.replace("motions:\n", before)
+
+
+@pytest.fixture(scope="module")
+def shocks(tmp_path_factory):
+    return made(small_study(tmp_path_factory.mktemp("shocks"), shaken()))
+
+
+def test_levels_make_arches_and_classes(tmp_path):
+    text = shaken(0.3).replace("friction: .inf}", "friction: .inf, vary: {samples: 2, of: {width: "
+                               "{distribution: uniform, start: 0.4, stop: 0.5}}}}")  # fmt: skip
+    members = load_study(small_study(tmp_path, text)).members
+    assert [(each.id, each.arch_class) for each in members] == [
+        ("ring", "ring"), ("ring-after-0.3", "ring-after-0.3"),
+        ("slab-0001", "slab"), ("slab-0002", "slab"),
+        ("slab-0001-after-0.3", "slab-after-0.3"), ("slab-0002-after-0.3", "slab-after-0.3"),
+    ]  # fmt: skip
+    assert members[0].chain == members[1].chain
+    assert [each.shock for each in members[:2]] == [(), (0.3 * 9.80665, 20.0)]
+
+
+def test_a_level_of_zero_is_the_intact_study_to_the_bit(tmp_path, shocks):
+    plain = made(small_study(tmp_path / "plain", FEW))
+    zero = made(small_study(tmp_path / "zero", shaken(0)))
+    xr.testing.assert_equal(zero.cube.drop_vars("first_shock"), plain.cube)
+    plans = [make_plan(each.study) for each in (plain, zero, shocks)]
+    kept = [gather(plan)[0] for plan in plans[:2]]
+    assert np.array_equal(plans[0].keys(kept[0]), plans[1].keys(kept[1]))
+    # The intact arches of a study with shocks have the same runs too.
+    own = shocks.cube.sel(arch=plain.cube["arch"].values).drop_vars("first_shock")
+    xr.testing.assert_equal(own, plain.cube)
+
+
+def test_a_run_is_of_both_motions(shocks):
+    plan, cube = make_plan(shocks.study), shocks.cube
+    (first,) = plan.first
+    assert first.id == "wave1"
+    a, b = plan.motion(1), plan.motion(0)
+    both = a.scaled(0.6 * 9.80665 / a.pga).then(b.scaled(0.9 * 9.80665 / b.pga), 20.0)
+    run = af.simulate(plan.arch(0), both, method="time_stepping", dt=2e-3)
+    row = cube.sel(arch="ring-after-0.6", record="wave0").isel(intensity=1)
+    for name in ("peak_displacement", "residual_displacement", "end_time", "collapse_time"):
+        assert np.array_equal(float(row[name]), getattr(run, name), equal_nan=True)
+    assert cube["first_shock"].attrs["units"] == "m s-2"
+    assert cube["first_shock"].values.tolist() == pytest.approx(
+        [0.0, 0.6 * 9.80665, 3.0 * 9.80665] * 2
+    )
+    facts = json.loads(cube.attrs["archfrag_first_shocks"])
+    assert facts == {"gap": 20.0, "records": ["wave1"]}
+
+
+def test_workers_without_the_folder_have_the_same_motions(shocks):
+    plan = make_plan(shocks.study)
+    far = plan.with_motions()
+    for each in (plan.ground(1, 0, 2.0), far.ground(1, 0, 2.0)):
+        motion, factor, begins = each
+        assert (factor, begins) == (1.0, 21.5)
+        assert np.array_equal(motion.acceleration, plan.ground(1, 0, 2.0)[0].acceleration)
+    assert plan.ground(0, 0, 2.0)[1:] == (2.0, 0.0)
+
+
+def test_first_motions_come_in_turn(tmp_path):
+    study = load_study(small_study(tmp_path, shaken(0.3, motions="records: [wave1, wave0]")))
+    prepare_motions(study)
+    plan = make_plan(study)
+    assert [plan.shock(1, record)[0] for record in range(2)] == [2, 3]
+    assert [each.id for each in plan.first] == ["wave1", "wave0"]
+
+
+def test_the_identity_of_a_run_has_its_first_shock(tmp_path):
+    texts = [shaken(0.3), shaken(0.4), shaken(0.3, ", gap: 5.0"),
+             shaken(0.3, motions="records: [wave1-rev]")]  # fmt: skip
+    keys, digests = [], []
+    for number, text in enumerate(texts):
+        text = text.replace("motions:\n", "motions:\n  both_senses: true\n")  # of equal factors
+        study = load_study(small_study(tmp_path / str(number), text))
+        prepare_motions(study)
+        plan, case = make_plan(study), np.zeros(1, CASE)
+        case["arch"], case["level"] = 1, 3.0
+        keys.append(plan.keys(case)[0])
+        digests.append(str(plan.digests))
+    assert len({*keys}) == len({*digests}) == 4
+
+
+def test_chunks_and_threads_change_no_bit(tmp_path):
+    study = load_study(small_study(tmp_path, shaken(0.6)))
+    prepare_motions(study)
+    tables = []
+    for number, (chunk, workers) in enumerate(((None, 1), (1, 2), (3, 2))):
+        own = changed(study, "execution", chunk=chunk, workers=workers)
+        if number:
+            for path in make_plan(study).parts.glob("*.npy"):
+                path.unlink()
+        assert run_batch(own, quiet=True)[0]["kept"] == 0
+        tables.append(gather(make_plan(study))[1])
+    for table in tables[1:]:
+        for name in set(table.dtype.names) - {"wall_time"}:
+            np.testing.assert_array_equal(table[name], tables[0][name])
+
+
+class TestCollapseInTheFirstShock:
+    """The slab falls in a first shock of 3 g."""
+
+    def test_has_its_verdict_and_counts_for_nothing(self, shocks):
+        verdict = shocks.cube["verdict"].sel(arch="slab-after-3")
+        assert (verdict == Verdict.COLLAPSED_BEFORE).all()
+        assert "collapsed_before" in shocks.cube["verdict"].attrs["flag_meanings"].split()
+        assert (shocks.cube["collapse_time"].sel(arch="slab-after-3") < 21.5).all()
+        fitted = load_fits(shocks.study)
+        assert not fitted.arches["slab-after-3"].fitted
+        assert not fitted.runs["slab-after-3"].decided.any()
+        assert "slab-after-3" not in fitted.arches["slab-after-3"].more.get("without_verdict", {})
+
+    def test_is_told(self, shocks):
+        cautions = cautions_of(shocks.study, load_fits(shocks.study))
+        (own,) = (each for each in cautions if each.startswith("slab-after-3: the first shock"))
+        assert "before 2 of 2 records" in own
+        assert not any("unfinished or failed" in each for each in cautions)
+
+    def test_it_is_no_part_of_the_curve_of_the_others(self):
+        codes = np.array([[0, 0, 1], [0, 1, 1], [5, 5, 5]])
+        found = find_brackets(codes, [1.0, 2.0, 3.0]).of_records()
+        assert found.lower.tolist() == [2.0, 1.0]
+
+    def test_a_search_tries_no_other_level(self, tmp_path):
+        text = shaken(3.0) + "design: {kind: ida, checks: 0}\n"
+        _, cube = cube_of(load_study(small_study(tmp_path, text)))
+        runs = cube["verdict"].sel(arch="slab-after-3").values
+        assert (runs == Verdict.COLLAPSED_BEFORE).sum() == 2  # of two records, one run each
+        assert np.isnan(runs).sum() == 8
+
+
+def test_what_is_known_of_the_intact_arch_only_is_not_told(shocks):
+    fitted = load_fits(shocks.study)
+    runs, curves = fitted.runs, fitted.arches
+    assert runs["ring"].onset(curves["ring"]) == 0.0  # its mechanism slides
+    assert runs["slab"].onset(curves["slab"]) > 0.0
+    assert runs["slab-after-0.6"].onset(curves["slab-after-0.6"]) == 0.0
+    states = curves["ring-after-0.6"].more["limit_states"]["states"]
+    reasons = [each["curve"]["none"] for each in states if each["name"] != "collapse"]
+    assert reasons
+    assert all("of the first shock too" in each for each in reasons)
+
+
+@pytest.fixture(scope="module")
+def reported(tmp_path_factory):
+    path = small_study(tmp_path_factory.mktemp("reported"), shaken("[0.6, 3.0]"))
+    assert command("run", path, "--quiet").exit_code == 0
+    return load_study(path)
+
+
+def test_report_tells_of_first_shocks(reported):
+    inputs = report_inputs(reported)
+    page = (reported.folder / "report.html").read_text()
+    assert "A first shock comes before each record (" in page
+    assert leading(inputs)[0] in ("ring", "slab")
+    assert "the weakest of 2 arches," in str(first_page(inputs, None))
+    (own,) = (each for each in summary(inputs)["arches"] if each["id"] == "slab-after-3")
+    assert own["counts"]["collapsed_before"] == own["counts"]["runs"] == 10
+    runs = pd.read_csv(reported.folder / "runs.csv")
+    assert (runs["verdict"] == "collapsed before").sum() == 10
+
+
+def test_a_film_is_of_both_motions(reported):
+    inputs = report_inputs(reported)
+    place = [name for name, _, _ in inputs.arches].index("ring-after-0.6")
+    example = repeat(inputs, place, (0, 1, "any"))
+    assert example.same
+    assert example.motion.duration > 20.0
+
+
+def test_first_motions_of_another_index(tmp_path):
+    folder = tmp_path / "others"
+    folder.mkdir()
+    wave = 0.2 * np.sin(np.arange(100) / 5.0)
+    for name in ("main1", "main2"):
+        write_at2(folder / f"{name}.AT2", wave, 0.02)
+    write_index(folder, [{"id": n, "file": f"{n}.AT2", "unit": "g"} for n in ("main1", "main2")])
+    text = shaken(0.6, motions="index: others/index.csv")
+    path = small_study(tmp_path, text)
+    study = load_study(path)
+    records = prepare_motions(study)
+    assert [each.id for each in load_prepared(study, "first")] == ["main1", "main2"]
+    assert [each.id for each in records] == ["wave0", "wave1"]
+    plan, cases = make_plan(study), np.zeros(1, CASE)
+    cases["arch"], cases["level"] = 1, 3.0
+    assert make_runs(plan, cases)["verdict"][0] in (0, 1)
+    assert plan.ground(1, 0, 1.0)[0].dt == 0.01
+    assert any("main1" in name for name in read_manifest(study)["inputs"]["record"])
+    chosen = load_study(path, ["motions.before.records=[main2]"])
+    prepare_motions(chosen)
+    assert [each.id for each in load_prepared(chosen, "first")] == ["main2"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (shaken(0.3, motions="records: [wave2]"),
+         "motions.before.records: 'wave2' is not a record of the study; did you mean wave"),
+        (shaken("[0.3, -0.1]"), "motions.before.levels[1] = -0.1 must be greater than or equal"),
+        (shaken("[]"), "motions.before.levels"),
+        (shaken("'0.3'"), "motions.before.levels[0] = '0.3' must be a valid number"),
+        (shaken(0.3, ", gap: -2"), "motions.before.gap = -2 must be greater than or equal to 0"),
+        (shaken(0.3, ", levels2: 3"), "motions.before.levels2 is not a known key"),
+        (TEXT.replace("motions:\n", "motions:\n  before: {records: [wave0]}\n"),
+         "motions.before.levels must be given"),
+        (TEXT.replace("motions:\n", "motions:\n  before: {levels: 0.3}\n"),
+         "motions.before.records must be given"),
+        (shaken(0.3).replace("id: slab", "id: ring-after-0.3"),
+         "the id 'ring-after-0.3' already belongs to arches[0] (ring)"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named(tmp_path, text, message):
+    path = small_study(tmp_path, text)
+    result = command("validate", path)
+    assert result.exit_code == 2
+    assert message in result.output.replace("\n", " ")
+    if "wave2" in text:
+        with pytest.raises(InputError, match=r"before\.records"):
+            prepare_motions(load_study(path))
