@@ -1,6 +1,7 @@
 """Shocks one after another: each arch after a first shock is an arch of its own in the study."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,6 +10,7 @@ import xarray as xr
 
 import archfrag as af
 from archfrag.errors import InputError
+from archfrag.export.scenes import export_arches
 from archfrag.fragility.verdicts import Verdict, find_brackets
 from archfrag.motions.index import write_index
 from archfrag.report.film import repeat
@@ -31,7 +33,7 @@ FEW = SLIDES.replace("[0.1, 0.6, 1.2]", "[0.6, 0.9, 1.2, 1.6, 2.0]").replace("2.
 
 def shaken(levels="[0.6, 3.0]", more="", text=FEW, motions="records: [wave1]"):
     """The small study with first shocks."""
-    before = f"motions:\n  before: {{{motions}, levels: {levels}{more}}}\n"
+    before = f"motions:\n  before: {{{motions}, level: {levels}{more}}}\n"
     return text.replace("motions:\n", before)
 
 
@@ -195,6 +197,24 @@ def test_report_tells_of_first_shocks(reported):
     assert (runs["verdict"] == "collapsed before").sum() == 10
 
 
+def test_runs_in_words_are_read_again(reported):
+    again = af.fit(reported.folder / "runs.csv")
+    for name, curve in load_fits(reported).arches.items():
+        found = again._fitted.arches[name]
+        assert found.to_dict()["curve"] == curve.to_dict()["curve"]
+
+
+def test_scenes_have_the_intact_arches(reported, tmp_path):
+    made = export_arches(reported, ["scene"], tmp_path)
+    (file,) = (each["file"] for each in made["files"])
+    arches = [each["id"] for each in json.loads(Path(file).read_text("utf-8"))["arches"]]
+    assert arches
+    assert not [name for name in arches if "after" in name]
+    assert made["notes"] == [
+        "scene and dxf have the intact arches and the records, no first shocks"
+    ]
+
+
 def test_a_film_is_of_both_motions(reported):
     inputs = report_inputs(reported)
     place = [name for name, _, _ in inputs.arches].index("ring-after-0.6")
@@ -231,14 +251,14 @@ def test_first_motions_of_another_index(tmp_path):
     [
         (shaken(0.3, motions="records: [wave2]"),
          "motions.before.records: 'wave2' is not a record of the study; did you mean wave"),
-        (shaken("[0.3, -0.1]"), "motions.before.levels[1] = -0.1 must be greater than or equal"),
-        (shaken("[]"), "motions.before.levels"),
-        (shaken("'0.3'"), "motions.before.levels[0] = '0.3' must be a valid number"),
+        (shaken("[0.3, -0.1]"), "motions.before.level[1] = -0.1 must be greater than or equal"),
+        (shaken("[]"), "motions.before.level"),
+        (shaken("'0.3'"), "motions.before.level[0] = '0.3' must be a valid number"),
         (shaken(0.3, ", gap: -2"), "motions.before.gap = -2 must be greater than or equal to 0"),
         (shaken(0.3, ", levels2: 3"), "motions.before.levels2 is not a known key"),
         (TEXT.replace("motions:\n", "motions:\n  before: {records: [wave0]}\n"),
-         "motions.before.levels must be given"),
-        (TEXT.replace("motions:\n", "motions:\n  before: {levels: 0.3}\n"),
+         "motions.before.level must be given"),
+        (TEXT.replace("motions:\n", "motions:\n  before: {level: 0.3}\n"),
          "motions.before.records must be given"),
         (shaken(0.3).replace("id: slab", "id: ring-after-0.3"),
          "the id 'ring-after-0.3' already belongs to arches[0] (ring)"),

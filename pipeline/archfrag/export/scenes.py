@@ -37,13 +37,16 @@ def export_arches(
     Of a class there is its first arch, with `members` all. Returned are ``files`` and ``notes`` as
     of `export_study`. Nothing is written after an InputError: too many arches, or no motions yet.
     """
-    sizes = Counter(each.arch_class for each in study.members)
-    found = {each.id if members else each.arch_class: each for each in reversed(study.members)}
+    own = [each for each in study.members if not each.shock]  # whose joints are as given
+    sizes = Counter(each.arch_class for each in own)
+    found = {each.id if members else each.arch_class: each for each in reversed(own)}
     if len(found) > MOST_ARCHES:
         remedy = f"scene and dxf take at most {MOST_ARCHES}; leave out --members"
         raise InputError(f"study {study.id} has {len(found)} arches; {remedy}")
     messages = [f"scene and dxf have {found[name].id} of {size} arches of {name}; --members: all"
              for name, size in sizes.items() if size > 1 and not members]  # fmt: skip
+    if study.motions.before is not None:
+        messages.append("scene and dxf have the intact arches and the records, no first shocks")
     chosen, texts = list(reversed(found.values())), dict[str, str]()
     if "scene" in formats:
         text = json.dumps(_scene(study, chosen), indent=1, allow_nan=False)

@@ -237,7 +237,7 @@ def _inputs_of_cube(study: StudyKeys, plan: Plan) -> dict[str, Any]:
         "attributes of arches": [(m.arch_class, m.attributes) for m in plan.arches],
         "parameters of arches": [(m.id, m.values) for m in plan.arches],
         "title": study.title, "institution": study.institution,
-        "settings": attributes(study, plan),
+        "settings": attributes(study, plan) | {"archfrag_commit": ""},  # the code has a digest
         "motions": provenance.sha256_if_there(study.work / MANIFEST),
     }  # fmt: skip
 

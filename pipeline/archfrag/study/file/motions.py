@@ -75,7 +75,7 @@ class FileSet(Section):
 class FirstShocks(Section):
     """Motions that shake each arch before its record, after which it comes to rest."""
 
-    kind_key, common = "records", ("levels", "gap")
+    kind_key, common = "records", ("level", "gap")
     kinds: ClassVar = {"index": (("index",), ("records",)), "records": (("records",), ())}
 
     records: Annotated[list[str], Field(min_length=1)] | None = None
@@ -83,7 +83,7 @@ class FirstShocks(Section):
     Before the n-th record comes the n-th of them; if they are fewer, they begin again."""
     index: PathText | None = None
     """Index (CSV) of other motions that come first, processed as the records are."""
-    levels: Annotated[
+    level: Annotated[
         Annotated[list[Annotated[float, Field(ge=0.0, le=1e6)]], Field(min_length=1)],
         BeforeValidator(lambda given: given if isinstance(given, list) else [given]),
     ]

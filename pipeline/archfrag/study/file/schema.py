@@ -236,7 +236,7 @@ class StudyKeys(Section):
         known, shaken, _ = self._expanded
         if known is not arches or shaken is not before:  # not yet, or this is a changed copy
             ends = [(f"-after-{level:.12g}", (level * self.intensity.factor, before.gap))
-                    for level in before.levels if level] if before else ()  # fmt: skip
+                    for level in before.level if level] if before else ()  # fmt: skip
             self._expanded = arches, before, expand(arches, ends)
         return self._expanded[2]
 
