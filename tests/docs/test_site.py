@@ -123,10 +123,10 @@ def test_every_figure_has_a_colour_for_dark_pages(site, pages):
     assert not any("<img" in (site / name).read_text("utf-8") for name in pages)
 
 
-def test_gallery_shows_eight_pages_with_figures_and_notebooks_that_stand_alone(site, pages):
+def test_gallery_shows_nine_pages_with_figures_and_notebooks_that_stand_alone(site, pages):
     text = (site / "gallery" / "index.html").read_text("utf-8")
     cards = re.findall(r'<a class="card" href="([^"]+)">(.*?)</a>', text, re.DOTALL)
-    assert len({name for name, _ in cards}) == 8
+    assert len({name for name, _ in cards}) == 9
     assert all("<svg" in inside and "?" in inside for _, inside in cards)
     for name, _ in cards:
         (link,) = [each for each in pages[f"gallery/{name}"].links if each.endswith(".ipynb")]
