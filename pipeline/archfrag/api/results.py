@@ -212,7 +212,7 @@ class Results:
         losses = losses_of(fitted.cube, fitted.quoted(), site, consequence, confidence)
         points = vulnerability_table(losses, study)
         if path is not None:
-            write_vulnerability(Path(path), points, study.intensity.factor, study.id)
+            write_vulnerability(Path(path), points, study)
         known = {name: each for name, each in losses.items() if "none" not in each}
         table = pd.DataFrame.from_dict(known, orient="index").drop(columns="vulnerability")
         table.attrs["vulnerability"] = points
@@ -329,7 +329,8 @@ class Results:
         weights beside. Warnings name what is left out and what to heed.
         """
         kind = f"nrml-{'discrete' if discrete else 'continuous'}"
-        return self._export(kind, path, members, limit_states, curve)[0]
+        self._export(kind, path, members, limit_states, curve)
+        return Path(path)
 
     def to_pelicun(
         self, path: PathLike, members: bool = False, limit_states: Sequence[str] = (),
@@ -367,10 +368,9 @@ class Results:
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)
-                texts = [each.read_text("utf-8") for each in files]
-                files = [path, path.with_name(f"{path.stem}-branches.csv")][: len(texts)]
-                for file, text in zip(files, texts, strict=True):
-                    write_text(file, text)
+                beside = path.with_name(f"{path.stem}-branches.csv")
+                for target, file in zip((path, beside), files):
+                    write_text(target, file.read_text("utf-8"))
         left = [f"no curve of {arch} is exported: {why}" for arch, why in made["left_out"].items()]
         for message in (*left, *made["notes"]):
             warnings.warn(message, stacklevel=3)

@@ -195,19 +195,16 @@ def _with_uncertainty(
         if kind == "median" or not each["collapse"].fitted:
             found[arch] = dict(each)
             continue
-        nodes, names = dict[str, list[Curve]](), [arch]
-        for state, fit in each.items():  # collapse is the last
-            draws = fit.draws(SEED)
-            nodes[state], weights = [predictive(fit, draws)], np.ones(1)
-            if kind == "branches":
-                nodes[state], weights = branches_of(fit, draws)
-                names = [f"{arch}-b{n + 1}" for n in range(weights.size)]
-                branches |= {k: (arch, w) for k, w in zip(names, weights.tolist())}
-        for n, name in enumerate(names):
-            severe, moved = nodes["collapse"][n], dict[str, Curve]()
-            for state in reversed(list(each)):
-                severe = moved[state] = above(nodes[state][n], severe)
-            found[name] = {state: moved[state] for state in each}
+        if kind == "predictive":
+            nodes, names = [[predictive(f, f.draws(SEED))] for f in each.values()], [arch]
+        else:
+            nodes, weights = zip(*(branches_of(f, f.draws(SEED)) for f in each.values()))
+            names = [f"{arch}-b{n + 1}" for n in range(weights[-1].size)]
+            branches |= {k: (arch, w) for k, w in zip(names, weights[-1].tolist())}
+        for name, *curves in zip(names, *nodes):
+            for n in reversed(range(len(curves) - 1)):  # collapse is the last
+                curves[n] = above(curves[n], curves[n + 1])
+            found[name] = dict(zip(each, curves))
     return found, branches
 
 
@@ -260,13 +257,13 @@ def write_parquet(path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, A
             writer.write_table(table.cast(schema))
 
 
-def write_vulnerability(path: Path, table: pd.DataFrame, factor: float, study: str) -> None:
+def write_vulnerability(path: Path, table: pd.DataFrame, study: StudyKeys) -> None:
     """Write a table of mean loss as CSV or NRML, by the ending of the path."""
     if path.suffix not in (".csv", ".xml"):
         raise InputError(f"{path}: a table of mean loss is written as .csv or .xml")
     text = table.to_csv(index=False, lineterminator="\n")
     if path.suffix == ".xml":
-        text = writers.nrml_vulnerability(table, str(table["measure"][0]), factor, study)
+        text = writers.nrml_vulnerability(table, study)
     write_text(path, text)
 
 

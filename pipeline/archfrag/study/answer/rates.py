@@ -183,9 +183,9 @@ def losses_of(
             continue
         found[name] = average_annual_loss(hazard.main, steps, SEED, confidence, runs.onset)
         im = np.array(curve.im) if curve.im else np.linspace(0.0, 1.05 * np.nanmax(runs.level))
-        rows = (im, *vulnerability(steps, im))
+        rows = np.array([im, *vulnerability(steps, im)]).tolist()
         columns = ("im", "loss_ratio", "loss_ratio_lower", "loss_ratio_upper")
-        found[name]["vulnerability"] = dict(zip(columns, (row.tolist() for row in rows)))
+        found[name]["vulnerability"] = dict(zip(columns, rows))
     return found
 
 
