@@ -212,7 +212,7 @@ class Results:
         losses = losses_of(fitted.cube, fitted.quoted(), site, consequence, confidence)
         points = vulnerability_table(losses, study)
         if path is not None:
-            write_vulnerability(Path(path), points, study)
+            write_vulnerability(Path(path), losses, study)
         known = {name: each for name, each in losses.items() if "none" not in each}
         table = pd.DataFrame.from_dict(known, orient="index").drop(columns="vulnerability")
         table.attrs["vulnerability"] = points
@@ -325,8 +325,8 @@ class Results:
         Lognormal curves, or probabilities at levels if `discrete`. A class has one curve, with
         `members` its arches have theirs too. `limit_states` are written besides collapse, all that
         have curves if none is given. `curve` is "median"; "predictive", the mean over what theta
-        and beta may be; or "branches", a curve for each of 15 pairs of them, with a CSV of
-        weights beside. Warnings name what is left out and what to heed.
+        and beta may be; or "branches", 15 curves with weights in a CSV beside. Warnings name what
+        is left out and what to heed.
         """
         kind = f"nrml-{'discrete' if discrete else 'continuous'}"
         self._export(kind, path, members, limit_states, curve)

@@ -19,13 +19,7 @@ from archfrag.files import opened
 from archfrag.report.film import check_target, example_of, save_film
 from archfrag.report.inputs import report_inputs
 from archfrag.report.printed import save_figures
-from archfrag.study.answer.rates import (
-    losses_of,
-    risk_facts,
-    risk_of,
-    risk_text,
-    vulnerability_table,
-)
+from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import CUBE, finite
@@ -175,7 +169,7 @@ def risk(
     if consequence:
         losses = losses_of(fitted.cube, curves, hazard, consequence, confidence)
         if vulnerability:
-            write_vulnerability(vulnerability, vulnerability_table(losses, study), study)
+            write_vulnerability(vulnerability, losses, study)
         facts["losses"] = finite(losses, None)
     show(facts, risk_text(facts), as_json)
     if all("none" in arch for arch in facts["arches"].values()):

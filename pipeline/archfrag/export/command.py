@@ -20,7 +20,7 @@ from archfrag.fragility.curve import Curve
 from archfrag.fragility.several import MOST_CROSSING, above
 from archfrag.study.answer.curves import Fitted, arch_classes
 from archfrag.study.answer.outside import BLANK
-from archfrag.study.answer.rates import SEED
+from archfrag.study.answer.rates import SEED, vulnerability_table
 from archfrag.study.answer.tables import (
     Columns,
     Pieces,
@@ -257,8 +257,9 @@ def write_parquet(path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, A
             writer.write_table(table.cast(schema))
 
 
-def write_vulnerability(path: Path, table: pd.DataFrame, study: StudyKeys) -> None:
-    """Write a table of mean loss as CSV or NRML, by the ending of the path."""
+def write_vulnerability(path: Path, losses: Mapping[str, Any], study: StudyKeys) -> None:
+    """Write the mean loss of `losses_of` as CSV or NRML, by the ending of the path."""
+    table = vulnerability_table(losses, study)
     if path.suffix not in (".csv", ".xml"):
         raise InputError(f"{path}: a table of mean loss is written as .csv or .xml")
     text = table.to_csv(index=False, lineterminator="\n")

@@ -27,14 +27,7 @@ from archfrag.report import curve_figures, html, svg
 from archfrag.report.film import typical_run
 from archfrag.report.first_page import first_page, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
-from archfrag.report.inputs import (
-    ReportInputs,
-    Scale,
-    arch_results,
-    report_inputs,
-    summary,
-    thetas,
-)
+from archfrag.report.inputs import ReportInputs, Scale, arch_results, report_inputs, summary
 from archfrag.report.limits import study_aspects
 from archfrag.report.papers import write_papers
 from archfrag.report.risk_section import risk_section
@@ -44,8 +37,7 @@ from archfrag.report.sections import (
     arch_sections,
     card,
     class_sections,
-    levels_table,
-    states_parts,
+    table_sections,
 )
 from archfrag.report.svg import Entry, Sheet, figure, log_ticks
 from archfrag.study.answer.curves import Fitted, runs_of_cube
@@ -55,7 +47,6 @@ from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import write_text
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES
-from archfrag.version import __version__
 
 SUMMARY = REPORT_FILES[1]  # beside the page
 _FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the figure of spectra [s]
@@ -136,27 +127,6 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     )  # fmt: skip
     figures = {name: picture for section in sections for name, picture in section.files.items()}
     return text, figures | ({ALL_CURVES: curves} if len(inputs.answers) > SHOWN else {})
-
-
-def table_sections(inputs: ReportInputs) -> Iterator[PageSection]:
-    """Yield a section for each structure of a table, and one on how the curves were found."""
-    for place, (name, answer) in enumerate(inputs.quoted.items()):
-        results, start, parts = inputs.results(name), f"{name}: ", list[Any]()
-        own = [words.removeprefix(start) for words in inputs.cautions if words.startswith(start)]
-        parts.append(card(answer, inputs.scale, inputs.percent, own, results))
-        parts.append(curve_figures.curve(results, answer))
-        if answer.more.get("limit_states"):
-            parts += states_parts(inputs, answer, name)
-        if "test_of_fit" in (free := answer.more.get("free", {})):
-            parts += html.heading("Checks"), paragraph(free["test_of_fit"]["message"])
-        levels = levels_table(results, answer, inputs.percent)
-        parts.append(html.folded("Verdicts by level", levels))
-        yield PageSection(f"curve{place}", name, parts)
-    assumed = dict.fromkeys(each.assumptions for each in inputs.known.values())
-    digest = inputs.cube.attrs["table_sha256"]
-    words = TEXTS["notes"]["table"].format(digest=digest, version=__version__)
-    how = [paragraph(text) for text in (words, *assumed)]
-    yield PageSection("glossary", "How the curves were found", how)
 
 
 def overview(inputs: ReportInputs, curves: Picture) -> Iterator[PageSection]:
@@ -352,7 +322,7 @@ def _scaled_spectra(inputs: ReportInputs) -> Picture:
     cube, scale, level, words = inputs.cube, inputs.scale, 0, "scaled as in the runs"
     intensity = cube["intensity"].values
     if intensity.ndim == 1:
-        medians, level = thetas(inputs.answers.values()), intensity.size // 2
+        medians, level = [each.theta for each in inputs.answers.values()], intensity.size // 2
         why = "the middle level"
         if np.isfinite(medians).any():
             level = int(np.abs(np.log(intensity) - np.log(np.nanmedian(medians))).argmin())

@@ -142,9 +142,7 @@ def _heads(source: str, names: Sequence[str], columns: Mapping[str, str]) -> dic
             raise InputError(f"{source}: {own[0]} and {own[1]} may both be the {what}; {_CHOOSE}")
         heads |= {what: own[0]} if {*own} - {*heads.values()} and what not in heads else {}
     weak = "intensity" not in columns and _plain(heads.get("intensity", "level")) == "level"
-    measured = [
-        name for name in names if measure_of(_stated(name)[0]) and name not in heads.values()
-    ]
+    measured = [n for n in names if measure_of(_stated(n)[0]) and n not in heads.values()]
     if weak and len(measured) > 1:
         both = " and ".join(measured[:2])
         raise InputError(f"{source}: {both} may both be the intensity; {_CHOOSE}")
@@ -171,14 +169,12 @@ def _runs(given: VerdictTable, states: Sequence[str]) -> pd.DataFrame:
     levels = pd.DataFrame({what: given.levels(what) for what in _NONE if what in given.heads})
     for place in np.flatnonzero(levels.isna().all(axis=1)):
         raise given.wrong(place, "upper", "leaves the row without a level; give one end")
-    if "lower" in levels:
-        for place in np.flatnonzero(levels["lower"] >= levels["upper"]):
-            rule = "the highest level that stood must be below the lowest that collapsed"
-            what = f"is not above {levels['lower'][place]:g}"
-            raise given.wrong(place, "upper", f"{what}; {rule}")
     runs = levels.melt(None, None, "end", "level", ignore_index=False).dropna()
     runs = runs.sort_index(kind="stable").join(given.cells)
     if "lower" in levels:
+        for place in np.flatnonzero(levels["lower"] >= levels["upper"]):
+            rule = "the highest level that stood must be below the lowest that collapsed"
+            raise given.wrong(place, "upper", f"is not above {levels['lower'][place]:g}; {rule}")
         runs["code"] = runs["end"] == "upper"
     else:
         runs = runs.assign(**_verdicts(given, states))
