@@ -124,7 +124,7 @@ class Results:
         This is the cube of the study, ``cube.nc``, with `collapsed`: 1 if a run collapsed, 0 if
         it survived, and nan if it is not run, unfinished or failed; `verdict` is nan if it is not
         run. An adaptive design runs each record at levels of its own, so that their mean at a
-        level is no probability: see `fractions`.
+        level is no probability: see `fractions`. Of a table they are along level, in SI units.
         """
         self._check_there()
         cube = self._table.cube if self._table else stored_cube(self._study)
@@ -297,8 +297,7 @@ class Results:
         """
         self._check_there()
         if self._table:
-            why = "a table of verdicts has no arch and no motions"
-            raise InputError(f"{why}, so no run can be shown")
+            raise InputError("a table has no arch and no motions, so no run can be shown")
         if not isinstance(arch, str | None) or not isinstance(run, str):
             what = f"run {run!r} and arch {arch!r}; a run is a text such as 'syn-m75-r015@0.5'"
             raise InputError(f"response: cannot use {what}, and an arch is given by its name")
@@ -368,8 +367,8 @@ class Results:
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)
-                beside = path.with_name(f"{path.stem}-branches.csv")
-                for target, file in zip((path, beside), files):
+                weights = path.with_name(f"{path.stem}-branches.csv")
+                for target, file in zip((path, weights), files):
                     write_text(target, file.read_text("utf-8"))
         left = [f"no curve of {arch} is exported: {why}" for arch, why in made["left_out"].items()]
         for message in (*left, *made["notes"]):

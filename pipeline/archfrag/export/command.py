@@ -198,7 +198,8 @@ def _with_uncertainty(
         if kind == "predictive":
             nodes, names = [[predictive(f, f.draws(SEED))] for f in each.values()], [arch]
         else:
-            nodes, weights = zip(*(branches_of(f, f.draws(SEED)) for f in each.values()))
+            both = (branches_of(fit, fit.draws(SEED)) for fit in each.values())
+            nodes, weights = map(list, zip(*both))
             names = [f"{arch}-b{n + 1}" for n in range(weights[-1].size)]
             branches |= {k: (arch, w) for k, w in zip(names, weights[-1].tolist())}
         for name, *curves in zip(names, *nodes):

@@ -91,8 +91,7 @@ def table_sections(inputs: ReportInputs) -> Iterator[PageSection]:
             parts += _limit_states(inputs, answer, name)
         if "test_of_fit" in (free := answer.more.get("free", {})):
             parts += heading("Checks"), paragraph(free["test_of_fit"]["message"])
-        levels = _levels(results, answer, inputs.percent)
-        parts.append(html.folded("Verdicts by level", levels))
+        parts.append(html.folded("Verdicts by level", _levels(results, answer, inputs.percent)))
         yield PageSection(f"curve{place}", name, parts)
     assumed = dict.fromkeys(each.assumptions for each in inputs.known.values())
     digest = inputs.cube.attrs["table_sha256"]

@@ -241,6 +241,8 @@ def measures_compared(runs: Runs) -> dict[str, Any]:
 
 def known_measures(cube: xr.Dataset) -> tuple[dict[str, FloatArray], dict[str, float], dict]:
     """Return measures that grow with the factor: values of records, exponents, and SI units."""
+    if "measure" not in cube:
+        raise FitError("a table of verdicts has one measure of its motions, so there is no other")
     names = cube["measure"].values.astype(str).tolist()
     value = cube["record_measure"].transpose("measure", "record").values
     exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))

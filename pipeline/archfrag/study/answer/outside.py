@@ -4,7 +4,8 @@ import contextlib
 import os
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,8 +30,8 @@ BLANK = {"collapse_joint": -1, "collapse_mode": 0, "lost_contact_time": np.nan}
 LARGEST = 200_000_000  # [bytes] of a file
 _NAMED = tomllib.loads(Path(__file__).with_name("outside.toml").read_text("utf-8"))
 _ROLES: dict[str, list[str]] = _NAMED["columns"]
-_WORDS = {w: Verdict[name.upper()] for name, words in _NAMED["verdicts"].items() for w in words}
-_SURVIVED_CODES = {word: Verdict(1 - _WORDS[word]) for word in _NAMED["answers"]["words"]}
+_WORDS = {w: int(Verdict[k.upper()]) for k, words in _NAMED["verdicts"].items() for w in words}
+_SURVIVED_CODES = {word: 1 - _WORDS[word] for word in _NAMED["answers"]["words"]}
 _SURVIVED_NAMES = {*_NAMED["verdicts"]["survived"]} - {*_SURVIVED_CODES}
 _UNITS = {unit for units in LEVEL_UNITS.values() for unit in units}
 _CHOOSE = "say which by columns"
@@ -51,20 +52,12 @@ class VerdictTable(NamedTuple):
         cell, where = self.cells[what][place][:60], f"{self.source}: {self.rows[place]}"
         return InputError(f"{where}, column {self.heads[what]!r}: {cell!r} {rule}")
 
-    def levels(self, what: str) -> pd.Series:
-        """Return the intensities of a column, nan where a bracket has no such end."""
-        cells = self.cells[what]
-        values, none = cells.map(_number), cells.isin(_NONE[what])
-        for place in np.flatnonzero(~(none | (values > 0.0) & (values <= 1e6))):
-            raise self.wrong(place, what, "is no intensity; it must be a number above 0")
-        return values.mask(none)
-
-    def codes(self, what: str, words: Mapping[str, int], rule: str) -> pd.Series:
-        """Return what the words or the whole numbers of a column stand for."""
-        codes = self.cells[what].map(lambda cell: words.get(_plain(cell).removesuffix(".0")))
-        for place in np.flatnonzero(codes.isna()):
+    def read(self, what: str, meaning: Callable[[str], Any], rule: str) -> pd.Series:
+        """Return what a function gives for the cells of a column; InputError if it is none."""
+        found = self.cells[what].map(meaning)
+        for place in np.flatnonzero(found.isna()):
             raise self.wrong(place, what, rule)
-        return codes.astype(int)
+        return found
 
 
 def read_runs(
@@ -108,16 +101,17 @@ def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
             raise InputError(f"the table: column {name!r} is there twice")
         text = frame.astype(object).where(frame.notna(), "").map(lambda cell: str(cell).strip())
         frame, rows = text.rename(columns=str), [f"row {n + 1}" for n in range(len(frame))]
-    heads = _heads(source, list(frame), columns)
-    absent = {"arch": "structure", "record": rows, "event": "", "arch_class": "", "scale": ""}
+    heads = _heads(source, frame.columns.tolist(), columns)
+    without = {"arch": "structure", "record": rows, "event": "", "arch_class": "", "scale": ""}
     found = {what: frame[head].to_numpy() for what, head in heads.items()}
-    return VerdictTable(source, rows, heads, pd.DataFrame(absent | found, range(len(rows))))
+    return VerdictTable(source, rows, heads, pd.DataFrame(without | found, range(len(rows))))
 
 
-def _number(cell: str) -> float:
-    """Return the number in a cell; nan if there is none."""
+def _level(none: Sequence[str], cell: str) -> float:
+    """Return the intensity in a cell, 0 for a cell that means there is none, nan for others."""
     with contextlib.suppress(ValueError):
-        return float(cell)
+        if cell in none or 0.0 < float(cell) <= 1e6:
+            return 0.0 if cell in none else float(cell)
     return np.nan
 
 
@@ -164,21 +158,21 @@ def _stated(head: str) -> tuple[str, str]:
 def _runs(given: VerdictTable, states: Sequence[str]) -> pd.DataFrame:
     """Return the runs, of brackets those at both ends, with their cells and the places of rows."""
     for what in ("arch", "record"):
-        for place in np.flatnonzero(given.cells[what] == ""):
-            raise given.wrong(place, what, f"is no name; every row needs its {what}")
-    levels = pd.DataFrame({what: given.levels(what) for what in _NONE if what in given.heads})
-    for place in np.flatnonzero(levels.isna().all(axis=1)):
-        raise given.wrong(place, "upper", "leaves the row without a level; give one end")
+        given.read(what, lambda cell: cell or None, f"is no name; every row needs its {what}")
+    rule, ends = "is no intensity; it must be a number above 0", [*filter(given.heads.get, _NONE)]
+    found = [given.read(end, partial(_level, _NONE[end]), rule) for end in ends]
+    levels = pd.concat(found, axis=1).replace(0.0, np.nan)
+    for n in np.flatnonzero(levels.isna().all(axis=1)):
+        raise given.wrong(n, "upper", "leaves the row without a level; give one end")
     runs = levels.melt(None, None, "end", "level", ignore_index=False).dropna()
-    runs = runs.sort_index(kind="stable").join(given.cells)
+    runs, keys = runs.sort_index(kind="stable").join(given.cells), ["arch", "record", "level"]
     if "lower" in levels:
-        for place in np.flatnonzero(levels["lower"] >= levels["upper"]):
+        for n in np.flatnonzero(levels["lower"] >= levels["upper"]):
             rule = "the highest level that stood must be below the lowest that collapsed"
-            raise given.wrong(place, "upper", f"is not above {levels['lower'][place]:g}; {rule}")
+            raise given.wrong(n, "upper", f"is not above {levels['lower'][n]:g}; {rule}")
         runs["code"] = runs["end"] == "upper"
     else:
         runs = runs.assign(**_verdicts(given, states))
-    keys = ["arch", "record", "level"]
     for place, run in runs[runs.duplicated(keys)].iterrows():
         first = runs.index[(runs[keys] == run[keys]).all(axis=1)][0]
         rule = f"is there twice for {run['record']}, see {given.rows[first]}"
@@ -200,16 +194,20 @@ def _verdicts(given: VerdictTable, states: Sequence[str]) -> dict[str, Any]:
     if "state" in given.heads and "verdict" not in given.heads and len(states) < 2:
         rule = "states must list all of them in order, from no damage to collapse"
         raise InputError(f"{given.source}: column {given.heads['state']!r} is of damage: {rule}")
-    if "state" not in given.heads or not states:
-        survived = _plain(given.heads["verdict"]) in _SURVIVED_NAMES  # there a 1 is a survival
-        words = _WORDS | (_SURVIVED_CODES if survived else {})
-        return {"code": given.codes("verdict", words, _RULE)}
-    places = {str(n): n for n in range(len(states))} | {_plain(s): n for n, s in enumerate(states)}
-    lost = {w: -code for w, code in _WORDS.items() if code > 1 and not w.isdecimal()}
-    rule = f"is no damage state; they are {', '.join(states)}, or their numbers from 0"
-    state = given.codes("state", lost | places, rule)
-    code = np.where(state < 0, -state, state == len(states) - 1)
-    return {"code": code, "damage": state.clip(lower=0)}
+    what, rule, words = "verdict", _RULE, _WORDS
+    if states and "state" in given.heads:
+        known = f"they are {', '.join(states)}, or their numbers from 0"
+        what, rule = "state", f"is no damage state; {known}"
+        words = {word: -code for word, code in _WORDS.items() if code > 1 and not word.isdecimal()}
+        words |= {str(n): n for n in range(len(states))}
+        words |= {_plain(state): n for n, state in enumerate(states)}
+    elif _plain(given.heads["verdict"]) in _SURVIVED_NAMES:  # there a 1 is a survival
+        words = _WORDS | _SURVIVED_CODES
+    found = given.read(what, lambda cell: words.get(_plain(cell).removesuffix(".0")), rule)
+    if what == "verdict":
+        return {"code": found}
+    code = np.where(found < 0, -found, found == len(states) - 1)
+    return {"code": code, "damage": found.clip(lower=0)}
 
 
 def _intensity(

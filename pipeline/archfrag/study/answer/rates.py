@@ -176,8 +176,7 @@ def losses_of(
         except FitError as error:
             found[name] = {"none": str(error)}
             continue
-        given = hazard.main, steps, SEED, confidence, runs.onset
-        found[name] = losses.average_annual_loss(*given)
+        found[name] = losses.average_annual_loss(hazard.main, steps, SEED, confidence, runs.onset)
         im = np.array(curve.im) if curve.im else np.linspace(0.0, 1.05 * np.nanmax(runs.level))
         rows = np.array([im, *losses.vulnerability(steps, im)]).tolist()
         columns = ("im", "loss_ratio", "loss_ratio_lower", "loss_ratio_upper")
