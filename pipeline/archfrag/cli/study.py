@@ -195,8 +195,7 @@ def fit_command(study_file: Path, overrides: tuple[str, ...], as_json: bool, **g
     study, cube = read_runs(study_file, states=states, **given)
     if hazard is not None:
         load_hazard([hazard], study.intensity.measure)  # before anything is written
-        keys = RiskKeys.model_construct(hazard=str(hazard))
-        study = study.model_copy(update={"risk": keys})
+        study = study.model_copy(update={"risk": RiskKeys.model_construct(hazard=str(hazard))})
     fitted = fit_runs(study, cube)
     report = make_report(study, None, fitted)
     files = export_study(study, formats, fitted=fitted)["files"] if formats else ()

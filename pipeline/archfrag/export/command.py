@@ -198,8 +198,7 @@ def _with_uncertainty(
         if kind == "predictive":
             nodes, names = [[predictive(f, f.draws(SEED))] for f in each.values()], [arch]
         else:
-            both = (branches_of(fit, fit.draws(SEED)) for fit in each.values())
-            nodes, weights = map(list, zip(*both))
+            nodes, weights = map(list, zip(*(branches_of(f, f.draws(SEED)) for f in each.values())))
             names = [f"{arch}-b{n + 1}" for n in range(weights[-1].size)]
             branches |= {k: (arch, w) for k, w in zip(names, weights[-1].tolist())}
         for name, *curves in zip(names, *nodes):

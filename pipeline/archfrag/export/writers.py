@@ -162,14 +162,13 @@ def nrml_discrete(curves: CurveSet) -> str:
 
 def nrml_vulnerability(points: pd.DataFrame, study: StudyKeys) -> str:
     """Write mean loss ratios as NRML; coefficients of variation are 0: it has the mean alone."""
-    measure, factor = study.intensity.measure, study.intensity.factor
+    measure, factor, name = study.intensity.measure, study.intensity.factor, study.id
     imt, root = named_measure("OpenQuake", measure), Element("nrml", {"xmlns": NAMESPACE})
-    about = {"id": re.sub(r"[^A-Za-z0-9_:-]", "_", study.id)[:75], "lossCategory": "structural"}
+    about = {"id": re.sub(r"[^A-Za-z0-9_:-]", "_", name)[:75], "lossCategory": "structural"}
     model = _add(root, "vulnerabilityModel", assetCategory="masonry arches", **about)
-    text = f"Mean loss ratio against {measure} in {imt.unit}; study {study.id}."
-    _add(model, "description", text)
-    for name, rows in points[points["im"] > 0.0].groupby("arch", sort=False):
-        function = _add(model, "vulnerabilityFunction", id=str(name), dist="LN")
+    _add(model, "description", f"Mean loss ratio against {measure} in {imt.unit}; study {name}.")
+    for arch, rows in points[points["im"] > 0.0].groupby("arch", sort=False):
+        function = _add(model, "vulnerabilityFunction", id=str(arch), dist="LN")
         _add(function, "imls", _row(rows["im"] * factor * imt.factor), imt=imt.name)
         _add(function, "meanLRs", _row(rows["loss_ratio"]))
         _add(function, "covLRs", _row(0.0 * rows["loss_ratio"]))

@@ -126,8 +126,7 @@ def _heads(source: str, names: Sequence[str], columns: Mapping[str, str]) -> dic
     for what, given in columns.items():
         if what not in _ROLES:
             raise InputError(f"columns: {what!r} is not known; allowed are {', '.join(_ROLES)}")
-        head = given if given in names else plain.get(_plain(given))
-        if head is None:
+        if (head := given if given in names else plain.get(_plain(given))) is None:
             raise InputError(f"columns: {source} has no column {given!r}, but {', '.join(names)}")
         heads[what] = head
     for what, known in _ROLES.items():

@@ -195,8 +195,7 @@ def vulnerability_table(found: Mapping[str, Mapping[str, Any]], study: StudyKeys
     if not frames:
         why = "; ".join(f"{name}: {each['none']}" for name, each in found.items())
         raise FitError(f"no arch has the curves of all consequences, so there is no loss: {why}")
-    table = pd.concat(frames, ignore_index=True)
-    return table.assign(im=table["im"] / given.factor)
+    return pd.concat(frames, ignore_index=True).assign(im=lambda rows: rows["im"] / given.factor)
 
 
 def _on_levels(
