@@ -157,9 +157,8 @@ report_command = _step("report", COMMANDS["report"][1],
 
 def _mapping(context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]) -> Any:
     pairs = [pair.partition("=") for text in texts for pair in text.split(",")]
-    for what, sign, name in pairs:
-        if not (what and sign and name):
-            raise InputError(f"--columns {what + sign + name}: write it as intensity=PGA")
+    for wrong in ("".join(pair) for pair in pairs if not all(pair)):
+        raise InputError(f"--columns {wrong}: write it as intensity=PGA")
     return {what.strip(): name.strip() for what, _, name in pairs}
 
 

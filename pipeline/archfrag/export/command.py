@@ -198,9 +198,10 @@ def _with_uncertainty(
         if kind == "predictive":
             nodes, names = [[predictive(f, f.draws(SEED))] for f in each.values()], [arch]
         else:
-            nodes, weights = map(list, zip(*(branches_of(f, f.draws(SEED)) for f in each.values())))
-            names = [f"{arch}-b{n + 1}" for n in range(weights[-1].size)]
-            branches |= {k: (arch, w) for k, w in zip(names, weights[-1].tolist())}
+            pairs = [branches_of(fit, fit.draws(SEED)) for fit in each.values()]
+            nodes, weights = [curves for curves, _ in pairs], pairs[-1][1].tolist()
+            names = [f"{arch}-b{n + 1}" for n in range(len(weights))]
+            branches |= {name: (arch, weight) for name, weight in zip(names, weights)}
         for name, *curves in zip(names, *nodes):
             for n in reversed(range(len(curves) - 1)):  # collapse is the last
                 curves[n] = above(curves[n], curves[n + 1])
