@@ -1,28 +1,18 @@
 """Curves from verdicts of other programs and of experiments."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
-from pathlib import Path
 from typing import Any
 
-import xarray as xr
-
 from archfrag.api.results import PathLike, Results
-from archfrag.errors import InputError
-from archfrag.export.command import export_study
-from archfrag.fragility.verdicts import DECIDED, Verdict
-from archfrag.report.page import make_table_report
-from archfrag.simulation.response import Response
 from archfrag.study.answer.fits import fit_runs
 from archfrag.study.answer.outside import read_runs
-from archfrag.study.file.schema import StudyKeys
 
 
 def fit(
     table: Any, columns: Mapping[str, str] | None = None, measure: str | None = None,
     unit: str | None = None, states: Sequence[str] = (), confidence: float = 0.9,
     output: PathLike | None = None,
-) -> "TableResults":  # fmt: skip
+) -> Results:  # fmt: skip
     """Fit fragility curves to verdicts of any program or experiment, as a study's are fitted.
 
     Parameters
@@ -57,31 +47,5 @@ def fit(
     >>> af.fit(tests).curve
     <Curve structure: median 0.292 g PGA (90 %: 0.190–0.436), dispersion 0.37 (0.14–1.14)>
     """
-    given = read_runs(table, columns, measure, unit, states, confidence, output)
-    return TableResults(*given)
-
-
-class TableResults(Results):
-    """Results from a table of verdicts, as `archfrag.fit` returns them.
-
-    They are those of a study, but for what needs its arches and motions.
-    """
-
-    def __init__(self, study: StudyKeys, cube: xr.Dataset) -> None:
-        super().__init__(study, fit_runs(study, cube))
-        self._export_to = partial(export_study, study, fitted=self._fitted)
-
-    @property
-    def runs(self) -> xr.Dataset:
-        """All runs along arch, record and level, intensities in SI units; see `Results.runs`."""
-        cube = self._fitted.cube
-        decided = cube["verdict"].isin(DECIDED)
-        return cube.assign(collapsed=(cube["verdict"] == Verdict.COLLAPSED).where(decided))
-
-    def response(self, run: str = "median", arch: str | None = None) -> Response:
-        """Raise InputError: a table holds verdicts, and no arch to simulate."""
-        raise InputError("a table of verdicts has no arch and no motions, so no run can be shown")
-
-    def report(self) -> Path:
-        """Write report.html and the tables beside it; return the report's path."""
-        return make_table_report(self._study, self._fitted, self.cautions)
+    study, cube = read_runs(table, columns, measure, unit, states, confidence, output)
+    return Results(study, fit_runs(study, cube))

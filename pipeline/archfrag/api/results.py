@@ -7,7 +7,6 @@ import os
 import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +26,7 @@ from archfrag.report.film import example_of
 from archfrag.study.answer.compare import compare, plane_of
 from archfrag.study.answer.cube import stored_cube
 from archfrag.study.answer.curves import Fitted
-from archfrag.study.answer.fits import cautions_of, in_unit, run_cautions
+from archfrag.study.answer.fits import cautions_of, in_unit
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, vulnerability_table
 from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.hazard import Hazard, hazard_of_table, load_hazard
@@ -83,7 +82,7 @@ def open(path: PathLike) -> Results:
 
 
 class Results:
-    """Results of a study, as `Study.run` and `archfrag.open` return them.
+    """Results of a study, as `Study.run` and `archfrag.open` return them, or of `archfrag.fit`.
 
     Intensities are in the unit of the study. InputError if results are missing, or are not those
     of the study file as it is.
@@ -97,16 +96,15 @@ class Results:
     folder : Path
     """
 
-    def __init__(self, study: StudyKeys, fitted: Fitted | None = None) -> None:
-        self._study, self.folder = study, study.folder
+    def __init__(self, study: StudyKeys, table: Fitted | None = None) -> None:
+        self._study, self._table, self.folder = study, table, study.folder
         self._made = read_stamp(study, "cube")
-        self._fitted = fitted or finished(study)
+        self._fitted = table or finished(study)
         self.curves = {
             name: in_unit(curve, name, study.intensity)
             for name, curve in self._fitted.curves.items() if curve.fitted
         }  # fmt: skip
-        self.cautions = (run_cautions if fitted else cautions_of)(study, self._fitted)
-        self._export_to = partial(export_study, study)
+        self.cautions = cautions_of(study, self._fitted)
 
     @property
     def curve(self) -> Curve:
@@ -126,10 +124,10 @@ class Results:
         This is the cube of the study, ``cube.nc``, with `collapsed`: 1 if a run collapsed, 0 if
         it survived, and nan if it is not run, unfinished or failed; `verdict` is nan if it is not
         run. An adaptive design runs each record at levels of its own, so that their mean at a
-        level is no probability: see `fractions`.
+        level is no probability: see `fractions`. Of a table they are along level, in SI units.
         """
         self._check_there()
-        cube = stored_cube(self._study)
+        cube = self._table.cube if self._table else stored_cube(self._study)
         decided = cube["verdict"].isin(DECIDED)
         return cube.assign(collapsed=(cube["verdict"] == Verdict.COLLAPSED).where(decided))
 
@@ -214,7 +212,7 @@ class Results:
         losses = losses_of(fitted.cube, fitted.quoted(), site, consequence, confidence)
         points = vulnerability_table(losses, study)
         if path is not None:
-            write_vulnerability(Path(path), points, study.intensity.factor, study.id)
+            write_vulnerability(Path(path), losses, study)
         known = {name: each for name, each in losses.items() if "none" not in each}
         table = pd.DataFrame.from_dict(known, orient="index").drop(columns="vulnerability")
         table.attrs["vulnerability"] = points
@@ -298,6 +296,8 @@ class Results:
             If not given, the first arch of the report.
         """
         self._check_there()
+        if self._table:
+            raise InputError("a table has no arch and no motions, so no run can be shown")
         if not isinstance(arch, str | None) or not isinstance(run, str):
             what = f"run {run!r} and arch {arch!r}; a run is a text such as 'syn-m75-r015@0.5'"
             raise InputError(f"response: cannot use {what}, and an arch is given by its name")
@@ -310,6 +310,8 @@ class Results:
     def report(self) -> Path:
         """Make the report if it is not up to date, and return its path."""
         self._check_there()
+        if self._table:
+            return make_report(self._study, None, self._table)
         make_step(self._study, "report", lambda text: None, report=make_report)
         return self.folder / "report.html"
 
@@ -322,11 +324,12 @@ class Results:
         Lognormal curves, or probabilities at levels if `discrete`. A class has one curve, with
         `members` its arches have theirs too. `limit_states` are written besides collapse, all that
         have curves if none is given. `curve` is "median"; "predictive", the mean over what theta
-        and beta may be; or "branches", a curve for each of 15 pairs of them, with a CSV of
-        weights beside. Warnings name what is left out and what to heed.
+        and beta may be; or "branches", 15 curves with weights in a CSV beside. Warnings name what
+        is left out and what to heed.
         """
         kind = f"nrml-{'discrete' if discrete else 'continuous'}"
-        return self._export(kind, path, members, limit_states, curve)[0]
+        self._export(kind, path, members, limit_states, curve)
+        return Path(path)
 
     def to_pelicun(
         self, path: PathLike, members: bool = False, limit_states: Sequence[str] = (),
@@ -360,14 +363,13 @@ class Results:
             raise InputError(f"{path}: {kind} is written into a folder; give the folder, {how}")
         with tempfile.TemporaryDirectory() as temporary:
             to = Path(temporary) if single else path
-            made = self._export_to([kind], to, members, limit_states, curve)
+            made = export_study(self._study, [kind], to, members, limit_states, curve, self._table)
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)
-                texts = [each.read_text("utf-8") for each in files]
-                files = [path, path.with_name(f"{path.stem}-branches.csv")][: len(texts)]
-                for file, text in zip(files, texts, strict=True):
-                    write_text(file, text)
+                weights = path.with_name(f"{path.stem}-branches.csv")
+                for target, file in zip((path, weights), files):
+                    write_text(target, file.read_text("utf-8"))
         left = [f"no curve of {arch} is exported: {why}" for arch, why in made["left_out"].items()]
         for message in (*left, *made["notes"]):
             warnings.warn(message, stacklevel=3)

@@ -21,7 +21,7 @@ COMMANDS = {
     "motions": ("study", "Read the study's records and store them for the workers."),
     "batch": ("study", "Run the simulations of a batch that are missing."),
     "cube": ("study", "Gather the results into one CF netCDF cube."),
-    "fit": ("fit_verdicts", "Fit fragility curves to a table of verdicts, or to a study."),
+    "fit": ("study", "Fit fragility curves to a table of verdicts, or to a study."),
     "report": ("study", "Write the report: one HTML file that needs no network."),
     "clean": ("study", "Remove stored runs that a study does not use."),
     "export": ("answers", "Export a finished study in the formats of other programs."),

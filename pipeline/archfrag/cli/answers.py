@@ -19,13 +19,7 @@ from archfrag.files import opened
 from archfrag.report.film import check_target, example_of, save_film
 from archfrag.report.inputs import report_inputs
 from archfrag.report.printed import save_figures
-from archfrag.study.answer.rates import (
-    losses_of,
-    risk_facts,
-    risk_of,
-    risk_text,
-    vulnerability_table,
-)
+from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import CUBE, finite
@@ -166,8 +160,8 @@ def risk(
     """
     if vulnerability and not consequence:
         raise InputError("--vulnerability needs --consequence, such as rotation=0.1,collapse=1")
-    intensity, confidence = study.intensity, given["confidence"]
-    hazard = load_hazard(hazards, intensity.measure, given["unit"], given["site"])
+    confidence = given["confidence"]
+    hazard = load_hazard(hazards, study.intensity.measure, given["unit"], given["site"])
     fitted = finished(study)
     curves = fitted.quoted(members)
     rates = risk_of(fitted.cube, curves, hazard, given["years"], confidence)
@@ -175,8 +169,7 @@ def risk(
     if consequence:
         losses = losses_of(fitted.cube, curves, hazard, consequence, confidence)
         if vulnerability:
-            table = vulnerability_table(losses, study)
-            write_vulnerability(vulnerability, table, intensity.factor, study.id)
+            write_vulnerability(vulnerability, losses, study)
         facts["losses"] = finite(losses, None)
     show(facts, risk_text(facts), as_json)
     if all("none" in arch for arch in facts["arches"].values()):

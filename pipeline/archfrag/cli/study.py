@@ -6,7 +6,7 @@ import shlex
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,16 +20,22 @@ from archfrag.cli.options import (
     json_option,
     point_to_report,
     show,
+    takes_study,
     warn,
     wrapped,
 )
 from archfrag.cli.with_study import with_study
-from archfrag.errors import attempt
+from archfrag.errors import FitError, InputError, attempt
+from archfrag.export import FORMATS
+from archfrag.export.command import export_study
 from archfrag.files import counted, printable
 from archfrag.report import make_report
-from archfrag.study.answer.fits import fit_lines, load_fits
-from archfrag.study.answer.rates import StudyRisk, risk_lines, risk_of_study
-from archfrag.study.file.schema import load_study
+from archfrag.study.answer.curves import Fitted
+from archfrag.study.answer.fits import FITS, fit_lines, fit_runs, load_fits
+from archfrag.study.answer.outside import read_runs
+from archfrag.study.answer.rates import risk_lines, risk_of_study
+from archfrag.study.file.schema import RiskKeys, load_study
+from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import check_own
 from archfrag.study.running import only_run, stoppable
 from archfrag.study.runs.store import make_plan, superfluous
@@ -64,7 +70,7 @@ def run_all(study_file: Path, overrides: tuple[str, ...], cores: int | None, qui
         anything = run_study(study, study_file, check, make_report, cores, quiet, overrides)
         if not quiet:
             if anything:
-                _summary(study)
+                _summary(study, load_fits(study))
             point_to_report(study.folder, study.folder if overrides else study_file, anything)
 
 
@@ -83,24 +89,17 @@ def _stoppable(again: str) -> Iterator[Callable[[], None]]:
         os._exit(int(stopped.code or 0))  # a thread in a kernel cannot be stopped
 
 
-def _summary(study: Any) -> None:
-    """Print the answers of a finished study."""
-    fitted = load_fits(study)
+def _summary(study: Any, fitted: Fitted) -> None:
+    """Print the answers of a finished study, or of a table."""
+    answers, cautions = fit_lines(study, fitted)
     risk = attempt(lambda: risk_of_study(study, fitted))
-    print_answers(*fit_lines(study, fitted), risk, arch_texts(study))
-
-
-def print_answers(
-    answers: list[str], cautions: list[str], risk: StudyRisk | str | None,
-    facts: Iterable[str] = (),
-) -> None:  # fmt: skip
-    """Print curves and rates with their cautions, and facts on arches."""
     if isinstance(risk, str):
         cautions.append(f"no rates of collapse: {risk}")
     elif risk is not None:  # of a study that has a hazard
         lines, more = risk_lines(risk)
         answers, cautions = answers + lines, cautions + more
-    for line in (line for text in (*answers, *facts) for line in wrapped(text, 8)):
+    texts = *answers, *(arch_texts(study) if study.arches else ())
+    for line in (line for text in texts for line in wrapped(text, 8)):
         echo(line)
     for first, *others in (wrapped(f"! {printable(each)}", 2) for each in cautions):
         click.echo("\n".join([click.style("!", fg="yellow") + first[1:], *others]))
@@ -150,7 +149,61 @@ batch_command = _step("batch", COMMANDS["batch"][1],
                    help="Its number, from 0."), cores_option,
       click.option("--quiet", is_flag=True, help="No progress bar."))  # fmt: skip
 cube_command = _step("cube", COMMANDS["cube"][1])
-fit_study = _step("fit", COMMANDS["fit"][1], json_option)
+_fit_study: Any = _step("fit", COMMANDS["fit"][1], json_option).callback
 report_command = _step("report", COMMANDS["report"][1],
       click.option("--compare", "compared", type=PATH, metavar="OTHER_STUDY",
                    help="Compare the arches with those of another, finished study."))  # fmt: skip
+
+
+def _mapping(context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]) -> Any:
+    pairs = [pair.partition("=") for text in texts for pair in text.split(",")]
+    for wrong in ("".join(pair) for pair in pairs if not all(pair)):
+        raise InputError(f"--columns {wrong}: write it as intensity=PGA")
+    return {what.strip(): name.strip() for what, _, name in pairs}
+
+
+@click.command("fit")
+@takes_study
+@click.option("--columns", multiple=True, callback=_mapping, metavar="WHAT=NAME,...",
+              help="Names of columns by what they hold: intensity=PGA,verdict=fell.")  # fmt: skip
+@click.option("--measure", help="Measure of the intensity, if its column does not state it.")
+@click.option("--unit", help="Unit of the intensity, if its column does not state it.")
+@click.option("--states", metavar="NAME,...", default="",
+              help="Damage states of a column, in order, from none to collapse.")  # fmt: skip
+@click.option("--confidence", type=float, default=0.9, show_default=True, help="Of all bands.")
+@click.option("--hazard", type=PATH, help="Hazard curve of a site, for the rate of collapse.")
+@click.option("--output", type=PATH, help="Folder to write to; results/NAME if not given.")
+@click.option("--format", "formats", multiple=True, type=click.Choice(FORMATS),
+              help="Format to export to, as `archfrag export` does. Repeatable.")  # fmt: skip
+@json_option
+def fit_command(study_file: Path, overrides: tuple[str, ...], as_json: bool, **given: Any) -> None:
+    """Fit fragility curves to a table of verdicts, or to a study.
+
+    STUDY is a CSV file of verdicts of any program or experiment: a row for each run, with columns
+    record, event, `PGA [g]` (or intensity) and verdict (collapsed or survived, 1 or 0); or for
+    each record, with columns lower and upper. Of a study only --set and --json have a meaning.
+
+    \b
+    Example:
+      archfrag fit tests.csv --columns "intensity=table PGA,verdict=fell" --measure PGA --unit g
+    """
+    if study_file.suffix.lower() not in (".csv", ".tsv", ".txt"):
+        return _fit_study(study_file, overrides, as_json=as_json)
+    hazard, formats = given.pop("hazard"), given.pop("formats")
+    states = [name.strip() for name in given.pop("states").split(",") if name.strip()]
+    study, cube = read_runs(study_file, states=states, **given)
+    if hazard is not None:
+        load_hazard([hazard], study.intensity.measure)  # before anything is written
+        study = study.model_copy(update={"risk": RiskKeys.model_construct(hazard=str(hazard))})
+    fitted = fit_runs(study, cube)
+    report = make_report(study, None, fitted)
+    files = export_study(study, formats, fitted=fitted)["files"] if formats else ()
+    if as_json:
+        return echo((study.folder / FITS).read_text("utf-8"))
+    _summary(study, fitted)
+    for each in files:
+        echo(f"{each['format']}: {each['file']}")
+    echo(f"report  {report}")
+    if not any(curve.fitted for curve in fitted.curves.values()):
+        raise FitError("the table gives no curve")
+    return None

@@ -19,6 +19,5 @@ OF_ARCHES = {
     "scene": "LMGC90, 3DEC and others: bodies, joints, ties and scaled motions in JSON",
     "dxf": "drawing programs: a drawing of each arch",
 }
-# What is written of a curve: of the medians of theta and beta, its mean over what they may be, or
-# a curve for each of some weighted pairs of them.
+# What is written: the curve of the medians of theta and beta, its mean, or weighted branches.
 CURVES = ("median", "predictive", "branches")

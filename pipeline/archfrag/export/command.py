@@ -20,7 +20,7 @@ from archfrag.fragility.curve import Curve
 from archfrag.fragility.several import MOST_CROSSING, above
 from archfrag.study.answer.curves import Fitted, arch_classes
 from archfrag.study.answer.outside import BLANK
-from archfrag.study.answer.rates import SEED
+from archfrag.study.answer.rates import SEED, vulnerability_table
 from archfrag.study.answer.tables import (
     Columns,
     Pieces,
@@ -195,19 +195,17 @@ def _with_uncertainty(
         if kind == "median" or not each["collapse"].fitted:
             found[arch] = dict(each)
             continue
-        nodes, names = dict[str, list[Curve]](), [arch]
-        for state, fit in each.items():  # collapse is the last
-            draws = fit.draws(SEED)
-            nodes[state], weights = [predictive(fit, draws)], np.ones(1)
-            if kind == "branches":
-                nodes[state], weights = branches_of(fit, draws)
-                names = [f"{arch}-b{n + 1}" for n in range(weights.size)]
-                branches |= {k: (arch, w) for k, w in zip(names, weights.tolist())}
-        for n, name in enumerate(names):
-            severe, moved = nodes["collapse"][n], dict[str, Curve]()
-            for state in reversed(list(each)):
-                severe = moved[state] = above(nodes[state][n], severe)
-            found[name] = {state: moved[state] for state in each}
+        if kind == "predictive":
+            nodes, names = [[predictive(f, f.draws(SEED))] for f in each.values()], [arch]
+        else:
+            pairs = [branches_of(fit, fit.draws(SEED)) for fit in each.values()]
+            nodes, weights = [curves for curves, _ in pairs], pairs[-1][1].tolist()
+            names = [f"{arch}-b{n + 1}" for n in range(len(weights))]
+            branches |= {name: (arch, weight) for name, weight in zip(names, weights)}
+        for name, *curves in zip(names, *nodes):
+            for n in reversed(range(len(curves) - 1)):  # collapse is the last
+                curves[n] = above(curves[n], curves[n + 1])
+            found[name] = dict(zip(each, curves))
     return found, branches
 
 
@@ -260,13 +258,14 @@ def write_parquet(path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, A
             writer.write_table(table.cast(schema))
 
 
-def write_vulnerability(path: Path, table: pd.DataFrame, factor: float, study: str) -> None:
-    """Write a table of mean loss as CSV or NRML, by the ending of the path."""
+def write_vulnerability(path: Path, losses: Mapping[str, Any], study: StudyKeys) -> None:
+    """Write the mean loss of `losses_of` as CSV or NRML, by the ending of the path."""
+    table = vulnerability_table(losses, study)
     if path.suffix not in (".csv", ".xml"):
         raise InputError(f"{path}: a table of mean loss is written as .csv or .xml")
     text = table.to_csv(index=False, lineterminator="\n")
     if path.suffix == ".xml":
-        text = writers.nrml_vulnerability(table, str(table["measure"][0]), factor, study)
+        text = writers.nrml_vulnerability(table, study)
     write_text(path, text)
 
 

@@ -18,6 +18,7 @@ from archfrag.errors import InputError
 from archfrag.fragility.curve import Curve
 from archfrag.motions.measures import parse_measure
 from archfrag.motions.motion import STANDARD_GRAVITY
+from archfrag.study.file.schema import StudyKeys
 
 NAMESPACE = "http://openquake.org/xmlns/nrml/0.5"
 # OpenQuake holds a curve constant above its highest level: 4 dispersions above the median that
@@ -159,17 +160,15 @@ def nrml_discrete(curves: CurveSet) -> str:
     return _xml(root)
 
 
-def nrml_vulnerability(points: pd.DataFrame, measure: str, factor: float, study: str) -> str:
-    """Write mean loss ratios as NRML; intensities of `points` times `factor` are in SI.
-
-    Coefficients of variation are 0: the file has the mean alone.
-    """
+def nrml_vulnerability(points: pd.DataFrame, study: StudyKeys) -> str:
+    """Write mean loss ratios as NRML; coefficients of variation are 0: it has the mean alone."""
+    measure, factor, name = study.intensity.measure, study.intensity.factor, study.id
     imt, root = named_measure("OpenQuake", measure), Element("nrml", {"xmlns": NAMESPACE})
-    about = {"id": re.sub(r"[^A-Za-z0-9_:-]", "_", study)[:75], "lossCategory": "structural"}
+    about = {"id": re.sub(r"[^A-Za-z0-9_:-]", "_", name)[:75], "lossCategory": "structural"}
     model = _add(root, "vulnerabilityModel", assetCategory="masonry arches", **about)
-    _add(model, "description", f"Mean loss ratio against {measure} in {imt.unit}; study {study}.")
-    for name, rows in points[points["im"] > 0.0].groupby("arch", sort=False):
-        function = _add(model, "vulnerabilityFunction", id=str(name), dist="LN")
+    _add(model, "description", f"Mean loss ratio against {measure} in {imt.unit}; study {name}.")
+    for arch, rows in points[points["im"] > 0.0].groupby("arch", sort=False):
+        function = _add(model, "vulnerabilityFunction", id=str(arch), dist="LN")
         _add(function, "imls", _row(rows["im"] * factor * imt.factor), imt=imt.name)
         _add(function, "meanLRs", _row(rows["loss_ratio"]))
         _add(function, "covLRs", _row(0.0 * rows["loss_ratio"]))

@@ -30,7 +30,11 @@ def branches_of(curve: Curve, draws: Draws) -> tuple[list[Curve], FloatArray]:
     off, share = _gauss(log_theta - middle[0] - slope * (log_beta - middle[1]), _THETAS)
     thetas = np.exp(middle[0] + slope * wider[:, None] + off)
     betas = np.exp(middle[1] + wider)
-    curves = [_moved(curve, t, b) for row, b in zip(thetas.tolist(), betas.tolist()) for t in row]
+    curves = [
+        Curve(t, b, n_total=curve.n_total, kind="branch",
+              members=None if curve.members is None else _parts(curve, t, b))
+        for row, b in zip(thetas.tolist(), betas.tolist()) for t in row
+    ]  # fmt: skip
     return curves, np.outer(weight, share).ravel()
 
 
@@ -44,9 +48,7 @@ def predictive(curve: Curve, draws: Draws) -> Curve:
     parts = _parts(curve, draws[0][::step], draws[1][::step])
     logs = np.log(parts[:, 0])
     theta, beta = np.exp(logs.mean()), np.sqrt((parts[:, 1] ** 2).mean() + logs.var())
-    return replace(
-        curve, theta=float(theta), beta=float(beta), members=parts, kind="predictive"
-    )  # fmt: skip
+    return replace(curve, theta=float(theta), beta=float(beta), members=parts, kind="predictive")
 
 
 def _gauss(values: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
@@ -69,13 +71,3 @@ def _parts(curve: Curve, theta: ArrayLike, beta: ArrayLike) -> FloatArray:
     wider, (own, width) = beta / curve.beta, curve.parts.T
     moved = theta * (own / curve.theta) ** wider, wider * width
     return np.stack([each.ravel() for each in moved], axis=1)
-
-
-def _moved(curve: Curve, theta: float, beta: float) -> Curve:
-    """Return a curve with other parameters, without a band."""
-    members = None if curve.members is None else _parts(curve, theta, beta)
-    unknown = (np.nan, np.nan), (np.nan, np.nan)
-    return replace(
-        curve, theta=theta, beta=beta, members=members, kind="branch", likelihood=None, im=(),
-        lower=(), upper=(), method="", covariance=np.full((2, 2), np.nan), intervals=unknown,
-    )  # fmt: skip

@@ -6,7 +6,7 @@ is the sum of the steps times the rates of the states. Ends of bands add up alik
 beta of all states erred together.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,9 +69,7 @@ def average_annual_loss(
     the rate of a state is one.
     """
     rates = [collapse_rate(hazard, c, c.draws(seed), confidence, onset(c)) for c, _ in steps]
-    names = {"aal": "quoted", "aal_mean": "mean", "aal_lower": "lower", "aal_upper": "upper"}
-    weight: Sequence[float] = [step for _, step in steps]
-    found = {
-        key: float(np.dot(weight, [getattr(r, n) for r in rates])) for key, n in names.items()
-    }
-    return found | {"aal_is_lower_bound": any(rate.is_bound for rate in rates)}
+    parts = [(each.quoted, each.mean, each.lower, each.upper) for each in rates]
+    losses: list[float] = np.dot([step for _, step in steps], parts).tolist()
+    names = ("aal", "aal_mean", "aal_lower", "aal_upper")
+    return dict(zip(names, losses)) | {"aal_is_lower_bound": any(rate.is_bound for rate in rates)}

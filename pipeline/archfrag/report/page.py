@@ -8,6 +8,7 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import xarray as xr
 from markupsafe import Markup, escape
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import InputError
+from archfrag.errors import InputError, attempt
 from archfrag.files import make_folder
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
@@ -26,7 +27,7 @@ from archfrag.report import curve_figures, html, svg
 from archfrag.report.film import typical_run
 from archfrag.report.first_page import first_page, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
-from archfrag.report.inputs import ReportInputs, arch_results, report_inputs, summary, thetas
+from archfrag.report.inputs import ReportInputs, Scale, arch_results, report_inputs, summary
 from archfrag.report.limits import study_aspects
 from archfrag.report.papers import write_papers
 from archfrag.report.risk_section import risk_section
@@ -36,12 +37,12 @@ from archfrag.report.sections import (
     arch_sections,
     card,
     class_sections,
+    table_sections,
 )
 from archfrag.report.svg import Entry, Sheet, figure, log_ticks
-from archfrag.report.table_page import table_inputs, table_sections
 from archfrag.study.answer.curves import Fitted, runs_of_cube
-from archfrag.study.answer.fits import gathered, store_fits
-from archfrag.study.answer.rates import StudyRisk
+from archfrag.study.answer.fits import cautions_of, gathered, store_fits
+from archfrag.study.answer.rates import risk_of_study
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import write_text
@@ -54,23 +55,27 @@ _NAME = 180.0  # of a record under its thumbnail [px]
 _MOST_THUMBNAILS, _MOST_SPECTRA = 60, 80
 
 
-def make_report(study: StudyKeys, compared: Path | None = None) -> Path:
+def make_report(
+    study: StudyKeys, compared: Path | None = None, table: Fitted | None = None
+) -> Path:
     """Write the report of a finished study, compared with that of another file; return its path.
+
+    Of a `table` of verdicts it has no arches and no motions, and its curves are stored too.
 
     Beside it are its numbers ``summary.json``, its curves as SVG files (``curves.svg`` in the
     place of those of many arches), and the tables of `archfrag.report.papers`.
     """
-    return write_report(report_inputs(study, compared), study.folder / "report.html")
-
-
-def make_table_report(
-    study: StudyKeys, fitted: Fitted, cautions: Sequence[str], risk: StudyRisk | str | None = None
-) -> Path:
-    """Write the report on a table of verdicts and its numbers; return the path of the former."""
+    out = study.folder / "report.html"
+    if table is None:
+        return write_report(report_inputs(study, compared), out)
     make_folder(study.folder)
-    store_fits(study, fitted)
-    inputs = table_inputs(study, fitted, cautions, risk)
-    return write_report(inputs, study.folder / "report.html")
+    store_fits(study, table)
+    scale = Scale(study.intensity.measure, study.intensity.unit, 1.0 / study.intensity.factor)
+    return write_report(ReportInputs(
+        table.cube, scale, (), (), table.arches, table.classes, cautions_of(study, table),
+        title=study.title, confidence=study.report.confidence,
+        risk=attempt(partial(risk_of_study, study, table)),
+    ), out)  # fmt: skip
 
 
 def write_report(inputs: ReportInputs, out: Path) -> Path:
@@ -317,7 +322,7 @@ def _scaled_spectra(inputs: ReportInputs) -> Picture:
     cube, scale, level, words = inputs.cube, inputs.scale, 0, "scaled as in the runs"
     intensity = cube["intensity"].values
     if intensity.ndim == 1:
-        medians, level = thetas(inputs.answers.values()), intensity.size // 2
+        medians, level = [each.theta for each in inputs.answers.values()], intensity.size // 2
         why = "the middle level"
         if np.isfinite(medians).any():
             level = int(np.abs(np.log(intensity) - np.log(np.nanmedian(medians))).argmin())

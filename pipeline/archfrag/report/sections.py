@@ -24,6 +24,7 @@ from archfrag.simulation.standing import inset_loss, inset_text, joints_text
 from archfrag.study.answer.curves import arch_classes
 from archfrag.study.file.arches import UNITS
 from archfrag.study.file.members import SHOWN
+from archfrag.version import __version__
 
 Parts = Iterator[Any]  # of a section: texts, tables and figures; None is left out
 _MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of answers
@@ -79,6 +80,26 @@ def arch_sections(
     return sections, [PageSection("members", "Appendix: arches of classes", folded, files)]
 
 
+def table_sections(inputs: ReportInputs) -> Iterator[PageSection]:
+    """Yield a section for each structure of a table, and one on how the curves were found."""
+    for place, (name, answer) in enumerate(inputs.quoted.items()):
+        results, start, parts = inputs.results(name), f"{name}: ", list[Any]()
+        own = [words.removeprefix(start) for words in inputs.cautions if words.startswith(start)]
+        parts.append(card(answer, inputs.scale, inputs.percent, own, results))
+        parts.append(curve_figures.curve(results, answer))
+        if answer.more.get("limit_states"):
+            parts += _limit_states(inputs, answer, name)
+        if "test_of_fit" in (free := answer.more.get("free", {})):
+            parts += heading("Checks"), paragraph(free["test_of_fit"]["message"])
+        parts.append(html.folded("Verdicts by level", _levels(results, answer, inputs.percent)))
+        yield PageSection(f"curve{place}", name, parts)
+    assumed = dict.fromkeys(each.assumptions for each in inputs.known.values())
+    digest = inputs.cube.attrs["table_sha256"]
+    words = TEXTS["notes"]["table"].format(digest=digest, version=__version__)
+    how = [paragraph(text) for text in (words, *assumed)]
+    yield PageSection("glossary", "How the curves were found", how)
+
+
 def _arch_parts(
     inputs: ReportInputs, place: int, curve: Picture, example: Example | None, leads: bool
 ) -> Parts:
@@ -105,7 +126,7 @@ def _arch_parts(
     of_runs = run_figures.verdict_map if results.own_levels is None else run_figures.single_runs
     yield of_runs(results)
     if more.get("limit_states"):
-        yield from states_parts(inputs, answer, name)
+        yield from _limit_states(inputs, answer, name)
     if more.get("measures"):
         yield from _measures(more["measures"], name, inputs.scale)
     yield heading("The arch and its onset")
@@ -123,7 +144,7 @@ def _arch_parts(
     yield paragraph(f"Design {design.kind}: {design.text}.")
     if "cloud" in more:
         yield paragraph(_cloud(more["cloud"]["logistic"], inputs.scale), "note")
-    yield html.folded("Verdicts by level", levels_table(results, answer, percent))
+    yield html.folded("Verdicts by level", _levels(results, answer, percent))
     yield html.folded("Collapses by mechanism", *_mechanism_table(groups, results, percent))
     geometry = html.pairs(f"Geometry of {name}", _geometry(arch.parameters), "parameter")
     yield html.folded("Geometry", geometry)
@@ -158,7 +179,7 @@ def _class_parts(inputs: ReportInputs, name: str, curves: Picture) -> Parts:
     elif split:
         yield paragraph(TEXTS["notes"]["dispersion"].format(**split))
     if answer.more.get("limit_states"):
-        yield from states_parts(inputs, answer, name)
+        yield from _limit_states(inputs, answer, name)
     members = np.array(list(arch_classes(inputs.cube).values())) == name
     differences = {}
     for key, variable in inputs.cube.data_vars.items():
@@ -231,7 +252,7 @@ def card(
     return Markup('<div class="answer">{}</div>').format(Markup("\n").join(parts))
 
 
-def levels_table(results: ArchResults, answer: Curve, percent: str) -> Markup:
+def _levels(results: ArchResults, answer: Curve, percent: str) -> Markup:
     """Tabulate verdicts and probabilities at each level."""
     counts, records = results.counts, results.known
     ends = zip(*clopper_pearson(records["collapsed"], records["n"], answer.confidence))
@@ -261,7 +282,7 @@ def _cloud(fit: Mapping[str, Any], scale: Scale) -> str:
     return f"Logistic regression of collapse against ln intensity: {words}."
 
 
-def states_parts(inputs: ReportInputs, answer: Curve, name: str) -> Parts:
+def _limit_states(inputs: ReportInputs, answer: Curve, name: str) -> Parts:
     """Yield figure and table of limit states."""
     states = answer.more["limit_states"]
     yield heading("Limit states")

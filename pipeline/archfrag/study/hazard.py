@@ -89,7 +89,7 @@ def load_hazard(
             raise InputError(f"{path}: {must}{error}") from None
         if stated is None:
             messages.append(f"{path}: does not name its measure, which is taken to be {measure}")
-        elif _measure(stated) != parse_measure(measure):
+        elif measure_of(stated) != parse_measure(measure):
             what = f"states {stated} and no component, taken to be {measure}'s"
             messages.append(f"{path}: the file {what}")
     order = sorted(found, key=lambda name: name != "mean")
@@ -111,7 +111,7 @@ def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
     return Hazard(measure, "a table in Python", {"mean": curve})
 
 
-def _measure(stated: str) -> Measure | None:
+def measure_of(stated: str) -> Measure | None:
     """Return the measure that a file states in whatever case; None if it is not one of ours."""
     with contextlib.suppress(InputError):
         return parse_measure(spelled(stated))
@@ -131,7 +131,7 @@ def _factor(
     requested, allowed = parse_measure(measure), LEVEL_UNITS.get(measure_unit(measure), {})
     # OpenQuake states no component.
     accepted = (requested, requested._replace(rotated="")) if by_site else (requested,)
-    if stated is not None and _measure(stated) not in accepted:
+    if stated is not None and measure_of(stated) not in accepted:
         raise InputError(f"is a hazard of {stated}, but the study's levels are of {measure}")
     if unit not in (None, own):
         raise InputError(f"gives {measure} in {own}, not in {unit}")
@@ -182,7 +182,7 @@ def _openquake(text: str, table: pd.DataFrame, site: Sequence[float] | None) -> 
 def _with_unit(head: str) -> tuple[str, str | None]:
     """Split a header into name and unit, in lower case; brackets of a measure hold no unit."""
     found = re.fullmatch(r"(.+?)\s*[\[(]([^\[\]()]*)[\])]", head)
-    if found is None or _measure(head) is not None:
+    if found is None or measure_of(head) is not None:
         return head, None
     return found[1], found[2].strip().casefold()
 

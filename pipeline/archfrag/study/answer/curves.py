@@ -241,6 +241,8 @@ def measures_compared(runs: Runs) -> dict[str, Any]:
 
 def known_measures(cube: xr.Dataset) -> tuple[dict[str, FloatArray], dict[str, float], dict]:
     """Return measures that grow with the factor: values of records, exponents, and SI units."""
+    if "measure" not in cube:
+        raise FitError("a table of verdicts has one measure of its motions, so there is no other")
     names = cube["measure"].values.astype(str).tolist()
     value = cube["record_measure"].transpose("measure", "record").values
     exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))
@@ -254,7 +256,7 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict
     A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study.
     """
     cube, collapsed = runs.cube, runs.verdict == Verdict.COLLAPSED
-    exceeded = _damage_of_table(cube) if "damage" in cube else _damage_of_arch(cube, keys)
+    exceeded = _damage(cube, keys)
     onset, states, known = _onset_in_measure(cube), list[Curve](), dict[bytes, Curve]()
     for name, (meaning, condition) in exceeded.items():
         exceeds = collapsed | runs.decided & condition.values.reshape(runs.verdict.shape)
@@ -283,8 +285,11 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict
     return {"message": message, "states": plain}
 
 
-def _damage_of_arch(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str, Any]]:
-    """Return what each limit state means, and which runs of a study exceed it."""
+def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str, Any]]:
+    """Return what each limit state means, and which runs exceed it."""
+    if "damage" in cube:
+        given = [*enumerate(json.loads(cube["damage"].attrs["states"]))][1:-1]
+        return {name: ("damage that the table states", cube["damage"] >= n) for n, name in given}
     limits, residual, rotation = cube["static_limit"], keys["residual"], keys["rotation"]
     rad = f", {limits.values[0]:.3g} rad" if limits.size == 1 else ""
     exceeded = {
@@ -303,12 +308,6 @@ def _damage_of_arch(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tu
     if np.isnan(cube["onset_plus"]).any():  # corners of joints that give open in any motion
         del exceeded["motion"], exceeded["impact"]
     return exceeded
-
-
-def _damage_of_table(cube: xr.Dataset) -> dict[str, tuple[str, Any]]:
-    """Return the damage states that a table gives its runs, and which runs reach each."""
-    names = list(enumerate(json.loads(cube["damage"].attrs["states"])))
-    return {name: ("damage that the table states", cube["damage"] >= n) for n, name in names[1:-1]}
 
 
 def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], confidence: float) -> Curve:

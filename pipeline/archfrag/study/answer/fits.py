@@ -129,13 +129,6 @@ def in_unit(curve: Curve, name: str, intensity: Intensity) -> Curve:
 
 def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
     """Write aligned lines on the curves of classes and of arches of none, and the cautions."""
-    return answer_lines(study, fitted, cautions_of(study, fitted))
-
-
-def answer_lines(
-    study: StudyKeys, fitted: Fitted, found: Iterable[str]
-) -> tuple[list[str], list[str]]:
-    """Write what `fit_lines` does, of the cautions that were `found`."""
     answers = {k: in_unit(each, k, study.intensity) for k, each in fitted.quoted().items()}
     rows = [(name, *answers[name].words()) for name in list(answers)[:SHOWN]]
     first = max(len("report"), *(len(name) for name, _, _ in rows))
@@ -144,7 +137,8 @@ def answer_lines(
     if len(answers) > SHOWN:
         lines.append(f"{len(answers) - SHOWN} more in {study.folder / CURVE}")
     cautions = [f"{name}: {text}" for name, each in answers.items() if (text := each.undecided())]
-    return lines, gathered([*cautions, *found], fitted.cube, list(answers)[:SHOWN])
+    cautions += cautions_of(study, fitted)
+    return lines, gathered(cautions, fitted.cube, list(answers)[:SHOWN])
 
 
 def gathered(cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]) -> list[str]:
@@ -168,12 +162,6 @@ def gathered(cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]) 
 
 def cautions_of(study: StudyKeys, fitted: Fitted) -> list[str]:
     """List the cautions on a study's cube and curves, with levels in the study's unit."""
-    members = unit_warnings(study, study.members)
-    return run_cautions(study, fitted, members + suspicious(read_manifest(study)["records"]))
-
-
-def run_cautions(study: StudyKeys, fitted: Fitted, others: Iterable[str] = ()) -> list[str]:
-    """List the cautions on the runs of a cube and its curves, and `others` among them."""
     unit, named = study.intensity.unit, ["levels of their own"]
     if study.design.on_levels:
         named = [f"{level:.4g} {unit}" for level in study.intensity.given]
@@ -183,7 +171,10 @@ def run_cautions(study: StudyKeys, fitted: Fitted, others: Iterable[str] = ()) -
         for message in arch_cautions(fitted.runs[name], named, curve)
     ]
     facts = json.loads(fitted.cube.attrs["archfrag_design"]).get("arches", {})
-    return [*cautions, *others, *study.design.cautions(facts), *record_cautions(fitted.cube)]
+    if study.arches:  # none of a table
+        cautions += unit_warnings(study, study.members)
+        cautions += suspicious(read_manifest(study)["records"])
+    return [*cautions, *study.design.cautions(facts), *record_cautions(fitted.cube)]
 
 
 def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator[str]:

@@ -13,14 +13,9 @@ from numpy.typing import NDArray
 
 from archfrag.errors import FitError
 from archfrag.files import counted
+from archfrag.fragility import losses
 from archfrag.fragility import risk as rates
 from archfrag.fragility.curve import Curve, FloatArray
-from archfrag.fragility.losses import (
-    average_annual_loss,
-    checked_ratios,
-    loss_steps,
-    vulnerability,
-)
 from archfrag.fragility.verdicts import Verdict
 from archfrag.physics.status import CollapseMode
 from archfrag.study.answer.curves import Fitted, Runs, runs_of_cube
@@ -172,36 +167,35 @@ def losses_of(
 
     `consequence` has by limit state the cost of one or the other as a part of the arch's value.
     """
-    ratios, found = checked_ratios(consequence), dict[str, dict[str, Any]]()
+    ratios, found = losses.checked_ratios(consequence), dict[str, dict[str, Any]]()
     for name, runs in runs_of_cube(cube, curves).items():
         try:
             if not (curve := curves[name]).fitted:
                 raise FitError(curve.reason)
-            steps = loss_steps(curve, ratios)
+            steps = losses.loss_steps(curve, ratios)
         except FitError as error:
             found[name] = {"none": str(error)}
             continue
-        found[name] = average_annual_loss(hazard.main, steps, SEED, confidence, runs.onset)
+        found[name] = losses.average_annual_loss(hazard.main, steps, SEED, confidence, runs.onset)
         im = np.array(curve.im) if curve.im else np.linspace(0.0, 1.05 * np.nanmax(runs.level))
-        rows = (im, *vulnerability(steps, im))
+        rows = np.array([im, *losses.vulnerability(steps, im)]).tolist()
         columns = ("im", "loss_ratio", "loss_ratio_lower", "loss_ratio_upper")
-        found[name]["vulnerability"] = dict(zip(columns, (row.tolist() for row in rows)))
+        found[name]["vulnerability"] = dict(zip(columns, rows))
     return found
 
 
-def vulnerability_table(losses: Mapping[str, Mapping[str, Any]], study: StudyKeys) -> pd.DataFrame:
+def vulnerability_table(found: Mapping[str, Mapping[str, Any]], study: StudyKeys) -> pd.DataFrame:
     """Tabulate the mean loss of `losses_of` against intensity in the study's unit."""
     given = study.intensity
     frames = [
         pd.DataFrame({"arch": name, "measure": given.measure, "unit": given.unit}
                      | each["vulnerability"])
-        for name, each in losses.items() if "none" not in each
+        for name, each in found.items() if "none" not in each
     ]  # fmt: skip
     if not frames:
-        why = "; ".join(f"{name}: {each['none']}" for name, each in losses.items())
+        why = "; ".join(f"{name}: {each['none']}" for name, each in found.items())
         raise FitError(f"no arch has the curves of all consequences, so there is no loss: {why}")
-    table = pd.concat(frames, ignore_index=True)
-    return table.assign(im=table["im"] / given.factor)
+    return pd.concat(frames, ignore_index=True).assign(im=lambda rows: rows["im"] / given.factor)
 
 
 def _on_levels(
