@@ -224,11 +224,9 @@ def _fills(hatch: Any, blocks: list[FloatArray]) -> bool:
     """Return whether a hatch fills blocks that are drawn: the middle of each boundary is in
     one.
     """
-    from ezdxf.path import from_hatch
-
     shapes = [shapely.Polygon(block) for block in blocks]
     try:
-        paths = list(from_hatch(hatch))
+        paths = list(_library().path.from_hatch(hatch))
     except Exception:  # ezdxf raises of all kinds for damaged boundaries
         return False
     middles = [np.mean([(p.x, p.y) for p in path.control_vertices()], axis=0) for path in paths]
