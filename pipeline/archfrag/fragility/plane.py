@@ -38,8 +38,7 @@ class Plane:
     >>> turns, window = np.geomspace(3, 30, 12), np.hanning(200)
     >>> waves = [window * np.sin(turn * np.arange(0, 4, 0.02)) for turn in turns]
     >>> motions = [af.Motion(wave, 0.02, id=f"wave{i}") for i, wave in enumerate(waves)]
-    >>> levels = [0.2, 0.5, 1, 2, 4]
-    >>> study = af.Study(af.Block(0.4, 2, 0.8), motions, levels=levels, id="waves")
+    >>> study = af.Study(af.Block(0.4, 2, 0.8), motions, levels=[0.2, 0.5, 1, 2, 4], id="waves")
     >>> plane = study.run(progress=False).plane("PGV")
     >>> plane.gains, plane.to_dataframe().columns[:3].tolist()
     (True, ['PGA [g]', 'PGV [m/s]', 'probability'])

@@ -314,15 +314,12 @@ def with_component(motion: Motion, other: Motion, kind: str) -> Motion:
     log = (*motion.log, *steps)
     if count < max(motion.acceleration.size, other.acceleration.size):
         log = (*log, f"Cut to the {count} samples in common with {file} ({code}).")
-    arrays: dict[str, Any] = {
-        part: None if samples is None else samples[first : first + count]
-        for part, samples in motion.components.items()
-    }
-    arrays[kind] = other.acceleration[other_first : other_first + count]
+    kept = motion.changed(lambda samples: samples[first : first + count], "")
+    part: dict[str, Any] = {kind: other.acceleration[other_first : other_first + count]}
     for key in ("errors", "cautions", "accepted"):
         if both := [*one.get(key, ()), *two.get(key, ())]:
             labels[key] = list(dict.fromkeys(both))
-    return replace(motion, **arrays, metadata={**one, **labels}, log=log)
+    return replace(kept, **part, metadata={**one, **labels}, log=log)
 
 
 def seconds(time: Any) -> float:

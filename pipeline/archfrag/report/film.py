@@ -262,10 +262,8 @@ def film(
     bodies = counted(np.diff(arch.springings).item(), "block" if arch.free_end else "voussoir")
     bodies += " on piers" * (arch.springings[0] > 0)
     what = f"{title}: {bodies} under {example.motion.id}, {example.level}"
-    duration, moves = (
-        float(time[-1] - time[0]) + _HOLD,
-        np.dstack([pixels(place), -np.rad2deg(rotation)]),
-    )
+    duration = float(time[-1] - time[0]) + _HOLD
+    moves = np.dstack([pixels(place), -np.rad2deg(rotation)])
     stills = _stills(np.abs(rotation).max(axis=1), bool(example.response.collapsed))
     drawn = {
         "name": name, "label": what, "width": NARROW, "height": height, "strip": _STRIP,

@@ -259,9 +259,7 @@ class Ida(Design):
         against = int(np.where(place <= low[row], collapsed, survived).sum())
         checked = int((collapsed | survived).sum())
         runs = int((grid.seen != Verdict.NOT_RUN).sum())
-        return {
-            "runs": runs, "records": n_record, "checked": checked, "contradictions": against
-        }  # fmt: skip
+        return {"runs": runs, "records": n_record, "checked": checked, "contradictions": against}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Return the number of runs of an arch: a search distinguishes levels + 1 places of the

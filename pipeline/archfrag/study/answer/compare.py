@@ -133,7 +133,5 @@ def _check_pairs(one: Runs, two: Runs) -> None:
             first, second = (np.argsort(runs.cube[name].values).tolist() for runs in (one, two))
             if first != second:
                 key = name.removeprefix("arch_")
-                raise InputError(
-                    f"{pair}: their samples of {key} differ; give both entries the same vary with "
-                    "the same seed and number of samples"
-                )
+                rule = "give both entries the same vary with the same seed and number of samples"
+                raise InputError(f"{pair}: their samples of {key} differ; {rule}")

@@ -103,8 +103,8 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
     inputs, folder = study_inputs(study), make_folder(study.work / FOLDER)
     records = _stored(study, study.motions)
     first = _sources().first_shocks(study.motions, records, lambda asked: _stored(study, asked))
-    manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,
-                "records": list(map(asdict, records)), "first": list(map(asdict, first))}
+    manifest: dict[str, Any] = {"study": study.id, "key": motions_key(study), "inputs": inputs}
+    manifest |= {"records": list(map(asdict, records)), "first": list(map(asdict, first))}
     provenance.write_text(study.work / MANIFEST, provenance.canonical_json(manifest) + "\n")
     kept = {study.work / record.file for record in (*records, *first)}
     for path in set(folder.glob("*.npz")) - kept:
