@@ -221,9 +221,7 @@ def _counted(parts: list[_Part], used: set[int]) -> str:
 
 
 def _fills(hatch: Any, blocks: list[FloatArray]) -> bool:
-    """Return whether a hatch fills blocks that are drawn: the middle of each boundary is in
-    one.
-    """
+    """Return whether a hatch fills blocks: the middle of each of its boundaries is in one."""
     shapes = [shapely.Polygon(block) for block in blocks]
     try:
         paths = list(_library().path.from_hatch(hatch))

@@ -201,13 +201,9 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
     counted = Counter(np.sort(lost[collapsed]).tolist())
     commonest = sorted(joint for joint, _ in counted.most_common(_MOST_JOINTS))
     joint = np.where(np.isin(lost, commonest), np.searchsorted(commonest, lost), len(commonest))
-    return [
-        contributions(collapsed, category, names, confidence=confidence)
-        for category, names in (
-            (results["collapse_mode"], [mode.label for mode in MODES]),
-            (joint, [*(f"joint {number}" for number in commonest), "other joints"]),
-        )
-    ]
+    modes = results["collapse_mode"], [mode.label for mode in MODES]
+    joints = joint, [*(f"joint {number}" for number in commonest), "other joints"]
+    return [contributions(collapsed, *each, confidence=confidence) for each in (modes, joints)]
 
 
 @figure

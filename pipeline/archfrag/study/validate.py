@@ -39,9 +39,7 @@ MOST_ASKED = 12  # arches, records
 
 
 def shipped_folder() -> Path:
-    """Return the folder with Snakefile, rules and records: the checkout, or one of the installed
-    package.
-    """
+    """Return the folder of Snakefile, rules and records: the checkout, or one of the package."""
     for folder in (PACKAGE.parents[1], PACKAGE / "workflow"):
         if (folder / "Snakefile").is_file() and (folder / "pipeline" / "rules").is_dir():
             return folder
@@ -65,9 +63,7 @@ def write_starter(folder: Path) -> Path:
 
 
 def suspicious(records: Sequence[PreparedRecord]) -> tuple[str, ...]:
-    """Return the cautions on records by their files and samples, each with the records that it is
-    on.
-    """
+    """Return cautions on files and samples of records, each with the records that it is on."""
     alike: dict[str, list[str]] = {}
     for record in records:
         for text in record.cautions:
@@ -135,9 +131,7 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
 
 
 def arch_texts(study: StudyKeys) -> tuple[str, ...]:
-    """Return the weights, forces and places of the first arches of a study, of a class those of
-    its first.
-    """
+    """Return weights, forces and places of the first arches of a study, one of each class."""
     first = {each.arch_class: each for each in reversed(study.members) if not each.shock}
     texts = list[str]()
     for member in list(reversed(first.values()))[:MOST_ASKED]:

@@ -105,9 +105,7 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
 
 
 def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
-    """Yield the arch of an entry, or those of its table; it fills the cells that a row leaves
-    empty.
-    """
+    """Yield the arch of an entry, or those of its table, whose empty cells the entry fills."""
     if entry.table is None:
         with at(where):
             entry = entry.read()
@@ -233,9 +231,7 @@ def _joints_drawn(
 
 
 def check_buildable(given: Members) -> None:
-    """Check that all arches can exist; InputError, or StabilityError of one that does not stand
-    with its joints, names the first that cannot.
-    """
+    """Check that arches can exist; InputError (of joints StabilityError) names one that cannot."""
     for member in given:
         try:
             with at(f"{member.place}: cannot exist"):

@@ -262,9 +262,7 @@ def study_of(given: dict[str, Any], folder: Path, place: Any) -> StudyKeys:
 
 
 def study_schema() -> str:
-    """Return the JSON schema of study files, for editors; the text of
-    ``configs/study.schema.json``.
-    """
+    """Return the JSON schema of study files for editors: ``configs/study.schema.json``."""
     schema = StudyKeys.model_json_schema() | {"title": "Study"}
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "archfrag study"
