@@ -164,7 +164,7 @@ class TestArches:
 
 def test_blocks_of_ground_of_a_narrow_arch_do_not_meet():
     arch = af.Arch.circular(1.0, 1.2, 180.0, voussoirs=7, friction=0.7)
-    left, right = map(shapely.Polygon, scenes._ground(arch))
+    left, right = (shapely.Polygon(block) for _, block in scenes._ground(arch))
     assert not left.intersects(right)
 
 

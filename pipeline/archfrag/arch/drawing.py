@@ -221,14 +221,10 @@ def _counted(parts: list[_Part], used: set[int]) -> str:
 
 
 def _fills(hatch: Any, blocks: list[FloatArray]) -> bool:
-    """Return whether a hatch fills blocks that are drawn: the middle of each boundary is in
-    one.
-    """
-    from ezdxf.path import from_hatch
-
+    """Return whether a hatch fills blocks: the middle of each of its boundaries is in one."""
     shapes = [shapely.Polygon(block) for block in blocks]
     try:
-        paths = list(from_hatch(hatch))
+        paths = list(_library().path.from_hatch(hatch))
     except Exception:  # ezdxf raises of all kinds for damaged boundaries
         return False
     middles = [np.mean([(p.x, p.y) for p in path.control_vertices()], axis=0) for path in paths]

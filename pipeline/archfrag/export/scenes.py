@@ -4,10 +4,13 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import shapely
 
 from archfrag.arch import Arch
 from archfrag.arch.checks import FloatArray
@@ -86,66 +89,53 @@ def _arch(member: Member) -> dict[str, Any]:
     """Return bodies at rest, those of the ground last, and what joins them."""
     arch: Arch = member.entry.build()
     chain, n, (first, last) = arch.chain, arch.n_voussoir, arch.springings
-
-    def bodies(pair: Sequence[int]) -> list[int]:
-        return [n if body < 0 else n + 1 if body == n else body for body in pair]
-
-    parts: list[dict[str, Any]] = [{
-        "kind": "voussoir" if first <= i < last else "pier", "outline": _anticlockwise(outline),
-        "centroid": arch.centroids[i].tolist(), "depth": depth, "mass": mass, "inertia": inertia,
-        "density": mass / (polygon_section(outline)[0] * depth),
-    } for i, (outline, depth, mass, inertia) in enumerate(
-        zip(arch.outlines, arch.depths.tolist(), chain.mass.tolist(), chain.inertia.tolist())
-    )]  # fmt: skip
-    parts += [{"kind": "ground", "outline": _anticlockwise(each)} for each in _ground(arch)]
-    joints: list[dict[str, Any]] = [{
-        "bodies": bodies((j - 1, j)), "friction": friction,
-        "ends": [arch.intrados[j].tolist(), arch.extrados[j].tolist()],
-    } for j, friction in enumerate(chain.friction.tolist())]  # fmt: skip
-    gives = {key: each for key, each in arch.joint_keys.items() if key != "positions"}
-    for key, name in (("kn", "stiffness"), ("ks", "shear")) if gives else ():
-        values = np.array(gives.get(name, gives["stiffness"]), dtype=float)
-        for joint, value in zip(joints, np.broadcast_to(values, arch.n_joint).tolist()):
-            joint[key] = value
-    ties, rows = [], () if chain.tie is None else chain.tie
-    for pair, ends, tie in zip(arch.tie_bodies.tolist(), tie_lines(arch), rows):
-        own = {each.name.lower(): float(tie[each]) for each in list(Tie)[Tie.STIFFNESS :]}
-        own["prestress"] = own["stiffness"] * (np.hypot(*(ends[1] - ends[0])) - own["length"])
-        ties.append({"bodies": bodies(pair), "ends": ends.tolist(), **own})
+    depth, k, lines = arch.depths, arch.n_joint, tie_lines(arch)
+    outlines = [(each if shapely.is_ccw(shapely.linearrings(each)) else each[::-1]).tolist()
+                for each in (*arch.outlines, *(block for _, block in _ground(arch)))]  # fmt: skip
+    bodies = {
+        "kind": ["pier"] * first + ["voussoir"] * (last - first) + ["pier"] * (n - last),
+        "outline": outlines[:n], "centroid": arch.centroids.tolist(),
+        "depth": depth, "mass": chain.mass, "inertia": chain.inertia,
+        "density": chain.mass / ([polygon_section(each)[0] for each in arch.outlines] * depth),
+    }  # fmt: skip
+    ground = [{"kind": "ground", "outline": each} for each in outlines[n:]]
+    joints = {"bodies": list(pairwise([n, *range(n), n + 1]))[:k], "friction": chain.friction,
+              "ends": np.stack([arch.intrados, arch.extrados], axis=1)[:k].tolist()}  # fmt: skip
+    if gives := {key: each for key, each in arch.joint_keys.items() if key != "positions"}:
+        kn = gives["stiffness"]  # of each joint or of all, as "inf" if rigid
+        joints |= {"kn": np.full(k, kn, float), "ks": np.full(k, gives.get("shear", kn), float)}
+    rows = np.zeros((0, len(Tie))) if chain.tie is None else chain.tie
+    ties = {"bodies": np.append(range(n), [n + 1, n])[arch.tie_bodies].tolist(),
+            "ends": lines.tolist()}  # fmt: skip
+    ties |= {each.name.lower(): rows[:, each] for each in list(Tie)[Tie.STIFFNESS :]}
+    length = np.hypot(*(lines[:, 1] - lines[:, 0]).T)
+    ties["prestress"] = ties["stiffness"] * (length - ties["length"])
     about = {"id": member.id, "class": member.arch_class, "gravity": chain.gravity}
     about |= {key: gives[key] for key in ("model", "damping", "points") if key in gives}
-    return about | {"bodies": parts, "joints": joints, "ties": ties}
+    parts = [pd.DataFrame(each).to_dict("records") for each in (bodies, joints, ties)]
+    return about | {"bodies": parts[0] + ground, "joints": parts[1], "ties": parts[2]}
 
 
-def _edges(arch: Arch) -> Iterator[FloatArray]:
-    """Yield the sides of bodies on which an arch stands, (2, 2) each, from the intrados [m]."""
+def _ground(arch: Arch) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield sides that stand, (2, 2), and blocks of ground under them, longer for what slides."""
+    joints = np.stack([arch.intrados, arch.extrados], axis=1)
+    clear = np.inf if arch.free_end else np.hypot(*(joints[-1, 0] - joints[0, 0]))
     for end in (0, -1)[: 1 if arch.free_end else 2]:
-        ends, outline = np.array([arch.intrados[end], arch.extrados[end]]), arch.outlines[end]
-        along = ends[1] - ends[0]
-        on = np.abs(cross(outline - ends[0], along)) < 1e-9 * along @ along
-        points = np.vstack([ends, outline[on]])  # a joint may bear on a part of the side
-        yield points[[np.argmin(points @ along), np.argmax(points @ along)]]
-
-
-def _ground(arch: Arch) -> Iterator[FloatArray]:
-    """Yield a block of ground under each edge, (4, 2), which it exceeds for bodies that slide."""
-    edges = list(_edges(arch))
-    clear = np.hypot(*(edges[-1][0] - edges[0][0])) if len(edges) > 1 else np.inf
-    for edge, body in zip(edges, (0, -1)):
-        along = edge[1] - edge[0]
+        outline, along = arch.outlines[end], joints[end, 1] - joints[end, 0]
+        on = np.abs(cross(outline - joints[end, 0], along)) < 1e-9 * along @ along
+        points = np.vstack([joints[end], outline[on]])  # a joint may bear on a part of the side
+        side = points[[np.argmin(points @ along), np.argmax(points @ along)]]
+        along = side[1] - side[0]
         away = 2.0 * np.array([-along[1], along[0]])
-        away *= -np.sign(away @ (arch.centroids[body] - edge[0]))
-        near = edge[0] - min(1.0, 0.4 * clear / np.hypot(*along)) * along  # both do not meet
-        yield np.array([near, edge[1] + along, edge[1] + along + away, near + away])
+        away *= -np.sign(away @ (arch.centroids[end] - side[0]))
+        near = side[0] - min(1.0, 0.4 * clear / np.hypot(*along)) * along  # both do not meet
+        far = side[1] + along
+        yield side, np.array([near, far, far + away, near + away])
 
 
 def _lines(arch: Arch) -> Iterator[tuple[str, FloatArray]]:
     """Yield layers and lines of a drawing; `read_drawing` takes VOUSSOIRS."""
-    layers = {"VOUSSOIRS": [*arch.outlines, *_edges(arch)], "GROUND": _ground(arch)}
-    for layer, shapes in {**layers, "TIES": tie_lines(arch)}.items():
+    sides, ground = zip(*_ground(arch))
+    stones, ties = [*arch.outlines, *sides], tie_lines(arch)
+    for layer, shapes in (("VOUSSOIRS", stones), ("GROUND", ground), ("TIES", ties)):
         yield from ((layer, points) for points in shapes)
-
-
-def _anticlockwise(points: FloatArray) -> Any:
-    turn = cross(points, np.roll(points, -1, axis=0)).sum()
-    return (points if turn > 0.0 else points[::-1]).tolist()

@@ -186,12 +186,8 @@ class Curve:
     def states(self) -> list[Curve]:
         """All limit states with the reasons of those without a curve, from light to severe."""
         states = self.more.get("limit_states", {}).get("states", ())
-        return [
-            replace(Curve.from_dict(each), name=self.name).in_unit(
-                self.si, self.measure, self.unit
-            )
-            for each in states
-        ]  # fmt: skip
+        named = (replace(Curve.from_dict(each), name=self.name) for each in states)
+        return [each.in_unit(self.si, self.measure, self.unit) for each in named]
 
     @property
     def limit_states(self) -> dict[str, Curve]:
@@ -249,11 +245,9 @@ class Curve:
         values = (self.theta, *self.theta_interval)
         theta, low, high = (f"{v:.0f}" if v > 100.0 else f"{v:#.3g}" for v in values)
         low_beta, high_beta = self.beta_interval
-        return (
-            f"{' '.join(filter(None, ('median', theta, self.unit, self.measure)))} "
-            f"({100 * self.confidence:g} %: {low}–{high})",
-            f"dispersion {self.beta:.2f} ({low_beta:.2f}–{high_beta:.2f})",
-        )
+        median = " ".join(filter(None, ("median", theta, self.unit, self.measure)))
+        dispersion = f"dispersion {self.beta:.2f} ({low_beta:.2f}–{high_beta:.2f})"
+        return f"{median} ({100 * self.confidence:g} %: {low}–{high})", dispersion
 
     def undecided(self, text: Callable[[float], str] | None = None) -> str:
         """Write what the runs without a verdict could change; empty if there are none.
@@ -264,10 +258,8 @@ class Curve:
         if "runs" not in lost:
             return ""
         text = text or (lambda theta: f"{theta / self.si:.4g} {self.unit}")
-        low, high = (
-            text(lost[key]["theta"]) if "theta" in lost[key] else "not known"
-            for key in ("collapsed", "survived")
-        )
+        ends = (lost[key].get("theta") for key in ("collapsed", "survived"))
+        low, high = ("not known" if theta is None else text(theta) for theta in ends)
         runs = "1 run has" if lost["runs"] == 1 else f"{lost['runs']} runs have"
         return f"{runs} no verdict: the median is {low} if all collapse, {high} if all survive"
 

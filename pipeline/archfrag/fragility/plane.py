@@ -38,8 +38,7 @@ class Plane:
     >>> turns, window = np.geomspace(3, 30, 12), np.hanning(200)
     >>> waves = [window * np.sin(turn * np.arange(0, 4, 0.02)) for turn in turns]
     >>> motions = [af.Motion(wave, 0.02, id=f"wave{i}") for i, wave in enumerate(waves)]
-    >>> levels = [0.2, 0.5, 1, 2, 4]
-    >>> study = af.Study(af.Block(0.4, 2, 0.8), motions, levels=levels, id="waves")
+    >>> study = af.Study(af.Block(0.4, 2, 0.8), motions, levels=[0.2, 0.5, 1, 2, 4], id="waves")
     >>> plane = study.run(progress=False).plane("PGV")
     >>> plane.gains, plane.to_dataframe().columns[:3].tolist()
     (True, ['PGA [g]', 'PGV [m/s]', 'probability'])
@@ -83,8 +82,7 @@ class Plane:
         kept = np.abs(y - self.power * x - 0.5 * (s.min() + s.max())) <= 0.5 * np.ptp(s)
         at = np.exp([x[kept], y[kept]])
         heads = [f"{measure} [{unit}]" for measure, unit in zip(self.measures, self.units)]
-        columns = dict(zip((*heads, "probability", "lower", "upper"), (*at, *self.at(*at))))
-        return pd.DataFrame(columns)
+        return pd.DataFrame([*at, *self.at(*at)], [*heads, "probability", "lower", "upper"]).T
 
     def plot(self, ax: Any = None) -> Any:
         """Draw contours of the probability, and the runs; FitError without a gain."""
@@ -170,8 +168,7 @@ def _weighted(
             z = np.log(known.levels) * one - shifts
             each = np.exp(-z * z - log_ndtr(z) - log_ndtr(-z))
             rows = np.column_stack([design, np.log(known.levels)])
-            products = (rows[:, :, None] * rows[:, None]).reshape(len(u), -1)
-            root = np.linalg.det((each.T @ products).reshape(-1, q, q))
+            root = np.linalg.det(np.einsum("rn,ri,rj->nij", each, rows, rows, optimize=True))
             weight += 0.5 * np.log(np.maximum(root, 1e-250)) - np.log(one)
             weight -= np.log1p((one * LIKELY_BETA * span) ** -2.0)
         weight[p[:, -1] <= 0.0] = -np.inf

@@ -65,13 +65,10 @@ class Posterior:
         """Return the central credible interval of the probability of collapse at each `im`."""
         logs = log_intensity(im)
         level = np.array(tails(confidence)).reshape(2, *[1] * logs.ndim)
-        x = np.where(np.isfinite(logs), logs, 0.0)
-        z = (x[..., None, None] - self.log_theta[:, [0, -1]]) / self.beta[:, None]
-        z = _root(
-            lambda z: 1.0 - self._below(x[..., None] - z[..., None] * self.beta) - level,
-            np.broadcast_to(z.min(axis=(-1, -2)), level.shape[:1] + x.shape),
-            np.broadcast_to(z.max(axis=(-1, -2)), level.shape[:1] + x.shape),
-        )
+        at = np.where(np.isfinite(logs), logs, 0.0)[..., None]
+        z = (at[..., None] - self.log_theta[:, [0, -1]]) / self.beta[:, None]
+        ends = z.min(axis=(-1, -2)), z.max(axis=(-1, -2))
+        z = _root(lambda z: 1.0 - self._below(at - z[..., None] * self.beta) - level, *ends)
         lower, upper = np.where(np.isfinite(logs), ndtr(z), logs > 0.0)
         return lower[()], upper[()]
 

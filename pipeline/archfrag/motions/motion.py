@@ -135,16 +135,10 @@ class Motion:
         return self.changed(lambda samples: samples * factor, f"Multiplied by {factor:.9g}.")
 
     def then(self, second: Motion, gap: float = 20.0) -> Motion:
-        """Return one motion: this one, time without acceleration for an arch to rest, and another.
+        """Return one motion: this one, `gap` >= 0 [s] for an arch to come to rest, and another.
 
         Its time step is the smaller one; samples at the other one are interpolated linearly, as in
         a simulation. ``metadata["begins"]`` tells when the second motion begins [s].
-
-        Parameters
-        ----------
-        second : Motion
-        gap : float
-            Time without acceleration [s]; InputError if it is negative.
 
         Examples
         --------
@@ -156,18 +150,18 @@ class Motion:
         """
         if not 0.0 <= gap < np.inf:
             raise InputError(f"gap = {gap} s must be a time from 0 upwards")
-        step, waves = min(self.dt, second.dt), dict[str, Any]()
-        sizes = [int(each.duration / step + 1e-6) + 1 for each in (self, second)]
-        begin = sizes[0] + round(gap / step)
+        step, both, waves = min(self.dt, second.dt), (self, second), dict[str, Any]()
+        times = [np.arange(int(each.duration / step + 1e-6) + 1) * step for each in both]
+        rest = np.zeros(round(gap / step))
         for key in self.components:
-            wave = np.zeros(begin + sizes[1])
-            for each, place, size in zip((self, second), (0, begin), sizes):
-                if (given := each.components[key]) is not None:
-                    part = np.interp(np.arange(size) * step, each.time, given)
-                    wave[place : place + size], waves[key] = part, wave
-        log, about = (*second.log, f"Put {gap:g} s after {self.id}."), {"begins": begin * step}
-        waves |= {"dt": step, "id": f"{self.id}+{second.id}", "log": log}
-        return replace(second, **waves, metadata={**second.metadata, **about})
+            parts = [each.components[key] for each in both]
+            if any(part is not None for part in parts):
+                one, two = (0.0 * time if part is None else np.interp(time, each.time, part)
+                            for time, each, part in zip(times, both, parts))  # fmt: skip
+                waves[key] = np.concatenate([one, rest, two])
+        about = {**second.metadata, "begins": (times[0].size + rest.size) * step}
+        log = (*second.log, f"Put {gap:g} s after {self.id}.")
+        return Motion(**waves, dt=step, id=f"{self.id}+{second.id}", metadata=about, log=log)
 
     def __mul__(self, factor: float) -> Motion:
         if not isinstance(factor, float | int | np.number):
@@ -320,15 +314,12 @@ def with_component(motion: Motion, other: Motion, kind: str) -> Motion:
     log = (*motion.log, *steps)
     if count < max(motion.acceleration.size, other.acceleration.size):
         log = (*log, f"Cut to the {count} samples in common with {file} ({code}).")
-    arrays: dict[str, Any] = {
-        part: None if samples is None else samples[first : first + count]
-        for part, samples in motion.components.items()
-    }
-    arrays[kind] = other.acceleration[other_first : other_first + count]
+    kept = motion.changed(lambda samples: samples[first : first + count], "")
+    part: dict[str, Any] = {kind: other.acceleration[other_first : other_first + count]}
     for key in ("errors", "cautions", "accepted"):
         if both := [*one.get(key, ()), *two.get(key, ())]:
             labels[key] = list(dict.fromkeys(both))
-    return replace(motion, **arrays, metadata={**one, **labels}, log=log)
+    return replace(kept, **part, metadata={**one, **labels}, log=log)
 
 
 def seconds(time: Any) -> float:

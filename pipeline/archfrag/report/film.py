@@ -262,10 +262,8 @@ def film(
     bodies = counted(np.diff(arch.springings).item(), "block" if arch.free_end else "voussoir")
     bodies += " on piers" * (arch.springings[0] > 0)
     what = f"{title}: {bodies} under {example.motion.id}, {example.level}"
-    duration, moves = (
-        float(time[-1] - time[0]) + _HOLD,
-        np.dstack([pixels(place), -np.rad2deg(rotation)]),
-    )
+    duration = float(time[-1] - time[0]) + _HOLD
+    moves = np.dstack([pixels(place), -np.rad2deg(rotation)])
     stills = _stills(np.abs(rotation).max(axis=1), bool(example.response.collapsed))
     drawn = {
         "name": name, "label": what, "width": NARROW, "height": height, "strip": _STRIP,
@@ -285,9 +283,7 @@ def film(
 
 
 def _stills(reach: FloatArray, collapsed: bool) -> list[int]:
-    """Choose four frames by the largest rotation of each (n_time,): of a collapse as it grows, of
-    another run the largest in each quarter.
-    """
+    """Choose four frames by largest rotation, (n_time,): as a collapse grows, or by quarters."""
     if collapsed:
         return [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
     parts = np.array_split(np.arange(reach.size), min(4, reach.size))

@@ -32,13 +32,9 @@ _MOST, _SMALL = (270.0, 180.0), (270.0, 130.0)  # width and height of an arch, a
 
 def leading(inputs: ReportInputs) -> tuple[str, Curve]:
     """Return the answer that stands first: the weakest class, or arch of none, by its median."""
-    theta = np.where(_shaken(inputs), np.inf, thetas(inputs.quoted.values()))
-    return list(inputs.quoted.items())[int(np.where(np.isnan(theta), np.inf, theta).argmin())]
-
-
-def _shaken(inputs: ReportInputs) -> list[bool]:
-    """Tell which answers hold after a first shock only."""
-    return [inputs.fitted.runs[name].shaken for name in inputs.quoted]
+    shaken = [inputs.fitted.runs[name].shaken for name in inputs.quoted]
+    theta = np.where(shaken, np.inf, np.nan_to_num(thetas(inputs.quoted.values()), nan=np.inf))
+    return list(inputs.quoted.items())[int(theta.argmin())]
 
 
 def leading_arch(inputs: ReportInputs) -> int:
@@ -114,7 +110,8 @@ def _sentence(inputs: ReportInputs) -> Markup:
 
 def _whose(inputs: ReportInputs, name: str) -> str:
     """Name the arch or the class of an answer in a sentence."""
-    count, whose = _shaken(inputs).count(False), name if len(inputs.quoted) > 1 else _noun(inputs)
+    count = sum(not inputs.fitted.runs[each].shaken for each in inputs.quoted)
+    whose = name if len(inputs.quoted) > 1 else _noun(inputs)
     if name in inputs.classes:
         members = list(arch_classes(inputs.cube).values()).count(name)
         whose = f"an arch drawn from class {name} ({members} arches)"
@@ -258,9 +255,7 @@ def _measure(
 
 @partial(figure, width=_HALF)
 def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
-    """Draw the curve with its band, what was observed, theta, and levels of the site or of the
-    reader; of two arches or classes the other curve too.
-    """
+    """Draw curve, band, observations, theta, and levels of site and reader; of two both curves."""
     (name, answer), scale, reach = leading(inputs), inputs.scale, 1.05 * inputs.highest
     others = {k: fit for k, fit in inputs.known.items() if k != name}
     others = others if len(others) == 1 else {}

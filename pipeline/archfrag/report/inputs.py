@@ -291,13 +291,10 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
             "stands": start and bool(start.stands),
             "onset": start and {"plus": start.plus, "minus": start.minus},
         })  # fmt: skip
-    classes = [
-        {
-            "id": name, "arches": list(of_class.values()).count(name),
-            **_answered(answer, scale, inputs.at), "dispersion": answer.more.get("dispersion"),
-        }
-        for name, answer in inputs.classes.items()
-    ]  # fmt: skip
+    classes = [{
+        "id": name, "arches": list(of_class.values()).count(name),
+        **_answered(answer, scale, inputs.at), "dispersion": answer.more.get("dispersion"),
+    } for name, answer in inputs.classes.items()]  # fmt: skip
     return finite({
         "format": SUMMARY_FORMAT, "study": attributes.get("archfrag_study"),
         "title": inputs.title,

@@ -122,10 +122,8 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     for code, (_, colour, _) in looks.items():
         chosen = verdict == code
         panel.dots(level[chosen], np.clip(reach[chosen], low, high), colour, radius=2.6)
-    return (
-        f"{level.size} runs of {results.arch}: intensity, largest displacement and verdict",
-        TEXTS["single_runs"]["caption"].format(low=low),
-    )
+    words = f"{level.size} runs of {results.arch}: intensity, largest displacement and verdict"
+    return words, TEXTS["single_runs"]["caption"].format(low=low)
 
 
 @figure
@@ -203,13 +201,9 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
     counted = Counter(np.sort(lost[collapsed]).tolist())
     commonest = sorted(joint for joint, _ in counted.most_common(_MOST_JOINTS))
     joint = np.where(np.isin(lost, commonest), np.searchsorted(commonest, lost), len(commonest))
-    return [
-        contributions(collapsed, category, names, confidence=confidence)
-        for category, names in (
-            (results["collapse_mode"], [mode.label for mode in MODES]),
-            (joint, [*(f"joint {number}" for number in commonest), "other joints"]),
-        )
-    ]
+    modes = results["collapse_mode"], [mode.label for mode in MODES]
+    joints = joint, [*(f"joint {number}" for number in commonest), "other joints"]
+    return [contributions(collapsed, *each, confidence=confidence) for each in (modes, joints)]
 
 
 @figure
@@ -237,10 +231,8 @@ def fractions(
         panel.heading(title)
         sheet.legend(box[0], box[3] + 35.0, key, right - left)
     texts = TEXTS["fractions"]
-    return (
-        f"Fraction of collapses of {results.arch} by level, split by mode and by joint",
-        texts["runs" if every else "collapses"] + texts["split"].format(base=base),
-    )
+    caption = texts["runs" if every else "collapses"] + texts["split"].format(base=base)
+    return f"Fraction of collapses of {results.arch} by level, split by mode and by joint", caption
 
 
 def stacked(names: Sequence[str], values: FloatArray) -> list[tuple[Entry, FloatArray]]:
@@ -290,10 +282,8 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     texts, about = TEXTS["timeline"], {"level": example.level, "reason": example.reason}
     motion, base = example.motion.id, base_of(example.arch.free_end, example.arch.parameters)
     caption = texts["caption"].format(motion=motion, base=base, **about)
-    return (
-        f"Mechanism over time under {motion}: hinges, sliding and open joints",
-        caption + texts["differs"] * (not example.same),
-    )
+    caption += texts["differs"] * (not example.same)
+    return f"Mechanism over time under {motion}: hinges, sliding and open joints", caption
 
 
 def sampled(changes: Sequence[MechanismChange], n_joint: int, edges: FloatArray) -> IntArray:

@@ -66,9 +66,7 @@ class Grid:
         return row, place, verdicts
 
     def cases(self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None) -> Cases:
-        """Return the runs of some rows at some of the study's levels, or each at its own, (n,) of
-        `CASE`.
-        """
+        """Return runs of some rows at the study's levels, or each at its own, (n,) of `CASE`."""
         row = np.asarray(rows, dtype=np.int64)
         cases = np.empty(row.size, CASE)
         cases["arch"], cases["record"], cases["place"] = self.arch, self.records[row], places
@@ -161,9 +159,7 @@ class Cloud(Design):
 def ask(
     requests: Mapping[int, Requests], decide: Callable[[Cases], Verdicts]
 ) -> tuple[Cases, dict[int, dict[str, Any]]]:
-    """Drive requests with a `decide` that returns the verdicts of all runs that it is given, in
-    order.
-    """
+    """Drive requests with a `decide` that returns the verdicts of all its runs, in order."""
     return drive(requests, lambda cases: (cases, decide(cases)))
 
 
@@ -259,14 +255,10 @@ class Ida(Design):
         against = int(np.where(place <= low[row], collapsed, survived).sum())
         checked = int((collapsed | survived).sum())
         runs = int((grid.seen != Verdict.NOT_RUN).sum())
-        return {
-            "runs": runs, "records": n_record, "checked": checked, "contradictions": against
-        }  # fmt: skip
+        return {"runs": runs, "records": n_record, "checked": checked, "contradictions": against}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
-        """Return the number of runs of an arch: a search distinguishes levels + 1 places of the
-        border.
-        """
+        """Return the runs of an arch: a search tells apart levels + 1 places of the border."""
         search_runs = int(np.ceil(n_record * np.log2(n_level + 1)))
         checks = n_record if self.checks is None else self.checks
         return min(search_runs + checks, n_record * n_level), "about"

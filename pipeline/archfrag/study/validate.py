@@ -39,9 +39,7 @@ MOST_ASKED = 12  # arches, records
 
 
 def shipped_folder() -> Path:
-    """Return the folder with Snakefile, rules and records: the checkout, or one of the installed
-    package.
-    """
+    """Return the folder of Snakefile, rules and records: the checkout, or one of the package."""
     for folder in (PACKAGE.parents[1], PACKAGE / "workflow"):
         if (folder / "Snakefile").is_file() and (folder / "pipeline" / "rules").is_dir():
             return folder
@@ -65,9 +63,7 @@ def write_starter(folder: Path) -> Path:
 
 
 def suspicious(records: Sequence[PreparedRecord]) -> tuple[str, ...]:
-    """Return the cautions on records by their files and samples, each with the records that it is
-    on.
-    """
+    """Return cautions on files and samples of records, each with the records that it is on."""
     alike: dict[str, list[str]] = {}
     for record in records:
         for text in record.cautions:
@@ -135,17 +131,14 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
 
 
 def arch_texts(study: StudyKeys) -> tuple[str, ...]:
-    """Return the weights, forces and places of the first arches of a study, of a class those of
-    its first.
-    """
-    first = {member.arch_class: member for member in reversed(study.members)
-             if not member.shock}  # fmt: skip
-    some = list(reversed(first.values()))[:MOST_ASKED]
-    arches = {member.id: member.entry.build() for member in some}
-    return tuple(
-        f"{name}: {'; '.join(filter(None, (facts_text(arch), joints_text(arch))))}"
-        for name, arch in arches.items()
-    )
+    """Return weights, forces and places of the first arches of a study, one of each class."""
+    first = {each.arch_class: each for each in reversed(study.members) if not each.shock}
+    texts = list[str]()
+    for member in list(reversed(first.values()))[:MOST_ASKED]:
+        arch = member.entry.build()
+        told = "; ".join(filter(None, (facts_text(arch), joints_text(arch))))
+        texts.append(f"{member.id}: {told}")
+    return tuple(texts)
 
 
 def logo_url(logo: str) -> str:
@@ -163,10 +156,8 @@ def logo_url(logo: str) -> str:
             parser.Parse(content, True)
             kind = "svg+xml" if roots[0] == "http://www.w3.org/2000/svg svg" else None
     if kind is None:
-        raise InputError(
-            f"report.logo: {logo} holds no picture; it must be PNG, JPEG or SVG of at most "
-            f"{LARGEST_LOGO / 1000:g} kB"
-        )
+        kinds = f"PNG, JPEG or SVG of at most {LARGEST_LOGO / 1000:g} kB"
+        raise InputError(f"report.logo: {logo} holds no picture; it must be {kinds}")
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 

@@ -83,19 +83,17 @@ def plane_of(
     own, planes, reasons = intensity.measure, list[Plane](), list[FitError]()
     others = [name for name in known if name != own]
     if second not in (*others, "best"):
-        have = ", ".join(others)
-        raise InputError(f"plane: second = {second!r} must be best, or one of {have}")
+        raise InputError(f"plane: second = {second!r} must be best, or one of {', '.join(others)}")
     ends = {end: getattr(runs.brackets, end) / factor for end in ("lower", "upper", "levels")}
     for name in others if second == "best" else [second]:
         power, alike = exponent[name] / exponent[own], units[name] == units[own]
         ratio = known[name] / (factor if alike else 1.0) / (known[own] / factor) ** power
+        both = unit, unit if alike else units[name]
         try:
             plane = fit_plane(replace(runs.brackets, **ends), ratio, power, runs.group)
+            planes.append(replace(plane, measures=(own, name), units=both))
         except FitError as error:
             reasons.append(error)
-            continue
-        both = unit, unit if alike else units[name]
-        planes.append(replace(plane, measures=(own, name), units=both))
     if not planes:
         raise reasons[0]
     best = min(planes, key=lambda plane: plane.p_value)
@@ -120,9 +118,7 @@ def _same_motions(own: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
 
 def _of_motions(cube: xr.Dataset) -> pd.DataFrame:
     """Tabulate the measures of each record, and whether its vertical component is used."""
-    names, records = (cube[name].values.astype(str) for name in ("measure", "record"))
-    values = cube["record_measure"].transpose("record", "measure").values
-    table = pd.DataFrame(values, records, names)
+    table = cube["record_measure"].transpose("record", "measure").to_pandas()
     return table.assign(vertical=cube["record_vertical"].values.astype(float))
 
 
@@ -137,7 +133,5 @@ def _check_pairs(one: Runs, two: Runs) -> None:
             first, second = (np.argsort(runs.cube[name].values).tolist() for runs in (one, two))
             if first != second:
                 key = name.removeprefix("arch_")
-                raise InputError(
-                    f"{pair}: their samples of {key} differ; give both entries the same vary with "
-                    "the same seed and number of samples"
-                )
+                rule = "give both entries the same vary with the same seed and number of samples"
+                raise InputError(f"{pair}: their samples of {key} differ; {rule}")

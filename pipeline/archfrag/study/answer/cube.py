@@ -165,10 +165,8 @@ def _variable(about: Any, values: Any) -> xr.Variable:
     for size in reversed(array.shape):
         sizes.insert(0, min(size, cells))
         cells = max(cells // size, 1)
-    encoding |= {
-        "zlib": True, "complevel": COMPRESSION, "chunksizes": tuple(sizes),
-        "_FillValue": fill,
-    }  # fmt: skip
+    encoding |= {"zlib": True, "complevel": COMPRESSION, "chunksizes": tuple(sizes)}
+    encoding["_FillValue"] = fill
     return xr.Variable(dimensions, array, attrs, encoding)
 
 

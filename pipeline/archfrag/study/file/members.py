@@ -53,11 +53,6 @@ class Member:
             digest.update(f"{name} {array.shape} ".encode() + array.tobytes())
         return digest.hexdigest()
 
-    def after(self, end: str, shock: tuple[float, ...]) -> "Member":
-        """Return the arch after a first shock, with an end of its name and that of its class."""
-        entry = self.entry.model_copy(update={"id": self.id + end})
-        return replace(self, entry=entry, arch_class=self.arch_class + end, shock=shock)
-
 
 Members = tuple[Member, ...]  # in the order of the study's entries
 
@@ -80,7 +75,7 @@ def shown(theta: Sequence[float]) -> list[int]:
 
 
 def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
-    """List all arches of the entries of a study file, and these after shocks as `Member.after`.
+    """List all arches of entries, and those after `shocks`: ends of names, and `Member.shock`.
 
     InputError if a table or drawing cannot be used, two arches have the same id, or there are too
     many.
@@ -95,7 +90,11 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
             most = f"a study must have at most {MOST_MEMBERS}"
             raise InputError(f"{where}: makes {count} arches with those before it; {most}")
         new = [member for base in bases for member in _drawn(base)]
-        new += [member.after(*shock) for shock in shocks for member in new]
+        new += [
+            replace(own, arch_class=own.arch_class + end, shock=shock,
+                    entry=own.entry.model_copy(update={"id": own.id + end}))
+            for end, shock in shocks for own in new
+        ]  # fmt: skip
         names = dict.fromkeys((entry.id, *(member.arch_class for member in new)))
         for name in (*names, *(member.id for member in new if member.id != member.arch_class)):
             if name in seen:
@@ -106,9 +105,7 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
 
 
 def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
-    """Yield the arch of an entry, or those of its table; it fills the cells that a row leaves
-    empty.
-    """
+    """Yield the arch of an entry, or those of its table, whose empty cells the entry fills."""
     if entry.table is None:
         with at(where):
             entry = entry.read()
@@ -234,9 +231,7 @@ def _joints_drawn(
 
 
 def check_buildable(given: Members) -> None:
-    """Check that all arches can exist; InputError, or StabilityError of one that does not stand
-    with its joints, names the first that cannot.
-    """
+    """Check that arches can exist; InputError (of joints StabilityError) names one that cannot."""
     for member in given:
         try:
             with at(f"{member.place}: cannot exist"):

@@ -4,7 +4,6 @@ import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -103,10 +102,9 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
     """
     inputs, folder = study_inputs(study), make_folder(study.work / FOLDER)
     records = _stored(study, study.motions)
-    first = _sources().first_shocks(study.motions, records, partial(_stored, study))
-    manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,
-                "records": [asdict(record) for record in records],
-                "first": [asdict(record) for record in first]}  # fmt: skip
+    first = _sources().first_shocks(study.motions, records, lambda asked: _stored(study, asked))
+    manifest: dict[str, Any] = {"study": study.id, "key": motions_key(study), "inputs": inputs}
+    manifest |= {"records": list(map(asdict, records)), "first": list(map(asdict, first))}
     provenance.write_text(study.work / MANIFEST, provenance.canonical_json(manifest) + "\n")
     kept = {study.work / record.file for record in (*records, *first)}
     for path in set(folder.glob("*.npz")) - kept:

@@ -217,7 +217,7 @@ class StudyKeys(Section):
                 raise refuse(f"face {rule}", f"arches[{place}].joints.model")
         return self
 
-    _expanded: tuple[Any, Any, Members] = (None, None, ())
+    _expanded: tuple[Any, Members] = (None, ())
 
     @property
     def folder(self) -> Path:
@@ -232,13 +232,12 @@ class StudyKeys(Section):
     @property
     def members(self) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
-        arches, before = self.arches, self.motions.before
-        known, shaken, _ = self._expanded
-        if known is not arches or shaken is not before:  # not yet, or this is a changed copy
-            ends = [(f"-after-{level:.12g}", (level * self.intensity.factor, before.gap))
-                    for level in before.level if level] if before else ()  # fmt: skip
-            self._expanded = arches, before, expand(arches, ends)
-        return self._expanded[2]
+        before, factor = self.motions.before, self.intensity.factor
+        shocks = [(f"-after-{level:.12g}", (level * factor, before.gap))
+                  for level in before.level if level] if before else []  # fmt: skip
+        if self._expanded[0] != (self.arches, shocks):  # not yet, or this is a changed copy
+            self._expanded = (self.arches, shocks), expand(self.arches, shocks)
+        return self._expanded[1]
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> StudyKeys:
@@ -263,9 +262,7 @@ def study_of(given: dict[str, Any], folder: Path, place: Any) -> StudyKeys:
 
 
 def study_schema() -> str:
-    """Return the JSON schema of study files, for editors; the text of
-    ``configs/study.schema.json``.
-    """
+    """Return the JSON schema of study files for editors: ``configs/study.schema.json``."""
     schema = StudyKeys.model_json_schema() | {"title": "Study"}
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "archfrag study"

@@ -89,13 +89,10 @@ def columns_of(results: "Outcomes", begins: Any = 0.0) -> dict[str, NDArray]:
 
     What collapsed before its record `begins` [s] has a verdict of its own.
     """
-    energy, largest = results.energy, results.energy[:, Energy.LARGEST_KINETIC]
+    balance, largest = results.energy[:, [Energy.BALANCE_ERROR_PEAK, Energy.LARGEST_KINETIC]].T
+    error = np.divide(balance, largest, out=np.zeros(len(largest)), where=largest > 0.0)
     columns: dict[str, NDArray] = {
-        "verdict": verdicts_of(results.status),
-        "energy_error": np.divide(
-            energy[:, Energy.BALANCE_ERROR_PEAK], largest, out=np.zeros(len(largest)),
-            where=largest > 0.0,
-        ),
+        "verdict": verdicts_of(results.status), "energy_error": error,
         "model_time": results.model_time[:, list(Level)],
     }  # fmt: skip
     for column in COLUMNS:
@@ -194,9 +191,7 @@ class Plan:
         return self.unscaled[cases["record"]] * cases["level"] ** self.power
 
     def keys(self, cases: Cases) -> NDArray[np.bytes_]:
-        """Return the identity of each run: of kernels, method, arch, motion and factor, (n,) of 16
-        bytes.
-        """
+        """Return the identity of each run, by kernels, method, arch, motion and factor, (n,)."""
         given, stems, keys = f"{self.identity}/{self.digests['method']}", {}, []
         pairs = zip(cases["arch"].tolist(), cases["record"].tolist())
         for pair, factor in zip(pairs, self.factors(cases).astype("<f8")):
@@ -317,9 +312,7 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
 
 
 def superfluous(plan: Plan) -> dict[str, list[Path]]:
-    """Return the stored parts that a study no longer needs, by reason; foreign files are not
-    listed.
-    """
+    """Return the stored parts that a study no longer needs, by reason; no foreign files."""
     found: dict[str, list[Path]] = {}
     requested = None
     with contextlib.suppress(InputError):  # what it will ask for follows from runs to be made
