@@ -193,6 +193,8 @@ def test_risk_exports_and_report_need_no_arch(tmp_path):
     assert summary["arches"][0]["curve"]["theta"] == pytest.approx(found.curve.theta)
     with pytest.raises(InputError, match="no arch and no motions"):
         found.film()
+    with pytest.raises(FitError, match="no other"):
+        found.plane()
 
 
 def test_no_curve_is_said_with_the_reason():
@@ -323,9 +325,10 @@ def test_the_command_takes_a_mapping_and_names_a_bad_row(tmp_path):
     [
         ({"PGA [g]": [0.1, 0.2], "verdict": [1]}, "is no table .*; give a file, a DataFrame"),
         (5, "is no table"),
+        (pd.DataFrame({("a", "PGA [g]"): [0.1], ("b", "verdict"): [0]}), "needs a column"),
         (pd.DataFrame([[0.1, 0, 1]], columns=["PGA [g]", "verdict", "verdict"]), "is there twice"),
     ],
-    ids=["lengths", "number", "twice"],
+    ids=["lengths", "number", "levels", "twice"],
 )
 def test_what_is_no_table(table, message):
     with pytest.raises(InputError, match=message):

@@ -244,6 +244,11 @@ def test_first_motions_of_another_index(tmp_path):
     chosen = load_study(path, ["motions.before.records=[main2]"])
     prepare_motions(chosen)
     assert [each.id for each in load_prepared(chosen, "first")] == ["main2"]
+    assert command("run", path, "--quiet").exit_code == 0
+    (lost, _) = (study.work / each.file for each in load_prepared(study, "first"))
+    lost.unlink()
+    assert command("run", path, "--quiet").exit_code == 0
+    assert lost.is_file()
 
 
 @pytest.mark.parametrize(

@@ -98,7 +98,7 @@ def drawing_text(lines: Iterable[tuple[str, FloatArray]]) -> str:
     """Write lines of layers as DXF in metres: two points are a LINE, more a closed polyline."""
     ezdxf, stream = _library(), io.StringIO()
     before = ezdxf.options.write_fixed_meta_data_for_testing
-    ezdxf.options.write_fixed_meta_data_for_testing = True  # no date: same lines, same text
+    ezdxf.options.write_fixed_meta_data_for_testing = True  # no date
     try:
         document = ezdxf.new("R2010", units=ezdxf.units.M)
         space = document.modelspace()

@@ -310,8 +310,9 @@ def run_study(
         stamp = {}
         if overrides is not None:  # before the last look at all that it is of
             made = chain.from_iterable(products(study, step) for step in step_names(study))
-            prepared = (study.work / record.file for record in read_manifest(study)["records"])
-            made = chain(made, prepared)
+            manifest = read_manifest(study)
+            prepared = (*manifest["records"], *manifest["first"])
+            made = chain(made, (study.work / record.file for record in prepared))
             stamp = stamp_of_all(study, study_file, overrides, input_paths(study), made)
         still, changed = stale_steps(study)
         if still:

@@ -94,13 +94,14 @@ def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
         source = "the table"
         try:
             frame = pd.DataFrame(table)
+            frame.columns = pd.Index([str(name) for name in frame])
         except (ValueError, TypeError) as error:
             how = "give a file, a DataFrame, or columns of one length by name"
             raise InputError(f"the table is no table ({error}); {how}") from None
         for name in frame.columns[frame.columns.duplicated()]:
             raise InputError(f"the table: column {name!r} is there twice")
         text = frame.astype(object).where(frame.notna(), "").map(lambda cell: str(cell).strip())
-        frame, rows = text.rename(columns=str), [f"row {n + 1}" for n in range(len(frame))]
+        frame, rows = text, [f"row {n + 1}" for n in range(len(frame))]
     heads = _heads(source, frame.columns.tolist(), columns)
     without = {"arch": "structure", "record": rows, "event": "", "arch_class": "", "scale": ""}
     found = {what: frame[head].to_numpy() for what, head in heads.items()}
