@@ -197,6 +197,19 @@ def test_risk_exports_and_report_need_no_arch(tmp_path):
         found.plane()
 
 
+def test_results_of_a_study_are_not_overwritten(tmp_path):
+    path = small_study(tmp_path)
+    assert command("run", path, "--quiet").exit_code == 0
+    folder = load_study(path).folder
+    before = {each: each.read_bytes() for each in folder.iterdir() if each.is_file()}
+    stripes().to_csv(tmp_path / "frame.csv", index=False)
+    done = command("fit", tmp_path / "frame.csv", "--output", folder, "--format", "csv")
+    assert done.exit_code == 4
+    assert "holds the results of a study; give another output" in " ".join(done.stderr.split())
+    assert before == {each: each.read_bytes() for each in folder.iterdir() if each.is_file()}
+    assert not (folder / "export").exists()
+
+
 def test_no_curve_is_said_with_the_reason():
     found = af.fit({"PGA [g]": [0.1, 0.2, 0.3], "verdict": [0, 0, 0]})
     with pytest.raises(FitError, match=r"structure: there is no curve: nothing bounds theta"):

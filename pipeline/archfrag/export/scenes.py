@@ -117,7 +117,7 @@ def _arch(member: Member) -> dict[str, Any]:
 
 
 def _ground(arch: Arch) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield sides that stand, (2, 2), and blocks of ground under them, longer for what slides."""
+    """Yield each side on which an arch stands, (2, 2), and the ground under it, (4, 2) [m]."""
     joints = np.stack([arch.intrados, arch.extrados], axis=1)
     clear = np.inf if arch.free_end else np.hypot(*(joints[-1, 0] - joints[0, 0]))
     for end in (0, -1)[: 1 if arch.free_end else 2]:

@@ -139,6 +139,7 @@ class Motion:
 
         Its time step is the smaller one; samples at the other one are interpolated linearly, as in
         a simulation. ``metadata["begins"]`` tells when the second motion begins [s].
+        InputError if `gap` is negative.
 
         Examples
         --------

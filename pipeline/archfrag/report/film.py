@@ -283,7 +283,9 @@ def film(
 
 
 def _stills(reach: FloatArray, collapsed: bool) -> list[int]:
-    """Choose four frames by largest rotation, (n_time,): as a collapse grows, or by quarters."""
+    """Choose four frames by the largest rotation of each (n_time,): of a collapse as it grows, of
+    another run the largest in each quarter.
+    """
     if collapsed:
         return [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
     parts = np.array_split(np.arange(reach.size), min(4, reach.size))

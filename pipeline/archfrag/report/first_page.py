@@ -255,7 +255,9 @@ def _measure(
 
 @partial(figure, width=_HALF)
 def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
-    """Draw curve, band, observations, theta, and levels of site and reader; of two both curves."""
+    """Draw the curve with its band, what was observed, theta, and levels of the site or of the
+    reader; of two arches or classes the other curve too.
+    """
     (name, answer), scale, reach = leading(inputs), inputs.scale, 1.05 * inputs.highest
     others = {k: fit for k, fit in inputs.known.items() if k != name}
     others = others if len(others) == 1 else {}

@@ -18,7 +18,7 @@ import xarray as xr
 from markupsafe import Markup, escape
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import InputError, attempt
+from archfrag.errors import InputError, OutputError, attempt
 from archfrag.files import make_folder
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
@@ -45,7 +45,7 @@ from archfrag.study.answer.fits import cautions_of, gathered, store_fits
 from archfrag.study.answer.rates import risk_of_study
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
-from archfrag.study.provenance import write_text
+from archfrag.study.provenance import OWNER, write_text
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES
 
 SUMMARY = REPORT_FILES[1]  # beside the page
@@ -60,7 +60,8 @@ def make_report(
 ) -> Path:
     """Write the report of a finished study, compared with that of another file; return its path.
 
-    Of a `table` of verdicts it has no arches and no motions, and its curves are stored too.
+    Of a `table` of verdicts it has no arches and no motions, and its curves are stored too;
+    OutputError if the folder holds the results of a study.
 
     Beside it are its numbers ``summary.json``, its curves as SVG files (``curves.svg`` in the
     place of those of many arches), and the tables of `archfrag.report.papers`.
@@ -68,6 +69,8 @@ def make_report(
     out = study.folder / "report.html"
     if table is None:
         return write_report(report_inputs(study, compared), out)
+    if (study.work / OWNER).exists():
+        raise OutputError(f"{study.folder}: holds the results of a study; give another output")
     make_folder(study.folder)
     store_fits(study, table)
     scale = Scale(study.intensity.measure, study.intensity.unit, 1.0 / study.intensity.factor)

@@ -53,7 +53,7 @@ class VerdictTable(NamedTuple):
         return InputError(f"{where}, column {self.heads[what]!r}: {cell!r} {rule}")
 
     def read(self, what: str, meaning: Callable[[str], Any], rule: str) -> pd.Series:
-        """Return what a function gives for the cells of a column; InputError if it is none."""
+        """Return what the cells of a column mean; InputError for the first that means nothing."""
         found = self.cells[what].map(meaning)
         for place in np.flatnonzero(found.isna()):
             raise self.wrong(place, what, rule)

@@ -75,8 +75,9 @@ def shown(theta: Sequence[float]) -> list[int]:
 
 
 def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
-    """List all arches of entries, and those after `shocks`: ends of names, and `Member.shock`.
+    """List all arches of the entries of a study file, and these after each of `shocks`.
 
+    `shocks` are pairs: the end of the names of such arches, and their `Member.shock`.
     InputError if a table or drawing cannot be used, two arches have the same id, or there are too
     many.
     """
@@ -231,7 +232,9 @@ def _joints_drawn(
 
 
 def check_buildable(given: Members) -> None:
-    """Check that arches can exist; InputError (of joints StabilityError) names one that cannot."""
+    """Check that all arches can exist; InputError, or StabilityError of one that does not stand
+    with its joints, names the first that cannot.
+    """
     for member in given:
         try:
             with at(f"{member.place}: cannot exist"):

@@ -145,7 +145,7 @@ def read_manifest(study: StudyKeys) -> dict[str, Any]:
 
 
 def load_prepared(study: StudyKeys, name: str = "records") -> list[PreparedRecord]:
-    """Return the stored records or "first" shocks; InputError if other ones, or damaged."""
+    """Return the stored records or "first" shocks; InputError if they are not the study's."""
     manifest = read_manifest(study)
     if manifest["key"] != motions_key(study):
         other = "other records or another measure than the study now has"
