@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy  # whose parts are loaded when they are used
@@ -12,17 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 from archfrag.arch import Arch, checks
 from archfrag.arch.building import plain
 from archfrag.arch.facts import USUAL, warn_of_units
-from archfrag.errors import InputError, StabilityError
+from archfrag.errors import GeometryError, InputError, StabilityError
 from archfrag.physics.status import Joint
 from archfrag.simulation.arguments import check_number
-from archfrag.simulation.rest import Onset, onset, static_limit
+from archfrag.simulation.elastic import ElasticArch
+from archfrag.simulation.rest import onset
 
 # Depths of two rounds that differ by less than this part of a joint's length are equal.
 AGREE, MOST_ITERATIONS = 1e-9, 200
 SOFTEST = 1e6  # stiffness that is allowed [Pa/m]
-# Rotations among which the largest load is searched, over that of unstable equilibrium; how many
-# are tried before the best is refined, and to what part of itself.
-LEAST_ROTATION, TRIED, REFINED = 1e-5, 20, 1e-3
+# Stiffness up to which faces are computed [Pa/m]: what is stiffer loses less by the cube root. To
+# what part of itself the inset is found.
+STIFFEST, CLOSE = 1e13, 1e-4
 
 
 def crushed(arch: Arch, strength: float) -> Arch:
@@ -75,14 +76,13 @@ def jointed(
 ) -> Arch:  # fmt: skip
     """Return the arch with joints that give.
 
-    A face without tension that has rotated by theta bears on a strip x = sqrt(2 N / (k b theta))
-    with its resultant x/3 inside the edge; N is the normal force at rest, k b stiffness times
-    depth. A mechanism then bears the steady load (onset with contact points x/3 inside) - (onset
-    of rigid joints) theta/theta_s, with the rotation theta_s of unstable equilibrium. At theta*,
-    where this is largest, the rotation has cost as much as another x/6: the model inset has rigid
-    joints with contact points x(theta*)/2 inside. Masses, inertias and centroids stay. If the
-    mechanism slides, theta* is that without sliding; if there is no theta_s either, it is x/6 over
-    the height of the centroid of all bodies above the lower end, as of a block.
+    The model inset has rigid joints with contact points inside their ends. Each joint loses a length
+    in proportion to the root of its normal force at rest over its stiffness, as the strip does on
+    which an elastic face bears that has rotated. The lengths are those with which the arch bears
+    the same steady acceleration as on elastic faces, if nothing slides: hinges, shortened joints
+    and the arch that both make flatter are in it. Masses, inertias and centroids stay. If joints
+    lock each other so that no load is the largest, the lengths are those of a block as high as the
+    centroid of all bodies above the lower end.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def jointed(
     stiffness : float or (n_joint,) array_like
         Normal stiffness of an area of the joints [Pa/m], one for all or one for each; inf: rigid.
     shear : float or (n_joint,) array_like, optional
-        Shear stiffness [Pa/m], as the normal one if not given; only the model face uses it.
+        Shear stiffness [Pa/m], as the normal one if not given.
     damping : float
         Over the critical one, of the first mode with all joints closed; as shear.
     model : {"inset", "face"}
@@ -144,7 +144,9 @@ def jointed(
             raise InputError("joints.model face needs a finite stiffness and shear of all joints")
         soft = arch.changed(chain=arch.chain._replace(joint=joint))
     else:
-        soft = _inset(arch, normal, strength)
+        soft = _shortened(arch, inset_of(arch, normal, tangential).lengths, strength)
+        if soft is None:
+            raise StabilityError(_too_soft(arch, normal))
     soft = soft.changed(parameters=given)
     warn_of_units(soft, "joints", "strength")
     return soft
@@ -174,64 +176,99 @@ def _check_model(damping: float, model: str, points: int | None, strength: float
             raise InputError(text)
 
 
-def _inset(arch: Arch, stiffness: NDArray[np.float64], strength: float) -> Arch:
-    """Return the arch with contact points where elastic faces bear most."""
-    start = onset(arch)
-    # The strip of a joint under 1 N that has rotated by 1 rad.
-    unit = np.sqrt(2.0 / (stiffness * arch.joint_depths))
-    soft = None
-    if start.normal is not None:
-        strip = unit * np.sqrt(np.maximum(start.normal, 0.0))
-        soft = _shortened(arch, 0.5 * unit / math.sqrt(_rotation(arch, start, strip)), strength)
-    if soft is None:
-        raise StabilityError(
-            f"{arch!r}: the arch does not stand with joints of {stiffness.min():g} Pa/m, which "
-            "bear inside their ends; make it thicker or them stiffer, or try joints.model face"
-        )
-    return soft
+class Inset(NamedTuple):
+    """How far inside the ends of its joints an arch bears, and what that costs."""
+
+    lengths: NDArray[np.float64]  # (n_joint,) [m]
+    loss: float  # part of the largest steady load without sliding that is lost [1]
+    growth: float  # largest normal force under that load over the largest at rest [1]
 
 
-def _rotation(arch: Arch, start: Onset, strip: NDArray[np.float64]) -> float:
-    """Return the rotation at which a mechanism on elastic faces bears most [rad].
+def inset_of(arch: Arch, stiffness: NDArray[np.float64], shear: NDArray[np.float64]) -> Inset:
+    """Find the contact points with which rigid joints bear what elastic faces bear at most.
+
+    Parameters
+    ----------
+    arch : Arch
+        With rigid joints.
+    stiffness, shear : (n_joint,) array
+        Of an area of the joints [Pa/m]; inf is rigid.
+
+    Raises
+    ------
+    StabilityError
+        If the arch does not stand on joints that soft.
+    """
+    normal, tangential = np.minimum(stiffness, STIFFEST), np.minimum(shear, STIFFEST)
+    elastic = ElasticArch(arch, normal, tangential)
+    rest = elastic.rest()
+    if rest is None:
+        raise StabilityError(_too_soft(arch, stiffness))
+    position, force = rest
+    # The strip of a joint that has rotated by 1 rad; what is stiffer than STIFFEST loses less.
+    strip = np.sqrt(2.0 * np.maximum(force, 0.0) / (normal * arch.joint_depths))
+    stiffer = (normal / stiffness) ** (1.0 / 3.0)
+    rough = arch.changed(chain=arch.chain._replace(friction=np.full(arch.n_joint, math.inf)))
+    rigid = onset(rough)
+    length = elastic.length
+    senses = [(1.0, rigid.plus), (-1.0, rigid.minus)]
+    mirrored = math.isclose(rigid.plus, rigid.minus, rel_tol=AGREE)
+    if mirrored and np.allclose(force, force[::-1], rtol=1e-6):
+        del senses[1]
+    most = [
+        (sense, start, limit)
+        for sense, start in senses
+        if math.isfinite(start)
+        and math.isfinite((limit := elastic.largest_load(position, sense)).load)
+    ]
+    if not most:  # joints that lock each other, or a chain without height
+        return Inset(strip * stiffer / (2.0 * math.sqrt(_turn(arch, strip, length))), 0.0, 1.0)
+
+    def excess(part: float) -> float:
+        try:
+            now = onset(rough.recessed(part * strip, part * strip))
+        except GeometryError:
+            return -1.0
+        bears = {1.0: now.plus, -1.0: now.minus}
+        least = min(bears[sense] / limit.load for sense, _, limit in most)
+        return least - 1.0 if now.stands else -1.0
+
+    part = 0.0
+    if excess(part) > 0.0:
+        widest = 0.5 * float((length / np.maximum(strip, checks.SMALLEST)).min())
+        part = float(scipy.optimize.brentq(excess, 0.0, widest, rtol=CLOSE))
+    return Inset(
+        part * strip * stiffer,
+        max(1.0 - limit.load / start for _, start, limit in most),
+        max(float(limit.normal.max() / force.max()) for _, _, limit in most),
+    )
+
+
+def _too_soft(arch: Arch, stiffness: NDArray[np.float64]) -> str:
+    return (
+        f"{arch!r}: the arch does not stand with joints of {stiffness.min():g} Pa/m, which "
+        "bear inside their ends; make it thicker or them stiffer, or try joints.model face"
+    )
+
+
+def _turn(arch: Arch, strip: NDArray[np.float64], length: NDArray[np.float64]) -> float:
+    """Return the rotation at which a block as high as an arch bears most [rad].
 
     `strip` is the length on which each joint bears at a rotation of 1 rad.
     """
-    length = np.hypot(*(arch.extrados - arch.intrados)[: arch.n_joint].T)
-    rough = arch.changed(chain=arch.chain._replace(friction=np.full(arch.n_joint, math.inf)))
-    for body in (arch, rough):
-        rigid = start if body is arch else onset(rough)
-        most, falls = min(rigid.plus, rigid.minus), static_limit(body, rigid)
-        if math.isfinite(most) and math.isfinite(falls):
-            break
-    else:
-        # A chain of one length has no height: its joints are the least that it rises.
-        ends = 0.5 * (arch.intrados + arch.extrados)[[0] if arch.free_end else [0, -1], 1]
-        mass = arch.chain.mass
-        height = max(mass @ arch.centroids[:, 1] / mass.sum() - ends.min(), length.mean())
-        middle = max(float(np.sqrt(np.mean(strip**2))), checks.SMALLEST)
-        return (middle / (6.0 * height)) ** (2.0 / 3.0)
-
-    def lost(log_rotation: float) -> float:
-        rotation = math.exp(log_rotation)
-        inside = strip / (3.0 * math.sqrt(rotation))
-        if (length - 2.0 * inside <= checks.SMALLEST).any():
-            return rotation / falls * most
-        now = onset(body.recessed(inside, inside))
-        return rotation / falls * most - (min(now.plus, now.minus) if now.stands else 0.0)
-
-    tried = np.log(falls) + np.linspace(math.log(LEAST_ROTATION), 0.0, TRIED)
-    best = int(np.argmin([lost(each) for each in tried]))
-    bounds = tried[max(best - 1, 0)], tried[min(best + 1, TRIED - 1)]
-    options = {"xatol": REFINED}
-    found = scipy.optimize.minimize_scalar(lost, bounds=bounds, method="bounded", options=options)
-    return math.exp(found.x)
+    # A chain of one length has no height: its joints are the least that it rises.
+    ends = 0.5 * (arch.intrados + arch.extrados)[[0] if arch.free_end else [0, -1], 1]
+    mass = arch.chain.mass
+    height = max(mass @ arch.centroids[:, 1] / mass.sum() - ends.min(), length.mean())
+    middle = max(float(np.sqrt(np.mean(strip**2))), checks.SMALLEST)
+    return float((middle / (6.0 * height)) ** (2.0 / 3.0))
 
 
-def _shortened(arch: Arch, unit: NDArray[np.float64], strength: float) -> Arch | None:
-    """Return the arch whose joints have lost what gives or crushes under the forces that they then
-    bear; None if it does not stand.
+def _shortened(arch: Arch, inset: NDArray[np.float64], strength: float) -> Arch | None:
+    """Return the arch whose joints have lost what gives or crushes; None if it does not stand.
 
-    A joint under the force N loses `unit` times its root, or half of the depth that crushes.
+    A joint loses `inset` [m], or half of the depth that crushes under the normal force that it
+    then bears at rest, if that is more.
     """
     if math.isfinite(strength):
         check_number("strength", strength, 1.0, 1e12, "N/m2")
@@ -241,8 +278,8 @@ def _shortened(arch: Arch, unit: NDArray[np.float64], strength: float) -> Arch |
         normal = onset(now).normal
         if normal is None:
             break
-        force, before = np.maximum(normal, 0.0), lost
-        lost = np.maximum(unit * np.sqrt(force), 0.5 * force / (strength * wide))
+        before = lost
+        lost = np.maximum(inset, 0.5 * np.maximum(normal, 0.0) / (strength * wide))
         if (length - 2.0 * lost <= checks.SMALLEST).any():
             break
         now = arch.recessed(lost, lost)

@@ -16,17 +16,20 @@ from archfrag.physics.contact.ties import tie_stretch
 from archfrag.physics.faces.settle import settled
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Status, Tie
-from archfrag.simulation.joints import jointed
+from archfrag.simulation.joints import inset_of
 from archfrag.simulation.response import STATUS_MESSAGE
 from archfrag.simulation.rest import Onset, onset
 
 # How far inside the edges hinges are put [m], and the part of the onset above which this matters.
 INSET, MOST_LOST = 0.01, 0.1
 # Parts of the onset that joints that give take, up to which rigid joints and the model inset are
-# enough, and the stiffness that is taken if none is given: cut stone or brick in mortar [Pa/m].
-RIGID_ENOUGH, INSET_ENOUGH, USUAL_STIFFNESS = 0.01, 0.25, 3e10
+# enough; up to which growth of normal forces the inset is; and the stiffness that is taken if none
+# is given: cut stone or brick in mortar [Pa/m].
+RIGID_ENOUGH, INSET_ENOUGH, MOST_GROWTH, USUAL_STIFFNESS = 0.01, 0.25, 1.5, 3e10
 HALVINGS = 20  # of the prestress that an arch stands
-_STANDING = WeakKeyDictionary[Arch, Onset]()  # arches are asked for with every chunk of runs
+# Arches are asked for with every chunk of runs.
+_STANDING = WeakKeyDictionary[Arch, Onset]()
+_LOSSES = WeakKeyDictionary[Arch, tuple[float, float]]()
 
 
 def check_stands(arch: Arch) -> Onset:
@@ -58,19 +61,34 @@ def inset_loss(arch: Arch) -> float:
     return _loss(built, lambda: built.recessed(INSET, INSET))
 
 
-def joints_loss(arch: Arch) -> float:
-    """Find the part of its onset that an arch of rigid joints loses by the model inset [1].
+def joints_loss(arch: Arch) -> tuple[float, float]:
+    """Find the part of its onset that an arch of rigid joints loses by the model inset [1], and
+    how much its largest normal force grows from rest to the largest steady load [1].
 
     With the stiffness that was given, or `USUAL_STIFFNESS`; of the arch without ties, strength and
     movements of springings. nan and 1 are as of `inset_loss`.
     """
+    if arch in _LOSSES:
+        return _LOSSES[arch]
     given, soft = arch.parameters, arch.joint_keys
     rigid = arch.rebuilt()
     if "recess" in given:
         rigid = rigid.recessed(**given["recess"])
-    stiffness = np.array(soft.get("stiffness", USUAL_STIFFNESS), dtype=float)
+    stiffness = np.broadcast_to(
+        np.array(soft.get("stiffness", USUAL_STIFFNESS), dtype=float), rigid.n_joint
+    )
+    shear = np.broadcast_to(np.array(soft.get("shear", stiffness), dtype=float), rigid.n_joint)
+    growth = [math.nan]
+
+    def inset() -> Arch:
+        found = inset_of(rigid, stiffness, shear)
+        growth.append(found.growth)
+        return rigid.recessed(found.lengths, found.lengths)
+
     with no_unit_warnings():
-        return _loss(rigid, lambda: jointed(rigid, stiffness))
+        loss = _loss(rigid, inset)
+    _LOSSES[arch] = loss, growth[-1]
+    return _LOSSES[arch]
 
 
 def _loss(arch: Arch, change: Callable[[], Arch]) -> float:
@@ -88,7 +106,7 @@ def _loss(arch: Arch, change: Callable[[], Arch]) -> float:
 
 def joints_text(arch: Arch) -> str:
     """Say which model of its joints an arch needs; empty if that is not known."""
-    loss, soft = joints_loss(arch), arch.joint_keys
+    (loss, growth), soft = joints_loss(arch), arch.joint_keys
     if math.isnan(loss):
         return ""
     stiffness = np.min(np.array(soft.get("stiffness", USUAL_STIFFNESS), dtype=float))
@@ -96,11 +114,21 @@ def joints_text(arch: Arch) -> str:
     lost = f"{who} lower the onset of motion by {100.0 * loss:.1f} %"
     if loss >= 1.0:
         lost = f"with {who} bearing inside their ends it does not stand"
-    if loss > INSET_ENOUGH:
-        return f"{lost}: joints.model face is needed"
+    if loss > INSET_ENOUGH or growth > MOST_GROWTH:
+        return f"{lost}{_growth_text(growth)}: joints.model face is needed"
     if loss < RIGID_ENOUGH:
         return f"{lost}: rigid ones are enough"
     return f"{lost}: joints.model inset is enough, rigid ones are not"
+
+
+def _growth_text(growth: float) -> str:
+    """Say by how much normal forces grow, if that is too much for the model inset."""
+    if not growth > MOST_GROWTH:
+        return ""
+    return (
+        f", and under the largest load that it bears its normal forces are {growth:.1f} times "
+        "those at rest, so that its joints store energy and give it back"
+    )
 
 
 def inset_text(arch: Arch, loss: float) -> str:
@@ -135,8 +163,10 @@ def arch_cautions(arch: Arch, start: Onset) -> list[str]:
             "unsafe side for an arch as thin as this: compare it with joints: {stiffness: "
             f"{USUAL_STIFFNESS:g}}}"
         )
-    if arch.joint_keys.get("model") == "inset" and joints_loss(arch) > INSET_ENOUGH:
-        found.append(joints_text(arch))
+    if arch.joint_keys.get("model") == "inset":
+        told = joints_text(arch)
+        if told.endswith("needed"):
+            found.append(told)
     return found
 
 
