@@ -76,11 +76,11 @@ def jointed(
 ) -> Arch:  # fmt: skip
     """Return the arch with joints that give.
 
-    The model inset has rigid joints with contact points inside their ends. Each joint loses a length
-    in proportion to the root of its normal force at rest over its stiffness, as the strip does on
-    which an elastic face bears that has rotated. The lengths are those with which the arch bears
-    the same steady acceleration as on elastic faces, if nothing slides: hinges, shortened joints
-    and the arch that both make flatter are in it. Masses, inertias and centroids stay. If joints
+    The model inset has rigid joints with contact points inside their ends. Each joint loses a
+    length in proportion to the root of its normal force at rest over its stiffness, like the strip
+    on which an elastic face bears that has rotated. With these lengths the arch bears the same
+    steady acceleration as on elastic faces, both without sliding. So hinges, shortened joints and
+    the arch that both make flatter are in them. Masses, inertias and centroids stay. If joints
     lock each other so that no load is the largest, the lengths are those of a block as high as the
     centroid of all bodies above the lower end.
 
@@ -144,9 +144,10 @@ def jointed(
             raise InputError("joints.model face needs a finite stiffness and shear of all joints")
         soft = arch.changed(chain=arch.chain._replace(joint=joint))
     else:
-        soft = _shortened(arch, inset_of(arch, normal, tangential).lengths, strength)
-        if soft is None:
+        inset = _shortened(arch, inset_of(arch, normal, tangential).lengths, strength)
+        if inset is None:
             raise StabilityError(_too_soft(arch, normal))
+        soft = inset
     soft = soft.changed(parameters=given)
     warn_of_units(soft, "joints", "strength")
     return soft
