@@ -19,8 +19,8 @@ from pydantic import BeforeValidator, Field, TypeAdapter
 
 from archfrag.fragility.curve import Curve, FloatArray, IntArray
 from archfrag.fragility.fit import fit_brackets, fit_stripes
-from archfrag.fragility.posterior import Posterior, fit_posterior
-from archfrag.fragility.quoted import capacity_posterior, quoted_band, quoted_runs
+from archfrag.fragility.posterior import Posterior
+from archfrag.fragility.quoted import capacity_posterior, quoted_band
 from archfrag.fragility.verdicts import Brackets, Verdict
 from archfrag.study.keys import Section, check_block
 
@@ -145,15 +145,6 @@ class Cloud(Design):
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Return the number of runs of an arch, and whether it is exact, about or at most."""
         return n_record, "exactly"
-
-    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> Curve:
-        """Return the curve and band from single runs, each with a motion of its own."""
-        return quoted_runs(*found.single_runs(), im, confidence=options["confidence"])
-
-    def posterior(self, found: Brackets) -> tuple[Posterior, float]:
-        """Return the posterior of the curve of single runs, and their number."""
-        level, collapsed = found.single_runs()
-        return fit_posterior(level, collapsed, 1), float(level.size)
 
 
 def ask(
