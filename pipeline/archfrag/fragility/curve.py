@@ -264,10 +264,15 @@ class Curve:
             return f"no curve: {self.reason}", ""
         values = (self.theta, *self.theta_interval)
         theta, low, high = (f"{v:.0f}" if v > 100.0 else f"{v:#.3g}" for v in values)
-        low_beta, high_beta = self.beta_interval
+        beta, low_beta, high_beta = self.dispersion_words()
         median = " ".join(filter(None, ("median", theta, self.unit, self.measure)))
-        dispersion = f"dispersion {self.beta:.2f} ({low_beta:.2f}–{high_beta:.2f})"
+        dispersion = f"dispersion {beta} ({low_beta}–{high_beta})"
         return f"{median} ({100 * self.confidence:g} %: {low}–{high})", dispersion
+
+    def dispersion_words(self) -> list[str]:
+        """Write the dispersion and the ends of its interval, none of which is 0."""
+        values = self.beta, *self.beta_interval
+        return [f"{value:.2f}" if value >= 0.005 else f"{value:.1g}" for value in values]
 
     def undecided(self, text: Callable[[float], str] | None = None) -> str:
         """Write what the runs without a verdict could change; empty if there are none.
@@ -303,8 +308,8 @@ class Curve:
         """Return all in SI units as plain values, for JSON."""
         likelihood = {"none": ""} if self.likelihood is None else self.likelihood.fit_dict()
         theta, beta = self.intervals or [(np.nan, np.nan)] * 2
-        plain = {"curve": self.fit_dict(), "likelihood": likelihood, "theta": theta, "beta": beta}
-        plain["density"] = self.density and self.density.to_plain()
+        plain = {"curve": self.fit_dict(), "likelihood": likelihood, "theta": theta, "beta": beta,
+                 "density": self.density and self.density.to_plain()}  # fmt: skip
         return plain | {name: getattr(self, name) for name in _BAND}
 
     @classmethod

@@ -6,7 +6,7 @@ ln theta grows with beta. For such priors of fragility curves see Van Biesbroeck
 Garnier (arXiv 2302.06935 and 2503.07343).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -271,7 +271,5 @@ def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> 
     covariance *= np.outer(*[errors / np.sqrt(np.diag(covariance))] * 2)
     likelihood = float(terms(t[[[2]]], b[[[2]]])[0][0, 0])
     median = float(np.exp(t[2])), float(b[2])
-    curve = Curve(
-        *median, covariance, likelihood, x.size, n, "posterior", density=known.compact()
-    )
+    curve = Curve(*median, covariance, likelihood, x.size, n, "posterior", density=known.compact())
     return Posterior(beta, log_theta, weight, curve)

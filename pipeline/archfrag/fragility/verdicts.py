@@ -157,6 +157,12 @@ class Brackets:
         return bool((self.decided.sum(axis=1) < 2).all())
 
     @property
+    def gaps(self) -> bool:
+        """Whether some records were not run at a level at which others were."""
+        made = self.verdict != Verdict.NOT_RUN
+        return not made[made.any(axis=1)][:, made.any(axis=0)].all()
+
+    @property
     def middle(self) -> FloatArray:
         """Geometric mean of the ends; nan where one is not known, (n_record,)."""
         low, high = np.where(self.bracketed, (self.lower, self.upper), np.nan)

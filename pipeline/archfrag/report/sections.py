@@ -141,7 +141,9 @@ def _arch_parts(
         yield paragraph(free["test_of_fit"]["message"])
     elif "none" in free:
         yield paragraph(f"There is no isotonic curve and no test of fit: {free['none']}.")
-    yield paragraph(f"Design {design.kind}: {design.text}.")
+    lacking = int((results.runs.verdict == Verdict.NOT_RUN).sum()) * (not design.adaptive)
+    lacking_words = f"; {lacking} of {results.runs.verdict.size} runs were not made"
+    yield paragraph(f"Design {design.kind}: {design.text}{lacking_words * bool(lacking)}.")
     if "cloud" in more:
         yield paragraph(_cloud(more["cloud"]["logistic"], inputs.scale), "note")
     yield html.folded("Verdicts by level", _levels(results, answer, percent))
@@ -214,7 +216,7 @@ def answers_table(inputs: ReportInputs, listed: Mapping[str, Curve]) -> Markup:
         theta, low, high = map(scale.digits, (answer.theta, *answer.theta_interval))
         row += [
             f"{theta} ({low} to {high})",
-            f"{answer.beta:.2f} ({html.interval(answer.beta_interval)})",
+            "{} ({} to {})".format(*answer.dispersion_words()),
         ]
     more = f", the first {_MOST_ROWS}" if len(rows) > _MOST_ROWS else ""
     return table(f"Answer for each arch{more}", heads, rows[:_MOST_ROWS], "compact")
@@ -262,7 +264,7 @@ def _levels(results: ArchResults, answer: Curve, percent: str) -> Markup:
     columns = {
         results.scale.label: map(digits, results.levels),
         **{name.replace("_", " "): counts[name] for name in COUNTS[:-1]},
-        "records with capacity below" if results.runs.design.adaptive else "fraction":
+        "records with capacity below" if results.runs.gaps else "fraction":
             [measured(value, ".3f") for value in results.fraction],
         f"Clopper–Pearson {percent}":
             [f"{measured(low, '.3f')} – {measured(high, '.3f')}" for low, high in ends],

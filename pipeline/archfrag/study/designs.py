@@ -99,7 +99,14 @@ class Design(Section, ABC):
         return capacity_posterior(found)
 
     def likelihood(self, found: Brackets) -> Curve:
-        """Return the curve by maximum likelihood, from the collapses at each level."""
+        """Return the curve by maximum likelihood, from the collapses at each level.
+
+        Where runs were not made, it is from brackets of the capacities: those made at a level are
+        no sample of the records.
+        """
+        if self.adaptive or found.gaps:
+            known = found.of_records()
+            return fit_brackets(known.lower, known.upper)
         levels, collapsed = found.single_runs()
         level, place = np.unique(levels, return_inverse=True)
         collapses = np.bincount(place, collapsed, level.size)
@@ -253,11 +260,6 @@ class Ida(Design):
         search_runs = int(np.ceil(n_record * np.log2(n_level + 1)))
         checks = n_record if self.checks is None else self.checks
         return min(search_runs + checks, n_record * n_level), "about"
-
-    def likelihood(self, found: Brackets) -> Curve:
-        """Return the curve by maximum likelihood, from brackets of the capacities."""
-        known = found.of_records()
-        return fit_brackets(known.lower, known.upper)
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Return the messages on checks that contradict the borders found."""
