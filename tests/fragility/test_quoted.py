@@ -155,19 +155,6 @@ class TestQuoted:
         assert np.all(times[:, 0] == times[:, 1])
         assert times.sum(axis=1).mean() == pytest.approx(4.0, abs=0.2)
 
-    def test_single_runs_that_share_events(self):
-        """Each of 8 events has 3 runs: 90 % bands that ignore this hold in 79 to 87 %."""
-        generator, held, alone = np.random.default_rng(4), [], []
-        for _ in range(60):
-            im = np.exp(0.5 * generator.standard_normal((24, 1)))
-            z = generator.standard_normal((8, 1)) + generator.standard_normal((8, 3))
-            found = find_brackets(np.exp(BETA * z.reshape(-1, 1) / np.sqrt(2.0)) <= im, im)
-            for groups, into in ((EVENTS, held), (None, alone)):
-                known = quoted_band(found, IM, groups=groups)
-                into.append(np.mean((known.lower <= P) & (known.upper >= P)))
-        assert 0.86 < np.mean(held) < 0.97
-        assert np.mean(held) > np.mean(alone) + 0.04
-
     def test_records_of_a_single_run_need_no_bracket(self):
         """Whatever their levels: brackets of one end gave a beta of 0 and a numpy warning."""
         generator = np.random.default_rng(12)
