@@ -308,8 +308,13 @@ class Curve:
         """Return all in SI units as plain values, for JSON."""
         likelihood = {"none": ""} if self.likelihood is None else self.likelihood.fit_dict()
         theta, beta = self.intervals or [(np.nan, np.nan)] * 2
-        plain = {"curve": self.fit_dict(), "likelihood": likelihood, "theta": theta, "beta": beta,
-                 "density": self.density and self.density.to_plain()}  # fmt: skip
+        plain = {
+            "curve": self.fit_dict(),
+            "likelihood": likelihood,
+            "theta": theta,
+            "beta": beta,
+            "density": self.density and self.density.to_plain(),
+        }
         return plain | {name: getattr(self, name) for name in _BAND}
 
     @classmethod

@@ -61,9 +61,10 @@ class Density:
         """Return it as plain values for JSON, probabilities with the precision of 16 bits."""
         relative = np.asarray(self.density / self.density.max(), "<f2")
         return {
-            "beta": self.beta.tolist(), "log_theta": self.log_theta[:, [0, -1]].tolist(),
+            "beta": self.beta.tolist(),
+            "log_theta": self.log_theta[:, [0, -1]].tolist(),
             "density": base64.b64encode(relative.tobytes()).decode(),
-        }  # fmt: skip
+        }
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> "Density":

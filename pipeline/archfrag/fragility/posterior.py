@@ -69,9 +69,13 @@ def likely_beta(span: float) -> float:
 
 
 def fit_posterior(
-    im: ArrayLike, collapses: ArrayLike, n: ArrayLike, *, one_sided: bool = False,
+    im: ArrayLike,
+    collapses: ArrayLike,
+    n: ArrayLike,
+    *,
+    one_sided: bool = False,
     share: float = 1.0,
-) -> Posterior:  # fmt: skip
+) -> Posterior:
     """Return the posterior of the curve of independent runs, each with a motion of its own.
 
     Prior: Jeffreys' for the runs that were made, proper at two levels or more (Ibrahim and Laud

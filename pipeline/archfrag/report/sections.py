@@ -141,9 +141,7 @@ def _arch_parts(
         yield paragraph(free["test_of_fit"]["message"])
     elif "none" in free:
         yield paragraph(f"There is no isotonic curve and no test of fit: {free['none']}.")
-    lacking = int((results.runs.verdict == Verdict.NOT_RUN).sum()) * (not design.adaptive)
-    lacking_words = f"; {lacking} of {results.runs.verdict.size} runs were not made"
-    yield paragraph(f"Design {design.kind}: {design.text}{lacking_words * bool(lacking)}.")
+    yield paragraph(f"Design {design.kind}: {design.text}.")
     if "cloud" in more:
         yield paragraph(_cloud(more["cloud"]["logistic"], inputs.scale), "note")
     yield html.folded("Verdicts by level", _levels(results, answer, percent))

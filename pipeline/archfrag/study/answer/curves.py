@@ -210,10 +210,8 @@ def without_verdict(
         key, curve = verdict.name.lower(), curve_of(decided, confidence)
         if members:
             own = [each.more["without_verdict"].get(key) for each in members]
-            curve = class_curve(curve, [
-                each if fit is None else Curve.from_dict({"curve": fit})
-                for each, fit in zip(members, own)
-            ])  # fmt: skip
+            fits = [fit and Curve.from_dict({"curve": fit}) for fit in own]
+            curve = class_curve(curve, [fit or each for each, fit in zip(members, fits)])
         parts[key] = curve.fit_dict()
     return parts
 

@@ -74,9 +74,10 @@ class ArchRisk:
         wide = (
             f"the mean rate over uncertain theta and beta, {self.rate.mean:.2g} a year, is "
             f"{more:.2g} times that of the median curve: a small number of runs leaves wide "
-            "curves possible, which decide it; add records",
-        )  # fmt: skip
-        return (bound if self.rate.is_bound else ()) + (wide if more > MOST_MEAN else ()) + tuple(
+            "curves possible, which decide it; add records"
+        )
+        first = bound * self.rate.is_bound + (wide,) * (more > MOST_MEAN)
+        return first + tuple(
             f"{100 * fraction:.0f} % of the rate is from intensities {where}"
             for where, fraction in parts.items() if fraction > NOTED
         )  # fmt: skip
