@@ -215,7 +215,7 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator
             "(non-monotone records): near the border a single run proves little, and beta "
             "includes this scatter"
         )
-    if "damage" in runs.cube and runs.brackets.gaps:
+    if runs.brackets.gaps and "damage" in runs.cube:
         found = runs.brackets
         below = (found.levels < found.lower[:, None]) & (found.verdict != Verdict.NOT_RUN).any(0)
         lacking = int((below & (found.verdict == Verdict.NOT_RUN)).sum())
