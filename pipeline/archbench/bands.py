@@ -68,9 +68,7 @@ FAMILIES: dict[str, Callable[[Array], Array]] = {
     "lognormal": norm.ppf, "Weibull": _weibull, "skewed": _skewed, "two peaks": _two_peaks,
 }  # fmt: skip
 RECORDS, EVENTS, SINGLE = "same records", "3 records an event", "single runs"
-ALIKE_RUNS = "single runs, 3 an event"
 SIZES = {RECORDS: (12, 24, 44), EVENTS: (12, 24, 45), SINGLE: (12, 24, 44, 150)}
-SIZES[ALIKE_RUNS] = SIZES[EVENTS]
 
 
 class World(NamedTuple):
@@ -245,21 +243,17 @@ def _study(
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.int64] | None]:
     """Verdicts, intensities and events of one simulated study."""
     at, groups = LEVELS, None
-    if sampling in (EVENTS, ALIKE_RUNS):
+    if sampling == EVENTS:
         groups = np.arange(size) // RECORDS_PER_EVENT
-        if sampling == ALIKE_RUNS:  # each event at levels that are far apart
-            groups = np.arange(size) % (size // RECORDS_PER_EVENT)
         shared = generator.standard_normal(size // RECORDS_PER_EVENT)[groups]
         own = generator.standard_normal(size)
         u = norm.cdf(np.sqrt(CORRELATION) * shared + np.sqrt(1.0 - CORRELATION) * own)
     else:
         u = generator.random(size)
     capacity = np.exp(BETA * quantile(u))
-    if sampling in (SINGLE, ALIKE_RUNS):
+    if sampling == SINGLE:
         at = LEVELS[np.linspace(0, LEVELS.size - 1, size).round().astype(int)]
-    if sampling == ALIKE_RUNS:
-        at = at[:, None]
-    if sampling != SINGLE:
+    else:
         capacity = capacity[:, None]
     return (capacity <= at).astype(int), at, groups
 
