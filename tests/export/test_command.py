@@ -204,7 +204,7 @@ def test_a_median_curve_whose_mean_rate_is_far_above_is_noted(
         found = [each for each in notes["notes"] if "times that of this median curve" in each]
         assert len(found) == (noted and kind == "median")
         if kind == "predictive":
-            assert any("smaller than the mean rate" in each for each in notes["notes"])
+            assert any("is not the mean rate" in each for each in notes["notes"])
 
 
 def test_branches_and_predictive_curves_in_files(study, tmp_path):

@@ -41,7 +41,7 @@ LIMIT_STATES = ("motion", "impact", "residual", "rotation", "contact_lost", "col
 _LOGNORMAL = (
     "the predictive curve is no lognormal one: nrml-discrete and the table of curves hold it; "
     "nrml-continuous, pelicun and in-core the one with its mean and deviation of ln capacity, "
-    "whose rate of collapse is smaller than the mean rate"
+    "whose rate of collapse is not the mean rate"
 )
 _FALL = 2.5  # exponent of a usual hazard curve
 # Columns of the tables of curves; the unit of an intensity is "given" or "si", and {percent} in a
