@@ -57,7 +57,7 @@ def run_weight(x, k, n):
             information += np.stack([weight, weight * z, weight * z * z])
         determinant = np.maximum(information[0] * information[2] - information[1] ** 2, 1e-300)
         to_mesh = 2.0 * np.log(beta)
-        factor = -np.log(1.0 / beta + beta / (0.3 * (max(x) - min(x))) ** 2)
+        factor = -np.log(1.0 / beta + beta / max(0.3 * (max(x) - min(x)), 0.35) ** 2)
         return value + 0.5 * np.log(determinant) + factor + to_mesh
 
     return log_weight

@@ -155,6 +155,33 @@ class TestQuoted:
         assert np.all(times[:, 0] == times[:, 1])
         assert times.sum(axis=1).mean() == pytest.approx(4.0, abs=0.2)
 
+    def test_records_of_a_single_run_need_no_bracket(self):
+        """Whatever their levels: brackets of one end gave a beta of 0 and a numpy warning."""
+        generator = np.random.default_rng(12)
+        for _ in range(30):
+            im = 1.4 * np.exp(0.5 * generator.standard_normal((8, 1)))
+            fell = im >= 1.4 * np.exp(0.4 * generator.standard_normal((8, 1)))
+            if fell.all() or not fell.any():
+                continue
+            codes, levels = np.hstack([fell, np.full((8, 1), 4)]), np.hstack([im, 2.0 * im])
+            found = quoted_band(find_brackets(codes, levels), [])
+            assert found.theta == quoted_runs(im.ravel(), fell.ravel(), []).theta
+            assert found.beta > 0.05
+
+    @pytest.mark.parametrize("spread", [0.03, 0.1])
+    def test_contradictions_where_one_capacity_agrees_with_all_brackets(self, spread):
+        levels, generator = np.geomspace(0.5, 2.0, 8), np.random.default_rng(3)
+        codes = np.tile((levels > 1.0).astype(int), (12, 1))
+        codes[generator.integers(0, 12, 2), 4] = 0
+        codes[0, 3:6] = 1, 0, 1
+        curve = quoted_band(find_brackets(codes, levels * (1.0 + spread)), [])
+        assert curve.n_non_monotone
+        assert 0.8 < curve.theta < 1.4
+        assert 0.02 < curve.beta < 0.6
+        codes = np.tile([1, 0], (5, 1))  # no record has both ends, and all contradict
+        codes[:2] = 0
+        assert quoted_band(find_brackets(codes, [0.5, 0.7]), []).beta > 0.1
+
 
 def shaped(generator, n=30, rho=1.0):
     return brackets(generator, n, LEVELS, rho, -1.0, 0.4)

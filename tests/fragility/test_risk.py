@@ -126,6 +126,19 @@ class TestContributions:
             held.append(found.lower[1] <= 0.4 <= found.upper[1])
         assert 0.86 < np.mean(held) < 0.95
 
+    @pytest.mark.parametrize("alike", [True, False])
+    def test_interval_holds_where_records_of_an_event_fall_alike(self, alike):
+        """12 events of 2 records each; counted as 24 it held in 77 % of such studies."""
+        generator, held = np.random.default_rng(5), []
+        event = np.arange(24) // 2
+        for _ in range(400):
+            verdict = np.arange(8) >= generator.integers(0, 8, 24)[:, None]
+            draw = generator.random((12, 1))[event] if alike else generator.random((24, 1))
+            kind = np.broadcast_to(draw < 0.4, verdict.shape)
+            found = contributions(verdict, kind.astype(int), ("a", "b"), groups=event)
+            held.append(found.lower[1] <= 0.4 <= found.upper[1])
+        assert 0.86 < np.mean(held) < 0.97
+
 
 class TestOnset:
     """Below the onset of motion nothing collapses: the rate is an integral from there on."""

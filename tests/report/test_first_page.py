@@ -10,7 +10,8 @@ import pytest
 import archfrag as af
 from archfrag.fragility.risk import HazardCurve
 from archfrag.report import film
-from archfrag.report.first_page import before_and_after, first_page, ratio_text
+from archfrag.report.first_page import before_and_after, first_page, leading, ratio_text
+from archfrag.report.html import percentages
 from archfrag.report.page import render
 from archfrag.study.answer.rates import risk_of
 from archfrag.study.hazard import Hazard
@@ -96,6 +97,36 @@ class TestBeforeAndAfter:
             assert panel.box[1] <= y <= panel.box[3]
         assert "after" in dots
         assert "Points: fraction of the runs at each level that collapse." in html
+
+
+class TestWeakest:
+    """Of two curves that cross the first sentence names the higher one at its level."""
+
+    @pytest.fixture
+    def crossing(self, both):
+        wide = replace(both.answers["before"], theta=3.4, beta=1.0)
+        narrow = replace(both.answers["after"], theta=3.0, beta=0.2)
+        return replace(both, answers={"before": wide, "after": narrow}, risk=None)
+
+    @pytest.mark.parametrize(
+        ("at", "name"), [(0.15, "before"), (0.25, "before"), (0.34, "after"), (None, "after")]
+    )
+    def test_it_is_the_one_most_likely_to_collapse_there(self, crossing, at, name):
+        given = replace(crossing, at=at)
+        html = first_page(given, None)
+        assert leading(given)[0] == name
+        there = "" if at is None else " at this level"
+        assert f"{name}, the weakest of 2 arches{there}," in html
+        if at is not None:
+            chances = [answer(at * synthetic.GRAVITY) for answer in given.answers.values()]
+            assert f"<strong>{percentages([max(chances)])}</strong>" in html
+
+    def test_it_is_so_at_the_level_of_the_site(self, crossing):
+        rate = HazardCurve(np.array([0.5, 10.0]), np.array([0.05, 1e-5]))
+        risk = risk_of(crossing.cube, crossing.answers, Hazard("PGA", "made", {"mean": rate}))
+        html = first_page(replace(crossing, risk=risk), None)
+        assert "motion of the site" in html
+        assert "before, the weakest of 2 arches at this level," in html
 
 
 @pytest.fixture(scope="module")

@@ -181,6 +181,12 @@ class TestFirstPage:
         value, *band = answer.at(0.35 * GRAVITY)
         start = f"Under PGA 0.350 g, the arch collapses with probability {percentages([value])}"
         assert self.lead(replace(study, at=0.35)) == f"{start} (90 %: {percentages(band)})."
+        value, low, high = answer.at(1.2 * GRAVITY)  # beyond the levels
+        assert answer.upper[-1] < high
+        assert low < value < high
+        assert f"{percentages([value])} (90 %: {percentages([low, high])})." in self.lead(
+            replace(study, at=1.2)
+        )
         assert percentages([0.02, 0.2149]) == "2.0 to 21 %"
         assert [percentages(2 * [p]) for p in (1e-4, 0.9999)] == ["< 0.1 %", "> 99.9 %"]
 
@@ -209,7 +215,7 @@ class TestFirstPage:
         alone = given.cube.assign(arch_class=("arch", ["both", "thick"]))
         weaker = replace(given, cube=alone, answers={
             "thin": synthetic.answer_of(9.0), "thick": synthetic.answer_of(4.0)})  # fmt: skip
-        assert "thick, the weakest of 2 classes and arches," in self.lead(weaker)
+        assert "thick, the weakest of 2 classes and arches at this level," in self.lead(weaker)
         # The arch that is drawn is of the class that leads, though one of the other is nearer.
         other = given.cube.assign(arch_class=("arch", ["thick-ones", "both"]))
         two = {"both": synthetic.answer_of(4.1), "thick-ones": synthetic.answer_of(9.0)}
@@ -217,8 +223,10 @@ class TestFirstPage:
         drawn = leading_arch(replace(given, cube=other, classes=two, answers=answers))
         assert given.arches[drawn][0] == "thick"
         several = replace(given, classes={})
-        weakest = min(several.answers, key=lambda name: several.answers[name].theta)
+        weakest = max(several.answers, key=lambda name: several.answers[name](0.35 * GRAVITY))
         assert leading(several)[0] == weakest
+        weakest = min(several.answers, key=lambda name: several.answers[name].theta)
+        assert leading(replace(several, at=None))[0] == weakest
 
 
 def hazard(points):
@@ -408,7 +416,7 @@ class TestWords:
         assert shown.count("Shaded") == 1
         assert not shown.startswith("Lognormal")
         words = first_page._whose(replace(given, classes=two), "both")
-        assert words.endswith(", the weakest of 2 classes,")
+        assert words.endswith(", the weakest of 2 classes at this level,")
 
     def test_the_curve_table_has_seven_digits(self, full, tmp_path):
         given, _, _ = full

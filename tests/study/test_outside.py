@@ -63,7 +63,8 @@ def test_the_runs_of_a_study_give_its_own_curve_to_the_last_bit(tmp_path, design
     tables.append((pd.concat(pieces), {"measure": "PGA", "unit": "m/s2"}))
     for table, given in tables:
         found = af.fit(table, **given)
-        assert found._study.design.kind == design
+        # A table does not say whether verdicts chose the levels of its runs.
+        assert found._study.design.kind == ("stripes" if design == "ida" else design)
         for name, curve in fitted.arches.items():
             mine = found._fitted.arches[name]
             assert mine.theta == pytest.approx(curve.theta, rel=1e-13)
@@ -108,6 +109,75 @@ def test_brackets_give_the_posterior_of_their_runs():
     whole = whole.set_index("record").loc[capacities.index]
     assert np.allclose(capacities[["lower", "upper"]], whole[["lower", "upper"]])
     assert found.curve.theta == pytest.approx(af.fit(table).curve.theta, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "kept",
+    [
+        lambda table: table.index != 40,
+        lambda table: np.random.default_rng(1).random(len(table)) > 0.25,
+        lambda table: ~table.groupby("record")["verdict"].cumsum().gt(1),  # up to a collapse
+        lambda table: table["record"].isin(["r1", "r2"]) <= table["PGA [g]"].gt(0.2),
+    ],
+    ids=["a run", "a quarter", "beyond collapse", "low levels of two records"],
+)
+def test_runs_that_were_not_made_leave_stripes_with_damage_states(kept):
+    table = stripes()
+    table["verdict"] = table["state"].eq(STATES[-1])
+    whole, own = (af.fit(each.drop(columns="verdict"), states=STATES)
+                  for each in (table, table[kept(table)]))  # fmt: skip
+    assert own._study.design.kind == "stripes"
+    assert not any("chosen by what collapsed" in each for each in own.cautions)
+    assert list(own.curve.limit_states) == ["light", "moderate", "collapse"]
+    for name, curve in own.curve.limit_states.items():
+        other = whole.curve.limit_states[name]
+        assert curve.theta == pytest.approx(other.theta, rel=0.12)
+        assert other.theta_interval[0] < curve.theta < other.theta_interval[1]
+    assert own.curve.likelihood.theta == pytest.approx(whole.curve.likelihood.theta, rel=0.05)
+    fractions = [each.fractions["structure"].to_numpy() for each in (own, whole)]
+    np.testing.assert_allclose(*fractions, atol=0.1)
+
+
+def test_levels_that_look_chosen_by_collapse_are_cautioned():
+    table, kept = stripes(), []
+    for _, own in table.groupby("record"):
+        first = own["verdict"].argmax() if own["verdict"].any() else len(own)
+        kept.append(own.iloc[max(first - 1, 0) : first + 1])
+    found = af.fit(pd.concat(kept).drop(columns="verdict"), states=STATES)
+    assert any("If levels were chosen by what collapsed" in each for each in found.cautions)
+
+
+def test_single_runs_of_one_earthquake_count_as_fewer():
+    generator = np.random.default_rng(7)
+    shared, own = generator.standard_normal((2, 8, 3))
+    im = 0.4 * np.exp(0.5 * generator.standard_normal(24))
+    capacity = 0.4 * np.exp(0.4 * (shared[:, :1] + own).ravel() / np.sqrt(2.0))
+    table = pd.DataFrame({"PGA [g]": im, "verdict": im > capacity,
+                          "event": [f"e{n // 3}" for n in range(24)]})  # fmt: skip
+    alike, alone = af.fit(table).curve, af.fit(table.drop(columns="event")).curve
+    assert alone.n_independent == 24.0
+    assert 8.0 <= alike.n_independent < 20.0
+    assert np.ptp(alike.theta_interval) > 1.1 * np.ptp(alone.theta_interval)
+    assert f"24 single runs count as {alike.n_independent:.3g}" in alike.assumptions
+    assert "runs are independent" not in alike.assumptions
+    # A motion on several specimens is one earthquake too, as one record on several arches is.
+    arches = table.assign(arch=[f"a{n % 3}" for n in range(24)], record=table["event"])
+    arches["class"] = "rings"
+    of_class = af.fit(arches.drop(columns="event")).curve
+    assert "within records" in of_class.assumptions
+    assert of_class.n_independent < 24.0
+
+
+def test_rows_with_one_end_are_single_runs():
+    im = [0.1, 0.2, 0.31, 0.3, 0.4, 0.5]
+    stood = [True, True, False, True, False, False]
+    lower = [level if held else None for level, held in zip(im, stood)]
+    upper = [None if held else level for level, held in zip(im, stood)]
+    found = af.fit({"lower [g]": lower, "upper [g]": upper}, measure="PGA")
+    runs = af.fit({"PGA [g]": im, "verdict": np.logical_not(stood)})
+    assert found._study.design.kind == "cloud"
+    assert bits(found.curve) == bits(runs.curve)
+    assert "0.00" not in repr(found.curve)
 
 
 def test_runs_without_a_verdict_count_as_neither():
@@ -369,3 +439,17 @@ def test_an_option_that_cannot_be_used(given, message):
         table = io.StringIO(HEAD + GOOD)
     with pytest.raises(InputError, match=message):
         af.fit(pd.read_csv(table), **given)
+
+
+def test_runs_of_a_class_without_a_verdict_bound_its_own_median():
+    """The curve of a class is the mean of those of its arches, also if the runs had collapsed."""
+    tables = [stripes(seed=n).assign(arch=f"a{n}", **{"class": "c"}) for n in (3, 4, 5)]
+    strong = tables[2]
+    first = strong[strong["verdict"]].groupby("record")["PGA [g]"].min()
+    strong["verdict"] = strong["PGA [g]"] > 2.97 * strong["record"].map(first).fillna(9.0)
+    table = pd.concat(tables, ignore_index=True).astype({"verdict": str})
+    table.loc[[3, 60], "verdict"] = "unfinished"
+    found = af.fit(table)
+    lost = found.curve.more["without_verdict"]
+    assert lost["collapsed"]["theta"] < found.curve.theta * 9.80665 < lost["survived"]["theta"]
+    assert "2 runs have no verdict" in found.curve.undecided()

@@ -217,6 +217,19 @@ class TestGridOfRuns:
         (found,) = cautions(8)
         assert re.match(r"\d+ % of the rate is from intensities below the lowest level", found)
 
+    @pytest.mark.parametrize(("n_record", "cautioned"), [(30, False), (4, True)])
+    def test_a_mean_rate_far_above_that_of_the_medians_is_cautioned(
+        self, data, n_record, cautioned
+    ):
+        few = data.isel(record=slice(n_record))
+        found = risk_of(few, answers_of(few), HAZARD).arches["ring"]
+        assert (found.rate.mean > 2.0 * found.rate.rate) == cautioned
+        words = [each for each in found.cautions if each.startswith("the mean rate over")]
+        assert len(words) == cautioned
+        if cautioned:
+            more = found.rate.mean / found.rate.rate
+            assert f"is {more:.2g} times that of the median curve" in words[0]
+
     def test_short_hazard_curve_is_cautioned(self, data):
         short = Hazard("PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])})
         found = risk_of(data, {"ring": FIT}, short).arches["ring"]

@@ -17,10 +17,11 @@ from archfrag.export.writers import CurveSet, named_measure
 from archfrag.files import counted, make_folder, replacing, sha256_of, write_csv
 from archfrag.fragility.branches import branches_of, predictive
 from archfrag.fragility.curve import Curve
+from archfrag.fragility.risk import HazardCurve, collapse_rate
 from archfrag.fragility.several import MOST_CROSSING, above
 from archfrag.study.answer.curves import Fitted, arch_classes
 from archfrag.study.answer.outside import BLANK
-from archfrag.study.answer.rates import SEED, vulnerability_table
+from archfrag.study.answer.rates import MOST_MEAN, SEED, vulnerability_table
 from archfrag.study.answer.tables import (
     Columns,
     Pieces,
@@ -39,8 +40,10 @@ _POINTS = 211
 LIMIT_STATES = ("motion", "impact", "residual", "rotation", "contact_lost", "collapse")
 _LOGNORMAL = (
     "the predictive curve is no lognormal one: nrml-discrete and the table of curves hold it; "
-    "nrml-continuous, pelicun and in-core the one with its mean and deviation of ln capacity"
+    "nrml-continuous, pelicun and in-core the one with its mean and deviation of ln capacity, "
+    "whose rate of collapse is not the mean rate"
 )
+_FALL = 2.5  # exponent of a usual hazard curve
 # Columns of the tables of curves; the unit of an intensity is "given" or "si", and {percent} in a
 # text is the confidence.
 _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=False)
@@ -79,6 +82,8 @@ def export_study(
         classes = {name: number[name] for name in answers if number[name] > 1}
         states, messages = _limit_states(study, cube, answers, limit_states)
         states, branches = _with_uncertainty(states, curve)
+        if curve == "median":
+            messages += _uncertain(answers)
         if curve == "predictive" and {"nrml-continuous", "pelicun", "in-core"} & set(formats):
             messages.append(_LOGNORMAL)
         curves = CurveSet(
@@ -207,6 +212,25 @@ def _with_uncertainty(
                 curves[n] = above(curves[n], curves[n + 1])
             found[name] = dict(zip(each, curves))
     return found, branches
+
+
+def _uncertain(answers: Mapping[str, Curve]) -> list[str]:
+    """Return notes on curves whose mean rate of collapse is far above that of their medians."""
+    messages = []
+    for name, fit in answers.items():
+        if not fit.fitted:
+            continue
+        im = fit.theta * np.array([0.02, 20.0])
+        rate = collapse_rate(HazardCurve(im, im**-_FALL), fit, fit.draws(SEED))
+        # A rate from outside so wide a hazard curve is of a curve that is hardly known.
+        if not rate.mean <= MOST_MEAN * rate.rate:
+            messages.append(
+                f"{name}: the mean rate of collapse over uncertain theta and beta is more than "
+                f"{MOST_MEAN:g} times that of this median curve, for a hazard that falls with the "
+                f"power {_FALL:g} of the intensity; curves of the kind predictive or branches "
+                "hold that mean, and more runs make it smaller"
+            )
+    return messages
 
 
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:

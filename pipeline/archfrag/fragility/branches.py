@@ -8,34 +8,46 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from archfrag.fragility.curve import Curve, FloatArray
+from archfrag.fragility.curve import Curve, FloatArray, IntArray
+from archfrag.fragility.risk import HazardCurve, lognormal_rates
 
 Draws = tuple[FloatArray, FloatArray]
-_BETAS, _THETAS = 5, 3  # branches each way
+# Probabilities of parts of beta, the widest a small one on which rates hang, and of theta in each.
+_BETAS = np.array([0.3, 0.3, 0.25, 0.12, 0.03])
+_THETAS = np.array([0.25, 0.5, 0.25])
+_TRIED = 200  # values of beta
 _MOST_PARTS = 40000  # of the mean of the curve of a class: of more, fewer draws are taken
 
 
 def branches_of(curve: Curve, draws: Draws) -> tuple[list[Curve], FloatArray]:
     """Return 15 curves that stand for all that theta and beta may be, and their weights of sum 1.
 
-    `draws` are theta and beta, (n,) each, from `Curve.draws`. Branches are the nodes of Gauss'
-    quadrature over the draws: five of ln beta, and for each three of what is left of ln theta
-    after its regression on ln beta. So they have means, variances and covariance of the draws, and
-    nine moments of ln beta: rates hang on the widest curves.
+    `draws` are theta and beta, (n,) each, from `Curve.draws`. They are divided into five parts by
+    beta, and each of these into three by theta. Theta of a branch is the geometric mean of its
+    part; beta is that with the mean rate of collapse of its part, for a usual hazard, which falls
+    with the power 2.5 of the intensity from 0.05 times the median of theta on.
     """
-    log_theta, log_beta = np.log(draws)
-    middle = log_theta.mean(), log_beta.mean()
-    slope = np.cov(log_theta, log_beta, ddof=0)[0, 1] / log_beta.var()
-    wider, weight = _gauss(log_beta - middle[1], _BETAS)
-    off, share = _gauss(log_theta - middle[0] - slope * (log_beta - middle[1]), _THETAS)
-    thetas = np.exp(middle[0] + slope * wider[:, None] + off)
-    betas = np.exp(middle[1] + wider)
-    curves = [
-        Curve(t, b, n_total=curve.n_total, kind="branch",
-              members=None if curve.members is None else _parts(curve, t, b))
-        for row, b in zip(thetas.tolist(), betas.tolist()) for t in row
-    ]  # fmt: skip
-    return curves, np.outer(weight, share).ravel()
+    middle = np.median(draws[0]) * np.array([0.01, 0.05, 10.0])
+    usual = HazardCurve(middle, np.array([0.05, 0.05, 10.0]) ** -2.5)
+    rates, curves, weights = lognormal_rates(usual, *draws), list[Curve](), list[float]()
+    tried = np.geomspace(draws[1].min(), draws[1].max(), _TRIED)
+    for of_beta in _parted(np.argsort(draws[1], kind="stable"), _BETAS):
+        order = of_beta[np.argsort(draws[0][of_beta], kind="stable")]
+        for part in _parted(order, _THETAS):
+            t = float(np.exp(np.log(draws[0][part]).mean()))
+            rising = lognormal_rates(usual, np.full(_TRIED, t), tried)
+            rising = rising[: rising.argmax() + 1]
+            b = float(np.interp(rates[part].mean(), rising, tried[: rising.size]))
+            members = None if curve.members is None else _parts(curve, t, b)
+            curves.append(Curve(t, b, n_total=curve.n_total, kind="branch", members=members))
+            weights.append(part.size / rates.size)
+    return curves, np.array(weights)
+
+
+def _parted(values: IntArray, probability: FloatArray) -> list[IntArray]:
+    """Divide values in parts of these probabilities."""
+    ends = np.round(np.cumsum(probability)[:-1] * values.size).astype(int)
+    return np.split(values, ends)
 
 
 def predictive(curve: Curve, draws: Draws) -> Curve:
@@ -49,17 +61,6 @@ def predictive(curve: Curve, draws: Draws) -> Curve:
     logs = np.log(parts[:, 0])
     theta, beta = np.exp(logs.mean()), np.sqrt((parts[:, 1] ** 2).mean() + logs.var())
     return replace(curve, theta=float(theta), beta=float(beta), members=parts, kind="predictive")
-
-
-def _gauss(values: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights, (n,) each, with the first 2 n - 1 moments of `values` about 0.
-
-    They are of the matrix of multiplication by the values among polynomials of degree < n that
-    are orthogonal on them (Golub and Welsch 1969, Math. Comp. 23).
-    """
-    basis = np.linalg.qr(np.vander(values, n, increasing=True))[0]
-    nodes, vectors = np.linalg.eigh(basis.T @ (values[:, None] * basis))
-    return nodes, vectors[0] ** 2
 
 
 def _parts(curve: Curve, theta: ArrayLike, beta: ArrayLike) -> FloatArray:

@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
+from archfrag.fragility.density import Density
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,7 +72,9 @@ class Curve:
     likelihood: Curve | None = None  #: the curve by maximum likelihood, for comparison
     #: Of theta and beta, by a posterior; from the covariance if there is none.
     intervals: tuple[tuple[float, float], tuple[float, float]] | None = None
-    im: Sequence[float] = ()  #: intensities of the band; empty for one by the delta method
+    #: Of theta and beta by a posterior, of a class that of all its runs.
+    density: Density | None = None
+    im: Sequence[float] = ()  #: intensities of the band up to 1.05 times the highest level
     lower: Sequence[float] = ()  #: ends of the band
     upper: Sequence[float] = ()
     confidence: float = 0.9  #: of band and intervals
@@ -151,12 +154,20 @@ class Curve:
     def band(self, im: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return lower and upper end of the pointwise band at intensities, each of their shape.
 
-        That of a study is known up to 1.05 times its highest level, and nan beyond.
+        It is that of the posterior at any intensity, or else by the delta method.
         """
-        if self.im:
-            at, ends = np.asarray(im, dtype=float), (self.lower, self.upper)
-            low, high = (np.asarray(np.interp(at, self.im, e, right=np.nan)) for e in ends)
-            return low, high
+        at = np.asarray(im, dtype=float)
+        lower, upper = self._pointwise(at)
+        if self.im:  # as it is drawn, by its points
+            known = at <= self.im[-1]
+            points = [np.interp(at, self.im, end) for end in (self.lower, self.upper)]
+            lower, upper = np.where(known, points, (lower, upper))
+        return lower, upper
+
+    def _pointwise(self, im: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the band of the posterior, or by the delta method."""
+        if self.density is not None:
+            return credible_band(self.density, im, self.confidence)
         quantile = scipy.special.ndtri(tails(self.confidence)[1])
         z = (log_intensity(im) - np.log(self.theta)) / self.beta
         # var z = g C g with g = -(1, z) / beta.
@@ -168,7 +179,15 @@ class Curve:
         return lower, upper
 
     def draws(self, seed: int, number: int = 4000) -> tuple[FloatArray, FloatArray]:
-        """Draw theta and beta, (number,) each: their logarithms are normal with the covariance."""
+        """Draw theta and beta, (number,) each, from the posterior.
+
+        Those of a curve that was moved, or of a class, move by as much as its theta and beta are
+        from the medians. Without a posterior their logarithms are normal with the covariance.
+        """
+        if self.density is not None:
+            log_theta, beta = self.density.draws(seed, number)
+            theta = np.exp(log_theta - self.density.log_thetas(0.5))
+            return self.theta * theta, self.beta * beta / self.density.betas([0.5])
         jacobian = np.diag([1.0, 1.0 / self.beta])
         covariance = jacobian @ self.covariance @ jacobian
         generator = np.random.default_rng(seed)
@@ -176,10 +195,10 @@ class Curve:
         return self.theta * np.exp(shift[:, 0]), self.beta * np.exp(shift[:, 1])
 
     def at(self, im: float) -> tuple[float, float, float]:
-        """Return the probability at an intensity, and the ends of the band; beyond it its last."""
+        """Return the probability at an intensity, and the ends of the band there."""
         if not self.fitted:
             raise InputError(self.reason)
-        low, high = self.band(min(im, self.im[-1]) if self.im else im)
+        low, high = self.band(im)
         return float(self(im)), float(low), float(high)
 
     @property
@@ -205,6 +224,7 @@ class Curve:
         members = None if self.members is None else self.members / [si, 1.0]
         return replace(
             self, theta=self.theta / si, members=members, intervals=low_high, si=si,
+            density=self.density and self.density.moved(-np.log(si)),
             likelihood=self.likelihood and self.likelihood.in_unit(si, measure, unit),
             im=[each / si for each in self.im], measure=measure, unit=unit,
         )  # fmt: skip
@@ -244,10 +264,15 @@ class Curve:
             return f"no curve: {self.reason}", ""
         values = (self.theta, *self.theta_interval)
         theta, low, high = (f"{v:.0f}" if v > 100.0 else f"{v:#.3g}" for v in values)
-        low_beta, high_beta = self.beta_interval
+        beta, low_beta, high_beta = self.dispersion_words()
         median = " ".join(filter(None, ("median", theta, self.unit, self.measure)))
-        dispersion = f"dispersion {self.beta:.2f} ({low_beta:.2f}–{high_beta:.2f})"
+        dispersion = f"dispersion {beta} ({low_beta}–{high_beta})"
         return f"{median} ({100 * self.confidence:g} %: {low}–{high})", dispersion
+
+    def dispersion_words(self) -> list[str]:
+        """Write the dispersion and the ends of its interval, none of which is 0."""
+        values = self.beta, *self.beta_interval
+        return [f"{value:.2f}" if value >= 0.005 else f"{value:.1g}" for value in values]
 
     def undecided(self, text: Callable[[float], str] | None = None) -> str:
         """Write what the runs without a verdict could change; empty if there are none.
@@ -283,7 +308,13 @@ class Curve:
         """Return all in SI units as plain values, for JSON."""
         likelihood = {"none": ""} if self.likelihood is None else self.likelihood.fit_dict()
         theta, beta = self.intervals or [(np.nan, np.nan)] * 2
-        plain = {"curve": self.fit_dict(), "likelihood": likelihood, "theta": theta, "beta": beta}
+        plain = {
+            "curve": self.fit_dict(),
+            "likelihood": likelihood,
+            "theta": theta,
+            "beta": beta,
+            "density": self.density and self.density.to_plain(),
+        }
         return plain | {name: getattr(self, name) for name in _BAND}
 
     @classmethod
@@ -292,6 +323,8 @@ class Curve:
         own = _fit_of(plain["curve"]) | {name: plain[name] for name in _BAND if name in plain}
         if "likelihood" in plain:
             own["likelihood"] = cls(**_fit_of(plain["likelihood"]))
+        if (density := plain.get("density")) is not None:
+            own["density"] = Density.from_plain(density)
         ends = [plain.get(name, (None, None)) for name in ("theta", "beta")]
         if None not in ends[0]:
             own["intervals"] = tuple(tuple(float(each) for each in pair) for pair in ends)
@@ -314,6 +347,17 @@ def _fit_of(plain: Mapping[str, Any]) -> dict[str, Any]:
     own["covariance"] = np.array(plain["covariance_ln_theta_beta"], dtype=float)
     members = plain.get("members")
     return own | {"members": None if members is None else np.array(members, dtype=float)}
+
+
+def credible_band(
+    density: Density, im: ArrayLike, confidence: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return central credible intervals of the probability at intensities >= 0 of any shape."""
+    logs = log_intensity(im)
+    level = np.array(tails(confidence)).reshape(2, *[1] * logs.ndim)
+    z = density.deviations(np.where(np.isfinite(logs), logs, 0.0), level)
+    lower, upper = np.where(np.isfinite(logs), scipy.special.ndtr(z), logs > 0.0)
+    return lower[()], upper[()]
 
 
 def log_intensity(im: ArrayLike) -> FloatArray:

@@ -113,7 +113,7 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Curve:
     lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
     last, first = lower.max(), upper.min()
     if last <= first:
-        why = f"one capacity between {{}} and {{}} would agree with all {lower.size} records"
+        why = f"one capacity between {{}} and {{}} agrees with all {lower.size} brackets"
         raise FitError(f"{why}, so beta tends to 0; add levels there, or records", last, first)
     if not np.any((lower > 0.0) & np.isfinite(upper)):
         why = "no capacity is bracketed from both sides, which does not separate theta from beta"

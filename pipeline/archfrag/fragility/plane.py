@@ -15,7 +15,7 @@ from scipy.special import log_ndtr, ndtr, softmax, stdtr
 
 from archfrag.errors import FitError
 from archfrag.fragility.curve import FloatArray, log_intensity, plots, tails
-from archfrag.fragility.posterior import LIKELY_BETA, capacity_prior, fit_capacity_posterior
+from archfrag.fragility.posterior import capacity_prior, fit_capacity_posterior, likely_beta
 from archfrag.fragility.probit import log_between, normal_lines
 from archfrag.fragility.quoted import independent_records
 from archfrag.fragility.several import parts_of
@@ -170,7 +170,7 @@ def _weighted(
             rows = np.column_stack([design, np.log(known.levels)])
             root = np.linalg.det(np.einsum("rn,ri,rj->nij", each, rows, rows, optimize=True))
             weight += 0.5 * np.log(np.maximum(root, 1e-250)) - np.log(one)
-            weight -= np.log1p((one * LIKELY_BETA * span) ** -2.0)
+            weight -= np.log1p((one * likely_beta(span)) ** -2.0)
         weight[p[:, -1] <= 0.0] = -np.inf
         probability = softmax(weight)
         mean, covariance = probability @ p, np.cov(p, rowvar=False, aweights=probability)

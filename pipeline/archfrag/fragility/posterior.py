@@ -6,17 +6,16 @@ ln theta grows with beta. For such priors of fragility curves see Van Biesbroeck
 Garnier (arXiv 2302.06935 and 2503.07343).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import PchipInterpolator
 from scipy.special import log_ndtr, logsumexp, ndtr, softmax
 
 from archfrag.errors import FitError
-from archfrag.fragility.curve import Curve, FloatArray, log_intensity, tails
+from archfrag.fragility.curve import Curve, FloatArray, credible_band, tails
+from archfrag.fragility.density import Density
 from archfrag.fragility.fit import fit_brackets
 from archfrag.fragility.verdicts import Brackets, checked_stripes
 
@@ -27,8 +26,9 @@ Terms = Callable[[FloatArray, FloatArray], Summands]
 _ROWS, _NODES = 72, 96  # of the grid: values of beta, and of ln theta for each
 _SEARCH = 25  # of the grids that find where the posterior is, each way
 _DEPTH = 14.0  # of the log-density below its greatest value, at the ends of the grid
-_HALVINGS = 30
-LIKELY_BETA = 0.3  # over the span of ln levels: from 5 to 95 % a curve spans 3.3 beta
+# Over the span of ln levels, as from 5 to 95 % a curve spans 3.3 beta; but at least a usual beta:
+# levels close together do not show that beta is small.
+_LIKELY_BETA, _LEAST_LIKELY = 0.3, 0.35
 _MOST_LEVELS = 150  # of runs that each have a level of their own
 # Standard deviations between runs: tried at the likeliest curve, and summed over; the fall of the
 # log-likelihood below its greatest value at the first and last of the latter.
@@ -38,16 +38,13 @@ ONE_LEVEL = "runs that collapsed or survived are at 1 level; a posterior needs t
 _LEVELS = (0.01, 0.15865525393145707, 0.5, 0.8413447460685429, 0.99)
 
 
-@dataclass(frozen=True)
-class Posterior:
+@dataclass(frozen=True, eq=False)
+class Posterior(Density):
     """Posterior of a curve, given the runs."""
 
     #: Of kind ``"posterior"``: medians of theta and beta, and the log-likelihood there; standard
     #: errors are half the widths of their central 68 %, as their tails are not normal.
     curve: Curve
-    beta: FloatArray  #: (n_row,), rising
-    log_theta: FloatArray  #: (n_row, n_node), evenly spaced in each row
-    density: FloatArray  #: (n_row, n_node), probability of one step of ln theta at each node
     #: Standard deviation of ln capacity between single runs of a record, which beta includes.
     scatter: float = 0.0
 
@@ -63,57 +60,31 @@ class Posterior:
 
     def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
         """Return the central credible interval of the probability of collapse at each `im`."""
-        logs = log_intensity(im)
-        level = np.array(tails(confidence)).reshape(2, *[1] * logs.ndim)
-        at = np.where(np.isfinite(logs), logs, 0.0)[..., None]
-        z = (at[..., None] - self.log_theta[:, [0, -1]]) / self.beta[:, None]
-        ends = z.min(axis=(-1, -2)), z.max(axis=(-1, -2))
-        z = _root(lambda z: 1.0 - self._below(at - z[..., None] * self.beta) - level, *ends)
-        lower, upper = np.where(np.isfinite(logs), ndtr(z), logs > 0.0)
-        return lower[()], upper[()]
+        return credible_band(self, im, confidence)
 
-    def log_thetas(self, level: ArrayLike) -> FloatArray:
-        """Return quantiles of ln theta, of the shape of `level`."""
-        level, ones = np.asarray(level), np.ones(self.beta.size)
-        ends = (np.full(level.shape, end) for end in (self.log_theta.min(), self.log_theta.max()))
-        return _root(lambda t: self._below(t[..., None] * ones) - level, *ends)
 
-    def betas(self, level: Sequence[float]) -> FloatArray:
-        """Return quantiles of beta, (n,)."""
-        row = np.arange(self.beta.size)
-        below = PchipInterpolator(row, self._cumulative[:, -1]).antiderivative()
-        total = below(row[-1])
-        place = [below.solve(each * total, extrapolate=False)[0] for each in level]
-        return np.exp(np.interp(place, row, np.log(self.beta)))
-
-    @cached_property
-    def _cumulative(self) -> FloatArray:
-        """Return the probability of each row up to each node, (n_row, n_node)."""
-        middle = 0.5 * (self.density[:, 1:] + self.density[:, :-1])
-        return np.pad(np.cumsum(middle, axis=1), ((0, 0), (1, 0)))
-
-    def _below(self, limit: FloatArray) -> FloatArray:
-        """Return P(ln theta <= limit) with a limit for each row, (..., n_row)."""
-        first, step = self.log_theta[:, 0], self.log_theta[:, 1] - self.log_theta[:, 0]
-        last = self.density.shape[1] - 1
-        place = np.clip((limit - first) / step, 0.0, last)
-        node = np.minimum(place.astype(np.int64), last - 1)
-        t, row = place - node, np.arange(first.size)
-        low, high = self.density[row, node], self.density[row, node + 1]
-        return (self._cumulative[row, node] + t * (low + 0.5 * t * (high - low))).sum(axis=-1)
+def likely_beta(span: float) -> float:
+    """Return where the prior of single runs is greatest, for a span of ln levels."""
+    return max(_LIKELY_BETA * span, _LEAST_LIKELY)
 
 
 def fit_posterior(
-    im: ArrayLike, collapses: ArrayLike, n: ArrayLike, *, one_sided: bool = False
+    im: ArrayLike,
+    collapses: ArrayLike,
+    n: ArrayLike,
+    *,
+    one_sided: bool = False,
+    share: float = 1.0,
 ) -> Posterior:
     """Return the posterior of the curve of independent runs, each with a motion of its own.
 
     Prior: Jeffreys' for the runs that were made, proper at two levels or more (Ibrahim and Laud
     1991, J. Am. Stat. Assoc. 86; Chen, Ibrahim and Kim 2008, the same 103), of beta > 0, times
-    1 / (1 / beta + beta / b^2), which is greatest where beta is b, `LIKELY_BETA` of ln of the
+    1 / (1 / beta + beta / b^2), which is greatest where beta is b, `likely_beta` of ln of the
     highest over the lowest level. Jeffreys' alone makes beta too small: at 10 runs 90 % bands
     hold the truth in 78 to 86 %. The second term keeps ten runs with one collapse from making
-    beta and theta too large; docs/evidence.md compares them.
+    beta and theta too large; docs/evidence.md compares them. The likelihood is raised to the
+    power `share`, the effective number of runs over the actual one.
     Arguments as for `fit_stripes`. FitError unless the runs are at two levels or more, and some
     collapsed and some did not: `one_sided` ones have a posterior too, but it shows the prior.
     """
@@ -126,9 +97,9 @@ def fit_posterior(
         x, place = np.bincount(group, x) / np.bincount(group), group[place]
     if x.size < 2:
         raise FitError(ONE_LEVEL)
-    k, m = (np.bincount(place, part[n > 0], x.size) for part in (collapses, n))
+    k, m = (share * np.bincount(place, part[n > 0], x.size) for part in (collapses, n))
     span = x[-1] - x[0]
-    likely = LIKELY_BETA * span
+    likely = likely_beta(span)
     borders = np.append(x[k > 0][:1], x[k < m][-1:])  # first collapse, last survival
     start = borders.mean(), np.clip(0.25 * np.ptp(borders), np.diff(x).min(), span)
 
@@ -143,7 +114,7 @@ def fit_posterior(
         determinant = np.maximum(total * second - first**2, 1e-250)
         return likelihood, 0.5 * np.log(determinant) - np.log(beta + beta * (beta / likely) ** 2)
 
-    return _summed(terms, x, start, int(m.sum()))
+    return _summed(terms, x, start, max(1, round(m.sum())))
 
 
 def fit_capacity_posterior(brackets: Brackets, n_effective: float | None = None) -> Posterior:
@@ -153,7 +124,7 @@ def fit_capacity_posterior(brackets: Brackets, n_effective: float | None = None)
     normal sample are exact, times beta^2 / (beta^2 + d^2 / 12) with d the median width of the
     brackets in ln im, and times 1 / (1 + (beta / r)^2) with r that of all their ends, so that it
     stays proper. The likelihood is raised to the power `n_effective` / n. FitError if nothing
-    bounds theta from one side.
+    bounds theta from one side. Records of a single run each are those of `fit_posterior`.
 
     If some records survive above a level at which they collapsed, ln capacity of a run is that of
     its record, normal about ln theta, and an error of the run, normal with standard deviation s:
@@ -162,6 +133,8 @@ def fit_capacity_posterior(brackets: Brackets, n_effective: float | None = None)
     low, high = brackets.lower, brackets.upper
     _require_both_sides(low[low > 0.0], high[np.isfinite(high)])
     share = float(n_effective or low.size) / low.size
+    if brackets.single:
+        return fit_posterior(np.where(low > 0.0, low, high), high < np.inf, 1, share=share)
     if brackets.contradictions.any():
         return _with_scatter(brackets, share)
     with np.errstate(divide="ignore"):
@@ -201,8 +174,12 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
         raise FitError(ONE_LEVEL)
     runs, number = np.unique(np.stack([collapses, n - collapses]), axis=1, return_counts=True)
     power = share * number.astype(float)
-    line = fit_brackets(brackets.lower, brackets.upper)
-    start = float(np.log(np.nanmedian(brackets.middle))), float(np.median(np.diff(x)))
+    try:
+        line = fit_brackets(brackets.lower, brackets.upper)
+    except FitError:  # the brackets, without what contradicts them, agree with beta = 0
+        line = fit_capacity_posterior(brackets.without_scatter()).curve
+    middle = np.nanmedian(brackets.middle) if brackets.bracketed.any() else line.theta
+    start = float(np.log(middle)), float(np.median(np.diff(x)))
     tried = np.geomspace(0.2 * min(np.diff(x).min(), line.beta), 1.5 * line.beta, _TRIED)
     at = np.array([[np.log(line.theta)]]), np.array([[line.beta]])
     fits = np.array([_of_cells(*_chances(x, runs, s), power, *at)[0, 0] for s in tried])
@@ -289,8 +266,7 @@ def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> 
     beta, log_theta, value = density(np.linspace(*box[0], _ROWS), np.linspace(*box[1], _NODES))
     weight = np.exp(value)
     weight /= (weight.sum(axis=1) - 0.5 * (weight[:, 0] + weight[:, -1])).sum()
-    unknown = Curve(1.0, 1.0, np.eye(2), 0.0, x.size, n, "posterior")
-    known = Posterior(unknown, beta, log_theta, weight)
+    known = Density(beta, log_theta, weight)
     t, b = known.log_thetas(_LEVELS), known.betas(_LEVELS)
     # The correlation is of values cut at their 1 and 99 % quantiles.
     pair = np.clip(log_theta, t[0], t[4]), np.clip(beta, b[0], b[4])[:, None] + 0.0 * log_theta
@@ -299,16 +275,5 @@ def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> 
     covariance *= np.outer(*[errors / np.sqrt(np.diag(covariance))] * 2)
     likelihood = float(terms(t[[[2]]], b[[[2]]])[0][0, 0])
     median = float(np.exp(t[2])), float(b[2])
-    curve = Curve(*median, covariance, likelihood, x.size, n, "posterior")
-    return replace(known, curve=curve)
-
-
-def _root(
-    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
-) -> FloatArray:
-    """Find the zeros of increasing functions by bisection."""
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        less = function(middle) < 0.0
-        low, high = np.where(less, middle, low), np.where(less, high, middle)
-    return 0.5 * (low + high)
+    curve = Curve(*median, covariance, likelihood, x.size, n, "posterior", density=known.compact())
+    return Posterior(beta, log_theta, weight, curve)

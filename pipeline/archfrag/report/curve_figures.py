@@ -85,7 +85,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
     """Draw the curve of an arch with its band, and the capacities or fractions behind it."""
     scale, percent = results.scale, f"{100 * answer.confidence:.0f} %"
     texts, highest, isotonic = TEXTS["curve"], float(results.levels.max()), None
-    if results.runs.design.adaptive:
+    if results.runs.gaps:
         caption = texts["searched"]
         entries = [Entry("capacities of the records", svg.INK, "line")]
     else:
@@ -118,7 +118,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
     if reach > 1.05 * highest:
         panel.line([highest, highest], [0.0, 1.0], svg.GREY, 0.9, "2 2")
         caption += texts["extrapolated"]
-    if results.runs.design.adaptive:
+    if results.runs.gaps:
         capacity = results.capacities
         seen = np.sort(capacity[capacity <= reach])
         height = np.arange(seen.size + 1) / max(capacity.size, 1)

@@ -31,10 +31,19 @@ _MOST, _SMALL = (270.0, 180.0), (270.0, 130.0)  # width and height of an arch, a
 
 
 def leading(inputs: ReportInputs) -> tuple[str, Curve]:
-    """Return the answer that stands first: the weakest class, or arch of none, by its median."""
-    shaken = [inputs.fitted.runs[name].shaken for name in inputs.quoted]
-    theta = np.where(shaken, np.inf, np.nan_to_num(thetas(inputs.quoted.values()), nan=np.inf))
-    return list(inputs.quoted.items())[int(theta.argmin())]
+    """Return the answer that stands first: of the weakest class, or arch of none.
+
+    It is the most likely to collapse at the level of the first sentence, or has the least median.
+    """
+    level = sentence_level(inputs)
+
+    def strength(item: tuple[str, Curve]) -> tuple[float, float]:
+        name, answer = item
+        if not answer.fitted or inputs.fitted.runs[name].shaken:
+            return np.inf, np.inf
+        return 0.0 if level is None else -float(answer(level[1])), answer.theta
+
+    return min(inputs.quoted.items(), key=strength)
 
 
 def leading_arch(inputs: ReportInputs) -> int:
@@ -80,22 +89,28 @@ def site_levels(inputs: ReportInputs) -> dict[str, float]:
     return {f"{p:g}-year": float(level) for p, level in zip(PERIODS, levels) if level > 0.0}
 
 
+def sentence_level(inputs: ReportInputs) -> tuple[str, float] | None:
+    """Return whose level the first sentence is at, and the level [SI]; None without one."""
+    if inputs.at is not None:
+        return "", inputs.at / inputs.scale.factor
+    named = ((f"the {word} motion of the site, ", at) for word, at in site_levels(inputs).items())
+    return next(named, None)
+
+
 def _sentence(inputs: ReportInputs) -> Markup:
     """Write the probability at the level asked for or of the site, or else the median."""
     name, answer = leading(inputs)
-    scale, levels = inputs.scale, site_levels(inputs)
+    scale, level = inputs.scale, sentence_level(inputs)
     if not answer.fitted:
         return html.paragraph(f"There is no fragility curve: {answer.reason}.", "lead")
     form = Markup('<p class="lead">{} <strong>{}</strong> {}</p>')
     whose = _whose(inputs, name)
-    if inputs.at is None and not levels:
+    if level is None:
         low, high = map(scale.digits, answer.theta_interval)
         start = f"Half of the ground motions make {whose} collapse at"
         end = f"({inputs.percent}: {low} to {high} {scale.unit})."
         return form.format(start, f"{scale.measure} {scale.text(answer.theta)}", end)
-    word, at = next(iter(levels.items()), ("", 0.0))
-    site = f"the {word} motion of the site, " if inputs.at is None else ""
-    at = at if inputs.at is None else inputs.at / scale.factor
+    site, at = level
     value, *band = answer.at(at)
     start = f"Under {site}{scale.measure} {scale.text(at)}, {whose} collapses with probability"
     end = f"({inputs.percent}: {html.percentages(band)})."
@@ -117,7 +132,8 @@ def _whose(inputs: ReportInputs, name: str) -> str:
         whose = f"an arch drawn from class {name} ({members} arches)"
     kinds = "classes and arches" if inputs.classes else "arches"
     kinds = "classes" if len(inputs.quoted) == len(inputs.classes) else kinds
-    return whose + f", the weakest of {count} {kinds}," * (count > 1)
+    there = " at this level" * (sentence_level(inputs) is not None)
+    return whose + f", the weakest of {count} {kinds}{there}," * (count > 1)
 
 
 def _noun(inputs: ReportInputs) -> str:
@@ -138,8 +154,8 @@ def _facts(inputs: ReportInputs) -> str:
     words += "collapse." if collapses == 1 else "collapses."
     answer = leading(inputs)[1]
     if len(inputs.quoted) == 1 and answer.n_independent and answer.fitted:
-        interval = f"{inputs.percent}: {html.interval(answer.beta_interval)}"
-        words += f" Dispersion β {answer.beta:.2f} ({interval})."
+        beta, low, high = answer.dispersion_words()
+        words += f" Dispersion β {beta} ({inputs.percent}: {low} to {high})."
     return words
 
 
@@ -268,7 +284,7 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     words = f"Probability of collapse of {whose} against {scale.label}"
     results, kinds, kind = inputs.results(name), TEXTS["first_curve"], ""
     if np.isfinite(results.fraction).any():
-        kind = kinds.get(results.runs.design.kind, kinds["stripes"])
+        kind = kinds["ida" if results.runs.gaps else results.runs.design.kind]
     seen = results.levels, results.fraction, svg.INK, "dot", 2.6
     if not (fit := answer).fitted:
         panel.dots(*seen)
@@ -292,4 +308,4 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
         panel.label(theta, panel.box[3] - 7.0, f"θ = {median}", "b")
     for row, word in enumerate(sorted(marked, key=marked.__getitem__)):
         panel.label(marked[word], panel.box[1] + 12.0 + 14.0 * row, word, "b")
-    return f"{words}: median {median}, dispersion {fit.beta:.2f}", caption
+    return f"{words}: median {median}, dispersion {fit.dispersion_words()[0]}", caption

@@ -257,7 +257,7 @@ def arch_results(runs: Runs, scale: Scale) -> ArchResults:
         records=runs.whole["record"].values.astype(str).tolist() * n_arch,
         levels=levels, own_levels=own_levels, table=table, simulated=made,
         counts=counts,
-        known=count_verdicts(runs.filled) if runs.design.adaptive else counts,
+        known=count_verdicts(runs.filled) if runs.gaps else counts,
         capacities=scale.factor * np.where(brackets.bracketed, brackets.middle, brackets.upper),
     )  # fmt: skip
 

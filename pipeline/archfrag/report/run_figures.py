@@ -203,7 +203,11 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
     joint = np.where(np.isin(lost, commonest), np.searchsorted(commonest, lost), len(commonest))
     modes = results["collapse_mode"], [mode.label for mode in MODES]
     joints = joint, [*(f"joint {number}" for number in commonest), "other joints"]
-    return [contributions(collapsed, *each, confidence=confidence) for each in (modes, joints)]
+    group = results.runs.group
+    return [
+        contributions(collapsed, *each, confidence=confidence, groups=group)
+        for each in (modes, joints)
+    ]
 
 
 @figure

@@ -214,7 +214,7 @@ def answers_table(inputs: ReportInputs, listed: Mapping[str, Curve]) -> Markup:
         theta, low, high = map(scale.digits, (answer.theta, *answer.theta_interval))
         row += [
             f"{theta} ({low} to {high})",
-            f"{answer.beta:.2f} ({html.interval(answer.beta_interval)})",
+            "{} ({} to {})".format(*answer.dispersion_words()),
         ]
     more = f", the first {_MOST_ROWS}" if len(rows) > _MOST_ROWS else ""
     return table(f"Answer for each arch{more}", heads, rows[:_MOST_ROWS], "compact")
@@ -262,7 +262,7 @@ def _levels(results: ArchResults, answer: Curve, percent: str) -> Markup:
     columns = {
         results.scale.label: map(digits, results.levels),
         **{name.replace("_", " "): counts[name] for name in COUNTS[:-1]},
-        "records with capacity below" if results.runs.design.adaptive else "fraction":
+        "records with capacity below" if results.runs.gaps else "fraction":
             [measured(value, ".3f") for value in results.fraction],
         f"Clopper–Pearson {percent}":
             [f"{measured(low, '.3f')} – {measured(high, '.3f')}" for low, high in ends],

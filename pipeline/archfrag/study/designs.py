@@ -19,8 +19,8 @@ from pydantic import BeforeValidator, Field, TypeAdapter
 
 from archfrag.fragility.curve import Curve, FloatArray, IntArray
 from archfrag.fragility.fit import fit_brackets, fit_stripes
-from archfrag.fragility.posterior import Posterior, fit_posterior
-from archfrag.fragility.quoted import capacity_posterior, quoted_band, quoted_runs
+from archfrag.fragility.posterior import Posterior
+from archfrag.fragility.quoted import capacity_posterior, quoted_band
 from archfrag.fragility.verdicts import Brackets, Verdict
 from archfrag.study.keys import Section, check_block
 
@@ -99,7 +99,14 @@ class Design(Section, ABC):
         return capacity_posterior(found)
 
     def likelihood(self, found: Brackets) -> Curve:
-        """Return the curve by maximum likelihood, from the collapses at each level."""
+        """Return the curve by maximum likelihood, from the collapses at each level.
+
+        Where runs were not made, it is from brackets of the capacities: those made at a level are
+        no sample of the records.
+        """
+        if self.adaptive or found.gaps:
+            known = found.of_records()
+            return fit_brackets(known.lower, known.upper)
         levels, collapsed = found.single_runs()
         level, place = np.unique(levels, return_inverse=True)
         collapses = np.bincount(place, collapsed, level.size)
@@ -145,15 +152,6 @@ class Cloud(Design):
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Return the number of runs of an arch, and whether it is exact, about or at most."""
         return n_record, "exactly"
-
-    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> Curve:
-        """Return the curve and band from single runs, each with a motion of its own."""
-        return quoted_runs(*found.single_runs(), im, confidence=options["confidence"])
-
-    def posterior(self, found: Brackets) -> tuple[Posterior, float]:
-        """Return the posterior of the curve of single runs, and their number."""
-        level, collapsed = found.single_runs()
-        return fit_posterior(level, collapsed, 1), float(level.size)
 
 
 def ask(
@@ -262,11 +260,6 @@ class Ida(Design):
         search_runs = int(np.ceil(n_record * np.log2(n_level + 1)))
         checks = n_record if self.checks is None else self.checks
         return min(search_runs + checks, n_record * n_level), "about"
-
-    def likelihood(self, found: Brackets) -> Curve:
-        """Return the curve by maximum likelihood, from brackets of the capacities."""
-        known = found.of_records()
-        return fit_brackets(known.lower, known.upper)
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Return the messages on checks that contradict the borders found."""

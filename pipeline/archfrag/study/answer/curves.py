@@ -66,8 +66,13 @@ class Runs:
 
     @property
     def filled(self) -> NDArray[np.int64]:
-        """Verdicts; of an adaptive design with those that the capacities imply."""
-        return self.brackets.filled if self.design.adaptive else self.verdict
+        """Verdicts; where runs were not made with those that the capacities imply."""
+        return self.brackets.filled if self.gaps else self.verdict
+
+    @property
+    def gaps(self) -> bool:
+        """Whether runs made at a level are no sample of the records."""
+        return self.design.adaptive or self.brackets.gaps
 
     def onset(self, curve: Curve) -> FloatArray:
         """Return the least levels at which the arches can move [SI], 0 if they are not known.
@@ -189,15 +194,25 @@ def class_curve(pooled: Curve, members: Sequence[Curve]) -> Curve:
     return replace(pooled if lacking else mixture(pooled, fits), assumptions=text)
 
 
-def without_verdict(runs: Runs, confidence: float) -> dict[str, Any]:
-    """Return the number of undecided runs, and the curves if all collapse and if all survive."""
+def without_verdict(
+    runs: Runs, confidence: float, members: Sequence[Curve] = ()
+) -> dict[str, Any]:
+    """Return the number of undecided runs, and the curves if all collapse and if all survive.
+
+    Those of a class are of its arches, the `members`, as its curve is.
+    """
     lost = np.isin(runs.verdict, (Verdict.UNFINISHED, Verdict.FAILED))
     if not lost.any():
         return {}
     parts: dict[str, Any] = {"runs": int(lost.sum())}
     for verdict in (Verdict.COLLAPSED, Verdict.SURVIVED):
         decided = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
-        parts[verdict.name.lower()] = curve_of(decided, confidence).fit_dict()
+        key, curve = verdict.name.lower(), curve_of(decided, confidence)
+        if members:
+            own = [each.more["without_verdict"].get(key) for each in members]
+            fits = [fit and Curve.from_dict({"curve": fit}) for fit in own]
+            curve = class_curve(curve, [fit or each for each, fit in zip(members, fits)])
+        parts[key] = curve.fit_dict()
     return parts
 
 
@@ -274,7 +289,7 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict
     states.sort(key=lambda each: each.theta if each.fitted else 0.0)
     states.append(replace(  # its band is that of `collapse`
         collapse, meaning=_COLLAPSE["damage" in cube], im=[], lower=[], upper=[],
-        method="", assumptions="", n_independent=0.0, n_non_monotone=0,
+        density=None, method="", assumptions="", n_independent=0.0, n_non_monotone=0,
     ))  # fmt: skip
     plain = []
     for each in states:

@@ -26,6 +26,7 @@ from archfrag.study.provenance import finite
 
 SEED = 15
 NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a message
+MOST_MEAN = 2.0  # mean rate over that of the median curve; of more there is a caution
 MOST_UNSEEN = 0.25  # fraction of a rate from below the lowest collapse; of more there is a caution
 MOST_CATEGORIES = 4
 OTHER = "others"
@@ -69,7 +70,14 @@ class ArchRisk:
             "most of the rate is from outside the hazard curve, so the part within it is quoted, "
             "as a lower bound and without a band; use a hazard curve that reaches farther",
         )  # fmt: skip
-        return (bound if self.rate.is_bound else ()) + tuple(
+        more = self.rate.mean / (self.rate.rate or np.nan)
+        wide = (
+            f"the mean rate over uncertain theta and beta, {self.rate.mean:.2g} a year, is "
+            f"{more:.2g} times that of the median curve: a small number of runs leaves wide "
+            "curves possible, which decide it; add records"
+        )
+        first = bound * self.rate.is_bound + (wide,) * (more > MOST_MEAN)
+        return first + tuple(
             f"{100 * fraction:.0f} % of the rate is from intensities {where}"
             for where, fraction in parts.items() if fraction > NOTED
         )  # fmt: skip
@@ -151,7 +159,9 @@ def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> Arc
         for joint, mode in mechanisms[kept].astype(int).tolist()
     ]
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
-    parts = rates.contributions(collapsed, category, (*labels, OTHER), level_rate)
+    parts = rates.contributions(
+        collapsed, category, (*labels, OTHER), level_rate, groups=runs.group
+    )
     by_curve = {key: rates.collapse_rate(each, fit, onset=onset).rate for key, each in curves}
     beyond = float(outer[0]), float(outer[-1])
     return ArchRisk(
@@ -279,4 +289,4 @@ def risk_text(facts: dict[str, Any]) -> str:
     """Write `risk_facts` for a terminal, without parts by level."""
     source = Path(__file__).with_name("risk.txt.j2").read_text("utf-8")
     template = Template(source, trim_blocks=True, lstrip_blocks=True)
-    return template.render(facts, counted=counted, repr=repr).rstrip()
+    return template.render(facts, counted=counted, repr=repr, most_mean=MOST_MEAN).rstrip()
