@@ -80,7 +80,8 @@ class FirstShocks(Section):
 
     records: Annotated[list[str], Field(min_length=1)] | None = None
     """Ids of the study's records, or of the index, that come first; all of the index if not given.
-    Before the n-th record comes the n-th of them; if they are fewer, they begin again."""
+    Before the n-th record comes the n-th of them, reversed before a reversed record (both_senses);
+    if they are fewer, they begin again."""
     index: PathText | None = None
     """Index (CSV) of other motions that come first, processed as the records are."""
     level: Annotated[
@@ -120,7 +121,8 @@ class Motions(Section):
         """What is asked for first shocks with an index of their own; None without one."""
         if self.before is None or self.before.index is None:
             return None
-        return Motions(index=self.before.index, vertical=self.vertical, processing=self.processing)
+        other = {"index": self.before.index, "select": None, "files": [], "before": None}
+        return self.model_copy(update=other)
 
     @property
     def steps(self) -> list[tuple[str, dict[str, Any]]]:

@@ -13,7 +13,7 @@ import re
 from collections import namedtuple
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,15 +116,15 @@ class Plan:
     study: StudyKeys
     arches: Members
     records: tuple[PreparedRecord, ...]
-    first: tuple[PreparedRecord, ...] = ()  # shocks that come before records, in turn
+    first: tuple[PreparedRecord, ...] = ()  # the shock before each record, if any
     identity: str = field(default_factory=lambda: code_identity())  # of the code that makes runs
     motions: tuple["Motion", ...] = ()  # of both, where the study's folder is not at hand
     built: "dict[int, Arch]" = field(default_factory=dict, compare=False)  # so far, by number
 
     def with_motions(self) -> "Plan":
         """Return the plan for workers that do not have the study's folder."""
-        found = (load_record(self.study.work, record) for record in (*self.records, *self.first))
-        return replace(self, motions=tuple(found))
+        load = cache(partial(load_record, self.study.work))  # one may come before many
+        return replace(self, motions=tuple(map(load, (*self.records, *self.first))))
 
     def motion(self, record: int) -> "Motion":
         """Return the motion of a record by its number, or of a first shock, numbered after it."""
@@ -136,8 +136,9 @@ class Plan:
         """Return number, factor and gap [s] of the first shock before a record; None without."""
         if not (shock := self.arches[arch].shock):
             return None
-        place, (level, gap) = record % len(self.first), shock
-        return len(self.records) + place, self.first[place].factor * level**self.power, gap
+        level, gap = shock
+        number = len(self.records) + record
+        return number, self.first[record].factor * level**self.power, gap
 
     def ground(self, arch: int, record: int, factor: float) -> "tuple[Motion, float, float]":
         """Return the motion of a run, the factor on it, and when the record begins in it [s]."""
