@@ -264,8 +264,8 @@ def recorded(folder, names, parts=("0",), seed=0):
         for part in parts:
             wave = 0.2 * np.convolve(random.normal(size=130), np.hanning(9), "same") / 4.0
             file = write_at2(folder / f"{name}-{part}.AT2", wave, 0.01, part)
-            rows.append({"id": name if part == "0" else f"{name}{part}", "file": file.name,
-                         "unit": "g", "event": name, "station": "X", "component": part})  # fmt: skip
+            facts = {"event": name, "station": "X", "component": part, "unit": "g"}
+            rows.append({"id": name + part.removeprefix("0"), "file": file.name, **facts})
     write_index(folder, rows)
 
 
@@ -340,6 +340,8 @@ def test_each_record_follows_its_own_first_shock(tmp_path, motions, before, part
          "motions.before.records: 'wave2' is not a record of the study; did you mean wave"),
         (shaken("[0.3, -0.1]"), "motions.before.level[1] = -0.1 must be greater than or equal"),
         (shaken("[]"), "motions.before.level"),
+        (shaken("[0.3, 0.9, 0.3]"), "motions.before.level has 0.3 twice; levels name arches and"),
+        (shaken("[0.3, 0.30000000000001]"), "motions.before.level has 0.3 twice"),
         (shaken("'0.3'"), "motions.before.level[0] = '0.3' must be a valid number"),
         (shaken(0.3, ", gap: -2"), "motions.before.gap = -2 must be greater than or equal to 0"),
         (shaken(0.3, ", levels2: 3"), "motions.before.levels2 is not a known key"),

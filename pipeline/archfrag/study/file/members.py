@@ -96,7 +96,7 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
                     entry=own.entry.model_copy(update={"id": own.id + end}))
             for end, shock in shocks for own in new
         ]  # fmt: skip
-        names = dict.fromkeys((entry.id, *(member.arch_class for member in new)))
+        names = [entry.id + end for end in ("", *(end for end, _ in shocks))]
         for name in (*names, *(member.id for member in new if member.id != member.arch_class)):
             if name in seen:
                 raise InputError(f"{where}: the id {name!r} already belongs to {seen[name]}")

@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
 from archfrag.motions.calibrate import Acceptable
 from archfrag.study.keys import PathText, Section, refuse
@@ -72,6 +72,14 @@ class FileSet(Section):
     header (its peak is off by a tenth, or it contradicts the unit or the channel code)."""
 
 
+def _named(levels: list[float]) -> list[float]:
+    """Return levels that name arches; all but 0 must differ in twelve digits."""
+    for place, level in enumerate(levels):
+        if level and f"{level:.12g}" in [f"{each:.12g}" for each in levels[:place]]:
+            raise refuse(f"has {level:.12g} twice; levels name arches and must differ in 12 digits")
+    return levels
+
+
 class FirstShocks(Section):
     """Motions that shake each arch before its record, after which it comes to rest."""
 
@@ -87,6 +95,7 @@ class FirstShocks(Section):
     level: Annotated[
         Annotated[list[Annotated[float, Field(ge=0.0, le=1e6)]], Field(min_length=1)],
         BeforeValidator(lambda given: given if isinstance(given, list) else [given]),
+        AfterValidator(_named),
     ]
     """Level of the first shocks or a list of levels, in the study's measure and unit. Besides the
     intact arch ID the study then has an arch ID-after-LEVEL for each of them but 0."""
@@ -121,8 +130,8 @@ class Motions(Section):
         """What is asked for first shocks with an index of their own; None without one."""
         if self.before is None or self.before.index is None:
             return None
-        other = {"index": self.before.index, "select": None, "files": [], "before": None}
-        return self.model_copy(update=other)
+        own: dict[str, Any] = {"index": self.before.index, "files": []}
+        return self.model_copy(update=own | dict.fromkeys(("select", "before")))
 
     @property
     def steps(self) -> list[tuple[str, dict[str, Any]]]:
