@@ -74,9 +74,9 @@ class FileSet(Section):
 
 def _named(levels: list[float]) -> list[float]:
     """Return levels that name arches; all but 0 must differ in twelve digits."""
-    for place, level in enumerate(levels):
-        if level and f"{level:.12g}" in [f"{each:.12g}" for each in levels[:place]]:
-            raise refuse(f"has {level:.12g} twice; levels name arches and must differ in 12 digits")
+    names = [f"{level:.12g}" for level in levels if level]
+    if len({*names}) < len(names):
+        raise refuse("must differ in their first 12 digits, by which they name arches")
     return levels
 
 
