@@ -10,6 +10,7 @@ import csv
 import hashlib
 import io
 import re
+import zlib
 from collections import namedtuple
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -212,14 +213,19 @@ class Plan:
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
         design, requests = self.study.design, {}
-        for arch in range(len(self.arches)):
-            records = np.arange(len(self.records))
+        # An adaptive design follows from names: other arches and the order of all change nothing.
+        seeds, turns = (
+            np.array([zlib.crc32(each.id.encode()) for each in group])
+            for group in (self.arches, self.records)
+        )
+        for arch, seed in enumerate(seeds.tolist()):
+            records = np.argsort(turns, kind="stable")
             # What an adaptive design requests follows from all runs of an arch.
             share = arch if design.adaptive else arch * len(self.records) + records
             records = records[np.broadcast_to(share % batches == batch, records.shape)]
             if records.size:
-                grid = Grid(arch, records, self.levels, self.unscaled[records], self.power)
-                requests[arch] = design.requests(grid)
+                about = self.levels, self.unscaled[records], self.power, seed
+                requests[arch] = design.requests(Grid(arch, records, *about))
         return requests
 
 
