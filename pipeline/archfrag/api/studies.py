@@ -42,6 +42,11 @@ _FACTS = {"event": "event_id", "station": "", "component": "", "Mw": "magnitude"
 _COLUMNS = ("", "acceleration=1", "acceleration=1 vertical=2")  # by their number
 _CONTENT = "# Content: "
 _NAMED = 3  # arches in a heading
+_OTHER_ORDER = (
+    "was changed twice in one way, or in an order that a study file cannot state: the study would "
+    "run another arch; change it at most once by each of on_piers, filled, recessed, jointed or "
+    "crushed, and move_springing, in this order, and last by tied"
+)
 _HEAD = "# Written by archfrag {version}. Run it with: archfrag run {name}\n"
 
 
@@ -111,7 +116,8 @@ class Study:
             unit = "g"
             with contextlib.suppress(InputError):  # which the schema words, with the key
                 unit = next(iter(schema.LEVEL_UNITS.get(measure_unit(measure), "g")))
-        arches = _arches(arch, id or "arch", vary)
+        named = _named(arch, id or "arch")
+        arches = [_entry(name, each, vary) for name, each in named.items()]
         heading = "Fragility of the arch"
         if arches[1:]:
             names = ", ".join(str(each["id"]) for each in arches[:_NAMED])
@@ -129,6 +135,9 @@ class Study:
         plain["id"] = f"study-{self._content[:8]}" if id is None else id
         check_text(plain, "Study")
         self._keys = schema.study_of(plain, Path.cwd(), "Study")
+        for entry, each in zip(self._keys.arches, named.values()):
+            if isinstance(each, Arch) and not _is_built(each, entry.build()):
+                raise InputError(f"Study: arch {entry.id} {_OTHER_ORDER}")
         self._file: Path | None = None
 
     @classmethod
@@ -229,27 +238,33 @@ class Study:
         return f"<p><b>{escape(repr(self)[1:-1])}</b>{''.join(lines)}</p>"
 
 
-def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
-    """Return the entries of a study file for arches, of which a single one has this name if it has
-    none.
-    """
+def _named(arch: Any, name: str) -> Mapping[str, Any]:
+    """Return arches by name; a single one has this name if it has none."""
     if isinstance(arch, list | tuple):
         arch = {f"arch{number}": each for number, each in enumerate(arch, start=1)}
     several = isinstance(arch, Mapping) and not {"profile", "drawing", "table"} & arch.keys()
-    arch = arch if several else {name: arch}
-    entries = []
-    for name, each in arch.items():
-        if not isinstance(each, Arch | Mapping):
-            rule = "an Arch, a mapping of names to arches, or a mapping of an arch's keys"
-            raise InputError(f"Study: arch is {type(each).__name__}; it must be {rule}")
-        given = each.parameters if isinstance(each, Arch) else each
-        entries.append({"id": name} | {k: v for k, v in given.items() if v is not None})
-        if vary is not None:
-            of = {key: law for key, law in vary.items()
-                  if key in VARIABLE and (key != "joints" or "distribution" in law)}  # fmt: skip
-            others = {key: value for key, value in vary.items() if key not in of}
-            entries[-1]["vary"] = others | ({"of": {**others.get("of", {}), **of}} if of else {})
-    return entries
+    return arch if several else {name: arch}
+
+
+def _entry(name: str, arch: Any, vary: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the entry of a study file for an arch."""
+    if not isinstance(arch, Arch | Mapping):
+        rule = "an Arch, a mapping of names to arches, or a mapping of an arch's keys"
+        raise InputError(f"Study: arch is {type(arch).__name__}; it must be {rule}")
+    given = arch.parameters if isinstance(arch, Arch) else arch
+    entry = {"id": name} | {k: v for k, v in given.items() if v is not None}
+    if vary is not None:
+        of = {key: law for key, law in vary.items()
+              if key in VARIABLE and (key != "joints" or "distribution" in law)}  # fmt: skip
+        others = {key: value for key, value in vary.items() if key not in of}
+        entry["vary"] = others | ({"of": {**others.get("of", {}), **of}} if of else {})
+    return entry
+
+
+def _is_built(arch: Arch, built: Arch) -> bool:
+    """Return whether an arch is, to the last bit, what is built of its keys."""
+    pairs: Any = zip(arch.chain, built.chain)
+    return all(np.array_equal(*pair) for pair in pairs)
 
 
 def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:

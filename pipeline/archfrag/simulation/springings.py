@@ -182,15 +182,13 @@ def _crossing(before: float, after: float, held: float, margin: float) -> float:
     return before + (after - before) * held / (held - margin)
 
 
-def ground_of(motion: Motion, far: Far, arch: Arch) -> tuple[Any, ...]:
+def ground_of(motion: Motion, far: Far) -> tuple[Any, ...]:
     """Return the ground motion for kernels, with that of the right springing relative to the left
     one.
     """
     own = motion.acceleration, motion.vertical, motion.dt
     if far is None:
         return own
-    if arch.free_end:
-        raise InputError("far is given, but the arch has no right springing")
     size, vertical = len(motion.acceleration), motion.vertical is not None
     if isinstance(far, Motion):
         if far.dt != motion.dt:

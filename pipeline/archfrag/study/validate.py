@@ -191,7 +191,7 @@ def check_study(study: StudyKeys) -> dict[str, Any]:
     errors, some = list[ArchfragError](), checked(study.members)
     records, partners = list[PreparedRecord](), list[str]()
     for check in (
-        lambda: check_start(study), lambda: check_standing(some),
+        lambda: check_start(study), lambda: check_standing(some, study.method),
         lambda: _read_records(study, records, partners),
     ):  # fmt: skip
         try:
