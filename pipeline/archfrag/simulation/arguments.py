@@ -88,8 +88,8 @@ def check_can_run(arch: Arch, info: MethodInfo, far: Any) -> None:
         check_rigid(arch, f"method {info.name}")
     if far is not None and arch.free_end:
         raise InputError(
-            "far, method.delay in a study file, needs a right springing, and the arch has a free "
-            "end; leave it out, or give arches with a free end a study of their own"
+            "far, method.delay in a study file, is given, but the arch has no right springing; "
+            "leave it out, or give arches with a free end a study of their own"
         )
 
 
