@@ -78,7 +78,7 @@ def test_a_check_passes_what_runs_and_nothing_else(tmp_path, arch, table):
         assert (result.exit_code in (2, 3)) is refused, (method, result.output)
         assert refused or result.exit_code == 0
         if refused:
-            whose = "arches[1] (own): table.csv, arch row" if table else "arches[1] (own)"
+            whose = "arches[1] (own): table.csv, arch row" if table else "arches[1]"
             assert whose in result.output.replace(str(tmp_path) + "/", "").replace("\n", " ")
             continue
         study = load_study(path)
@@ -95,7 +95,7 @@ def test_what_is_refused_is_named(tmp_path):
     }
     for (arch, method), text in texts.items():
         with pytest.raises(InputError, match=text):
-            load_study(written(tmp_path, arch, method, table=True))
+            check_study(load_study(written(tmp_path, arch, method, table=True)))
     with pytest.raises(StabilityError, match=r"arches\[1\] \(own\): .*joints that soft"):
         check_study(load_study(written(tmp_path, "soft", "auto", table=False)))
 

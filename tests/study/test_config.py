@@ -100,7 +100,7 @@ def test_faces_are_for_time_stepping(tmp_path):
     face = TEXT.replace("friction: 0.7", soft)
     assert load_study(small_study(tmp_path, face)).arches[0].soft.model == "face"
     events = face.replace("time_stepping, dt: 2.0e-3", "event_driven, rtol: 1e-6")
-    rule = r"arches\[0\] \(ring\): method event_driven needs rigid joints; give them joints.model"
+    rule = r"arches\[0\].joints.model face needs method time_stepping or auto, not event_driven"
     with pytest.raises(InputError, match=rule):
         load_study(small_study(tmp_path, events))
 

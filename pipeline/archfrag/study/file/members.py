@@ -242,27 +242,24 @@ def _placed(member: Member) -> Iterator[None]:
         raise StabilityError(f"{member.place}: {error}") from error
 
 
-def check_buildable(given: Members, method: Any) -> None:
-    """Check that all arches can exist, and that the method of a study can run them.
-
-    InputError, or StabilityError of one that does not stand with its joints, names the first that
-    cannot.
+def check_buildable(given: Members) -> None:
+    """Check that all arches can exist; InputError, or StabilityError of one that does not stand
+    with its joints, names the first that cannot.
     """
     for member in given:
         with _placed(member), at(f"{member.place}: cannot exist"):
-            arch = member.entry.build()
-        with at(member.place):
-            check_can_run(arch, check_method(method.name), method.delay)
+            member.entry.build()
 
 
 def check_standing(given: Members, method: Any) -> None:
-    """Check that all arches can exist and be run (or InputError), and stand (or
-    StabilityError).
+    """Check that all arches can exist, that the method of their study can run them (or
+    InputError), and that they stand (or StabilityError).
     """
-    check_buildable(given, method)
+    check_buildable(given)
     for member in given:
         arch = member.entry.build()
-        with _placed(member):
+        with _placed(member), at(member.place):
+            check_can_run(arch, check_method(method.name), method.delay)
             if not onset(arch).stands:
                 how = "make it thicker, raise the friction, or narrow the distributions"
                 why = f"does not stand under its own weight; {how} of what varies"

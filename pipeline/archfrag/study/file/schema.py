@@ -209,6 +209,14 @@ class StudyKeys(Section):
     report: ReportKeys = ReportKeys()
     execution: Execution = Execution()
 
+    @model_validator(mode="after")
+    def _steps_faces(self) -> Self:
+        for place, entry in enumerate(self.arches):
+            if entry.soft.model == "face" and self.method.name not in ("auto", "time_stepping"):
+                rule = f"needs method time_stepping or auto, not {self.method.name}"
+                raise refuse(f"face {rule}", f"arches[{place}].joints.model")
+        return self
+
     _expanded: tuple[Any, Members] = (None, ())
 
     @property
@@ -249,7 +257,7 @@ def study_of(given: dict[str, Any], folder: Path, place: Any) -> StudyKeys:
     given.setdefault("output", str(folder / "results" / str(given.get("id"))))
     with at(place, given):
         study = StudyKeys.model_validate(given, context={"folder": folder})
-        check_buildable(checked(study.members), study.method)
+        check_buildable(checked(study.members))
     return study
 
 
