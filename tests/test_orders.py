@@ -23,6 +23,10 @@ DRAWN = [
     np.array([RING.intrados[i], RING.intrados[i + 1], RING.extrados[i + 1], RING.extrados[i]])
     for i in range(6)
 ]
+COLUMN = [
+    [(-0.2, 0.3), (0.2, 0.3), (0.2, 2.3), (-0.2, 2.3)],
+    [(-0.5, 0.0), (0.5, 0.0), (0.5, 0.3), (-0.5, 0.3)],
+]
 BASES = (
     lambda: RING,
     lambda: af.Arch.circular(5.0, 0.9, 150.0, 7, [0.6, *[0.7] * 7], dead_load=2e3),
@@ -32,7 +36,7 @@ BASES = (
     lambda: af.Arch.from_joints(SIDE, SIDE * [-1, 1], 0.7, free_end=True),
     lambda: af.Block(0.5, 2.0, 0.8),
     lambda: af.Arch.from_polygons(DRAWN[::-1], 0.8, thickness_factor=1.1, tolerance=1e-3),
-    lambda: af.Arch.from_polygons([DRAWN[0][::-1], *DRAWN[1:3]], 0.8, ground=[DRAWN[2][2:0:-1]]),
+    lambda: af.Arch.from_polygons(COLUMN, 0.8, ground=[[(-0.5, 0.0), (0.5, 0.0)]]),
 )
 METHODS = {
     "recessed": lambda arch, x: arch.recessed(0.06 * x, [0.03 * x] * arch.n_joint),
