@@ -58,7 +58,8 @@ class Study:
     Parameters
     ----------
     arch : Arch, mapping of names to arches, or list of arches
-        Those of a list are arch1, arch2, ... A mapping of a study file's keys is an arch too.
+        Those of a list are arch1, arch2, ... A mapping of a study file's keys is an arch too. An
+        Arch that a study file cannot state, such as one recessed twice, is refused.
     motions : Motion, path, sequence of either, or mapping
         Paths may be patterns with * and ?, or an ``index.csv``. A mapping has the keys `index`,
         `files`, `select`, `vertical` and `processing`. Verticals of Motion objects are used.
