@@ -117,8 +117,7 @@ class Study:
             unit = "g"
             with contextlib.suppress(InputError):  # which the schema words, with the key
                 unit = next(iter(schema.LEVEL_UNITS.get(measure_unit(measure), "g")))
-        named = _named(arch, id or "arch")
-        arches = [_entry(name, each, vary) for name, each in named.items()]
+        arches = _arches(arch, id or "arch", vary)
         heading = "Fragility of the arch"
         if arches[1:]:
             names = ", ".join(str(each["id"]) for each in arches[:_NAMED])
@@ -136,7 +135,7 @@ class Study:
         plain["id"] = f"study-{self._content[:8]}" if id is None else id
         check_text(plain, "Study")
         self._keys = schema.study_of(plain, Path.cwd(), "Study")
-        for entry, each in zip(self._keys.arches, named.values()):
+        for entry, each in zip(self._keys.arches, _named(arch, "arch").values()):
             if isinstance(each, Arch) and not _is_built(each, entry.build()):
                 raise InputError(f"Study: arch {entry.id} {_OTHER_ORDER}")
         self._file: Path | None = None
@@ -247,19 +246,21 @@ def _named(arch: Any, name: str) -> Mapping[str, Any]:
     return arch if several else {name: arch}
 
 
-def _entry(name: str, arch: Any, vary: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the entry of a study file for an arch."""
-    if not isinstance(arch, Arch | Mapping):
-        rule = "an Arch, a mapping of names to arches, or a mapping of an arch's keys"
-        raise InputError(f"Study: arch is {type(arch).__name__}; it must be {rule}")
-    given = arch.parameters if isinstance(arch, Arch) else arch
-    entry = {"id": name} | {k: v for k, v in given.items() if v is not None}
-    if vary is not None:
-        of = {key: law for key, law in vary.items()
-              if key in VARIABLE and (key != "joints" or "distribution" in law)}  # fmt: skip
-        others = {key: value for key, value in vary.items() if key not in of}
-        entry["vary"] = others | ({"of": {**others.get("of", {}), **of}} if of else {})
-    return entry
+def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
+    """Return the entries of a study file for arches."""
+    arch, entries = _named(arch, name), []
+    for name, each in arch.items():
+        if not isinstance(each, Arch | Mapping):
+            rule = "an Arch, a mapping of names to arches, or a mapping of an arch's keys"
+            raise InputError(f"Study: arch is {type(each).__name__}; it must be {rule}")
+        given = each.parameters if isinstance(each, Arch) else each
+        entries.append({"id": name} | {k: v for k, v in given.items() if v is not None})
+        if vary is not None:
+            of = {key: law for key, law in vary.items()
+                  if key in VARIABLE and (key != "joints" or "distribution" in law)}  # fmt: skip
+            others = {key: value for key, value in vary.items() if key not in of}
+            entries[-1]["vary"] = others | ({"of": {**others.get("of", {}), **of}} if of else {})
+    return entries
 
 
 def _is_built(arch: Arch, built: Arch) -> bool:

@@ -102,7 +102,7 @@ def springing_path(
     plus, minus = np.array(ranges).T
     end = slow.arch() if math.isinf(limit) else None
     if end is not None and not onset(end).stands:  # a tie is all that holds it, in a mechanism
-        held = np.flatnonzero(np.minimum(plus, minus) > HOLDS)
+        held = np.flatnonzero(np.minimum(plus, minus)[:-1] > HOLDS)
         end, limit = None, float(parts[held.max(initial=-1) + 1])
     return SpringingPath(parts[: len(ranges)], plus, minus, end, limit)
 

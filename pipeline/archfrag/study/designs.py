@@ -62,8 +62,9 @@ class Grid:
     def some(self, cases: Cases) -> Asking[tuple[IntArray, IntArray, Verdicts]]:
         """Request runs, and return rows, places and verdicts of the first that are made."""
         made, verdicts = yield cases
-        order, place = np.argsort(self.records), made["place"]
+        order = np.argsort(self.records)
         row = order[np.searchsorted(self.records, made["record"], sorter=order)]
+        place = made["place"]
         self.seen[row, place] = verdicts
         return row, place, verdicts
 
