@@ -251,15 +251,16 @@ def check_buildable(given: Members) -> None:
             member.entry.build()
 
 
-def check_standing(given: Members, method: Any) -> None:
-    """Check that all arches can exist, that the method of their study can run them (or
+def check_standing(given: Members, method: Any = None) -> None:
+    """Check that all arches can exist, that the method of their study, if given, can run them (or
     InputError), and that they stand (or StabilityError).
     """
     check_buildable(given)
     for member in given:
         arch = member.entry.build()
         with _placed(member), at(member.place):
-            check_can_run(arch, check_method(method.name), method.delay)
+            if method is not None:
+                check_can_run(arch, check_method(method.name), method.delay)
             if not onset(arch).stands:
                 how = "make it thicker, raise the friction, or narrow the distributions"
                 why = f"does not stand under its own weight; {how} of what varies"
