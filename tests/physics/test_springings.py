@@ -87,6 +87,18 @@ class TestLeastSpread:
         with pytest.raises(af.errors.StabilityError, match=r"falls at spread 2\.86\d* m"):
             af.move_springing(arch, spread=1.1 * limit)
 
+    @pytest.mark.parametrize(("prestress", "spread"), [(8e3, 0.02), (0.0, 0.05), (0.0, 0.02)])
+    def test_a_tied_arch_that_nothing_holds_is_refused(self, prestress, spread):
+        """The tie pulls it until hinges make a mechanism; less of the movement it withstands."""
+        ring = af.Arch.segmental(8.0, 3.0, 0.9, voussoirs=6, friction=0.7)
+        tied = ring.tied(level=1.6, area=3e-4, prestress=prestress)
+        path = af.springing_path(tied, spread=spread)
+        assert path.arch is None
+        assert 0.015 < spread * path.limit < 0.0195
+        assert af.onset(af.move_springing(tied, spread=0.9 * spread * path.limit)).stands
+        with pytest.raises(af.errors.StabilityError, match=r"falls at spread .* with its ties"):
+            af.move_springing(tied, spread=spread)
+
 
 class TestRefusals:
     def test_an_arch_that_does_not_stand_has_no_path(self):

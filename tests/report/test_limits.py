@@ -50,6 +50,17 @@ def test_every_combination_is_told_as_it_is():
         assert "Spandrel walls are not modelled." in text
 
 
+def test_fill_without_weight_is_no_fill():
+    empty = {"height_over_crown": 0.3, "unit_weight": 0.0, "backing_height": 0.0, "inertia": 1.0}
+    dense = {"backing_unit_weight": 2e4}
+    for more, modelled in (({}, False), (dense, False), (dense | {"backing_height": 1.0}, True)):
+        told = short(aspects({"ring": [{"friction": 0.6, "fill": empty | more}]}))
+        assert ("fill as weight" in told.partition("Not modelled")[0]) is modelled
+        ring = af.Arch.segmental(8.0, 3.0, 0.9, voussoirs=6, friction=0.7)
+        drawn = {mark.role for mark in ring.filled(**empty | more).marks}
+        assert ("earth" in drawn) is modelled
+
+
 def test_only_some_arches_have_it():
     bare, tied = {"friction": 0.6}, {"friction": 0.6, "ties": KEYS["ties"][0]}
     words = short(aspects({"before": [bare], "after": [tied, tied], "both": [bare, tied]}))

@@ -52,11 +52,10 @@ def test_the_cube_has_arches_with_their_entries_and_what_differs(classes):
     members = classes.study.members
     for name in ("width", "height"):
         variable = classes.cube[f"arch_{name}"]
-        found = [member.values.get(name, np.nan) for member in members]
+        found = [getattr(member.entry, name) for member in members]
         np.testing.assert_array_equal(variable.values, found)
         assert variable.attrs["units"] == "m"
-    assert classes.cube["arch_width"].values[4:6].tolist() == [0.35, 0.45]
-    assert np.isnan(classes.cube["arch_width"].values[6])
+    assert classes.cube["arch_width"].values[4:].tolist() == [0.35, 0.45, 0.4]
     attribute = classes.cube["attribute_town_bank"]
     assert attribute.values.astype(str).tolist() == [""] * 4 + ["Gera/left", "Gera/right", ""]
     assert attribute.attrs["long_name"] == "town/bank of the arch"

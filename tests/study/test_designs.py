@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -223,6 +224,46 @@ def test_a_study_that_grows_and_goes_back_makes_only_the_new_runs(tmp_path, desi
     if grown != "record":
         back, _ = cube_of(study_of(tmp_path / "grown", design))
         assert back["kept"] == back["runs"] == before["runs"]
+
+
+def test_ida_asks_for_the_same_runs_whatever_the_order_of_arches_and_records(tmp_path):
+    """Names decide: other places, and other arches before them, change nothing."""
+    study = study_of(tmp_path, "ida").model_copy(update={"design": Ida(kind="ida")})
+    levels = study.intensity.model_copy(update={"levels": LEVELS.tolist()})
+    study = study.model_copy(update={"intensity": levels})
+    ring, slab = study.members
+    arches = ring, slab, replace(ring, entry=ring.entry.model_copy(update={"id": "other"}))
+    records = [SimpleNamespace(id=f"r{number}", factor=1.0) for number in range(24)]
+    border = {record.id: place for record, place in zip(records, 2 + 3 * np.arange(24) % 11)}
+
+    def asked(arches, records):
+        plan = Plan(study, tuple(arches), tuple(records), identity="")
+
+        def verdicts(cases):
+            names = [records[record].id for record in cases["record"]]
+            borders = np.array([border[name] for name in names])
+            # Every fifth run contradicts the border of its record.
+            noise = (7 * borders + 3 * cases["place"]) % 5 == 0
+            return ((cases["place"] >= borders) ^ noise).astype(np.int8)
+
+        cases, facts = ask(plan.requests(), verdicts)
+        found = {}
+        for case in cases:
+            own = found.setdefault(arches[case["arch"]].id, set())
+            own.add((records[case["record"]].id, int(case["place"])))
+        return {name: sorted(own) for name, own in found.items()}, {
+            arches[arch].id: each for arch, each in facts.items()
+        }
+
+    runs, facts = asked(arches, records)
+    assert runs["ring"] != runs["slab"]  # each arch has checks of its own
+    assert facts["ring"]["contradictions"] > 0
+    for order in (arches[::-1], arches[:1]):
+        for turned in (records[::-1], records[12:] + records[:12]):
+            again = asked(order, turned)
+            assert again == tuple(
+                {each.id: whole[each.id] for each in order} for whole in (runs, facts)
+            )
 
 
 def known_of(response):

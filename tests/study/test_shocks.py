@@ -16,10 +16,12 @@ from archfrag.motions.index import write_index
 from archfrag.report.film import repeat
 from archfrag.report.first_page import first_page, leading
 from archfrag.report.inputs import report_inputs, summary
+from archfrag.study.answer.attributes import attributes
 from archfrag.study.answer.fits import cautions_of, load_fits
 from archfrag.study.designs import CASE
 from archfrag.study.file.prepared import load_prepared, prepare_motions, read_manifest
 from archfrag.study.file.schema import load_study
+from archfrag.study.file.sources import read_sources
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.store import gather, make_plan
 from archfrag.study.runs.workers import make_runs
@@ -69,8 +71,7 @@ def test_a_level_of_zero_is_the_intact_study_to_the_bit(tmp_path, shocks):
 
 def test_a_run_is_of_both_motions(shocks):
     plan, cube = make_plan(shocks.study), shocks.cube
-    (first,) = plan.first
-    assert first.id == "wave1"
+    assert [each.id for each in plan.first] == ["wave1", "wave1"]
     a, b = plan.motion(1), plan.motion(0)
     both = a.scaled(0.6 * 9.80665 / a.pga).then(b.scaled(0.9 * 9.80665 / b.pga), 20.0)
     run = af.simulate(plan.arch(0), both, method="time_stepping", dt=2e-3)
@@ -82,7 +83,8 @@ def test_a_run_is_of_both_motions(shocks):
         [0.0, 0.6 * 9.80665, 3.0 * 9.80665] * 2
     )
     facts = json.loads(cube.attrs["archfrag_first_shocks"])
-    assert facts == {"gap": 20.0, "records": ["wave1"]}
+    pairs = {"wave0": "wave1", "wave1": "wave1"}
+    assert facts == {"gap": 20.0, "records": ["wave1"], "before": pairs}
 
 
 def test_workers_without_the_folder_have_the_same_motions(shocks):
@@ -243,12 +245,92 @@ def test_first_motions_of_another_index(tmp_path):
     assert any("main1" in name for name in read_manifest(study)["inputs"]["record"])
     chosen = load_study(path, ["motions.before.records=[main2]"])
     prepare_motions(chosen)
-    assert [each.id for each in load_prepared(chosen, "first")] == ["main2"]
+    assert [each.id for each in load_prepared(chosen, "first")] == ["main2", "main2"]
     assert command("run", path, "--quiet").exit_code == 0
     (lost, _) = (study.work / each.file for each in load_prepared(study, "first"))
     lost.unlink()
     assert command("run", path, "--quiet").exit_code == 0
     assert lost.is_file()
+
+
+SHOCKS, WAVES = ("f1", "f2", "f3"), ("a", "b", "c")
+
+
+def recorded(folder, names, parts=("0",), seed=0):
+    """Write records of a second, no two alike, and their index; components differ too."""
+    folder.mkdir(parents=True)
+    random, rows = np.random.default_rng(seed), []
+    for name in names:
+        for part in parts:
+            wave = 0.2 * np.convolve(random.normal(size=130), np.hanning(9), "same") / 4.0
+            file = write_at2(folder / f"{name}-{part}.AT2", wave, 0.01, part)
+            facts = {"event": name, "station": "X", "component": part, "unit": "g"}
+            rows.append({"id": name + part.removeprefix("0"), "file": file.name, **facts})
+    write_index(folder, rows)
+
+
+def by_hand(both=False, parts=("",), first=SHOCKS, records=WAVES):
+    """Each record, and what comes before it."""
+    senses = ("", "-rev") if both else ("",)
+    return {
+        f"{record}{part}{sense}": f"{first[place % len(first)]}{part}{sense}"
+        for place, record in enumerate(records) for part in parts for sense in senses
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("motions", "before", "parts", "pairs"),
+    [
+        ("index: motions/index.csv, both_senses: true", "index: fore/index.csv", ("0",),
+         by_hand(both=True)),
+        ("index: motions/index.csv, both_senses: true",
+         "index: fore/index.csv, records: [f2, f1-rev]", ("0",),
+         {"a": "f2", "a-rev": "f2-rev", "b": "f1-rev", "b-rev": "f1", "c": "f2",
+          "c-rev": "f2-rev"}),
+        ("index: motions/index.csv, both_senses: true, select: [c, a, b]",
+         "records: [b, c]", ("0",), by_hand(both=True, first=("b", "c"), records=("c", "a", "b"))),
+        ("index: motions/index.csv", "index: fore/index.csv, records: [f3, f1]", ("0",),
+         by_hand(first=("f3", "f1"))),
+        ("index: motions/index.csv, both_senses: true", "index: fore/index.csv", ("E", "N"),
+         by_hand(both=True, parts=("E", "N"))),
+        ("index: motions/index.csv, both_senses: true, vertical: true", "index: fore/index.csv",
+         ("0", "UP"), by_hand(both=True)),
+        ("index: motions/index.csv, both_senses: true, processing: [{taper: {fraction: 0.1}}]",
+         "index: fore/index.csv", ("0",), by_hand(both=True)),
+    ],
+    ids=["senses", "named", "selected", "fewer", "components", "vertical", "processed"],
+)  # fmt: skip
+def test_each_record_follows_its_own_first_shock(tmp_path, motions, before, parts, pairs):
+    """Every run is, to the last bit, that of `first.then(second)` by hand."""
+    recorded(tmp_path / "motions", WAVES, parts, 1)
+    recorded(tmp_path / "fore", SHOCKS, parts, 2)
+    start, end = SLIDES.partition("motions:\n")[0], SLIDES.partition("intensity:\n")[2]
+    block = f"{{{motions}, before: {{{before}, level: 0.4, gap: 1.0}}}}"
+    path = tmp_path / "study.yaml"
+    path.write_text(f"{start}motions: {block}\nintensity:\n{end}")
+    shown = command("validate", path)
+    study = load_study(path)
+    prepare_motions(study)
+    plan, asked = make_plan(study), study.motions
+    own, other = (
+        {motion.id: motion for motion in read_sources(each, "PGA")}
+        for each in (asked, asked.first or asked)
+    )
+    assert [record.id for record in plan.records] == [*pairs]
+    level = 0.4 * 9.80665
+    for number, (name, first) in enumerate(pairs.items()):
+        one, two = other[first], own[name]
+        factors = 1.0 / one.pga * level, 1.0 / two.pga * (1.5 * level)
+        both = one.scaled(factors[0]).then(two.scaled(factors[1]), 1.0)
+        run = af.simulate(plan.arch(1), both, method="time_stepping", dt=2e-3, follow=2.0)
+        case = np.zeros(1, CASE)
+        case["arch"], case["record"], case["level"] = 1, number, 1.5 * level
+        made_here = make_runs(plan, case)
+        assert made_here["peak_displacement"][0] == run.peak_displacement > 0.0
+        assert made_here["end_time"][0] == run.end_time
+        assert number >= 12 or f"{first} before {name}" in shown.output
+    facts = attributes(study, plan)["archfrag_first_shocks"]
+    assert json.loads(facts)["before"] == pairs
 
 
 @pytest.mark.parametrize(
@@ -258,6 +340,8 @@ def test_first_motions_of_another_index(tmp_path):
          "motions.before.records: 'wave2' is not a record of the study; did you mean wave"),
         (shaken("[0.3, -0.1]"), "motions.before.level[1] = -0.1 must be greater than or equal"),
         (shaken("[]"), "motions.before.level"),
+        (shaken("[0.3, 0.9, 0.3]"), "motions.before.level = [0.3, 0.9, 0.3] must differ in their"),
+        (shaken("[0.3, 0.30000000000001]"), "must differ in their first 12 digits, by which"),
         (shaken("'0.3'"), "motions.before.level[0] = '0.3' must be a valid number"),
         (shaken(0.3, ", gap: -2"), "motions.before.gap = -2 must be greater than or equal to 0"),
         (shaken(0.3, ", levels2: 3"), "motions.before.levels2 is not a known key"),

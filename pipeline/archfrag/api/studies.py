@@ -42,6 +42,11 @@ _FACTS = {"event": "event_id", "station": "", "component": "", "Mw": "magnitude"
 _COLUMNS = ("", "acceleration=1", "acceleration=1 vertical=2")  # by their number
 _CONTENT = "# Content: "
 _NAMED = 3  # arches in a heading
+_OTHER_ORDER = (
+    "was changed twice in one way, or in an order that a study file cannot state: the study would "
+    "run another arch; change it at most once by each of on_piers, filled, recessed, jointed or "
+    "crushed, and move_springing, in this order, and last by tied"
+)
 _HEAD = "# Written by archfrag {version}. Run it with: archfrag run {name}\n"
 
 
@@ -53,7 +58,8 @@ class Study:
     Parameters
     ----------
     arch : Arch, mapping of names to arches, or list of arches
-        Those of a list are arch1, arch2, ... A mapping of a study file's keys is an arch too.
+        Those of a list are arch1, arch2, ... A mapping of a study file's keys is an arch too. An
+        Arch that a study file cannot state, such as one recessed twice, is refused.
     motions : Motion, path, sequence of either, or mapping
         Paths may be patterns with * and ?, or an ``index.csv``. A mapping has the keys `index`,
         `files`, `select`, `vertical` and `processing`. Verticals of Motion objects are used.
@@ -129,6 +135,9 @@ class Study:
         plain["id"] = f"study-{self._content[:8]}" if id is None else id
         check_text(plain, "Study")
         self._keys = schema.study_of(plain, Path.cwd(), "Study")
+        for entry, each in zip(self._keys.arches, _named(arch, "arch").values()):
+            if isinstance(each, Arch) and not _is_built(each, entry.build()):
+                raise InputError(f"Study: arch {entry.id} {_OTHER_ORDER}")
         self._file: Path | None = None
 
     @classmethod
@@ -229,15 +238,17 @@ class Study:
         return f"<p><b>{escape(repr(self)[1:-1])}</b>{''.join(lines)}</p>"
 
 
-def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
-    """Return the entries of a study file for arches, of which a single one has this name if it has
-    none.
-    """
+def _named(arch: Any, name: str) -> Mapping[str, Any]:
+    """Return arches by name; a single one has this name if it has none."""
     if isinstance(arch, list | tuple):
         arch = {f"arch{number}": each for number, each in enumerate(arch, start=1)}
     several = isinstance(arch, Mapping) and not {"profile", "drawing", "table"} & arch.keys()
-    arch = arch if several else {name: arch}
-    entries = []
+    return arch if several else {name: arch}
+
+
+def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
+    """Return the entries of a study file for arches."""
+    arch, entries = _named(arch, name), []
     for name, each in arch.items():
         if not isinstance(each, Arch | Mapping):
             rule = "an Arch, a mapping of names to arches, or a mapping of an arch's keys"
@@ -250,6 +261,12 @@ def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
             others = {key: value for key, value in vary.items() if key not in of}
             entries[-1]["vary"] = others | ({"of": {**others.get("of", {}), **of}} if of else {})
     return entries
+
+
+def _is_built(arch: Arch, built: Arch) -> bool:
+    """Return whether an arch is, to the last bit, what is built of its keys."""
+    pairs: Any = zip(arch.chain, built.chain)
+    return all(np.array_equal(*pair) for pair in pairs)
 
 
 def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:

@@ -1,5 +1,6 @@
 """What a ring stands on and what lies on it: piers as further bodies, and the weight of fill."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -120,6 +121,12 @@ def checked_fill(
     }
     numbers = {key: checks.number(f"fill.{key}", *each, most=1e6) for key, each in found.items()}
     return numbers | {"inertia": 1.0}
+
+
+def fill_weighs(fill: Mapping[str, Any]) -> bool:
+    """Return whether fill or its backing has a weight; one without is no fill."""
+    backing = fill.get("backing_height", 0.0) * (fill.get("backing_unit_weight") or 0.0)
+    return bool(fill["unit_weight"] or backing)
 
 
 def weight_of_fill(

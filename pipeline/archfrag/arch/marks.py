@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from archfrag.arch.bridge import fill_weighs
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.shape import Shape
 from archfrag.arch.tie_rods import tie_lines
@@ -92,7 +93,7 @@ def _fill_outlines(arch: Shape) -> list[FloatArray]:
     They run along chords of the extrados, on which the voussoirs are drawn.
     """
     fill, (first, last) = arch.parameters.get("fill"), arch.springings
-    if not fill:
+    if not fill or not fill_weighs(fill):
         return []
     back = arch.extrados[first : last + 1]
     below = back[back[:, 0].argmin() : back[:, 0].argmax() + 1]

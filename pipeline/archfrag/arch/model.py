@@ -433,6 +433,8 @@ class Arch(Shape):
         before, after = self.chain.face_before + corner, self.chain.face_after + corner
         chain = self.chain._replace(face_before=before, face_after=after)
         recess = {"intrados": plain(intrados), "extrados": plain(extrados)}
+        for side, lost in self.parameters.get("recess", {}).items():
+            recess[side] = plain(np.add(lost, recess[side]))
         given = {**self.parameters, "recess": recess}
         return self.changed(**ends, chain=chain, parameters=given)
 

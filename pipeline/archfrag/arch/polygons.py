@@ -68,11 +68,13 @@ def polygon_shape(
     ring, placed = polygon_ring(drawn, tolerance)
     if factor != 1.0:
         lines = [line.mean(axis=0) + factor * (line - line.mean(axis=0)) for line in placed.ground]
-        thicker = Blocks.from_points(_stretched(placed.outlines, ring, factor), lines)
-        ring, placed = polygon_ring(thicker, tolerance)
-    shape = {name: [rows.tolist() for rows in getattr(placed, name)]
-             for name in ("outlines", "ground")}  # fmt: skip
-    return shape, ring, len(placed.ground) == 1
+        drawn = Blocks.from_points(_stretched(placed.outlines, ring, factor), lines)
+        ring, placed = polygon_ring(drawn, tolerance)
+    # As drawn: what is placed already would give other last bits.
+    shape: dict[str, Any] = {name: [rows.tolist() for rows in getattr(drawn, name)]
+                             for name in ("outlines", "ground")}  # fmt: skip
+    own = {} if tolerance is None else {"tolerance": tolerance}
+    return shape | own, ring, len(placed.ground) == 1
 
 
 def _stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> list[FloatArray]:

@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from archfrag.arch.bridge import fill_weighs
 from archfrag.report.html import TEXTS
 from archfrag.report.inputs import ReportInputs
 from archfrag.study.answer.curves import arch_classes
@@ -89,8 +90,10 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
 
 
 def _value(arch: Mapping[str, Any], key: str) -> Any:
-    """Return the value of a key; of joints their stiffness."""
+    """Return the value of a key; of joints their stiffness, of fill 1 if it weighs something."""
     value = arch.get(key)
+    if key == "fill" and value:
+        return int(fill_weighs(value))
     if key != "joints":
         return value
     return value.get("stiffness") if isinstance(value, Mapping) else None

@@ -7,7 +7,14 @@ from typing import Any
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
-from archfrag.physics.methods.registry import AUTO, METHODS, MethodInfo, Parameter, known_methods
+from archfrag.physics.methods.registry import (
+    AUTO,
+    METHODS,
+    OF_FACES,
+    MethodInfo,
+    Parameter,
+    known_methods,
+)
 
 LOSS_LIMIT = 0.5  # gap at both corners of a joint, over its length, that ends a run [1]
 # Parameters of methods that are arguments of `simulate`.
@@ -71,6 +78,19 @@ def check_rigid(arch: Arch, what: str) -> None:
     """See that the joints of an arch are rigid, which something needs."""
     if arch.chain.joint is not None:
         raise InputError(f"{what} needs rigid joints; give them joints.model inset, not face")
+
+
+def check_can_run(arch: Arch, info: MethodInfo, far: Any) -> None:
+    """See that a method takes the joints of an arch, and that a motion `far`, of its right
+    springing, meets one.
+    """
+    if info.name not in OF_FACES:
+        check_rigid(arch, f"method {info.name}")
+    if far is not None and arch.free_end:
+        raise InputError(
+            "far, method.delay in a study file, is given, but the arch has no right springing; "
+            "leave it out, or give arches with a free end a study of their own"
+        )
 
 
 def check_settings(info: MethodInfo, settings: Any) -> dict[str, float]:

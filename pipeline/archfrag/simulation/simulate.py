@@ -19,7 +19,7 @@ from archfrag.physics.collapse import NOTED_GAP
 from archfrag.physics.faces.settle import longest_step
 from archfrag.physics.ground import grounds_of
 from archfrag.physics.interface import Options, Outcomes
-from archfrag.physics.methods.registry import AUTO, FACE_STEP, OF_FACES, OWN_STEP, MethodInfo
+from archfrag.physics.methods.registry import AUTO, FACE_STEP, OWN_STEP, MethodInfo
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Count
 from archfrag.simulation import arguments
@@ -118,6 +118,7 @@ def simulate(
     info, own, options = _checked_call(
         arch, [motion], [scale], method, rtol, dt, follow, settings, loss_limit
     )
+    arguments.check_can_run(arch, info, far)
     options = options._replace(rests=rests)
     position, velocity = at_rest(arch)
     if initial is None:
@@ -126,7 +127,7 @@ def simulate(
         arguments.check_rigid(arch, "initial")
         shift, velocity = check_initial(initial, arch)
         position += shift
-    ground = grounds_of([ground_of(motion, far, arch)])
+    ground = grounds_of([ground_of(motion, far)])
     n_frame = int((motion.duration + follow) / options.frame_interval) + 64 if history else 0
     n_entry, start = LARGEST_LOG if history else 0, (position, velocity)
     run, started = info.load(), time.perf_counter()
@@ -217,8 +218,6 @@ def _checked_call(
         if not isinstance(motion, Motion):
             raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
     arguments.check_taken(info, rtol=rtol, dt=dt)
-    if info.name not in OF_FACES:
-        arguments.check_rigid(arch, f"method {info.name}")
     tolerance = arguments.default_of(info, "rtol") if rtol is None else rtol
     for factor in factors:
         arguments.check_number("scale", factor, -math.inf, math.inf)
@@ -256,11 +255,12 @@ def results_of_runs(
     [s].
     """
     info, own, options = _checked_call(arch, motions, factors, **given)
+    arguments.check_can_run(arch, info, far)
     check_stands(arch)
     unique = list({id(motion): motion for motion in motions}.values())
     number = {id(motion): k for k, motion in enumerate(unique)}
     motion = np.array([number[id(each)] for each in motions], int)
-    grounds = grounds_of([ground_of(each, far, arch) for each in unique])
+    grounds = grounds_of([ground_of(each, far) for each in unique])
     factor = np.array(factors, float)
     started = time.perf_counter()
     assert info.load_many is not None

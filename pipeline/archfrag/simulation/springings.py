@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import Arch
-from archfrag.arch.quasi_static import STEP, SlowArch
+from archfrag.arch.quasi_static import HOLDS, STEP, SlowArch
 from archfrag.errors import InputError, StabilityError
 from archfrag.motions.motion import Motion
 from archfrag.physics.state import Model
 from archfrag.physics.status import Tie
 from archfrag.simulation.arguments import check_number
+from archfrag.simulation.rest import onset
 from archfrag.simulation.standing import check_stands
 
 Far = Motion | float | None  # motion of the right springing, or how much later it is [s]
@@ -100,6 +101,9 @@ def springing_path(
         limit = 1.0
     plus, minus = np.array(ranges).T
     end = slow.arch() if math.isinf(limit) else None
+    if end is not None and not onset(end).stands:  # a tie is all that holds it, in a mechanism
+        held = np.flatnonzero(np.minimum(plus, minus)[:-1] > HOLDS)
+        end, limit = None, float(parts[held.max(initial=-1) + 1])
     return SpringingPath(parts[: len(ranges)], plus, minus, end, limit)
 
 
@@ -132,7 +136,10 @@ def move_springing(
             f"{name} {path.limit * value:.4g} {units.get(name, 'm')}"
             for name, value in given.items() if value
         )  # fmt: skip
-        raise StabilityError(f"{arch!r}: the arch falls at {far} of its {springing} springing")
+        falls = f"{arch!r}: the arch falls at {far} of its {springing} springing"
+        if arch.chain.tie is not None:
+            falls += " with its ties; move the springing less, or first, and tie the arch then"
+        raise StabilityError(falls)
     moved = {**given, "springing": springing}
     return path.arch.changed(parameters={**arch.parameters, "springings": moved})
 
@@ -182,15 +189,13 @@ def _crossing(before: float, after: float, held: float, margin: float) -> float:
     return before + (after - before) * held / (held - margin)
 
 
-def ground_of(motion: Motion, far: Far, arch: Arch) -> tuple[Any, ...]:
+def ground_of(motion: Motion, far: Far) -> tuple[Any, ...]:
     """Return the ground motion for kernels, with that of the right springing relative to the left
     one.
     """
     own = motion.acceleration, motion.vertical, motion.dt
     if far is None:
         return own
-    if arch.free_end:
-        raise InputError("far is given, but the arch has no right springing")
     size, vertical = len(motion.acceleration), motion.vertical is not None
     if isinstance(far, Motion):
         if far.dt != motion.dt:

@@ -38,10 +38,11 @@ class Grid:
     """Records and levels of one arch's part of a study, and verdicts of the runs made."""
 
     arch: int
-    records: IntArray  # (n_record,): their numbers, which increase
+    records: IntArray  # (n_record,): their numbers, in the order in which a design takes them
     levels: FloatArray  # (n_level,): [SI]
     unscaled: FloatArray  # (n_record,): factors that bring the study's measure to 1
     power: float  # a level grows with the factor to the power 1 / `power`
+    seed: int = 0  # of the arch, for what a design draws
 
     def __post_init__(self) -> None:
         shape = self.records.size, self.levels.size
@@ -61,7 +62,9 @@ class Grid:
     def some(self, cases: Cases) -> Asking[tuple[IntArray, IntArray, Verdicts]]:
         """Request runs, and return rows, places and verdicts of the first that are made."""
         made, verdicts = yield cases
-        row, place = np.searchsorted(self.records, made["record"]), made["place"]
+        order = np.argsort(self.records)
+        row = order[np.searchsorted(self.records, made["record"], sorter=order)]
+        place = made["place"]
         self.seen[row, place] = verdicts
         return row, place, verdicts
 
@@ -226,6 +229,7 @@ class Ida(Design):
         The cells near the borders show how far single runs scatter, and the curve includes this.
 
         The first records are searched knowing nothing, the others expecting what the first show.
+        Which are first and which cells are tried follows from the names of arch and records.
         If a record has one border, the search finds it whatever it expects. What else is known of
         a record, such as other measures, must not choose its levels: half of the runs would
         collapse at every level, which the likelihood of the verdicts takes for a larger beta.
@@ -245,7 +249,7 @@ class Ida(Design):
         near = (place >= low[:, None] - NEAR) & (place <= high[:, None] + NEAR)
         free, places = np.nonzero(near & unseen)
         count = n_record if self.checks is None else self.checks
-        generator = np.random.default_rng([self.seed, grid.arch])
+        generator = np.random.default_rng([self.seed, grid.seed])
         chosen = np.sort(generator.permutation(free.size)[:count])
         row, place = free[chosen], places[chosen]
         verdicts = yield from grid.run(row, place)

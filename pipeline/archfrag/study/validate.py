@@ -25,7 +25,7 @@ from archfrag.simulation.simulate import onset
 from archfrag.simulation.standing import arch_cautions, joints_text
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import Members, check_standing, checked
-from archfrag.study.file.prepared import PreparedRecord, described
+from archfrag.study.file.prepared import PreparedRecord, described, in_order
 from archfrag.study.file.schema import StudyKeys, study_schema
 from archfrag.study.file.sources import VERTICAL_LEFT, find_sources, first_shocks, read_sources
 from archfrag.study.hazard import load_hazard
@@ -191,7 +191,7 @@ def check_study(study: StudyKeys) -> dict[str, Any]:
     errors, some = list[ArchfragError](), checked(study.members)
     records, partners = list[PreparedRecord](), list[str]()
     for check in (
-        lambda: check_start(study), lambda: check_standing(some),
+        lambda: check_start(study), lambda: check_standing(some, study.method),
         lambda: _read_records(study, records, partners),
     ):  # fmt: skip
         try:
@@ -235,9 +235,14 @@ def _read_records(study: StudyKeys, records: list[PreparedRecord], partners: lis
             partners.append(f"{about['file']} with {used}")
         if motion.vertical is None and (about["file"] in partnered or VERTICAL_LEFT in motion.log):
             unused.add(records[-1].id)
-    first_shocks(study.motions, records, lambda asked: [
+    records[:] = in_order(study.motions, records)
+    first = first_shocks(study.motions, records, lambda asked: [
         described(study, motion, ()) for motion in read_sources(asked, study.intensity.measure)
     ])  # fmt: skip
+    if pairs := [f"{one.id} before {record.id}" for one, record in zip(first, records)]:
+        more = len(pairs) - MOST_ASKED
+        listed = ", ".join(pairs[:MOST_ASKED]) + f" and {more} more" * (more > 0)
+        partners.append(f"first shocks: {listed}")
     if unused:
         what = "have a vertical component that is not used; motions.vertical: true uses it"
         partners.append(f"{len(unused)} of {counted(len(records), 'record')} {what}")

@@ -30,7 +30,9 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
         "versions": provenance.versions(),
     }  # fmt: skip
     if before := study.motions.before:
-        facts["first_shocks"] = {"gap": before.gap, "records": [each.id for each in plan.first]}
+        pairs = {record.id: first.id for record, first in zip(plan.records, plan.first)}
+        names = list(dict.fromkeys(pairs.values()))
+        facts["first_shocks"] = {"gap": before.gap, "records": names, "before": pairs}
     count, of = sum(record.vertical for record in plan.records), len(plan.records)
     some = f"used for {count} of {of} records"
     counts = f"{counted(len(plan.arches), 'arch')} under {counted(of, 'record')}"

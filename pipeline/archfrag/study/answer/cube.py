@@ -186,12 +186,12 @@ def _arch_variables(arches: Members) -> dict[str, xr.Variable]:
     }
     found = {name: _variable(VARIABLES[name], each) for name, each in values.items()}
     about = VARIABLES["arch"]
-    numbers = pd.DataFrame([member.values for member in arches], dtype=float)
-    for name in map(str, numbers):
+    for name in dict.fromkeys(name for member in arches for name in member.values):
+        numbers = [member.values.get(name, member.entry.number(name)) for member in arches]
         found[f"arch_{name}"] = _variable(about._replace(
             name=f"arch_{name}", dtype="f8", units=UNITS.get(name, "1"), fill="nan",
             long_name=f"{name} of the arch",
-        ), numbers[name].to_numpy())  # fmt: skip
+        ), numbers)  # fmt: skip
     texts = pd.DataFrame([member.attributes for member in arches]).fillna("")
     for name in map(str, texts):
         # Names in files have letters, digits and _ only; long_name is as in the table.

@@ -3,6 +3,7 @@
 import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeVar
 
+import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 from scipy import stats
 
@@ -410,6 +411,11 @@ class ArchEntry(Section):
     def value(self, key: str) -> Any:
         """Return the value of a key that may vary, of joints their stiffness; None without one."""
         return self.soft.stiffness if key == "joints" else getattr(self, key, None)
+
+    def number(self, key: str) -> float:
+        """Return the value of a key, the mean of a list; nan without one."""
+        value = self.value(key)
+        return math.nan if value is None else float(np.mean(value))
 
     @property
     def soft(self) -> JointEntry:

@@ -3,6 +3,7 @@
 import hashlib
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,8 +14,9 @@ import numpy as np
 from archfrag.arch.uncertain import sample, to_digits
 from archfrag.errors import InputError, StabilityError
 from archfrag.files import check_decimals, parse_table, read_text, table_of
+from archfrag.simulation.arguments import check_can_run, check_method
 from archfrag.simulation.simulate import onset
-from archfrag.simulation.standing import prestress_text
+from archfrag.simulation.standing import check_stands, prestress_text
 from archfrag.study.file.arches import COLUMNS, VARIABLE, ArchEntry, JointScatter
 from archfrag.study.keys import at, meant
 from archfrag.study.yaml_text import parse_value
@@ -96,7 +98,7 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
                     entry=own.entry.model_copy(update={"id": own.id + end}))
             for end, shock in shocks for own in new
         ]  # fmt: skip
-        names = dict.fromkeys((entry.id, *(member.arch_class for member in new)))
+        names = [entry.id + end for end in ("", *(end for end, _ in shocks))]
         for name in (*names, *(member.id for member in new if member.id != member.arch_class)):
             if name in seen:
                 raise InputError(f"{where}: the id {name!r} already belongs to {seen[name]}")
@@ -231,24 +233,36 @@ def _joints_drawn(
     return keys
 
 
+@contextmanager
+def _placed(member: Member) -> Iterator[None]:
+    """Name the place of an arch that does not stand."""
+    try:
+        yield
+    except StabilityError as error:
+        raise StabilityError(f"{member.place}: {error}") from error
+
+
 def check_buildable(given: Members) -> None:
     """Check that all arches can exist; InputError, or StabilityError of one that does not stand
     with its joints, names the first that cannot.
     """
     for member in given:
-        try:
-            with at(f"{member.place}: cannot exist"):
-                member.entry.build()
-        except StabilityError as error:
-            raise StabilityError(f"{member.place}: {error}") from error
+        with _placed(member), at(f"{member.place}: cannot exist"):
+            member.entry.build()
 
 
-def check_standing(given: Members) -> None:
-    """Check that all arches can exist (or InputError) and stand (or StabilityError)."""
+def check_standing(given: Members, method: Any = None) -> None:
+    """Check that all arches can exist, that the method of their study, if given, can run them (or
+    InputError), and that they stand (or StabilityError).
+    """
     check_buildable(given)
     for member in given:
         arch = member.entry.build()
-        if not onset(arch).stands:
-            how = "make it thicker, raise the friction, or narrow the distributions of what varies"
-            why = prestress_text(arch) or f"does not stand under its own weight; {how}"
-            raise StabilityError(f"{member.place}: {why}")
+        with _placed(member), at(member.place):
+            if method is not None:
+                check_can_run(arch, check_method(method.name), method.delay)
+            if not onset(arch).stands:
+                how = "make it thicker, raise the friction, or narrow the distributions"
+                why = f"does not stand under its own weight; {how} of what varies"
+                raise StabilityError(prestress_text(arch) or why)
+            check_stands(arch)

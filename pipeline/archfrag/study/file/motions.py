@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
 from archfrag.motions.calibrate import Acceptable
 from archfrag.study.keys import PathText, Section, refuse
@@ -72,6 +72,14 @@ class FileSet(Section):
     header (its peak is off by a tenth, or it contradicts the unit or the channel code)."""
 
 
+def _named(levels: list[float]) -> list[float]:
+    """Return levels that name arches; all but 0 must differ in twelve digits."""
+    names = [f"{level:.12g}" for level in levels if level]
+    if len({*names}) < len(names):
+        raise refuse("must differ in their first 12 digits, by which they name arches")
+    return levels
+
+
 class FirstShocks(Section):
     """Motions that shake each arch before its record, after which it comes to rest."""
 
@@ -80,12 +88,14 @@ class FirstShocks(Section):
 
     records: Annotated[list[str], Field(min_length=1)] | None = None
     """Ids of the study's records, or of the index, that come first; all of the index if not given.
-    Before the n-th record comes the n-th of them; if they are fewer, they begin again."""
+    Before the n-th record comes the n-th of them, reversed before a reversed record (both_senses);
+    if they are fewer, they begin again."""
     index: PathText | None = None
     """Index (CSV) of other motions that come first, processed as the records are."""
     level: Annotated[
         Annotated[list[Annotated[float, Field(ge=0.0, le=1e6)]], Field(min_length=1)],
         BeforeValidator(lambda given: given if isinstance(given, list) else [given]),
+        AfterValidator(_named),
     ]
     """Level of the first shocks or a list of levels, in the study's measure and unit. Besides the
     intact arch ID the study then has an arch ID-after-LEVEL for each of them but 0."""
@@ -120,7 +130,8 @@ class Motions(Section):
         """What is asked for first shocks with an index of their own; None without one."""
         if self.before is None or self.before.index is None:
             return None
-        return Motions(index=self.before.index, vertical=self.vertical, processing=self.processing)
+        own: dict[str, Any] = {"index": self.before.index, "files": []}
+        return self.model_copy(update=own | dict.fromkeys(("select", "before")))
 
     @property
     def steps(self) -> list[tuple[str, dict[str, Any]]]:

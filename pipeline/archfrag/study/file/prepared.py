@@ -123,11 +123,13 @@ def _stored(study: StudyKeys, asked: Motions) -> list[PreparedRecord]:
         facts.append(recording_of(motion))
         os.replace(folder / "new.npz", study.work / records[-1].file)
     records = [replace(record, event=name) for record, name in zip(records, earthquakes(facts))]
-    if (select := asked.select) is not None:
-        ends = ["", REVERSED][: 1 + asked.both_senses]
-        order = [name + end for name in select for end in ends]
-        records.sort(key=lambda record: order.index(record.id))
-    return records
+    return in_order(asked, records)
+
+
+def in_order(asked: Motions, records: list[PreparedRecord]) -> list[PreparedRecord]:
+    """Return records in the order in which the study selects them, if it does."""
+    order = [name + end for name in asked.select or () for end in ("", REVERSED)]
+    return sorted(records, key=lambda record: order.index(record.id)) if order else records
 
 
 def read_manifest(study: StudyKeys) -> dict[str, Any]:
@@ -147,7 +149,8 @@ def read_manifest(study: StudyKeys) -> dict[str, Any]:
 def load_prepared(study: StudyKeys, name: str = "records") -> list[PreparedRecord]:
     """Return the stored records or "first" shocks; InputError if they are not the study's."""
     manifest = read_manifest(study)
-    if manifest["key"] != motions_key(study):
+    paired = len(manifest["first"]) in (0, len(manifest["records"]))
+    if not paired or manifest["key"] != motions_key(study):
         other = "other records or another measure than the study now has"
         raise InputError(f"{study.work / MANIFEST}: was made for {other}; {_AGAIN}")
     for record in manifest[name]:

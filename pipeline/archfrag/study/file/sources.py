@@ -115,13 +115,20 @@ def check_known(selected: Iterable[str], ids: Sequence[str], key: str = "motions
 
 
 def first_shocks(asked: Motions, records: Sequence[Any], make: Callable[[Motions], Any]) -> Any:
-    """Return the motions that come first: of `records`, or what `make` makes of their index."""
+    """Return the motion that comes before each record: one of `records`, or what `make` makes of
+    their index; empty without first shocks.
+
+    Before a record that is reversed comes the reversed one of what comes before the record.
+    """
     if asked.before is None:
         return []
     known = {each.id: each for each in (make(asked.first) if asked.first else records)}
-    names = asked.before.records or [*known]
+    senses = 1 + asked.both_senses  # each beside its reverse, as `_name` yields them
+    names = asked.before.records or [*known][::senses]
     check_known(names, [*known], "motions.before.records")
-    return [known[name] for name in names]
+    places = [[*known].index(name) for name in names]
+    turns = (divmod(number, senses) for number in range(len(records)))
+    return [[*known.values()][places[turn % len(places)] ^ sense] for turn, sense in turns]
 
 
 def _matching(text: str) -> list[Path]:

@@ -194,7 +194,7 @@ def _prepare(plan: Plan, bar: tqdm) -> float:
             bar.bar_format = "{desc}"
             show = partial(bar.set_description_str, refresh=False)
             compile_time = warmup(name, progress=show)
-        check_standing(plan.arches)
+        check_standing(plan.arches, plan.study.method)
     bar.bar_format, bar.desc = None, "simulations"
     bar.unpause()  # its clock is that of the runs
     if compile_time and not bar.disable:

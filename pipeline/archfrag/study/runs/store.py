@@ -10,10 +10,11 @@ import csv
 import hashlib
 import io
 import re
+import zlib
 from collections import namedtuple
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,15 +117,15 @@ class Plan:
     study: StudyKeys
     arches: Members
     records: tuple[PreparedRecord, ...]
-    first: tuple[PreparedRecord, ...] = ()  # shocks that come before records, in turn
+    first: tuple[PreparedRecord, ...] = ()  # the shock before each record, if any
     identity: str = field(default_factory=lambda: code_identity())  # of the code that makes runs
     motions: tuple["Motion", ...] = ()  # of both, where the study's folder is not at hand
     built: "dict[int, Arch]" = field(default_factory=dict, compare=False)  # so far, by number
 
     def with_motions(self) -> "Plan":
         """Return the plan for workers that do not have the study's folder."""
-        found = (load_record(self.study.work, record) for record in (*self.records, *self.first))
-        return replace(self, motions=tuple(found))
+        load = cache(partial(load_record, self.study.work))  # one may come before many
+        return replace(self, motions=tuple(map(load, (*self.records, *self.first))))
 
     def motion(self, record: int) -> "Motion":
         """Return the motion of a record by its number, or of a first shock, numbered after it."""
@@ -136,8 +137,9 @@ class Plan:
         """Return number, factor and gap [s] of the first shock before a record; None without."""
         if not (shock := self.arches[arch].shock):
             return None
-        place, (level, gap) = record % len(self.first), shock
-        return len(self.records) + place, self.first[place].factor * level**self.power, gap
+        level, gap = shock
+        number = len(self.records) + record
+        return number, self.first[record].factor * level**self.power, gap
 
     def ground(self, arch: int, record: int, factor: float) -> "tuple[Motion, float, float]":
         """Return the motion of a run, the factor on it, and when the record begins in it [s]."""
@@ -211,14 +213,19 @@ class Plan:
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
         design, requests = self.study.design, {}
-        for arch in range(len(self.arches)):
-            records = np.arange(len(self.records))
+        # An adaptive design follows from names: other arches and the order of all change nothing.
+        seeds, turns = (
+            np.array([zlib.crc32(each.id.encode()) for each in group])
+            for group in (self.arches, self.records)
+        )
+        for arch, seed in enumerate(seeds.tolist()):
+            records = np.argsort(turns, kind="stable")
             # What an adaptive design requests follows from all runs of an arch.
             share = arch if design.adaptive else arch * len(self.records) + records
             records = records[np.broadcast_to(share % batches == batch, records.shape)]
             if records.size:
-                grid = Grid(arch, records, self.levels, self.unscaled[records], self.power)
-                requests[arch] = design.requests(grid)
+                about = self.levels, self.unscaled[records], self.power, seed
+                requests[arch] = design.requests(Grid(arch, records, *about))
         return requests
 
 
