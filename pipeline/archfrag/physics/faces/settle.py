@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from archfrag.errors import ArchfragError
 from archfrag.physics.contact.placing import relative_velocity
 from archfrag.physics.faces.law import Faces, overlap_moments
-from archfrag.physics.faces.midpoint import new_runs, pose_step, remember
+from archfrag.physics.faces.midpoint import LEAST_DELAY, new_runs, pose_step, remember
 from archfrag.physics.faces.velocities import find_velocities
 from archfrag.physics.ground import Impulse
 from archfrag.physics.interface import Chain
@@ -22,10 +23,14 @@ from archfrag.physics.state import Model, model_of
 from archfrag.physics.status import Joint
 
 # Steps to equilibrium, over the period of the first mode: the first, how they grow, the largest.
-FIRST_STEP, GROWTH, LARGEST_STEP = 0.1, 1.3, 0.5
-# Equilibrium is reached where no body moves by more than this in a step, over the joint's length;
-# none is where one has moved by FAR. The most steps.
-SETTLED, FAR, MOST_STEPS, BALANCED = 1e-9, 0.5, 4000, 1e-9
+FIRST_STEP, GROWTH, LARGEST_STEP = 0.1, 1.3, 100.0
+# Equilibrium is reached where no body moves by more than this in a step of at least that many
+# periods, over the joint's length; none is where one has moved by FAR. The most steps.
+SETTLED, LONG_ENOUGH, FAR, MOST_STEPS, BALANCED = 1e-9, 0.5, 0.5, 4000, 1e-9
+RESTS, FALLS, MOVES_ON = range(3)
+# By how much steps may damp the first mode beyond what is asked, over the critical damping, and
+# over what is asked.
+DAMPED_MORE, DAMPED_MORE_OF = 0.01, 0.1
 # Stiffness of a joint times the square of a step, over the mass of the lightest body.
 STIFFEST = 2000.0
 
@@ -52,16 +57,29 @@ def first_frequency(model: Model, chain: Chain) -> float:
     return math.sqrt(max(float(np.linalg.eigvalsh(rows.T @ rows)[0]), 0.0)) / (2.0 * math.pi)
 
 
+def damping_of_steps(chain: Chain, step: float) -> float:
+    """Return the damping that steps [s] give the first mode if none is asked, over the critical
+    one.
+    """
+    return math.pi * first_frequency(model_of(chain), chain) * LEAST_DELAY * step
+
+
 def longest_step(chain: Chain) -> float:
-    """Return the longest step with which the velocities of stiff joints are found [s]."""
+    """Return the longest step that damps the first mode as is asked, and with which the velocities
+    of stiff joints are found [s].
+    """
     assert chain.joint is not None
     stiffness = (chain.joint[:, Joint.STIFFNESS] * model_of(chain).length).max()
-    return math.sqrt(STIFFEST * float(chain.mass.min()) / float(stiffness))
+    asked = float(chain.joint[0, Joint.DAMPING])
+    more = max(DAMPED_MORE_OF * asked, DAMPED_MORE - DAMPED_MORE_OF * asked)
+    solved = math.sqrt(STIFFEST * float(chain.mass.min()) / float(stiffness))
+    return min(solved, (asked + more) / damping_of_steps(chain, 1.0))
 
 
 @kernel
 def settle(model, faces, runs, period, limit):
-    """Bring a chain from where it is to equilibrium under its weight; return whether it does.
+    """Bring a chain from where it is to equilibrium under its weight: it rests, falls or moves on
+    after the most steps.
 
     Reads: model, faces (delay, points, shear, stiffness), runs.
     Writes: runs.
@@ -71,36 +89,39 @@ def settle(model, faces, runs, period, limit):
     for _ in range(MOST_STEPS):
         state.velocity[:] = 0.0
         pose_step(model, runs, still, step)
-        solved, _ = find_velocities(model, faces, runs, step, BALANCED, True)
+        solved, _ = find_velocities(model, faces, runs, step, step, BALANCED, True)
         if not solved:
             step *= 0.25
             continue
-        span = larger(step, faces.delay)
         relative_velocity(work.position, work.solved, work.pivot, work.relative)
         stored = moved = away = 0.0
         for j in range(state.slip.shape[0]):
-            energy, _ = remember(j, model, faces, runs, span, span, True)
-            stored += energy
+            stored += remember(j, model, faces, runs, (step, step), True)[0]
         for i in range(1, state.position.shape[0] - 1):
             for c in range(3):
                 size = model.length[0] if c == 2 else 1.0
-                change = span * work.solved[i, c]
+                change = step * work.solved[i, c]
                 state.position[i, c] += change
                 moved = larger(moved, size * abs(change))
                 away = larger(away, size * abs(state.position[i, c] - model.start[i, c]))
         memory.stored[0] = stored
         if away > FAR * limit or math.isnan(away):
-            return False
-        if moved < SETTLED * limit and step >= LARGEST_STEP * period:
-            return True
+            return FALLS
+        if moved < SETTLED * limit and step >= LONG_ENOUGH * period:
+            return RESTS
         step = min(GROWTH * step, LARGEST_STEP * period)
-    return False
+    return MOVES_ON
 
 
 def settled(chain: Chain) -> tuple[Model, Faces] | None:
-    """Return model and joints of a chain in equilibrium on joints that give; None if it has none.
+    """Return model and joints of a chain in equilibrium on joints that give; None if it falls.
 
     They are kept with the chain. The model starts there.
+
+    Raises
+    ------
+    ArchfragError
+        If the steps find neither.
     """
     kept: dict[str, Any] = chain.__dict__
     if "settled" not in kept:
@@ -120,10 +141,15 @@ def _settled(chain: Chain) -> tuple[Model, Faces] | None:
     runs = new_runs(model)
     runs.state.position[:] = model.start
     runs.memory.touching[:] = model.length
-    rests = settle(model, faces, runs, 1.0 / frequency, float(model.length.min()))
-    if not rests:
+    found = settle(model, faces, runs, 1.0 / frequency, float(model.length.min()))
+    if found == MOVES_ON:
+        raise ArchfragError(
+            f"the solver found no rest of the arch on its joints in {MOST_STEPS} steps, which does "
+            "not say that it falls; take joints.model inset, and please report the case"
+        )
+    if found == FALLS:
         return None
     start = model._replace(start=runs.state.position.copy())
-    slip, touching, stored = runs.memory
+    slip, touching, _, stored = runs.memory
     faces = faces._replace(slip=slip, touching=touching, stored=float(stored[0]), delay=delay)
     return start, faces

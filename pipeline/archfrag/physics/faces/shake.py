@@ -5,6 +5,7 @@ motion is computed, as a chain on springs is never at rest in it; the run is ove
 been faster than a small speed for a while afterwards.
 """
 
+import math
 import threading
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ from archfrag.physics.faces.law import Faces
 from archfrag.physics.faces.midpoint import (
     FaceRuns,
     accept_step,
+    delay_of,
     new_runs,
     pose_step,
     record_joints,
@@ -34,7 +36,8 @@ from archfrag.physics.steps import service
 from archfrag.physics.steps.side_by_side import fetch_run, jobs_of, return_run
 
 # A chain rests when no body has been faster than this, over the root of gravity times joint
-# length, for so long after the motion [s]: longer than a turning point of a motion lasts.
+# length, for so long after the motion, over the root of its size over gravity: longer than a
+# turning point of a motion lasts.
 STILL, REST_SPAN = 1e-2, 2.0
 BALANCED = 1e-6  # acceleration over gravity that a step may leave unbalanced
 ALMOST = 1e-6  # of a step is no step
@@ -49,6 +52,7 @@ class Scene(NamedTuple):
     faces: Faces
     grounds: Grounds
     options: Options
+    calm: float  # how long a chain is still that rests [s]
 
 
 @kernel
@@ -64,7 +68,8 @@ def try_step(scene, runs, live):
     step, time = clock[Clock.STEP], clock[Clock.TIME]
     impulse = impulse_between(scene.grounds, clock, time, time + step)
     pose_step(model, runs, impulse, step)
-    solved, iterations = find_velocities(model, scene.faces, runs, step, BALANCED, live)
+    delay = delay_of(scene.faces, step)
+    solved, iterations = find_velocities(model, scene.faces, runs, step, delay, BALANCED, live)
     state.count[Count.ITERATIONS] += select(live, iterations, 0.0)
     failed = live & opposite(solved)
     state.count[Count.SHORTENED] += select(failed, 1.0, 0.0)
@@ -83,10 +88,12 @@ def _go_on(scene, state, until, solved, collapsed, broken):
     next_step = smaller(2.0 * clock[Clock.STEP], options.time_step)
     next_step = select((left > 0.0) & (left < next_step), left, next_step)
     clock[Clock.STEP] = select(solved, next_step, clock[Clock.STEP])
-    quick = clock[Clock.FASTEST] >= options.still
-    moved = quick | (clock[Clock.TIME] < until - options.follow)
+    shaken = clock[Clock.TIME] < until - options.follow - ALMOST * options.time_step
+    # A chain that nothing has moved rests as soon as the motion is over.
+    moved = (clock[Clock.FASTEST] >= options.still) | (shaken & (clock[Clock.LIVELY] > 0.0))
     clock[Clock.LIVELY] = select(solved & moved, clock[Clock.TIME], clock[Clock.LIVELY])
-    calm = clock[Clock.TIME] - clock[Clock.LIVELY] >= REST_SPAN
+    still_for = clock[Clock.TIME] - clock[Clock.LIVELY]
+    calm = opposite(shaken) & ((still_for >= scene.calm) | (clock[Clock.LIVELY] == 0.0))
     most = options.first_steps + until * (service.MOST_STEPS / options.time_step)
     spent = count[Count.STEPS] + count[Count.SHORTENED] >= most
     hopeless = clock[Clock.STEP] < service.SHORTEST * options.time_step
@@ -162,7 +169,7 @@ def _begin(scene, runs, motion, factor):
     state.clock[Clock.STEP] = scene.options.time_step
     memory.stored[0] = faces.stored
     for j in range(state.slip.size):
-        memory.touching[j] = faces.touching[j]
+        memory.touching[j], memory.half[j] = faces.touching[j], 0.5 * scene.model.length[j]
         for i in range(3):
             memory.slip[j, i] = faces.slip[j, i]
 
@@ -219,7 +226,11 @@ def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | None:
         return None
     model, faces = found
     still = STILL * float(np.sqrt(model.gravity * model.length.max()))
-    return Scene(model, faces, grounds, options._replace(still=still))
+    # A slender body is as long as its radius of gyration says.
+    longest = np.sqrt(12.0 * (chain.inertia / chain.mass).max())
+    size = float(np.ptp(chain.centroid, axis=0).max() + longest)
+    calm = REST_SPAN * math.sqrt(size / chain.gravity)
+    return Scene(model, faces, grounds, options._replace(still=still), calm)
 
 
 def run(
