@@ -8,7 +8,7 @@ import pytest
 import archfrag as af
 from archbench.paper.many_points import ManyPoints
 from archfrag.errors import InputError
-from archfrag.physics.faces.law import bear
+from archfrag.physics.faces.law import Gaps, bear
 from archfrag.physics.faces.midpoint import new_runs, pose_step
 from archfrag.physics.faces.settle import first_frequency, settled
 from archfrag.physics.faces.velocities import balance, find_velocities
@@ -53,7 +53,8 @@ def crown(arch, run):
 
 
 def law_of(d0, d1, half, slip=0.0, length=1e9, points=0.0):
-    return bear(d0, d1, half, (slip,) * 3, length, (K, SHEAR, MU), points)
+    gaps = Gaps(d0, d1, d0, d1, -half, half, 1.0, d0, d1)
+    return bear(gaps, half, (slip,) * 3, length, (K, SHEAR, MU), points)
 
 
 class TestLaw:
@@ -141,7 +142,7 @@ class TestSolve:
         runs.state.velocity[1:-1] = 0.1 * draw.normal(size=(9, 3))
         runs.memory.touching[:] = faces.touching
         pose_step(model, runs, Impulse(*(8 * (0.0,))), 2e-4)
-        solved, _ = find_velocities(model, faces, runs, 2e-4, 1e-9, True)
+        solved, _ = find_velocities(model, faces, runs, 2e-4, 2e-4, 1e-9, True)
         assert solved
         work, momentum = runs.work, np.zeros((11, 2))
         for j in range(10):

@@ -50,6 +50,8 @@ class Gaps(NamedTuple):
     low: float  # ends of what has [m]
     high: float
     ratio: float  # time at which the former is asked over that of the latter
+    c0: float  # at the end of the step, where shear acts on what overlaps [m]
+    c1: float
 
 
 class Bearing(NamedTuple):
@@ -118,7 +120,7 @@ def rub(normal, slip, hold, friction):
 @inlined
 def _bear_along(gaps, half, slip, touching, material):
     """Return what a joint bears that bears along its length; arguments as of `bear`."""
-    d0, d1, e0, e1, low, high, ratio = gaps
+    d0, d1, e0, e1, low, high, ratio, c0, c1 = gaps
     stiffness, shear, friction = material
     first, last = ends_of(e0, e1, half)
     o0, o1, o2 = moments_between(larger(first, low), smaller(last, high))
@@ -128,7 +130,8 @@ def _bear_along(gaps, half, slip, touching, material):
     n0, n1, n2 = n0 - m0, n1 - m1, n2 - m2
     normal = -stiffness * (e0 * o0 + e1 * o1 + d0 * n0 + d1 * n1)
     moment = -stiffness * (e0 * o1 + e1 * o2 + d0 * n1 + d1 * n2)
-    held, none = smaller(o0 + n0, touching), 0.0 * half
+    first, last = ends_of(c0, c1, half)
+    held, none = smaller(last - first, touching), 0.0 * half
     along, sense, most = rub(normal, slip[0], shear * held, friction)
     l0, l1, l2 = o0 + ratio * n0, o1 + ratio * n1, o2 + ratio * n2
     hold = select(sense != 0.0, 0.0, shear * held)
@@ -140,7 +143,7 @@ def _bear_along(gaps, half, slip, touching, material):
 @inlined
 def _bear_at(place, size, gaps, slip, material):
     """Return what a point bears, as a joint that has no other."""
-    d0, d1, e0, e1, low, high, ratio = gaps
+    d0, d1, e0, e1, low, high, ratio, _, _ = gaps
     stiffness, shear, friction = material
     old = (place >= low) & (place <= high) & (low < high)
     gap = select(old, e0 + place * e1, d0 + place * d1)

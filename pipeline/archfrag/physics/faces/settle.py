@@ -23,7 +23,7 @@ from archfrag.physics.state import Model, model_of
 from archfrag.physics.status import Joint
 
 # Steps to equilibrium, over the period of the first mode: the first, how they grow, the largest.
-FIRST_STEP, GROWTH, LARGEST_STEP = 0.1, 1.3, 100.0
+FIRST_STEP, GROWTH, LARGEST_STEP = 0.1, 1.3, 20.0
 # Equilibrium is reached where no body moves by more than this in a step of at least that many
 # periods, over the joint's length; none is where one has moved by FAR. The most steps.
 SETTLED, LONG_ENOUGH, FAR, MOST_STEPS, BALANCED = 1e-9, 0.5, 0.5, 4000, 1e-9
@@ -89,7 +89,9 @@ def settle(model, faces, runs, period, limit):
     for _ in range(MOST_STEPS):
         state.velocity[:] = 0.0
         pose_step(model, runs, still, step)
-        solved, _ = find_velocities(model, faces, runs, step, step, BALANCED, True)
+        # What is not balanced moves bodies by its acceleration times the square of the step.
+        balanced = BALANCED * min(1.0, (period / step) ** 2)
+        solved, _ = find_velocities(model, faces, runs, step, step, balanced, True)
         if not solved:
             step *= 0.25
             continue
@@ -144,8 +146,8 @@ def _settled(chain: Chain) -> tuple[Model, Faces] | None:
     found = settle(model, faces, runs, 1.0 / frequency, float(model.length.min()))
     if found == MOVES_ON:
         raise ArchfragError(
-            f"the solver found no rest of the arch on its joints in {MOST_STEPS} steps, which does "
-            "not say that it falls; take joints.model inset, and please report the case"
+            f"the solver found no rest of the arch on its joints in {MOST_STEPS} steps, which "
+            "does not say that it falls; take joints.model inset, and please report the case"
         )
     if found == FALLS:
         return None

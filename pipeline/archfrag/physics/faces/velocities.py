@@ -69,7 +69,8 @@ def _set_stiffness(j, work, own, times, model, faces):
     opens, turns = nx * ux + ny * uy, c * (work.solved[j + 1, 2] - work.solved[j, 2])
     g0, g1 = own.gap[j, 0], own.gap[j, 1]
     fresh, old = (g0 + step * opens, g1 - step * turns), (g0 + b * opens, g1 - b * turns)
-    gaps = Gaps(*fresh, *old, own.part[j, 0], own.part[j, 1], ratio)
+    end = 0.5 * (g0 + fresh[0]), 0.5 * (g1 + fresh[1])
+    gaps = Gaps(*fresh, *old, own.part[j, 0], own.part[j, 1], ratio, *end)
     along = b * (nx * uy - ny * ux)
     slip = own.slip[j, 0] + along, own.slip[j, 1] + along, own.slip[j, 2] + along
     k = faces.stiffness[j]
