@@ -1,7 +1,7 @@
 """Time stepping of chains whose joints give: one run, or many of one arch four at a time.
 
-Steps are equal, but for those whose velocities are not found, which are halved. Every step of the
-motion is computed, as a chain on springs is never at rest in it; the run is over when no body has
+Steps are equal but where joints slide, which is worked out by shorter ones, and where velocities
+are not found, which halves them. Every step of the motion is computed, as a chain on springs is never at rest in it; the run is over when no body has
 been faster than a small speed for a while afterwards.
 """
 
@@ -41,6 +41,7 @@ from archfrag.physics.steps.side_by_side import fetch_run, jobs_of, return_run
 STILL, REST_SPAN = 1e-2, 2.0
 BALANCED = 1e-6  # acceleration over gravity that a step may leave unbalanced
 ALMOST = 1e-6  # of a step is no step
+SLIDING_STEP = 0.5  # of the step, where a joint slides
 VACANT = 100.0  # code of a place side by side that no run takes
 
 
@@ -85,7 +86,11 @@ def _go_on(scene, state, until, solved, collapsed, broken):
     options, clock, count = scene.options, state.clock, state.count
     over = clock[Clock.TIME] >= until - ALMOST * options.time_step
     left = until - clock[Clock.TIME]
-    next_step = smaller(2.0 * clock[Clock.STEP], options.time_step)
+    longest, slides = options.time_step, False
+    for j in range(state.slide.shape[0]):
+        slides = slides | (state.slide[j] != 0.0)
+    longest = select(slides, SLIDING_STEP * longest, longest)
+    next_step = smaller(2.0 * clock[Clock.STEP], longest)
     next_step = select((left > 0.0) & (left < next_step), left, next_step)
     clock[Clock.STEP] = select(solved, next_step, clock[Clock.STEP])
     shaken = clock[Clock.TIME] < until - options.follow - ALMOST * options.time_step
@@ -94,7 +99,8 @@ def _go_on(scene, state, until, solved, collapsed, broken):
     clock[Clock.LIVELY] = select(solved & moved, clock[Clock.TIME], clock[Clock.LIVELY])
     still_for = clock[Clock.TIME] - clock[Clock.LIVELY]
     calm = opposite(shaken) & ((still_for >= scene.calm) | (clock[Clock.LIVELY] == 0.0))
-    most = options.first_steps + until * (service.MOST_STEPS / options.time_step)
+    shortest = SLIDING_STEP * options.time_step
+    most = options.first_steps + until * (service.MOST_STEPS / shortest)
     spent = count[Count.STEPS] + count[Count.SHORTENED] >= most
     hopeless = clock[Clock.STEP] < service.SHORTEST * options.time_step
     hopeless = hopeless & opposite(solved)
