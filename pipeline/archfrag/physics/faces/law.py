@@ -35,6 +35,7 @@ class Faces(NamedTuple):
     shear: np.ndarray  # (n_joint,) the same along the tangent [N/m2]
     slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points where runs start [m]
     touching: np.ndarray  # (n_joint,) length in contact there [m]
+    half: np.ndarray  # (n_joint,) of the length along which faces lie opposite there [m]
     stored: float  # elastic energy there [J]
     delay: float  # dashpots over springs [s]
     points: float  # at which a joint bears; zero: all along it

@@ -138,7 +138,7 @@ def _settled(chain: Chain) -> tuple[Model, Faces] | None:
     frequency, zeros = first_frequency(model, chain), np.zeros(model.friction.size)
     delay = float(joint[Joint.DAMPING, 0]) / (math.pi * frequency)
     stiffness, shear, points = (joint[k] for k in (Joint.STIFFNESS, Joint.SHEAR, Joint.POINTS))
-    rest = np.zeros((zeros.size, 3)), zeros, 0.0, 0.0
+    rest = np.zeros((zeros.size, 3)), zeros, zeros, 0.0, 0.0
     faces: Any = Faces(stiffness.copy(), shear.copy(), *rest, float(points[0]))
     runs = new_runs(model)
     runs.state.position[:] = model.start
@@ -152,6 +152,6 @@ def _settled(chain: Chain) -> tuple[Model, Faces] | None:
     if found == FALLS:
         return None
     start = model._replace(start=runs.state.position.copy())
-    slip, touching, _, stored = runs.memory
-    faces = faces._replace(slip=slip, touching=touching, stored=float(stored[0]), delay=delay)
-    return start, faces
+    slip, touching, half, stored = runs.memory
+    rest = {"slip": slip, "touching": touching, "half": half, "stored": float(stored[0])}
+    return start, faces._replace(**rest, delay=delay)

@@ -1,8 +1,9 @@
 """Time stepping of chains whose joints give: one run, or many of one arch four at a time.
 
 Steps are equal but where joints slide, which is worked out by shorter ones, and where velocities
-are not found, which halves them. Every step of the motion is computed, as a chain on springs is never at rest in it; the run is over when no body has
-been faster than a small speed for a while afterwards.
+are not found, which halves them. Every step of the motion is computed, as a chain on springs is
+never at rest in it; the run is over when no body has been faster than a small speed for a while
+afterwards.
 """
 
 import math
@@ -175,7 +176,7 @@ def _begin(scene, runs, motion, factor):
     state.clock[Clock.STEP] = scene.options.time_step
     memory.stored[0] = faces.stored
     for j in range(state.slip.size):
-        memory.touching[j], memory.half[j] = faces.touching[j], 0.5 * scene.model.length[j]
+        memory.touching[j], memory.half[j] = faces.touching[j], faces.half[j]
         for i in range(3):
             memory.slip[j, i] = faces.slip[j, i]
 
