@@ -244,7 +244,7 @@ class TestEnergy:
     @pytest.mark.parametrize(
         "broken", ["nothing", "sense of shear", "no friction limit", "what is stored"]
     )
-    def test_the_account_fails_if_a_law_is_broken(self, points, broken, monkeypatch):
+    def test_the_account_fails_if_a_law_is_broken(self, points, broken):
         arch = ring_that_slides(3e10, points)
         model, faces = settled(arch.chain)
         runs, step = new_runs(model), 5e-4
@@ -252,13 +252,6 @@ class TestEnergy:
         runs.state.position[:] = model.start
         begin.slip[:], begin.touching[:] = faces.slip, faces.touching
         begin.half[:], begin.stored[0] = faces.half, faces.stored
-        remember, more = midpoint.remember, 1.1 if broken == "what is stored" else 1.0
-
-        def remembered(*given):
-            stored, friction, damped = remember(*given)
-            return more * stored, friction, damped
-
-        monkeypatch.setattr(midpoint, "remember", remembered)
         for number in range(600):
             ground = 6.0 * math.sin(2.0 * math.pi * 1.6 * number * step)
             impulse = Impulse(ground * step, *(7 * (0.0,)))
@@ -271,6 +264,8 @@ class TestEnergy:
                 reaction[:, :2] -= 2.0 * part * along
             if broken == "no friction limit":
                 runs.own.most[:] = math.inf
+            if broken == "what is stored":
+                begin.stored[0] *= 1.01
             midpoint.record_joints.py_func(model, faces, runs, step, True)
             runs.state.clock[Clock.STEP] = step
             accept_step(model, runs.state, runs.work, impulse, True, 0.5)
@@ -345,11 +340,11 @@ class TestMotion:
         kick = af.Motion(np.where(np.arange(600) < 3, 0.05, 0.0), period / 20.0)
         run = af.simulate(block, kick, history=True, follow=0.0)
         sway, time = run.history.rotation.values[:, 0], run.history.time.values
-        after = time > 1.5 * period
+        after = time > 3.5 * period
         rate = np.gradient(sway[after], time[after])
         # What is left of the first mode after a while, by its energy.
         size = np.hypot(rate, 2.0 * math.pi / period * sway[after])
-        span = 4.0 * period
+        span = 6.0 * period
         whole = time[after] - time[after][0]
         ratio = -np.log(np.interp(span, whole, size) / size[0]) / (2.0 * math.pi * span / period)
         asked = damping / math.sqrt(1.0 - damping**2)
