@@ -15,7 +15,7 @@ from archfrag.physics.faces.settle import first_frequency, settled
 from archfrag.physics.faces.velocities import balance, find_velocities
 from archfrag.physics.ground import Impulse
 from archfrag.physics.state import Clock, model_of
-from archfrag.physics.status import Energy
+from archfrag.physics.status import Energy, Status
 from archfrag.simulation.simulate import simulate_runs
 
 K, SHEAR, MU = 3e10, 2e10, 0.6
@@ -177,8 +177,8 @@ class TestRest:
 
     def test_an_arch_that_falls_on_soft_joints_has_no_rest(self):
         thin = af.Arch.circular(4.0, 0.45, 180.0, 17, 0.7)
-        assert settled(given(thin, 1e8).chain) is None
-        assert settled(given(thin, 1e12).chain) is not None
+        assert settled(given(thin, 1e8).chain) is Status.DOES_NOT_STAND
+        assert isinstance(settled(given(thin, 1e12).chain), tuple)
 
     def test_stress_on_piers_and_free_ends_bears_the_weight(self):
         ring = af.Arch.segmental(8.0, 2.0, 0.8, 8, 0.7)

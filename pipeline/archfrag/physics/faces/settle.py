@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from archfrag.errors import ArchfragError
 from archfrag.physics.contact.placing import relative_velocity
 from archfrag.physics.faces.law import Faces, overlap_moments
 from archfrag.physics.faces.midpoint import LEAST_DELAY, new_runs, pose_step, remember
@@ -20,14 +19,15 @@ from archfrag.physics.interface import Chain
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.numbers import larger
 from archfrag.physics.state import Model, model_of
-from archfrag.physics.status import Joint
+from archfrag.physics.status import Joint, Status
 
 # Steps to equilibrium, over the period of the first mode: the first, how they grow, the largest.
 FIRST_STEP, GROWTH, LARGEST_STEP = 0.1, 1.3, 20.0
 # Equilibrium is reached where no body moves by more than this in a step of at least that many
 # periods, over the joint's length; none is where one has moved by FAR. The most steps.
 SETTLED, LONG_ENOUGH, FAR, MOST_STEPS, BALANCED = 1e-9, 0.5, 0.5, 4000, 1e-9
-RESTS, FALLS, MOVES_ON = range(3)
+RESTS, FALLS = int(Status.STANDING), int(Status.DOES_NOT_STAND)
+MOVES_ON = int(Status.NO_CONTACT_SOLUTION)
 # By how much steps may damp the first mode beyond what is asked, over the critical damping, and
 # over what is asked.
 DAMPED_MORE, DAMPED_MORE_OF = 0.01, 0.1
@@ -115,24 +115,20 @@ def settle(model, faces, runs, period, limit):
     return MOVES_ON
 
 
-def settled(chain: Chain) -> tuple[Model, Faces] | None:
-    """Return model and joints of a chain in equilibrium on joints that give; None if it falls.
+def settled(chain: Chain) -> tuple[Model, Faces] | Status:
+    """Return model and joints of a chain in equilibrium on joints that give; if there are none, a
+    status: it falls, or the steps find neither.
 
     They are kept with the chain. The model starts there.
-
-    Raises
-    ------
-    ArchfragError
-        If the steps find neither.
     """
     kept: dict[str, Any] = chain.__dict__
     if "settled" not in kept:
         kept["settled"] = _settled(chain)
-    found: tuple[Model, Faces] | None = kept["settled"]
+    found: tuple[Model, Faces] | Status = kept["settled"]
     return found
 
 
-def _settled(chain: Chain) -> tuple[Model, Faces] | None:
+def _settled(chain: Chain) -> tuple[Model, Faces] | Status:
     assert chain.joint is not None
     model, joint = model_of(chain), np.ascontiguousarray(chain.joint.T)
     frequency, zeros = first_frequency(model, chain), np.zeros(model.friction.size)
@@ -144,14 +140,9 @@ def _settled(chain: Chain) -> tuple[Model, Faces] | None:
     runs.state.position[:] = model.start
     runs.memory.touching[:] = model.length
     found = settle(model, faces, runs, 1.0 / frequency, float(model.length.min()))
-    if found == MOVES_ON:
-        raise ArchfragError(
-            f"the solver found no rest of the arch on its joints in {MOST_STEPS} steps, which "
-            "does not say that it falls; take joints.model inset, and please report the case"
-        )
-    if found == FALLS:
-        return None
+    if found != RESTS:
+        return Status(found)
     start = model._replace(start=runs.state.position.copy())
     slip, touching, half, stored = runs.memory
-    rest = {"slip": slip, "touching": touching, "half": half, "stored": float(stored[0])}
-    return start, faces._replace(**rest, delay=delay)
+    kept = {"slip": slip, "touching": touching, "half": half, "stored": float(stored[0])}
+    return start, faces._replace(**kept, delay=delay)

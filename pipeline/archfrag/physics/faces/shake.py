@@ -226,11 +226,11 @@ def run_four(scene, four, one, jobs, output, results):
             return_run(one.columns, number, four.columns)
 
 
-def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | None:
-    """Return what the runs of a chain share; None if it does not stand on its joints."""
+def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | Status:
+    """Return what the runs of a chain share; a status if it has no rest on its joints."""
     found = settled(chain)
-    if found is None:
-        return None
+    if isinstance(found, Status):
+        return found
     model, faces = found
     still = STILL * float(np.sqrt(model.gravity * model.length.max()))
     # A slender body is as long as its radius of gyration says.
@@ -249,8 +249,8 @@ def run(
     A run begins at rest on the joints, whatever the state given.
     """
     scene, results = _scene(chain, grounds, options), shared.new_results(1)
-    if scene is None:
-        results.status[:] = int(Status.DOES_NOT_STAND)
+    if isinstance(scene, Status):
+        results.status[:] = int(scene)
         return results
     runs = new_runs(scene.model)
     output = shared.output_to(frames, log, options.frame_interval)
@@ -267,8 +267,8 @@ def run_many(
     `archfrag.physics.steps.run.run_many`.
     """
     scene, results = _scene(chain, grounds, options), shared.new_results(len(motion))
-    if scene is None:
-        results.status[:] = int(Status.DOES_NOT_STAND)
+    if isinstance(scene, Status):
+        results.status[:] = int(scene)
         return results
     output = shared.no_output(chain.mass.size, chain.friction.size)
     run_four(scene, *_buffers(scene.model), jobs_of(motion, factor), output, results)
