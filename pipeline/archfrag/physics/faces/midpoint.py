@@ -259,7 +259,7 @@ def remember(j, model, faces, runs, times, where):
 def record_joints(model, faces, runs, step, where):
     """Remember joints at the end of a solved step, and record their work; modes go into `work`.
 
-    Reads: model.friction, faces (delay, points, shear, stiffness), runs.
+    Reads: faces (delay, points, shear, stiffness), runs.
     Writes: runs.
     """
     memory, work = runs.memory, runs.work
