@@ -81,7 +81,7 @@ def settle(model, faces, runs, period, limit):
     """Bring a chain from where it is to equilibrium under its weight: it rests, falls or moves on
     after the most steps.
 
-    Reads: model, faces (delay, points, shear, stiffness), runs.
+    Reads: model, faces (points, shear, stiffness), runs.
     Writes: runs.
     """
     state, work, memory = runs.state, runs.work, runs.memory
