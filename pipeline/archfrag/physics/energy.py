@@ -90,15 +90,16 @@ def record_ties(state, yielded, unexplained, where):
 
 
 @inlined
-def record_faces(friction, taken, where, energy):
-    """Record the work in a step of friction and dashpots of joints that give [J].
+def record_faces(friction, damped, unexplained, where, energy):
+    """Record the work in a step of friction and dashpots of joints that give, and that which their
+    laws do not explain [J].
 
-    What dashpots have given in sum is the error of the steps.
+    What dashpots have given in sum is an error, too.
     """
     energy[Energy.FRICTION] += select(where, friction, 0.0)
-    spent = energy[Energy.IMPACT] + taken
+    spent = energy[Energy.IMPACT] + damped
     energy[Energy.IMPACT] = select(where, smaller(spent, 0.0), energy[Energy.IMPACT])
-    _record_error(larger(spent, 0.0), where, energy)
+    _record_error(unexplained + larger(spent, 0.0), where, energy)
 
 
 @inlined

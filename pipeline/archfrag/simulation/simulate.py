@@ -16,7 +16,7 @@ from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import ArchfragError, InputError, UnitWarning
 from archfrag.motions.motion import Motion
 from archfrag.physics.collapse import NOTED_GAP
-from archfrag.physics.faces.settle import longest_step
+from archfrag.physics.faces.settle import damping_of_steps, longest_step
 from archfrag.physics.ground import grounds_of
 from archfrag.physics.interface import Options, Outcomes
 from archfrag.physics.methods.registry import AUTO, FACE_STEP, OWN_STEP, MethodInfo
@@ -234,6 +234,14 @@ def _checked_call(
         step, largest_step = unit * rule[0], unit * rule[1]
         if arch.chain.joint is not None:
             step = largest_step = min(FACE_STEP * largest_step, longest_step(arch.chain))
+    if dt is not None and arch.chain.joint is not None and dt > longest_step(arch.chain):
+        warnings.warn(
+            f"dt is {dt:g} s: steps so long damp the first mode of the arch by at least "
+            f"{damping_of_steps(arch.chain, dt):.2g} of critical damping, or do not find the "
+            "motion of stiff joints; leave dt out, or give at most "
+            f"{longest_step(arch.chain):.2g} s",
+            stacklevel=3,
+        )
     span = max(motion.duration for motion in motions) + follow
     samples = max(len(motion.acceleration) for motion in motions)
     sampling = min(float(motion.dt) for motion in motions)

@@ -11,7 +11,7 @@ import numpy as np
 from archfrag.arch import Arch
 from archfrag.arch.facts import no_unit_warnings
 from archfrag.arch.tie_rods import tie_name
-from archfrag.errors import GeometryError, StabilityError
+from archfrag.errors import ArchfragError, GeometryError, StabilityError
 from archfrag.physics.contact.ties import tie_stretch
 from archfrag.physics.faces.settle import settled
 from archfrag.physics.state import model_of
@@ -43,8 +43,14 @@ def check_stands(arch: Arch) -> Onset:
             ends = f"{-start.minus:.4g} and {start.plus:.4g} g"
             message += f" (rest would need a steady horizontal acceleration between {ends})"
         raise StabilityError(message)
-    if arch.chain.joint is not None and settled(arch.chain) is None:
+    rest = None if arch.chain.joint is None else settled(arch.chain)
+    if rest is Status.DOES_NOT_STAND:
         raise StabilityError(f"{arch!r}: the arch does not stand on joints that soft")
+    if rest is Status.NO_CONTACT_SOLUTION:
+        raise ArchfragError(
+            f"{arch!r}: the solver found no rest of the arch on its joints, which does not say "
+            "that it falls; take joints.model inset, and please report the case"
+        )
     _STANDING[arch] = start
     return start
 

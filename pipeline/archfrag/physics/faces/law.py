@@ -8,6 +8,9 @@ follow from the moments of the part that overlaps, l_n, the integrals of s^n ove
 
 A joint that bears at points has sums over those that overlap in place of integrals: at both ends
 with 1/2 of its length each, or with 1/4 at the ends and 1/2 in the middle.
+
+Dashpots act where faces overlap already: there the law is asked for the gap a delay later. What
+comes into contact in a step is asked at its own time, so that nothing presses before it touches.
 """
 
 from typing import NamedTuple
@@ -32,13 +35,28 @@ class Faces(NamedTuple):
     shear: np.ndarray  # (n_joint,) the same along the tangent [N/m2]
     slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points where runs start [m]
     touching: np.ndarray  # (n_joint,) length in contact there [m]
+    half: np.ndarray  # (n_joint,) of the length along which faces lie opposite there [m]
     stored: float  # elastic energy there [J]
     delay: float  # dashpots over springs [s]
     points: float  # at which a joint bears; zero: all along it
 
 
+class Gaps(NamedTuple):
+    """Gaps and slopes at which the law of a joint is asked."""
+
+    d0: float  # of what comes into contact [m]
+    d1: float
+    e0: float  # of what has overlapped before [m]
+    e1: float
+    low: float  # ends of what has [m]
+    high: float
+    ratio: float  # time at which the former is asked over that of the latter
+    c0: float  # at the end of the step, where shear acts on what overlaps [m]
+    c1: float
+
+
 class Bearing(NamedTuple):
-    """What a joint bears, and how that changes with gap, slope and slip."""
+    """What a joint bears, and how that changes with gap, slope and slip as what has overlapped."""
 
     normal: float  # [N]
     moment: float  # of the normal stresses about the middle, those towards corner 1 positive [N m]
@@ -49,6 +67,8 @@ class Bearing(NamedTuple):
     hold: float  # of the shear by the slip where the joint sticks [N/m]
     rub_0: float  # of the shear by gap and slope where it slides [N/m], [N]
     rub_1: float
+    held: tuple[float, float, float]  # length of each point at which a slip is held [m]
+    most: tuple[float, float, float]  # elastic slip of each point at which it slides [m]
 
 
 @inlined
@@ -59,15 +79,27 @@ def places_of(half, points):
 
 
 @inlined
+def ends_of(d0, d1, half):
+    """Return both ends of the part of a joint in which its faces overlap, equal if none does."""
+    slope = select(abs(d1) < FLAT, FLAT, d1)
+    zero = smaller(larger(-d0 / slope, -half), half)
+    return select(slope > 0.0, -half, zero), select(slope > 0.0, zero, half)
+
+
+@inlined
+def moments_between(low, high):
+    """Return the moments of a part of a joint by its ends: l0, l1, l2; zeros if they cross."""
+    high = larger(high, low)
+    l1 = 0.5 * (high * high - low * low)
+    return high - low, l1, (high * high * high - low * low * low) * (1.0 / 3.0)
+
+
+@inlined
 def overlap_moments(d0, d1, half, points):
     """Return the moments of the part of a joint in which its faces overlap; l0, l1, l2."""
     if points == ALONG:
-        slope = select(abs(d1) < FLAT, FLAT, d1)
-        zero = smaller(larger(-d0 / slope, -half), half)
-        low = select(slope > 0.0, -half, zero)
-        high = select(slope > 0.0, zero, half)
-        l1 = 0.5 * (high * high - low * low)
-        return high - low, l1, (high * high * high - low * low * low) * (1.0 / 3.0)
+        low, high = ends_of(d0, d1, half)
+        return moments_between(low, high)
     outer, inner = places_of(half, points)
     first = select(d0 - half * d1 < 0.0, outer, 0.0)
     last = select(d0 + half * d1 < 0.0, outer, 0.0)
@@ -77,41 +109,85 @@ def overlap_moments(d0, d1, half, points):
 
 @inlined
 def rub(normal, slip, hold, friction):
-    """Return the shear of a contact, and the sense of its friction if it slides, else zero."""
+    """Return the shear of a contact, the sense of its friction if it slides, else zero, and the
+    elastic slip at which it does.
+    """
     along, most = -hold * slip, smaller(friction, ROUGH) * normal
     slides = abs(along) > most
     sense = select(slides, select(along > 0.0, 1.0, -1.0), 0.0)
-    return select(slides, sense * most, along), sense
+    return select(slides, sense * most, along), sense, most / larger(hold, FLAT)
 
 
 @inlined
-def bear(d0, d1, half, slip, touching, material, points):
-    """Return what a joint bears with the gap d0 + s d1; `slip` is the elastic one of each point.
+def _bear_along(gaps, half, slip, touching, material):
+    """Return what a joint bears that bears along its length; arguments as of `bear`."""
+    d0, d1, e0, e1, low, high, ratio, c0, c1 = gaps
+    stiffness, shear, friction = material
+    first, last = ends_of(e0, e1, half)
+    o0, o1, o2 = moments_between(larger(first, low), smaller(last, high))
+    first, last = ends_of(d0, d1, half)
+    n0, n1, n2 = moments_between(first, last)
+    m0, m1, m2 = moments_between(larger(first, low), smaller(last, high))
+    n0, n1, n2 = n0 - m0, n1 - m1, n2 - m2
+    normal = -stiffness * (e0 * o0 + e1 * o1 + d0 * n0 + d1 * n1)
+    moment = -stiffness * (e0 * o1 + e1 * o2 + d0 * n1 + d1 * n2)
+    first, last = ends_of(c0, c1, half)
+    held, none = smaller(last - first, touching), 0.0 * half
+    along, sense, most = rub(normal, slip[0], shear * held, friction)
+    l0, l1, l2 = o0 + ratio * n0, o1 + ratio * n1, o2 + ratio * n2
+    hold = select(sense != 0.0, 0.0, shear * held)
+    pressed = sense * smaller(friction, ROUGH) * stiffness
+    held, most = (held, none, none), (most, none, none)
+    return Bearing(normal, moment, along, l0, l1, l2, hold, pressed * l0, pressed * l1, held, most)
+
+
+@inlined
+def _bear_at(place, size, gaps, slip, material):
+    """Return what a point bears, as a joint that has no other."""
+    d0, d1, e0, e1, low, high, ratio, _, _ = gaps
+    stiffness, shear, friction = material
+    old = (place >= low) & (place <= high) & (low < high)
+    gap = select(old, e0 + place * e1, d0 + place * d1)
+    size = select(gap < 0.0, size, 0.0)
+    normal = -stiffness * size * gap
+    along, sense, most = rub(normal, slip, shear * size, friction)
+    l0 = select(old, size, ratio * size)
+    hold = select(sense != 0.0, 0.0, shear * size)
+    pressed = sense * smaller(friction, ROUGH) * stiffness * l0
+    l1 = place * l0
+    return Bearing(
+        normal,
+        place * normal,
+        along,
+        l0,
+        l1,
+        place * l1,
+        hold,
+        pressed,
+        pressed * place,
+        size,
+        most,
+    )
+
+
+@inlined
+def bear(gaps, half, slip, touching, material, points):
+    """Return what a joint bears at some `Gaps`; `slip` is the elastic one of each point.
 
     `material` has the normal and the shear stiffness of a metre, and the coefficient of friction.
 
     A face that bears along its length has one slip, of the length `touching` that was in contact:
     what comes into contact has not slipped.
     """
-    stiffness, shear, friction = material
-    l0, l1, l2 = overlap_moments(d0, d1, half, points)
-    normal, moment = -stiffness * (d0 * l0 + d1 * l1), -stiffness * (d0 * l1 + d1 * l2)
-    pressed = smaller(friction, ROUGH) * stiffness
     if points == ALONG:
-        hold = shear * smaller(l0, touching)
-        along, sense = rub(normal, slip[0], hold, friction)
-        hold = select(sense != 0.0, 0.0, hold)
-        sense = sense * pressed
-        return Bearing(normal, moment, along, l0, l1, l2, hold, sense * l0, sense * l1)
+        return _bear_along(gaps, half, slip, touching, material)
     outer, inner = places_of(half, points)
-    along = hold = rub_0 = rub_1 = 0.0 * half
-    for i in range(3):
-        place, size = half * (i - 1.0), inner if i == 1 else outer
-        gap = d0 + place * d1
-        size = select(gap < 0.0, size, 0.0)
-        part, sense = rub(-stiffness * size * gap, slip[i], shear * size, friction)
-        along += part
-        hold += select(sense != 0.0, 0.0, shear * size)
-        rub_0 += sense * pressed * size
-        rub_1 += sense * pressed * size * place
-    return Bearing(normal, moment, along, l0, l1, l2, hold, rub_0, rub_1)
+    a = _bear_at(-half, outer, gaps, slip[0], material)
+    b = _bear_at(0.0 * half, inner, gaps, slip[1], material)
+    c = _bear_at(half, outer, gaps, slip[2], material)
+    return Bearing(
+        a.normal + b.normal + c.normal, a.moment + c.moment, a.shear + b.shear + c.shear,
+        a.l0 + b.l0 + c.l0, a.l1 + c.l1, a.l2 + c.l2, a.hold + b.hold + c.hold,
+        a.rub_0 + b.rub_0 + c.rub_0, a.rub_1 + c.rub_1, (a.held, b.held, c.held),
+        (a.most, b.most, c.most),
+    )  # fmt: skip

@@ -2,8 +2,8 @@
 
 Positions are those of the midpoint scheme. In the middle of the step each joint has a gap, and the
 elastic part of its slip; forces act at its middle for the entire step. What a joint stores is
-known at the ends of steps; what it takes beyond that and beyond friction its dashpots take, and
-where the step is longer than their delay, the step itself.
+known at the ends of steps. The work of springs, of friction and of dashpots is that of their laws,
+so that what they do not explain of the work of reactions is the error of the steps.
 """
 
 import math
@@ -15,7 +15,7 @@ import numpy as np
 from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact.placing import move_faces, relative_velocity
 from archfrag.physics.energy import record_faces
-from archfrag.physics.faces.law import ALONG, ROUGH, overlap_moments, places_of, rub
+from archfrag.physics.faces.law import ALONG, FLAT, ends_of, overlap_moments, places_of
 from archfrag.physics.faces.velocities import OF_ROWS, OF_WORK, FaceWork
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import (
@@ -38,6 +38,12 @@ from archfrag.physics.steps.step import (
     take_velocities,
 )
 
+# The law is asked at least this part of a step after its middle; see `delay_of`.
+LEAST_DELAY = 0.6
+# The work of springs is integrated once more in so many pieces where it differs from what they
+# store by more than this part.
+PIECES, SMOOTH = 16, 1e-4
+
 
 @struct(slip=(3,))
 class Memory(NamedTuple):
@@ -45,6 +51,7 @@ class Memory(NamedTuple):
 
     slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points [m]
     touching: np.ndarray  # (n_joint,) length in contact [m]
+    half: np.ndarray  # (n_joint,) of the length along which faces lay opposite [m]
     stored: np.ndarray  # (1,) elastic energy of all [J]
 
 
@@ -62,7 +69,7 @@ class FaceRuns(NamedTuple):
 def new_runs(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> FaceRuns:
     """Allocate the buffers of one run, or of four with `lane_array` as `zeros`."""
     state, n_joint, n_row = new_state(model, zeros), model.friction.size, model.mass.size
-    memory = Memory(zeros((n_joint, 3)), zeros((n_joint,)), zeros((1,)))
+    memory = Memory(zeros((n_joint, 3)), zeros((n_joint,)), zeros((n_joint,)), zeros((1,)))
     own: Any = FaceWork(*(
         zeros((n_row if name in OF_ROWS else n_joint, *OF_WORK.get(name, ())))
         for name in FaceWork._fields
@@ -118,94 +125,157 @@ def pose_step(model, runs, impulse, step):
     for j in range(state.slip.shape[0]):
         nx, ny = work.normal[j, 0], work.normal[j, 1]
         rate = nx * work.earlier[j, 1] - ny * work.earlier[j, 0]
+        opens = nx * work.earlier[j, 0] + ny * work.earlier[j, 1]
+        own.before[j, 0] = own.gap[j, 0] - 0.5 * step * opens
+        own.before[j, 1] = own.gap[j, 1] + 0.5 * step * own.tilt[j] * work.earlier[j, 2]
+        ends = ends_of(own.before[j, 0], own.before[j, 1], own.half[j])
+        own.part[j, 0], own.part[j, 1] = ends
         own.touching[j] = runs.memory.touching[j]
         for i in range(3):
             own.slip[j, i] = runs.memory.slip[j, i] + 0.5 * step * rate
 
 
 @inlined
-def _slip_after(j, i, gap, size, along, model, faces, own):
-    """Return the elastic slip of a contact after a step, and the work of its friction [J].
+def delay_of(faces, step):
+    """Return how long after the middle of a step the law is asked where faces overlap already [s].
 
-    `gap` is that at which the law holds, `size` the length in contact there; without friction the
-    slip would go to `along`.
+    Stiff contacts would ring with steps of twice this.
     """
-    normal = -faces.stiffness[j] * size * gap
-    hold = faces.shear[j] * size
-    most = smaller(model.friction[j], ROUGH) * normal / larger(hold, 1e-300)
-    shear, sense = rub(normal, own.slip[j, i] + along[0], hold, model.friction[j])
-    slip = own.slip[j, i] + along[1]
-    kept = select(sense != 0.0, smaller(larger(slip, -most), most), slip)
-    return kept, shear * (slip - kept), sense
+    return larger(LEAST_DELAY * step, faces.delay + 0.0 * step)
 
 
 @inlined
-def remember(j, model, faces, runs, b, span, where):
-    """Remember slips and contact of joint j a time `span` after the middle of the step.
+def _press(d0, d1, half, stiffness, points):
+    """Return the energy that the springs normal to a joint store, and its derivatives [J], [N],
+    [N m].
+    """
+    l0, l1, l2 = overlap_moments(d0, d1, half, points)
+    by_gap, by_slope = stiffness * (d0 * l0 + d1 * l1), stiffness * (d0 * l1 + d1 * l2)
+    return 0.5 * (d0 * by_gap + d1 * by_slope), by_gap, by_slope
 
-    `b` is the time at which its law holds. Returns the energy that it stores then, and the work
-    of friction [J].
+
+@inlined
+def _simpson(start, way, half, law, pieces):
+    """Return the work of the springs normal to a joint on its way from a gap and slope, by
+    Simpson's rule in so many pieces [J].
+
+    `law` has the stiffness of a metre and the points.
+    """
+    work, steps = 0.0 * half, 2 * pieces
+    for i in range(steps + 1):
+        at, share = i / steps, 1.0 if i in (0, steps) else 2.0 + 2.0 * (i % 2)
+        _, gap, slope = _press(start[0] + at * way[0], start[1] + at * way[1], half, *law)
+        work -= share / (6.0 * pieces) * (gap * way[0] + slope * way[1])
+    return work
+
+
+@inlined
+def _spring_works(j, runs, law, end):
+    """Return the energy that the springs normal to joint j store at the `end` of a step, their
+    work in it, and what those store that have slid onto the joint or off it [J].
+    """
+    own = runs.own
+    g0, g1, half = own.before[j, 0], own.before[j, 1], own.half[j]
+    way = end[0] - g0, end[1] - g1
+    had, _, _ = _press(g0, g1, runs.memory.half[j], *law)
+    has, _, _ = _press(g0, g1, half, *law)
+    stored, _, _ = _press(end[0], end[1], half, *law)
+    work = _simpson((g0, g1), way, half, law, 1)
+    # A face that closes or opens on its way presses by other laws before and after.
+    bent = abs(stored - has + work) > SMOOTH * (stored + has)
+    if some(bent):
+        work = select(bent, _simpson((g0, g1), way, half, law, PIECES), work)
+    return stored, work, has - had
+
+
+@inlined
+def _cut(slip, most):
+    return smaller(larger(slip, -most), most)
+
+
+@inlined
+def _keep_slip(j, i, size, was, times, runs):
+    """Return the elastic slip of a point after a step and the work of its friction and of its
+    dashpot, over the stiffness of a metre [m3]; and the sense in which it slides.
+
+    It has the length `size` in contact then, and had `was`. What leaves loses what it stores, and
+    what comes has not slipped.
     """
     memory, work, own = runs.memory, runs.work, runs.own
     nx, ny = work.normal[j, 0], work.normal[j, 1]
-    ux, uy, turns = work.relative[j, 0], work.relative[j, 1], own.tilt[j] * work.relative[j, 2]
-    opens, slides, half = nx * ux + ny * uy, nx * uy - ny * ux, own.half[j]
-    g0, g1 = own.gap[j, 0] + b * opens, own.gap[j, 1] - b * turns
-    d0, d1 = own.gap[j, 0] + span * opens, own.gap[j, 1] - span * turns
-    k, points, ways = faces.stiffness[j], faces.points, (b * slides, span * slides)
-    moments = overlap_moments(d0, d1, half, points)
-    l0 = moments[0]
-    sense = friction = held = 0.0 * half
-    if points == ALONG:
-        size = smaller(overlap_moments(g0, g1, half, points)[0], own.touching[j])
-        gap = -own.force[j, 0] / (k * larger(size, 1e-300))
-        kept, friction, sense = _slip_after(j, 0, gap, size, ways, model, faces, own)
-        # What comes into contact has not slipped yet.
-        kept = kept * smaller(own.touching[j] / larger(l0, 1e-300), 1.0)
-        kept = select(l0 > 0.0, kept, 0.0)
-        memory.slip[j, 0] = select(where, kept, memory.slip[j, 0])
-        held = l0 * kept * kept
-    else:
-        outer, inner = places_of(half, points)
-        for i in range(3):
-            place, size = half * (i - 1.0), inner if i == 1 else outer
-            gap = g0 + place * g1
-            touching = select(gap < 0.0, size, 0.0)
-            kept, work_of, way = _slip_after(j, i, gap, touching, ways, model, faces, own)
-            kept = select(d0 + place * d1 < 0.0, kept, 0.0)
-            memory.slip[j, i] = select(where, kept, memory.slip[j, i])
-            friction += select(touching > 0.0, work_of, 0.0)
-            sense = select((touching > 0.0) & (sense == 0.0), way, sense)
-            held += select(d0 + place * d1 < 0.0, size, 0.0) * kept * kept
+    slides = nx * work.relative[j, 1] - ny * work.relative[j, 0]
+    held, most, start = own.held[j, i], own.most[j, i], memory.slip[j, i]
+    asked, moved = own.slip[j, i] + times[0] * slides, own.slip[j, i] + times[1] * slides
+    slips = (abs(asked) > most) & (held > 0.0)
+    sense = select(slips, select(asked < 0.0, 1.0, -1.0), 0.0)
+    asked, end = _cut(asked, most), _cut(moved, most)
+    grown = end - start
+    kept = select(size > 0.0, end * smaller(held / larger(size, FLAT), 1.0), 0.0)
+    lost = 0.5 * (size * kept * kept - held * end * end - (was - held) * start * start)
+    friction = lost - held * asked * (moved - start - grown)
+    damped = held * (0.5 * (start + end) - asked) * grown
+    return kept, friction, select(slips, smaller(damped, 0.0), damped), sense
+
+
+@inlined
+def remember(j, model, faces, runs, times, where):
+    """Remember slips and contact of joint j after a step.
+
+    `times` are those after the middle of the step at which the law has been asked where faces
+    overlapped already, and at which it ends. Returns the energy stored then, and the work of
+    friction and of dashpots [J].
+    """
+    memory, work, own = runs.memory, runs.work, runs.own
+    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    opens = nx * work.relative[j, 0] + ny * work.relative[j, 1]
+    turns, half, points = own.tilt[j] * work.relative[j, 2], own.half[j], faces.points
+    d0, d1 = own.gap[j, 0] + times[1] * opens, own.gap[j, 1] - times[1] * turns
+    stored, sprung, friction = _spring_works(j, runs, (faces.stiffness[j], points), (d0, d1))
+    damped = own.force[j, 0] * (d0 - own.before[j, 0]) - sprung
+    damped += own.force[j, 1] / own.tilt[j] * (d1 - own.before[j, 1])
+    l0, _, _ = overlap_moments(d0, d1, half, points)
+    outer, inner = places_of(half, points)
+    shear, sense = faces.shear[j], 0.0 * half
+    for i in range(1 if points == ALONG else 3):
+        size, was = l0, own.touching[j]
+        if points != ALONG:
+            was = inner if i == 1 else outer
+            size = select(d0 + half * (i - 1.0) * d1 < 0.0, was, 0.0)
+        kept, rubbed, damp, way = _keep_slip(j, i, size, was, times, runs)
+        memory.slip[j, i] = select(where, kept, memory.slip[j, i])
+        stored += 0.5 * shear * size * kept * kept
+        friction += shear * rubbed
+        damped += shear * damp
+        sense = select(sense == 0.0, way, sense)
     memory.touching[j] = select(where, l0, memory.touching[j])
+    memory.half[j] = select(where, half, memory.half[j])
     work.contact[j, 0] = flag(d0 - half * d1 < 0.0)
     work.contact[j, 1] = flag(d0 + half * d1 < 0.0)
     work.slide[j] = select(l0 > 0.0, sense, 0.0)
-    l0, l1, l2 = moments
-    pressed = d0 * (d0 * l0 + 2.0 * d1 * l1) + d1 * d1 * l2
-    return 0.5 * (k * pressed + faces.shear[j] * held), friction
+    return stored, friction, damped
 
 
 @kernel
 def record_joints(model, faces, runs, step, where):
     """Remember joints at the end of a solved step, and record their work; modes go into `work`.
 
-    Reads: model.friction, faces (delay, points, shear, stiffness), runs.
+    Reads: faces (delay, points, shear, stiffness), runs.
     Writes: runs.
     """
     memory, work = runs.memory, runs.work
     relative_velocity(work.position, work.solved, work.pivot, work.relative)
-    stored = friction = done = 0.0 * step
-    b = larger(step, faces.delay + 0.0 * step)
+    stored = friction = damped = done = 0.0 * step
+    times = delay_of(faces, step), 0.5 * step
     for j in range(work.slide.shape[0]):
         for c in range(3):
             mean = 0.5 * (work.earlier[j, c] + work.relative[j, c])
             done += work.reaction[j, c] * mean
-        energy, rubbed = remember(j, model, faces, runs, b, 0.5 * step, where)
+        energy, rubbed, damp = remember(j, model, faces, runs, times, where)
         stored += energy
         friction += rubbed
-    taken = done + stored - memory.stored[0] - friction
-    record_faces(friction, taken, where, runs.state.energy)
+        damped += damp
+    unexplained = done + stored - memory.stored[0] - friction - damped
+    record_faces(friction, damped, unexplained, where, runs.state.energy)
     memory.stored[0] = select(where, stored, memory.stored[0])
 
 

@@ -12,20 +12,25 @@ import numpy as np
 
 from archfrag.physics.contact.placing import relative_velocity
 from archfrag.physics.faces.law import Faces, overlap_moments
-from archfrag.physics.faces.midpoint import new_runs, pose_step, remember
+from archfrag.physics.faces.midpoint import LEAST_DELAY, new_runs, pose_step, remember
 from archfrag.physics.faces.velocities import find_velocities
 from archfrag.physics.ground import Impulse
 from archfrag.physics.interface import Chain
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.numbers import larger
 from archfrag.physics.state import Model, model_of
-from archfrag.physics.status import Joint
+from archfrag.physics.status import Joint, Status
 
 # Steps to equilibrium, over the period of the first mode: the first, how they grow, the largest.
-FIRST_STEP, GROWTH, LARGEST_STEP = 0.1, 1.3, 0.5
-# Equilibrium is reached where no body moves by more than this in a step, over the joint's length;
-# none is where one has moved by FAR. The most steps.
-SETTLED, FAR, MOST_STEPS, BALANCED = 1e-9, 0.5, 4000, 1e-9
+FIRST_STEP, GROWTH, LARGEST_STEP = 0.1, 1.3, 20.0
+# Equilibrium is reached where no body moves by more than this in a step of at least that many
+# periods, over the joint's length; none is where one has moved by FAR. The most steps.
+SETTLED, LONG_ENOUGH, FAR, MOST_STEPS, BALANCED = 1e-9, 0.5, 0.5, 4000, 1e-9
+RESTS, FALLS = int(Status.STANDING), int(Status.DOES_NOT_STAND)
+MOVES_ON = int(Status.NO_CONTACT_SOLUTION)
+# By how much steps may damp the first mode beyond what is asked, over the critical damping, and
+# over what is asked.
+DAMPED_MORE, DAMPED_MORE_OF = 0.01, 0.1
 # Stiffness of a joint times the square of a step, over the mass of the lightest body.
 STIFFEST = 2000.0
 
@@ -52,18 +57,31 @@ def first_frequency(model: Model, chain: Chain) -> float:
     return math.sqrt(max(float(np.linalg.eigvalsh(rows.T @ rows)[0]), 0.0)) / (2.0 * math.pi)
 
 
+def damping_of_steps(chain: Chain, step: float) -> float:
+    """Return the damping that steps [s] give the first mode if none is asked, over the critical
+    one.
+    """
+    return math.pi * first_frequency(model_of(chain), chain) * LEAST_DELAY * step
+
+
 def longest_step(chain: Chain) -> float:
-    """Return the longest step with which the velocities of stiff joints are found [s]."""
+    """Return the longest step that damps the first mode as is asked, and with which the velocities
+    of stiff joints are found [s].
+    """
     assert chain.joint is not None
     stiffness = (chain.joint[:, Joint.STIFFNESS] * model_of(chain).length).max()
-    return math.sqrt(STIFFEST * float(chain.mass.min()) / float(stiffness))
+    asked = float(chain.joint[0, Joint.DAMPING])
+    more = max(DAMPED_MORE_OF * asked, DAMPED_MORE - DAMPED_MORE_OF * asked)
+    solved = math.sqrt(STIFFEST * float(chain.mass.min()) / float(stiffness))
+    return min(solved, (asked + more) / damping_of_steps(chain, 1.0))
 
 
 @kernel
 def settle(model, faces, runs, period, limit):
-    """Bring a chain from where it is to equilibrium under its weight; return whether it does.
+    """Bring a chain from where it is to equilibrium under its weight: it rests, falls or moves on
+    after the most steps.
 
-    Reads: model, faces (delay, points, shear, stiffness), runs.
+    Reads: model, faces (points, shear, stiffness), runs.
     Writes: runs.
     """
     state, work, memory = runs.state, runs.work, runs.memory
@@ -71,59 +89,60 @@ def settle(model, faces, runs, period, limit):
     for _ in range(MOST_STEPS):
         state.velocity[:] = 0.0
         pose_step(model, runs, still, step)
-        solved, _ = find_velocities(model, faces, runs, step, BALANCED, True)
+        # What is not balanced moves bodies by its acceleration times the square of the step.
+        balanced = BALANCED * min(1.0, (period / step) ** 2)
+        solved, _ = find_velocities(model, faces, runs, step, step, balanced, True)
         if not solved:
             step *= 0.25
             continue
-        span = larger(step, faces.delay)
         relative_velocity(work.position, work.solved, work.pivot, work.relative)
         stored = moved = away = 0.0
         for j in range(state.slip.shape[0]):
-            energy, _ = remember(j, model, faces, runs, span, span, True)
-            stored += energy
+            stored += remember(j, model, faces, runs, (step, step), True)[0]
         for i in range(1, state.position.shape[0] - 1):
             for c in range(3):
                 size = model.length[0] if c == 2 else 1.0
-                change = span * work.solved[i, c]
+                change = step * work.solved[i, c]
                 state.position[i, c] += change
                 moved = larger(moved, size * abs(change))
                 away = larger(away, size * abs(state.position[i, c] - model.start[i, c]))
         memory.stored[0] = stored
         if away > FAR * limit or math.isnan(away):
-            return False
-        if moved < SETTLED * limit and step >= LARGEST_STEP * period:
-            return True
+            return FALLS
+        if moved < SETTLED * limit and step >= LONG_ENOUGH * period:
+            return RESTS
         step = min(GROWTH * step, LARGEST_STEP * period)
-    return False
+    return MOVES_ON
 
 
-def settled(chain: Chain) -> tuple[Model, Faces] | None:
-    """Return model and joints of a chain in equilibrium on joints that give; None if it has none.
+def settled(chain: Chain) -> tuple[Model, Faces] | Status:
+    """Return model and joints of a chain in equilibrium on joints that give; if there are none, a
+    status: it falls, or the steps find neither.
 
     They are kept with the chain. The model starts there.
     """
     kept: dict[str, Any] = chain.__dict__
     if "settled" not in kept:
         kept["settled"] = _settled(chain)
-    found: tuple[Model, Faces] | None = kept["settled"]
+    found: tuple[Model, Faces] | Status = kept["settled"]
     return found
 
 
-def _settled(chain: Chain) -> tuple[Model, Faces] | None:
+def _settled(chain: Chain) -> tuple[Model, Faces] | Status:
     assert chain.joint is not None
     model, joint = model_of(chain), np.ascontiguousarray(chain.joint.T)
     frequency, zeros = first_frequency(model, chain), np.zeros(model.friction.size)
     delay = float(joint[Joint.DAMPING, 0]) / (math.pi * frequency)
     stiffness, shear, points = (joint[k] for k in (Joint.STIFFNESS, Joint.SHEAR, Joint.POINTS))
-    rest = np.zeros((zeros.size, 3)), zeros, 0.0, 0.0
+    rest = np.zeros((zeros.size, 3)), zeros, zeros, 0.0, 0.0
     faces: Any = Faces(stiffness.copy(), shear.copy(), *rest, float(points[0]))
     runs = new_runs(model)
     runs.state.position[:] = model.start
     runs.memory.touching[:] = model.length
-    rests = settle(model, faces, runs, 1.0 / frequency, float(model.length.min()))
-    if not rests:
-        return None
+    found = settle(model, faces, runs, 1.0 / frequency, float(model.length.min()))
+    if found != RESTS:
+        return Status(found)
     start = model._replace(start=runs.state.position.copy())
-    slip, touching, stored = runs.memory
-    faces = faces._replace(slip=slip, touching=touching, stored=float(stored[0]), delay=delay)
-    return start, faces
+    slip, touching, half, stored = runs.memory
+    kept = {"slip": slip, "touching": touching, "half": half, "stored": float(stored[0])}
+    return start, faces._replace(**kept, delay=delay)

@@ -1,10 +1,12 @@
 """Time stepping of chains whose joints give: one run, or many of one arch four at a time.
 
-Steps are equal, but for those whose velocities are not found, which are halved. Every step of the
-motion is computed, as a chain on springs is never at rest in it; the run is over when no body has
-been faster than a small speed for a while afterwards.
+Steps are equal but where joints slide, which is worked out by shorter ones, and where velocities
+are not found, which halves them. Every step of the motion is computed, as a chain on springs is
+never at rest in it; the run is over when no body has been faster than a small speed for a while
+afterwards.
 """
 
+import math
 import threading
 from typing import NamedTuple
 
@@ -16,6 +18,7 @@ from archfrag.physics.faces.law import Faces
 from archfrag.physics.faces.midpoint import (
     FaceRuns,
     accept_step,
+    delay_of,
     new_runs,
     pose_step,
     record_joints,
@@ -34,10 +37,12 @@ from archfrag.physics.steps import service
 from archfrag.physics.steps.side_by_side import fetch_run, jobs_of, return_run
 
 # A chain rests when no body has been faster than this, over the root of gravity times joint
-# length, for so long after the motion [s]: longer than a turning point of a motion lasts.
+# length, for so long after the motion, over the root of its size over gravity: longer than a
+# turning point of a motion lasts.
 STILL, REST_SPAN = 1e-2, 2.0
 BALANCED = 1e-6  # acceleration over gravity that a step may leave unbalanced
 ALMOST = 1e-6  # of a step is no step
+SLIDING_STEP = 0.5  # of the step, where a joint slides
 VACANT = 100.0  # code of a place side by side that no run takes
 
 
@@ -49,6 +54,7 @@ class Scene(NamedTuple):
     faces: Faces
     grounds: Grounds
     options: Options
+    calm: float  # how long a chain is still that rests [s]
 
 
 @kernel
@@ -64,7 +70,8 @@ def try_step(scene, runs, live):
     step, time = clock[Clock.STEP], clock[Clock.TIME]
     impulse = impulse_between(scene.grounds, clock, time, time + step)
     pose_step(model, runs, impulse, step)
-    solved, iterations = find_velocities(model, scene.faces, runs, step, BALANCED, live)
+    delay = delay_of(scene.faces, step)
+    solved, iterations = find_velocities(model, scene.faces, runs, step, delay, BALANCED, live)
     state.count[Count.ITERATIONS] += select(live, iterations, 0.0)
     failed = live & opposite(solved)
     state.count[Count.SHORTENED] += select(failed, 1.0, 0.0)
@@ -80,14 +87,21 @@ def _go_on(scene, state, until, solved, collapsed, broken):
     options, clock, count = scene.options, state.clock, state.count
     over = clock[Clock.TIME] >= until - ALMOST * options.time_step
     left = until - clock[Clock.TIME]
-    next_step = smaller(2.0 * clock[Clock.STEP], options.time_step)
+    longest, slides = options.time_step, False
+    for j in range(state.slide.shape[0]):
+        slides = slides | (state.slide[j] != 0.0)
+    longest = select(slides, SLIDING_STEP * longest, longest)
+    next_step = smaller(2.0 * clock[Clock.STEP], longest)
     next_step = select((left > 0.0) & (left < next_step), left, next_step)
     clock[Clock.STEP] = select(solved, next_step, clock[Clock.STEP])
-    quick = clock[Clock.FASTEST] >= options.still
-    moved = quick | (clock[Clock.TIME] < until - options.follow)
+    shaken = clock[Clock.TIME] < until - options.follow - ALMOST * options.time_step
+    # A chain that nothing has moved rests as soon as the motion is over.
+    moved = (clock[Clock.FASTEST] >= options.still) | (shaken & (clock[Clock.LIVELY] > 0.0))
     clock[Clock.LIVELY] = select(solved & moved, clock[Clock.TIME], clock[Clock.LIVELY])
-    calm = clock[Clock.TIME] - clock[Clock.LIVELY] >= REST_SPAN
-    most = options.first_steps + until * (service.MOST_STEPS / options.time_step)
+    still_for = clock[Clock.TIME] - clock[Clock.LIVELY]
+    calm = opposite(shaken) & ((still_for >= scene.calm) | (clock[Clock.LIVELY] == 0.0))
+    shortest = SLIDING_STEP * options.time_step
+    most = options.first_steps + until * (service.MOST_STEPS / shortest)
     spent = count[Count.STEPS] + count[Count.SHORTENED] >= most
     hopeless = clock[Clock.STEP] < service.SHORTEST * options.time_step
     hopeless = hopeless & opposite(solved)
@@ -162,7 +176,7 @@ def _begin(scene, runs, motion, factor):
     state.clock[Clock.STEP] = scene.options.time_step
     memory.stored[0] = faces.stored
     for j in range(state.slip.size):
-        memory.touching[j] = faces.touching[j]
+        memory.touching[j], memory.half[j] = faces.touching[j], faces.half[j]
         for i in range(3):
             memory.slip[j, i] = faces.slip[j, i]
 
@@ -212,14 +226,18 @@ def run_four(scene, four, one, jobs, output, results):
             return_run(one.columns, number, four.columns)
 
 
-def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | None:
-    """Return what the runs of a chain share; None if it does not stand on its joints."""
+def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | Status:
+    """Return what the runs of a chain share; a status if it has no rest on its joints."""
     found = settled(chain)
-    if found is None:
-        return None
+    if isinstance(found, Status):
+        return found
     model, faces = found
     still = STILL * float(np.sqrt(model.gravity * model.length.max()))
-    return Scene(model, faces, grounds, options._replace(still=still))
+    # A slender body is as long as its radius of gyration says.
+    longest = np.sqrt(12.0 * (chain.inertia / chain.mass).max())
+    size = float(np.ptp(chain.centroid, axis=0).max() + longest)
+    calm = REST_SPAN * math.sqrt(size / chain.gravity)
+    return Scene(model, faces, grounds, options._replace(still=still), calm)
 
 
 def run(
@@ -231,8 +249,8 @@ def run(
     A run begins at rest on the joints, whatever the state given.
     """
     scene, results = _scene(chain, grounds, options), shared.new_results(1)
-    if scene is None:
-        results.status[:] = int(Status.DOES_NOT_STAND)
+    if isinstance(scene, Status):
+        results.status[:] = int(scene)
         return results
     runs = new_runs(scene.model)
     output = shared.output_to(frames, log, options.frame_interval)
@@ -249,8 +267,8 @@ def run_many(
     `archfrag.physics.steps.run.run_many`.
     """
     scene, results = _scene(chain, grounds, options), shared.new_results(len(motion))
-    if scene is None:
-        results.status[:] = int(Status.DOES_NOT_STAND)
+    if isinstance(scene, Status):
+        results.status[:] = int(scene)
         return results
     output = shared.no_output(chain.mass.size, chain.friction.size)
     run_four(scene, *_buffers(scene.model), jobs_of(motion, factor), output, results)

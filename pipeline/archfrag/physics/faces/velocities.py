@@ -1,11 +1,12 @@
 """Velocities after a step of bodies whose joints give: Newton's iteration on block-tridiagonal
 problems.
 
-With the velocities w after a step of h, each joint has the gap d_m + b u_w: that in the middle of
-the step, moved on for the time b, the larger of the step and of the delay of its dashpots. In the
-limit of stiff joints this is Signorini's law as `steps.step` has it, where b is the step. What
-joints bear is linear in between changes of what overlaps, and without friction the derivative of
-a convex energy: Newton's step is cut to where the energy falls no more along it.
+With the velocities w after a step of h, the part of a joint that has overlapped before it has the
+gap d_m + b u_w: that in the middle of the step, moved on for the delay b of its dashpots. What
+comes into contact has d_m + h u_w. In the limit of stiff joints this is Signorini's law as
+`steps.step` has it. What joints bear is linear in between changes of what overlaps, and without
+friction the derivative of a convex energy: Newton's step is cut to where the energy falls no more
+along it.
 """
 
 from typing import NamedTuple
@@ -14,7 +15,7 @@ import numpy as np
 
 from archfrag.physics.contact.blocks import block_of, factorise_block, solve_block
 from archfrag.physics.contact.placing import corner_rate_at
-from archfrag.physics.faces.law import bear
+from archfrag.physics.faces.law import Gaps, bear
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import fused, opposite, select, some
 from archfrag.physics.kernels.structs import struct
@@ -28,7 +29,8 @@ TURNED, LEAST, SHORTEST = 0.5, 0.05, 1e-6
 
 # Shapes of arrays behind their first dimension, and those with a row for each body.
 OF_WORK = {
-    "gap": (2,), "slip": (3,), "force": (3,), "stiffness": (3, 3), "block": (3, 3),
+    "gap": (2,), "before": (2,), "part": (2,), "slip": (3,), "held": (3,), "most": (3,),
+    "force": (3,), "stiffness": (3, 3), "block": (3, 3),
     "lower": (3, 3), "upper": (3, 3), "left": (3,), "forward": (3,), "base": (3,), "change": (3,),
 }  # fmt: skip
 OF_ROWS = ("block", "left", "forward", "base", "change")
@@ -39,10 +41,14 @@ class FaceWork(NamedTuple):
     """Workspace of a step of joints that give, of one run or of four."""
 
     gap: np.ndarray  # (n_joint, 2) in the middle of the step: at the joint's middle [m], slope [1]
+    before: np.ndarray  # (n_joint, 2) the same at its begin, as it moves there
+    part: np.ndarray  # (n_joint, 2) ends of what overlaps then [m]
     tilt: np.ndarray  # (n_joint,) by which the slope falls with the relative rotation
     half: np.ndarray  # (n_joint,) of the length along which the faces lie opposite [m]
     slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points there [m]
     touching: np.ndarray  # (n_joint,) length in contact before the step [m]
+    held: np.ndarray  # (n_joint, 3) length of points at which a slip is held [m]
+    most: np.ndarray  # (n_joint, 3) elastic slip at which they slide [m]
     force: np.ndarray  # (n_joint, 3) normal [N], its moment [N m], shear [N]
     stiffness: np.ndarray  # (n_joint, 3, 3) of x, y and rotation about the pivot
     block: np.ndarray  # (n_body + 2, 3, 3) of the system, eliminated
@@ -55,18 +61,23 @@ class FaceWork(NamedTuple):
 
 
 @inlined
-def _set_stiffness(j, work, own, b, model, faces):
+def _set_stiffness(j, work, own, times, model, faces):
     """Set what joint j bears, and how that changes with its relative displacement."""
     nx, ny = work.normal[j, 0], work.normal[j, 1]
     ux, uy = corner_rate_at(j, work.pivot[j, 0], work.pivot[j, 1], work.position, work.solved)
-    c = own.tilt[j]
-    turns = c * (work.solved[j + 1, 2] - work.solved[j, 2])
-    d0, d1 = own.gap[j, 0] + b * (nx * ux + ny * uy), own.gap[j, 1] - b * turns
+    c, (step, b), ratio = own.tilt[j], times, times[0] / times[1]
+    opens, turns = nx * ux + ny * uy, c * (work.solved[j + 1, 2] - work.solved[j, 2])
+    g0, g1 = own.gap[j, 0], own.gap[j, 1]
+    fresh, old = (g0 + step * opens, g1 - step * turns), (g0 + b * opens, g1 - b * turns)
+    end = 0.5 * (g0 + fresh[0]), 0.5 * (g1 + fresh[1])
+    gaps = Gaps(*fresh, *old, own.part[j, 0], own.part[j, 1], ratio, *end)
     along = b * (nx * uy - ny * ux)
     slip = own.slip[j, 0] + along, own.slip[j, 1] + along, own.slip[j, 2] + along
     k = faces.stiffness[j]
     material = k, faces.shear[j], model.friction[j]
-    has = bear(d0, d1, own.half[j], slip, own.touching[j], material, faces.points)
+    has = bear(gaps, own.half[j], slip, own.touching[j], material, faces.points)
+    for i in range(3):
+        own.held[j, i], own.most[j, i] = has.held[i], has.most[i]
     own.force[j, 0], own.force[j, 1], own.force[j, 2] = has.normal, c * has.moment, has.shear
     press, tilt, by_slip = k * has.l0, c * k * has.l1, has.hold
     s = own.stiffness
@@ -136,7 +147,7 @@ def balance(model, faces, work, own, step, b):
     ``own.change``.
 
     Reads: model, faces, work, own.
-    Writes: work.reaction, own (block, force, left, lower, stiffness, upper).
+    Writes: work.reaction, own (block, force, held, left, lower, most, stiffness, upper).
     """
     n_joint, last = work.slide.shape[0], work.solved.shape[0] - 1
     for i in range(last + 1):
@@ -146,7 +157,7 @@ def balance(model, faces, work, own, step, b):
             for c in range(3):
                 own.block[i, a, c] = mass if a == c else 0.0
     for j in range(n_joint):
-        _set_stiffness(j, work, own, b, model, faces)
+        _set_stiffness(j, work, own, (step, b), model, faces)
         _add_joint(j, work, own, step, b)
     square = slope = 0.0 * step
     for i in range(1, last):
@@ -202,8 +213,10 @@ def newton_step(own, last, where):
 
 
 @kernel
-def find_velocities(model, faces, runs, step, balanced, live):
+def find_velocities(model, faces, runs, step, b, balanced, live):
     """Find the velocities after a step, ``work.solved``, and impulses in ``work.reaction``.
+
+    What has overlapped before is asked a time `b` after the middle.
 
     What is not balanced of accelerations is at most `balanced`, over gravity. Velocities are those
     that the impulses give to the bodies, so that momentum is balanced to rounding. Returns the
@@ -221,7 +234,6 @@ def find_velocities(model, faces, runs, step, balanced, live):
             own.change[i, c] = 0.0 * step
     for c in range(3):
         work.solved[last, c] = work.free[last, c]
-    b = larger(step, faces.delay + 0.0 * step)
     enough = balanced * model.gravity * step
     enough = enough * enough * mass
     active, part, before, iterations = live, 1.0 + 0.0 * step, 0.0 * step, 0.0 * step
