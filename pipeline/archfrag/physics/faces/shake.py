@@ -34,8 +34,9 @@ from archfrag.physics.steps import service
 from archfrag.physics.steps.side_by_side import fetch_run, jobs_of, return_run
 
 # A chain rests when no body has been faster than this, over the root of gravity times joint
-# length, for so long after the motion [s]: longer than a turning point of a motion lasts.
-STILL, REST_SPAN = 1e-2, 2.0
+# length, for so long after the motion, over the time in which gravity gives that speed [1]:
+# longer than a turning point of a motion lasts. 2 s for a joint of 0.45 m.
+STILL, REST_SPAN = 1e-2, 934.0
 BALANCED = 1e-6  # acceleration over gravity that a step may leave unbalanced
 ALMOST = 1e-6  # of a step is no step
 VACANT = 100.0  # code of a place side by side that no run takes
@@ -83,10 +84,11 @@ def _go_on(scene, state, until, solved, collapsed, broken):
     next_step = smaller(2.0 * clock[Clock.STEP], options.time_step)
     next_step = select((left > 0.0) & (left < next_step), left, next_step)
     clock[Clock.STEP] = select(solved, next_step, clock[Clock.STEP])
-    quick = clock[Clock.FASTEST] >= options.still
+    quick = clock[Clock.FASTEST] >= options.held
     moved = quick | (clock[Clock.TIME] < until - options.follow)
     clock[Clock.LIVELY] = select(solved & moved, clock[Clock.TIME], clock[Clock.LIVELY])
-    calm = clock[Clock.TIME] - clock[Clock.LIVELY] >= REST_SPAN
+    span = REST_SPAN * options.held / scene.model.gravity
+    calm = clock[Clock.TIME] - clock[Clock.LIVELY] >= span
     most = options.first_steps + until * (service.MOST_STEPS / options.time_step)
     spent = count[Count.STEPS] + count[Count.SHORTENED] >= most
     hopeless = clock[Clock.STEP] < service.SHORTEST * options.time_step
@@ -160,6 +162,7 @@ def _begin(scene, runs, motion, factor):
     state, memory, faces = runs.state, runs.memory, scene.faces
     shared.begin(scene.model, state, runs.work, motion, factor)
     state.clock[Clock.STEP] = scene.options.time_step
+    state.clock[Clock.BEGINS] = scene.grounds.begins[motion]
     memory.stored[0] = faces.stored
     for j in range(state.slip.size):
         memory.touching[j] = faces.touching[j]
@@ -219,7 +222,7 @@ def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | None:
         return None
     model, faces = found
     still = STILL * float(np.sqrt(model.gravity * model.length.max()))
-    return Scene(model, faces, grounds, options._replace(still=still))
+    return Scene(model, faces, grounds, options._replace(held=still))
 
 
 def run(
