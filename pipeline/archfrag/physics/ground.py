@@ -14,6 +14,8 @@ from archfrag.physics.state import Clock
 # Loads beyond the range of rest by less than this part of gravity leave forces that no contact
 # problem distinguishes from rounding: a motion would start from that, not from them.
 BEYOND = 1e-11
+# An instant this near to a sample, over the time step, belongs to the piece behind it.
+BARELY = 1e-9
 
 
 class Impulse(NamedTuple):
@@ -232,9 +234,8 @@ def far_of(time, grounds, c):
     """Return how the far springing moves in a direction from a time on; as `_far_at`."""
     if grounds.far.shape[0] == 0:
         return 0.0, 0.0, 0.0, 0.0
-    # An instant that is a sample but for rounding belongs to the piece behind it.
     dt = grounds.time_step[0]
-    i = np.floor(time / dt + 1e-9)
+    i = np.floor(time / dt + BARELY)
     return _far_at(grounds, c, 0, max(time, i * dt))
 
 
@@ -246,7 +247,7 @@ def segment_at(time, grounds):
     Writes: nothing.
     """
     dt, x, y = grounds.time_step[0], grounds.horizontal, grounds.vertical
-    i = int(np.floor(time / dt + 1e-9))
+    i = int(np.floor(time / dt + BARELY))
     far_x, far_y = far_of(time, grounds, 0), far_of(time, grounds, 1)
     if i >= grounds.first[1] - 1:
         return Segment(np.inf, 0.0, 0.0, 0.0, 0.0, far_x, far_y)
@@ -316,7 +317,8 @@ def end_rest(model, grounds, clock, plus, minus):
         if margin < 0.0:
             return time, False
         while i < last:
-            if grounds.far.shape[0] > 0 and _moves_apart(grounds.far, i):
+            lasts = (i + 1 - first) * dt > time + BARELY * dt
+            if grounds.far.shape[0] > 0 and lasts and _moves_apart(grounds.far, i):
                 return time, False
             i += 1
             following = rest_margin(factor * wave[i], factor * rise[i], g, plus, minus)
