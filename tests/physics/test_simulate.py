@@ -164,7 +164,7 @@ AT_REST = {
     "recessed": RING.recessed(0.05, 0.02),
     "moved": af.move_springing(RING, spread=0.02, settlement=-0.01),
     "stiff": af.Arch.circular(4.0, 0.88, 130.0, 5, 0.5),
-    "model": af.Arch.circular(0.1, 0.015, 157.5, 7, 0.7),
+    "model": af.Arch.circular(0.2, 0.03, 157.5, 7, 0.7),
     "block": af.Block(width=0.5, height=5.0, friction=0.8),
 }
 

@@ -99,7 +99,8 @@ def simulate(
         Gap at both corners of a joint, over its length, that ends the run as a collapse. So does
         a joint that slid past its end, rotated by 90 degrees, or has no contact after `follow`.
     rests : bool
-        Whether an arch rests wherever admissible reactions exist, or is integrated all the time.
+        Whether an arch rests wherever admissible reactions exist, or is integrated all the time,
+        by "auto" from event to event. If its contacts hold it until the end, it stands.
 
     Raises
     ------
