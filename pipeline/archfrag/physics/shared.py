@@ -248,7 +248,7 @@ def sways_in_rest(model, state, options):
     Elastic ties take no energy, and nothing gives any. In that time a motion away from an unstable
     position would have grown by many powers of ten, so the chain swings about a stable one.
 
-    Reads: model (gravity, tie), state.clock, options (follow, still).
+    Reads: model.gravity, state.clock, options (follow, still).
     Writes: nothing.
     """
     calm = state.clock[Clock.TIME] - state.clock[Clock.LIVELY]

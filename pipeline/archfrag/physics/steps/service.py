@@ -242,7 +242,7 @@ def hold(model, state, work):
 
     What it would move is rounding, which joints that open and close by it would gather.
 
-    Reads: model (inertia, mass), state, work.reaction.
+    Reads: model (inertia, mass), state (clock, energy, impact, velocity).
     Writes: state (clock, count, energy, impact, velocity), work.reaction.
     """
     clock = state.clock
@@ -263,7 +263,7 @@ def hold(model, state, work):
 def accept_recorded(model, state, work, impulse, options, output):
     """Accept a solved step of one run, and write frames and log; as `accept_step`.
 
-    Reads: model, state, work, impulse (x, y), options, output.
+    Reads: model, state, work, impulse (x, y), options.held, output.
     Writes: state, work (face, reaction, rotated, tangent, tie), output.
     """
     write_if_due(model, state, work, output)
@@ -297,7 +297,7 @@ def measure_state(model, state, work):
 def handle_unsolved(model, grounds, state, work, path, options, output):
     """Solve an unsolved step along paths, or halve it; return the code.
 
-    Reads: model, grounds, state, work, path, options (largest_step, time_step), output.
+    Reads: model, grounds, state, work, path, options (held, largest_step, time_step), output.
     Writes: state, work, path, output.
     """
     clock = state.clock
