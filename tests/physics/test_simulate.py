@@ -152,3 +152,46 @@ class TestMechanism:
         assert bounded[:5] == kept.mechanism[:5]
         assert len(bounded) == 6
         assert np.isnan(bounded[5].until)
+
+
+RING = af.Arch.segmental(8.0, 3.0, 0.7, 9, friction=0.6)
+AT_REST = {
+    "ring": RING,
+    "depths": af.Arch.segmental(8.0, 3.0, 0.7, 9, friction=0.6, depth=[1.0] * 3 + [0.7] * 6),
+    "piers": RING.on_piers(2.5, 1.5, courses=2),
+    "fill": RING.filled(0.5, 18e3),
+    "tied": RING.tied(level=1.5, area=5e-4, prestress=2e4),
+    "recessed": RING.recessed(0.05, 0.02),
+    "moved": af.move_springing(RING, spread=0.02, settlement=-0.01),
+    "stiff": af.Arch.circular(4.0, 0.88, 130.0, 5, 0.5),
+    "model": af.Arch.circular(0.2, 0.03, 157.5, 7, 0.7),
+    "block": af.Block(width=0.5, height=5.0, friction=0.8),
+}
+
+
+class TestNeverRests:
+    """An arch in equilibrium stands by contact dynamics alone, whatever its keys."""
+
+    @pytest.mark.parametrize("method", ["auto", "time_stepping", "event_driven"])
+    @pytest.mark.parametrize("arch", AT_REST.values(), ids=AT_REST)
+    def test_it_stands_where_nothing_moves_it(self, arch, method):
+        still = af.Motion(np.zeros(300), 0.01)
+        run = af.simulate(arch, still, method=method, rests=False, follow=5.0)
+        assert run.status is Status.STANDING
+        assert run.energy_error < 1e-9
+        assert run.events["impacts"] == 0
+        assert run.peak_displacement < 1e-9
+
+    @pytest.mark.parametrize("method", ["auto", "time_stepping", "event_driven"])
+    def test_it_moves_as_one_that_rests_where_it_has_to(self, method):
+        runs = [af.simulate(ARCH, PUSH, method=method, rests=rests) for rests in (True, False)]
+        assert [run.status for run in runs] == [Status.STANDING] * 2
+        both = [run.peak_rotation for run in runs]
+        assert both[1] == pytest.approx(both[0], rel=0.02)
+
+    @pytest.mark.parametrize(("voussoirs", "thickness"), [(4, 1.0), (5, 0.88), (7, 0.88)])
+    def test_limit_load_of_a_stiff_arch(self, voussoirs, thickness):
+        arch = af.Arch.circular(4.0, thickness, 130.0, voussoirs, 0.5)
+        load = af.limit_load(arch)
+        assert load == pytest.approx(af.onset(arch).plus, rel=2e-3)
+        assert load == pytest.approx(af.limit_load(arch, method="event_driven"), rel=1e-3)

@@ -182,6 +182,25 @@ class TestTwoMotions:
         alone = [af.simulate(ARCH, PULSE, f, far=0.1).peak_rotation for f in factors]
         assert together == alone
 
+    @pytest.mark.parametrize("method", ["auto", "time_stepping", "event_driven"])
+    def test_an_arch_rests_while_the_springings_do_not_move(self, method):
+        late = np.append(np.zeros(1000), 0.02 * np.sin(np.linspace(0.0, 2.0 * np.pi, 100)))
+        far, stiff = af.Motion(late, 0.01), af.Arch.circular(4.0, 0.88, 130.0, 5, 0.5)
+        run = af.simulate(stiff, af.Motion(np.zeros(1100), 0.01), method=method, far=far)
+        assert run.status.name == "STANDING"
+        assert run.model_time["rest"] > 9.9
+
+    @pytest.mark.parametrize("scale", [0.75, 1.0, 2.0])
+    def test_events_end_where_the_arch_stands_still(self, scale):
+        draw, time = np.random.default_rng(442766272), np.arange(2000) * 1e-3
+        given = zip(draw.uniform(0.7, 6.0, 12), draw.uniform(0.0, 6.28, 12))
+        wave = sum(np.sin(2.0 * np.pi * f * time + p) for f, p in given) * np.hanning(2000)
+        motion = af.Motion(wave * 4.0 / np.abs(wave).max(), 1e-3)
+        arch = af.Arch.elliptic(8.756, 3.36, 1.12, 13, friction=0.43664)
+        run = af.simulate(arch, motion, scale, method="event_driven", far=0.0172)
+        assert run.status.name == "STANDING"
+        assert run.end_time < 4.0
+
 
 def test_command_shows_the_onset_against_the_spread():
     given = "onset --radius 10 --thickness 1.5 --embrace 157.5 --voussoirs 7 --friction 0.7"

@@ -129,20 +129,23 @@ class TestSway:
 
     LEAN = math.radians(-15.0)  # beyond the 11 degrees at which it would fall without the tie
 
-    def hanging(self):
+    def hanging(self, size=1.0):
         """The block with a tie that holds it there, how it lies, and how it would rotate."""
         c, s = np.cos(self.LEAN), np.sin(self.LEAN)
-        turn, pivot = np.array([[c, -s], [s, c]]), np.array([0.2, 0.0])
-        centre, end = (turn @ (point - pivot) for point in ([0.0, 1.0], TestBlock.TOP))
-        line = TestBlock.FOOT - pivot - end
+        turn, pivot = np.array([[c, -s], [s, c]]), size * np.array([0.2, 0.0])
+        middle, foot, top = (
+            size * np.array(point) for point in ([0.0, 1.0], TestBlock.FOOT, TestBlock.TOP)
+        )
+        centre, end = (turn @ (point - pivot) for point in (middle, top))
+        line = foot - pivot - end
         length = np.hypot(*line)
-        force = 1600.0 * GRAVITY * centre[0] * length / (end[0] * line[1] - end[1] * line[0])
-        ends = [(-1, *TestBlock.FOOT), (0, *TestBlock.TOP)]
-        row = TestBlock.BLOCK.tied(ends=ends, area=1.0).chain.tie.copy()
+        force = 1600.0 * size**2 * GRAVITY * centre[0] * length
+        force /= end[0] * line[1] - end[1] * line[0]
+        block = af.Block(width=0.4 * size, height=2.0 * size, friction=math.inf)
+        row = block.tied(ends=[(-1, *foot), (0, *top)], area=1.0).chain.tie.copy()
         row[0, 6:8] = force / (0.002 * length), 0.998 * length
-        block = TestBlock.BLOCK
         tied = af.Arch(**{**vars(block), "chain": block.chain._replace(tie=row)})
-        shift = np.array([[*(pivot + centre - [0.0, 1.0]), self.LEAN]])
+        shift = np.array([[*(pivot + centre - middle), self.LEAN]])
         return tied, shift, np.array([-centre[1], centre[0], 1.0])
 
     @pytest.mark.parametrize("method", ["time_stepping", "event_driven"])
@@ -160,6 +163,18 @@ class TestSway:
         still = af.Motion(np.zeros(10), 0.01)
         run = af.simulate(tied, still, initial=start, method="time_stepping", follow=9.0)
         assert run.status.name == "UNFINISHED"
+
+    @pytest.mark.parametrize("size", [1.0 / 16.0, 1.0, 4.0])
+    def test_the_calm_lasts_as_long_as_the_arch_is_large(self, size):
+        tied, shift, way = self.hanging(size)
+        unit = math.sqrt(size)  # Froude's: as times of models do
+        rate = 0.01 / unit * np.array([size, size, 1.0]) * way / np.array([size, size, 1.0])
+        still = af.Motion(np.zeros(10), 0.01 * unit)
+        found = [
+            af.simulate(tied, still, initial=(shift, rate[None]), follow=follow * unit).status.name
+            for follow in (9.0, 10.0)
+        ]
+        assert found == ["UNFINISHED", "STANDING"]
 
 
 def pulled_slowly(spread, tie, parts=40):

@@ -17,6 +17,7 @@ from archfrag.report.film import repeat
 from archfrag.report.first_page import first_page, leading
 from archfrag.report.inputs import report_inputs, summary
 from archfrag.study.answer.attributes import attributes
+from archfrag.report.papers import runs_in_words
 from archfrag.study.answer.fits import cautions_of, load_fits
 from archfrag.study.designs import CASE
 from archfrag.study.file.prepared import load_prepared, prepare_motions, read_manifest
@@ -361,3 +362,27 @@ def test_what_is_wrong_is_named(tmp_path, text, message):
     if "wave2" in text:
         with pytest.raises(InputError, match=r"before\.records"):
             prepare_motions(load_study(path))
+
+
+def test_runs_that_still_move_as_the_record_begins_are_counted_and_said(tmp_path, shocks):
+    assert "moving_before" not in shocks.cube  # they rest in 20 s
+    soon = made(small_study(tmp_path, shaken(0.6, ", gap: 0.1")))
+    moving = soon.cube["moving_before"]
+    assert set(moving.sel(arch=["ring", "slab"]).values.ravel().tolist()) <= {0, -1}
+    plan = make_plan(soon.study)
+    shock = plan.motion(len(plan.records)).scaled(0.6 * 9.80665 / plan.motion(1).pga)
+    for name in ("ring", "slab"):
+        arch = plan.arch(soon.cube["arch"].values.tolist().index(name))
+        quiet = shock.then(af.Motion(np.zeros(2), shock.dt), 0.1)
+        alone = af.simulate(arch, quiet, method="time_stepping", dt=2e-3, follow=0.0)
+        after = moving.sel(arch=f"{name}-after-0.6")
+        assert set(after.values.ravel().tolist()) - {-1} == {int(alone.status.name != "STANDING")}
+    fits = load_fits(soon.study)
+    said = [each for each in cautions_of(soon.study, fits) if "still moved" in each]
+    names = ["ring-after-0.6", "slab-after-0.6"]
+    assert [each.partition(": ")[0] for each in said] == names
+    for name, caution in zip(names, said):
+        decided = soon.cube["verdict"].sel(arch=name).isin([Verdict.COLLAPSED, Verdict.SURVIVED])
+        assert f"when the record began in {int(decided.sum())} of " in caution
+    words = pd.concat(runs_in_words(fits.cube, "PGA [g]", 1.0 / 9.80665))
+    assert (words["moving_before"] == "moving").sum() == (moving.values == 1).sum() > 0

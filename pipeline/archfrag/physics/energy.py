@@ -1,5 +1,7 @@
 """Energy balance of a run: work of the joints by law, and the integrator's error."""
 
+import math
+
 from archfrag.physics.contact.laws import contact_of
 from archfrag.physics.contact.placing import at_point
 from archfrag.physics.contact.ties import tie_energy, tie_stretch
@@ -7,10 +9,13 @@ from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import larger, smaller
 from archfrag.physics.state import Clock
-from archfrag.physics.status import Energy
+from archfrag.physics.status import Energy, Peak
 
 # Kinetic energy of a chain that sways in rest, over its weight times its shortest joint.
 CALM = 1e-4
+# A chain still moves if it was not calm in this time, over that of a fall through its shortest
+# joint: longer than a turning point lasts [1].
+RECENT = 4.0
 
 
 @kernel
@@ -126,16 +131,23 @@ def energies_of(model, state):
 
 @inlined
 def record_calm(model, state, kinetic, where):
-    """Record when a chain with ties has more kinetic energy than a sway in rest."""
-    if model.tie.shape[0] > 0:
+    """Record when a chain with ties has more kinetic energy than a sway in rest, and whether any
+    has just before the motion after a first shock begins.
+    """
+    clock, tied = state.clock, model.tie.shape[0] > 0
+    left = clock[Clock.BEGINS] - clock[Clock.TIME]
+    if tied or some(left > 0.0):
         weight, length = 0.0, model.length[0]
         for i in range(1, model.mass.shape[0] - 1):
             weight += model.gravity * model.mass[i]
         for j in range(1, model.length.shape[0]):
             length = min(length, model.length[j])
-        clock = state.clock
         lively = where & (kinetic > CALM * weight * length)
-        clock[Clock.LIVELY] = select(lively, clock[Clock.TIME], clock[Clock.LIVELY])
+        if tied:
+            clock[Clock.LIVELY] = select(lively, clock[Clock.TIME], clock[Clock.LIVELY])
+        recent = RECENT * math.sqrt(length / model.gravity)
+        moves, peak = lively & (left > 0.0) & (left <= recent), state.peak
+        peak[Peak.MOVED_BEFORE] = select(moves, 1.0, peak[Peak.MOVED_BEFORE])
 
 
 @kernel

@@ -14,6 +14,8 @@ from archfrag.physics.state import Clock
 # Loads beyond the range of rest by less than this part of gravity leave forces that no contact
 # problem distinguishes from rounding: a motion would start from that, not from them.
 BEYOND = 1e-11
+# An instant this near to a sample, over the time step, belongs to the piece behind it.
+BARELY = 1e-9
 
 
 class Impulse(NamedTuple):
@@ -59,6 +61,7 @@ class Grounds(NamedTuple):
     next_break: np.ndarray  # (n_sample,) int64: the next of its motion at which the slope changes
     first: np.ndarray  # (n_motion + 1,) int64: where each motion begins
     time_step: np.ndarray  # (n_motion,) [s]
+    begins: np.ndarray  # (n_motion,) of a motion after a first shock: when it begins; else 0 [s]
 
 
 def _integral(wave: np.ndarray, dt: float) -> np.ndarray:
@@ -88,11 +91,11 @@ def _breaks(*waves: np.ndarray) -> np.ndarray:
     return np.append(np.minimum.accumulate(following[:-1][::-1])[::-1], last)
 
 
-def grounds_of(motions: Sequence[tuple[Any, ...]]) -> Grounds:
+def grounds_of(motions: Sequence[tuple[Any, ...]], begins: Any = ()) -> Grounds:
     """Join ground motions, each (horizontal, vertical or None, time step), into arrays.
 
     A fourth entry, if there is one and it is not None, is the acceleration (n_sample, 2) of the
-    far springing less that of the other.
+    far springing less that of the other. `begins` is when those after a first shock begin [s].
     """
     x = [np.ascontiguousarray(given[0], float) for given in motions]
     # Zeros that are only read take no memory.
@@ -116,7 +119,8 @@ def grounds_of(motions: Sequence[tuple[Any, ...]]) -> Grounds:
     breaks = joined(
         [_breaks(a, b, *c) if c.size else _breaks(a, b) for a, b, c in zip(x, y, parts)]
     )
-    return Grounds(joined(x), joined(y), of_x, of_y, far, breaks, first, step)
+    after = np.array(begins if len(begins) else np.zeros(step.size), float)
+    return Grounds(joined(x), joined(y), of_x, of_y, far, breaks, first, step, after)
 
 
 def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:
@@ -124,7 +128,8 @@ def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:
     part = slice(*grounds.first[number : number + 2])
     scaled = factor * grounds.horizontal[part], factor * grounds.vertical[part]
     far = factor * grounds.far[part, :, 0] if grounds.far.size else None
-    return grounds_of([(*scaled, grounds.time_step[number], far)])
+    alone = (*scaled, grounds.time_step[number], far)
+    return grounds_of([alone], grounds.begins[number : number + 1])
 
 
 @inlined
@@ -229,9 +234,8 @@ def far_of(time, grounds, c):
     """Return how the far springing moves in a direction from a time on; as `_far_at`."""
     if grounds.far.shape[0] == 0:
         return 0.0, 0.0, 0.0, 0.0
-    # An instant that is a sample but for rounding belongs to the piece behind it.
     dt = grounds.time_step[0]
-    i = np.floor(time / dt + 1e-9)
+    i = np.floor(time / dt + BARELY)
     return _far_at(grounds, c, 0, max(time, i * dt))
 
 
@@ -243,7 +247,7 @@ def segment_at(time, grounds):
     Writes: nothing.
     """
     dt, x, y = grounds.time_step[0], grounds.horizontal, grounds.vertical
-    i = int(np.floor(time / dt + 1e-9))
+    i = int(np.floor(time / dt + BARELY))
     far_x, far_y = far_of(time, grounds, 0), far_of(time, grounds, 1)
     if i >= grounds.first[1] - 1:
         return Segment(np.inf, 0.0, 0.0, 0.0, 0.0, far_x, far_y)
@@ -281,13 +285,23 @@ def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
     return margin
 
 
+@inlined
+def _moves_apart(far, i):
+    """Return whether the springings move apart between a sample and the next."""
+    moves = False
+    for c in range(2):
+        for n in range(2):
+            moves = moves or far[i, c, n] != 0.0 or far[i + 1, c, n] != 0.0
+    return moves
+
+
 @kernel
 def end_rest(model, grounds, clock, plus, minus):
     """Return when a chain at rest starts to move, and whether it never does again.
 
     While the springings move apart it does not rest.
 
-    Reads: model.gravity, grounds (first, horizontal, time_step, vertical), clock.
+    Reads: model.gravity, grounds (far, first, horizontal, time_step, vertical), clock.
     Writes: nothing.
     """
     m, factor = int(clock[Clock.MOTION]), clock[Clock.FACTOR]
@@ -295,8 +309,6 @@ def end_rest(model, grounds, clock, plus, minus):
     wave, rise, g = grounds.horizontal, grounds.vertical, model.gravity
     time = clock[Clock.TIME]
     i = first + int(time / dt)
-    if grounds.far.shape[0] > 0 and i < last:
-        return time, False
     if i < last:
         part = time / dt - (i - first)
         x = factor * (wave[i] + part * (wave[i + 1] - wave[i]))
@@ -305,6 +317,9 @@ def end_rest(model, grounds, clock, plus, minus):
         if margin < 0.0:
             return time, False
         while i < last:
+            lasts = (i + 1 - first) * dt > time + BARELY * dt
+            if grounds.far.shape[0] > 0 and lasts and _moves_apart(grounds.far, i):
+                return time, False
             i += 1
             following = rest_margin(factor * wave[i], factor * rise[i], g, plus, minus)
             following += BEYOND * g

@@ -49,6 +49,7 @@ class Options(NamedTuple):
     largest_step: float = 0.0  # between impacts [s]; not above the shortest: all are equal
     # What follows from these and the arch; see `archfrag.physics.shared.ready`.
     still: float = 0.0  # speed below which the chain may be at rest [m/s]
+    held: float = -1.0  # below which a chain that never rests stands; -1: it rests [m/s]
     rest_plus: float = np.nan  # range of rest of the chain in its own geometry [g]; nan: not known
     rest_minus: float = np.nan
     rests: bool = True  # whether a chain rests wherever admissible reactions exist

@@ -24,7 +24,11 @@ AT_REST, ALL = int(Level.REST), int(Level.ALL_VOUSSOIRS)
 CLOSED_GAP = 1e-7
 # Speed over that of a fall through the longest joint below which a chain may be at rest [1].
 STILL = 1e-7
-CALM_TIME = 10.0  # [s]
+# Time for which a chain on ties is calm that sways in rest, over that of a fall through its
+# longest joint [1]: 10 s for one of 0.45 m.
+CALM_TIME = 46.7
+# Energy that is rounding, over weight times the longest joint's length [1].
+NEGLIGIBLE = 1e-12
 # A run is refused that makes or loses more energy than this many times its accuracy, over the
 # largest kinetic energy, or whose bodies overlap by more than this many times it, over a joint's
 # length; an accuracy finer than the default counts as the default.
@@ -36,10 +40,11 @@ def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
     """Complete options by what follows from the model and its range of rest [g]."""
     largest = max(float(options.largest_step), float(options.time_step))
     still = float(STILL * np.sqrt(model.gravity * model.length.max()))
+    held = -1.0
     if not options.rests:
-        still, rest = -1.0, (np.nan, np.nan)
+        held, rest = still, (np.nan, np.nan)
     return options._replace(
-        largest_step=largest, still=still, rest_plus=rest[0], rest_minus=rest[1]
+        largest_step=largest, still=still, held=held, rest_plus=rest[0], rest_minus=rest[1]
     )
 
 
@@ -243,11 +248,12 @@ def sways_in_rest(model, state, options):
     Elastic ties take no energy, and nothing gives any. In that time a motion away from an unstable
     position would have grown by many powers of ten, so the chain swings about a stable one.
 
-    Reads: state.clock, options.follow.
+    Reads: model.gravity, state.clock, options (follow, still).
     Writes: nothing.
     """
     calm = state.clock[Clock.TIME] - state.clock[Clock.LIVELY]
-    return model.tie.shape[0] > 0 and min(calm, options.follow) >= CALM_TIME
+    enough = CALM_TIME * options.still / (STILL * model.gravity)
+    return model.tie.shape[0] > 0 and min(calm, options.follow) >= enough
 
 
 @inlined
@@ -280,12 +286,19 @@ def end_run(model, state, work, options, output, results, row):
             status = COLLAPSED
             results.collapse_joint[row], results.collapse_mode[row] = joint, how
             results.collapse_time[row] = since
-        elif code == AT_END and sways_in_rest(model, state, options):
+        elif code == AT_END and (
+            clock[Clock.FASTEST] < options.still or sways_in_rest(model, state, options)
+        ):
             status = STANDING
     kinetic, potential = energies_of(model, state)
     energy[Energy.KINETIC] = kinetic
     energy[Energy.POTENTIAL] = potential - clock[Clock.START]
     energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
+    negligible = 0.0
+    for i in range(model.mass.size):
+        negligible += NEGLIGIBLE * model.mass[i] * (options.still / STILL) ** 2
+    if max(energy[Energy.BALANCE_ERROR_PEAK], energy[Energy.LARGEST_KINETIC]) <= negligible:
+        energy[Energy.BALANCE_ERROR_PEAK] = 0.0
     results.status[row], results.end_time[row] = status, clock[Clock.TIME]
     record_end(model, state)
     _copy_row(state.loss, results.loss, row)
@@ -296,19 +309,16 @@ def end_run(model, state, work, options, output, results, row):
     results.model_time[row, ALL] = clock[Clock.MOVING]
 
 
-def is_accurate(
-    chain: Chain, options: Options, results: Outcomes, negligible: float
-) -> np.ndarray:
+def is_accurate(chain: Chain, options: Options, results: Outcomes) -> np.ndarray:
     """Return whether each run keeps its tolerance, by its own energy error and overlap.
 
-    True for runs that have not ended; `negligible` is the energy that counts for nothing, over
-    weight times the longest joint's length [1].
+    True for runs that have not ended.
     """
     energy, overlap = results.energy, results.peak[:, Peak.OVERLAP]
     allowed = max(ENERGY_ALLOWED * options.accuracy, LEAST_ENERGY)
     largest = np.maximum(energy[:, Energy.LARGEST_KINETIC], energy[:, Energy.START_KINETIC])
     weight = chain.gravity * float(np.sum(chain.mass))
-    tiny = negligible * weight * float(model_of(chain).length.max())
+    tiny = NEGLIGIBLE * weight * float(model_of(chain).length.max())
     deepest = max(OVERLAP_ALLOWED * options.accuracy, LEAST_OVERLAP)
     good = energy[:, Energy.BALANCE_ERROR_PEAK] <= allowed * largest + tiny
     ended = np.isin(results.status, (int(Status.STANDING), int(Status.COLLAPSED)))

@@ -104,6 +104,7 @@ class Clock(IntEnum):
     START = 9  # potential energy of the initial state [J]
     ITERATIONS = 10  # linear problems solved so far for a step whose modes still change
     LIVELY = 11  # when a chain with ties was last not calm, see `energy.record_calm` [s]
+    BEGINS = 12  # when the motion after a first shock begins; zero without [s]
 
 
 @struct(**OF_WORK)

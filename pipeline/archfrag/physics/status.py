@@ -125,6 +125,7 @@ class Peak(IntEnum):
     OVERLAP = 3  # deepest overlap of two bodies at a corner, over the joint's length [1]
     END_ROTATION = 4  # largest of any body at the end of the run [rad]
     END_DISPLACEMENT = 5  # largest of any centroid at the end of the run [m]
+    MOVED_BEFORE = 6  # one if the chain still moved when the motion after a first shock began
 
 
 class Tie(IntEnum):

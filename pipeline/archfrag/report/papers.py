@@ -20,6 +20,7 @@ RUN_COLUMNS = (
     "verdict", "collapse_mode", "collapse_joint", "collapse_time", "lost_contact_time",
     "lost_contact_joint", "peak_rotation", "residual_rotation", "peak_displacement",
     "residual_displacement", "impacts", "openings", "slides", "end_time", "status", "energy_error",
+    "moving_before",
 )  # fmt: skip
 _HEAD = "Results of archfrag"
 _FILES = Path(__file__).with_name("readme.txt").read_text("utf-8")  # what each of them is

@@ -145,7 +145,7 @@ class Response:
         Simulated time in each model, in all, and time that it took to compute [s].
     energy, energy_error : dict of str to float, float
         Parts of the energy balance [J]; energy that no contact law explains, over the largest
-        kinetic energy [1].
+        kinetic energy [1], 0 where both are rounding.
     widest_gap, overlap, residual : float
         Largest gap at both corners of a joint at once and deepest overlap, over its length;
         largest violation of the contact laws [1].

@@ -41,7 +41,7 @@ from archfrag.simulation.rest import (
     own_time,
     warn_if_in_g,
 )
-from archfrag.simulation.springings import Far, ground_of
+from archfrag.simulation.springings import Far, begins_in, ground_of
 from archfrag.simulation.standing import check_stands
 
 if TYPE_CHECKING:
@@ -99,7 +99,8 @@ def simulate(
         Gap at both corners of a joint, over its length, that ends the run as a collapse. So does
         a joint that slid past its end, rotated by 90 degrees, or has no contact after `follow`.
     rests : bool
-        Whether an arch rests wherever admissible reactions exist, or is integrated all the time.
+        Whether an arch rests wherever admissible reactions exist, or is integrated all the time,
+        by "auto" from event to event. If its contacts hold it until the end, it stands.
 
     Raises
     ------
@@ -127,7 +128,7 @@ def simulate(
         arguments.check_rigid(arch, "initial")
         shift, velocity = check_initial(initial, arch)
         position += shift
-    ground = grounds_of([ground_of(motion, far)])
+    ground = grounds_of([ground_of(motion, far)], [begins_in(motion)])
     n_frame = int((motion.duration + follow) / options.frame_interval) + 64 if history else 0
     n_entry, start = LARGEST_LOG if history else 0, (position, velocity)
     run, started = info.load(), time.perf_counter()
@@ -268,7 +269,8 @@ def results_of_runs(
     unique = list({id(motion): motion for motion in motions}.values())
     number = {id(motion): k for k, motion in enumerate(unique)}
     motion = np.array([number[id(each)] for each in motions], int)
-    grounds = grounds_of([ground_of(each, far) for each in unique])
+    begins = [begins_in(each) for each in unique]
+    grounds = grounds_of([ground_of(each, far) for each in unique], begins)
     factor = np.array(factors, float)
     started = time.perf_counter()
     assert info.load_many is not None

@@ -19,8 +19,6 @@ from archfrag.physics.steps.run import UNKNOWN, rest_of
 COARSE = 1e-3
 # Steps that end with a sample of the ground motion, and what events and errors add to them.
 STEPS_PER_SAMPLE = 4
-# Less energy than this, over weight times length, is rounding.
-ROUNDING = 1e-12
 
 
 def new_run(model: Model, grounds: Grounds, options: Options, rest: tuple[float, float]) -> Run:
@@ -42,7 +40,7 @@ def new_run(model: Model, grounds: Grounds, options: Options, rest: tuple[float,
 
 
 def _refused(chain: Chain, options: Options, results: Outcomes) -> Outcomes:
-    shared.refuse(results, np.flatnonzero(~shared.is_accurate(chain, options, results, ROUNDING)))
+    shared.refuse(results, np.flatnonzero(~shared.is_accurate(chain, options, results)))
     return results
 
 

@@ -199,17 +199,16 @@ def recover_reactions(run, mega, position, velocity, ground):
 
 
 @kernel
-def write_step(run, mega, start, step, part, ground, output):
-    """Write frames that are due in the first `part` of a step, from its dense output.
+def write_step(run, mega, start, step, shown, ground, output):
+    """Write frames that are due in a step until it is `shown`, from its dense output.
 
     Reads: run, mega, ground, output.
     Writes: run, mega, output.
     """
     clock, now = run.state.clock, run.state.clock[Clock.TIME]
     position, velocity = mega.next_position, mega.next_velocity
-    # A frame due at the end is not left out by rounding.
-    while output.due[0] <= start + part * step + 1e-9 * output.interval:
-        later = min(output.due[0] - start, part * step)
+    while output.due[0] <= shown:
+        later = max(min(output.due[0], now) - start, 0.0)
         runge_kutta.dense_state(run.motion.stages, later / step, position, velocity)
         clock[Clock.TIME] = output.due[0]
         if recover_reactions(run, mega, position, velocity, ground_after(ground, later)):
@@ -326,7 +325,11 @@ def integrate(run, mega, stop, output):
         clock[Clock.TIME] = until if cut and not event else time + part * step
         if output.due[0] <= clock[Clock.TIME] and output.frames.time.size > 0:
             joint, law = motion.trigger[0], motion.trigger[1]
-            write_step(run, mega, time, step, part, ground, output)
+            # A frame due at the end is not left out by rounding; where the mechanism is refused
+            # it shows the next one.
+            near = 1e-9 * output.interval
+            shown = clock[Clock.TIME] + (-near if event else near)
+            write_step(run, mega, time, step, shown, ground, output)
             motion.trigger[0], motion.trigger[1] = joint, law
         if event:
             return EVENT

@@ -180,6 +180,7 @@ def integrate_to_next_event(run, output):
     if code != STOPPED and code != COLLAPSES and code != BOUND:
         return ALL_VOUSSOIRS
     balance_energy(model, state)
+    clock[Clock.FASTEST] = transitions.fastest_of(run)
     ground = ground_after(segment_at(clock[Clock.TIME], run.grounds), 0.0)
     recover_reactions(run, mega, mega.position, mega.velocity, ground)
     clock[Clock.CODE] = shared.AT_END if code == STOPPED else shared.EXHAUSTED

@@ -190,14 +190,14 @@ def _find_touching(j, run):
 @inlined
 def ground_now(run, leaves_rest):
     """Return the ground acceleration as `ground_after`; at the end of a rest, just outside its
-    range."""
+    range, or where the far springing begins to move."""
     time, options, g = run.state.clock[Clock.TIME], run.options, run.model.gravity
     segment, later = segment_at(time, run.grounds), 0.0
     end = segment.end if leaves_rest and not np.isnan(options.rest_plus) else time
     while time + later < end:
         ahead = ground_after(segment, later)
         margin = rest_margin(ahead[0], ahead[1], g, options.rest_plus, options.rest_minus)
-        if margin < -BEYOND * g:
+        if margin < -BEYOND * g or abs(ahead[2]) + abs(ahead[3]) > BEYOND * g:
             break
         later = min(max(2.0 * later, SOONEST * (run.motion.length / run.motion.speed)), end - time)
     return ground_after(segment, later)

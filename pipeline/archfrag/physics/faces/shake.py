@@ -96,7 +96,7 @@ def _go_on(scene, state, until, solved, collapsed, broken):
     clock[Clock.STEP] = select(solved, next_step, clock[Clock.STEP])
     shaken = clock[Clock.TIME] < until - options.follow - ALMOST * options.time_step
     # A chain that nothing has moved rests as soon as the motion is over.
-    moved = (clock[Clock.FASTEST] >= options.still) | (shaken & (clock[Clock.LIVELY] > 0.0))
+    moved = (clock[Clock.FASTEST] >= options.held) | (shaken & (clock[Clock.LIVELY] > 0.0))
     clock[Clock.LIVELY] = select(solved & moved, clock[Clock.TIME], clock[Clock.LIVELY])
     still_for = clock[Clock.TIME] - clock[Clock.LIVELY]
     calm = opposite(shaken) & ((still_for >= scene.calm) | (clock[Clock.LIVELY] == 0.0))
@@ -174,6 +174,7 @@ def _begin(scene, runs, motion, factor):
     state, memory, faces = runs.state, runs.memory, scene.faces
     shared.begin(scene.model, state, runs.work, motion, factor)
     state.clock[Clock.STEP] = scene.options.time_step
+    state.clock[Clock.BEGINS] = scene.grounds.begins[motion]
     memory.stored[0] = faces.stored
     for j in range(state.slip.size):
         memory.touching[j], memory.half[j] = faces.touching[j], faces.half[j]
@@ -237,7 +238,7 @@ def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | Status:
     longest = np.sqrt(12.0 * (chain.inertia / chain.mass).max())
     size = float(np.ptp(chain.centroid, axis=0).max() + longest)
     calm = REST_SPAN * math.sqrt(size / chain.gravity)
-    return Scene(model, faces, grounds, options._replace(still=still), calm)
+    return Scene(model, faces, grounds, options._replace(held=still), calm)
 
 
 def run(

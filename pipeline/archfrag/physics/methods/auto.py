@@ -5,7 +5,8 @@
    at a time.
 3. Mega-voussoirs from event to event for tolerances of `COARSE` and below, and for a history of
    `SMALL_CHAIN` bodies under a ground motion with rare breaks: there events are rare, so that
-   they cost little and give peaks and histories exactly.
+   they cost little and give peaks and histories exactly. So goes a chain that is not to rest
+   wherever it can: a slip in progress keeps its sense, where a step may lock it.
 4. A run that has made or lost more energy, or let bodies overlap more, than its tolerance allows,
    or whose contacts were not solved, is made again by the other method, and then by equal steps.
    If none of them holds it, the run is refused.
@@ -27,8 +28,6 @@ from archfrag.physics.status import Count, Status
 
 # Outcomes that another method may better.
 AGAIN_BY_OTHERS = (int(Status.INACCURATE), int(Status.NO_CONTACT_SOLUTION))
-# Energy below this, over weight times the longest joint's length, is rounding.
-ROUNDING = 1e-12
 # Tolerances at which runs go by events whatever moves them, and where events are rare.
 COARSE, COARSEST = 2e-4, 0.01
 AGAIN = 2e-5  # of events that make runs by steps again
@@ -89,7 +88,7 @@ def _made_well(
         made.count[:, Count.REFINED] = number
         for gathered, part in zip(results, made):
             gathered[rows] = part
-        good = is_accurate(chain, given, made, ROUNDING) & ~np.isin(made.status, AGAIN_BY_OTHERS)
+        good = is_accurate(chain, given, made) & ~np.isin(made.status, AGAIN_BY_OTHERS)
         rows = rows[~good]
         if rows.size == 0:
             break
@@ -123,5 +122,5 @@ def run(
         )
 
     n_break = count_breaks(grounds) if frames.time.size else np.inf
-    by_events = goes_by_events(options.tolerance, chain.mass.size, n_break)
+    by_events = goes_by_events(options.tolerance, chain.mass.size, n_break) or not options.rests
     return _made_well(chain, _attempts(chain, options, by_events), 1, make)

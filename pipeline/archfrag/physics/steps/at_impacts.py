@@ -203,7 +203,11 @@ def next_step(state, options, where, until):
 
 @inlined
 def locates(state, options, live):
-    """Return whether a step is so long that a corner which closes off its middle refuses it."""
+    """Return whether a step is so long that a corner which closes off its middle refuses it.
+
+    One of a chain that stands is not: what closes there does so by rounding.
+    """
     clock = state.clock
-    step = clock[Clock.STEP]
-    return live & (step > NEARLY * options.time_step) & opposite(is_centred(clock, step))
+    step, moves = clock[Clock.STEP], clock[Clock.FASTEST] >= options.held
+    long = moves & (step > NEARLY * options.time_step)
+    return live & long & opposite(is_centred(clock, step))

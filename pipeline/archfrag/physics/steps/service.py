@@ -29,6 +29,8 @@ BY_IMPACT, BY_LOSS, BY_REST = int(Cause.IMPACT), int(Cause.LOSS), int(Cause.REST
 BY_START = int(Cause.START)
 # A step whose contact problem no method solves is halved, down to this part of the shortest.
 SHORTEST = 1.0 / 100.0
+# Contacts hold a chain that stands if they leave no more than this part of gravity [1].
+HELD = 1e-7
 # Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one
 # or several linear problems each; so many on average mean no advance.
 MOST_STEPS, ITERATIONS_PER_STEP = 2.0, 16.0
@@ -81,6 +83,7 @@ def start_moving(state, options, output):
     """
     clock = state.clock
     clock[Clock.STEP], clock[Clock.IMPACT] = options.time_step, -np.inf
+    clock[Clock.FASTEST] = np.inf
     output.span[0] = 0.0
     for j in range(state.impact.size):
         state.impact[j] = 0.0
@@ -128,10 +131,13 @@ def rest_until_onset(model, grounds, state, options, plus, minus, output):
     """Let a chain rest until the ground motion moves it; returns the code.
 
     Reads: model, grounds, state, options, output.
-    Writes: state (clock, force, impact), output.
+    Writes: state (clock, force, impact, peak), output.
     """
     clock = state.clock
     leave, for_good = end_rest(model, grounds, clock, plus, minus)
+    clock[Clock.BEGINS] = grounds.begins[int(clock[Clock.MOTION])]
+    if clock[Clock.TIME] < clock[Clock.BEGINS]:
+        state.peak[Peak.MOVED_BEFORE] = 0.0
     clock[Clock.RESTING] += leave - clock[Clock.TIME]
     clock[Clock.TIME] = leave
     if for_good:
@@ -214,17 +220,61 @@ def dominant_change(state, work):
 
 
 @kernel
+def are_held(model, state, work, options):
+    """Return whether the contacts hold all bodies where they stand in a solved step.
+
+    Reads: model (gravity, length), state (clock, velocity), work.solved, options.held.
+    Writes: nothing.
+    """
+    most, length = HELD * model.gravity * state.clock[Clock.STEP], model.length[0]
+    for i in range(1, state.velocity.shape[0]):
+        v, w = state.velocity[i], work.solved[i]
+        if max(abs(v[0]) + abs(v[1]), length * abs(v[2])) >= options.held:
+            return False
+        if max(abs(w[0]) + abs(w[1]), length * abs(w[2])) > most:
+            return False
+    return True
+
+
+@kernel
+def hold(model, state, work):
+    """Let a chain that its contacts hold stand where it is for a step.
+
+    What it would move is rounding, which joints that open and close by it would gather.
+
+    Reads: model (inertia, mass), state (clock, energy, impact, velocity).
+    Writes: state (clock, count, energy, impact, velocity), work.reaction.
+    """
+    clock = state.clock
+    step = clock[Clock.STEP]
+    record_work(0.0, 0.0, -kinetic_energy(model, state.velocity), True, state.energy)
+    state.velocity[:] = 0.0
+    clock[Clock.FASTEST] = 0.0
+    clock[Clock.TIME] += step
+    clock[Clock.MOVING] += step
+    state.count[Count.STEPS] += 1.0
+    for j in range(state.impact.size):
+        state.impact[j] = 0.0
+        for c in range(3):
+            work.reaction[j, c] /= step
+
+
+@kernel
 def accept_recorded(model, state, work, impulse, options, output):
     """Accept a solved step of one run, and write frames and log; as `accept_step`.
 
-    Reads: model, state, work, impulse (x, y), output.
+    Reads: model, state, work, impulse (x, y), options.held, output.
     Writes: state, work (face, reaction, rotated, tangent, tie), output.
     """
     write_if_due(model, state, work, output)
     cause, joint, time = -1, -1, state.clock[Clock.TIME]
+    step = state.clock[Clock.STEP]
+    if are_held(model, state, work, options):
+        hold(model, state, work)
+        keep_forces(work, step, output)
+        return False, False
     if output.log.time.size > 0:
         cause, joint = dominant_change(state, work)
-    step = state.clock[Clock.STEP]
     collapsed, broken = accept_step(model, state, work, impulse, True, options.loss_limit)
     keep_forces(work, step, output)
     if cause >= 0:
@@ -247,7 +297,7 @@ def measure_state(model, state, work):
 def handle_unsolved(model, grounds, state, work, path, options, output):
     """Solve an unsolved step along paths, or halve it; return the code.
 
-    Reads: model, grounds, state, work, path, options (largest_step, time_step), output.
+    Reads: model, grounds, state, work, path, options (held, largest_step, time_step), output.
     Writes: state, work, path, output.
     """
     clock = state.clock
@@ -280,7 +330,7 @@ def handle_pause(model, grounds, state, work, path, options, output):
     clock = state.clock
     if int(state.count[Count.STEPS]) % options.check_interval == 0:
         measure_state(model, state, work)
-    if clock[Clock.FASTEST] >= options.still:
+    if clock[Clock.FASTEST] >= options.still or not options.rests:
         return shared.GO
     found, plus, minus = True, options.rest_plus, options.rest_minus
     if np.isnan(plus) or not is_as_built(model, state):

@@ -94,6 +94,8 @@ def build_cube(
             values[each.name] = [np.nan if value is None else value for value in found]
     for each in (*COLUMNS, VARIABLES["model_time"]):
         values[each.name] = filled(table[each.name], float(each.missing))
+    if not (values["moving_before"] == 1).any():
+        del values["moving_before"]
     lost = np.isfinite(values["lost_contact_time"]) & (values["verdict"] == Verdict.SURVIVED)
     values["lost_contact_and_stand"] = lost.sum(axis=1)
     variables = _arch_variables(plan.arches)

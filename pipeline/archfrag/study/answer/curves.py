@@ -65,6 +65,14 @@ class Runs:
         return "first_shock" in self.cube and bool(self.cube["first_shock"].any())
 
     @property
+    def moving(self) -> int:
+        """Number of decided runs that still moved from a first shock when the record began."""
+        if "moving_before" not in self.cube:
+            return 0
+        decided = np.isin(self.cube["verdict"].values, DECIDED)
+        return int((decided & (self.cube["moving_before"].values == 1)).sum())
+
+    @property
     def filled(self) -> NDArray[np.int64]:
         """Verdicts; where runs were not made with those that the capacities imply."""
         return self.brackets.filled if self.gaps else self.verdict

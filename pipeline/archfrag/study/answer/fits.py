@@ -197,6 +197,12 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator
             f"the first shock alone makes it collapse before {before} of {n_record} records; they "
             "are left out: the curve is that of the arch if it stands after its first shock"
         )
+    if runs.moving:
+        yield (
+            f"it still moved from its first shock when the record began in {runs.moving} of "
+            f"{counts['runs'].sum()} runs, so their verdicts depend on the time between the two; "
+            "give motions.before a longer gap"
+        )
     if not runs.design.on_levels:
         return
     collapsed, survived = verdict == Verdict.COLLAPSED, verdict == Verdict.SURVIVED
