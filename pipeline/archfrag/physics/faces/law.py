@@ -155,18 +155,9 @@ def _bear_at(place, size, gaps, slip, material):
     hold = select(sense != 0.0, 0.0, shear * size)
     pressed = sense * smaller(friction, ROUGH) * stiffness * l0
     l1 = place * l0
+    turning = pressed * place
     return Bearing(
-        normal,
-        place * normal,
-        along,
-        l0,
-        l1,
-        place * l1,
-        hold,
-        pressed,
-        pressed * place,
-        size,
-        most,
+        normal, place * normal, along, l0, l1, place * l1, hold, pressed, turning, size, most
     )
 
 

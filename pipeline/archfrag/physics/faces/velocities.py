@@ -147,7 +147,7 @@ def balance(model, faces, work, own, step, b):
     ``own.change``.
 
     Reads: model, faces, work, own.
-    Writes: work.reaction, own (block, force, held, left, lower, most, stiffness, upper).
+    Writes: work.reaction, own.
     """
     n_joint, last = work.slide.shape[0], work.solved.shape[0] - 1
     for i in range(last + 1):
