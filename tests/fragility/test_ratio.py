@@ -22,7 +22,7 @@ def estimate(found):
 def compared(log_capacities, groups, hazard=None, levels=LEVELS, **options):
     found = [find_brackets(np.exp(logs)[:, None] <= levels, levels) for logs in log_capacities]
     parts = parts_of(groups)
-    without = tuple(left_out(own, parts, estimate) for own in found)
+    without = [tuple(left_out(own, parts, estimate) for own in found)]
     return ratios(tuple(map(estimate, found)), without, hazard, **options)
 
 
@@ -92,5 +92,7 @@ def test_groups_are_left_out_as_a_whole_and_many_of_them_together():
     many = parts_of(np.arange(1000))
     assert many.shape == (MOST_PARTS, 1000)
     assert set(many.sum(axis=1)) == {25}
-    with pytest.raises(FitError, match="of 2 independent motions or earthquakes; an interval"):
+    with pytest.raises(
+        FitError, match="of 2 independent motions, earthquakes, first shocks or rows; an"
+    ):
         parts_of(["a", "b", "a"])

@@ -72,7 +72,7 @@ def fit_runs(study: StudyKeys, cube: xr.Dataset) -> Fitted:
     for name in names:
         own = runs[name]
         members = [arches[arch] for arch in own.cube["arch"].values.astype(str)]
-        classes[name] = curve = curves.class_curve(every[name], members)
+        classes[name] = curve = curves.class_curve(every[name], members, "row" in own.groups)
         more = curve.more
         more["dispersion"] = {}
         if curve.fitted:
