@@ -356,7 +356,7 @@ def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], collapse: Curve) -> Cur
         return Curve(reason="no run exceeds it short of collapse, so it has no curve of its own")
     codes = np.where(exceeds, Verdict.COLLAPSED, Verdict.SURVIVED)
     codes = np.where(runs.decided, codes, runs.verdict)
-    if runs.design.adaptive and collapse.fitted:
+    if runs.design.adaptive:
         return _searched_curve(runs, np.where(collapsed, Verdict.NOT_RUN, codes), collapse)
     curve = curve_of(replace(runs, verdict=codes), collapse.confidence)
     if curve.fitted:
@@ -372,6 +372,8 @@ def _searched_curve(runs: Runs, short: NDArray[np.int64], collapse: Curve) -> Cu
     state, number = find_brackets(short, runs.level), collapse.n_independent
     kind = runs.design.kind
     try:
+        if not collapse.fitted:
+            raise FitError(f"its curve needs one of collapse, and {collapse.reason}")
         found = fit_state_posterior(runs.brackets, state, number)
     except FitError as error:
         why = f"{kind} chose the levels of the runs by collapse: {runs.worded(error)}"
