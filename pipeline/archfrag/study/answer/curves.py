@@ -101,10 +101,11 @@ def runs_of_cube(
     """Return the runs of arches or classes of a cube by name; of all arches if none is given."""
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
     record, rows = cube["record"].values.astype(str), cube.get("stock_row", cube["arch"]).values
-    event, first = (
+    event, *shocks = (
         shared_events(cube[name].values) if name in cube else None
-        for name in ("event", "first_event")
+        for name in ("event", "first_event", "first_record")
     )
+    first = next((each for each in shocks if each is not None), None)
     of_class, places = arch_classes(cube), dict[str, list[int]]()
     for place, both in enumerate(of_class.items()):
         for name in set(both):
