@@ -145,7 +145,7 @@ def _limit_states(
         own[arch]["collapse"] = answer
     # Curves of the next severer state, by arch with a curve of collapse.
     severe = {arch: curve for arch, curve in answers.items() if curve.fitted}
-    kept, messages, left = ["collapse"], list[str](), dict[str, str]()
+    kept, messages = ["collapse"], list[str]()
     place = dict[str, float]()  # mean of ln theta; -inf where there is no curve
     for name in every[:-1]:
         fits = [own[a][name] for a in severe if name in own[a] and own[a][name].fitted]
@@ -162,9 +162,9 @@ def _limit_states(
             help_ = f"; try {' or '.join(remedies)}" * bool(remedies and without)
             others = f"; {len(curves)} of {len(found)} arches or classes have one" * bool(curves)
             why = f"{lacking[0]} has no curve of it: {why}{help_}{others}"
-            left = {name: why, **left}
+            messages.append(f"limit state {name!r} is left out: {why}")
             if requested:
-                raise FitError(f"limit state {name!r} is left out: {why}")
+                raise FitError(messages[-1])
         elif name != "collapse":
             kept.insert(0, name)
             severe = {arch: above(fit, severe[arch]) for arch, fit in curves.items()}
@@ -178,11 +178,6 @@ def _limit_states(
                 )
             for arch, fit in severe.items():
                 own[arch][name] = fit
-    for name, why in [*left.items()][:1]:
-        words = f"limit state {name!r} is left out: {why}"
-        if others := ", ".join([*left][1:]):
-            words = f"{words}. Left out too, for reasons that the report gives: {others}"
-        messages.insert(0, words)
     none = Curve(reason="none")
     return {arch: {k: each.get(k, none) for k in kept} for arch, each in own.items()}, messages
 
