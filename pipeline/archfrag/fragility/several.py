@@ -186,7 +186,7 @@ def ratios(
     if len(every) > 1:
         crossed, ways = np.square(errors[:-1]), len(every) - 1
         error = np.sqrt(max(crossed.max(), crossed.sum() - (ways - 1) * errors[-1] ** 2))
-        away = np.vstack(every[:-1]) * (error / np.sqrt(crossed.sum()))
+        away = np.vstack(every[:-1]) * (error / max(np.sqrt(crossed.sum()), 1e-300))
     reach = float(scipy.special.stdtrit(n - 1, tails(confidence)[1]))
     ratio = thetas[1] / thetas[0]
     ends = ratio * np.exp(-reach * error), ratio * np.exp(reach * error)
