@@ -21,8 +21,8 @@ LEAST_BELOW = 0.3  # fraction of the records that have a run below the state
 # in the shipped study by stripes r is 0.97 or more, and the betas differ by up to 6 %.
 _ALIKE, _UNLIKE = 6.0, 0.5
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_POINTS, _ROUNDS, _FREEDOM = 1024, 7, 5.0  # of importance sampling by Student's t
-_LEAST_SHARE = 0.05  # of the points that count in a round
+_POINTS, _ITERATIONS, _FREEDOM = 1024, 7, 5.0  # of importance sampling by Student's t
+_LEAST_SHARE = 0.05  # of the points that count in an iteration
 _KERNEL = 0.15  # standard deviation of a point's kernel, over that of all points
 _SIZE, _REACH = (72, 96), 6.0  # of the grid, and its half width in standard deviations
 
@@ -81,11 +81,11 @@ def _sampled(
     t = ndtri(uniform[:, :5]) * np.sqrt(_FREEDOM / chdtri(_FREEDOM, uniform[:, 5:]))
     log_t = -0.5 * (_FREEDOM + 5.0) * np.log1p((t * t).sum(axis=1) / _FREEDOM)
     centre, spread = np.array([collapse, -1.0, state, -1.0, 1.0]), 0.16 * np.eye(5)
-    for _ in range(_ROUNDS):
+    for _ in range(_ITERATIONS):
         points = centre + t @ np.linalg.cholesky(spread).T
         logs, power = density(points) - log_t, 1.0
         weight = softmax(logs)
-        while (weight**2).sum() * _LEAST_SHARE * _POINTS > 1.0:  # the first rounds are far off
+        while (weight**2).sum() * _LEAST_SHARE * _POINTS > 1.0:  # the first iterations are far off
             power *= 0.7
             weight = softmax(power * logs)
         centre, spread = weight @ points, np.cov(points.T, aweights=weight) + 1e-8 * np.eye(5)
