@@ -51,7 +51,7 @@ def fit_state_posterior(collapse: Brackets, state: Brackets, number: float) -> P
 
     def density(points: FloatArray) -> FloatArray:
         """Return ln of the posterior at points, as `_both` describes them."""
-        r, logs = np.tanh(points[:, 4]), points[:, [1, 3]]
+        logs, r = points[:, [1, 3]], np.clip(np.tanh(points[:, 4]), -1.0 + 1e-12, 1.0 - 1e-12)
         prior = sum(map(capacity_prior, np.exp(logs).T, steps, levels))
         prior += np.log1p(-r * r) + _ALIKE * np.log1p(r)
         prior -= 0.5 * (np.diff(logs)[:, 0] / _UNLIKE) ** 2
