@@ -42,7 +42,8 @@ COUNTED = (tokenize.NAME, tokenize.OP, tokenize.NUMBER, tokenize.STRING)
 def docstring_lines(tree: ast.AST) -> set[int]:
     """Return the lines of all docstrings of a module."""
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
-    firsts = [node.body[0] for node in ast.walk(tree) if isinstance(node, documented) and node.body]
+    owners = [node for node in ast.walk(tree) if isinstance(node, documented) and node.body]
+    firsts = [node.body[0] for node in owners]
     texts = [
         first
         for first in firsts

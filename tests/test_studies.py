@@ -304,8 +304,13 @@ def test_results_of_another_study_are_not_replaced_unasked_and_write_nothing_of_
 
 
 def test_collapsed_is_known_only_of_runs_that_were_made_and_fractions_do_not_fall(folder):
-    study = af.Study(af.Block(0.4, 2.0, 0.8), "records/?-N.AT2", id="ida",
-                     design={"kind": "ida", "checks": 0}, levels=np.linspace(0.2, 2.4, 12))  # fmt: skip
+    study = af.Study(
+        af.Block(0.4, 2.0, 0.8),
+        "records/?-N.AT2",
+        id="ida",
+        design={"kind": "ida", "checks": 0},
+        levels=np.linspace(0.2, 2.4, 12),
+    )
     results = study.run(progress=False, cores=1)
     runs = results.runs
     made = runs.verdict.notnull()

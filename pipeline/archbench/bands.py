@@ -170,7 +170,7 @@ def coverage_of_ratios(name: str, studies: int) -> dict[str, float]:
         first, second = (capacity_posterior(own, shared)[0].curve for own in found)
         parts = parts_of(groups)
         one, two = (left_out(own, parts, _plain) for own in found)
-        rows = ratios((first, second), (one, two), HAZARD)
+        rows = ratios((first, second), [(one, two)], HAZARD)
         for key, value in truth.items():
             held[key] += rows[key]["lower"] <= value <= rows[key]["upper"]
     return {key: value / studies for key, value in held.items()}

@@ -6,6 +6,7 @@ from scipy.special import ndtri
 from scipy.stats import binomtest
 from sklearn.isotonic import IsotonicRegression
 
+from archfrag.errors import FitError
 from archfrag.fragility import quoted
 from archfrag.fragility.quoted import (
     check_lognormal,
@@ -241,3 +242,71 @@ def test_the_band_and_the_test_of_its_shape_fit_the_same_runs_once(monkeypatch):
     quoted_band(found, FEW)
     check_lognormal(found, resamples=10)
     assert len(calls) == 1
+
+
+class TestCrossed:
+    """Rows that are alike in several ways: by earthquake and first shock, by record and arch."""
+
+    @staticmethod
+    def drawn(seed, rows, records, of_rows, of_records=0.4, own=0.1):
+        """Brackets of `rows` arches under `records`, with the record and the arch of each."""
+        generator = np.random.default_rng(seed)
+        logs = of_rows * generator.standard_normal((rows, 1))
+        logs = logs + of_records * generator.standard_normal((1, records))
+        logs = logs + own * generator.standard_normal((rows, records))
+        levels = np.geomspace(0.2, 5.0, 15)
+        found = find_brackets((np.exp(logs.reshape(-1, 1)) <= levels).astype(int), levels)
+        place = np.indices((rows, records)).reshape(2, -1)
+        return found, place[::-1].astype(str)
+
+    def test_groups_that_cross_evenly_are_those_of_two_factors(self):
+        found, groups = self.drawn(1, 6, 24, 0.3)
+        number = independent_records(found, groups)
+        y = quoted._standardised(found).reshape(6, 24)
+        arch, record = y.mean(axis=1), y.mean(axis=0)
+        rest = y - arch[:, None] - record + y.mean()
+        error = (rest**2).sum() / (5 * 23)
+        parts = np.array([arch.var(ddof=1) - error / 24, record.var(ddof=1) - error / 6])
+        sizes, whole = np.array([24, 6]), parts.sum() + error
+        rho = parts / whole
+        rho += 0.5 * (1 - rho) * (1 + (sizes - 1) * rho) / np.sqrt(144 * (sizes - 1) / 2)
+        assert number == pytest.approx(144 / (1 + ((sizes - 1) * rho).sum()), rel=1e-9)
+
+    def test_one_way_told_twice_is_one_way(self):
+        found, (record, _) = self.drawn(2, 4, 12, 0.0)
+        once = independent_records(found, record)
+        assert independent_records(found, np.array([record, record])) == pytest.approx(once)
+        halves = np.array([str(int(each) // 2) for each in record])  # which records lie within
+        assert independent_records(found, np.array([record, halves])) <= 1.1 * once
+
+    def test_one_group_is_refused(self):
+        found, (record, _) = self.drawn(2, 4, 12, 0.0)
+        with pytest.raises(FitError, match="all rows belong to one group, x; two are needed"):
+            independent_records(found, np.array([record, np.full(record.size, "x")]))
+
+    @pytest.mark.parametrize("rows", [3, 5, 10])
+    def test_rows_of_a_stock_hold_its_median(self, rows):
+        held = {"record": [], "record and row": []}
+        for seed in range(30):
+            found, groups = self.drawn(seed, rows, 16, 0.3)
+            for what, own in zip(held, (groups[0], groups)):
+                low, high = quoted_band(found, IM, groups=own).theta_interval
+                held[what].append(low <= 1.0 <= high)
+        assert np.mean(held["record"]) < 0.85
+        assert np.mean(held["record and row"]) >= 0.8
+
+    def test_first_shocks_in_turn_hold_the_median_after_them(self):
+        held, levels = {"event": [], "first shock": [], "both": []}, np.geomspace(0.2, 5.0, 15)
+        events, turn = np.arange(24) // 2, np.arange(24) % 3
+        for seed in range(40):
+            generator = np.random.default_rng(seed)
+            z = np.sqrt(0.5) * generator.standard_normal(12)[events]
+            z = 0.4 * (z + np.sqrt(0.5) * generator.standard_normal(24))
+            z += 0.25 * generator.standard_normal(3)[turn]
+            found = find_brackets((np.exp(z[:, None]) <= levels).astype(int), levels)
+            ways = events.astype(str), turn.astype(str)
+            for what, own in zip(held, (*ways, np.array(ways))):
+                low, high = quoted_band(found, IM, groups=own).theta_interval
+                held[what].append(low <= 1.0 <= high)
+        assert np.mean(held["event"]) < 0.8
+        assert np.mean(held["both"]) >= max(0.85, np.mean(held["first shock"]))

@@ -7,7 +7,7 @@ from scipy.stats import t as student
 from archfrag.errors import FitError
 from archfrag.fragility.posterior import fit_capacity_posterior
 from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
-from archfrag.fragility.several import MOST_PARTS, left_out, parts_of, ratios
+from archfrag.fragility.several import MOST_PARTS, crossing_groups, left_out, parts_of, ratios
 from archfrag.fragility.verdicts import find_brackets
 
 LEVELS = np.geomspace(0.02, 60.0, 400)
@@ -22,7 +22,7 @@ def estimate(found):
 def compared(log_capacities, groups, hazard=None, levels=LEVELS, **options):
     found = [find_brackets(np.exp(logs)[:, None] <= levels, levels) for logs in log_capacities]
     parts = parts_of(groups)
-    without = tuple(left_out(own, parts, estimate) for own in found)
+    without = [tuple(left_out(own, parts, estimate) for own in found)]
     return ratios(tuple(map(estimate, found)), without, hazard, **options)
 
 
@@ -92,5 +92,54 @@ def test_groups_are_left_out_as_a_whole_and_many_of_them_together():
     many = parts_of(np.arange(1000))
     assert many.shape == (MOST_PARTS, 1000)
     assert set(many.sum(axis=1)) == {25}
-    with pytest.raises(FitError, match="of 2 independent motions or earthquakes; an interval"):
+    with pytest.raises(
+        FitError, match="of 2 independent motions, earthquakes, first shocks or rows; an"
+    ):
         parts_of(["a", "b", "a"])
+
+
+def test_groups_within_others_are_left_out_with_these_and_crossing_ones_have_cells():
+    event, turn = np.arange(12) // 2, np.arange(12) % 3
+    (alone,) = crossing_groups([np.arange(12), turn.astype(str)])
+    assert alone.tolist() == turn.tolist()
+    (once,) = crossing_groups([event, event + 7])
+    assert once.tolist() == event.tolist()
+    coarse, fine, cells = crossing_groups([event, turn, np.arange(12)])
+    assert (coarse.tolist(), fine.tolist()) == (turn.tolist(), event.tolist())
+    assert np.unique(cells).size == 12
+
+
+def test_first_shocks_in_turn_widen_the_interval_to_hold_the_ratio():
+    turn, held = np.arange(24) % 4, {"record": [], "first shock": []}
+    for seed in range(30):
+        generator = np.random.default_rng(seed)
+        before, own = 0.3 * generator.standard_normal(24), 0.05 * generator.standard_normal(24)
+        logs = before, before - 0.2 + 0.2 * generator.standard_normal(4)[turn] + own
+        for what, groups in zip(held, (np.arange(24), turn)):
+            row = compared(logs, groups)["theta"]
+            held[what].append(row["lower"] <= np.exp(-0.2) <= row["upper"])
+    assert np.mean(held["record"]) < 0.75
+    assert np.mean(held["first shock"]) >= 0.8
+
+
+def test_variances_of_groups_that_cross_add_up():
+    rows, records = np.indices((6, 8)).reshape(2, -1)
+    generator = np.random.default_rng(3)
+    change = (
+        0.15 * generator.standard_normal(6)[rows] + 0.15 * generator.standard_normal(8)[records]
+    )
+    logs = 0.3 * generator.standard_normal(48)
+    logs = np.array([logs, logs + change])
+    found = [find_brackets(np.exp(own)[:, None] <= LEVELS, LEVELS) for own in logs]
+    curves = tuple(map(estimate, found))
+
+    def error(*groups):
+        ways = map(parts_of, crossing_groups(groups))
+        without = [tuple(left_out(own, parts, estimate) for own in found) for parts in ways]
+        row = ratios(curves, without, HAZARD)
+        assert row["rate"]["lower"] < row["rate"]["ratio"] < row["rate"]["upper"]
+        return np.log(row["theta"]["upper"] / row["theta"]["ratio"])
+
+    both = error(rows, records)
+    assert both > 1.15 * error(rows)
+    assert both < error(rows) + error(records)

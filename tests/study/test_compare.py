@@ -85,3 +85,62 @@ def test_what_cannot_be_compared_is_refused(cube):
     stands = cube.assign(verdict=0 * cube["verdict"])
     with pytest.raises(FitError, match="after has no curve: nothing bounds theta"):
         compared(cube, "before", "after", other=stands)
+
+
+class TestAlike:
+    """Rows that are alike in more than their earthquake."""
+
+    @pytest.fixture
+    def shaken(self):
+        """An arch before and after first shocks, three in turn over 24 records."""
+        data = synthetic.cube(("ring", "ring-after"), synthetic.motions(24), n_level=15)
+        generator, turn = np.random.default_rng(2), np.arange(24) % 4
+        record, shock = generator.standard_normal((1, 24, 1)), generator.standard_normal(4)[turn]
+        change = np.stack([0.0 * shock, -0.2 + 0.25 * shock])[:, :, None]
+        capacity = 3.0 * np.exp(0.35 * record + change)
+        verdict = (capacity < data["intensity"].values).astype(np.int8)
+        return data.assign(
+            verdict=(data["verdict"].dims, verdict), first_shock=("arch", [0.0, 2.0]),
+            arch_class=("arch", ["ring", "ring-after"]),
+            first_event=("record", turn.astype(str)),
+            measure=["PGA", "PGV"], record_measure=(("record", "measure"), np.ones((24, 2))),
+        )  # fmt: skip
+
+    def test_a_ratio_after_first_shocks_is_as_wide_as_few_of_them_ask(self, shaken):
+        found = compared(shaken, "ring", "ring-after")["ring-after"]["theta"]
+        every = shaken.assign(first_event=("record", np.arange(24).astype(str)))
+        alone = compared(every, "ring", "ring-after")["ring-after"]["theta"]
+        assert found["ratio"] == pytest.approx(alone["ratio"], rel=0.01)
+        widths = [np.log(each["upper"] / each["lower"]) for each in (found, alone)]
+        assert widths[0] > 1.8 * widths[1]
+
+    def test_two_first_shocks_have_no_interval(self, shaken):
+        few = shaken.assign(first_event=("record", (np.arange(24) % 2).astype(str)))
+        with pytest.raises(FitError, match="of 2 independent motions, earthquakes, first shocks"):
+            compared(few, "ring", "ring-after")
+
+    def test_a_curve_after_first_shocks_counts_fewer_records(self, shaken):
+        one, two = curves_of(shaken).arches.values()
+        assert one.n_independent == 24.0
+        assert two.n_independent < 14.0
+        assert "Capacities within first shocks resemble each other" in two.assumptions
+
+    def test_a_sample_of_a_stock_has_the_curve_of_all_its_runs(self, cube):
+        stock = cube.assign(stock_row=("arch", list(NAMES)))
+        runs = runs_of_cube(stock, ["before", "before-1"])
+        assert {*runs["before"].groups} == {"record", "row"}
+        assert not runs["before-1"].groups
+        pooled = curve_of(runs["before"], 0.9)
+        exactly = curve_of(runs_of_cube(cube, ["before"])["before"], 0.9)
+        assert pooled.n_independent < 0.7 * exactly.n_independent
+        members = list(curves_of(cube).arches.values())[:2]
+        own = class_curve(pooled, members, stock=True)
+        assert (own.theta, own.beta, own.members) == (pooled.theta, pooled.beta, None)
+        assert own.assumptions.startswith("Its 2 arches are a sample of a larger stock")
+        assert class_curve(exactly, members).members is not None
+
+    def test_records_of_a_stock_are_alike_by_earthquake(self, cube):
+        stock = cube.assign(
+            stock_row=("arch", list(NAMES)), event=("record", (np.arange(12) // 2).astype(str))
+        )
+        assert {*runs_of_cube(stock, ["after"])["after"].groups} == {"event", "row"}

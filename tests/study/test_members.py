@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import archfrag as af
 from archfrag.api.studies import _arches
 from archfrag.errors import InputError, StabilityError
 from archfrag.simulation.simulate import onset
+from archfrag.study.answer.cube import _arch_variables
 from archfrag.study.file.arches import ArchEntry, JointEntry
 from archfrag.study.file.members import check_buildable, check_standing, expand
 
@@ -240,6 +242,18 @@ class TestTables:
         assert [member.attributes["built"] for member in found] == ["1880", "1901", ""]
         fleet(tmp_path, TABLE.replace("old,10.0", "old,10.25"))  # which is read again
         assert entries(expand([entry]))[0].radius == 10.25
+
+    def test_rows_may_be_a_sample_of_a_stock(self, tmp_path):
+        vary = {"samples": 2, "of": {"thickness": normal(1.0, 0.05, relative=True)}}
+        found = expand([fleet(tmp_path, rows="sample", vary=vary)])
+        rows = [name for name in ("old", "wide", "late") for _ in range(2)]
+        assert [member.row for member in found] == rows
+        assert _arch_variables(found)["stock_row"].values.tolist() == rows
+        exactly = expand([fleet(tmp_path, rows="all")])
+        assert {member.row for member in exactly} == {""}
+        assert "stock_row" not in _arch_variables(exactly)
+        with pytest.raises(ValidationError, match="not a known key"):
+            ArchEntry.model_validate({"id": "a", "profile": "block", "rows": "sample"})
 
     def test_lists_and_a_spreadsheets_full_numbers(self, tmp_path):
         text = '\ufeffid,radius,thickness,voussoirs,friction\r\na,10,1.5,2.0,"[0.5, 0.6, 0.7]"\r\n'

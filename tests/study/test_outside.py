@@ -239,6 +239,9 @@ def test_structures_of_a_class_share_a_curve_and_lose():
     own = [af.fit(each.drop(columns="class")).curve for each in tables]
     assert min(each.theta for each in own) < found.curve.theta < max(each.theta for each in own)
     assert np.ptp(np.log(found.curve.theta_interval)) < np.ptp(np.log(own[0].theta_interval))
+    stock = af.fit(pd.concat(tables).rename(columns={"class": "stock"}))
+    assert np.ptp(np.log(stock.curve.theta_interval)) > np.ptp(np.log(found.curve.theta_interval))
+    assert stock.curve.assumptions.startswith("Its 3 arches are a sample of a larger stock")
     found = af.fit(tables[0].drop(columns=["verdict", "class"]), states=STATES)
     losses = [
         found.losses(HAZARD, consequence={"light": light, "collapse": 1.0}) for light in (0.0, 0.5)

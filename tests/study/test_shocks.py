@@ -16,8 +16,10 @@ from archfrag.motions.index import write_index
 from archfrag.report.film import repeat
 from archfrag.report.first_page import first_page, leading
 from archfrag.report.inputs import report_inputs, summary
-from archfrag.study.answer.attributes import attributes
 from archfrag.report.papers import runs_in_words
+from archfrag.study.answer.attributes import attributes
+from archfrag.study.answer.cube import open_cube
+from archfrag.study.answer.curves import Fitted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of, load_fits
 from archfrag.study.designs import CASE
 from archfrag.study.file.prepared import load_prepared, prepare_motions, read_manifest
@@ -66,7 +68,9 @@ def test_a_level_of_zero_is_the_intact_study_to_the_bit(tmp_path, shocks):
     kept = [gather(plan)[0] for plan in plans[:2]]
     assert np.array_equal(plans[0].keys(kept[0]), plans[1].keys(kept[1]))
     # The intact arches of a study with shocks have the same runs too.
-    own = shocks.cube.sel(arch=plain.cube["arch"].values).drop_vars("first_shock")
+    own = shocks.cube.sel(arch=plain.cube["arch"].values).drop_vars(
+        ["first_shock", "first_record", "first_event"]
+    )
     xr.testing.assert_equal(own, plain.cube)
 
 
@@ -167,6 +171,37 @@ class TestCollapseInTheFirstShock:
         runs = cube["verdict"].sel(arch="slab-after-3").values
         assert (runs == Verdict.COLLAPSED_BEFORE).sum() == 2  # of two records, one run each
         assert np.isnan(runs).sum() == 8
+
+
+def test_records_that_follow_one_first_shock_are_alike(tmp_path):
+    """Of three records two follow the same shock: they count as fewer, of the intact arch not."""
+    text = shaken(0.6, motions="records: [wave1, wave0]").replace(
+        "motions:\n", "motions:\n  both_senses: true\n"
+    )
+    study = load_study(small_study(tmp_path, text))
+    _, cube = cube_of(study)
+    plan = make_plan(study)
+    every = (*plan.records, *plan.first)
+    before = [every[plan.shock(1, record)[0]].id for record in range(4)]
+    assert cube["first_record"].values.astype(str).tolist() == before
+    runs = runs_of_cube(open_cube(study))
+    assert "first shock" not in runs["ring"].groups
+    groups = runs["ring-after-0.6"].groups
+    assert {*groups} == {"first shock"}  # all are of one earthquake
+    shared = groups["first shock"][:, None] == groups["first shock"]
+    assert np.array_equal(shared, np.equal.outer(before, before))
+    told = [each for each in cautions_of(study, Fitted({}, {}, open_cube(study)))
+            if "first shocks" in each]  # fmt: skip
+    assert told == [
+        "the 4 records follow 2 first shocks, too few to show how first shocks differ, so bands "
+        "may be too narrow; add other first shocks"
+    ]
+
+
+def test_one_first_shock_is_told(shocks):
+    cautions = cautions_of(shocks.study, load_fits(shocks.study))
+    (own,) = (each for each in cautions if "one first shock (wave1)" in each)
+    assert own.endswith("do not include the variation between first shocks")
 
 
 def test_what_is_known_of_the_intact_arch_only_is_not_told(shocks):

@@ -264,8 +264,19 @@ def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> 
         if min(at.size for at in held) > _SEARCH // 2:
             break
     beta, log_theta, value = density(np.linspace(*box[0], _ROWS), np.linspace(*box[1], _NODES))
-    weight = np.exp(value)
-    weight /= (weight.sum(axis=1) - 0.5 * (weight[:, 0] + weight[:, -1])).sum()
+    known = gridded(beta, log_theta, np.exp(value), (x.size, n))
+    likelihood = float(terms(known.log_thetas([[0.5]]), known.betas([0.5])[:, None])[0][0, 0])
+    return replace(known, curve=replace(known.curve, log_likelihood=likelihood))
+
+
+def gridded(
+    beta: FloatArray, log_theta: FloatArray, weight: FloatArray, sizes: tuple[int, int]
+) -> Posterior:
+    """Return the posterior of a density on a grid, with the curve of its medians.
+
+    `sizes` are the curve's `n_levels` and `n_total`.
+    """
+    weight = weight / (weight.sum(axis=1) - 0.5 * (weight[:, 0] + weight[:, -1])).sum()
     known = Density(beta, log_theta, weight)
     t, b = known.log_thetas(_LEVELS), known.betas(_LEVELS)
     # The correlation is of values cut at their 1 and 99 % quantiles.
@@ -273,7 +284,13 @@ def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> 
     errors = 0.5 * np.array([t[3] - t[1], b[3] - b[1]])
     covariance = np.cov(np.reshape(pair, (2, -1)), aweights=weight.ravel())
     covariance *= np.outer(*[errors / np.sqrt(np.diag(covariance))] * 2)
-    likelihood = float(terms(t[[[2]]], b[[[2]]])[0][0, 0])
-    median = float(np.exp(t[2])), float(b[2])
-    curve = Curve(*median, covariance, likelihood, x.size, n, "posterior", density=known.compact())
+    curve = Curve(
+        float(np.exp(t[2])),
+        float(b[2]),
+        covariance,
+        np.nan,
+        *sizes,
+        "posterior",
+        density=known.compact(),
+    )
     return Posterior(beta, log_theta, weight, curve)

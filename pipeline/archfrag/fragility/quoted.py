@@ -5,6 +5,7 @@ docs/evidence/data/bands_coverage.csv shows how often the band holds the truth.
 
 from dataclasses import replace
 from functools import lru_cache
+from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,7 +69,7 @@ def capacity_posterior(
     known = brackets.of_records()
     number = float(known.lower.size)
     if groups is not None:
-        of_known = np.asarray(groups)[brackets.run]
+        of_known = np.asarray(groups)[..., brackets.run]
         number = independent_records(known, of_known)
     if number == known.lower.size:
         return _of_independent(brackets), number
@@ -99,18 +100,56 @@ def independent_records(brackets: Brackets, groups: ArrayLike) -> float:
     """Return the effective number of records, some of which share an event.
 
     It is `independent_number` of standardised ln capacities, each the mean in its bracket by the
-    curve of all records.
+    curve of all records. Of `groups` (n_way, n_record) that cross, as earthquakes and first shocks
+    do, it is by all of them at once.
     """
     labels = np.asarray(groups)
+    if labels.ndim == 2:
+        return _crossed_records(_standardised(brackets), labels)
     if np.unique(labels).size == labels.size:
         return float(labels.size)
+    return independent_number(_standardised(brackets), labels)
+
+
+def _standardised(brackets: Brackets) -> FloatArray:
+    """Return the mean of standardised ln capacity in each bracket, by the curve of all records."""
     curve = fit_capacity_posterior(brackets.without_scatter()).curve
     ends = brackets.lower, brackets.upper
     with np.errstate(divide="ignore"):
         low, high = (np.log(end / curve.theta) / curve.beta for end in ends)
     mass = np.maximum(ndtr(high) - ndtr(low), 1e-12)
     inside = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (np.sqrt(2.0 * np.pi) * mass)
-    return independent_number(np.clip(inside, low, high), labels)
+    return np.clip(inside, low, high)
+
+
+def _crossed_records(values: FloatArray, groups: NDArray) -> float:
+    """Return the effective number of `values`, (n,), with several labels each, (n_way, n).
+
+    It is n / (1 + 2 sum N rho / n) over all kinds of pairs that share some labels, N of a kind.
+    1 - rho is their mean squared difference over that of pairs that share none; if the groups
+    cross evenly, this is the analysis of variance with two factors (Searle, Casella and McCulloch
+    1992, *Variance Components*, chapter 4). Half the standard error is added to each rho.
+    """
+    labels = np.array([np.unique(each, return_inverse=True)[1] for each in groups])
+    for name in groups[labels.max(axis=1) == 0, 0]:
+        raise FitError(f"all rows belong to one group, {name!s}; two are needed")
+    n, ways, alike = values.size, range(len(labels)), 0.0
+    every, own = dict[tuple[int, ...], FloatArray](), dict[tuple[int, ...], FloatArray]()
+    for shared in chain.from_iterable(combinations(ways, k) for k in range(len(ways), -1, -1)):
+        place, size = np.unique(
+            labels[[*shared]].T, axis=0, return_inverse=True, return_counts=True
+        )[1:]
+        first, second = (np.bincount(place.ravel(), values**power) for power in (1, 2))
+        every[shared] = 0.5 * np.array([size @ second - first @ first, size @ size - n])
+        own[shared] = every[shared] - sum(own[more] for more in own if {*shared} < {*more})
+    apart, number = own.pop(())
+    if not number * apart:
+        return 1.0
+    for shared, (squares, pairs) in own.items():
+        count, rho = every[shared][1], max(1.0 - squares / max(pairs, 1.0) * number / apart, 0.0)
+        error = (1.0 - rho) * (1.0 + 2.0 * count / n * rho) / np.sqrt(max(count, 1.0))
+        alike += pairs * min(rho + 0.5 * error, 1.0)
+    return float(n / (1.0 + 2.0 * alike / n))
 
 
 def isotonic_curve(

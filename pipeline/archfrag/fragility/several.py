@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError
-from archfrag.fragility.curve import BoolArray, Curve, FloatArray, tails
+from archfrag.fragility.curve import BoolArray, Curve, FloatArray, IntArray, tails
 from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
 from archfrag.fragility.verdicts import Brackets
 
@@ -132,7 +132,7 @@ def parts_of(groups: ArrayLike, seed: int = _SEED) -> BoolArray:
     number = np.unique(np.asarray(groups), return_inverse=True)[1]
     n = int(number.max(initial=-1)) + 1
     if n < FEWEST_GROUPS:
-        few = f"the runs are of {n} independent motions or earthquakes"
+        few = f"the runs are of {n} independent motions, earthquakes, first shocks or rows"
         raise FitError(f"{few}; an interval of a ratio needs {FEWEST_GROUPS}")
     order = np.random.default_rng(seed).permutation(n)
     part = np.empty(n, dtype=int)
@@ -146,22 +146,48 @@ def left_out(brackets: Brackets, parts: BoolArray, estimate: Estimate) -> FloatA
     return np.log([[curve.theta, curve.beta] for curve in curves])
 
 
+def crossing_groups(groups: Sequence[ArrayLike]) -> list[IntArray]:
+    """Return the groupings of rows that lie within no other, each of (n_row,) numbers.
+
+    If several are left, which cross, their intersection follows.
+    """
+    labels = [np.unique(np.asarray(each), return_inverse=True)[1] for each in groups]
+    kept = list[IntArray]()
+    for one in sorted(labels, key=np.max):  # the coarsest first
+        pairs = (np.unique([one, other], axis=1).shape[1] for other in kept)
+        if not any(count == one.max() + 1 for count in pairs):
+            kept.append(one)
+    cells = np.unique(kept, axis=1, return_inverse=True)[1].ravel()
+    return [*kept, cells] if len(kept) > 1 else kept
+
+
 def ratios(
-    curves: tuple[Curve, Curve], without: tuple[FloatArray, FloatArray],
+    curves: tuple[Curve, Curve], without: Sequence[tuple[FloatArray, FloatArray]],
     hazard: HazardCurve | None = None, onsets: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
     confidence: float = 0.9,
 ) -> dict[str, dict[str, float]]:  # fmt: skip
     """Return the ratio of two curves, the second over the first, with its interval.
 
-    `without` is `left_out` of both with the same parts. Returned are by row, ``theta`` and with a
-    hazard ``rate``: before, after, ratio, lower, upper. The interval is that of Student's t with
-    as many degrees of freedom as parts less one, for rates by draws of ln theta and ln beta of
-    both arches. `onsets` are as for `collapse_rate`.
+    `without` is `left_out` of both with the same parts, for each of `crossing_groups`. Variances
+    of groupings that cross add up, less that of their intersection (Cameron, Gelbach and Miller
+    2011, J. Bus. Econ. Stat. 29). Returned are by row, ``theta`` and with a hazard ``rate``:
+    before, after, ratio, lower, upper. The interval is that of Student's t with as many degrees of
+    freedom as parts of the coarsest grouping less one, for rates by draws of ln theta and ln beta
+    of both arches. `onsets` are as for `collapse_rate`.
     """
-    n, thetas = len(without[0]), (curves[0].theta, curves[1].theta)
-    away = np.hstack([each - each.mean(axis=0) for each in without]) * np.sqrt((n - 1) / n)
+    every = list[FloatArray]()
+    for pair in without:
+        m = len(pair[0])
+        apart = np.hstack([each - each.mean(axis=0) for each in pair])
+        every.append(apart * np.sqrt((m - 1) / m))
+    errors = [float(np.linalg.norm(away[:, 2] - away[:, 0])) for away in every]
+    n, thetas = min(map(len, every)), (curves[0].theta, curves[1].theta)
+    away, error = every[0], errors[0]
+    if len(every) > 1:
+        crossed, ways = np.square(errors[:-1]), len(every) - 1
+        error = np.sqrt(max(crossed.max(), crossed.sum() - (ways - 1) * errors[-1] ** 2))
+        away = np.vstack(every[:-1]) * (error / max(np.sqrt(crossed.sum()), 1e-300))
     reach = float(scipy.special.stdtrit(n - 1, tails(confidence)[1]))
-    error = float(np.linalg.norm(away[:, 2] - away[:, 0]))
     ratio = thetas[1] / thetas[0]
     ends = ratio * np.exp(-reach * error), ratio * np.exp(reach * error)
     rows = {"theta": dict(zip(_ROWS, (*thetas, ratio, *map(float, ends)), strict=True))}
@@ -169,7 +195,7 @@ def ratios(
         return rows
     generator = np.random.default_rng(_SEED)
     scale = np.sqrt((n - 1) / generator.chisquare(n - 1, (_DRAWS, 1)))
-    shift = scale * (generator.standard_normal((_DRAWS, n)) @ away)
+    shift = scale * (generator.standard_normal((_DRAWS, len(away))) @ away)
     rates, logs = [], []
     for i, (curve, onset) in enumerate(zip(curves, onsets)):
         rates.append(collapse_rate(hazard, curve, onset=onset).rate)

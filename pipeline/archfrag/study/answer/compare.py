@@ -2,17 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import Curve
+from archfrag.fragility.curve import Curve, FloatArray, IntArray
 from archfrag.fragility.plane import Plane, fit_plane
 from archfrag.fragility.quoted import shared_events
 from archfrag.fragility.risk import HazardCurve
-from archfrag.fragility.several import left_out, parts_of, ratios
+from archfrag.fragility.several import crossing_groups, left_out, parts_of, ratios
 from archfrag.fragility.verdicts import Brackets
 from archfrag.study.answer.curves import Fitted, Runs, known_measures, runs_of_cube
 from archfrag.study.file.schema import Intensity
@@ -33,7 +34,7 @@ def compare(
     [1/year], each with before, after, ratio, lower, upper. InputError if a name is not known,
     or the motions or the samples differ; FitError if an arch has no curve.
     """
-    runs, curves = [], []
+    runs, curves = list[Runs](), list[Curve]()
     for study, name in zip(fitted, names, strict=True):
         if name not in study.curves:
             have = ", ".join(study.curves)
@@ -47,24 +48,34 @@ def compare(
         curves.append(curve)
         runs.append(own)
         _check_pairs(runs[0], own)
-    record = runs[0].cube["record"].values.astype(str)
-    groups = shared_events(runs[0].cube["event"].values)
-    groups = record if groups is None else groups
-    without = []
-    for own in runs:
 
-        def estimate(brackets: Brackets, own: Runs = own) -> Curve:
-            """Return what the jackknife repeats: the posterior's curve, without scatter."""
+    @cache
+    def without(place: int, groups: bytes) -> FloatArray:
+        """Return ln theta and ln beta of an arch, by the posterior without scatter."""
+        own, parts = runs[place], parts_of(np.frombuffer(groups, int))
+
+        def estimate(brackets: Brackets) -> Curve:
             return own.design.posterior(brackets.without_scatter())[0].curve
 
-        parts = parts_of(np.tile(groups, len(own.verdict) // record.size))
-        without.append(left_out(own.brackets, parts, estimate))
+        return left_out(own.brackets, parts, estimate)
+
     least = [own.onset(curve) for own, curve in zip(runs, curves)]
-    return {
-        name: ratios((curves[0], curves[i]), (without[0], without[i]), hazard,
-                     (least[0], least[i]), confidence)
-        for i, name in enumerate(names) if i
-    }  # fmt: skip
+    found = {}
+    for i, name in enumerate(names[1:], 1):
+        ways = [each.tobytes() for each in _groupings(runs[0], runs[i])]
+        pairs = [(without(0, each), without(i, each)) for each in ways]
+        onsets = least[0], least[i]
+        found[name] = ratios((curves[0], curves[i]), pairs, hazard, onsets, confidence)
+    return found
+
+
+def _groupings(one: Runs, two: Runs) -> list[IntArray]:
+    """Return groups of rows that are alike in two arches or classes of arches."""
+    record = one.cube["record"].values.astype(str)
+    event = shared_events(one.cube["event"].values)
+    alike = {**one.groups, **two.groups, "event": record if event is None else event}
+    alike.pop("record", None)
+    return crossing_groups([np.resize(each, len(one.verdict)) for each in alike.values()])
 
 
 def plane_of(

@@ -81,6 +81,12 @@ def build_cube(
     if study.motions.before is not None:
         about["first_shock"] = about["first_shock"]._replace(units=about["intensity"].units)
         values["first_shock"] = [sum(member.shock[:1]) for member in plan.arches]
+        shaken = np.flatnonzero(values["first_shock"])
+        for arch in shaken[:1]:
+            shocks = [plan.shock(int(arch), place) for place in range(len(records))]
+            before = [(*records, *plan.first)[shock[0]] for shock in shocks if shock]
+            values["first_record"] = [each.id for each in before]
+            values["first_event"] = [each.event or each.id for each in before]
     if regular:
         scales = plan.unscaled[:, None] * plan.levels**plan.power
         values |= {"intensity": plan.levels, "scale_factor": scales}
@@ -89,7 +95,7 @@ def build_cube(
             about[name] = about[name]._replace(dimensions="run")
             values[name] = filled(each, np.nan)
     for each in VARIABLES.values():
-        if each.dimensions == "record":
+        if each.dimensions == "record" and each.source:
             found = [getattr(record, each.source) for record in records]
             values[each.name] = [np.nan if value is None else value for value in found]
     for each in (*COLUMNS, VARIABLES["model_time"]):
@@ -174,13 +180,14 @@ def _variable(about: Any, values: Any) -> xr.Variable:
 
 def _arch_variables(arches: Members) -> dict[str, xr.Variable]:
     """Return the variables of arches: names, onsets, and the values and texts of their entries."""
-    built = [member.entry.build() for member in arches]
+    built, rows = [member.entry.build() for member in arches], [member.row for member in arches]
     starts = [onset(arch) for arch in built]
     # What a joint of rigid bodies would bear is no bound of one that gives.
     gives = [arch.chain.joint is not None for arch in built]
     values = {
         "arch": [member.id for member in arches],
         "arch_class": [member.arch_class for member in arches],
+        **({"stock_row": rows} if any(rows) else {}),
         "onset_plus": np.where(gives, np.nan, [start.plus for start in starts]),
         "onset_minus": np.where(gives, np.nan, [start.minus for start in starts]),
         "static_limit": [static_limit(arch, start) for arch, start in zip(built, starts)],

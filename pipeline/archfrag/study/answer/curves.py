@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError
 from archfrag.fragility.curve import Curve, FloatArray
+from archfrag.fragility.damage import fit_state_posterior
 from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_cloud
 from archfrag.fragility.quoted import check_lognormal, isotonic_curve, shared_events
@@ -37,9 +38,8 @@ class Runs:
     design: Design
     verdict: NDArray[np.int64]  # (n_record, n_level)
     level: FloatArray  # (n_level,) or (n_record, n_level) [SI]
-    # (n_record,): what rows have in common: an earthquake, or for a class the record.
-    group: NDArray[np.str_] | None = None
-    unit: str = "event"  # which of the two
+    # What makes rows alike, such as an earthquake, and which of them each row has, (n_record,).
+    groups: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
     worded: Worded = str
     whole: Any = None  # cube of the study
     arches: Sequence[int] = ()  # places in it
@@ -48,6 +48,17 @@ class Runs:
     def cube(self) -> Any:
         """Cube of these arches."""
         return self.whole.isel(arch=self.arches)
+
+    @property
+    def group(self) -> NDArray[np.str_] | None:
+        """The coarsest of the groups, where one is asked for; None if there is none."""
+        return min(self.groups.values(), key=lambda each: np.unique(each).size, default=None)
+
+    @property
+    def alike(self) -> NDArray[np.str_] | None:
+        """What `quoted_band` asks for: the groups, (n_record,) or of several (n_way, n_record)."""
+        several = len(self.groups) > 1 and self.design.on_levels
+        return np.array([*self.groups.values()]) if several else self.group
 
     @property
     def decided(self) -> NDArray[np.bool_]:
@@ -91,7 +102,8 @@ class Runs:
         if "static_limit" not in self.cube:  # runs of another program
             return np.zeros(() if curve.members is None else len(self.arches))
         known = np.isfinite(self.cube["static_limit"].values)
-        known &= str(self.cube["intensity"].attrs["measure"]) == "PGA" and not self.shaken
+        known &= str(self.cube["intensity"].attrs["measure"]) == "PGA"
+        known &= not self.shaken and "row" not in self.groups  # others of a stock may move earlier
         least = np.where(known, _onset_peaks(self.cube), 0.0)
         return least if curve.members is not None else np.asarray(least.min())
 
@@ -101,7 +113,12 @@ def runs_of_cube(
 ) -> dict[str, Runs]:
     """Return the runs of arches or classes of a cube by name; of all arches if none is given."""
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
-    record, event = cube["record"].values.astype(str), shared_events(cube["event"].values)
+    record, rows = cube["record"].values.astype(str), cube.get("stock_row", cube["arch"]).values
+    event, *shocks = (
+        shared_events(cube[name].values) if name in cube else None
+        for name in ("event", "first_event", "first_record")
+    )
+    first = next((each for each in shocks if each is not None), None)
     of_class, places = arch_classes(cube), dict[str, list[int]]()
     for place, both in enumerate(of_class.items()):
         for name in set(both):
@@ -112,9 +129,19 @@ def runs_of_cube(
     for name in of_class if names is None else names:
         own = places[name]
         level = levels[own].reshape(-1, n_level) if levels.ndim == 3 else levels
-        group, unit = (event, "event") if len(own) == 1 else (np.tile(record, len(own)), "record")
-        rows = verdict[own].reshape(-1, n_level)
-        runs[name] = Runs(name, design, rows, level, group, unit, worded, ordered, own)
+        stock = len(own) > 1 and "stock_row" in cube and all(rows[own])
+        alike = {"event": event}
+        if len(own) > 1 and (event is None or not stock):
+            alike = {"record": record}
+        if first is not None and cube["first_shock"].values[own].any():
+            alike["first shock"] = first
+        groups = {
+            what: np.tile(each, len(own)) for what, each in alike.items() if each is not None
+        }
+        if stock:
+            groups["row"] = np.repeat(rows[own].astype(str), record.size)
+        own_runs = verdict[own].reshape(-1, n_level)
+        runs[name] = Runs(name, design, own_runs, level, groups, worded, ordered, own)
     return runs
 
 
@@ -167,22 +194,28 @@ def curve_of(runs: Runs, confidence: float) -> Curve:
         likelihood = runs.design.likelihood(runs.brackets)
     except FitError as error:
         likelihood = Curve(reason=runs.worded(error))
-    im = np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
-    options = {"confidence": confidence, "groups": runs.group, "unit": runs.unit}
+    unit = "s and ".join(runs.groups) or "event"
+    options = {"confidence": confidence, "groups": runs.alike, "unit": unit}
     try:
         if len(runs.verdict) < 2:
             raise FitError("there is only one record, from which no curve follows")
-        curve = runs.design.estimate(runs.brackets, im, **options)
+        curve = runs.design.estimate(runs.brackets, band_points(runs), **options)
     except FitError as error:
         curve = Curve(reason=runs.worded(error), confidence=confidence)
     return replace(curve, likelihood=likelihood)
 
 
-def class_curve(pooled: Curve, members: Sequence[Curve]) -> Curve:
+def band_points(runs: Runs) -> FloatArray:
+    """Return the intensities of a band [SI], from 0 to beyond the highest level."""
+    return np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
+
+
+def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) -> Curve:
     """Return the curve of a class, from that of all its runs together and those of its arches.
 
-    It is the mean of those of its arches; if one of these has none, the lognormal curve of all
-    runs. Band and intervals are of the latter. The class has no curve by maximum likelihood.
+    It is the mean of those of its arches; if one of these has none, or they are a sample of a
+    `stock`, the lognormal curve of all runs. Band and intervals are of the latter. The class has
+    no curve by maximum likelihood.
     """
     pooled = replace(pooled, likelihood=None)
     if not pooled.fitted:
@@ -193,13 +226,18 @@ def class_curve(pooled: Curve, members: Sequence[Curve]) -> Curve:
         f"The curve is the mean of the curves of its {count} arches; theta and beta are those of "
         "the lognormal curve with the same mean and standard deviation of ln capacity."
     )
-    if lacking:
+    if stock:
+        made = (
+            f"Its {count} arches are a sample of a larger stock, whose curve is the lognormal one "
+            "of all runs of the sample."
+        )
+    elif lacking:
         made = (
             f"{lacking} of its {count} arches have no curve, so the curve is the lognormal one of "
             "all runs of the class."
         )
     text = f"{made} Band and intervals: {pooled.assumptions}"
-    return replace(pooled if lacking else mixture(pooled, fits), assumptions=text)
+    return replace(pooled if lacking or stock else mixture(pooled, fits), assumptions=text)
 
 
 def without_verdict(
@@ -285,7 +323,7 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict
         exceeds = collapsed | runs.decided & condition.values.reshape(runs.verdict.shape)
         key = exceeds.tobytes()  # states often coincide
         if key not in known:
-            known[key] = _state_curve(runs, exceeds, collapse.confidence)
+            known[key] = _state_curve(runs, exceeds, collapse)
         curve = known[key]
         if curve.fitted and onset > 0.0 and (below := curve.at(onset)[0]) > MOST_BELOW:
             curve = Curve(reason=(
@@ -333,23 +371,43 @@ def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str,
     return exceeded
 
 
-def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], confidence: float) -> Curve:
+def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], collapse: Curve) -> Curve:
     """Return the curve of runs that exceed a limit state, or the reason why there is none."""
     if runs.shaken:
         return Curve(reason="its measure is of the first shock too, so it has no curve after one")
-    if runs.design.adaptive:
-        # Measured: theta 9 to 34 % too low at 0.6 to 0.8 of that of collapse.
-        kind = runs.design.kind
-        return Curve(reason=f"{kind} chose the levels of the runs by collapse, which biases it")
-    if not (exceeds & (runs.verdict != Verdict.COLLAPSED)).any():
+    collapsed = runs.verdict == Verdict.COLLAPSED
+    if not (exceeds & ~collapsed).any():
         return Curve(reason="no run exceeds it short of collapse, so it has no curve of its own")
     codes = np.where(exceeds, Verdict.COLLAPSED, Verdict.SURVIVED)
-    curve = curve_of(
-        replace(runs, verdict=np.where(runs.decided, codes, runs.verdict)), confidence
-    )
+    codes = np.where(runs.decided, codes, runs.verdict)
+    if runs.design.adaptive:
+        return _searched_curve(runs, np.where(collapsed, Verdict.NOT_RUN, codes), collapse)
+    curve = curve_of(replace(runs, verdict=codes), collapse.confidence)
     if curve.fitted:
         return curve
     return Curve(reason=f"to collapse means to exceed it, and {curve.reason}")
+
+
+def _searched_curve(runs: Runs, short: NDArray[np.int64], collapse: Curve) -> Curve:
+    """Return the curve of a state from the runs of a search for collapse.
+
+    `short` are verdicts of the runs that did not collapse: whether they exceed the state.
+    """
+    state, number = find_brackets(short, runs.level), collapse.n_independent
+    kind = runs.design.kind
+    try:
+        if not collapse.fitted:
+            raise FitError(f"its curve needs one of collapse, and {collapse.reason}")
+        found = fit_state_posterior(runs.brackets, state, number)
+    except FitError as error:
+        why = f"{kind} chose the levels of the runs by collapse: {runs.worded(error)}"
+        return Curve(reason=why)
+    return replace(
+        found.with_band(band_points(runs), collapse.confidence), n_independent=number,
+        method="posterior of the capacities for it and for collapse together",
+        assumptions=f"Capacities for it and for collapse are lognormal together, as {kind} chose "
+        f"the levels by collapse; {number:.3g} records are independent.",
+    )  # fmt: skip
 
 
 def _onset_peaks(cube: xr.Dataset) -> FloatArray:

@@ -73,7 +73,7 @@ def fit_runs(study: StudyKeys, cube: xr.Dataset) -> Fitted:
     for name in names:
         own = runs[name]
         members = [arches[arch] for arch in own.cube["arch"].values.astype(str)]
-        classes[name] = curve = curves.class_curve(every[name], members)
+        classes[name] = curve = curves.class_curve(every[name], members, "row" in own.groups)
         more = curve.more
         more["dispersion"] = {}
         if curve.fitted:
@@ -255,17 +255,21 @@ def record_cautions(cube: xr.Dataset) -> Iterator[str]:
             "differs from a strong one (it is shorter and has less long-period energy); use "
             "stronger records"
         )
-    events = cube["event"].values.astype(str)
-    names = np.unique(events)
-    if len(events) < 2 or names.size >= min(LEAST_EVENTS, len(events)) or not events.all():
-        return
-    if names.size > 1:
-        yield (
-            f"the {len(events)} records are of {names.size} earthquakes, too few to show how "
-            "earthquakes differ, so bands may be too narrow; add records of other earthquakes"
-        )
-    else:
-        yield (
-            f"all records are of one earthquake ({events[0]}): dispersion and bands do not "
-            "include the variation between earthquakes"
-        )
+    for name, tie, what, more in (
+        ("event", "are of", "earthquake", "records of other earthquakes"),
+        ("first_record", "follow", "first shock", "other first shocks"),
+    ):
+        events = cube[name].values.astype(str) if name in cube else np.array([""])
+        names = np.unique(events)
+        if len(events) < 2 or names.size >= min(LEAST_EVENTS, len(events)) or not events.all():
+            continue
+        if names.size > 1:
+            yield (
+                f"the {len(events)} records {tie} {names.size} {what}s, too few to show how "
+                f"{what}s differ, so bands may be too narrow; add {more}"
+            )
+        else:
+            yield (
+                f"all records {tie} one {what} ({events[0]}): dispersion and bands do not "
+                f"include the variation between {what}s"
+            )

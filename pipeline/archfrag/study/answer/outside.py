@@ -270,6 +270,9 @@ def _cube(
         "scale_factor": (dims, filled(pd.to_numeric(runs["scale"], errors="coerce"), np.nan)),
     }  # fmt: skip
     variables |= {name: (dims, np.full(shape, none)) for name, none in BLANK.items()}
+    if _plain(given.heads.get("arch_class", "")) == "stock":
+        named = arches["arch"].where(arches["arch_class"] != "", "")
+        variables["stock_row"] = "arch", named.tolist()
     if "damage" in runs:
         of_states = {"states": strict_json(states)}
         variables["damage"] = dims, filled(runs["damage"], -1, "i2"), of_states

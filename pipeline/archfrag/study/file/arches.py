@@ -303,6 +303,9 @@ class ArchEntry(Section):
     table: PathText | None = None
     """Table (CSV) with an arch in each row: a column id, columns named like the keys here, and
     attributes, which are text. Keys of this entry hold where a cell is empty."""
+    rows: Literal["all", "sample"] | None = None
+    """sample: the rows of the table are a random sample of a larger stock of arches, for which
+    curve and band then are. all, or not given: they are all arches of the class."""
     drawing: Annotated[PathText | None, Key(taken=("drawing",))] = None
     """DXF file: blocks as closed polylines, and lines where they stand on ground."""
     layer: Annotated[OneOrList[str] | None, Key(taken=("drawing",))] = None
@@ -459,7 +462,7 @@ COLUMNS = tuple(dict.fromkeys((
     *(name for name, about in _KEYS.items() if {*about.needed, *about.taken} - {*_DRAWN}),
 )))  # fmt: skip
 ArchEntry.kinds = {
-    "table": ((), ("table", *COLUMNS)),
+    "table": ((), ("table", "rows", *COLUMNS)),
     **{kind: (tuple(name for name, about in _KEYS.items() if kind in about.needed),
               tuple(name for name, about in _KEYS.items() if kind in about.taken))
        for kind in ("drawing", *PROFILES)},
@@ -473,7 +476,7 @@ def _built(entry: ArchEntry) -> "Arch":
     """Return the arch of an entry, which is read from its drawing already."""
     name, makers = str(entry.profile), {"block": arch.Block, "polygons": arch.Arch.from_polygons}
     make: Any = makers.get(name) or getattr(arch.Arch, name)
-    later = {"joints", "strength", "springings", "ties", "recess", "vary", "id", "profile"}
+    later = {"joints", "strength", "springings", "ties", "recess", "vary", "id", "profile", "rows"}
     given = entry.model_dump(exclude=later, exclude_none=True)
     soft = entry.soft.model_dump(exclude_none=True)
     if (positions := soft.pop("positions", None)) is not None:

@@ -39,6 +39,7 @@ class Member:
     # What it differs by within its class: numbers drawn, and numbers from a table [SI, degrees].
     values: dict[str, float] = field(default_factory=dict)
     attributes: dict[str, str] = field(default_factory=dict)  # text from a table
+    row: str = ""  # of a table that is a sample of a larger stock
     shock: tuple[float, ...] = ()  # level [SI] of a shock before each record, and gap [s]; or none
 
     @property
@@ -128,7 +129,9 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
                 raise InputError(f"column {name} is not a key of an arch; {hint} ({rule})")
         if (twice := table["id"].duplicated()).any():
             raise InputError(f"several arches have the id {table['id'][twice].iloc[0]!r}")
-    defaults = entry.model_dump(exclude={"id", "table"}, exclude_unset=True, exclude_none=True)
+    defaults = entry.model_dump(
+        exclude={"id", "table", "rows"}, exclude_unset=True, exclude_none=True
+    )
     keys = [name for name in map(str, table) if name in COLUMNS and name != "id"]
     for row in table.to_dict("records"):
         given = {**defaults, "id": row["id"]}
@@ -148,7 +151,8 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         values = {key: arch.value(key) for key in keys if key in ("voussoirs", *VARIABLE)}
         numbers = {key: float(v) for key, v in values.items() if isinstance(v, float | int)}
         attributes = {str(key): text for key, text in row.items() if key not in COLUMNS}
-        yield Member(arch, entry.id, own, values=numbers, attributes=attributes)
+        sampled = row["id"] if entry.rows == "sample" else ""
+        yield Member(arch, entry.id, own, numbers, attributes, sampled)
 
 
 def _drawn(base: Member) -> Iterator[Member]:
