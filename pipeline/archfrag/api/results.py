@@ -17,7 +17,7 @@ from markupsafe import escape
 
 from archfrag.errors import FitError, InputError
 from archfrag.export.command import export_study, write_vulnerability
-from archfrag.files import WORK, make_folder
+from archfrag.files import WORK, check_targets, make_folder
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.plane import Plane
 from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
@@ -358,6 +358,8 @@ class Results:
         """Export to a folder, or a single file to the path of a file."""
         self._check_there()
         path, single = Path(path), kind.startswith("nrml")
+        weights = path.with_name(f"{path.stem}-branches.csv")
+        check_targets([path, weights] if single else [])
         if not single and path.suffix in (".csv", ".json") and not path.is_dir():
             how = f"such as {path.stem}; the files in it are named after the study"
             raise InputError(f"{path}: {kind} is written into a folder; give the folder, {how}")
@@ -367,7 +369,6 @@ class Results:
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)
-                weights = path.with_name(f"{path.stem}-branches.csv")
                 for target, file in zip((path, weights), files):
                     write_text(target, file.read_text("utf-8"))
         left = [f"no curve of {arch} is exported: {why}" for arch, why in made["left_out"].items()]

@@ -9,7 +9,7 @@ import click
 import numpy as np
 import xarray as xr
 
-from archfrag.cli.options import PATH, echo, json_option, show, warn, wrapped
+from archfrag.cli.options import PATH, check_written, echo, json_option, show, warn, wrapped
 from archfrag.cli.with_study import with_study
 from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, OF_ARCHES
@@ -22,8 +22,9 @@ from archfrag.report.printed import save_figures
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
+from archfrag.study.products import REPORT_FILES
 from archfrag.study.provenance import CUBE, finite
-from archfrag.study.steps import REPORT_FILES, finished
+from archfrag.study.steps import finished
 
 members_option = click.option("--members", is_flag=True,
                               help="Include the arches of classes as well.")  # fmt: skip
@@ -99,6 +100,7 @@ def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
       archfrag film study.yaml --run syn-m75-r015@0.5 --to fall.gif
     """
     check_target(path)
+    check_written(path)
     example = example_of(study, run_name, arch)
     save_film(example, path)
     echo(f"film: {path}: {example.motion.id} at {example.level}, {example.reason}")
@@ -160,6 +162,7 @@ def risk(
     """
     if vulnerability and not consequence:
         raise InputError("--vulnerability needs --consequence, such as rotation=0.1,collapse=1")
+    check_written(vulnerability)
     confidence = given["confidence"]
     hazard = load_hazard(hazards, study.intensity.measure, given["unit"], given["site"])
     fitted = finished(study)

@@ -12,7 +12,16 @@ from pydantic import ValidationError
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.arch.facts import facts_of, facts_text, unit_cautions
-from archfrag.cli.options import PATH, figure_option, json_option, show, takes, takes_record, warn
+from archfrag.cli.options import (
+    PATH,
+    check_written,
+    figure_option,
+    json_option,
+    show,
+    takes,
+    takes_record,
+    warn,
+)
 from archfrag.errors import InputError
 from archfrag.motions.measures import scale_factor
 from archfrag.motions.read import read_motion
@@ -134,6 +143,7 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
     The figure shows the arch with hinges and thrust line at onset.
     """
 
+    check_written(figure)
     start = find_onset(arch)
     names = ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus", "sliding_minus")
     lines = []

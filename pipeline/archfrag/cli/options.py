@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from archfrag.errors import InputError
-from archfrag.files import printable
+from archfrag.files import check_targets, printable
 
 PATH = click.Path(path_type=Path)
 
@@ -66,6 +66,17 @@ takes_record = takes(
                  "0.1 s (time_step), another number of samples than announced (samples), another "
                  "peak than the header states (header)."),
 )  # fmt: skip
+
+
+_WRITTEN = ("out", "figure", "path", "folder", "vulnerability", "output")  # parameters
+
+
+def check_written(*targets: Path | None) -> None:
+    """See that what the current command writes replaces no input of it and no file of others."""
+    given = click.get_current_context().params.items()
+    every = [value if isinstance(value, tuple) else (value,)
+             for name, value in given if name not in _WRITTEN]  # fmt: skip
+    check_targets(targets, (each for few in every for each in few if isinstance(each, Path)))
 
 
 def echo(text: str, err: bool = False) -> None:

@@ -13,6 +13,7 @@ import pandas as pd
 
 from archfrag.cli.options import (
     PATH,
+    check_written,
     figure_option,
     json_option,
     show,
@@ -146,6 +147,7 @@ def measure(
     Example:
       archfrag records measure records/*.AT2 --out flatfile.csv --figure spectra.svg
     """
+    check_written(out, figure)
     table = _measured(files, out, periods, reading)
     write_csv(out, [table], float_format="%.6g")
     if figure is not None:
@@ -223,6 +225,7 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
       archfrag records select flatfile.csv --out selected.csv --count 30 \\
         --magnitude 6.5 --distance 15 --vs30 500 --period 0.5 --epsilon 1 --figure selected.svg
     """
+    check_written(out, selection.target_file(out), figure)
     table, names = selection.read_flatfile(flatfile), ("count", "seed", "max_scale", "per_event")
     target = _target(options, sorted(selection.spectrum_columns(table)))
     chosen = selection.select_records(table, target, **{name: options[name] for name in names})

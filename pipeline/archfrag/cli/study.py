@@ -36,10 +36,11 @@ from archfrag.study.answer.outside import read_runs
 from archfrag.study.answer.rates import risk_lines, risk_of_study
 from archfrag.study.file.schema import RiskKeys, load_study
 from archfrag.study.hazard import load_hazard
+from archfrag.study.products import batch_step, products
 from archfrag.study.provenance import check_own
 from archfrag.study.running import only_run, stoppable
 from archfrag.study.runs.store import make_plan, superfluous
-from archfrag.study.steps import batch_step, claim, make_step, products, run_study
+from archfrag.study.steps import claim, make_step, run_study
 from archfrag.study.validate import arch_texts, check_study
 
 

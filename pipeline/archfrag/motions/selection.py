@@ -17,7 +17,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError, reason_of
-from archfrag.files import check_decimals, parse_table, read_text, unquoted, write_csv
+from archfrag.files import (
+    check_decimals,
+    check_targets,
+    parse_table,
+    read_text,
+    unquoted,
+    write_csv,
+)
 from archfrag.motions.channel import STANDARD_GRAVITY
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import measure
@@ -174,6 +181,7 @@ class Selection:
         is written beside the index (`target_file`), for the report of the study.
         """
         place = Path(os.path.realpath(path))
+        check_targets([path, target_file(place)])
         if "file" not in self.table:
             raise RecordError("the flatfile: column 'file' is missing")
         rows = self.table.rename(columns=_RENAMED).filter(items=_INDEX)

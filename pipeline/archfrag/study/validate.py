@@ -29,7 +29,8 @@ from archfrag.study.file.prepared import PreparedRecord, described
 from archfrag.study.file.schema import StudyKeys, study_schema
 from archfrag.study.file.sources import VERTICAL_LEFT, find_sources, first_shocks, read_sources
 from archfrag.study.hazard import load_hazard
-from archfrag.study.provenance import OWNER, PACKAGE, read_state, refuse_foreign_cube
+from archfrag.study.products import check_outputs, step_names
+from archfrag.study.provenance import OWNER, PACKAGE, read_state
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
 MOST_FRICTION, LARGEST, FAR_BEYOND = 2.0, 300.0, 10.0
@@ -175,7 +176,7 @@ def check_start(study: StudyKeys) -> None:
             raise OSError(code, os.strerror(code))
     except OSError as error:
         raise cannot_write(folder, error) from error
-    refuse_foreign_cube(study)
+    check_outputs(study, step_names(study))
     owner = read_state(study.work / OWNER).get("id", study.id)
     if owner != study.id:
         whose = f"holds results of study {owner!r}, not of study {study.id!r}"

@@ -281,4 +281,5 @@ def _cube(
         "title": study.title, "archfrag_study": study.id,
         "archfrag_design": strict_json(study.design.model_dump(mode="json")),
         "archfrag_commit": "none: of a table", "table_sha256": digest,
+        "table_source": given.source,
     })  # fmt: skip
