@@ -57,7 +57,7 @@ def number(text: str) -> float:
     plain = text.strip()
     if _NUMBER.fullmatch(plain) or plain.lstrip("+-") == "inf":
         return float(plain)
-    raise ValueError(f"{plain[:60]!r} is no number; {NUMBERS}")
+    raise ValueError(f"could not convert string to a number: {plain[:60]!r}; {NUMBERS}")
 
 
 def stated_unit(head: str) -> tuple[str, str | None]:

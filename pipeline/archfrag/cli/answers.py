@@ -9,13 +9,13 @@ import click
 import numpy as np
 import xarray as xr
 
-from archfrag.cli.options import PATH, check_written, echo, json_option, show, warn, wrapped
+from archfrag.cli.options import PATH, Real, check_written, echo, json_option, show, warn, wrapped
 from archfrag.cli.with_study import with_study
 from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, OF_ARCHES
 from archfrag.export.command import export_study, write_vulnerability
 from archfrag.export.scenes import export_arches
-from archfrag.files import opened
+from archfrag.files import number, opened
 from archfrag.report.film import check_target, example_of, save_film
 from archfrag.report.inputs import report_inputs
 from archfrag.report.printed import save_figures
@@ -108,7 +108,7 @@ def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
 
 def _site(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
     try:
-        lon, lat = map(float, text.split(",")) if text else (None, None)
+        lon, lat = map(number, text.split(",")) if text else (None, None)
     except ValueError:
         rule = "must be longitude and latitude, such as 13.35,42.35"
         raise click.BadParameter(f"{text!r} {rule}") from None
@@ -118,10 +118,13 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
 def _ratios(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
     try:
         pairs = [each.split("=") for each in text.split(",")] if text else []
-        return {name: float(ratio) for name, ratio in pairs}
+        ratios = {name.strip(): number(ratio) for name, ratio in pairs}
     except ValueError:
         rule = "must be limit states with ratios, such as rotation=0.1,collapse=1"
         raise click.BadParameter(f"{text!r} {rule}") from None
+    if len(ratios) < len(pairs):
+        raise click.BadParameter(f"{text!r} names a limit state twice")
+    return ratios
 
 
 @click.command()
@@ -129,11 +132,12 @@ def _ratios(context: click.Context, parameter: click.Parameter, text: str | None
     click.option("--hazard", "hazards", type=PATH, required=True, multiple=True, metavar="FILE",
                  help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles."),
     click.option("--unit", help="Unit of the intensities of a CSV whose header has none."),
-    click.option("--years", type=float, default=50.0, show_default=True,
+    click.option("--years", type=Real(), default=50.0, show_default=True,
                  help="Period for the probability of collapse [years]."),
     click.option("--site", callback=_site, metavar="LON,LAT",
                  help="Place: the nearest site of OpenQuake's file within 10 km."),
-    click.option("--confidence", type=float, default=0.9, show_default=True, help="Of all bands."),
+    click.option("--confidence", type=Real(), default=0.9, show_default=True,
+                 help="Of all bands."),
     click.option("--consequence", callback=_ratios, metavar="NAME=RATIO,...",
                  help="Cost of limit states as parts of the arch's value, 0 to 1: the average "
                  "annual loss is given too."),

@@ -11,9 +11,37 @@ from typing import Any
 import click
 
 from archfrag.errors import InputError
-from archfrag.files import check_targets, printable
+from archfrag.files import check_targets, number, printable
 
 PATH = click.Path(path_type=Path)
+
+
+class _Plain(click.ParamType):
+    """A number as tables and study files have it: 1_0 and 010 are none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number of a text."""
+        try:
+            number(str(value))
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class Real(_Plain, click.types.FloatParamType):
+    """A number."""
+
+
+class Whole(_Plain, click.types.IntParamType):
+    """A whole number."""
+
+
+class RealRange(_Plain, click.FloatRange):
+    """A number within bounds."""
+
+
+class WholeRange(_Plain, click.IntRange):
+    """A whole number within bounds."""
 
 
 def takes(*options: Callable) -> Callable:
@@ -39,7 +67,7 @@ def _accept(context: click.Context, parameter: click.Parameter, words: tuple[str
     return accepted_words(words, "--accept")
 
 
-cores_option = click.option("--cores", "--workers", type=click.IntRange(min=1),
+cores_option = click.option("--cores", "--workers", type=WholeRange(min=1),
                             help="Number of cores to use; all by default.")  # fmt: skip
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 takes_study = takes(

@@ -13,6 +13,10 @@ import pandas as pd
 
 from archfrag.cli.options import (
     PATH,
+    Real,
+    RealRange,
+    Whole,
+    WholeRange,
     check_written,
     figure_option,
     json_option,
@@ -23,7 +27,7 @@ from archfrag.cli.options import (
     warn,
 )
 from archfrag.errors import InputError, RecordError, ServiceError
-from archfrag.files import counted, opened, write_csv
+from archfrag.files import counted, number, opened, write_csv
 from archfrag.motions import selection, synthetic
 from archfrag.motions.channel import STANDARD_GRAVITY
 from archfrag.motions.convert import convert_record
@@ -48,7 +52,7 @@ def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
             return None
         ends = ":" in text
         try:
-            values = [float(part) for part in text.split(":" if ends else ",")]
+            values = [number(part) for part in text.split(":" if ends else ",")]
         except ValueError:
             values = [np.nan]
         increasing = len(values) == 2 and values[0] < values[-1]
@@ -165,7 +169,7 @@ def _measured(
     """Return the flatfile of record files at our periods and those of a text."""
     low, high = PERIODS
     try:
-        more = [float(part) for part in text.split(",")] if text else []
+        more = [number(part) for part in text.split(",")] if text else []
         if not all(low <= period <= high and round(period, 3) == period for period in more):
             raise ValueError
     except ValueError:
@@ -197,20 +201,20 @@ def _draw(figure: Path, periods: Sequence[float], spectra: Any, bands: dict[str,
 @click.argument("flatfile", type=PATH)
 @takes(
     click.option("--out", type=PATH, required=True, metavar="INDEX.csv", help="Index to write."),
-    click.option("--count", type=int, required=True, help="Number of records."),
+    click.option("--count", type=Whole(), required=True, help="Number of records."),
     click.option("--target", type=PATH, metavar="FILE.csv",
                  help="Target spectrum: columns period_s, Sa_g and, for its scatter, sd."),
-    click.option("--magnitude", type=float, help="Moment magnitude of a conditional spectrum."),
-    click.option("--distance", type=float, help="Its distance to the rupture [km]."),
-    click.option("--vs30", type=float, help="Its Vs30 [m/s]."),
-    click.option("--period", type=float, help="Its conditioning period [s]."),
-    click.option("--sa", type=float, help="Sa at that period [g], or --epsilon."),
-    click.option("--epsilon", type=float, help="Standard deviations of Sa above the median."),
+    click.option("--magnitude", type=Real(), help="Moment magnitude of a conditional spectrum."),
+    click.option("--distance", type=Real(), help="Its distance to the rupture [km]."),
+    click.option("--vs30", type=Real(), help="Its Vs30 [m/s]."),
+    click.option("--period", type=Real(), help="Its conditioning period [s]."),
+    click.option("--sa", type=Real(), help="Sa at that period [g], or --epsilon."),
+    click.option("--epsilon", type=Real(), help="Standard deviations of Sa above the median."),
     click.option("--model", default="CY14", show_default=True, help="Ground-motion model."),
-    click.option("--max-scale", type=float, default=4.0, show_default=True,
+    click.option("--max-scale", type=Real(), default=4.0, show_default=True,
                  help="Largest scale factor; its inverse is the smallest."),
-    click.option("--per-event", type=int, help="Largest number of records of one event."),
-    click.option("--seed", type=int, default=1, show_default=True),
+    click.option("--per-event", type=Whole(), help="Largest number of records of one event."),
+    click.option("--seed", type=Whole(), default=1, show_default=True),
     figure_option, json_option,
 )  # fmt: skip
 def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **options: Any) -> None:
@@ -298,15 +302,15 @@ def convert(
                  help="Service of stations and waveforms: NCEDC, SCEDC, INGV, ... or https://..."),
     click.option("--events-from", default="USGS", show_default=True, metavar="SERVICE",
                  help="Service that knows the given event identifiers."),
-    click.option("--radius", type=click.FloatRange(0.0, 2000.0), default=100.0, show_default=True,
+    click.option("--radius", type=RealRange(0.0, 2000.0), default=100.0, show_default=True,
                  help="Largest epicentral distance [km]."),
     click.option("--channels", default="HN,EN,BN", show_default=True, metavar="KINDS",
                  help="Accelerometers, the best first; each station gives one kind."),
-    click.option("--before", type=click.FloatRange(0.0, 3600.0), default=30.0, show_default=True,
+    click.option("--before", type=RealRange(0.0, 3600.0), default=30.0, show_default=True,
                  help="Begin before the origin time [s]."),
-    click.option("--after", type=click.FloatRange(1.0, 7200.0), default=180.0, show_default=True,
+    click.option("--after", type=RealRange(1.0, 7200.0), default=180.0, show_default=True,
                  help="End after the origin time [s]."),
-    click.option("--stations", "most", type=click.IntRange(1), default=100, show_default=True,
+    click.option("--stations", "most", type=WholeRange(1), default=100, show_default=True,
                  help="Largest number of stations of an event, the nearest first."),
     json_option,
 )  # fmt: skip
@@ -344,19 +348,19 @@ def fetch(
 @records.command()
 @takes(
     _out,
-    click.option("--events", type=click.IntRange(1, 100_000), help="Earthquakes."),
-    click.option("--records-per-event", type=click.IntRange(1, 100_000), help="Of each (1)."),
+    click.option("--events", type=WholeRange(1, 100_000), help="Earthquakes."),
+    click.option("--records-per-event", type=WholeRange(1, 100_000), help="Of each (1)."),
     click.option("--magnitude", metavar="M,...|M:M", callback=_list_or_ends(3.0, 8.0),
                  help="Moment magnitudes: a list that the earthquakes take in turn, or two ends "
                  "between which they are drawn."),
     click.option("--distance-km", metavar="D,...|D:D", callback=_list_or_ends(0.0, 300.0),
                  help="Distances to the rupture [km]: a list that the records take in turn, or "
                  "two ends."),
-    click.option("--sites", type=click.IntRange(1), help="Number of sites (one a record)."),
-    click.option("--vs30", type=click.FloatRange(450.0, 1000.0), help="Of sites [m/s] (760)."),
+    click.option("--sites", type=WholeRange(1), help="Number of sites (one a record)."),
+    click.option("--vs30", type=RealRange(450.0, 1000.0), help="Of sites [m/s] (760)."),
     click.option("--vertical", is_flag=True, default=None, help="Also make vertical components."),
-    click.option("--pulses", type=click.FloatRange(0.0, 1.0), help="Fraction with a pulse."),
-    click.option("--seed", type=click.IntRange(0, 10**9), help="Of the random numbers (1)."),
+    click.option("--pulses", type=RealRange(0.0, 1.0), help="Fraction with a pulse."),
+    click.option("--seed", type=WholeRange(0, 10**9), help="Of the random numbers (1)."),
     json_option,
 )  # fmt: skip
 def make(out: Path, as_json: bool, **requested: Any) -> None:

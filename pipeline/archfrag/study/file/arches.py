@@ -446,6 +446,17 @@ _KEYS = {
     for about in field.metadata if isinstance(about, Key)
 }  # fmt: skip
 UNITS = {name: about.unit for name, about in _KEYS.items() if about.unit}
+# As columns of a table state them, by the unit of the cube.
+_SPELLED = {
+    "m": "m",
+    "degree": "degrees degree deg °",
+    "kg m-3": "kg/m3 kg/m³",
+    "N": "N",
+    "Pa m-1": "Pa/m N/m3 N/m³",
+    "1": "1 -",
+}
+COLUMN_UNITS = {name: _SPELLED[unit] for name, unit in UNITS.items()}
+COLUMN_UNITS |= {"strength": "N/m2 N/m² Pa", "tolerance": "m"}
 VARIABLE = tuple(UNITS)  # keys that may vary, of all profiles
 # Columns of a table that are keys of its arches.
 COLUMNS = tuple(dict.fromkeys((
