@@ -1,4 +1,4 @@
-"""Commands and methods replace no input and no file of somebody else, and their own files again."""
+"""Commands and methods replace no input and no file of somebody else, but their own files."""
 
 import os
 import shutil
@@ -111,7 +111,7 @@ CASES = {
     "fit: a report of the user": lambda: (*FIT, beside("new/report.html")),
     "fit: a summary of the user": lambda: (*FIT, beside("new/summary.json")),
     "fit: the folder is the table": lambda: (*FIT, "verdicts.csv"),
-    "fit of a study: the user's curve": lambda: (foreign("out/curve.csv"), "fit")[1:] + SMALL,
+    "fit of a study: the user's curve": lambda: (foreign("out/curve.csv") and "fit", *SMALL),
     "run: the hazard is curve.csv": lambda: with_risk("curve.csv", "."),
     "run: the hazard is fits.json": lambda: with_risk("fits.json", "."),
     "run: a report of the user": lambda: study("output: out", "output: .", "report.html"),
@@ -119,7 +119,7 @@ CASES = {
     "run: a figure of the user": lambda: study("output: out", "output: new", "new/curve-ring.svg"),
     "run: a cube of somebody else": lambda: study("output: out", "output: new", "new/cube.nc"),
     "run: a report of the user in the results":
-        lambda: (foreign("out/report.html"), "run")[1:] + (*SMALL, "--set", "title=New"),
+        lambda: (foreign("out/report.html") and "run", *SMALL, "--set", "title=New"),
     "run: a folder in the place of a table":
         lambda: study("output: out", "output: new", "new/runs.csv/mine"),
     "run: a link in the place of a table":
@@ -140,7 +140,8 @@ CASES = {
         lambda: (*EXPORT, beside("new/small-fragility-discrete.xml"), "--format", "nrml-discrete"),
     "export: a drawing of the user":
         lambda: (*EXPORT, beside("new/small-ring.dxf"), "--format", "dxf"),
-    "figures: a figure of the user": lambda: ("figures", *SMALL, "--to", beside("new/runs-slab.png")),
+    "figures: a figure of the user":
+        lambda: ("figures", *SMALL, "--to", beside("new/runs-slab.png")),
     "onset: a drawing of the user": lambda: (*RING, "--figure", foreign("ring.svg")),
     "onset: a link": lambda: (*RING, "--figure", linked("hazard.csv", "ring.svg")),
     "measure: the record": lambda: (*MEASURE, "records/wave0.AT2"),

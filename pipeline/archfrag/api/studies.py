@@ -200,6 +200,8 @@ class Study:
         ArchfragError
             Of the step that failed. What is finished is kept: call `run` again to continue.
         """
+        if None not in (cores, workers) and cores != workers:
+            raise InputError(f"cores = {cores} and workers = {workers} are one number; give one")
         path = self._file
         if path is None:
             path = self.folder / "study.yaml"

@@ -9,7 +9,18 @@ import click
 import numpy as np
 import xarray as xr
 
-from archfrag.cli.options import PATH, Real, check_written, echo, json_option, show, warn, wrapped
+from archfrag.cli.options import (
+    PATH,
+    Once,
+    Real,
+    check_written,
+    echo,
+    json_option,
+    refuse_given,
+    show,
+    warn,
+    wrapped,
+)
 from archfrag.cli.with_study import with_study
 from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, OF_ARCHES
@@ -32,7 +43,7 @@ _USES = {name: about for name, (about, _, _) in FORMATS.items()} | OF_ARCHES
 _FORMATS = (f"{name:15}  {about}" for name, about in _USES.items())
 
 
-@click.command(epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
+@click.command(cls=Once, epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
 @with_study(
     click.option("--format", "formats", multiple=True, required=True, type=click.Choice(_USES),
                  help="Format to write. Repeatable."),
@@ -63,6 +74,8 @@ def export(
     that one's dispersion as far as needed, and a note states it. The files hold these notes too.
     """
     of_curves, of_arches = ([n for n in formats if n in known] for known in (FORMATS, OF_ARCHES))
+    if not of_curves:
+        refuse_given("scene and dxf have no curves", "curve", "limit_states")
     made: dict[str, Any] = {"left_out": {}, "notes": [], "files": []}
     if of_curves:
         made = export_study(study, of_curves, out, members, limit_states, curve)
@@ -80,7 +93,7 @@ def export(
     show(made, "\n".join(lines), as_json)
 
 
-@click.command()
+@click.command(cls=Once)
 @with_study(
     click.option("--run", "run_name", default="median", show_default=True,
                  metavar="RECORD@LEVEL",
@@ -127,7 +140,7 @@ def _ratios(context: click.Context, parameter: click.Parameter, text: str | None
     return ratios
 
 
-@click.command()
+@click.command(cls=Once)
 @with_study(
     click.option("--hazard", "hazards", type=PATH, required=True, multiple=True, metavar="FILE",
                  help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles."),
@@ -191,7 +204,7 @@ def _folder(path: Path) -> Path:
     return path if path.is_dir() else load_study(path).folder
 
 
-@click.command()
+@click.command(cls=Once)
 @click.argument("file", type=PATH)
 @json_option
 def info(file: Path, as_json: bool) -> None:
@@ -242,7 +255,7 @@ def _facts(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: is missing, damaged or no cube of archfrag") from error
 
 
-@click.command("open")
+@click.command("open", cls=Once)
 @click.argument("study", type=PATH)
 def open_command(study: Path) -> None:
     """Open the report of STUDY in the browser.
@@ -257,7 +270,7 @@ def open_command(study: Path) -> None:
         echo(str(report))
 
 
-@click.command()
+@click.command(cls=Once)
 @with_study(
     click.option("--to", "folder", type=PATH, metavar="DIR",
                  help="Folder to write to; `figures` in the results folder by default."),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from archfrag.errors import InputError
 from archfrag.files import check_targets, number, printable
@@ -94,6 +95,28 @@ takes_record = takes(
                  "0.1 s (time_step), another number of samples than announced (samples), another "
                  "peak than the header states (header)."),
 )  # fmt: skip
+
+
+class Once(click.Command):
+    """A command whose options are given once each, unless they may be repeated."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse options; InputError for one given twice, whose first value would be lost."""
+        if args:
+            _, _, order = self.make_parser(ctx).parse_args(list(args))
+            for each in {*order}:
+                if isinstance(each, click.Option) and not each.multiple and order.count(each) > 1:
+                    raise InputError(f"{each.opts[0]} is given twice; give it once")
+        return super().parse_args(ctx, args)
+
+
+def refuse_given(why: str, *names: str) -> None:
+    """Refuse options by the names of their parameters if they are given; else pass them over."""
+    context = click.get_current_context()
+    for each in context.command.params:
+        source = context.get_parameter_source(str(each.name))
+        if each.name in names and source not in (None, ParameterSource.DEFAULT):
+            raise InputError(f"{each.opts[0]} is given, but {why}; leave one of them out")
 
 
 _WRITTEN = ("out", "figure", "path", "folder", "vulnerability", "output")  # parameters

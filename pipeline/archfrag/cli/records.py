@@ -13,6 +13,7 @@ import pandas as pd
 
 from archfrag.cli.options import (
     PATH,
+    Once,
     Real,
     RealRange,
     Whole,
@@ -20,6 +21,7 @@ from archfrag.cli.options import (
     check_written,
     figure_option,
     json_option,
+    refuse_given,
     show,
     takes,
     takes_format,
@@ -79,7 +81,7 @@ def records() -> None:
     """Inspect, measure, select, convert, fetch and make records."""
 
 
-@records.command()
+@records.command(cls=Once)
 @_files
 @takes_format
 @json_option
@@ -131,7 +133,7 @@ def _inspection(facts: dict[str, Any]) -> str:
     return "\n".join([*lines, *(f"  ! {error}" for error in facts["errors"])])
 
 
-@records.command()
+@records.command(cls=Once)
 @_files
 @click.option("--out", type=PATH, required=True, metavar="FLATFILE.csv", help="Table to write.")
 @click.option("--periods", metavar="T,T,...", help="Periods of Sa [s], besides 0.01 to 10 s.")
@@ -197,7 +199,7 @@ def _draw(figure: Path, periods: Sequence[float], spectra: Any, bands: dict[str,
     write_text(figure, plots.svg_of(plots.plot_spectra(periods, spectra, drawn).figure))
 
 
-@records.command()
+@records.command(cls=Once)
 @click.argument("flatfile", type=PATH)
 @takes(
     click.option("--out", type=PATH, required=True, metavar="INDEX.csv", help="Index to write."),
@@ -256,6 +258,7 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
     if options["target"] is not None:
         if named:
             raise InputError(f"--target and --{named[0]}: a target is a file or a scenario")
+        refuse_given("a target of a file has no model", "model")
         return selection.read_target(options["target"])
     missing = [f"--{name}" for name in scenario if name not in named]
     if missing or ("sa" in named) == ("epsilon" in named):
@@ -266,7 +269,7 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
     return scenario_target(rupture, options["period"], level, measured, options["model"])
 
 
-@records.command()
+@records.command(cls=Once)
 @_files
 @takes(
     _out,
@@ -294,7 +297,7 @@ def convert(
     show(written, "\n".join(entry["file"] for entry in written), as_json)
 
 
-@records.command()
+@records.command(cls=Once)
 @click.argument("events", nargs=-1, required=True, metavar="EVENT_ID...")
 @takes(
     _out,
@@ -345,7 +348,7 @@ def fetch(
         raise InputError("no record was fetched, for the reasons stated above")
 
 
-@records.command()
+@records.command(cls=Once)
 @takes(
     _out,
     click.option("--events", type=WholeRange(1, 100_000), help="Earthquakes."),

@@ -81,6 +81,8 @@ def load_hazard(
                 raise InputError(f"line {empty} has an empty cell; give it a number")
             table = table_of(names, rows)
             by_site = {"lon", "lat"} <= set(table)
+            if site is not None and not by_site:
+                raise InputError("has no columns lon and lat; leave --site or risk.site out")
             stated, own, curves = _openquake(text, table, site) if by_site else _plain(table)
             factor = _factor(stated, own or unit, measure, unit, by_site)
             for name, curve in curves:

@@ -137,7 +137,9 @@ def arch_texts(study: StudyKeys) -> tuple[str, ...]:
     texts = list[str]()
     for member in list(reversed(first.values()))[:MOST_ASKED]:
         arch = member.entry.build()
-        told = "; ".join(filter(None, (facts_text(arch), joints_text(arch))))
+        names = ", ".join(member.attributes)
+        other = f"columns that change no arch: {names}" if names else ""
+        told = "; ".join(filter(None, (facts_text(arch), joints_text(arch), other)))
         texts.append(f"{member.id}: {told}")
     return tuple(texts)
 

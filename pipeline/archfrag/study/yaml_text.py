@@ -91,9 +91,13 @@ def read_keys(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any]
     given = parse_value(read_text(path, LARGEST_FILE, InputError, "the study file"), str(path))
     if not isinstance(given, dict):
         raise InputError(f"{path}: must hold keys with values, such as id, arches and motions")
+    seen = list[list[str]]()
     for text in overrides:
         key, equals, value_text = text.partition("=")
         parts = key.strip().split(".")
+        if any(before[: len(parts)] == parts for before in seen):
+            raise InputError(f"--set {text}: this place is set twice; set it once")
+        seen.append(parts)
         if not equals or not all(parts):
             raise InputError(f"--set {text}: must be key=value, for example method.dt=0.0005")
         block: Any = given

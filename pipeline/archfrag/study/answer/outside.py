@@ -70,7 +70,11 @@ def read_runs(
     InputError names row, column, value and what is allowed.
     """
     tails(confidence)
-    given, states = read_table(table, columns or {}), [str(each) for each in states]
+    if not isinstance(columns, Mapping | None):
+        how = "it must be a mapping, such as {'intensity': 'PGA', 'verdict': 'fell'}"
+        raise InputError(f"columns is {columns!r}; {how}")
+    given = read_table(table, {what: str(name) for what, name in (columns or {}).items()})
+    states = _checked_states(given, states)
     measure, unit, factors = _units(given, measure, unit)
     runs = _runs(given, states, factors)
     levels = np.unique(runs["level"]).tolist()
@@ -109,6 +113,18 @@ def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
     without = {"arch": "structure", "record": rows, "event": "", "arch_class": "", "scale": ""}
     found = {what: frame[head].to_numpy() for what, head in heads.items()}
     return VerdictTable(source, rows, heads, pd.DataFrame(without | found, range(len(rows))))
+
+
+def _checked_states(given: VerdictTable, states: Sequence[str]) -> list[str]:
+    """Return the names of damage states; InputError unless they differ and have a column."""
+    names = [states] if isinstance(states, str) else [str(each) for each in states]
+    if names and (isinstance(states, str) or len({*map(_plain, names)}) < max(len(names), 2)):
+        rule = "they must be a list of different names, from no damage to collapse"
+        raise InputError(f"states are {states!r}; {rule}")
+    if names and "state" not in given.heads:
+        how = "leave states out, or name its column, such as damage state"
+        raise InputError(f"{given.source}: has no column of damage states; {how}")
+    return names
 
 
 def _level(none: Sequence[str], cell: str) -> float:

@@ -395,6 +395,9 @@ class ArchEntry(Section):
             if distribution.relative and self.value(key) is None:
                 text = f"needs a key {key} of the arch, which it multiplies"
                 raise refuse(text, f"vary.of.{key}.relative")
+            if not distribution.relative and isinstance(self.value(key), list):
+                text = f"would replace the list {key}; give factors on it, with relative: true"
+                raise refuse(text, f"vary.of.{key}")
         joints = self.vary.joints if self.vary and self.piers else None
         many = isinstance(self.friction, list) or (self.piers and self.piers.friction is not None)
         if joints and (joints.position or (joints.friction and many)):

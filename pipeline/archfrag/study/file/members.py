@@ -99,7 +99,8 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
             for end, shock in shocks for own in new
         ]  # fmt: skip
         names = dict.fromkeys((entry.id, *(member.arch_class for member in new)))
-        for name in (*names, *(member.id for member in new if member.id != member.arch_class)):
+        own = (each.id for each in new if entry.table or each.id != each.arch_class)
+        for name in (*names, *own):
             if name in seen:
                 raise InputError(f"{where}: the id {name!r} already belongs to {seen[name]}")
             seen[name] = where
