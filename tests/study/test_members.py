@@ -122,6 +122,28 @@ def fleet(folder, text=TABLE, **changed):
     return ArchEntry.model_validate({"id": "fleet", **SHARED, "table": str(path), **changed})
 
 
+def test_a_row_named_as_its_class_is_refused(tmp_path):
+    with pytest.raises(InputError, match="the id 'fleet' already belongs to"):
+        expand([fleet(tmp_path, TABLE.replace("wide", "fleet"))])
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "law"),
+    [
+        ("joints", {"stiffness": [2e10] * 8}, uniform(1e10, 2e10)),
+        ("friction", [0.7] * 8, normal(0.7, 0.1)),
+        ("density", [2000.0] * 7, normal(2000.0, 0.1)),
+        ("depth", [1.0] * 7, uniform(0.9, 1.1)),
+        ("dead_load", [0.0] * 7, uniform(0.0, 10.0)),
+    ],
+)
+def test_a_distribution_replaces_no_list(key, values, law):
+    with pytest.raises(ValueError, match=rf"would replace the list {key}; give factors on it"):
+        drawn({"of": {key: law}}, 2, **{key: values})
+    factor = {"distribution": "uniform", "start": 0.9, "stop": 1.1, "relative": True}
+    assert len(drawn({"of": {key: factor}}, 2, **{key: values})) == 2
+
+
 SOFT = {"stiffness": 2e10, "shear": 1e10, "damping": 0.1, "model": "face", "points": 3}
 
 
