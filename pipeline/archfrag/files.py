@@ -217,9 +217,10 @@ def _is_listed(path: Path, *places: Path) -> bool:
 
 
 def check_targets(
-    targets: Iterable[str | Path | None], inputs: Iterable[str | Path | None] = (),
+    targets: Iterable[str | Path | None],
+    inputs: Iterable[str | Path | None] = (),
     of_study: bool = False,
-) -> None:  # fmt: skip
+) -> None:
     """See that files to be written replace no input and nothing that archfrag did not make.
 
     Nor what a study made, unless they are `of_study`. OutputError names the first that does.

@@ -200,7 +200,7 @@ def test_no_method_replaces_an_input_or_a_file_of_somebody_else(folder, name):
 
 AGAIN = {
     "fit": ("fit", "verdicts.csv", "--output", "new", "--confidence"),
-    "figure": (*RING, "--figure", "ring.svg", "--friction"),
+    "figure": (*RING[:-2], "--figure", "ring.svg", "--friction"),
     "risk": (*RISK, "--vulnerability", "loss.csv", "--confidence"),
     "export": (*EXPORT, "new", "--format", "csv", "--curve"),
     "measure": ("records", "measure", "records/wave0.AT2", "--out", "new.csv", "--periods"),

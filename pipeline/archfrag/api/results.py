@@ -113,8 +113,8 @@ class Results:
     @cached_property
     def cautions(self) -> list[str]:
         """Reasons for caution, and why there is no curve of an arch, as commands print them."""
-        none = [f"{name}: no curve: {curve.reason}"
-                for name, curve in self._fitted.quoted().items() if not curve.fitted]  # fmt: skip
+        quoted = self._fitted.quoted().items()
+        none = [f"{name}: no curve: {curve.reason}" for name, curve in quoted if not curve.fitted]
         return none + answer_lines(self._study, self._fitted)[1]
 
     @property

@@ -12,7 +12,6 @@ import xarray as xr
 from archfrag.cli.options import (
     PATH,
     Once,
-    Real,
     check_written,
     echo,
     json_option,
@@ -145,12 +144,11 @@ def _ratios(context: click.Context, parameter: click.Parameter, text: str | None
     click.option("--hazard", "hazards", type=PATH, required=True, multiple=True, metavar="FILE",
                  help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles."),
     click.option("--unit", help="Unit of the intensities of a CSV whose header has none."),
-    click.option("--years", type=Real(), default=50.0, show_default=True,
+    click.option("--years", type=float, default=50.0, show_default=True,
                  help="Period for the probability of collapse [years]."),
     click.option("--site", callback=_site, metavar="LON,LAT",
                  help="Place: the nearest site of OpenQuake's file within 10 km."),
-    click.option("--confidence", type=Real(), default=0.9, show_default=True,
-                 help="Of all bands."),
+    click.option("--confidence", type=float, default=0.9, show_default=True, help="Of all bands."),
     click.option("--consequence", callback=_ratios, metavar="NAME=RATIO,...",
                  help="Cost of limit states as parts of the arch's value, 0 to 1: the average "
                  "annual loss is given too."),

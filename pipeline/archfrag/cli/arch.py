@@ -15,8 +15,6 @@ from archfrag.arch.facts import facts_of, facts_text, unit_cautions
 from archfrag.cli.options import (
     PATH,
     Once,
-    Real,
-    Whole,
     check_written,
     figure_option,
     json_option,
@@ -45,7 +43,7 @@ _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
 _SPREADS = 10  # parts of a spread in a table
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
-_TYPES = {"voussoirs": Whole(), "drawing": str, "drawing_unit": str}  # others: Real
+_TYPES = {"voussoirs": int, "drawing": str, "drawing_unit": str}  # others: float
 _OPTIONS = {
     "voussoirs": "Number of voussoirs.",
     "friction": "Coulomb coefficient; inf is allowed.",
@@ -95,7 +93,7 @@ def _takes_arch(command: Callable) -> Callable:
                      "varies, ID the arch as given."),
         click.option("--profile", type=click.Choice(_PROFILES), default="circular",
                      show_default=True),
-        *(click.option(f"--{name.replace('_', '-')}", type=_TYPES.get(name, Real()), help=text)
+        *(click.option(f"--{name.replace('_', '-')}", type=_TYPES.get(name, float), help=text)
           for name, text in _OPTIONS.items()),
         click.option("--layer", multiple=True, metavar="NAME,...",
                      help="Layer of the drawing; the only one with polylines if not given. "
@@ -142,7 +140,7 @@ def _by_numbers(options: dict[str, Any]) -> ArchEntry:
 @_takes_arch
 @click.option(
     "--spread",
-    type=Real(),
+    type=float,
     help="Let the right springing move away by this much, and show the onset against it [m].",
 )
 @figure_option
@@ -198,14 +196,13 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
 @takes_record
 @takes(
     click.option("--component", help="Horizontal component to use, e.g. E."),
-    click.option("--scale", type=Real(), default=1.0, show_default=True,
+    click.option("--scale", type=float, default=1.0, show_default=True,
                  help="Factor on the record."),
-    click.option("--pga", type=Real(),
-                 help="Peak to scale the record to [g], instead of --scale."),
+    click.option("--pga", type=float, help="Peak to scale the record to [g], instead of --scale."),
     click.option("--method", default="auto", show_default=True),
-    click.option("--dt", type=Real(), help="Time step [s]; the method's default if not given."),
-    click.option("--rtol", type=Real(), help="Relative error; the method's default if not given."),
-    click.option("--follow", type=Real(), default=20.0, show_default=True,
+    click.option("--dt", type=float, help="Time step [s]; the method's default if not given."),
+    click.option("--rtol", type=float, help="Relative error; the method's default if not given."),
+    click.option("--follow", type=float, default=20.0, show_default=True,
                  help="Longest time to simulate after the record while the arch moves [s]."),
     click.option("--mechanism", "history", is_flag=True, help="Show how the mechanism changed."),
     json_option,

@@ -17,34 +17,6 @@ from archfrag.files import check_targets, number, printable
 PATH = click.Path(path_type=Path)
 
 
-class _Plain(click.ParamType):
-    """A number as tables and study files have it: 1_0 and 010 are none."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the number of a text."""
-        try:
-            number(str(value))
-        except ValueError as error:
-            self.fail(str(error), param, ctx)
-        return super().convert(value, param, ctx)
-
-
-class Real(_Plain, click.types.FloatParamType):
-    """A number."""
-
-
-class Whole(_Plain, click.types.IntParamType):
-    """A whole number."""
-
-
-class RealRange(_Plain, click.FloatRange):
-    """A number within bounds."""
-
-
-class WholeRange(_Plain, click.IntRange):
-    """A whole number within bounds."""
-
-
 def takes(*options: Callable) -> Callable:
     """Give a command options, in the order of its help."""
 
@@ -68,7 +40,7 @@ def _accept(context: click.Context, parameter: click.Parameter, words: tuple[str
     return accepted_words(words, "--accept")
 
 
-cores_option = click.option("--cores", "--workers", type=WholeRange(min=1),
+cores_option = click.option("--cores", "--workers", type=click.IntRange(min=1),
                             help="Number of cores to use; all by default.")  # fmt: skip
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 takes_study = takes(
@@ -98,15 +70,22 @@ takes_record = takes(
 
 
 class Once(click.Command):
-    """A command whose options are given once each, unless they may be repeated."""
+    """A command whose options are given once each, unless they may be repeated.
+
+    Their numbers are those of `archfrag.files.number`.
+    """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse options; InputError for one given twice, whose first value would be lost."""
-        if args:
-            _, _, order = self.make_parser(ctx).parse_args(list(args))
-            for each in {*order}:
-                if isinstance(each, click.Option) and not each.multiple and order.count(each) > 1:
-                    raise InputError(f"{each.opts[0]} is given twice; give it once")
+        """Parse options; an error for one given twice, whose first value would be lost."""
+        values, _, order = self.make_parser(ctx).parse_args(list(args))
+        for each in {*order}:
+            if isinstance(each, click.Option) and not each.multiple and order.count(each) > 1:
+                raise InputError(f"{each.opts[0]} is given twice; give it once")
+            if isinstance(each.type, click.types.FloatParamType | click.types.IntParamType):
+                try:
+                    number(str(values[str(each.name)]))
+                except ValueError as error:
+                    raise click.BadParameter(str(error), ctx, each) from None
         return super().parse_args(ctx, args)
 
 
@@ -124,10 +103,11 @@ _WRITTEN = ("out", "figure", "path", "folder", "vulnerability", "output")  # par
 
 def check_written(*targets: Path | None) -> None:
     """See that what the current command writes replaces no input of it and no file of others."""
-    given = click.get_current_context().params.items()
-    every = [value if isinstance(value, tuple) else (value,)
-             for name, value in given if name not in _WRITTEN]  # fmt: skip
-    check_targets(targets, (each for few in every for each in few if isinstance(each, Path)))
+    given = list[Any]()
+    for name, value in click.get_current_context().params.items():
+        if name not in _WRITTEN:
+            given += value if isinstance(value, tuple) else [value]
+    check_targets(targets, (each for each in given if isinstance(each, Path)))
 
 
 def echo(text: str, err: bool = False) -> None:

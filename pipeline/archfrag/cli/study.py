@@ -16,8 +16,6 @@ from archfrag.cli import COMMANDS
 from archfrag.cli.options import (
     PATH,
     Once,
-    Real,
-    Whole,
     cores_option,
     echo,
     json_option,
@@ -144,7 +142,7 @@ def _step(name: str, help_: str, *options: Callable) -> click.Command:
 
 motions_command = _step("motions", COMMANDS["motions"][1])
 batch_command = _step("batch", COMMANDS["batch"][1],
-      click.option("--batch", type=Whole(), default=0, show_default=True,
+      click.option("--batch", type=int, default=0, show_default=True,
                    help="Its number, from 0."), cores_option,
       click.option("--quiet", is_flag=True, help="No progress bar."))  # fmt: skip
 cube_command = _step("cube", COMMANDS["cube"][1])
@@ -172,7 +170,7 @@ def _mapping(context: click.Context, parameter: click.Parameter, texts: tuple[st
 @click.option("--unit", help="Unit of the intensity, if its column does not state it.")
 @click.option("--states", metavar="NAME,...", default="",
               help="Damage states of a column, in order, from none to collapse.")  # fmt: skip
-@click.option("--confidence", type=Real(), default=0.9, show_default=True, help="Of all bands.")
+@click.option("--confidence", type=float, default=0.9, show_default=True, help="Of all bands.")
 @click.option("--hazard", type=PATH, help="Hazard curve of a site, for the rate of collapse.")
 @click.option("--output", type=PATH, help="Folder to write to; results/NAME if not given.")
 @click.option("--format", "formats", multiple=True, type=click.Choice(FORMATS),

@@ -90,9 +90,10 @@ def export_study(
             from_extra("pyarrow", "parquet")  # before anything is written
         folder = folder or study.folder / "export"
         files = [(name, folder / f"{study.id}-{ending}") for name, ending, _ in texts]
-        tables = [folder / f"{study.id}-{name}.{end}" for name in TABLES
-                  for end in formats if not FORMATS[end][1]]  # fmt: skip
-        check_targets([*(path for _, path in files), *tables, folder / f"{study.id}-tables.json"])
+        tabled = [f"{name}.{end}" for name in TABLES for end in formats if not FORMATS[end][1]]
+        tabled += ["tables.json"] * ("csv" in formats)
+        tables = [folder / f"{study.id}-{end}" for end in tabled]
+        check_targets([*(path for _, path in files), *tables])
         make_folder(folder)
         for (_, path), (_, _, text) in zip(files, texts):
             write_text(path, text)

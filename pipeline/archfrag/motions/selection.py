@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from archfrag.errors import InputError, RecordError, reason_of
 from archfrag.files import (
     check_decimals,
-    check_targets,
     number,
     parse_table,
     read_text,
@@ -194,7 +193,6 @@ class Selection:
         is written beside the index (`target_file`), for the report of the study.
         """
         place = Path(os.path.realpath(path))
-        check_targets([path, target_file(place)])
         if "file" not in self.table:
             raise RecordError("the flatfile: column 'file' is missing")
         rows = self.table.rename(columns=_RENAMED).filter(items=_INDEX)

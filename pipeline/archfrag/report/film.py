@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import InputError
-from archfrag.files import check_targets, counted, make_folder, number, replacing
+from archfrag.files import counted, make_folder, number, replacing
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.motion import Motion
 from archfrag.physics.methods.registry import AUTO
@@ -183,7 +183,6 @@ def save_film(example: Example, path: Path) -> None:
     InputError if nothing moves, OutputError if the file cannot be written.
     """
     check_target(path)
-    check_targets([path])
     shown = film(example, "film", "A collapse" if example.response.collapsed else "A run")
     if shown is None:
         raise InputError(f"{path}: nothing moves in this run, so there is no film")

@@ -176,8 +176,8 @@ def cautions_of(study: StudyKeys, fitted: Fitted) -> list[str]:
         cautions += unit_warnings(study, study.members)
         cautions += suspicious(read_manifest(study)["records"])
     else:
-        cautions += [f"{name}: {message}" for name in fitted.arches
-                     for message in table_cautions(fitted.runs[name])]  # fmt: skip
+        for name in fitted.arches:
+            cautions += [f"{name}: {each}" for each in table_cautions(fitted.runs[name])]
     return [*cautions, *study.design.cautions(facts), *record_cautions(fitted.cube)]
 
 

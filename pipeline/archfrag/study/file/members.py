@@ -124,6 +124,8 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         if "id" not in table or table.empty:
             raise InputError("must have arches and a column id")
         table.columns = table.columns.map(_key_or_attribute)
+        if same := list(table.columns[table.columns.duplicated()]):
+            raise InputError(f"column {same[0]!r} is there twice, with a unit and without")
         if (twice := table["id"].duplicated()).any():
             raise InputError(f"several arches have the id {table['id'][twice].iloc[0]!r}")
     defaults = entry.model_dump(exclude={"id", "table"}, exclude_unset=True, exclude_none=True)
