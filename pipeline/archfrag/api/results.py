@@ -7,7 +7,6 @@ import os
 import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -110,7 +109,7 @@ class Results:
             for name, curve in self._fitted.curves.items() if curve.fitted
         }  # fmt: skip
 
-    @cached_property
+    @property
     def cautions(self) -> list[str]:
         """Reasons for caution, and why there is no curve of an arch, as commands print them."""
         quoted = self._fitted.quoted().items()

@@ -71,7 +71,7 @@ def fetch_records(
                 yield "kept", row["id"]
                 continue
             try:
-                row = _fetched(archive, site, place)
+                row = _fetched(archive, site, place, bool(row))
             except (ServiceError, InputError) as error:
                 failed = failed + 1 if isinstance(error, ServiceError) else 0
                 rest = "; this service is left alone" if failed == 3 else ""
@@ -136,8 +136,8 @@ def _sites(
     return sorted(sites.values(), key=lambda site: (site["epicentral_km"], site["station"]))
 
 
-def _fetched(archive: Client, site: dict[str, Any], place: Path) -> dict[str, Any]:
-    """Fetch what one station recorded, and return its row of the index."""
+def _fetched(archive: Client, site: dict[str, Any], place: Path, again: bool) -> dict[str, Any]:
+    """Fetch what one station recorded, `again` if the index has it, and return its row there."""
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,16}\.[A-Za-z0-9_-]{1,16}", site["station"]):
         raise RecordError("the codes of this station cannot name a file")
     query = site.pop("query")
@@ -150,7 +150,7 @@ def _fetched(archive: Client, site: dict[str, Any], place: Path) -> dict[str, An
             motions = read_horizontals(record)
         except RecordError as error:
             raise RecordError(str(error).replace(part, str(place))) from None
-        check_targets(place / path.name for path in (xml, record))
+        check_targets(place / path.name for path in (xml, record) if not again)
         for path in (xml, record):
             register(place / path.name, path)
             path.replace(place / path.name)
