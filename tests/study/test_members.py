@@ -9,6 +9,7 @@ from archfrag.errors import InputError, StabilityError
 from archfrag.simulation.simulate import onset
 from archfrag.study.file.arches import ArchEntry, JointEntry
 from archfrag.study.file.members import check_buildable, check_standing, expand
+from archfrag.study.keys import at
 
 SHARED = {"profile": "circular", "embrace": 157.5, "voussoirs": 7, "friction": 0.7}
 RING = {"id": "ring", "radius": 10.0, "thickness": 1.5, **SHARED}
@@ -120,6 +121,14 @@ def fleet(folder, text=TABLE, **changed):
     path = folder / "fleet.csv"
     path.write_text(text, encoding="utf-8", newline="")
     return ArchEntry.model_validate({"id": "fleet", **SHARED, "table": str(path), **changed})
+
+
+def test_a_key_beside_of_is_said_to_belong_there():
+    vary = {"samples": 2, "friction": uniform(0.6, 0.8)}
+    message = r"vary.friction must stand in of: {of: {friction: ...}}"
+    with pytest.raises(InputError, match=message), at("arch", given := {**RING, "vary": vary}):
+        ArchEntry.model_validate(given)
+    assert drawn({"of": {"friction": uniform(0.6, 0.8)}}, 2)
 
 
 def test_a_row_named_as_its_class_is_refused(tmp_path):

@@ -115,6 +115,27 @@ def test_years_hold_with_the_hazard_of_the_study(place, tmp_path):
     assert (results.risk(years=50.0)["probability"] == own["probability"]).all()
 
 
+def test_what_is_no_study_is_named(place, monkeypatch):
+    monkeypatch.chdir(place)
+    for name in ("info", "open"):
+        done = command(name, "hazard.csv")
+        assert done.exit_code == 2
+        assert "hazard.csv: is no study file (.yaml), and no folder of results" in done.stderr
+    with pytest.raises(InputError, match=r"is a cube; give its folder out, or the study file"):
+        af.open("out/cube.nc")
+
+
+def test_a_folder_that_is_read_only_ends_a_step_with_the_code_of_outputs(place, monkeypatch):
+    def denied(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.chdir(place)
+    monkeypatch.setattr(Path, "touch", denied)
+    done = command("report", "small.yaml")
+    assert done.exit_code == 4
+    assert "cannot be written (Permission denied)" in done.stderr
+
+
 def test_studies_of_one_file_name_are_refused_by_snakemake(tmp_path):
     for folder in (tmp_path, tmp_path / "a"):
         small_study(folder)

@@ -75,6 +75,8 @@ def open(path: PathLike) -> Results:
     (1, 2, 3)
     """
     file = given = Path(path)
+    if given.suffix == ".nc":
+        raise InputError(f"{given}: is a cube; give its folder {given.parent}, or the study file")
     if given.is_dir():
         if "file" not in (owner := read_state(given / WORK / OWNER)):
             what = "is not a folder with the results of a study"

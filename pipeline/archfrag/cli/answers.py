@@ -199,6 +199,8 @@ _MOST_NAMED = 12  # entries of a list
 
 def _folder(path: Path) -> Path:
     """Return the folder of the results of a study, which is given itself or by the study file."""
+    if path.is_file() and path.suffix.lower() not in ("", ".yaml", ".yml"):
+        raise InputError(f"{path}: is no study file (.yaml), and no folder of results")
     return path if path.is_dir() else load_study(path).folder
 
 

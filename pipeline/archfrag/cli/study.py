@@ -30,7 +30,7 @@ from archfrag.cli.with_study import with_study
 from archfrag.errors import FitError, InputError
 from archfrag.export import FORMATS
 from archfrag.export.command import export_study
-from archfrag.files import counted, printable
+from archfrag.files import cannot_write, counted, printable
 from archfrag.report import make_report
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.fits import FITS, fit_runs, load_fits
@@ -133,7 +133,10 @@ def _step(name: str, help_: str, *options: Callable) -> click.Command:
         with _stoppable("the same command goes on"):
             make_step(study, step, warn, report=make_report, **given)
         for path in filter(Path.is_file, products(study, step)):
-            path.touch()
+            try:
+                path.touch()
+            except OSError as error:
+                raise cannot_write(path, error) from error
         if as_json:
             echo(products(study, step)[0].read_text(encoding="utf-8"))
 

@@ -276,6 +276,14 @@ class Vary(Section):
     joints: JointScatter | None = None
     """Differences between the joints of one arch."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _keys_are_in_of(cls, given: Any) -> Any:
+        for key in given if isinstance(given, dict) else ():
+            if key in VARIABLE and key not in cls.model_fields:
+                raise refuse(f"must stand in of: {{of: {{{key}: ...}}}}", key)
+        return given
+
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
         if not self.of and (self.joints is None or not self.joints.model_fields_set):
