@@ -162,13 +162,6 @@ def test_attributes_are_named(tmp_path):
     assert "columns that change no arch: county" in " ".join(done.stdout.split())
 
 
-def test_one_file_is_listed_once(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="line 3: is the file and component of id 'a'"):
-        index("component", "N\nb,a.txt,g,N")
-    assert len(index("component", "N\nb,a.txt,g,E")) == 2
-
-
 NO_NUMBERS = [
     "1_0",
     "010",

@@ -76,7 +76,6 @@ def load_index(path: str | Path) -> list[IndexEntry]:
             rule = f"write {known}, with numbers in the unit that its name states"
             raise RecordError(f"{source}: column {name!r} is not known; {rule}")
     entries: dict[str, IndexEntry] = {}
-    listed = dict[tuple[str, ...], str]()
     for line, values in rows:
         place, name = f"{source}, line {line}", values["id"]
         if not name or not values["file"]:
@@ -102,10 +101,6 @@ def load_index(path: str | Path) -> list[IndexEntry]:
         except InputError as error:
             raise RecordError(f"{place}: {error}") from None
         accept = accepted_words(values.get("accept", ""), place)
-        same = (values[key] for key in ("file", "component", "columns") if key in values)
-        if (other := listed.setdefault(tuple(same), name)) != name:
-            rule = "list each component of a file once"
-            raise RecordError(f"{place}: is the file and component of id {other!r}; {rule}")
         path, digest = source.parent / values["file"], values.get("sha256", "")
         entries[name] = IndexEntry(name, path, values["unit"], digest, metadata, accept, columns)
     return list(entries.values())
