@@ -21,6 +21,12 @@ if "study" not in config:
     raise WorkflowError("no study is given; add --config study=FILE, such as configs/shipped.yaml")
 GIVEN = config["study"] if isinstance(config["study"], list) else [config["study"]]
 STUDIES = {Path(file).stem: str(file) for file in GIVEN}
+for file in GIVEN:
+    if Path(STUDIES[Path(file).stem]).resolve() != Path(file).resolve():
+        raise WorkflowError(
+            f"{file} and {STUDIES[Path(file).stem]} would both have their results in "
+            f"{Path(file).stem}; give one of the study files another name"
+        )
 RESULTS = str(config.get("results", "results"))
 FOLDER = f"{RESULTS}/{{study}}"
 HIDDEN = f"{FOLDER}/.archfrag"

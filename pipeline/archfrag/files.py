@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 WORK = ".archfrag"  # in the folder of a study's results: all that is not for people
+STAMPS, MADE = "stamp.json", "made.txt"  # SHA-256 of a study's files; of all that archfrag wrote
 _HOST = re.sub(r"\W", "_", socket.gethostname())
 # Temporary names give host and process, so that what a killed process left can be recognised.
 _TEMPORARY = re.compile(r"\.archfrag-(?P<host>\w+)-(?P<pid>[0-9]{1,9})-[a-z0-9_]{8}\.tmp")
@@ -36,13 +37,33 @@ _OBEYED = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
 _FORMULA = re.compile(r"[=+\-@\t\r]")  # first characters of a cell that a spreadsheet computes
-_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
+WHOLE = r"[-+]?(0|[1-9][0-9]*)"  # of YAML 1.2, but for 010, which YAML 1.1 takes for 8
+REAL = rf"({WHOLE}(\.[0-9]*)?|[-+]?\.[0-9]+)([eE][-+]?[0-9]+)?"
+NUMBERS = "write digits with a decimal point, such as 10, 0.5 or 2e-3"
+_NUMBER = re.compile(REAL)
 
 
 def counted(number: int, noun: str) -> str:
     """Return a number of things: 1 arch, 2 arches."""
     plural = "" if number == 1 else "es" if noun.endswith("ch") else "s"
     return f"{number} {noun}{plural}"
+
+
+def number(text: str) -> float:
+    """Return the number that a text of a table, option or key is; ValueError if it is none.
+
+    Python would also take 1_0 for 10 and nan, YAML 1.1 1:30 for 90 and 010 for 8. inf is one.
+    """
+    plain = text.strip()
+    if _NUMBER.fullmatch(plain) or plain.lstrip("+-") == "inf":
+        return float(plain)
+    raise ValueError(f"could not convert string to a number: {plain[:60]!r}; {NUMBERS}")
+
+
+def stated_unit(head: str) -> tuple[str, str | None]:
+    """Split the name of a column, `name [unit]` or `name (unit)`; None if it states no unit."""
+    found = re.fullmatch(r"(.+?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]", head.strip())
+    return (found[1], found[2]) if found else (head, None)
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
@@ -162,6 +183,68 @@ def sweep(folder: Path) -> None:
                 shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
 
 
+def _registers(path: Path) -> list[Path]:
+    """Return where the SHA-256 of what archfrag made stands: beside a study, and of the user."""
+    from platformdirs import user_state_path  # start-up
+
+    places = path.parent / WORK / MADE, user_state_path("archfrag") / MADE
+    return [place for place in places if place.is_absolute() or place.parent.name == WORK]
+
+
+def register(path: Path, content: Path) -> None:
+    """Note that archfrag makes the file `path` of this `content`, so that it may replace it."""
+    if WORK in path.parts:  # where nothing is of anybody else
+        return
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+    for place in _registers(path):
+        with contextlib.suppress(OSError):
+            if place.parent.name != WORK:
+                place.parent.mkdir(parents=True, exist_ok=True)
+            with open(os.open(place, flags, 0o666), "ab") as file:
+                if os.fstat(file.fileno()).st_nlink == 1:  # else it has another name as well
+                    file.write(f"{sha256_of(content)}\n".encode())
+
+
+def _is_listed(path: Path, *places: Path) -> bool:
+    """Tell whether some lists of SHA-256 have that of a file."""
+    with contextlib.suppress(OSError):
+        digest = sha256_of(path).encode()
+        for place in places:
+            with contextlib.suppress(OSError), opened(place) as file:
+                if digest in file.read():
+                    return True
+    return False
+
+
+def check_targets(
+    targets: Iterable[str | Path | None],
+    inputs: Iterable[str | Path | None] = (),
+    of_study: bool = False,
+) -> None:
+    """See that files to be written replace no input and nothing that archfrag did not make.
+
+    Nor what a study made, unless they are `of_study`. OutputError names the first that does.
+    """
+    given, seen = [each for each in inputs if each and os.path.exists(each)], set[str]()
+    for path in (Path(target) for target in targets if target is not None):
+        real, why, stamps = os.path.realpath(path), "", path.parent / WORK / STAMPS
+        if real in seen:
+            why = "the place of another output too"
+        elif any(path.exists() and path.samefile(each) for each in given):
+            why = "an input of this command"
+        elif path.is_symlink() or (path.exists() and not path.is_file()):
+            why = "a link, a folder or a device"
+        elif path.exists() and WORK not in path.parts:  # where all is archfrag's
+            if _is_listed(path, stamps):
+                why = "" if of_study else "a result of the study in this folder"
+            elif not _is_listed(path, *_registers(path)):
+                why = "not a file that archfrag wrote, or has changed since"
+        if why:
+            how = "name another place, or move it away"
+            raise OutputError(f"{path}: is {why}, so archfrag does not replace it; {how}")
+        seen.add(real)
+
+
 @contextlib.contextmanager
 def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
     """Give a temporary name and, if all goes well, put that file in `path`'s place.
@@ -180,6 +263,7 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
         if lasting:
             with open(temporary, "rb+") as file:
                 os.fsync(file.fileno())
+        register(path, temporary)
         os.replace(temporary, path)
     except OSError as error:
         raise cannot_write(path, error) from error

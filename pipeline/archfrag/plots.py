@@ -23,6 +23,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
+from archfrag.files import check_targets, register
 
 # Okabe and Ito's palette: distinct with any kind of colour vision.
 BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
@@ -204,8 +205,10 @@ class Film(FuncAnimation):
             writer = PillowWriter(fps=FRAMES)
         elif writer is None and not writers.is_available("ffmpeg"):
             raise InputError(f"{filename}: needs ffmpeg, which is not installed; save a .gif")
+        check_targets([filename])
         self._fig.patch.set(alpha=1.0, facecolor="white")  # films have no transparent background
         super().save(filename, writer=writer, **options)
+        register(Path(filename), Path(filename))
         self._fig.patch.set_alpha(0.0)
 
 

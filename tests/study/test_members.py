@@ -11,6 +11,7 @@ from archfrag.simulation.simulate import onset
 from archfrag.study.answer.cube import _arch_variables
 from archfrag.study.file.arches import ArchEntry, JointEntry
 from archfrag.study.file.members import check_buildable, check_standing, expand
+from archfrag.study.keys import at
 
 SHARED = {"profile": "circular", "embrace": 157.5, "voussoirs": 7, "friction": 0.7}
 RING = {"id": "ring", "radius": 10.0, "thickness": 1.5, **SHARED}
@@ -122,6 +123,36 @@ def fleet(folder, text=TABLE, **changed):
     path = folder / "fleet.csv"
     path.write_text(text, encoding="utf-8", newline="")
     return ArchEntry.model_validate({"id": "fleet", **SHARED, "table": str(path), **changed})
+
+
+def test_a_key_beside_of_is_said_to_belong_there():
+    vary = {"samples": 2, "friction": uniform(0.6, 0.8)}
+    message = r"vary.friction must stand in of: {of: {friction: ...}}"
+    with pytest.raises(InputError, match=message), at("arch", given := {**RING, "vary": vary}):
+        ArchEntry.model_validate(given)
+    assert drawn({"of": {"friction": uniform(0.6, 0.8)}}, 2)
+
+
+def test_a_row_named_as_its_class_is_refused(tmp_path):
+    with pytest.raises(InputError, match="the id 'fleet' already belongs to"):
+        expand([fleet(tmp_path, TABLE.replace("wide", "fleet"))])
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "law"),
+    [
+        ("joints", {"stiffness": [2e10] * 8}, uniform(1e10, 2e10)),
+        ("friction", [0.7] * 8, normal(0.7, 0.1)),
+        ("density", [2000.0] * 7, normal(2000.0, 0.1)),
+        ("depth", [1.0] * 7, uniform(0.9, 1.1)),
+        ("dead_load", [0.0] * 7, uniform(0.0, 10.0)),
+    ],
+)
+def test_a_distribution_replaces_no_list(key, values, law):
+    with pytest.raises(ValueError, match=rf"would replace the list {key}; give factors on it"):
+        drawn({"of": {key: law}}, 2, **{key: values})
+    factor = {"distribution": "uniform", "start": 0.9, "stop": 1.1, "relative": True}
+    assert len(drawn({"of": {key: factor}}, 2, **{key: values})) == 2
 
 
 SOFT = {"stiffness": 2e10, "shear": 1e10, "damping": 0.1, "model": "face", "points": 3}

@@ -292,6 +292,9 @@ def test_no_curve_is_said_with_the_reason():
 HEAD = "record,event,PGA [g],verdict\n"
 GOOD = "a,e,0.1,0\na,e,0.4,1\nb,f,0.2,0\n"
 BAD = {
+    "runs and brackets":
+        ("record,PGA [g],verdict,lower [g],upper [g]\na,0.1,0,1,2\na,0.4,1,1,2\n",
+         r"has runs and brackets \(lower \[g\] and upper \[g\] beside PGA \[g\]\); say which"),
     "a verdict that is none":
         (HEAD + GOOD + "b,f,0.5,maybe\n",
          r"line 5, column 'verdict': 'maybe' is no verdict"),
@@ -376,6 +379,66 @@ def test_a_damaged_table_gets_one_sentence(tmp_path, text, message):
         af.fit(path, measure=measure)
     assert "verdicts.csv" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_verdicts_that_fall_with_intensity_and_few_ones_get_a_caution(tmp_path):
+    table = stripes()
+    assert af.fit(table).cautions == []
+    reversed_ = af.fit(table.assign(verdict=~table["verdict"])).cautions
+    assert any("does 1 mean survived here?" in each for each in reversed_)
+    few = af.fit({"record": ["a", "b"], "lower [g]": [0.3, 0.3], "upper [g]": [0.4, 0.4]},
+                 measure="PGA")  # fmt: skip
+    assert any("is from 2 records: the prior" in each for each in few.cautions)
+    assert af.fit(table[table["record"].isin([f"r{n}" for n in range(9)])]).cautions
+    assert not af.fit(table[table["record"].isin([f"r{n}" for n in range(10)])]).cautions
+    (tmp_path / "two.csv").write_text("PGA [g],verdict\n0.3,0\n0.4,1\n")
+    done = command("fit", tmp_path / "two.csv", "--output", tmp_path / "out")
+    assert "the curve is from 2 records" in " ".join(done.stdout.split())
+
+
+def test_the_results_have_the_cautions_of_the_terminal(tmp_path):
+    fell = {"PGA [g]": [0.1, 0.2, 0.3], "verdict": [1, 1, 1]}
+    (first, *_), (second, *_) = (
+        af.fit(table).cautions
+        for table in (fell, {"PGA [g]": [0.3, 0.3], "record": ["a", "b"], "verdict": [0, 1]})
+    )
+    assert first.startswith("structure: no curve: nothing bounds theta")
+    assert second.startswith("structure: no curve: ") or "records" in second
+    path = small_study(tmp_path)
+    done = command("run", path)
+    assert done.exit_code == 0
+    printed = " ".join(done.stdout.split())
+    for each in af.open(path).cautions:
+        assert " ".join(each.split()) in printed or ": no curve: " in each
+
+
+def test_columns_may_choose_runs_or_brackets():
+    table = stripes().assign(lower=1.0, upper=2.0)
+    by = {"intensity": "PGA [g]", "verdict": "verdict"}
+    assert bits(af.fit(table, by).curve) == bits(af.fit(stripes()).curve)
+    chosen = table.groupby("record").first().reset_index()
+    found = af.fit(chosen, {"lower": "lower", "upper": "upper"}, "PGA", "g")
+    assert 1.0 < found.curve.theta < 2.0
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"columns": {"intensity": 0, "verdict": 1}, "confidence": "0.9"}, "confidence is '0.9'"),
+        ({"columns": ["PGA", "verdict"]}, "columns is .* it must be a mapping"),
+        ({"columns": {"intensity": 5}}, "has no column '5', but 0, 1"),
+        ({"states": "ab"}, "states are 'ab'; they must be a list of different names"),
+        ({"states": ["none", "none", "collapse"]}, "list of different names"),
+        ({"states": ["None ", "none", "collapse"]}, "list of different names"),
+        ({"states": ["none", "collapse"]}, "no column of damage states"),
+    ],
+)
+def test_odd_arguments_get_one_sentence(given, message):
+    table = pd.DataFrame([[0.1, 0], [0.3, 1], [0.5, 1]])
+    mapping = {"columns": {"intensity": 0, "verdict": 1}, "measure": "PGA", "unit": "g"}
+    assert af.fit(table, **mapping).curve.theta == pytest.approx(0.2, rel=0.3)
+    with pytest.raises(InputError, match=message):
+        af.fit(table, **mapping | given)
 
 
 def test_the_command_prints_the_curve_and_writes_the_report(tmp_path):

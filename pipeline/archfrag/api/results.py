@@ -17,7 +17,7 @@ from markupsafe import escape
 
 from archfrag.errors import FitError, InputError
 from archfrag.export.command import export_study, write_vulnerability
-from archfrag.files import WORK, make_folder
+from archfrag.files import WORK, check_targets, make_folder
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.plane import Plane
 from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
@@ -26,8 +26,14 @@ from archfrag.report.film import example_of
 from archfrag.study.answer.compare import compare, plane_of
 from archfrag.study.answer.cube import stored_cube
 from archfrag.study.answer.curves import Fitted
-from archfrag.study.answer.fits import cautions_of, in_unit
-from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, vulnerability_table
+from archfrag.study.answer.fits import in_unit
+from archfrag.study.answer.rates import (
+    answer_lines,
+    losses_of,
+    risk_facts,
+    risk_of,
+    vulnerability_table,
+)
 from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.hazard import Hazard, hazard_of_table, load_hazard
 from archfrag.study.provenance import OWNER, read_stamp, read_state, write_text
@@ -69,6 +75,8 @@ def open(path: PathLike) -> Results:
     (1, 2, 3)
     """
     file = given = Path(path)
+    if given.suffix == ".nc":
+        raise InputError(f"{given}: is a cube; give its folder {given.parent}, or the study file")
     if given.is_dir():
         if "file" not in (owner := read_state(given / WORK / OWNER)):
             what = "is not a folder with the results of a study"
@@ -91,8 +99,6 @@ class Results:
     ----------
     curves : dict of str to Curve
         Curves of classes of arches, then of arches, by name; of those that have one.
-    cautions : list of str
-        Reasons for caution, as the report lists them.
     folder : Path
     """
 
@@ -104,7 +110,13 @@ class Results:
             name: in_unit(curve, name, study.intensity)
             for name, curve in self._fitted.curves.items() if curve.fitted
         }  # fmt: skip
-        self.cautions = cautions_of(study, self._fitted)
+
+    @property
+    def cautions(self) -> list[str]:
+        """Reasons for caution, and why there is no curve of an arch, as commands print them."""
+        quoted = self._fitted.quoted().items()
+        none = [f"{name}: no curve: {curve.reason}" for name, curve in quoted if not curve.fitted]
+        return none + answer_lines(self._study, self._fitted)[1]
 
     @property
     def curve(self) -> Curve:
@@ -158,7 +170,7 @@ class Results:
         return self._fitted.capacities(1.0 / self._study.intensity.factor)
 
     def risk(
-        self, hazard: Hazards | None = None, *, years: float = 50.0,
+        self, hazard: Hazards | None = None, *, years: float | None = None,
         unit: str | None = None, site: Sequence[float] | None = None,
     ) -> pd.DataFrame:  # fmt: skip
         """Find the annual rate of collapse at a site, for each class and each arch of none.
@@ -168,8 +180,8 @@ class Results:
         hazard : path, sequence of path, or table, optional
             Hazard curve as `archfrag risk --help` describes it; that of the study if not given. A
             table, (n, 2), such as a DataFrame, has intensities and annual rates of exceedance.
-        years : float
-            Period for the probability of collapse.
+        years : float, optional
+            Period for the probability of collapse, that of the study or 50 if not given.
         unit : str, optional
             Of the intensities of a table, that of the study if not given, or of a CSV whose header
             has none.
@@ -253,7 +265,7 @@ class Results:
             Rows theta and, with a hazard, rate; columns before, after, ratio, lower, upper.
         """
         site = None
-        if hazard is not None or self._study.risk is not None:
+        if hazard is not None or given or self._study.risk is not None:
             site = self._hazard(hazard, **given)[0].main
         both = self._fitted, (other or self)._fitted
         ratios = compare(both, (before, after), site, self._study.report.confidence)
@@ -262,21 +274,26 @@ class Results:
         return table
 
     def _hazard(
-        self, hazard: Hazards | None, *, years: float = 50.0,
+        self, hazard: Hazards | None, *, years: float | None = None,
         unit: str | None = None, site: Sequence[float] | None = None,
     ) -> tuple[Hazard, float]:  # fmt: skip
         """Return the given hazard curve, or the study's, and the years of its probabilities."""
-        study = self._study
+        study, period = self._study, 50.0 if years is None else years
+        if hazard is None and (unit or site):
+            raise InputError("unit and site are of a hazard; give it too, or leave them out")
         if (given := study.risk) is not None and hazard is None:
-            hazard, unit, site, years = given.hazard, given.unit, given.site, given.years
+            hazard, unit, site = given.hazard, given.unit, given.site
+            period = given.years if years is None else years
         if hazard is None:
             raise InputError("the study has no hazard; give the file of a hazard curve")
         files = hazard if isinstance(hazard, list | tuple) else [hazard]
         if not files or not all(isinstance(each, str | os.PathLike) for each in files):
             intensity = study.intensity
-            return hazard_of_table(hazard, intensity.measure, unit or intensity.unit), years
+            if site is not None:
+                raise InputError("a table has no sites, so site cannot choose one; leave it out")
+            return hazard_of_table(hazard, intensity.measure, unit or intensity.unit), period
         paths = [Path(each) for each in files]
-        return load_hazard(paths, study.intensity.measure, unit, site), years
+        return load_hazard(paths, study.intensity.measure, unit, site), period
 
     def _check_there(self) -> None:
         """See that the folder still holds these results: nothing else is written as theirs."""
@@ -358,6 +375,8 @@ class Results:
         """Export to a folder, or a single file to the path of a file."""
         self._check_there()
         path, single = Path(path), kind.startswith("nrml")
+        weights = path.with_name(f"{path.stem}-branches.csv")
+        check_targets([path, weights] if single else [])
         if not single and path.suffix in (".csv", ".json") and not path.is_dir():
             how = f"such as {path.stem}; the files in it are named after the study"
             raise InputError(f"{path}: {kind} is written into a folder; give the folder, {how}")
@@ -367,7 +386,6 @@ class Results:
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)
-                weights = path.with_name(f"{path.stem}-branches.csv")
                 for target, file in zip((path, weights), files):
                     write_text(target, file.read_text("utf-8"))
         left = [f"no curve of {arch} is exported: {why}" for arch, why in made["left_out"].items()]
@@ -393,8 +411,4 @@ class Results:
     def _repr_html_(self) -> str:
         from archfrag.plots import html_of
 
-        none = [
-            f"{name}: no curve: {curve.reason}"
-            for name, curve in self._fitted.quoted().items() if not curve.fitted
-        ]  # fmt: skip
-        return html_of(self) + "".join(f"<p>{escape(each)}</p>" for each in none + self.cautions)
+        return html_of(self) + "".join(f"<p>{escape(each)}</p>" for each in self.cautions)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from archfrag.api.results import Results
 from archfrag.arch import Arch
 from archfrag.errors import InputError, OutputError
-from archfrag.files import counted, make_folder, read_text, sha256_of
+from archfrag.files import check_targets, counted, make_folder, read_text, sha256_of
 from archfrag.motions.index import INDEX_NAME, write_index
 from archfrag.motions.measures import measure_unit
 from archfrag.motions.motion import Motion
@@ -166,11 +166,14 @@ class Study:
         will be in results/ID beside it. OutputError if a file cannot be written.
         """
         path, keys = Path(path), self._keys.model_dump(exclude_unset=True)
+        place = path.parent.resolve() / f"{path.stem}-motions"
+        made = [place / f"motion{n + 1}.txt" for n in range(len(self._motions))]
+        check_targets([path, place / INDEX_NAME if made else None, *made])
         folder = make_folder(path.parent).resolve()
         if folder != self.folder.resolve():
             del keys["output"]
         if self._motions:
-            place = make_folder(folder / f"{path.stem}-motions")
+            make_folder(place)
             keys["motions"]["index"] = str(_write_motions(self._motions, place))
         text = yaml_of(relative(keys, folder))
         head = _HEAD.format(version=__version__, name=path.name)
@@ -206,6 +209,8 @@ class Study:
         ArchfragError
             Of the step that failed. What is finished is kept: call `run` again to continue.
         """
+        if None not in (cores, workers) and cores != workers:
+            raise InputError(f"cores = {cores} and workers = {workers} are one number; give one")
         path = self._file
         if path is None:
             path = self.folder / "study.yaml"

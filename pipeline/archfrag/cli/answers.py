@@ -9,21 +9,32 @@ import click
 import numpy as np
 import xarray as xr
 
-from archfrag.cli.options import PATH, echo, json_option, show, warn, wrapped
+from archfrag.cli.options import (
+    PATH,
+    Once,
+    check_written,
+    echo,
+    json_option,
+    refuse_given,
+    show,
+    warn,
+    wrapped,
+)
 from archfrag.cli.with_study import with_study
 from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, OF_ARCHES
 from archfrag.export.command import export_study, write_vulnerability
 from archfrag.export.scenes import export_arches
-from archfrag.files import opened
+from archfrag.files import number, opened
 from archfrag.report.film import check_target, example_of, save_film
 from archfrag.report.inputs import report_inputs
 from archfrag.report.printed import save_figures
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
+from archfrag.study.products import REPORT_FILES
 from archfrag.study.provenance import CUBE, finite
-from archfrag.study.steps import REPORT_FILES, finished
+from archfrag.study.steps import finished
 
 members_option = click.option("--members", is_flag=True,
                               help="Include the arches of classes as well.")  # fmt: skip
@@ -31,7 +42,7 @@ _USES = {name: about for name, (about, _, _) in FORMATS.items()} | OF_ARCHES
 _FORMATS = (f"{name:15}  {about}" for name, about in _USES.items())
 
 
-@click.command(epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
+@click.command(cls=Once, epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
 @with_study(
     click.option("--format", "formats", multiple=True, required=True, type=click.Choice(_USES),
                  help="Format to write. Repeatable."),
@@ -62,6 +73,8 @@ def export(
     that one's dispersion as far as needed, and a note states it. The files hold these notes too.
     """
     of_curves, of_arches = ([n for n in formats if n in known] for known in (FORMATS, OF_ARCHES))
+    if not of_curves:
+        refuse_given("scene and dxf have no curves", "curve", "limit_states")
     made: dict[str, Any] = {"left_out": {}, "notes": [], "files": []}
     if of_curves:
         made = export_study(study, of_curves, out, members, limit_states, curve)
@@ -79,7 +92,7 @@ def export(
     show(made, "\n".join(lines), as_json)
 
 
-@click.command()
+@click.command(cls=Once)
 @with_study(
     click.option("--run", "run_name", default="median", show_default=True,
                  metavar="RECORD@LEVEL",
@@ -99,6 +112,7 @@ def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
       archfrag film study.yaml --run syn-m75-r015@0.5 --to fall.gif
     """
     check_target(path)
+    check_written(path)
     example = example_of(study, run_name, arch)
     save_film(example, path)
     echo(f"film: {path}: {example.motion.id} at {example.level}, {example.reason}")
@@ -106,7 +120,7 @@ def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
 
 def _site(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
     try:
-        lon, lat = map(float, text.split(",")) if text else (None, None)
+        lon, lat = map(number, text.split(",")) if text else (None, None)
     except ValueError:
         rule = "must be longitude and latitude, such as 13.35,42.35"
         raise click.BadParameter(f"{text!r} {rule}") from None
@@ -116,13 +130,16 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
 def _ratios(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
     try:
         pairs = [each.split("=") for each in text.split(",")] if text else []
-        return {name: float(ratio) for name, ratio in pairs}
+        ratios = {name.strip(): number(ratio) for name, ratio in pairs}
     except ValueError:
         rule = "must be limit states with ratios, such as rotation=0.1,collapse=1"
         raise click.BadParameter(f"{text!r} {rule}") from None
+    if len(ratios) < len(pairs):
+        raise click.BadParameter(f"{text!r} names a limit state twice")
+    return ratios
 
 
-@click.command()
+@click.command(cls=Once)
 @with_study(
     click.option("--hazard", "hazards", type=PATH, required=True, multiple=True, metavar="FILE",
                  help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles."),
@@ -160,6 +177,7 @@ def risk(
     """
     if vulnerability and not consequence:
         raise InputError("--vulnerability needs --consequence, such as rotation=0.1,collapse=1")
+    check_written(vulnerability)
     confidence = given["confidence"]
     hazard = load_hazard(hazards, study.intensity.measure, given["unit"], given["site"])
     fitted = finished(study)
@@ -181,10 +199,12 @@ _MOST_NAMED = 12  # entries of a list
 
 def _folder(path: Path) -> Path:
     """Return the folder of the results of a study, which is given itself or by the study file."""
+    if path.is_file() and path.suffix.lower() not in ("", ".yaml", ".yml"):
+        raise InputError(f"{path}: is no study file (.yaml), and no folder of results")
     return path if path.is_dir() else load_study(path).folder
 
 
-@click.command()
+@click.command(cls=Once)
 @click.argument("file", type=PATH)
 @json_option
 def info(file: Path, as_json: bool) -> None:
@@ -235,7 +255,7 @@ def _facts(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: is missing, damaged or no cube of archfrag") from error
 
 
-@click.command("open")
+@click.command("open", cls=Once)
 @click.argument("study", type=PATH)
 def open_command(study: Path) -> None:
     """Open the report of STUDY in the browser.
@@ -250,7 +270,7 @@ def open_command(study: Path) -> None:
         echo(str(report))
 
 
-@click.command()
+@click.command(cls=Once)
 @with_study(
     click.option("--to", "folder", type=PATH, metavar="DIR",
                  help="Folder to write to; `figures` in the results folder by default."),

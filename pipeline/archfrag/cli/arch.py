@@ -12,7 +12,18 @@ from pydantic import ValidationError
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.arch.facts import facts_of, facts_text, unit_cautions
-from archfrag.cli.options import PATH, figure_option, json_option, show, takes, takes_record, warn
+from archfrag.cli.options import (
+    PATH,
+    Once,
+    check_written,
+    figure_option,
+    json_option,
+    refuse_given,
+    show,
+    takes,
+    takes_record,
+    warn,
+)
 from archfrag.errors import InputError
 from archfrag.motions.measures import scale_factor
 from archfrag.motions.read import read_motion
@@ -58,6 +69,12 @@ def _takes_arch(command: Callable) -> Callable:
         layers = [name for text in options.pop("layer") for name in text.split(",")]
         given["layer"] = layers or None
         given["unit"] = given.pop("drawing_unit")
+        if study is None:
+            refuse_given("an arch of a study needs --study", "arch_id")
+        else:
+            refuse_given("--study gives the arch", "profile", "layer", *_OPTIONS)
+        if given["drawing"] is not None:
+            refuse_given("--drawing gives the shape", "profile")
         entry = _by_numbers(given) if study is None else _of_study(study, arch_id)
         if entry.drawing is not None:
             warn("\narchfrag: caution: ".join(read_from_drawing(entry)))
@@ -119,7 +136,7 @@ def _by_numbers(options: dict[str, Any]) -> ArchEntry:
         raise InputError(f"{what}: {message}; {how}") from error
 
 
-@click.command()
+@click.command(cls=Once)
 @_takes_arch
 @click.option(
     "--spread",
@@ -134,6 +151,7 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
     The figure shows the arch with hinges and thrust line at onset.
     """
 
+    check_written(figure)
     start = find_onset(arch)
     names = ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus", "sliding_minus")
     lines = []
@@ -172,7 +190,7 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         warn(f"caution: {caution}")
 
 
-@click.command()
+@click.command(cls=Once)
 @_takes_arch
 @click.argument("record", type=PATH)
 @takes_record
@@ -197,6 +215,7 @@ def simulate(
     keys = ("unit", "component", "inventory", "accept", "columns")
     motion = read_motion(record, **{key: options.pop(key) for key in keys})
     if pga is not None:
+        refuse_given("--pga scales the record", "scale")
         scale = scale_factor(motion, "PGA", pga * STANDARD_GRAVITY)
     response = run_simulation(arch, motion, scale=scale, **options)
     facts = {**vars(response), "steps": response.steps, "fallbacks": response.fallbacks}

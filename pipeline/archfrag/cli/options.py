@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from archfrag.errors import InputError
-from archfrag.files import printable
+from archfrag.files import check_targets, number, printable
 
 PATH = click.Path(path_type=Path)
 
@@ -66,6 +67,47 @@ takes_record = takes(
                  "0.1 s (time_step), another number of samples than announced (samples), another "
                  "peak than the header states (header)."),
 )  # fmt: skip
+
+
+class Once(click.Command):
+    """A command whose options are given once each, unless they may be repeated.
+
+    Their numbers are those of `archfrag.files.number`.
+    """
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse options; an error for one given twice, whose first value would be lost."""
+        values, _, order = self.make_parser(ctx).parse_args(list(args))
+        for each in {*order}:
+            if isinstance(each, click.Option) and not each.multiple and order.count(each) > 1:
+                raise InputError(f"{each.opts[0]} is given twice; give it once")
+            if isinstance(each.type, click.types.FloatParamType | click.types.IntParamType):
+                try:
+                    number(str(values[str(each.name)]))
+                except ValueError as error:
+                    raise click.BadParameter(str(error), ctx, each) from None
+        return super().parse_args(ctx, args)
+
+
+def refuse_given(why: str, *names: str) -> None:
+    """Refuse options by the names of their parameters if they are given; else pass them over."""
+    context = click.get_current_context()
+    for each in context.command.params:
+        source = context.get_parameter_source(str(each.name))
+        if each.name in names and source not in (None, ParameterSource.DEFAULT):
+            raise InputError(f"{each.opts[0]} is given, but {why}; leave one of them out")
+
+
+_WRITTEN = ("out", "figure", "path", "folder", "vulnerability", "output")  # parameters
+
+
+def check_written(*targets: Path | None) -> None:
+    """See that what the current command writes replaces no input of it and no file of others."""
+    given = list[Any]()
+    for name, value in click.get_current_context().params.items():
+        if name not in _WRITTEN:
+            given += value if isinstance(value, tuple) else [value]
+    check_targets(targets, (each for each in given if isinstance(each, Path)))
 
 
 def echo(text: str, err: bool = False) -> None:

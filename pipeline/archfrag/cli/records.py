@@ -13,8 +13,11 @@ import pandas as pd
 
 from archfrag.cli.options import (
     PATH,
+    Once,
+    check_written,
     figure_option,
     json_option,
+    refuse_given,
     show,
     takes,
     takes_format,
@@ -22,7 +25,7 @@ from archfrag.cli.options import (
     warn,
 )
 from archfrag.errors import InputError, RecordError, ServiceError
-from archfrag.files import counted, opened, write_csv
+from archfrag.files import counted, number, opened, write_csv
 from archfrag.motions import selection, synthetic
 from archfrag.motions.channel import STANDARD_GRAVITY
 from archfrag.motions.convert import convert_record
@@ -47,7 +50,7 @@ def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
             return None
         ends = ":" in text
         try:
-            values = [float(part) for part in text.split(":" if ends else ",")]
+            values = [number(part) for part in text.split(":" if ends else ",")]
         except ValueError:
             values = [np.nan]
         increasing = len(values) == 2 and values[0] < values[-1]
@@ -74,7 +77,7 @@ def records() -> None:
     """Inspect, measure, select, convert, fetch and make records."""
 
 
-@records.command()
+@records.command(cls=Once)
 @_files
 @takes_format
 @json_option
@@ -126,7 +129,7 @@ def _inspection(facts: dict[str, Any]) -> str:
     return "\n".join([*lines, *(f"  ! {error}" for error in facts["errors"])])
 
 
-@records.command()
+@records.command(cls=Once)
 @_files
 @click.option("--out", type=PATH, required=True, metavar="FLATFILE.csv", help="Table to write.")
 @click.option("--periods", metavar="T,T,...", help="Periods of Sa [s], besides 0.01 to 10 s.")
@@ -146,6 +149,7 @@ def measure(
     Example:
       archfrag records measure records/*.AT2 --out flatfile.csv --figure spectra.svg
     """
+    check_written(out, figure)
     table = _measured(files, out, periods, reading)
     write_csv(out, [table], float_format="%.6g")
     if figure is not None:
@@ -163,7 +167,7 @@ def _measured(
     """Return the flatfile of record files at our periods and those of a text."""
     low, high = PERIODS
     try:
-        more = [float(part) for part in text.split(",")] if text else []
+        more = [number(part) for part in text.split(",")] if text else []
         if not all(low <= period <= high and round(period, 3) == period for period in more):
             raise ValueError
     except ValueError:
@@ -191,7 +195,7 @@ def _draw(figure: Path, periods: Sequence[float], spectra: Any, bands: dict[str,
     write_text(figure, plots.svg_of(plots.plot_spectra(periods, spectra, drawn).figure))
 
 
-@records.command()
+@records.command(cls=Once)
 @click.argument("flatfile", type=PATH)
 @takes(
     click.option("--out", type=PATH, required=True, metavar="INDEX.csv", help="Index to write."),
@@ -223,6 +227,7 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
       archfrag records select flatfile.csv --out selected.csv --count 30 \\
         --magnitude 6.5 --distance 15 --vs30 500 --period 0.5 --epsilon 1 --figure selected.svg
     """
+    check_written(out, selection.target_file(out), figure)
     table, names = selection.read_flatfile(flatfile), ("count", "seed", "max_scale", "per_event")
     target = _target(options, sorted(selection.spectrum_columns(table)))
     chosen = selection.select_records(table, target, **{name: options[name] for name in names})
@@ -249,6 +254,7 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
     if options["target"] is not None:
         if named:
             raise InputError(f"--target and --{named[0]}: a target is a file or a scenario")
+        refuse_given("a target of a file has no model", "model")
         return selection.read_target(options["target"])
     missing = [f"--{name}" for name in scenario if name not in named]
     if missing or ("sa" in named) == ("epsilon" in named):
@@ -259,7 +265,7 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
     return scenario_target(rupture, options["period"], level, measured, options["model"])
 
 
-@records.command()
+@records.command(cls=Once)
 @_files
 @takes(
     _out,
@@ -287,7 +293,7 @@ def convert(
     show(written, "\n".join(entry["file"] for entry in written), as_json)
 
 
-@records.command()
+@records.command(cls=Once)
 @click.argument("events", nargs=-1, required=True, metavar="EVENT_ID...")
 @takes(
     _out,
@@ -338,7 +344,7 @@ def fetch(
         raise InputError("no record was fetched, for the reasons stated above")
 
 
-@records.command()
+@records.command(cls=Once)
 @takes(
     _out,
     click.option("--events", type=click.IntRange(1, 100_000), help="Earthquakes."),

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import click
 
-from archfrag.cli.options import cores_option, point_to_report, takes, takes_study, warn
+from archfrag.cli.options import Once, cores_option, point_to_report, takes, takes_study, warn
 
 
-@click.command()
+@click.command(cls=Once)
 @takes_study
 @takes(
     click.option("--resume", is_flag=True,

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from archfrag.cli.options import PATH, echo
+from archfrag.cli.options import PATH, Once, echo
 from archfrag.simulation.warmup import warmup as compile_kernels
 from archfrag.study.validate import write_starter
 
 
-@click.command()
+@click.command(cls=Once)
 @click.argument("folder", type=PATH, default=".")
 def init(folder: Path) -> None:
     """Write a commented study into FOLDER (.), to start from.
@@ -21,7 +21,7 @@ def init(folder: Path) -> None:
     echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
 
 
-@click.command()
+@click.command(cls=Once)
 @click.option("--method", help="Only the kernels of this method; all methods if not given.")
 def warmup(method: str | None) -> None:
     """Compile the kernels now, so that later commands start at once."""

@@ -15,35 +15,38 @@ import click
 from archfrag.cli import COMMANDS
 from archfrag.cli.options import (
     PATH,
+    Once,
     cores_option,
     echo,
     json_option,
     point_to_report,
+    refuse_given,
     show,
     takes_study,
     warn,
     wrapped,
 )
 from archfrag.cli.with_study import with_study
-from archfrag.errors import FitError, InputError, attempt
+from archfrag.errors import FitError, InputError
 from archfrag.export import FORMATS
 from archfrag.export.command import export_study
-from archfrag.files import counted, printable
+from archfrag.files import cannot_write, counted, printable
 from archfrag.report import make_report
 from archfrag.study.answer.curves import Fitted
-from archfrag.study.answer.fits import FITS, fit_lines, fit_runs, load_fits
+from archfrag.study.answer.fits import FITS, fit_runs, load_fits
 from archfrag.study.answer.outside import read_runs
-from archfrag.study.answer.rates import risk_lines, risk_of_study
+from archfrag.study.answer.rates import answer_lines
 from archfrag.study.file.schema import RiskKeys, load_study
 from archfrag.study.hazard import load_hazard
+from archfrag.study.products import batch_step, products
 from archfrag.study.provenance import check_own
 from archfrag.study.running import only_run, stoppable
 from archfrag.study.runs.store import make_plan, superfluous
-from archfrag.study.steps import batch_step, claim, make_step, products, run_study
+from archfrag.study.steps import claim, make_step, run_study
 from archfrag.study.validate import arch_texts, check_study
 
 
-@click.command()
+@click.command(cls=Once)
 @with_study(json_option)
 def validate(study: Any, as_json: bool) -> None:
     """Check a study file and all files that it names.
@@ -91,13 +94,7 @@ def _stoppable(again: str) -> Iterator[Callable[[], None]]:
 
 def _summary(study: Any, fitted: Fitted) -> None:
     """Print the answers of a finished study, or of a table."""
-    answers, cautions = fit_lines(study, fitted)
-    risk = attempt(lambda: risk_of_study(study, fitted))
-    if isinstance(risk, str):
-        cautions.append(f"no rates of collapse: {risk}")
-    elif risk is not None:  # of a study that has a hazard
-        lines, more = risk_lines(risk)
-        answers, cautions = answers + lines, cautions + more
+    answers, cautions = answer_lines(study, fitted)
     texts = *answers, *(arch_texts(study) if study.arches else ())
     for line in (line for text in texts for line in wrapped(text, 8)):
         echo(line)
@@ -105,7 +102,7 @@ def _summary(study: Any, fitted: Fitted) -> None:
         click.echo("\n".join([click.style("!", fg="yellow") + first[1:], *others]))
 
 
-@click.command()
+@click.command(cls=Once)
 @with_study(click.option("--yes", is_flag=True, help="Remove without asking."))
 def clean(study: Any, yes: bool) -> None:
     """Remove stored runs that a study does not use."""
@@ -136,11 +133,14 @@ def _step(name: str, help_: str, *options: Callable) -> click.Command:
         with _stoppable("the same command goes on"):
             make_step(study, step, warn, report=make_report, **given)
         for path in filter(Path.is_file, products(study, step)):
-            path.touch()
+            try:
+                path.touch()
+            except OSError as error:
+                raise cannot_write(path, error) from error
         if as_json:
             echo(products(study, step)[0].read_text(encoding="utf-8"))
 
-    return click.command(name, help=help_)(with_study(*options)(command))
+    return click.command(name, cls=Once, help=help_)(with_study(*options)(command))
 
 
 motions_command = _step("motions", COMMANDS["motions"][1])
@@ -159,10 +159,13 @@ def _mapping(context: click.Context, parameter: click.Parameter, texts: tuple[st
     pairs = [pair.partition("=") for text in texts for pair in text.split(",")]
     for wrong in ("".join(pair) for pair in pairs if not all(pair)):
         raise InputError(f"--columns {wrong}: write it as intensity=PGA")
-    return {what.strip(): name.strip() for what, _, name in pairs}
+    columns = {what.strip(): name.strip() for what, _, name in pairs}
+    if len(columns) < len(pairs):
+        raise InputError(f"--columns {','.join(texts)}: names one thing twice")
+    return columns
 
 
-@click.command("fit")
+@click.command("fit", cls=Once)
 @takes_study
 @click.option("--columns", multiple=True, callback=_mapping, metavar="WHAT=NAME,...",
               help="Names of columns by what they hold: intensity=PGA,verdict=fell.")  # fmt: skip
@@ -188,7 +191,9 @@ def fit_command(study_file: Path, overrides: tuple[str, ...], as_json: bool, **g
       archfrag fit tests.csv --columns "intensity=table PGA,verdict=fell" --measure PGA --unit g
     """
     if study_file.suffix.lower() not in (".csv", ".tsv", ".txt"):
+        refuse_given(f"{study_file} is no table of verdicts", *given)
         return _fit_study(study_file, overrides, as_json=as_json)
+    refuse_given(f"{study_file} is no study file", "overrides")
     hazard, formats = given.pop("hazard"), given.pop("formats")
     states = [name.strip() for name in given.pop("states").split(",") if name.strip()]
     study, cube = read_runs(study_file, states=states, **given)

@@ -14,7 +14,7 @@ import xarray as xr
 from archfrag.errors import FitError, InputError, from_extra
 from archfrag.export import CURVES, FORMATS, writers
 from archfrag.export.writers import CurveSet, named_measure
-from archfrag.files import counted, make_folder, replacing, sha256_of, write_csv
+from archfrag.files import check_targets, counted, make_folder, replacing, sha256_of, write_csv
 from archfrag.fragility.branches import branches_of, predictive
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import HazardCurve, collapse_rate
@@ -36,6 +36,7 @@ from archfrag.study.steps import finished
 from archfrag.version import __version__
 
 _POINTS = 211
+TABLES = ("curves", "parameters", "runs", "records", "arches")  # of all runs
 # Limit states; their order in files follows from their curves, and collapse is the last.
 LIMIT_STATES = ("motion", "impact", "residual", "rotation", "contact_lost", "collapse")
 _LOGNORMAL = (
@@ -89,13 +90,18 @@ def export_study(
         curves = CurveSet(
             states, study.intensity.measure, ends, made, classes, tuple(messages), branches
         )
-        texts, files = _texts(curves, formats, messages), list[tuple[str, Path]]()
+        texts = _texts(curves, formats, messages)
         if "parquet" in formats:
             from_extra("pyarrow", "parquet")  # before anything is written
-        folder = make_folder(folder or study.folder / "export")
-        for name, ending, text in texts:
-            files.append((name, folder / f"{study.id}-{ending}"))
-            write_text(files[-1][1], text)
+        folder = folder or study.folder / "export"
+        files = [(name, folder / f"{study.id}-{ending}") for name, ending, _ in texts]
+        tabled = [f"{name}.{end}" for name in TABLES for end in formats if not FORMATS[end][1]]
+        tabled += ["tables.json"] * ("csv" in formats)
+        tables = [folder / f"{study.id}-{end}" for end in tabled]
+        check_targets([*(path for _, path in files), *tables])
+        make_folder(folder)
+        for (_, path), (_, _, text) in zip(files, texts):
+            write_text(path, text)
         for name in dict.fromkeys(name for name in formats if not FORMATS[name][1]):
             paths = _write_tables(study, cube, curves, answers, folder, name)
             files += [(name, path) for path in paths]
@@ -258,8 +264,9 @@ def _write_tables(
         "runs": runs_table(cube.drop_vars([*BLANK]) if "table_sha256" in cube.attrs else cube),
         "records": facts_table(cube, "record"), "arches": facts_table(cube, "arch"),
     }  # fmt: skip
-    paths = [folder / f"{study.id}-{name}.{ending}" for name in every]
-    for (columns, pieces), path in zip(every.values(), paths):
+    paths = [folder / f"{study.id}-{name}.{ending}" for name in TABLES]
+    for name, path in zip(TABLES, paths):
+        columns, pieces = every[name]
         if ending == "csv":
             write_csv(path, pieces)
         else:
@@ -287,6 +294,7 @@ def write_vulnerability(path: Path, losses: Mapping[str, Any], study: StudyKeys)
     table = vulnerability_table(losses, study)
     if path.suffix not in (".csv", ".xml"):
         raise InputError(f"{path}: a table of mean loss is written as .csv or .xml")
+    check_targets([path])
     text = table.to_csv(index=False, lineterminator="\n")
     if path.suffix == ".xml":
         text = writers.nrml_vulnerability(table, study)

@@ -18,7 +18,7 @@ from archfrag.arch.drawing import drawing_text
 from archfrag.arch.geometry import cross, polygon_section
 from archfrag.arch.tie_rods import tie_lines
 from archfrag.errors import InputError
-from archfrag.files import make_folder
+from archfrag.files import check_targets, make_folder
 from archfrag.physics.status import Tie
 from archfrag.study.file.members import Member
 from archfrag.study.file.schema import StudyKeys
@@ -57,6 +57,7 @@ def export_arches(
     if "dxf" in formats:
         texts |= {f"{each.id}.dxf": drawing_text(_lines(each.entry.build())) for each in chosen}
     paths = [make_folder(folder or study.folder / "export") / f"{study.id}-{end}" for end in texts]
+    check_targets(paths)
     for path, text in zip(paths, texts.values()):
         write_text(path, text)
     names = ["dxf" if path.suffix == ".dxf" else "scene" for path in paths]

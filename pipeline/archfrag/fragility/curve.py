@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -389,6 +390,6 @@ def rising(values: ArrayLike, name: str) -> FloatArray:
 
 def tails(confidence: float) -> list[float]:
     """Return the probabilities below both ends of a central interval of `confidence`."""
-    if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence is {confidence:g}; it lies between 0 and 1, such as 0.9")
+    if not isinstance(confidence, Real) or not 0.0 < confidence < 1.0:
+        raise InputError(f"confidence is {confidence!r}; it lies between 0 and 1, such as 0.9")
     return [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError, InputError
+from archfrag.files import number
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.fragility.risk import HazardCurve, collapse_rate
 from archfrag.fragility.several import above
@@ -45,7 +46,15 @@ def loss_steps(curve: Curve, ratios: Mapping[str, float]) -> Steps:
 
 def checked_ratios(ratios: Mapping[str, float]) -> dict[str, float]:
     """Return ratios by limit state; InputError unless from 0 to 1, and one is of collapse."""
-    given = {name.strip().casefold().replace(" ", "_"): float(r) for name, r in ratios.items()}
+    given = dict[str, float]()
+    for name, ratio in ratios.items():
+        state = name.strip().casefold().replace(" ", "_")
+        if state in given:
+            raise InputError(f"consequence has {state} twice; give it one ratio")
+        try:
+            given[state] = number(ratio) if isinstance(ratio, str) else float(ratio)
+        except ValueError as error:
+            raise InputError(f"consequence of {state}: {error}") from None
     for name, ratio in given.items():
         if not 0.0 <= ratio <= 1.0:
             raise InputError(f"consequence has {name}={ratio:g}; a ratio lies from 0 to 1")

@@ -3,7 +3,6 @@
 An ``index.csv`` beside the files has their unit, their source with its SHA-256 and the steps.
 """
 
-import os
 import re
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -14,10 +13,10 @@ import numpy as np
 from obspy import Stream, Trace
 
 from archfrag.errors import InputError
-from archfrag.files import make_folder, replacing, sha256_of
+from archfrag.files import check_targets, make_folder, replacing, sha256_of
 from archfrag.motions.calibrate import accept_or_refuse, implausible
 from archfrag.motions.channel import instrument, unit_factor
-from archfrag.motions.index import index_table, write_index
+from archfrag.motions.index import INDEX_NAME, index_table, write_index
 from archfrag.motions.read import read_channels, record_name
 
 _HEADER = ("date", "magnitude", "epicentral_km", "vs30_mps", "station", "azimuth")
@@ -39,14 +38,17 @@ def convert_record(
     place, digest, written = make_folder(Path(folder)), sha256_of(file), list[Path]()
     rows: dict[str, dict[str, Any]] = dict(index_table(place))
     groups = [channels] if form == "mseed" else [[channel] for channel in channels]
-    for group in groups:
-        code = _plain(group[0].stats.record.code) or len(written) + 1
-        middle, end = "" if len(groups) == 1 else f".{code}", "mseed" if form == "mseed" else "txt"
-        target = place / f"{record_name(file)}{middle}.{end}"
-        same = os.path.realpath(target) == os.path.realpath(file) or target in written
-        if same or rows.get(target.stem, {}).get("source", file.name) != file.name:
-            what = "would replace the source, another channel or a record of another file"
-            raise InputError(f"{target}: {what}; name another folder")
+    targets, end = list[Path](), "mseed" if form == "mseed" else "txt"
+    for number, group in enumerate(groups, start=1):
+        code = _plain(group[0].stats.record.code) or number
+        middle = "" if len(groups) == 1 else f".{code}"
+        targets.append(place / f"{record_name(file)}{middle}.{end}")
+        of_another = rows.get(targets[-1].stem, {}).get("source", file.name) != file.name
+        if of_another or targets[-1] in targets[:-1]:
+            what = "would replace another channel or a record of another file"
+            raise InputError(f"{targets[-1]}: {what}; name another folder")
+    check_targets([*targets, place / INDEX_NAME], [file])
+    for target, group in zip(targets, groups):
         with replacing(target) as part:
             if form == "mseed":
                 seed = Stream(_for_seed(group, factor))

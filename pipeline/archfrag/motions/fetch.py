@@ -16,8 +16,16 @@ from obspy.clients.fdsn import header as fdsn
 from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 
 from archfrag.errors import ArchfragError, InputError, RecordError, ServiceError
-from archfrag.files import make_folder, sha256_of, sweep, temporary_folder
-from archfrag.motions.index import index_table, write_index
+from archfrag.files import (
+    check_targets,
+    make_folder,
+    register,
+    replacing,
+    sha256_of,
+    sweep,
+    temporary_folder,
+)
+from archfrag.motions.index import INDEX_NAME, index_table, write_index
 from archfrag.motions.read import read_horizontals
 
 _KINDS = {ServiceError: "service", RecordError: "unusable", InputError: "no data"}
@@ -44,6 +52,7 @@ def fetch_records(
                            for name in (events_from, stations_from))  # fmt: skip
     except ValueError as error:
         raise InputError(str(error)) from None
+    check_targets([Path(folder, INDEX_NAME)])
     root, rows = make_folder(Path(folder)), dict[str, dict[str, Any]](index_table(folder))
     for event in events:
         place, failed = make_folder(root / re.sub(r"[^A-Za-z0-9_-]+", "-", event)[:60]), 0
@@ -62,7 +71,7 @@ def fetch_records(
                 yield "kept", row["id"]
                 continue
             try:
-                row = _fetched(archive, site, place)
+                row = _fetched(archive, site, place, bool(row))
             except (ServiceError, InputError) as error:
                 failed = failed + 1 if isinstance(error, ServiceError) else 0
                 rest = "; this service is left alone" if failed == 3 else ""
@@ -90,7 +99,9 @@ def _sites(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Return the stations within a `radius` [km], nearest first: index columns and queries."""
     quake = _ask(quakes, "get_events", eventid=id)[0]
-    quake.write(str(place / "event.xml"), "QUAKEML")
+    check_targets([place / "event.xml"])
+    with replacing(place / "event.xml") as part:
+        quake.write(str(part), "QUAKEML")
     origin = quake.preferred_origin() or next(iter(quake.origins), None)
     if origin is None or None in (origin.time, origin.latitude, origin.longitude):
         raise RecordError(f"{quakes.base_url}: the event has no origin")
@@ -125,8 +136,8 @@ def _sites(
     return sorted(sites.values(), key=lambda site: (site["epicentral_km"], site["station"]))
 
 
-def _fetched(archive: Client, site: dict[str, Any], place: Path) -> dict[str, Any]:
-    """Fetch what one station recorded, and return its row of the index."""
+def _fetched(archive: Client, site: dict[str, Any], place: Path, again: bool) -> dict[str, Any]:
+    """Fetch what one station recorded, `again` if the index has it, and return its row there."""
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,16}\.[A-Za-z0-9_-]{1,16}", site["station"]):
         raise RecordError("the codes of this station cannot name a file")
     query = site.pop("query")
@@ -139,7 +150,9 @@ def _fetched(archive: Client, site: dict[str, Any], place: Path) -> dict[str, An
             motions = read_horizontals(record)
         except RecordError as error:
             raise RecordError(str(error).replace(part, str(place))) from None
+        check_targets(place / path.name for path in (xml, record) if not again)
         for path in (xml, record):
+            register(place / path.name, path)
             path.replace(place / path.name)
     codes = dict.fromkeys(motion.metadata[key] for key in ("component", "vertical_component")
                           for motion in motions)  # fmt: skip

@@ -14,6 +14,7 @@ import numpy as np
 from archfrag.errors import InputError, RecordError
 from archfrag.files import (
     check_decimals,
+    number,
     opened,
     parse_table,
     read_text,
@@ -34,6 +35,7 @@ LARGEST_INDEX, LONGEST_ID = 50_000_000, 255  # [bytes], [characters]
 _NEEDED = ("id", "file", "unit")
 _NUMBERS = {"Mw": float, "distance_km": float, "Vs30_mps": float, "dt_s": float,
             "seed": int, "event_seed": int, "site_seed": int}  # fmt: skip
+_STEMS = {"distance": "distance_km", "vs30": "Vs30_mps", "dt": "dt_s", "mw": "Mw"}
 _APART = (*_NEEDED, "sha256", "accept", "accepted", "columns")
 
 
@@ -68,6 +70,11 @@ def load_index(path: str | Path) -> list[IndexEntry]:
     for column in _NEEDED:
         if column not in names:
             raise RecordError(f"{source}: column {column!r} is missing from the index")
+    for name in names:  # such as distance [m] or dt_ms
+        known = _STEMS.get(re.split(r"[\s_\[(]", name)[0].casefold(), name)
+        if known.casefold() != name.casefold():
+            rule = f"write {known}, with numbers in the unit that its name states"
+            raise RecordError(f"{source}: column {name!r} is not known; {rule}")
     entries: dict[str, IndexEntry] = {}
     for line, values in rows:
         place, name = f"{source}, line {line}", values["id"]
@@ -83,7 +90,8 @@ def load_index(path: str | Path) -> list[IndexEntry]:
         for column in filter(metadata.__contains__, _NUMBERS):
             text = metadata[column]
             try:
-                metadata[column] = _NUMBERS[column](text) if text else None
+                value = number(text) if text else None
+                metadata[column] = None if value is None else _NUMBERS[column](text)
             except ValueError:
                 metadata[column] = np.nan
             if not np.isfinite(metadata[column] or 0.0):

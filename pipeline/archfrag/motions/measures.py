@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
+from archfrag.files import number
 from archfrag.motions.channel import STANDARD_GRAVITY, check_right_angle
 from archfrag.motions.oscillator import largest_response
 
@@ -150,7 +151,7 @@ def parse_measure(name: str) -> Measure:
     if not unit or bool(count) != text.endswith(")"):
         raise InputError(f"unknown intensity measure {name!r}; allowed are {_ALLOWED}")
     try:
-        periods = tuple(float(part) for part in inside[:-1].split(",") if count)
+        periods = tuple(number(part) for part in inside[:-1].split(",") if count)
     except ValueError:
         periods = ()
     if len(periods) != count or not all(0.0 < period < np.inf for period in periods):

@@ -17,7 +17,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError, reason_of
-from archfrag.files import check_decimals, parse_table, read_text, unquoted, write_csv
+from archfrag.files import (
+    check_decimals,
+    number,
+    parse_table,
+    read_text,
+    stated_unit,
+    unquoted,
+    write_csv,
+)
 from archfrag.motions.channel import STANDARD_GRAVITY
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import measure
@@ -25,6 +33,8 @@ from archfrag.motions.motion import Motion
 from archfrag.motions.target import Array, Target, spectrum_target
 
 LARGEST_TABLE = 200_000_000  # [bytes]
+_FIXED = re.compile(r"T[0-9.]+S|period_s|Sa_g|sd|scale")  # columns whose name states a unit
+_LEADING_ZERO = re.compile(r"[-+]?0[0-9]")  # which pandas passes over
 PERIODS = (
     0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0,
     4.0, 5.0, 7.5, 10.0,
@@ -87,9 +97,18 @@ def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
     """Read a table in CSV by pandas, with errors that name the file."""
     text = read_text(Path(path), LARGEST_TABLE, InputError, what)
     try:
-        separator, _, rows = parse_table(text, comments=False)
+        separator, names, rows = parse_table(text, comments=False)
         check_decimals((line, cell) for line, cells in rows for cell in cells)
-        return pd.read_csv(io.StringIO(text), sep=separator, skipinitialspace=True, **form)
+        for head, (name, unit) in zip(names, map(stated_unit, names)):
+            if unit is not None and _FIXED.fullmatch(name):
+                rule = "is in g, periods in s and sd of ln Sa; write its name without a unit"
+                raise InputError(f"column {head!r}: Sa {rule}")
+        table = pd.read_csv(io.StringIO(text), sep=separator, skipinitialspace=True, **form)
+        for place in (place for place, kind in enumerate(table.dtypes) if kind.kind in "iuf"):
+            for _, cells in rows:
+                if cells[place : place + 1] and _LEADING_ZERO.match(cells[place]):
+                    number(cells[place])
+        return table
     except (InputError, ValueError) as error:
         raise InputError(f"{path}: {what} cannot be read as CSV ({reason_of(error)})") from None
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import InputError
-from archfrag.files import counted, make_folder, replacing
+from archfrag.files import counted, make_folder, number, replacing
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.motion import Motion
 from archfrag.physics.methods.registry import AUTO
@@ -147,7 +147,7 @@ def _named_run(results: ArchResults, run: str) -> Chosen:
     name, _, text = run.rpartition("@")
     unit = results.scale.unit
     try:
-        level = float(re.sub(rf"\s*{re.escape(unit)}$", "", text))
+        level = number(re.sub(rf"\s*{re.escape(unit)}$", "", text))
     except ValueError:
         level = np.nan
     if not (name and level > 0.0):

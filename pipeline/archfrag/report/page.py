@@ -7,7 +7,7 @@ import base64
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from markupsafe import Markup, escape
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, OutputError, attempt
-from archfrag.files import make_folder
+from archfrag.files import check_targets, make_folder
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
@@ -41,12 +41,12 @@ from archfrag.report.sections import (
 )
 from archfrag.report.svg import Entry, Sheet, figure, log_ticks
 from archfrag.study.answer.curves import Fitted, runs_of_cube
-from archfrag.study.answer.fits import cautions_of, gathered, store_fits
+from archfrag.study.answer.fits import CURVE, FITS, cautions_of, gathered, store_fits
 from archfrag.study.answer.rates import risk_of_study
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
+from archfrag.study.products import ALL_CURVES, README, REPORT_FILES
 from archfrag.study.provenance import OWNER, write_text
-from archfrag.study.steps import ALL_CURVES, REPORT_FILES
 
 SUMMARY = REPORT_FILES[1]  # beside the page
 _FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the figure of spectra [s]
@@ -71,22 +71,28 @@ def make_report(
         return write_report(report_inputs(study, compared), out)
     if (study.work / OWNER).exists():
         raise OutputError(f"{study.folder}: holds the results of a study; give another output")
+    given = [str(table.cube.attrs["table_source"]), study.risk.hazard if study.risk else None]
+    check_targets([study.folder / FITS, study.folder / CURVE], given)
     make_folder(study.folder)
-    store_fits(study, table)
     scale = Scale(study.intensity.measure, study.intensity.unit, 1.0 / study.intensity.factor)
-    return write_report(ReportInputs(
+    inputs = ReportInputs(
         table.cube, scale, (), (), table.arches, table.classes, cautions_of(study, table),
         title=study.title, confidence=study.report.confidence,
         risk=attempt(partial(risk_of_study, study, table)),
-    ), out)  # fmt: skip
+    )  # fmt: skip
+    write_report(inputs, out, given)
+    store_fits(study, table)
+    return out
 
 
-def write_report(inputs: ReportInputs, out: Path) -> Path:
+def write_report(inputs: ReportInputs, out: Path, given: Iterable[str | Path | None] = ()) -> Path:
     """Write the report `out` and the files beside it; return its path.
 
-    Raise OutputError if they cannot be written.
+    Raise OutputError if they cannot be written, or would replace what was `given` or is of others.
     """
     text, figures = render(inputs)
+    names = (*figures, *(name for name in REPORT_FILES if name != README))
+    check_targets([out.parent / name for name in names], given, of_study=True)
     for name, picture in figures.items():
         write_text(out.parent / name, picture.file)
     numbers = json.dumps(summary(inputs), indent=1, ensure_ascii=False, allow_nan=False)

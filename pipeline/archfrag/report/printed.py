@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from archfrag import plots
-from archfrag.files import make_folder
+from archfrag.files import check_targets, make_folder, replacing
 from archfrag.report.inputs import ArchResults, ReportInputs
 from archfrag.report.run_figures import MEASURED, VERDICTS, ida_lines
 
@@ -25,7 +25,6 @@ def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
     They are the fragility curves, and for each arch that the report shows the IDA curves (not of
     a cloud), every run, and the arch at onset.
     """
-    make_folder(folder)
     figures = {"fragility": _curves(inputs)}
     for name, _, onset in inputs.arches:
         results = inputs.results(name)
@@ -34,15 +33,18 @@ def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
         figures[f"runs-{name}"] = _runs_figure(results)
         figures[f"onset-{name}"], ax = _axes(3.6)
         onset.plot(ax)
-    paths = []
-    for name, figure in figures.items():  # for print: black text on white
+    paths = [folder / f"{name}.{end}" for name in figures for end in ("pdf", "png")]
+    check_targets(paths)
+    make_folder(folder)
+    for number, figure in enumerate(figures.values()):  # for print: black text on white
         figure.patch.set(alpha=1.0, facecolor="white")
         for text in figure.findobj(Text):
             text.set_color("black")
-        paths += [folder / f"{name}.pdf", folder / f"{name}.png"]
-        with rc_context({"pdf.fonttype": 42}):  # fonts that editors can change
-            figure.savefig(paths[-2], metadata={"CreationDate": None})
-        figure.savefig(paths[-1], dpi=300)
+        pdf, png = paths[2 * number : 2 * number + 2]
+        with rc_context({"pdf.fonttype": 42}), replacing(pdf) as part:  # fonts to be edited
+            figure.savefig(part, format="pdf", metadata={"CreationDate": None})
+        with replacing(png) as part:
+            figure.savefig(part, format="png", dpi=300)
     return paths
 
 

@@ -13,13 +13,16 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from archfrag.errors import InputError
 from archfrag.files import (
     check_thousands,
     check_years,
+    number,
     parse_table,
     read_text,
+    stated_unit,
     table_of,
     with_points,
 )
@@ -78,6 +81,8 @@ def load_hazard(
                 raise InputError(f"line {empty} has an empty cell; give it a number")
             table = table_of(names, rows)
             by_site = {"lon", "lat"} <= set(table)
+            if site is not None and not by_site:
+                raise InputError("has no columns lon and lat; leave --site or risk.site out")
             stated, own, curves = _openquake(text, table, site) if by_site else _plain(table)
             factor = _factor(stated, own or unit, measure, unit, by_site)
             for name, curve in curves:
@@ -100,7 +105,7 @@ def load_hazard(
 def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
     """Return the hazard curve of intensities in a unit and annual rates, (n_point, 2)."""
     try:
-        points = np.asarray(table, dtype=float)
+        points = _numbers(table)
     except (TypeError, ValueError):
         points = np.zeros(0)
     if points.ndim != 2 or points.shape[1] != 2:
@@ -109,6 +114,12 @@ def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
     factor = _factor(None, unit, measure, None, False)
     curve = HazardCurve(factor * points[:, 0], points[:, 1])
     return Hazard(measure, "a table in Python", {"mean": curve})
+
+
+def _numbers(table: Any) -> NDArray[np.float64]:
+    """Return the cells of a table as numbers, in its shape; ValueError if one is none."""
+    cells = np.asarray(table, dtype=object)
+    return np.reshape([number(str(cell)) for cell in cells.ravel()], cells.shape)
 
 
 def measure_of(stated: str) -> Measure | None:
@@ -170,21 +181,21 @@ def _openquake(text: str, table: pd.DataFrame, site: Sequence[float] | None) -> 
     if not {"imt", "investigation_time"} <= about.keys():
         keys = "imt and investigation_time"
         raise InputError(f"looks like OpenQuake's, but its first line does not state {keys}")
-    poe = table.filter(like="poe-").astype(float)
-    im = [float(str(head).removeprefix("poe-")) for head in poe]
-    row = _nearest(table[["lon", "lat"]].astype(float).to_numpy(), site)
-    years = float(about["investigation_time"])
-    curve = HazardCurve.from_exceedance(im, poe.to_numpy()[row], years)
+    poe = table.filter(like="poe-")
+    im = [number(str(head).removeprefix("poe-")) for head in poe]
+    row = _nearest(_numbers(table[["lon", "lat"]]), site)
+    years = number(about["investigation_time"])
+    curve = HazardCurve.from_exceedance(im, _numbers(poe)[row], years)
     unit = _UNITS.get(about["imt"].split("(")[0])
     return about["imt"], unit, [(about.get("kind", "one branch"), curve)]
 
 
-def _with_unit(head: str) -> tuple[str, str | None]:
+def with_unit(head: str) -> tuple[str, str | None]:
     """Split a header into name and unit, in lower case; brackets of a measure hold no unit."""
-    found = re.fullmatch(r"(.+?)\s*[\[(]([^\[\]()]*)[\])]", head)
-    if found is None or measure_of(head) is not None:
+    name, unit = stated_unit(head)
+    if unit is None or measure_of(head) is not None:
         return head, None
-    return found[1], found[2].strip().casefold()
+    return name, unit.casefold()
 
 
 def _plain(table: pd.DataFrame) -> _Stated:
@@ -192,17 +203,17 @@ def _plain(table: pd.DataFrame) -> _Stated:
     first, *others = table.columns
     if not others:
         raise InputError(f"has {first[:60]!r} as its first of {len(others) + 1} columns; {_RULE}")
-    stated, unit = _with_unit(first)
+    stated, unit = with_unit(first)
     curves = []
     for head in others:
         kind, rest = _kind(head)
         check_thousands(table[first].tolist(), first)
         if kind == "return period":
             check_years(table[head].tolist(), head)
-        levels, values = (np.array(table[column], dtype=float) for column in (first, head))
+        levels, values = (_numbers(table[column]) for column in (first, head))
         if kind == "poe":
             years, _, rest = rest.partition("_")
-            curve = HazardCurve.from_exceedance(levels, values, float(years))
+            curve = HazardCurve.from_exceedance(levels, values, number(years))
         else:
             with np.errstate(divide="ignore"):
                 curve = HazardCurve(levels, values if kind == "rate" else 1.0 / values)
@@ -212,7 +223,7 @@ def _plain(table: pd.DataFrame) -> _Stated:
 
 def _kind(head: str) -> tuple[str, str]:
     """Return what a column holds, and the rest of its name, which for poe begins with years."""
-    text, unit = _with_unit(head)
+    text, unit = with_unit(head)
     for kind in ("rate", "poe", "return period"):
         known, rest = _COLUMNS[kind], r"_([\d.eE+-]+(?:_.+)?)" if kind == "poe" else "(?:_(.+))?"
         names = "|".join(known["names"]).replace(" ", "[ _]")

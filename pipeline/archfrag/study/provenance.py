@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import OutputError
-from archfrag.files import opened, replacing, sha256_of, sweep
+from archfrag.files import STAMPS, opened, replacing, sha256_of, sweep
 from archfrag.version import __version__
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 PACKAGE = Path(__file__).resolve().parents[1]
 CUBE = "cube.nc"
-OWNER, STAMPS = "study.json", "stamp.json"  # in the hidden folder
+OWNER = "study.json"  # in the hidden folder
 FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
 # netCDF's C library is not safe in threads, and xarray's own lock does not hold for attributes.
 NETCDF = threading.RLock()

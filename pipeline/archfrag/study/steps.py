@@ -7,7 +7,6 @@ of what it made; and one digest of all, if all is done. Times of modification de
 import contextlib
 import os
 import sys
-from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import chain
 from pathlib import Path
@@ -22,10 +21,10 @@ from archfrag.study.answer.attributes import attributes
 from archfrag.study.answer.cube import write_cube
 from archfrag.study.answer.fits import fit_cube, fit_lines, load_fits
 from archfrag.study.done import stamp_of_all
-from archfrag.study.file.members import SHOWN
 from archfrag.study.file.prepared import MANIFEST, prepare_motions, read_manifest, study_inputs
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.file.sources import input_paths
+from archfrag.study.products import check_outputs, products, step_names
 from archfrag.study.running import clock, only_run
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.store import Plan, gather, make_plan
@@ -34,43 +33,9 @@ from archfrag.study.validate import check_start
 if TYPE_CHECKING:
     from archfrag.study.answer.curves import Fitted
 
-README = "README.txt"
-REPORT_FILES = ("report.html", "summary.json", "capacities.csv", "runs.csv", README)
-ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
 _MOST_LINES = 8  # on what changed
 Say = Callable[[str], None]
 Report = Callable[[StudyKeys, Path | None], Path]  # writes it: of a layer above
-
-
-def batch_step(batch: int, batches: int) -> str:
-    """Name of the step that makes the runs of one of several batches."""
-    return f"batch-{batch}of{batches}"
-
-
-def step_names(study: StudyKeys) -> list[str]:
-    """Return all steps of a study in their order."""
-    count = study.execution.batches
-    return ["motions", *(batch_step(i, count) for i in range(count)), "cube", "fit", "report"]
-
-
-def products(study: StudyKeys, step: str) -> list[Path]:
-    """Return the files that a step makes; parts of runs have checks of their own."""
-    if step.startswith("batch"):  # a table of its runs, with how long each took
-        return [study.work / "runs" / f"{step}.csv"]
-    if step == "motions":
-        return [study.work / MANIFEST]
-    names = {
-        "cube": [provenance.CUBE],
-        "fit": ["fits.json", "curve.csv"],
-        "report": [*REPORT_FILES],
-    }
-    if step == "report":
-        ids = [member.id for member in study.members]
-        sizes = Counter(member.arch_class for member in study.members)
-        drawn = [name for name, size in sizes.items() if size > 1]
-        names[step] += [ALL_CURVES] * (len(ids) > SHOWN)
-        names[step] += [f"curve-{each}.svg" for each in drawn + ids * (len(ids) <= SHOWN)]
-    return [study.folder / name for name in names[step]]
 
 
 def _tables(study: StudyKeys) -> list[Path]:
@@ -109,6 +74,7 @@ def make_step(
         return _make_batch(study, step, told, plan, cores, quiet)
     if compared is None and not out_of_date(study, step, plan):
         return None
+    check_outputs(study, [step])
     if step == "cube":
         told(f"cube: {write_cube(study, plan)}")
     elif step == "fit":

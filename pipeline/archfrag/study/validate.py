@@ -29,7 +29,8 @@ from archfrag.study.file.prepared import PreparedRecord, described, in_order
 from archfrag.study.file.schema import StudyKeys, study_schema
 from archfrag.study.file.sources import VERTICAL_LEFT, find_sources, first_shocks, read_sources
 from archfrag.study.hazard import load_hazard
-from archfrag.study.provenance import OWNER, PACKAGE, read_state, refuse_foreign_cube
+from archfrag.study.products import check_outputs, step_names
+from archfrag.study.provenance import OWNER, PACKAGE, read_state
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
 MOST_FRICTION, LARGEST, FAR_BEYOND = 2.0, 300.0, 10.0
@@ -136,7 +137,9 @@ def arch_texts(study: StudyKeys) -> tuple[str, ...]:
     texts = list[str]()
     for member in list(reversed(first.values()))[:MOST_ASKED]:
         arch = member.entry.build()
-        told = "; ".join(filter(None, (facts_text(arch), joints_text(arch))))
+        names = ", ".join(member.attributes)
+        other = f"columns that change no arch: {names}" if names else ""
+        told = "; ".join(filter(None, (facts_text(arch), joints_text(arch), other)))
         texts.append(f"{member.id}: {told}")
     return tuple(texts)
 
@@ -175,7 +178,7 @@ def check_start(study: StudyKeys) -> None:
             raise OSError(code, os.strerror(code))
     except OSError as error:
         raise cannot_write(folder, error) from error
-    refuse_foreign_cube(study)
+    check_outputs(study, step_names(study))
     owner = read_state(study.work / OWNER).get("id", study.id)
     if owner != study.id:
         whose = f"holds results of study {owner!r}, not of study {study.id!r}"

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from archfrag.errors import InputError
-from archfrag.files import read_text
+from archfrag.files import REAL, WHOLE, read_text
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
 PATHS = ("output", "table", "drawing", "index", "path", "inventory", "hazard")  # keys
@@ -17,7 +17,7 @@ CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML in which no key is given twice, and a number may be written as 2e-3."""
+    """YAML with the words and numbers of its version 1.2, in which no key is given twice."""
 
     def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
         if isinstance(node, yaml.ScalarNode) and CONTROL.search(node.value):
@@ -39,11 +39,17 @@ class _Dumper(yaml.SafeDumper):
     """YAML that the loader reads as it was: text such as 1e3 is quoted."""
 
 
-for _of in (_Loader, _Dumper):
-    _of.add_implicit_resolver(
-        "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-        list("-+.0123456789"),
-    )  # fmt: skip
+_Loader.yaml_implicit_resolvers = {}  # of YAML 1.1, where 010 is 8, 1:30 is 90 and no is false
+for _tag, _form, _first in (
+    ("null", "~|null|Null|NULL|", ["~", "n", "N", ""]),
+    ("bool", "true|True|TRUE|false|False|FALSE", "tTfF"),
+    ("int", WHOLE, "-+0123456789"),
+    ("float", rf"{REAL}|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", "-+.0123456789"),
+    ("merge", "<<", "<"),
+):
+    for _of in (_Loader, _Dumper):
+        _pattern = re.compile(rf"(?:{_form})\Z")
+        _of.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", _pattern, list(_first))
 
 
 def yaml_of(keys: Any) -> str:
@@ -85,9 +91,13 @@ def read_keys(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any]
     given = parse_value(read_text(path, LARGEST_FILE, InputError, "the study file"), str(path))
     if not isinstance(given, dict):
         raise InputError(f"{path}: must hold keys with values, such as id, arches and motions")
+    seen = list[list[str]]()
     for text in overrides:
         key, equals, value_text = text.partition("=")
         parts = key.strip().split(".")
+        if any(before[: len(parts)] == parts for before in seen):
+            raise InputError(f"--set {text}: this place is set twice; set it once")
+        seen.append(parts)
         if not equals or not all(parts):
             raise InputError(f"--set {text}: must be key=value, for example method.dt=0.0005")
         block: Any = given

@@ -74,7 +74,8 @@ def parse_columns(text: str) -> Columns:
         try:
             if key not in Columns.__annotations__ or key in keys:
                 raise ValueError
-            keys[key] = (float if key == "dt" else int)(value)
+            step = files.number(value)
+            keys[key] = step if key == "dt" else int(value)
         except ValueError:
             wrong = f"{word!r} is not known or occurs twice"
             raise InputError(f"columns {text!r}: {wrong}; allowed are {_ALLOWED}") from None

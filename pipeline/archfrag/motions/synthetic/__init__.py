@@ -23,8 +23,8 @@ import numpy as np
 from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.errors import InputError
-from archfrag.files import make_folder, replacing, sha256_of
-from archfrag.motions.index import COLUMNS, write_index
+from archfrag.files import check_targets, make_folder, replacing, sha256_of
+from archfrag.motions.index import COLUMNS, INDEX_NAME, write_index
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.motions.synthetic import amplitude as fourier
@@ -248,6 +248,8 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
     folder, rows = Path(out_dir), []
     make_folder(folder / FOLDER)
     recipes = shipped_recipes() if recipes is None else recipes
+    made = (folder / FOLDER / f"{recipe.id}.mseed" for recipe in recipes)
+    check_targets([folder / INDEX_NAME, *made])
     pulses = any(recipe.pulse for recipe in recipes)
     for number, recipe in enumerate(recipes, start=1):
         motion = make_motion(recipe)

@@ -13,7 +13,7 @@ import pandas as pd
 import xarray as xr
 
 from archfrag.errors import FitError, InputError, attempt
-from archfrag.files import write_csv
+from archfrag.files import counted, write_csv
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.verdicts import Verdict, count_verdicts
 from archfrag.study.answer import curves
@@ -32,6 +32,7 @@ MOST_SURVIVING, MOST_AGAIN = 0.25, 0.2  # fractions of the records
 MOST_SCALING = 10.0
 MOST_LACKING = 0.5  # fraction of the runs below capacities, beyond which levels look chosen
 LEAST_EVENTS = 4
+LEAST_RECORDS = 10  # of a table of others
 
 
 def fit_cube(study: StudyKeys) -> Fitted:
@@ -175,7 +176,28 @@ def cautions_of(study: StudyKeys, fitted: Fitted) -> list[str]:
     if study.arches:  # none of a table
         cautions += unit_warnings(study, study.members)
         cautions += suspicious(read_manifest(study)["records"])
+    else:
+        for name in fitted.arches:
+            cautions += [f"{name}: {each}" for each in table_cautions(fitted.runs[name])]
     return [*cautions, *study.design.cautions(facts), *record_cautions(fitted.cube)]
+
+
+def table_cautions(runs: curves.Runs) -> Iterator[str]:
+    """Yield messages on verdicts of others that are few, or fall with intensity."""
+    collapsed, survived = runs.verdict == Verdict.COLLAPSED, runs.verdict == Verdict.SURVIVED
+    records = int((collapsed | survived).any(axis=1).sum())
+    if 0 < records < LEAST_RECORDS:
+        yield (
+            f"the curve is from {counted(records, 'record')}: the prior, not the verdicts, fixes "
+            f"most of its median and its dispersion; add records, at least {LEAST_RECORDS}"
+        )
+    levels = np.log(np.broadcast_to(runs.level, runs.verdict.shape))
+    if collapsed.any() and survived.any() and levels[collapsed].mean() < levels[survived].mean():
+        yield (
+            "runs that collapsed have lower intensities than those that survived, so the "
+            "probability of collapse falls with intensity; does 1 mean survived here? Then name "
+            "the column survived"
+        )
 
 
 def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator[str]:

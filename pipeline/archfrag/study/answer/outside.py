@@ -15,13 +15,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import parse_table, read_text, table_of, unquoted, with_points
+from archfrag.files import number, parse_table, read_text, table_of, unquoted, with_points
 from archfrag.fragility.curve import tails
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import LEVEL_UNITS, measure_unit
 from archfrag.study.designs import Cloud, Design, Ida, Stripes
 from archfrag.study.file.schema import Intensity, ReportKeys, StudyKeys
-from archfrag.study.hazard import measure_of, spelled
+from archfrag.study.hazard import measure_of, spelled, with_unit
 from archfrag.study.keys import at
 from archfrag.study.provenance import digest_of, strict_json
 
@@ -70,13 +70,20 @@ def read_runs(
     InputError names row, column, value and what is allowed.
     """
     tails(confidence)
-    given, states = read_table(table, columns or {}), [str(each) for each in states]
-    runs = _runs(given, states)
+    if not isinstance(columns, Mapping | None):
+        how = "it must be a mapping, such as {'intensity': 'PGA', 'verdict': 'fell'}"
+        raise InputError(f"columns is {columns!r}; {how}")
+    given = read_table(table, {what: str(name) for what, name in (columns or {}).items()})
+    states = _checked_states(given, states)
+    measure, unit, factors = _units(given, measure, unit)
+    runs = _runs(given, states, factors)
+    levels = np.unique(runs["level"]).tolist()
+    intensity = Intensity.model_construct(measure=measure, unit=unit, levels=levels)
     path = Path(table) if isinstance(table, str | Path) else Path("fit")
     study = StudyKeys.model_construct(
         id=path.stem.replace(" ", "-"), title=f"Fragility from {given.source}", arches=[],
         output=str(output or Path("results") / path.stem), design=_design(given, runs),
-        intensity=_intensity(given, runs, measure, unit), report=ReportKeys(confidence=confidence),
+        intensity=intensity, report=ReportKeys(confidence=confidence),
     )  # fmt: skip
     return study, _cube(given, runs, study, states)
 
@@ -108,11 +115,23 @@ def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
     return VerdictTable(source, rows, heads, pd.DataFrame(without | found, range(len(rows))))
 
 
+def _checked_states(given: VerdictTable, states: Sequence[str]) -> list[str]:
+    """Return the names of damage states; InputError unless they differ and have a column."""
+    names = [states] if isinstance(states, str) else [str(each) for each in states]
+    if names and (isinstance(states, str) or len({*map(_plain, names)}) < max(len(names), 2)):
+        rule = "they must be a list of different names, from no damage to collapse"
+        raise InputError(f"states are {states!r}; {rule}")
+    if names and "state" not in given.heads:
+        how = "leave states out, or name its column, such as damage state"
+        raise InputError(f"{given.source}: has no column of damage states; {how}")
+    return names
+
+
 def _level(none: Sequence[str], cell: str) -> float:
     """Return the intensity in a cell, 0 for a cell that means there is none, nan for others."""
     with contextlib.suppress(ValueError):
-        if cell in none or 0.0 < float(cell) <= 1e6:
-            return 0.0 if cell in none else float(cell)
+        if cell in none or 0.0 < number(cell) <= 1e6:
+            return 0.0 if cell in none else number(cell)
     return np.nan
 
 
@@ -123,7 +142,8 @@ def _plain(name: str) -> str:
 
 def _heads(source: str, names: Sequence[str], columns: Mapping[str, str]) -> dict[str, str]:
     """Return the name of the column of each thing that the table states."""
-    heads, plain = dict[str, str](), {_plain(_stated(name)[0]): name for name in reversed(names)}
+    heads, stated = dict[str, str](), {name: _stated(name) for name in reversed(names)}
+    plain = {_plain(own): name for name, (own, _) in stated.items()}
     for what, given in columns.items():
         if what not in _ROLES:
             raise InputError(f"columns: {what!r} is not known; allowed are {', '.join(_ROLES)}")
@@ -132,6 +152,8 @@ def _heads(source: str, names: Sequence[str], columns: Mapping[str, str]) -> dic
         heads[what] = head
     for what, known in _ROLES.items():
         own = [plain[name] for name in known if name in plain]
+        if what not in _NONE:  # brackets behind another name state no unit
+            own = [name for name in own if not stated[name][1]]
         if what == "verdict" and what not in heads and own[1:]:
             raise InputError(f"{source}: {own[0]} and {own[1]} may both be the {what}; {_CHOOSE}")
         heads |= {what: own[0]} if {*own} - {*heads.values()} and what not in heads else {}
@@ -142,26 +164,37 @@ def _heads(source: str, names: Sequence[str], columns: Mapping[str, str]) -> dic
         raise InputError(f"{source}: {both} may both be the intensity; {_CHOOSE}")
     heads |= {"intensity": measured[0]} if weak and measured else {}
     by_run = "intensity" in heads and {"verdict", "state"} & heads.keys()
-    if not by_run and not {"lower", "upper"} <= heads.keys():
+    by_record = {"lower", "upper"} <= heads.keys()
+    if not by_run and not by_record:
         raise InputError(f"{source}: {_NEEDED}; it has {', '.join(names)}")
-    left = ("lower", "upper") if by_run else ("intensity", "verdict", "state")
+    chosen = {"lower", "upper"} <= columns.keys()
+    if by_run and by_record and chosen == bool({"verdict", "state"} & columns.keys()):
+        both = f"{heads['lower']} and {heads['upper']} beside {heads['intensity']}"
+        raise InputError(f"{source}: has runs and brackets ({both}); {_CHOOSE}")
+    left = ("lower", "upper") if by_run and not chosen else ("intensity", "verdict", "state")
     return {what: head for what, head in heads.items() if what not in left}
 
 
 def _stated(head: str) -> tuple[str, str]:
     """Split the name of a column into what it names and its unit, empty if there is none."""
-    found = re.fullmatch(r"(.+?)(?:\s*[\[(]\s*|[\s_]+)([^\[\]()]*?)\s*[\])]?", head)
-    name, unit = found.groups() if found and found[2] in _UNITS else (head, "")
-    return spelled(name), unit
+    name, unit = with_unit(head)
+    if unit is None and (found := re.fullmatch(r"(.+?)[\s_]+(\S+)", head)) and found[2] in _UNITS:
+        name, unit = found.groups()
+    return spelled(name), unit or ""
 
 
-def _runs(given: VerdictTable, states: Sequence[str]) -> pd.DataFrame:
+def _runs(
+    given: VerdictTable, states: Sequence[str], factors: Mapping[str, float]
+) -> pd.DataFrame:
     """Return the runs, of brackets those at both ends, with their cells and the places of rows."""
     for what in ("arch", "record"):
         given.read(what, lambda cell: cell or None, f"is no name; every row needs its {what}")
-    rule, ends = "is no intensity; it must be a number above 0", [*filter(given.heads.get, _NONE)]
+    rule, ends = "is no intensity; it must be a number above 0", [*factors]
     found = [given.read(end, partial(_level, _NONE[end]), rule) for end in ends]
     levels = pd.concat(found, axis=1).replace(0.0, np.nan)
+    for end, factor in factors.items():
+        if factor != 1.0:
+            levels[end] = (factor * levels[end]).map("{:.12g}".format).astype(float)
     for n in np.flatnonzero(levels.isna().all(axis=1)):
         raise given.wrong(n, "upper", "leaves the row without a level; give one end")
     runs = levels.melt(None, None, "end", "level", ignore_index=False).dropna()
@@ -210,24 +243,32 @@ def _verdicts(given: VerdictTable, states: Sequence[str]) -> dict[str, Any]:
     return {"code": code, "damage": found.clip(lower=0)}
 
 
-def _intensity(
-    given: VerdictTable, runs: pd.DataFrame, measure: str | None, unit: str | None
-) -> Intensity:
-    """Return measure, unit and levels, from the name of the column or as they are given."""
-    head = given.heads["intensity" if "intensity" in given.heads else "lower"]
-    where, (own, own_unit) = f"{given.source}: column {head!r}", _stated(head)
-    own = own if measure_of(own) else ""
-    for name, stated, asked in (("measure", own, measure), ("unit", own_unit, unit)):
-        if stated and asked and stated != asked:
-            raise InputError(f"{where} states {stated}, but {name} is {asked}; leave {name} out")
-        if not (stated or asked):
-            raise InputError(f"{where} states no {name}; name it as `PGA [g]`, or give {name}")
-    measure, unit = str(own or measure), str(own_unit or unit)
+def _units(
+    given: VerdictTable, measure: str | None, unit: str | None
+) -> tuple[str, str, dict[str, float]]:
+    """Return measure and unit of the first column of intensities, and each one's unit in it."""
+    found = dict[str, tuple[str, str]]()
+    for end in filter(given.heads.get, _NONE):
+        head = given.heads[end]
+        where, (own, own_unit) = f"{given.source}: column {head!r}", _stated(head)
+        own = own if measure_of(own) else ""
+        for name, stated, asked in (("measure", own, measure), ("unit", own_unit, unit)):
+            if stated and asked and stated != asked:
+                rule = f"states {stated}, but {name} is {asked}; leave {name} out"
+                raise InputError(f"{where} {rule}")
+            if not (stated or asked):
+                raise InputError(f"{where} states no {name}; name it as `PGA [g]`, or give {name}")
+        found[end] = str(own or measure), str(own_unit or unit)
+    (measure, unit), *others = found.values()
+    if differing := [other for other, _ in others if other != measure]:
+        raise InputError(f"{given.source}: brackets are of {measure} and {differing[0]}")
     with at(given.source):
-        if unit not in (allowed := LEVEL_UNITS.get(measure_unit(measure), {})):
-            raise InputError(f"unit {unit} must be one of {', '.join(allowed)} for {measure}")
-    levels = np.unique(runs["level"]).tolist()
-    return Intensity.model_construct(measure=measure, unit=unit, levels=levels)
+        allowed = LEVEL_UNITS.get(measure_unit(measure), {})
+        for end, (_, stated) in found.items():
+            if stated not in allowed:
+                rule = f"unit {stated} must be one of {', '.join(allowed)} for {measure}"
+                raise InputError(f"column {given.heads[end]!r}: {rule}")
+    return measure, unit, {end: allowed[each] / allowed[unit] for end, (_, each) in found.items()}
 
 
 def _design(given: VerdictTable, runs: pd.DataFrame) -> Design:
@@ -281,4 +322,5 @@ def _cube(
         "title": study.title, "archfrag_study": study.id,
         "archfrag_design": strict_json(study.design.model_dump(mode="json")),
         "archfrag_commit": "none: of a table", "table_sha256": digest,
+        "table_source": given.source,
     })  # fmt: skip

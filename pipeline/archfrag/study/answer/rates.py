@@ -11,7 +11,7 @@ import xarray as xr
 from jinja2 import Template
 from numpy.typing import NDArray
 
-from archfrag.errors import FitError
+from archfrag.errors import FitError, attempt
 from archfrag.files import counted
 from archfrag.fragility import losses
 from archfrag.fragility import risk as rates
@@ -19,6 +19,7 @@ from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.fragility.verdicts import Verdict
 from archfrag.physics.status import CollapseMode
 from archfrag.study.answer.curves import Fitted, Runs, runs_of_cube
+from archfrag.study.answer.fits import fit_lines
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.hazard import Hazard, load_hazard
@@ -132,6 +133,18 @@ def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
         cautions += [f"{name}: {each}" for each in arch.cautions]
     first = max(len("report"), *(len(name) for name, _ in lines))
     return [f"{name:{first}}  {words}" for name, words in lines], cautions
+
+
+def answer_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
+    """Write aligned lines on the curves of a study and its rates, and all cautions on them."""
+    answers, cautions = fit_lines(study, fitted)
+    risk = attempt(lambda: risk_of_study(study, fitted))
+    if isinstance(risk, str):
+        cautions.append(f"no rates of collapse: {risk}")
+    elif risk is not None:  # of a study that has a hazard
+        lines, more = risk_lines(risk)
+        answers, cautions = answers + lines, cautions + more
+    return answers, cautions
 
 
 def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> ArchRisk:

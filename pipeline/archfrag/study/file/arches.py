@@ -277,6 +277,14 @@ class Vary(Section):
     joints: JointScatter | None = None
     """Differences between the joints of one arch."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _keys_are_in_of(cls, given: Any) -> Any:
+        for key in given if isinstance(given, dict) else ():
+            if key in VARIABLE and key not in cls.model_fields:
+                raise refuse(f"must stand in of: {{of: {{{key}: ...}}}}", key)
+        return given
+
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
         if not self.of and (self.joints is None or not self.joints.model_fields_set):
@@ -399,6 +407,9 @@ class ArchEntry(Section):
             if distribution.relative and self.value(key) is None:
                 text = f"needs a key {key} of the arch, which it multiplies"
                 raise refuse(text, f"vary.of.{key}.relative")
+            if not distribution.relative and isinstance(self.value(key), list):
+                text = f"would replace the list {key}; give factors on it, with relative: true"
+                raise refuse(text, f"vary.of.{key}")
         joints = self.vary.joints if self.vary and self.piers else None
         many = isinstance(self.friction, list) or (self.piers and self.piers.friction is not None)
         if joints and (joints.position or (joints.friction and many)):
@@ -455,6 +466,17 @@ _KEYS = {
     for about in field.metadata if isinstance(about, Key)
 }  # fmt: skip
 UNITS = {name: about.unit for name, about in _KEYS.items() if about.unit}
+# As columns of a table state them, by the unit of the cube.
+_SPELLED = {
+    "m": "m",
+    "degree": "degrees degree deg °",
+    "kg m-3": "kg/m3 kg/m³",
+    "N": "N",
+    "Pa m-1": "Pa/m N/m3 N/m³",
+    "1": "1 -",
+}
+COLUMN_UNITS = {name: _SPELLED[unit] for name, unit in UNITS.items()}
+COLUMN_UNITS |= {"strength": "N/m2 N/m² Pa", "tolerance": "m"}
 VARIABLE = tuple(UNITS)  # keys that may vary, of all profiles
 # Columns of a table that are keys of its arches.
 COLUMNS = tuple(dict.fromkeys((

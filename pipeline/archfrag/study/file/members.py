@@ -1,6 +1,7 @@
 """All arches of a study: those of its entries, samples drawn for them, and rows of tables."""
 
 import hashlib
+import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,11 +14,11 @@ import numpy as np
 
 from archfrag.arch.uncertain import sample, to_digits
 from archfrag.errors import InputError, StabilityError
-from archfrag.files import check_decimals, parse_table, read_text, table_of
+from archfrag.files import check_decimals, number, parse_table, read_text, stated_unit, table_of
 from archfrag.simulation.arguments import check_can_run, check_method
 from archfrag.simulation.simulate import onset
 from archfrag.simulation.standing import check_stands, prestress_text
-from archfrag.study.file.arches import COLUMNS, VARIABLE, ArchEntry, JointScatter
+from archfrag.study.file.arches import COLUMN_UNITS, COLUMNS, VARIABLE, ArchEntry, JointScatter
 from archfrag.study.keys import at, meant
 from archfrag.study.yaml_text import parse_value
 
@@ -25,6 +26,7 @@ MOST_CHECKED = 500  # arches that are built to validate a study; a run builds al
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
 SHOWN = 12  # arches that a report shows one by one; of more it shows three
 LARGEST_TABLE = 20_000_000  # [bytes]
+_UNIT_SIGNS = re.compile(r"[\s^]")
 _ALIKE = 0.85  # of a column's name to a key, by difflib's ratio, for a slip of the keyboard
 
 
@@ -100,7 +102,8 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
             for end, shock in shocks for own in new
         ]  # fmt: skip
         names = [entry.id + end for end in ("", *(end for end, _ in shocks))]
-        for name in (*names, *(member.id for member in new if member.id != member.arch_class)):
+        own = (each.id for each in new if entry.table or each.id != each.arch_class)
+        for name in (*names, *own):
             if name in seen:
                 raise InputError(f"{where}: the id {name!r} already belongs to {seen[name]}")
             seen[name] = where
@@ -123,10 +126,9 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         table = table_of(columns, rows)
         if "id" not in table or table.empty:
             raise InputError("must have arches and a column id")
-        for name in map(str, table):
-            if name not in COLUMNS and (hint := meant(name.lower(), COLUMNS, _ALIKE)):
-                rule = "give an attribute a name less like it"
-                raise InputError(f"column {name} is not a key of an arch; {hint} ({rule})")
+        table.columns = table.columns.map(_key_or_attribute)
+        if same := list(table.columns[table.columns.duplicated()]):
+            raise InputError(f"column {same[0]!r} is there twice, with a unit and without")
         if (twice := table["id"].duplicated()).any():
             raise InputError(f"several arches have the id {table['id'][twice].iloc[0]!r}")
     defaults = entry.model_dump(
@@ -137,8 +139,8 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         given = {**defaults, "id": row["id"]}
         for key in filter(row.get, keys):
             try:  # numbers as spreadsheets write them, such as 7.0 for 7
-                number = float(row[key])
-                given[key] = int(number) if number.is_integer() else number
+                value = number(row[key])
+                given[key] = int(value) if value.is_integer() else value
             except ValueError:
                 given[key] = parse_value(row[key], f"{place}, column {key}")
             if key == "joints" and not isinstance(given[key], dict):
@@ -153,6 +155,28 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         attributes = {str(key): text for key, text in row.items() if key not in COLUMNS}
         sampled = row["id"] if entry.rows == "sample" else ""
         yield Member(arch, entry.id, own, numbers, attributes, sampled)
+
+
+def _key_or_attribute(column: str) -> str:
+    """Return the key of a column without its unit, or the name of an attribute.
+
+    InputError for another unit than the key has, and for a name that may mean a key.
+    """
+    name, unit = stated_unit(column)
+    if name in COLUMNS:
+        asked = COLUMN_UNITS.get(name, "")
+        if unit is not None and _UNIT_SIGNS.sub("", unit) not in asked.split():
+            must = f"is in {asked.split()[0]}" if asked else "has no unit"
+            raise InputError(f"column {column!r}: {name} {must}; change the numbers and the name")
+        return name
+    block = name.partition(".")[0]
+    hint = meant(name.lower(), COLUMNS, _ALIKE)
+    if "." in name and block in COLUMNS:
+        hint = f"a column {block} takes blocks such as {{{name.partition('.')[2]}: 1.0}}"
+    if hint or unit is not None:
+        rule = "an attribute has no unit, and a name less like a key"
+        raise InputError(f"column {column} is not a key of an arch; {hint or rule} ({rule})")
+    return column
 
 
 def _drawn(base: Member) -> Iterator[Member]:
