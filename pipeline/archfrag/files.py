@@ -428,6 +428,7 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
     """
     if comments:
         text = re.sub(r"^#.*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"(?i)\A\s*sep=.(?=\r?\n)", "", text)  # of Excel
     separator = separator_of([next((line for line in text.splitlines() if line.strip()), "")])
     separator = "," if separator == " " else separator
     rows = list[Row]()

@@ -1,11 +1,13 @@
 """Drawings: blocks of a DXF file make a chain, or are refused by handle."""
 
 import json
+import re
 
 import ezdxf
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from ezdxf.xclip import XClip
 
 import archfrag as af
 from archfrag.arch.drawing import read_drawing
@@ -368,3 +370,125 @@ def test_commands(tmp_path):
     assert answer["plus"] == pytest.approx(0.37000973802187703, rel=1e-12)
     refused = CliRunner().invoke(main, [*asked, "--drawing-unit", "m"])
     assert (refused.exit_code, "unit" in refused.stderr) == (2, True)
+
+
+# Entities that ezdxf keeps as tags: a proxy, text of the Express Tools, a wall of Architecture.
+def kept_as_tags(kind, layer, handle="FFF1"):
+    return (f"  0\n{kind}\n  5\n{handle}\n330\n1F\n100\nAcDbEntity\n  8\n{layer}\n100\n"
+            f"AcDb{kind}\n 40\n1.0\n")  # fmt: skip
+
+
+def add_tags(path, *texts):
+    """Put entities into the model space of a drawing, which come last there."""
+    content = path.read_text()
+    head, entities, tail = content.partition("ENTITIES\n")
+    place = tail.index("  0\nENDSEC")
+    path.write_text(head + entities + tail[:place] + "".join(texts) + tail[place:])
+
+
+class TestEntitiesOfOtherKinds:
+    @pytest.mark.parametrize("kind", [
+        "ARCALIGNEDTEXT", "RTEXT", "AEC_WALL", "ACAD_PROXY_ENTITY", "REGION", "3DSOLID", "BODY",
+        "PLANESURFACE", "HELIX", "OLE2FRAME",
+    ])  # fmt: skip
+    @pytest.mark.parametrize("layer", ["STONE", "OTHER"])
+    def test_that_are_kept_as_tags_are_counted_or_refused(self, tmp_path, kind, layer):
+        sheet = pier(tmp_path)
+        sheet.read()
+        add_tags(sheet.path, kept_as_tags(kind, layer))
+        if "TEXT" not in kind and layer == "STONE":
+            with pytest.raises(GeometryError, match=f"{kind} FFF1 is no 2D polyline"):
+                read_drawing(sheet.path)
+            return
+        found = read_drawing(sheet.path)
+        assert len(found.outlines) == 2
+        assert f"1 {kind} on layer {layer} is not part of the arch" in found.caution
+
+    @pytest.mark.parametrize("add", [
+        lambda space: space.add_3dface([(0, 1), (1, 1), (1, 2)]),
+        lambda space: space.new_entity("LIGHT", {}),
+        lambda space: space.add_solid([(0, 1), (1, 1), (1, 2)]),
+        lambda space: space.add_spline([(0, 1), (1, 1), (1, 2)]),
+        lambda space: space.add_mline([(0, 1), (1, 1)]),
+    ])  # fmt: skip
+    def test_that_are_no_outlines_are_refused_by_handle(self, tmp_path, add):
+        sheet = pier(tmp_path)
+        entity = add(sheet.space)
+        entity.dxf.layer = "STONE"
+        with pytest.raises(GeometryError, match=f"{entity.dxf.handle} is no 2D polyline"):
+            sheet.read()
+
+
+class TestWhatIsHidden:
+    @pytest.mark.parametrize("depth", [1, 2])
+    def test_by_a_clip_is_not_told_and_refused_on_the_layer_of_the_arch(self, tmp_path, depth):
+        sheet = pier(tmp_path)
+        block = sheet.block("CAP", UNIT)
+        sheet.add([(x, y + 3) for x, y in UNIT], "0", block)  # beyond the clip
+        where = sheet.document.blocks.new("OUTER") if depth == 2 else None
+        clipped = sheet.insert("CAP", (0, 1), where=where)
+        if depth == 2:
+            sheet.insert("OUTER", (0, 0))
+        clip = XClip(clipped)
+        clip.set_block_clipping_path([(-0.1, -0.1), (1.1, 0.6)])
+        with pytest.raises(GeometryError, match=r"block (CAP|OUTER).* is clipped .XCLIP"):
+            sheet.read()
+        sheet.add(UNIT, "OTHER")
+        clipped.dxf.layer = "OTHER"
+        if depth == 1:  # on another layer only counted
+            assert "1 block (INSERT of CAP) on layer OTHER" in sheet.read(layer="STONE").caution
+        clip.disable_clipping()
+        clipped.dxf.layer = "STONE"
+        assert len(sheet.read(layer="STONE").outlines) == 4  # all of it is seen
+
+    @pytest.mark.parametrize(("size", "after"), [(3.0, True), (3.0, False), (0.4, True)])
+    def test_by_a_later_wipeout_is_refused(self, tmp_path, size, after):
+        sheet = pier(tmp_path)
+        sheet.space.add_wipeout([(-0.1, -0.1), (size, 0.55)], dxfattribs={"layer": "TEXT"})
+        if not after:
+            wipeout = sheet.space[-1].dxf.handle
+            lines = [entity.dxf.handle for entity in sheet.space if entity.dxf.handle != wipeout]
+            sheet.space.set_redraw_order([(wipeout, "1"), *((line, "9") for line in lines)])
+        if size > 1.0 and after:
+            with pytest.raises(GeometryError, match=r"LWPOLYLINE 3. is hidden by WIPEOUT"):
+                sheet.read(layer="STONE")
+        else:
+            assert sheet.read(layer="STONE").caution == ""
+
+    def test_in_a_viewport_of_a_layout_is_asked_about(self, tmp_path):
+        sheet = pier(tmp_path)
+        sheet.document.layouts.get("Layout1").add_viewport(
+            (1, 1), (1, 1), (0, 0), 2
+        ).frozen_layers = ["stone"]
+        assert "layer STONE is frozen in a viewport of a layout, and read" in sheet.read().caution
+
+
+@pytest.mark.parametrize("code", [41, 42, 43])
+def test_a_scale_of_zero_is_refused(tmp_path, code):
+    sheet = pier(tmp_path)
+    sheet.block("CAP", UNIT)
+    sheet.insert("CAP", (0, 1), xscale=7.5, yscale=7.5, zscale=7.5)
+    sheet.read()
+    sheet.path.write_text(re.sub(rf"{code}\n7\.5", f"{code}\n0.0", sheet.path.read_text()))
+    with pytest.raises(
+        GeometryError, match=r"block CAP. has [xyz]scale = 0, which leaves no area"
+    ):
+        read_drawing(sheet.path)
+
+
+def test_another_unit_than_the_header_states_is_said(tmp_path):
+    draw(tmp_path / "a.dxf", PIER, unit=4)
+    caution = read_drawing(tmp_path / "a.dxf", unit="m").caution
+    assert caution == "a.dxf: its header states mm, m was given and counts"
+    draw(tmp_path / "a.dxf", PIER, unit=0)
+    assert read_drawing(tmp_path / "a.dxf", unit="m").caution == ""
+
+
+@pytest.mark.parametrize("tolerance", [-1.0, 0.0, float("nan")])
+def test_a_tolerance_that_is_no_length_is_refused(tmp_path, tolerance):
+    draw(tmp_path / "a.dxf", PIER)
+    entry = ArchEntry(id="a", drawing=str(tmp_path / "a.dxf"), friction=0.9)
+    entry = entry.model_copy(update={"tolerance": tolerance})
+    for make in (entry.read, lambda: af.Arch.from_polygons(PIER, 0.9, tolerance=tolerance)):
+        with pytest.raises(GeometryError, match=f"tolerance = {tolerance} is impossible"):
+            make()

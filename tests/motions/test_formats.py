@@ -166,10 +166,15 @@ class TestHeaders:
     def test_channels_of_several_places_do_not_mix(self, tmp_path):
         bearings = ("90 DEG  LOCATION: DECK", "DOWN  LOCATION: DECK", "90 DEG  LOCATION: GROUND",
                 "UP  LOCATION: GROUND")  # fmt: skip
-        motions = read_all(tmp_path, dmg_v1((EAST, UP, NORTH, 2 * UP), bearings))
+        file = put(tmp_path, dmg_v1((EAST, UP, NORTH, 2 * UP), bearings), "record")
+        motions = read_horizontals(file, accept=("sensor",))
         assert [motion.id for motion in motions] == ["record:DECK.90", "record:GROUND.90"]
         assert np.corrcoef(motions[0].vertical, -UP)[0, 1] > 0.9999
         assert np.corrcoef(motions[1].vertical, UP)[0, 1] > 0.9999
+        (ground,) = read_horizontals(file)
+        assert np.array_equal(ground.acceleration, motions[1].acceleration)
+        caution = ground.metadata["cautions"][-1]
+        assert caution.startswith("channel 90, DOWN is in a structure by its header (DECK) and is")
         same = read_all(tmp_path, dmg_v1((EAST, NORTH), ("90 DEG", "90 DEG")))
         assert [motion.id for motion in same] == ["record:1.90", "record:2.90"]
 
@@ -177,8 +182,13 @@ class TestHeaders:
     def test_sensors_of_kiknet(self, tmp_path, channel):
         counts = np.round(1e5 * wave()).astype(int) + 5000
         path = put(tmp_path, knet_text(counts, KIKNET[channel], scale=8388608), f"A.{channel}")
-        motion = (read_vertical if channel.startswith("UD") else read_motion)(path)
-        assert any("in the borehole" in step for step in motion.log) == (channel[2] == "1")
+        read = read_vertical if channel.startswith("UD") else read_motion
+        deep = channel[2] == "1"
+        if deep:  # also under another name
+            for file in (path, put(tmp_path, path.read_text(), "renamed.txt")):
+                refused(lambda file=file: read(file), "in the borehole", "accept sensor")
+        motion = read(path, accept=("sensor",) if deep else ())
+        assert any("in the borehole" in step for step in motion.log) == deep
         assert pga(motion) == pytest.approx(0.2384, rel=1e-2)
         assert "errors" not in motion.metadata
 

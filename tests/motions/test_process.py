@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.signal
 from scipy.signal import detrend
 
 from archfrag.errors import RecordError
@@ -44,13 +45,30 @@ def test_bandpass_leaves_at_its_corners_what_one_or_two_passes_do(causal):
     impulse[10_000] = 1.0
     found = process.bandpass(Motion(impulse, 0.01), 0.5, 20.0, causal=causal).acceleration
     gain = np.abs(np.fft.rfft(found))
-    at = np.interp([0.05, 0.5, 3.0, 20.0], np.fft.rfftfreq(20_001, 0.01), gain)
+    at = np.interp([0.05, 0.5, 3.0, 20.0], np.fft.rfftfreq(found.size, 0.01), gain)
     corner = 0.707 if causal else 0.5
     assert at == pytest.approx([0.0, corner, 1.0, corner], abs=2e-3)
     assert found[:10_000].any() != causal
     assert np.allclose(found, found[::-1], rtol=0, atol=1e-6) != causal
     short = process.bandpass(Motion(impulse[9_990:10_010], 0.01), 0.5, 20.0, causal=causal)
-    assert short.acceleration.size == 20
+    assert short.acceleration.size == 20 + (not causal) * 2 * 600
+    assert (found.size > 20_001) != causal
+
+
+@pytest.mark.parametrize("order", [2, 4, 8])
+def test_what_a_bandpass_spreads_beyond_the_record_stays(order):
+    # A raw record that drifts a little: with ten times the zeros nothing changes.
+    time = np.arange(3000) * 0.01
+    raw = np.sin(9.0 * time) * np.exp(-0.2 * (time - 8.0) ** 2) + 0.02 * np.sin(0.15 * time)
+    motion = Motion(raw, 0.01, id="raw", metadata={"start_time": "2001-01-01T00:01:00Z"})
+    found = process.bandpass(motion, 0.2, 20.0, order=order)
+    pad = (found.acceleration.size - 3000) // 2
+    assert pad == np.ceil(0.75 * order / (0.2 * 0.01))
+    assert found.metadata["start_time"].startswith(f"2001-01-01T00:00:{60 - 0.01 * pad:04.1f}")
+    sections = scipy.signal.butter(order, [0.2, 20.0], "bandpass", fs=100.0, output="sos")
+    longer = Motion(scipy.signal.sosfiltfilt(sections, np.pad(raw, 10 * pad), padlen=0), 0.01)
+    for name, off in (("PGA", 1e-4), ("PGV", 0.01), ("PGD", 0.02)):
+        assert found.measures(name)[name] == pytest.approx(longer.measures(name)[name], rel=off)
 
 
 def test_trim():

@@ -8,7 +8,6 @@ import archfrag as af
 from archfrag.errors import RecordError
 from archfrag.study.file.prepared import prepare_motions
 from archfrag.study.file.schema import load_study
-from archfrag.study.validate import check_study
 from tests.motions.helpers import at2_text, refused, wave
 from tests.motions.samples import knet_text, resorce_text
 from tests.study.small import TEXT, small_study
@@ -72,11 +71,12 @@ class TestEarthquakes:
         counts = np.round(1e5 * wave(800)).astype(int)
         for name, number in (("A.NS1", 1), ("A.NS2", 4), ("B.NS2", 4)):
             (own / name).write_text(knet_text(counts, number))
-        study = study_of(own.parent, 'files: ["own/*.NS?"]')
-        records = prepare_motions(study)
+        with pytest.raises(RecordError, match=r"A\.NS1: channel NS1 is in the borehole"):
+            prepare_motions(study_of(own.parent, 'files: ["own/*.NS?"]'))
+        every = 'files: [{path: "own/*.NS?", accept: sensor}]'
+        records = prepare_motions(study_of(own.parent, every))
         assert {record.event for record in records} == {"earthquake of A.NS1"}
-        cautions = [text for text in check_study(study)["cautions"] if "borehole" in text]
-        assert cautions == ["A.NS1: channel NS1 is in the borehole, not at the surface"]
+        assert "channel NS1 is in the borehole" in records[0].accepted
 
     def test_the_origin_time_of_headers_without_a_name(self, own):
         for name in ("a", "b"):

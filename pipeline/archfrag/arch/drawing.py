@@ -21,13 +21,15 @@ _CODES = {6: "m", 14: "dm", 5: "cm", 4: "mm", 1: "in", 2: "ft"}
 SMALLEST, LARGEST = 0.05, 300.0  # drawing of an arch [m]; beyond them the unit was mistaken
 LARGEST_FILE, MOST_CORNERS = 20_000_000, 20_000  # [bytes], of all blocks together
 MOST_ENTITIES, DEEPEST = 50_000, 16  # of exploded references to blocks, which may be nested
+MOST_COVERED = 0.5  # of a block, by a WIPEOUT
 _MOST_LISTED = 8  # kinds of entities in a message
 _POLYLINES = ("LWPOLYLINE", "POLYLINE")
 # Entities that say something about the drawing; any other might be a block.
 _ANNOTATIONS = {
     "TEXT", "MTEXT", "ATTDEF", "ATTRIB", "DIMENSION", "ARC_DIMENSION", "LEADER", "MLEADER",
-    "MULTILEADER", "POINT", "IMAGE", "WIPEOUT", "XLINE", "RAY", "VIEWPORT",
+    "MULTILEADER", "POINT", "IMAGE", "XLINE", "RAY", "VIEWPORT",
 }  # fmt: skip
+_COUNTED = ("HATCH", "WIPEOUT", "ARCALIGNEDTEXT", "RTEXT")  # never a block; the last two are text
 _WHAT_TO_DRAW = (
     "draw one closed polyline for each voussoir, all on one layer (in AutoCAD: BOUNDARY and a "
     "click into each voussoir, or PLINE with its option Close)"
@@ -41,6 +43,7 @@ class _Part(NamedTuple):
     layer: str  # on which it is seen
     name: str  # kind, handle, and the reference that it comes from
     reference: Any = None  # the outermost one
+    fault: str = ""  # of a reference to a block, why it cannot be told what is seen
 
     @property
     def kind(self) -> str:
@@ -60,16 +63,19 @@ def read_drawing(
     parts, hidden = _seen(document, str(path))
     layers = _chosen(layer, parts, hidden, str(path))
     code = document.header.get("$INSUNITS", 0)
-    unit = _CODES.get(code) if unit is None else unit
+    stated = _CODES.get(code)
+    unit = unit or stated
     if unit not in UNITS:
         known = ", ".join(UNITS)
         raise GeometryError(f"{path}: unit = {unit} ($INSUNITS = {code}) must be one of {known}")
     scale, left = UNITS[unit], list[_Part]()
-    found = Blocks([], [], [], [], ", ".join(layers.values()), unit)
-    for part in parts:
+    found, places = Blocks([], [], [], [], ", ".join(layers.values()), unit), list[int]()
+    for place, part in enumerate(parts):
         name = f"{path}, layer {part.layer}: {part.name}"
-        if part.layer.casefold() not in layers or part.kind == "HATCH":
+        if part.layer.casefold() not in layers or part.kind in _COUNTED:
             left.append(part)
+        elif part.fault:
+            raise GeometryError(f"{name} {part.fault}")
         elif part.kind == "LINE":
             ends = [part.entity.dxf.start, part.entity.dxf.end]
             found.ground.append(scale * np.array([[end.x, end.y] for end in ends]))
@@ -77,6 +83,7 @@ def read_drawing(
         else:
             found.outlines.append(_outline(part.entity, name) * [scale, scale, 1.0])
             found.names.append(name)
+            places.append(place)
     every = np.concatenate(found.outlines)[:, :2]
     size = float(np.ptp(every, axis=0).max())
     if len(every) > MOST_CORNERS or not SMALLEST <= size <= LARGEST:
@@ -85,13 +92,56 @@ def read_drawing(
             f"{size:.4g} m; an arch has at most {MOST_CORNERS} and takes {SMALLEST:g} to "
             f"{LARGEST:g} m: give the drawing's unit, one of {', '.join(UNITS)}"
         )
-    whole = [sampled(outline)[:, :2] / scale for outline in found.outlines]
-    left = [part for part in left if part.kind != "HATCH" or not _fills(part.entity, whole)]
+    whole = [shapely.Polygon(sampled(outline)[:, :2] / scale) for outline in found.outlines]
+    _refuse_covered(document, parts, dict(zip(places, whole)), str(path))
+    left = [
+        part
+        for part in left
+        if part.kind != "WIPEOUT" and (part.kind != "HATCH" or not _fills(part.entity, whole))
+    ]
+    cautions, frozen = list[str](), _frozen_in_viewports(document) & layers.keys()
     if left:
         used = {id(part.reference) for part in parts if part.layer.casefold() in layers}
         what = f"{_counted(left, used)} {'are' if len(left) > 1 else 'is'} not part of the arch"
-        found.caution = f"{Path(path).name}: {what}; if some of it is, name its layer too"
+        cautions.append(f"{what}; if some of it is, name its layer too")
+    if frozen:
+        of_it = ", ".join(layers[name] for name in sorted(frozen))
+        cautions.append(
+            f"layer {of_it} is frozen in a viewport of a layout, and read; is it seen?"
+        )
+    if stated not in (None, unit):
+        cautions.append(f"its header states {stated}, {unit} was given and counts")
+    found.caution = f"{Path(path).name}: {'; '.join(cautions)}" if cautions else ""
     return found
+
+
+def _frozen_in_viewports(document: Any) -> set[str]:
+    """Return the layers that viewports of layouts hide, though model space shows them."""
+    viewports = document.query("VIEWPORT")
+    return {name.casefold() for viewport in viewports for name in viewport.frozen_layers}
+
+
+def _refuse_covered(document: Any, parts: list[_Part], blocks: dict[int, Any], path: str) -> None:
+    """Refuse blocks (their shapes by their place in `parts`) that a later WIPEOUT hides."""
+    covers = [place for place, part in enumerate(parts) if part.kind == "WIPEOUT"]
+    drawn = document.modelspace().entities_in_redraw_order() if covers else ()
+    order = {entity.dxf.handle: place for place, entity in enumerate(drawn)}
+
+    def rank(place: int) -> tuple[int, int]:
+        part = parts[place]
+        top = part.entity if part.reference is None else part.reference
+        return order.get(top.dxf.handle, 0), place
+
+    for cover in covers:
+        corners = parts[cover].entity.boundary_path_wcs()
+        area = shapely.Polygon([(corner.x, corner.y) for corner in corners]).buffer(0.0)
+        for place, shape in blocks.items():
+            common = shapely.intersection(shape.buffer(0.0), area).area
+            if rank(cover) > rank(place) and common > MOST_COVERED * shape.area:
+                hides = f"{parts[place].name} is hidden by {parts[cover].name}"
+                raise GeometryError(
+                    f"{path}: {hides}; delete one of them, or draw it on another layer"
+                )
 
 
 def drawing_text(lines: Iterable[tuple[str, FloatArray]]) -> str:
@@ -132,6 +182,23 @@ def _document(path: Path) -> Any:
         ) from None
 
 
+def _layer(entity: Any) -> str:
+    return str(entity.graphic_properties().get("layer", "0"))
+
+
+def _fault(reference: Any) -> str:
+    """Return why what a reference to a block shows cannot be told; empty if it can."""
+    from ezdxf.xclip import XClip  # start-up: as in `_library`
+
+    original = reference if reference.dxf.handle else reference.source_of_copy or reference
+    if XClip(original).is_clipping_enabled:
+        return (
+            "is clipped (XCLIP), so that not all of it is seen; draw what is seen, without a clip"
+        )
+    flat = [name for name in ("xscale", "yscale", "zscale") if reference.dxf.get(name, 1.0) == 0.0]
+    return f"has {flat[0]} = 0, which leaves no area; give it another scale" if flat else ""
+
+
 def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
     """Return what is seen in model space but for annotations, and layers that hide polylines."""
     layers = {layer.dxf.name.casefold(): layer for layer in document.layers}
@@ -139,9 +206,10 @@ def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
     off = {name for name, layer in layers.items() if layer.is_off()}
     parts, hidden, inside = list[_Part](), Counter[str](), [0]
 
-    def look(entity: Any, layer: str, reference: Any, depth: int) -> None:
+    def look(entity: Any, layer: str, reference: Any, depth: int, fault: str = "") -> None:
         kind, name = entity.dxftype(), layer.casefold()
-        if entity.dxf.invisible or kind in _ANNOTATIONS:
+        stored = entity.graphic_properties() if hasattr(entity, "xtags") else entity.dxf
+        if stored.get("invisible") or kind in _ANNOTATIONS:
             return
         # The layer of a reference hides what is in its block only if it is frozen.
         if name in frozen or (name in off and kind != "INSERT"):
@@ -153,7 +221,7 @@ def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
             told = f"{kind} {source.dxf.handle or ''}".rstrip()
             if reference is not None:
                 told += f" of INSERT {reference.dxf.handle} (block {reference.dxf.name})"
-            parts.append(_Part(entity, layer, told, reference))
+            parts.append(_Part(entity, layer, told, reference, fault))
             return
         inside[0] += entity.mcount * len(block)
         if inside[0] > MOST_ENTITIES or depth > DEEPEST:
@@ -161,12 +229,13 @@ def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
             remedy = "save a drawing that has only the arch"
             raise GeometryError(f"{path}: its blocks (INSERT) hold more than {most}; {remedy}")
         outer = entity if reference is None else reference
-        for each in _exploded(entity):
-            own = each.dxf.layer  # what is on layer 0 is seen on that of the reference
-            look(each, layer if own == "0" else own, outer, depth + 1)
+        fault = fault or _fault(entity)
+        for each in block if fault else _exploded(entity):
+            own = _layer(each)  # what is on layer 0 is seen on that of the reference
+            look(each, layer if own == "0" else own, outer, depth + 1, fault)
 
     for entity in document.modelspace():
-        look(entity, entity.dxf.layer, None, 0)
+        look(entity, _layer(entity), None, 0)
     return parts, hidden
 
 
@@ -220,16 +289,15 @@ def _counted(parts: list[_Part], used: set[int]) -> str:
     return ", ".join(texts[:_MOST_LISTED]) + f" and {more} more kinds" * (more > 0)
 
 
-def _fills(hatch: Any, blocks: list[FloatArray]) -> bool:
+def _fills(hatch: Any, blocks: list[Any]) -> bool:
     """Return whether a hatch fills blocks: the middle of each of its boundaries is in one."""
-    shapes = [shapely.Polygon(block) for block in blocks]
     try:
         paths = list(_library().path.from_hatch(hatch))
     except Exception:  # ezdxf raises of all kinds for damaged boundaries
         return False
     middles = [np.mean([(p.x, p.y) for p in path.control_vertices()], axis=0) for path in paths]
     points = shapely.points(np.reshape(middles, (-1, 2)))
-    return all(shapely.covers(shapes, point).any() for point in points)
+    return all(shapely.covers(blocks, point).any() for point in points)
 
 
 def _outline(entity: Any, name: str) -> FloatArray:
@@ -240,14 +308,14 @@ def _outline(entity: Any, name: str) -> FloatArray:
     elif kind == "POLYLINE" and entity.is_2d_polyline and not entity.dxf.flags & 0b110:
         rows = [vertex.format("xyb") for vertex in entity.vertices]  # of no fitted curve
     points = np.array(rows, dtype=float).reshape(-1, 3)
-    axis = entity.dxf.extrusion
-    if len(points) < 2 or not np.isfinite(points).all() or abs(abs(axis.z) - 1.0) > 1e-9:
+    flat = len(points) > 1 and abs(abs(entity.dxf.extrusion.z) - 1.0) <= 1e-9
+    if not flat or not np.isfinite(points).all():
         raise GeometryError(
             f"{name} is no 2D polyline in the plane x, y; blocks must be closed polylines with "
             "straight sides or arcs (LWPOLYLINE, POLYLINE), and lines on their layer (LINE) the "
             "edges on the ground"
         )
-    if axis.z < 0.0:  # seen from behind
+    if entity.dxf.extrusion.z < 0.0:  # seen from behind
         points *= [-1.0, 1.0, -1.0]
     least = 1e-9 * float(np.ptp(points[:, :2], axis=0).max())
     if not entity.is_closed and np.hypot(*(points[-1] - points[0])[:2]) > least:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
@@ -15,28 +15,9 @@ from archfrag.arch.building import fields_of
 from archfrag.arch.shape import Shape
 from archfrag.arch.tie_rods import tie_lines
 from archfrag.errors import UnitWarning
+from archfrag.usual import unusual
 
-# Values of keys beyond which the unit was probably mistaken: unit, least and largest.
-USUAL = {
-    "span": ("m", 0.3, 200.0),
-    "height": ("m", 0.3, 200.0),  # of a column, a wall or a block
-    "thickness": ("m", 0.01, 10.0),
-    "density": ("kg/m3", 1000.0, 3500.0),
-    "depth": ("m", 0.05, 100.0),
-    "piers.height": ("m", 0.1, 200.0),
-    "piers.width": ("m", 0.05, 50.0),
-    "piers.base_width": ("m", 0.05, 50.0),
-    "piers.density": ("kg/m3", 1000.0, 3500.0),
-    "piers.depth": ("m", 0.05, 100.0),
-    "fill.height_over_crown": ("m", 0.0, 20.0),
-    "fill.unit_weight": ("N/m3", 5e3, 4e4),
-    "fill.backing_unit_weight": ("N/m3", 5e3, 4e4),
-    "strength": ("N/m2", 2e5, 3e8),  # from adobe to granite
-    "joints.stiffness": ("Pa/m", 1e8, 1e13),  # from thick lime mortar to dry joints of hard stone
-    "ties.area": ("m2", 1e-6, 0.1),
-    "ties.modulus": ("N/m2", 1e9, 1e12),  # from timber to carbon fibre
-}
-# The same of forces and elongations of ties, by their stress [N/m2] and strain.
+# What is usual of forces and elongations of ties, by their stress [N/m2] and strain.
 STRESSES = {"prestress": (5e5, 3e9), "strength": (5e6, 5e9)}
 LARGEST_STRAIN = 0.3  # at which a tie breaks
 LOADS = 1e-3, 100.0  # dead load over the weight of the ring
@@ -123,9 +104,10 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
         values |= {f"{part}.{key}": value for key, value in given.get(part, {}).items()}
     if not values.get("fill.backing_height"):
         values.pop("fill.backing_unit_weight", None)
+    friction = arch.chain.friction
+    values["friction"] = friction[np.isfinite(friction)]  # infinite: the limit of large friction
     for key, value in values.items():
-        unit, least, most = USUAL.get(key, ("", -np.inf, np.inf))
-        yield from _beyond(key, value, least, most, unit)
+        yield from ((key, text) for text in unusual(key, value))
     if load := np.sum(given.get("dead_load") or 0.0):
         load *= 1 if np.ndim(given["dead_load"]) else last - first
         weight = facts_of(arch)["weights"]["ring"]
@@ -135,8 +117,8 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
     for number, (tie, ends) in enumerate(zip(given.get("ties", ()), tie_lines(arch))):
         place = f"ties[{number}]"
         for key in ("area", "modulus"):
-            unit, least, most = USUAL[f"ties.{key}"]
-            yield from _beyond(f"{place}.{key}", tie.get(key, least), least, most, unit)
+            name = f"{place}.{key}"
+            yield from ((name, text) for text in unusual(f"ties.{key}", tie.get(key), name))
         for key, (least, most) in STRESSES.items():
             if (force := tie.get(key)) and not least <= (stress := force / tie["area"]) <= most:
                 text = (
@@ -150,17 +132,6 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
             yield f"{place}.rupture", f"{text}; is it in m?"
 
 
-def _beyond(
-    key: str, value: Any, least: float, most: float, unit: str
-) -> Iterator[tuple[str, str]]:
-    """Yield the first value of a key that is beyond the usual ones, if there is one."""
-    for one in np.ravel([] if value is None else value).tolist():
-        if not least <= one <= most:
-            rule = f"usual are {least:g} to {most:g} {unit}; is that its unit?"
-            yield key, f"{key} = {one:.4g} {unit}: {rule}"
-            return
-
-
 @contextmanager
 def no_unit_warnings() -> Iterator[None]:
     """Keep arches that are built inside from warning: a study has cautions of its own."""
@@ -171,12 +142,12 @@ def no_unit_warnings() -> Iterator[None]:
         _quiet.reset(token)
 
 
-def warn_of_units(arch: Shape, *keys: str) -> None:
-    """Warn of values that are probably in another unit; of some keys, or of all."""
+def warn_of_units(arch: Shape, *keys: str, texts: Iterable[str] = ()) -> None:
+    """Warn of values that are probably in another unit, of some keys or of all, and by `texts`."""
     if _quiet.get():
         return
     level, frame = 1, sys._getframe()  # the line to blame is the first one outside archfrag
     while frame.f_back and str(frame.f_globals.get("__name__")).startswith("archfrag."):
         level, frame = level + 1, frame.f_back
-    for text in unit_cautions(arch, *keys):
+    for text in [*unit_cautions(arch, *keys), *texts]:
         warnings.warn(text, UnitWarning, stacklevel=level)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -23,6 +23,7 @@ from archfrag.arch.shape import Shape
 from archfrag.arch.tie_rods import tie_lines, tie_row
 from archfrag.errors import GeometryError
 from archfrag.files import counted
+from archfrag.usual import unusual
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -304,8 +305,7 @@ class Arch(Shape):
         (2, 0.2)
         """
         drawn = Blocks.from_points(outlines, ground)
-        shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls._built_of("polygons", shape, ring, friction, free, **material)
+        return cls._of_blocks(drawn, tolerance, thickness_factor, friction, material)
 
     @classmethod
     def from_dxf(
@@ -335,8 +335,7 @@ class Arch(Shape):
         drawn = read_drawing(path, layer, unit)
         if drawn.caution:
             warnings.warn(drawn.caution, UserWarning, stacklevel=2)
-        shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls._built_of("polygons", shape, ring, friction, free, **material)
+        return cls._of_blocks(drawn, tolerance, thickness_factor, friction, material)
 
     def tied(
         self, level: float | None = None, *, area: float, modulus: float = 2.0e11,
@@ -514,9 +513,23 @@ class Arch(Shape):
     def _built_of(cls, *given: Any, **material: Any) -> Self:
         return cls(**fields_of(Given(*given, **material)))._warned()
 
-    def _warned(self, *keys: str) -> Self:
+    @classmethod
+    def _of_blocks(
+        cls,
+        drawn: Blocks,
+        tolerance: float | None,
+        factor: float,
+        friction: ArrayLike,
+        material: dict[str, Any],
+    ) -> Arch:
+        """Return the arch of polygons, see `from_polygons`, after warnings of unusual values."""
+        shape, ring, free = polygon_shape(drawn, tolerance, factor)
+        given = Given("polygons", shape, ring, friction, free, **material)
+        return cls(**fields_of(given))._warned(texts=unusual("thickness_factor", factor))
+
+    def _warned(self, *keys: str, texts: Iterable[str] = ()) -> Self:
         """Return the arch after warnings of values that are probably in another unit."""
-        facts.warn_of_units(self, *keys)
+        facts.warn_of_units(self, *keys, texts=texts)
         return self
 
 

@@ -63,8 +63,6 @@ def polygon_shape(
 ) -> tuple[dict[str, Any], Ring, bool]:
     """Return the outlines and ground for `Arch.parameters`, ring, and whether an end is free."""
     factor = checks.number("thickness_factor", thickness_factor, "", closed=False)
-    if tolerance is not None:
-        tolerance = checks.number("tolerance", tolerance)
     ring, placed = polygon_ring(drawn, tolerance)
     if factor != 1.0:
         lines = [line.mean(axis=0) + factor * (line - line.mean(axis=0)) for line in placed.ground]
@@ -114,6 +112,8 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
         most = f"there must be 1 to {checks.MOST_VOUSSOIRS}"
         raise GeometryError(f"outlines are {len(drawn.outlines)}; {most}")
     size = float(np.hypot(*np.ptp(np.concatenate(drawn.outlines)[:, :2], axis=0)))
+    if tolerance is not None:
+        tolerance = checks.number("tolerance", tolerance)
     outlines = []
     for outline in drawn.outlines:
         points = sampled(outline)

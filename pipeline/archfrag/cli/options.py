@@ -65,7 +65,8 @@ takes_record = takes(
     click.option("--accept", multiple=True, callback=_accept, metavar="WORD,...",
                  help="Let pass a peak outside 1e-5 to 5 g (pga), a time step outside 1e-4 to "
                  "0.1 s (time_step), another number of samples than announced (samples), another "
-                 "peak than the header states (header)."),
+                 "peak than the header states (header), a sensor in a borehole or a structure "
+                 "(sensor)."),
 )  # fmt: skip
 
 

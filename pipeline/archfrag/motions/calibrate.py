@@ -28,19 +28,45 @@ from archfrag.motions.channel import (
     azimuth_of_code,
     turned_by,
     unit_factor,
+    wrong_length,
 )
+from archfrag.motions.measures import odd_samples
 
 Inventory = Any  # obspy's, whose import takes time
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
+_BOREHOLE = re.compile(r"(EW|NS|UD)1")  # of KiK-net, whose surface is 2
 LARGEST_INVENTORY = 50_000_000  # [bytes]
 TOLERANCE = 5.0  # [degrees] by which SEED lets a channel N, E or Z deviate
 UNEQUAL = 0.02  # of the total sensitivity, by which the product of stages may be off
 UNDERGROUND = 5.0  # [m] from which on a sensor counts as one in a borehole
 _SAC_QUANTITIES = {6: "a displacement", 7: "a velocity", 50: "volts"}  # IDEP
+# IFTYPE other than a time series, and IQUAL (SAC manual, "SAC data file format").
+_SAC_FILES = {
+    2: "a spectrum (real and imaginary part)",
+    3: "a spectrum (amplitude and phase)",
+    4: "pairs of x and y",
+    51: "a surface over x and y",
+}
+_SAC_FLAWS = {47: "glitches", 48: "dropouts"}
+# What is measured by the instrument code of SEED ("SEED manual", appendix A), unless acceleration.
+_INSTRUMENTS = {
+    "HLP": "a seismometer (velocity)",
+    "D": "a pressure gauge",
+    "F": "a magnetometer",
+    "J": "a rotational sensor",
+    "M": "a mass position",
+    "S": "a strain gauge",
+}
+# Of an instrument that does not record the motion of the ground.
+_STRUCTURE = re.compile(
+    r"\b(roof|penthouse|attic|parapet|(?!1st)\d+(st|nd|rd|th)\s+(floor|fl|level|story)|deck|girder|"
+    r"superstructure|crest|chimney|mid-?(span|height)|top (of|center)|bent|pier)\b",
+    re.IGNORECASE,
+)
 _QUANTITIES = {
     "a velocity": r"([nuµmck]?m|in|ft)/s|kine", "a displacement": r"([nuµmck]?m|in|ft)",
-    "an acceleration in another unit": r"([nuµk]?m|in|ft)/s2|m?g?gal|mg",
+    "an acceleration in another unit": r"([nuµk]?m|in|ft)/s2|m?g?gal|[mu]g|%g",
 }  # fmt: skip
 _UNSTATED = {"", "unknown", "none", "na", "n/a", "-", "1", "integer", "float", "ascii"}
 _COUNTS = {"count", "counts", "cnt", "cnts", "digital_counts", "digitalcounts", "du", "digits"}
@@ -64,8 +90,8 @@ def impossible(trace: Trace) -> Iterator[Warned]:
     if announced != held:
         stated = f"the header announces {announced} samples of channel {code}"
         yield "samples", f"{stated}, the file holds {'only ' if held < announced else ''}{held}"
-    elif channel.wrong_peak:
-        yield "header", f"channel {code}: {channel.wrong_peak}"
+    elif channel.contradicted:
+        yield "header", f"channel {code}: {channel.contradicted}"
     if min(held, len(data)) < 2:
         yield None, f"channel {trace.id} holds less than 2 samples"
     if np.iscomplexobj(data):
@@ -104,16 +130,20 @@ def accept_or_refuse(
 
 def plain_unit(text: str) -> str:
     """Return a unit in lower case, ``CM/S**2`` and ``cm/sec/sec`` as ``cm/s2``."""
-    plain = re.sub(r"[\s^*()]", "", text.lower())
+    plain = re.sub(r"[\s^*()]", "", re.sub("â?²", "2", text.lower()))
     return re.sub(r"/s(ec)?/s(ec)?|/sec2", "/s2", plain).replace("/sec", "/s")
 
 
 def _add_stated(trace: Trace) -> None:
     """Add what a header of one of obspy's formats states; warn if it is no acceleration."""
     stats, channel = trace.stats, trace.stats.record
-    sac, gse, text = (stats.get(key, {}) for key in ("sac", "gse2", "ascii"))
+    sac, text = stats.get("sac", {}), stats.get("ascii", {})
+    gse = stats.get("gse2") or stats.get("gse1") or {}
     unit = plain_unit(str(text.get("unit") or "").rstrip(", "))
-    quantity = _SAC_QUANTITIES.get(_number(sac.get("idep"), -1))
+    quantity = _SAC_FILES.get(_number(sac.get("iftype"), -1))
+    if _number(sac.get("leven"), 1) == 0.0:
+        quantity = "samples at unequal steps"
+    quantity = quantity or _SAC_QUANTITIES.get(_number(sac.get("idep"), -1))
     if unit in METRES_PER_SECOND_SQUARED:
         channel.unit = unit
     elif unit in _COUNTS:
@@ -133,7 +163,20 @@ def _add_stated(trace: Trace) -> None:
     # Zeros and -1 are what writers put where they know nothing.
     if 0.0 <= tilt <= 180.0 and (azimuth or tilt or VERTICAL.fullmatch(channel.code)):
         _add_direction(channel, azimuth, tilt - 90.0, f"{stats._format} header")
-    _add_depth(channel, _number(sac.get("stdp"), 0.0), "SAC header")
+    for depth in channel.depth, _number(sac.get("stdp"), 0.0), 1e3 * _number(gse.get("edepth"), 0):
+        _add_depth(channel, depth or 0.0, f"{stats._format} header")
+    length = _number(sac.get("e"), math.nan) - _number(sac.get("b"), 0.0)
+    peak = max(abs(_number(sac.get(key), 0.0)) for key in ("depmin", "depmax"))
+    held = float(np.abs(trace.data).max())
+    if peak and abs(peak - held) > 0.1 * peak:
+        text = (
+            f"the header of {_named(channel)} states a peak of {peak:g}, the samples have {held:g}"
+        )
+        channel.warnings.append(("header", text))
+    if text := wrong_length(length, channel.held, float(stats.delta)):
+        channel.warnings.append(("header", f"{_named(channel)}: {text}"))
+    if flaw := _SAC_FLAWS.get(_number(sac.get("iqual"), -1)):
+        channel.cautions.append(f"the header of {_named(channel)} states {flaw} (IQUAL)")
     origin = _number(sac.get("o"), math.nan)
     if math.isfinite(origin):
         channel.origin_time = str(stats.starttime - _number(sac.get("b"), 0.0) + origin)
@@ -185,6 +228,17 @@ def _add_depth(channel: Channel, depth: float, source: str) -> None:
         channel.sensor = f"is {depth:g} m below the surface by its {source}"
 
 
+def _add_place(trace: Trace, path: Path) -> None:
+    """Note a sensor that is in a structure or, of KiK-net, in a borehole."""
+    channel, code = trace.stats.record, trace.stats.record.code.upper()
+    station = f"{trace.stats.station} {channel.station} {path.name}".upper()
+    kik_net = trace.stats._format == "KNET" or re.search(r"\b[A-Z]{3}H\d\d", station)
+    if _BOREHOLE.fullmatch(path.suffix[1:].upper()) or (kik_net and _BOREHOLE.fullmatch(code)):
+        channel.sensor = "is in the borehole of a KiK-net station, whose surface is EW2, NS2, UD2"
+    elif place := _STRUCTURE.search(f"{channel.place} {trace.stats.location}"):
+        channel.sensor = f"is in a structure by its header ({place[0]})"
+
+
 def _add_station(trace: Trace, inventory: Any) -> None:
     """Add direction and depth of a channel by StationXML; compare its sensitivity and stages."""
     channel, time, facts = trace.stats.record, trace.stats.starttime, dict[str, Any]()
@@ -206,14 +260,19 @@ def _add_station(trace: Trace, inventory: Any) -> None:
         use = "reading uses the total, the step `response` the stages; find out which is right"
         channel.cautions.append(f"channel {channel.code}: its StationXML states {numbers}; {use}")
     units = str(response.instrument_sensitivity.input_units).upper()
-    if _is_seismometer(channel.code) and "S**2" in units:
-        both = "is of a seismometer by its code, of an accelerometer by its StationXML"
+    if (other := _instrument(channel.code)) and "S**2" in units:
+        both = f"is of {other} by its code, of an accelerometer by its StationXML"
         channel.cautions.append(f"channel {channel.code} {both}; the StationXML counts")
 
 
-def _is_seismometer(code: str) -> bool:
-    """Tell whether a code of SEED names a seismometer, which measures velocity."""
-    return bool(re.fullmatch(r"[FGDCESHBMLVU][HLP][A-Z1-3]", code.upper()))
+def _instrument(code: str) -> str:
+    """Return the instrument that a code of SEED names; empty for an accelerometer, other codes."""
+    names = (
+        name
+        for letters, name in _INSTRUMENTS.items()
+        if re.fullmatch(rf"[FGDCESHBMLVU][{letters}][A-Z1-3]", code.upper())
+    )
+    return next(names, "")
 
 
 def _compare_with_the_user(trace: Trace, unit: str) -> None:
@@ -225,8 +284,8 @@ def _compare_with_the_user(trace: Trace, unit: str) -> None:
     elif stats.calib not in (0.0, 1.0):
         what = f"the header of {_named(channel)} states a calibration factor of {stats.calib:g}"
         text = f"{what}, so that its samples are counts, {user}"
-    elif _is_seismometer(channel.code):
-        text = f"{_named(channel)} is of a seismometer (velocity) by its code, {user}"
+    elif other := _instrument(channel.code):
+        text = f"{_named(channel)} is of {other} by its code, {user}"
     if text:
         channel.warnings.append(("header", text))
 
@@ -240,6 +299,7 @@ def to_si(trace: Trace, path: Path, asked: str | None, listed: str, table: Any) 
     if any(word is None for word, _ in channel.warnings):
         return
     _add_stated(trace)
+    _add_place(trace, path)
     if any(word is None for word, _ in channel.warnings):
         return
     try:
@@ -259,8 +319,10 @@ def to_si(trace: Trace, path: Path, asked: str | None, listed: str, table: Any) 
     if not channel.unit_in_file:
         return
     code = channel.code
+    odd = odd_samples(trace.data, float(trace.stats.delta))
+    channel.cautions += [f"{_named(channel)}: {text}" for text in odd]
     if channel.sensor:
-        channel.cautions.append(f"channel {code} {channel.sensor}")
+        channel.warnings.append(("sensor", f"{_named(channel)} {channel.sensor}"))
     down = code.upper().lstrip("+").startswith(("DWN", "DOWN", "-UP")) and inventory is None
     if channel.is_vertical and (down if channel.downwards is None else channel.downwards):
         trace.data = -trace.data

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from archfrag.errors import RecordError
 
 Trace = Any  # obspy's, whose import takes time
-Acceptable = Literal["pga", "time_step", "samples", "header"]
+Acceptable = Literal["pga", "time_step", "samples", "header", "sensor"]
 Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
 
 STANDARD_GRAVITY = 9.80665  # [m/s2]
@@ -26,6 +26,7 @@ HORIZONTAL = re.compile(
 AZIMUTHS = {"N": 0.0, "NORTH": 0.0, "NS": 0.0, "E": 90.0, "EAST": 90.0, "EW": 90.0, "WE": 90.0,
             "S": 180.0, "SOUTH": 180.0, "W": 270.0, "WEST": 270.0}  # fmt: skip
 _QUADRANT = re.compile(r"([NS])(\d+(?:\.\d+)?)([EW])")
+_SEED = re.compile(r"[A-Z]{2}[A-Z\d]")
 _SKEWED = 5.0  # [degrees] by which two components may be off a right angle
 # What a motion's metadata take over from the header.
 _HEADER = ("event", "date", "station", "magnitude", "vs30_mps", "epicentral_km", "azimuth",
@@ -40,7 +41,9 @@ class Channel:
     vertical: bool | None = None
     downwards: bool | None = None  # of a vertical: positive samples are downwards
     azimuth: float | None = None  # [degrees] of a horizontal
-    sensor: str = ""  # where it is, unless at the surface
+    sensor: str = ""  # where it is, unless on the ground
+    place: str = ""  # what its header says of it
+    depth: float | None = None  # [m] below the ground
     number: str = ""  # of the channel in its file
     event: str = ""
     date: str = ""
@@ -53,7 +56,7 @@ class Channel:
     unit: str = ""  # of the samples in the file, or counts
     g_per_count: float | None = None
     announced: int = 0  # number of samples
-    wrong_peak: str = ""  # how a stated peak differs from that of the samples, if by a tenth
+    contradicted: str = ""  # how a stated peak or length differs from that of the samples
 
     held: int = 0  # number of samples in the file
     unit_in_file: str = ""  # from which the samples were converted; empty: they are as in the file
@@ -85,6 +88,15 @@ class Channel:
 def filled(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return the facts that are neither empty nor None."""
     return {key: fact for key, fact in facts.items() if fact not in (None, "")}
+
+
+def wrong_length(stated: float | None, count: int, dt: float) -> str:
+    """Return how a length [s] contradicts a number of samples and their step; empty if not."""
+    length = (count - 1) * dt
+    if not stated or not stated > 0.0 or abs(stated - length) <= max(0.02 * length, 1.0):
+        return ""
+    text = f"the header states a length of {stated:g} s, {count} samples at {dt:g} s last"
+    return f"{text} {length:g} s"
 
 
 def unit_factor(unit: str, place: str) -> float:
@@ -134,7 +146,9 @@ def choose_horizontal(
     horizontals, verticals = split_by_direction(traces, place, not (component or listed))
     codes, first = [trace.stats.record.code for trace in horizontals], horizontals[0]
     names = ", ".join(code or "(no code)" for code in codes)
-    if component := component or (listed if len(horizontals) > 1 else None):
+    if len(horizontals) == 1 and listed and _may_be(first.stats.record, listed):
+        listed = None
+    if component := component or listed:
         spellings = [trace.id for trace in horizontals] + codes + [code[-1:] for code in codes]
         upper = [spelling.upper() for spelling in spellings]
         if component.upper() not in upper:
@@ -146,6 +160,16 @@ def choose_horizontal(
     elif not channel.is_horizontal:
         channel.log.insert(0, f"Channel {codes[0]!r} taken to be horizontal: the only one.")
     return first, verticals
+
+
+def _may_be(channel: Channel, listed: str) -> bool:
+    """Tell whether an index may mean the only horizontal of a file by a component's name."""
+    azimuth = azimuth_of_code(channel.code) if channel.azimuth is None else channel.azimuth
+    named = azimuth_of_code(listed)
+    if azimuth is not None and named is not None:
+        return turned_by(azimuth, named) <= _SKEWED
+    codes = all(_SEED.fullmatch(code.upper()) for code in (channel.code, listed))
+    return not channel.code or (HORIZONTAL.fullmatch(listed) is not None and not codes)
 
 
 def quadrant(text: str) -> float | None:

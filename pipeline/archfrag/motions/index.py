@@ -4,7 +4,7 @@ import contextlib
 import os
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from archfrag.files import (
 from archfrag.motions.calibrate import accepted_words
 from archfrag.motions.channel import unit_factor
 from archfrag.motions.formats.columns import Columns, parse_columns
+from archfrag.usual import unusual
 
 INDEX_NAME = "index.csv"
 COLUMNS = (
@@ -33,8 +34,16 @@ COLUMNS = (
 )  # fmt: skip
 LARGEST_INDEX, LONGEST_ID = 50_000_000, 255  # [bytes], [characters]
 _NEEDED = ("id", "file", "unit")
-_NUMBERS = {"Mw": float, "distance_km": float, "Vs30_mps": float, "dt_s": float,
-            "seed": int, "event_seed": int, "site_seed": int}  # fmt: skip
+# Type of a number, and the least and largest that is possible.
+_NUMBERS: dict[str, tuple[Any, float, float]] = {
+    "Mw": (float, 0.0, 10.0),
+    "distance_km": (float, 0.0, 20_040.0),
+    "Vs30_mps": (float, 1.0, 1e4),
+    "dt_s": (float, 1e-6, 10.0),
+    "seed": (int, -np.inf, np.inf),
+    "event_seed": (int, -np.inf, np.inf),
+    "site_seed": (int, -np.inf, np.inf),
+}
 _STEMS = {"distance": "distance_km", "vs30": "Vs30_mps", "dt": "dt_s", "mw": "Mw"}
 _APART = (*_NEEDED, "sha256", "accept", "accepted", "columns")
 
@@ -55,6 +64,7 @@ class IndexEntry:
     metadata: dict[str, Any]  # other columns: numbers as such or None, others as text
     accept: tuple[str, ...] = ()
     columns: Columns | None = None
+    cautions: tuple[str, ...] = ()
 
 
 def load_index(path: str | Path) -> list[IndexEntry]:
@@ -76,6 +86,7 @@ def load_index(path: str | Path) -> list[IndexEntry]:
             rule = f"write {known}, with numbers in the unit that its name states"
             raise RecordError(f"{source}: column {name!r} is not known; {rule}")
     entries: dict[str, IndexEntry] = {}
+    files: dict[Any, str] = {}
     for line, values in rows:
         place, name = f"{source}, line {line}", values["id"]
         if not name or not values["file"]:
@@ -87,23 +98,42 @@ def load_index(path: str | Path) -> list[IndexEntry]:
         if values["unit"]:
             unit_factor(values["unit"], place)
         metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
+        cautions = list[str]()
         for column in filter(metadata.__contains__, _NUMBERS):
             text = metadata[column]
-            try:
-                value = number(text) if text else None
-                metadata[column] = None if value is None else _NUMBERS[column](text)
-            except ValueError:
-                metadata[column] = np.nan
-            if not np.isfinite(metadata[column] or 0.0):
-                raise RecordError(f"{place}: {column} = {text!r} is not a number")
+            metadata[column] = _number(column, text, place) if text else None
+            cautions += unusual(column, metadata[column])
         try:
             columns = parse_columns(values["columns"]) if values.get("columns") else None
         except InputError as error:
             raise RecordError(f"{place}: {error}") from None
         accept = accepted_words(values.get("accept", ""), place)
         path, digest = source.parent / values["file"], values.get("sha256", "")
-        entries[name] = IndexEntry(name, path, values["unit"], digest, metadata, accept, columns)
+        if not path.exists():  # of Windows
+            path = source.parent / values["file"].replace("\\", "/")
+        what = (os.path.realpath(path), str(metadata.get("component") or ""), columns)
+        if (other := files.setdefault(what, name)) != name:
+            both = f"ids {other!r} and {name!r} are of one file, {values['file']}"
+            raise RecordError(f"{place}: {both}, and one component; each record counts once")
+        entry = IndexEntry(name, path, values["unit"], digest, metadata, accept, columns)
+        entries[name] = replace(entry, cautions=tuple(cautions))
     return list(entries.values())
+
+
+def _number(column: str, text: str, place: str) -> float:
+    """Return a number of a row; RecordError if it is none, or impossible."""
+    kind, least, most = _NUMBERS[column]
+    try:
+        number(text)
+        value = kind(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise RecordError(f"{place}: {column} = {text!r} is not a number")
+    if not least <= value <= most:
+        limits = f"it must be {least:g} to {most:g}, or empty if it is not known"
+        raise RecordError(f"{place}: {column} = {text} is impossible; {limits}")
+    return float(value) if kind is float else int(value)
 
 
 def _table(source: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:

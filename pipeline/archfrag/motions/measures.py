@@ -21,7 +21,7 @@ changes by -2 z ds / w, and g = f' / w by ds / w.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,6 +53,12 @@ OFFSET = 0.01  # of the mean to the peak
 DRIFT = 0.2  # of the velocity at the end, or of its mean over a record, to its peak
 SHORT = 10.0  # [s]
 SHAKING = 0.25  # of the peak in the last second to that of the record
+# A sample stands alone if it is so many times those 2 to 5 places away; without such samples the
+# peak of real records falls by a factor of 1.2 at most. At their peaks at most 2 samples are
+# equal, and between samples of a tenth of the peak at most 33 (0.17 s, a weak raw record).
+ALONE, SPIKE = 2.5, 1.8
+FLAT, STUCK = 3, 0.5  # [samples] at the peak, [s]
+_NEAR = np.array([-5, -4, -3, -2, 2, 3, 4, 5])
 
 
 class Measure(NamedTuple):
@@ -245,6 +251,45 @@ def sample_cautions(samples: Samples, dt: float) -> list[str]:
         part = f"{shaking:.2g} of its peak within its last {last * dt:.2g} s"
         cautions.append(f"it has {part}: {why}")
     return cautions
+
+
+def odd_samples(samples: Samples, dt: float) -> list[str]:
+    """Ask about accelerations [m/s2] as read that no ground makes: spikes, flat tops, gaps."""
+    about = samples - np.median(samples)
+    return [*_spikes(about, dt), *_flat_parts(about, dt)] if about.any() else []
+
+
+def _spikes(samples: Samples, dt: float) -> Iterator[str]:
+    """Ask about samples that stand alone and set the peak."""
+    size = np.abs(samples)
+    strong = np.flatnonzero(size >= 0.5 * size.max())
+    near = np.pad(size, _NEAR.max())[strong[:, None] + _NEAR + _NEAR.max()].max(axis=1)
+    alone = strong[size[strong] > ALONE * near]
+    others = np.delete(size, np.clip(alone[:, None] + [-1, 0, 1], 0, size.size - 1))
+    peak, rest = size.max(), others.max(initial=0.0)
+    if alone.size and 0.0 < SPIKE * rest < peak:
+        where = f"{peak:.4g} m/s2 at {alone[size[alone].argmax()] * dt:.6g} s"
+        usual = f"without {alone.size} such sample(s) the peak is {rest:.4g} m/s2"
+        yield f"its peak, {where}, stands alone: {usual}; is it a spike of the instrument?"
+
+
+def _flat_parts(samples: Samples, dt: float) -> Iterator[str]:
+    """Ask about tops that are cut off, and a stretch in the motion without any change."""
+    size, peak = np.abs(samples), _peak(samples)
+    ends = np.flatnonzero(np.diff(samples, append=np.inf))
+    lengths = np.diff(ends, prepend=-1)
+    extreme = np.isin(samples[ends], [samples.max(), samples.min()]) & (size[ends] >= 0.5 * peak)
+    tops = lengths[(lengths >= FLAT) & extreme]
+    strong = np.flatnonzero(size >= 0.1 * peak)
+    part = tops.sum() / np.count_nonzero(size >= 0.5 * peak)
+    if (tops.size > 1 or tops.max(initial=0) > FLAT + 1) and (tops.size > 1 or part < 0.5):
+        where = f"{tops.size} time(s) it stays at its largest value for {FLAT} samples or more"
+        yield f"{where}: did the instrument clip?"
+    inside = (ends > strong[0]) & (ends - lengths < strong[-1]) & ~extreme
+    longest = int((lengths * inside).argmax())
+    if inside[longest] and (span := float(lengths[longest]) * dt) > STUCK:
+        start = (ends[longest] - lengths[longest] + 1) * dt
+        yield f"it is constant for {span:.4g} s from {start:.6g} s on: is a part of it missing?"
 
 
 def _spectrum(ground: NDArray[Any], dt: float, periods: ArrayLike, angles: Samples) -> Samples:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from archfrag.motions.channel import AZIMUTHS, quadrant
+from archfrag.motions.channel import AZIMUTHS, azimuth_of, quadrant
 from archfrag.motions.motion import REVERSED, Motion, seconds
 
 # Where a direction may stand in a name: it ends a word, and is no small letter within one.
@@ -109,6 +109,40 @@ def belong_together(one: Motion, other: Motion) -> bool:
         return True
     equal = one.acceleration.size == other.acceleration.size
     return equal and not numbered(both[0]["file"], both[1]["file"])
+
+
+def identity_of(motion: Motion) -> dict[str, Any]:
+    """Return the facts by which `are_one` recognises copies and versions of one component."""
+    about, start = motion.metadata, seconds(motion.metadata.get("start_time"))
+    azimuth = azimuth_of(about)
+    location = (str(about.get("trace") or "").split(".") + [""] * 3)[2]
+    station = str(about.get("station") or "").casefold()
+    direction = about.get("component") if azimuth is None else azimuth % 360.0
+    return {
+        "id": motion.id,
+        "samples": hash((motion.dt, motion.acceleration.tobytes())),
+        "place": (station, location, direction) if station else None,
+        "event": about.get("event"),
+        "level": about.get("level"),
+        "start": start,
+        "end": start + motion.duration,
+    }
+
+
+def are_one(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Tell whether two motions are copies or versions (raw, processed) of one component.
+
+    Their samples are equal, or their station, instrument and direction are, and they overlap in
+    time or, where that is not known, are a raw and a processed one of one event.
+    """
+    if one["samples"] == other["samples"]:
+        return True
+    if one["place"] is None or one["place"] != other["place"]:
+        return False
+    if np.isnan(one["start"]) or np.isnan(other["start"]):
+        levels = {one["level"], other["level"]} == {"raw", "processed"}
+        return levels and bool(one["event"]) and one["event"] == other["event"]
+    return bool(one["start"] < other["end"] and other["start"] < one["end"])
 
 
 def numbered(one: str, other: str) -> bool:

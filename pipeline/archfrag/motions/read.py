@@ -64,7 +64,8 @@ def read_motion(
         StationXML of a record in counts; by default NAME.xml or NET.STA.xml beside the file.
     accept : sequence of str
         What to let pass: ``pga`` (1e-5 to 5 g), ``time_step`` (1e-4 to 0.1 s), ``samples`` (other
-        than announced), ``header`` (its peak is off by a tenth, or it contradicts unit or code).
+        than announced), ``header`` (its peak is off by a tenth, or it contradicts unit or code),
+        ``sensor`` (in a borehole or a structure; left out where the file has others).
     columns : Columns, optional
         Where the numbers are in a plain text whose header is not known.
 
@@ -154,7 +155,10 @@ def load_motion(entry: IndexEntry) -> Motion:
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
         raise RecordError(f"{entry.path}: dt is {motion.dt} s, the index lists dt_s = {step} s")
-    return replace(motion, id=entry.id, metadata={**motion.metadata, **filled(entry.metadata)})
+    about = {**motion.metadata, **filled(entry.metadata)}
+    if cautions := (*about.get("cautions", ()), *entry.cautions):
+        about["cautions"] = list(cautions)
+    return replace(motion, id=entry.id, metadata=about)
 
 
 def read_channels(
@@ -165,9 +169,12 @@ def read_channels(
     if entry is not None and path.is_file():
         check_sha256(entry)
     traces, gap = _examine(path, entry, unit, **options)
+    accepted = (*words, *(entry.accept if entry else ()))
+    if "sensor" not in accepted:
+        traces = _on_the_ground(traces)
     for trace in traces:
         channel = trace.stats.record
-        channel.accept = (*words, *(entry.accept if entry else ()))
+        channel.accept = accepted
         channel.accepted = calibrate.accept_or_refuse(path, channel.accept, channel.warnings)
         errors = (f"Error in the file: {error}." for error in channel.errors)
         cautions = (f"Caution: {caution}." for caution in channel.cautions)
@@ -175,6 +182,19 @@ def read_channels(
     if gap:
         raise RecordError(f"{path}: {gap}")
     return traces, entry
+
+
+def _on_the_ground(traces: list[Trace]) -> list[Trace]:
+    """Leave out sensors in boreholes and structures, unless no other one is horizontal."""
+    ground = [trace for trace in traces if not trace.stats.record.sensor]
+    others = [trace.stats.record for trace in traces if trace.stats.record.sensor]
+    if not others or all(trace.stats.record.is_vertical for trace in ground):
+        return traces
+    codes = ", ".join(dict.fromkeys(channel.code for channel in others))
+    text = f"channel {codes} {others[0].sensor} and is left out; `accept` with sensor reads it"
+    for trace in ground:
+        trace.stats.record.cautions.append(text)
+    return ground
 
 
 def _examine(

@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.arch import Arch, checks
 from archfrag.arch.building import plain
-from archfrag.arch.facts import USUAL, warn_of_units
+from archfrag.arch.facts import warn_of_units
 from archfrag.errors import GeometryError, InputError, StabilityError
 from archfrag.physics.status import Joint
 from archfrag.simulation.arguments import check_number
 from archfrag.simulation.elastic import ElasticArch
 from archfrag.simulation.rest import onset
+from archfrag.usual import USUAL
 
 # Depths of two rounds that differ by less than this part of a joint's length are equal.
 AGREE, MOST_ITERATIONS = 1e-9, 200

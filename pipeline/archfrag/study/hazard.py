@@ -28,6 +28,7 @@ from archfrag.files import (
 )
 from archfrag.fragility.risk import HazardCurve
 from archfrag.motions.measures import LEVEL_UNITS, Measure, measure_unit, parse_measure
+from archfrag.usual import unusual
 
 FARTHEST = 10.0  # [km], between the site asked for and the nearest one of the file
 LARGEST = 100_000_000  # [bytes] of a file
@@ -89,6 +90,8 @@ def load_hazard(
                 if name in found:
                     raise InputError(f"has a second curve {name!r}")
                 found[name] = replace(curve, im=curve.im * factor)
+                messages += level_cautions(measure, found[name].im, str(path))
+                messages += unusual("rate", curve.rate.max(), f"{path}: the largest rate")
         except (InputError, ValueError) as error:
             must = "" if isinstance(error, InputError) else "must hold numbers, but: "
             raise InputError(f"{path}: {must}{error}") from None
@@ -100,6 +103,12 @@ def load_hazard(
     order = sorted(found, key=lambda name: name != "mean")
     source = ", ".join(map(str, paths))
     return Hazard(measure, source, {name: found[name] for name in order}, tuple(messages))
+
+
+def level_cautions(measure: str, levels: Any, place: str) -> list[str]:
+    """Ask whether the largest of some levels, in the SI unit of their measure, is in its unit."""
+    kind = parse_measure(measure).kind
+    return list(unusual(kind, np.max(levels), f"{place}: the largest {measure}"))
 
 
 def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:

@@ -3,7 +3,6 @@
 import base64
 import contextlib
 import errno
-import math
 import os
 import re
 import shutil
@@ -28,12 +27,13 @@ from archfrag.study.file.members import Members, check_standing, checked
 from archfrag.study.file.prepared import PreparedRecord, described, in_order
 from archfrag.study.file.schema import StudyKeys, study_schema
 from archfrag.study.file.sources import VERTICAL_LEFT, find_sources, first_shocks, read_sources
-from archfrag.study.hazard import load_hazard
+from archfrag.study.hazard import level_cautions, load_hazard
 from archfrag.study.products import check_outputs, step_names
 from archfrag.study.provenance import OWNER, PACKAGE, read_state
+from archfrag.usual import unusual
 
-# Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
-MOST_FRICTION, LARGEST, FAR_BEYOND = 2.0, 300.0, 10.0
+# Beyond these a unit may have been mistaken: size [m], levels over the onset.
+LARGEST, FAR_BEYOND = 300.0, 10.0
 LARGEST_LOGO = 500_000  # [bytes]
 PICTURES = {"png": b"\x89PNG\r\n\x1a\n", "jpeg": b"\xff\xd8\xff"}  # kinds, and how they begin
 MOST_ASKED = 12  # arches, records
@@ -89,7 +89,6 @@ def unit_warnings(study: StudyKeys, found: Members) -> tuple[str, ...]:
             found_of.setdefault(text, []).append(entry.id)
     for member in found[:MOST_ASKED]:
         arch = member.entry.build()
-        friction = max(filter(math.isfinite, arch.chain.friction.tolist()), default=0.0)
         size, start = float(np.ptp(arch.centroids, axis=0).max()), onset(arch)
         # The smallest spread lowers the onset to almost nothing, and collapse hardly.
         built = start if arch.built is None else onset(arch.built)
@@ -97,8 +96,7 @@ def unit_warnings(study: StudyKeys, found: Members) -> tuple[str, ...]:
         where = "the onset of motion ({:.3g} g); is their unit right?"
         for wrong, text in (
             *((True, text) for text in unit_cautions(arch)),
-            (friction > MOST_FRICTION, f"the coefficient of friction {friction:.3g} is greater "
-             "than that of any masonry; was an angle meant?"),
+            *((True, text) for text in unusual("thickness_factor", member.entry.thickness_factor)),
             (size > LARGEST, f"the arch is {size:.0f} m large; lengths are in m"),
             (known and stays_at_rest(levels.max(), start),
              f"no level is above {where.format(least)}"),
@@ -108,7 +106,9 @@ def unit_warnings(study: StudyKeys, found: Members) -> tuple[str, ...]:
         ):  # fmt: skip
             if wrong:
                 found_of.setdefault(text, []).append(member.id)
-    return tuple(
+    asked = study.intensity
+    levels_asked = [] if known else level_cautions(asked.measure, asked.si, "intensity.levels")
+    return tuple(levels_asked) + tuple(
         f"{first}{f' and {len(more)} more' * bool(more)}: {text}"
         for text, (first, *more) in found_of.items()
     )
@@ -164,10 +164,15 @@ def logo_url(logo: str) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
-def check_start(study: StudyKeys) -> None:
-    """Check hazard, logo, and that the output folder may take results; nothing is created."""
+def check_start(study: StudyKeys) -> tuple[str, ...]:
+    """Check hazard, logo, and that the output folder may take results; nothing is created.
+
+    Returned is what was assumed of the hazard, and what is unusual in it.
+    """
+    messages: tuple[str, ...] = ()
     if (risk := study.risk) is not None:
-        load_hazard([Path(risk.hazard)], study.intensity.measure, risk.unit, risk.site)
+        hazard = load_hazard([Path(risk.hazard)], study.intensity.measure, risk.unit, risk.site)
+        messages = hazard.messages
     if study.report.logo is not None:
         logo_url(study.report.logo)
     folder = study.folder
@@ -183,6 +188,7 @@ def check_start(study: StudyKeys) -> None:
     if owner != study.id:
         whose = f"holds results of study {owner!r}, not of study {study.id!r}"
         raise OutputError(f"{study.folder}: {whose}; give the studies different output folders")
+    return messages
 
 
 def check_study(study: StudyKeys) -> dict[str, Any]:
@@ -192,9 +198,9 @@ def check_study(study: StudyKeys) -> dict[str, Any]:
     Errors of hazard or folder, of records and of arches are raised together.
     """
     errors, some = list[ArchfragError](), checked(study.members)
-    records, partners = list[PreparedRecord](), list[str]()
+    records, partners, hazard = list[PreparedRecord](), list[str](), list[str]()
     for check in (
-        lambda: check_start(study), lambda: check_standing(some, study.method),
+        lambda: hazard.extend(check_start(study)), lambda: check_standing(some, study.method),
         lambda: _read_records(study, records, partners),
     ):  # fmt: skip
         try:
@@ -207,7 +213,7 @@ def check_study(study: StudyKeys) -> dict[str, Any]:
     found, design, levels = study.members, study.design, len(study.intensity.si)
     size, extent = design.size(len(records), levels)
     sizes_of, ids = Counter(member.arch_class for member in found), {member.id for member in found}
-    cautions = unit_warnings(study, found) + suspicious(records)
+    cautions = unit_warnings(study, found) + suspicious(records) + tuple(hazard)
     if unchecked := len(found) - len(some):
         left = f"{unchecked} of {len(found)} arches were not checked"
         cautions += (f"{left}; the run checks all of them before it simulates",)

@@ -10,6 +10,7 @@ import contextlib
 import functools
 import importlib
 import os
+import re
 import resource
 import signal
 import warnings
@@ -22,7 +23,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from obspy import Trace
+from obspy import Trace, UTCDateTime
 
 from archfrag.errors import RecordError, reason_of
 from archfrag.files import end_with_parent, opened, wide_encoding
@@ -102,6 +103,8 @@ def read_as(path: str, name: str) -> list[Trace]:
         except Exception as error:
             what = "the file is damaged, truncated or not of this format"
             raise RecordError(f"{path}: {what} ({reason_of(error)})") from None
+    if name == "TSPAIR":
+        _compare_times(path, traces[0])
     shown: dict[str, None] = {}
     for warning in caught:
         text = " ".join(str(warning.message).split())
@@ -123,6 +126,21 @@ def read_as(path: str, name: str) -> list[Trace]:
         trace.stats.record.messages = list(shown)
         trace.stats._format, trace.stats.npts = name, held
     return traces
+
+
+def _compare_times(path: str, trace: Trace) -> None:
+    """Compare the first two times of a TSPAIR file, which obspy's reader passes over."""
+    with opened(path) as file:
+        head = file.read(2000).decode("latin-1")
+    times = re.findall(r"(?m)^(\d{4}-\d\d-\d\dT\S+)\s", head)
+    step = UTCDateTime(times[1]) - UTCDateTime(times[0]) if times[1:] else trace.stats.delta
+    held, delta = len(trace.data), trace.stats.delta
+    trace.stats.record = Channel(
+        str(trace.stats.channel).strip(), announced=trace.stats.npts, held=held
+    )
+    if abs(step - delta) > 0.01 * delta:
+        text = f"its first samples are {step:g} s apart, its header states {delta:g} s"
+        trace.stats.record.contradicted = text
 
 
 def read_apart(path: str) -> list[Trace]:

@@ -12,10 +12,22 @@ from obspy import Trace
 
 from archfrag import files
 from archfrag.errors import InputError, RecordError
-from archfrag.motions.formats.layout import Text, split, trace_of
+from archfrag.motions.calibrate import plain_unit
+from archfrag.motions.formats import layout
+from archfrag.motions.formats.layout import Text, search, split, trace_of
 
 MOST_COLUMNS = 1000
-_GEOCSV_UNIT = re.compile(r"(?m)^#\s*field_unit\s*:.*[,\s](\S+)\s*$")
+# What lines before the numbers may state: units of columns (GeoCSV), a unit of acceleration, the
+# step or the rate of samples, and their number.
+_GEOCSV_UNITS = re.compile(r"(?m)^#\s*field_unit\s*:(.*)$")
+_UNIT = re.compile(
+    r"(?i)(?:[\[(]\s*|\bin\s+(?:units\s+of\s+)?|\bunits?\s*(?:of|:|=)\s*)"
+    r"(m?g|%g|m?gal|(?:[cm]?m|in|ft)\s*/\s*s(?:ec)?\s*(?:\^|\*\*)?\s*(?:2|Â?²|/\s*s(?:ec)?))s?(?![\w/])"
+)
+_VALUE = r"((?:\d+\.?\d*|\.\d+)(?:[Ee][-+]?\d+)?)"
+_STEP = rf"(?:\bdt|\btime[ _-]?step|\b(?:sampl\w*|time)[ _]interval)\b[^\n\d.]{{0,15}}{_VALUE}"
+_RATE = rf"\bsampl\w*[^\n\d.]{{0,30}}{_VALUE}\s*(?:hz|sps)|\bsample_rate_hz\s*:\s*{_VALUE}"
+_COUNT = r"\b(?:npts|sample_count|number of (?:points|samples|data))\b\s*[:=]?\s*(\d+)\b"
 _ALLOWED = "time=COLUMN, acceleration=COLUMN, vertical=COLUMN, dt=SECONDS, skip=LINES"
 
 
@@ -108,7 +120,11 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     if len(samples) < 2:
         raise RecordError(f"{name}: holds {len(samples)} sample(s); 2 or more are needed")
     timed, step = columns.time is not None, columns.dt
-    stated = _GEOCSV_UNIT.search("\n".join(text.head(0, 50)))
+    used = {number for number, _ in rows}
+    head = "\n".join(
+        text.lines[i][:200] for i in range(min(50, len(text.lines))) if i + 1 not in used
+    )
+    _refuse_header(values, rows[0][0], name)
     if timed:
         step = _even_step(samples[:, 0], [text.place(number - 1) for number, _ in rows], columns)
     traces = []
@@ -117,13 +133,45 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
         if _rises_evenly(series):
             rises = "the column of accelerations rises evenly, as times do"
             raise RecordError(f"{name}: {rises}; name the columns of both")
-        facts = {"announced": series.size, "code": code, "vertical": code == "V",
-                 "log": [f"Columns {columns}."]}  # fmt: skip
+        facts = {
+            "announced": int(search(_COUNT, head) or series.size),
+            "code": code,
+            "vertical": code == "V",
+            "log": [f"Columns {columns}."],
+            "contradicted": _other_step(head, float(step or 0.0)),
+        }
         traces.append(trace_of(series, step, name, facts))
         traces[-1].stats._format = "COLUMNS"
-        if stated:
-            traces[-1].stats.ascii = {"unit": stated[1]}
+        traces[-1].stats.ascii = {"unit": _unit_in(head, (chosen or [0])[index])}
     return traces
+
+
+def _unit_in(head: str, column: int) -> str:
+    """Return the unit that lines before the numbers state of a column; empty if not just one."""
+    if stated := search(_GEOCSV_UNITS, head):
+        units: Sequence[str] = re.split(r"[,;|\s]+", stated.strip())
+        return units[min(column, len(units) - 1)]
+    known = set(map(plain_unit, _UNIT.findall(head)))
+    if not known and not re.search("accel", head, re.IGNORECASE):
+        return search(r"\b(velocity|displacement)\b", head)
+    return known.pop() if len(known) == 1 else ""
+
+
+def _other_step(head: str, step: float) -> str:
+    """Return how the step or rate in lines before the numbers contradicts the step [s]."""
+    rate = layout.number(search(_RATE, head) or search(_RATE, head, 2))
+    stated = layout.number(search(_STEP, head)) or (1.0 / rate if rate else 0.0)
+    if not stated or abs(stated - step) <= 0.01 * stated:
+        return ""
+    return f"the lines before its numbers state a step of {stated:g} s, {step:g} s is used"
+
+
+def _refuse_header(values: NDArray[np.float64], line: int, name: str) -> None:
+    """Raise RecordError if one of the first numbers is how many numbers follow."""
+    for place, value in enumerate(values[:4].tolist(), 1):
+        if value >= 20.0 and value in (values.size - place, values.size - 2):
+            how = "if it is a header, pass over it by skip"
+            raise RecordError(f"{name}, line {line}: {value:g} is how many numbers follow; {how}")
 
 
 def _numbers(

@@ -112,7 +112,13 @@ def _cosmos_channel(text: layout.Text, place: int) -> _Channel:
     size = real.get(12) or real.get(14) or None
     record = {"magnitude": size, "epicentral_km": real.get(16)} | filled(record)
     level = {0: "raw", 1: "raw", 2: "processed"}.get(int(integers[0]), "")
-    record |= {"level": level, "unit": unit, "announced": announced, "held": samples.size}
+    record |= {
+        "level": level,
+        "unit": unit,
+        "announced": announced,
+        "held": samples.size,
+        "length": real.get(62),
+    }
     if unit == "counts":
         # The recorder's least count [µV], the sensor's sensitivity [V/g] and the gain.
         least, sensitivity, gain = (max(real.get(index, 0.0), 0.0) for index in (21, 41, 46))
@@ -158,7 +164,7 @@ def _cosmos_record(
     record = direction | {
         "event": "" if re.match(r"(?i)(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", event) else event,
         "date": layout.iso_date(text[3], text[1], text[7]),
-        "magnitude": layout.magnitude(text[2]), "number": number,
+        "magnitude": layout.magnitude(text[2]), "number": number, "place": position,
         "station": re.sub(r"^\S+\s{2,}|^\S+\s+(?=\S)", "", owner).strip(),
     }  # fmt: skip
     names = re.search(r"<SCNL>\s*" + r"\.".join([r"([\w-]+)"] * 4), comments)
@@ -208,6 +214,7 @@ def _dmg_channel(text: layout.Text, place: int) -> _Channel:
         "event": "" if re.match(r"(?i)\s*RE?CO?RD OF", head[1]) else head[1].strip(),
         "date": layout.iso_date(head[2].upper().partition("ORIGIN")[2], head[2], head[1]),
         "magnitude": layout.magnitude(head[8]), "number": number, "level": level,
+        "place": position,
         "station": re.split(r"\s{3,}", head[5].strip())[0],
     }  # fmt: skip
     code = layout.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", head[4])

@@ -40,6 +40,7 @@ _FIELDS = {
     "magnitude": (layout.number, r"^\s*Epicentre .*\bM[A-Za-z]? +([\d.]+)\s*$"),
     "epicentral_km": (layout.number, r"^\s*Epicentre .*\bDist +([\d.]+) *km"),
     "station": (str, r"^\s*Site +(\S+) +\d"),
+    "length": (layout.number, r"\bDuration +(\S+) *s"),
 }
 
 

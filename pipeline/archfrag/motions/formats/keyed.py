@@ -43,6 +43,8 @@ _DYNA = {
     "station": (str, "STATION_CODE"),
     "vs30_mps": (layout.number, "VS30_M/S", "VS30_MS"),
     "epicentral_km": (layout.number, "EPICENTRAL_DISTANCE_KM"),
+    "length": (layout.number, "DURATION_S"),
+    "depth": (layout.number, "SENSOR_DEPTH_M"),
 }  # fmt: skip
 # Keys of RESORCE in those of DYNA.
 _RESORCE = {
@@ -158,6 +160,9 @@ def _keyed(
         # A name may be of a country alone, that of many earthquakes.
         "event": ", ".join(filter(None, map(header.get, ("EVENT_NAME", "EVENT_ID")))),
     }
+    if header.get("LATE/NORMAL_TRIGGERED", "").upper() == "LT":
+        late = "its header says that it triggered late: the beginning of the motion is missing"
+        record["cautions"] = [late]
     # Such as 20010203_040510.250 or, of AFAD, 03/02/2001 04:05:10.250.
     start = header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", "")
     start = re.sub(r"(\d\d)/(\d\d)/(\d{4})", r"\3\2\1", start, count=1)
@@ -180,14 +185,12 @@ def read_knet(source: layout.Source, **_: Any) -> Stream:
     # Without a header that is whole, nothing follows.
     for trace in (trace for trace in stream if "knet" in trace.stats):
         knet, component = trace.stats.knet, str(trace.stats.channel)
-        borehole = component[2:] == "1"
         trace.stats.record = channel = Channel(
             component, date=knet.evot.date.isoformat(), origin_time=str(knet.evot),
             magnitude=knet.mag, level="raw", station=trace.stats.station, held=trace.data.size,
             announced=round(knet.duration * trace.stats.sampling_rate),
             vertical=component.startswith("UD"),
             azimuth={"N": 0.0, "E": 90.0}.get(component[:1]),
-            sensor="is in the borehole, not at the surface" if borehole else "",
         )  # fmt: skip
         layout.judge_peak(channel, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
     return stream

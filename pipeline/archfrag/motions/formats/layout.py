@@ -22,6 +22,7 @@ from archfrag.motions.channel import (
     filled,
     quadrant,
     unit_factor,
+    wrong_length,
 )
 
 Source = str | Path | BinaryIO
@@ -300,7 +301,7 @@ def judge_peak(channel: Channel, stated: str, values: NDArray[np.float64], unit:
     off = abs(nearest - peak) - rounding
     text = f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g} {unit}"
     if off > 0.1 * peak:
-        channel.wrong_peak = text
+        channel.contradicted = text
     elif off > 0.01 * peak:
         channel.errors.append(text)
 
@@ -311,12 +312,18 @@ def trace_of(
 ) -> Trace:  # fmt: skip
     """Return a trace with network, station and location `codes`, and `facts` in its `Channel`.
 
-    RecordError if the time step [s] is not one; a `peak` that the header states is judged.
+    RecordError if the time step [s] is not one; a `peak` and a `length` [s] among the facts that
+    the header states are judged.
     """
     if not 0.0 < (dt or 0.0) < math.inf:
         raise RecordError(f"{where}: no time step above 0 s is stated, but {dt or 'none'}")
-    channel = Channel(**{"held": samples.size} | facts)
+    known = {"held": samples.size} | facts
+    length = known.pop("length", None)
+    channel = Channel(**known)
     judge_peak(channel, peak, samples, channel.unit)
+    channel.contradicted = channel.contradicted or wrong_length(
+        length, channel.held, float(dt or 0)
+    )
     header: dict[str, Any] = dict(zip(("network", "station", "location"), codes))
     header |= {"delta": dt, "channel": channel.code, "record": channel}
     return Trace(samples, header if start is None else {**header, "starttime": start})

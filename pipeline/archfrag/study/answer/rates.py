@@ -132,7 +132,8 @@ def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
         lines.append((name, words))
         cautions += [f"{name}: {each}" for each in arch.cautions]
     first = max(len("report"), *(len(name) for name, _ in lines))
-    return [f"{name:{first}}  {words}" for name, words in lines], cautions
+    told = [f"{name:{first}}  {words}" for name, words in lines]
+    return told, [*cautions, *risk.hazard.messages]
 
 
 def answer_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:

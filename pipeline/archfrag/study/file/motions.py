@@ -69,7 +69,8 @@ class FileSet(Section):
         BeforeValidator(lambda given: given.split() if isinstance(given, str) else given),
     ] = Field(default_factory=list)
     """Let pass: pga (1e-5 to 5 g), time_step (1e-4 to 0.1 s), samples (other than announced),
-    header (its peak is off by a tenth, or it contradicts the unit or the channel code)."""
+    header (its peak is off by a tenth, or it contradicts the unit or the channel code), sensor (in
+    a borehole or a structure; left out where its file has others)."""
 
 
 def _named(levels: list[float]) -> list[float]:

@@ -315,9 +315,18 @@ def _process(
 
 def _name(processed: Iterable[tuple[RecordFile, Motion]], asked: Motions) -> Iterator[Motion]:
     """Yield the selected motions, in both senses if asked; InputError if ids are not clear."""
-    taken, ids = dict[str, Path](), list[str]()
+    taken, ids, before = dict[str, Path](), list[str](), list[dict[str, Any]]()
     for file, motion in processed:
         ids.append(motion.id)
+        if asked.select is None or motion.id in asked.select:
+            facts = partners.identity_of(motion)
+            twin = next((one for one in before if partners.are_one(one, facts)), None)
+            before.append(facts)
+            if twin is not None:
+                again = f"it is record {twin['id']} a second time (a copy, or another version)"
+                text = f"{again}, and both count; leave one out"
+                cautions = [*motion.metadata.get("cautions", ()), text]
+                motion = replace(motion, metadata={**motion.metadata, "cautions": cautions})
         for sense in both_senses(motion) if asked.both_senses else [motion]:
             if sense.id in taken:
                 whose = f"already belongs to {taken[sense.id]}; each record needs its own"
