@@ -12,7 +12,16 @@ from pydantic import ValidationError
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.arch.facts import facts_of, facts_text, unit_cautions
-from archfrag.cli.options import PATH, figure_option, json_option, show, takes, takes_record, warn
+from archfrag.cli.options import (
+    PATH,
+    figure_option,
+    json_option,
+    method_option,
+    show,
+    takes,
+    takes_record,
+    warn,
+)
 from archfrag.errors import InputError
 from archfrag.motions.measures import scale_factor
 from archfrag.motions.read import read_motion
@@ -181,7 +190,7 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
     click.option("--scale", type=float, default=1.0, show_default=True,
                  help="Factor on the record."),
     click.option("--pga", type=float, help="Peak to scale the record to [g], instead of --scale."),
-    click.option("--method", default="auto", show_default=True),
+    method_option("auto", "Method of integration."),
     click.option("--dt", type=float, help="Time step [s]; the method's default if not given."),
     click.option("--rtol", type=float, help="Relative error; the method's default if not given."),
     click.option("--follow", type=float, default=20.0, show_default=True,

@@ -12,6 +12,7 @@ import click
 
 from archfrag.errors import InputError
 from archfrag.files import printable
+from archfrag.physics.methods.registry import METHODS
 
 PATH = click.Path(path_type=Path)
 
@@ -66,6 +67,12 @@ takes_record = takes(
                  "0.1 s (time_step), another number of samples than announced (samples), another "
                  "peak than the header states (header)."),
 )  # fmt: skip
+
+
+def method_option(default: str | None, text: str) -> Callable:
+    """Return the option of a method of integration."""
+    choices = click.Choice([*METHODS])
+    return click.option("--method", type=choices, default=default, show_default=True, help=text)
 
 
 def echo(text: str, err: bool = False) -> None:
