@@ -131,7 +131,8 @@ def test_states_without_a_curve_for_one_reason_are_one_note():
     of = "ring", "every run collapsed"
     assert _left_out(of, ["motion"]).startswith("limit state 'motion' is left out: ring has no")
     assert _left_out(of, ["motion", "impact"]) == (
-        "limit states 'motion', 'impact' are left out: ring has no curve of them: every run collapsed"
+        "limit states 'motion', 'impact' are left out: "
+        "ring has no curve of them: every run collapsed"
     )
 
 
