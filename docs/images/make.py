@@ -15,7 +15,7 @@ def main() -> None:
     """Run the shipped study and keep its curve and a film of a typical collapse."""
     with tempfile.TemporaryDirectory() as folder:
         output = f"--set=output={json.dumps(folder + '/results')}"
-        command = [sys.executable, "-m", "archfrag.cli", "run", str(STUDY), output]
+        command = [sys.executable, "-m", "archfrag", "run", str(STUDY), output]
         subprocess.run(command, check=True)
         shutil.copyfile(next(Path(folder).rglob("curve-*.svg")), HERE / "curve.svg")
         command[3:4] = ["film", "--to", str(HERE / "fall.svg")]

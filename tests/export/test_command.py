@@ -11,7 +11,13 @@ import xarray as xr
 
 from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, writers
-from archfrag.export.command import LIMIT_STATES, _not_fitted, _with_uncertainty, export_study
+from archfrag.export.command import (
+    LIMIT_STATES,
+    _left_out,
+    _not_fitted,
+    _with_uncertainty,
+    export_study,
+)
 from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
 from archfrag.study import steps
 from archfrag.study.answer.curves import Fitted
@@ -123,18 +129,28 @@ def test_limit_states_go_by_their_names_in_texts_and_tables(study, tmp_path, nam
     assert made["limit_states"] == [name.lower().split(" d")[0].replace(" ", "_"), "collapse"]
 
 
+def test_states_without_a_curve_for_one_reason_are_one_note():
+    of = "ring", "every run collapsed"
+    assert _left_out(of, ["motion"]).startswith("limit state 'motion' is left out: ring has no")
+    assert _left_out(of, ["motion", "impact"]) == (
+        "limit states 'motion', 'impact' are left out: "
+        "ring has no curve of them: every run collapsed"
+    )
+
+
 def test_a_state_without_a_curve_says_why_and_what_helps(study, tmp_path):
     """An arch whose every run exceeds a state, beside one that has a curve of it."""
     stored = json.loads((study.folder / "fits.json").read_text())
     slab = stored["arches"]["slab"] = json.loads(json.dumps(stored["arches"]["ring"]))
     slab["more"]["limit_states"]["states"][2]["curve"] = {"none": "every run collapsed"}
     (study.folder / "fits.json").write_text(json.dumps(stored))
-    for design, help_ in (("stripes", ""), ("ida", "design: {kind: stripes} or ")):
+    helps = {"stripes": "a larger limit_states.residual", "ida": "design: {kind: stripes}"}
+    for design, help_ in helps.items():
         result = command("export", tmp_path / "small.yaml", "--set", f"design.kind={design}",
                          "--format=csv", "--limit-state", "residual displacement")  # fmt: skip
         assert result.stderr == (
             "archfrag: error: limit state 'residual' is left out: slab has no curve of it: every "
-            f"run collapsed; try {help_}a larger limit_states.residual; 1 of 2 arches or classes "
+            f"run collapsed; try {help_}; 1 of 2 arches or classes "
             "have one\n"
         )
     del slab["more"]["limit_states"]

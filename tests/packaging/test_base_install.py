@@ -121,7 +121,7 @@ def test_the_commands_of_the_home_page(folder, alone):
         if words[0].startswith("configs"):  # a run takes long, and the next ones run
             command, words = "validate", [str(ROOT / words[0])]
         given = [sorted(map(str, folder.glob(word))) if "*" in word else [word] for word in words]
-        run(folder, alone, "-m", "archfrag.cli", command, *itertools.chain(*given))
+        run(folder, alone, "-m", "archfrag", command, *itertools.chain(*given))
     for name in ("mine/study.yaml", "results/bridge/report.html"):
         assert (folder / name).is_file()
     assert list((folder / "results" / "bridge" / "export").glob("*.xml"))

@@ -37,7 +37,7 @@ def unpacked(tmp_path_factory):
 def run(unpacked, cwd, *command):
     """`archfrag` of the wheel, out of reach of the checkout."""
     return subprocess.run(
-        [sys.executable, "-P", "-m", "archfrag.cli", *command], cwd=cwd,
+        [sys.executable, "-P", "-m", "archfrag", *command], cwd=cwd,
         env={**os.environ, "PYTHONPATH": str(unpacked)}, capture_output=True, text=True,
     )  # fmt: skip
 

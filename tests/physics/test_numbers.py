@@ -57,7 +57,7 @@ RUN = """
 import numpy as np, archfrag as af
 arch = af.Arch.circular(10.0, 1.5, 157.5, 3, friction=0.7)
 motion = af.Motion(np.full(60, 8.0), 0.001)
-r = af.simulate(arch, motion, dt=1e-3, follow=0.0)
+r = af.simulate(arch, motion, dt=1e-3, follow=0.0, method="time_stepping")
 print(r.peak_displacement, r.energy["ground"], af.onset(arch).plus, r.steps)
 """
 

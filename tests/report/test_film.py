@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from archfrag.arch import Arch
 from archfrag.errors import InputError
 from archfrag.fragility.verdicts import Verdict
+from archfrag.motions.motion import Motion
 from archfrag.report import film
+from archfrag.simulation.simulate import simulate
 from tests.report import synthetic
 from tests.study.small import command, small_study
 
@@ -63,3 +66,14 @@ def test_command_writes_what_it_was_asked_for(tmp_path):
     refused = command("film", path, "--to", tmp_path / "run.mov")
     assert refused.exit_code == 2
     assert "a film is written as .gif, .mp4, .svg" in refused.output
+
+
+def test_the_fill_is_drawn_in_a_film():
+    ring = Arch.segmental(10.0, 2.5, 0.6, voussoirs=7, friction=0.6)
+    pulse = Motion(np.where(np.arange(200) < 60, 14.0, 0.0), 0.01, id="pulse")
+    for arch, count in ((ring, 0), (ring.filled(height_over_crown=0.4, unit_weight=18e3), 1)):
+        run = simulate(arch, pulse, history=True)
+        example = film.Example(arch, pulse, 1.0, "PGA = 0.8 g", run, "a pulse", True)
+        moving, _ = film.film(example, "f", "A run")
+        assert str(moving.svg).count('class="earth"') == count
+        assert ("fill at rest" in moving.caption) == bool(count)

@@ -5,6 +5,7 @@ import hashlib
 import json
 import re
 from dataclasses import replace
+from importlib.resources import files
 
 import lxml.html
 import numpy as np
@@ -311,6 +312,35 @@ def test_target_of_the_records_stands_beside_their_spectra(study, drawn):
     first = [spectral_acceleration(m, [0.03])[0] * f / GRAVITY
              for m, f in zip(study.motions, factors.values())]  # fmt: skip
     np.testing.assert_allclose([float(y) for _, y in grey], panel.at_y(first), atol=0.11)
+
+
+def test_ratios_of_an_arch_after_a_first_shock_are_to_the_same_arch_before():
+    study = synthetic.inputs(("thin", "thick", "thick-after-0.9"))
+    study.cube["first_shock"] = "arch", [0.0, 0.0, 8.8]
+    assert study.references == {"thick": "thin", "thick-after-0.9": "thick"}
+    ratio = study.ratios["thick-after-0.9"]["theta"]
+    assert ratio["before"] == pytest.approx(study.known["thick"].theta)
+    _, rows = table(read(study), "Ratios of arches")
+    assert [row[:2] for row in rows] == [["thick", "thin"], ["thick-after-0.9", "thick"]]
+
+
+def test_a_curve_of_the_records_after_which_an_arch_stands_says_so_in_the_table_of_answers():
+    study = synthetic.inputs(("ring", "ring-after-0.9"))
+    study.cube["first_shock"] = "arch", [0.0, 8.8]
+    verdict = study.cube["verdict"].transpose("arch", "record", "level").values.copy()
+    verdict[1, :3] = Verdict.COLLAPSED_BEFORE
+    study.cube["verdict"] = ("arch", "record", "level"), verdict
+    count = study.cube.sizes["record"]
+    words = f"ring-after-0.9, if it stands, as in {count - 3} of {count}"
+    assert words in read(study).text_content()
+
+
+def test_the_page_prints_what_is_folded_and_forces_no_page():
+    css = (files("archfrag.report") / "templates" / "report.css").read_text()
+    printed = css.partition("@media print {")[2]
+    assert "details { display: none" not in printed
+    assert "details::details-content { content-visibility: visible" in printed
+    assert "break-before: page" not in printed
 
 
 class TestOffline:

@@ -184,7 +184,7 @@ def test_a_worker_with_other_code_makes_no_run(copied, machines, file, old, new,
 
 
 def test_a_client_that_is_current_makes_the_runs_and_an_adaptive_cluster_grows(
-    copied, far, monkeypatch
+    copied, far, monkeypatch, capsys
 ):
     used = []
     for kind in (fan.Threads, fan.Cluster):
@@ -196,10 +196,14 @@ def test_a_client_that_is_current_makes_the_runs_and_an_adaptive_cluster_grows(
     with LocalCluster(n_workers=0, threads_per_worker=2, **options) as cluster:
         cluster.adapt(minimum=0, maximum=1, interval="50ms")
         with Client(cluster):
-            log, _ = run_batch(without_runs(study), quiet=True)
+            log, _ = run_batch(without_runs(study))
             run_batch(without_runs(study), workers=1, quiet=True)  # threads that are asked for
     run_batch(without_runs(study), quiet=True)  # the client is gone
     assert (log["runs"], log["kept"]) == (12, 0)
+    assert log["workers"] in (1, 2)  # there was none at first; at the end it may have gone again
+    said = capsys.readouterr().err
+    assert "no worker yet; runs begin when one comes" in said
+    assert "dashboard" not in said  # which may be off
     assert used == ["Cluster", "Threads", "Threads"]
 
 

@@ -519,3 +519,17 @@ def test_runs_of_a_class_without_a_verdict_bound_its_own_median():
     lost = found.curve.more["without_verdict"]
     assert lost["collapsed"]["theta"] < found.curve.theta * 9.80665 < lost["survived"]["theta"]
     assert "2 runs have no verdict" in found.curve.undecided()
+
+
+def test_the_report_of_a_table_opens_with_a_sentence_and_has_no_unknown_mechanism(tmp_path):
+    levels = (0.1, 0.2, 0.2, 0.3, 0.3, 0.4, 0.4, 0.5, 0.6)
+    verdicts = ("survived " * 2 + "collapsed survived " * 3 + "collapsed").split()
+    rows = [f"{level},{verdict}" for level, verdict in zip(levels, verdicts)]
+    (tmp_path / "t.csv").write_text("\n".join(["PGA [g],verdict", *rows]) + "\n")
+    (tmp_path / "h.csv").write_text("PGA [g],rate\n0.1,0.02\n0.3,0.004\n1.0,0.0003\n")
+    given = "fit", tmp_path / "t.csv", "--columns", "intensity=PGA [g],verdict=verdict"
+    done = command(*given, "--hazard", tmp_path / "h.csv", "--output", tmp_path / "out")
+    assert done.exit_code == 0, done.stderr
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "collapses with probability <strong>" in page
+    assert "not known 100" not in page

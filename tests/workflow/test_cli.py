@@ -14,7 +14,7 @@ from archfrag.cli import COMMANDS
 from archfrag.cli.records import records
 from archfrag.study.file.schema import load_study
 from tests.arch.test_drawing import PIER, draw, draw_arch
-from tests.study.small import TEXT, command, make_runs, small_study, write_at2
+from tests.study.small import ROOT, TEXT, command, make_runs, small_study, write_at2
 
 ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
         "--friction", "0.7"]  # fmt: skip
@@ -26,6 +26,74 @@ def refused(*arguments):
     assert result.stderr.startswith("archfrag: error: ")
     assert result.stderr.count("\n") == 1
     return result.exit_code, result.stderr.removeprefix("archfrag: error: ").rstrip("\n")
+
+
+def started(*arguments, code=0, **environment):
+    """What the command writes on standard error in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-m", "archfrag", *arguments], capture_output=True, text=True,
+        env={**os.environ, **environment},
+    )  # fmt: skip
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stderr
+
+
+class TestProcess:
+    """The command as a process: its module, its environment and its signals."""
+
+    def test_it_is_a_module(self):
+        assert "archfrag 0" in subprocess.check_output(
+            [sys.executable, "-m", "archfrag", "--version"], text=True
+        )
+
+    @pytest.mark.parametrize("asked", ["error", "e::DeprecationWarning", "error::UserWarning"])
+    def test_warnings_end_no_command(self, asked):
+        thick = [*ARCH[:3], "700", *ARCH[4:]]  # probably mm: a warning of our own
+        assert "archfrag: " in started("onset", *thick, code=2, PYTHONWARNINGS=asked)
+        started("onset", *ARCH, PYTHONWARNINGS=asked)
+
+    def test_a_warning_is_a_sentence(self):
+        code = (
+            "import warnings; from archfrag.cli import main; import archfrag.cli.arch as arch;"
+            "arch.unit_cautions = lambda _: warnings.warn('it is late') or [];"
+            f"main({['onset', *ARCH]})"
+        )
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        assert done.stderr.splitlines()[0] == "archfrag: warning: it is late"
+
+    @pytest.mark.parametrize("module", ["archfrag.cli", "archfrag.cli.arch", "numpy"])
+    def test_ctrl_c_while_it_imports_is_a_sentence(self, module):
+        code = (
+            "import os, signal, sys\n"
+            "class Interrupt:\n"
+            "    def find_spec(self, name, path=None, target=None):\n"
+            f"        if name == {module!r}: os.kill(os.getpid(), signal.SIGINT)\n"
+            "sys.meta_path.insert(0, Interrupt())\n"
+            "from archfrag.__main__ import main\n"
+            f"sys.argv = ['archfrag', 'onset', *{ARCH}]\n"
+            "main()"
+        )
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (130, "archfrag: stopped by SIGINT\n")
+
+    @pytest.mark.parametrize("words", [["warmup"], ["run", str(ROOT / "configs" / "tiny.yaml")]])
+    def test_kernels_that_are_not_compiled_are_said(self, words, tmp_path):
+        more = ["--set", f"output={tmp_path}"] if words[0] == "run" else []
+        said = started(*words, *more, code=2, NUMBA_DISABLE_JIT="1")
+        assert "error: NUMBA_DISABLE_JIT is set" in said
+        assert said.rstrip().endswith("unset NUMBA_DISABLE_JIT")
+
+    def test_an_empty_variable_is_none(self):
+        said = started("simulate", *ARCH, "nothing.AT2", code=2, NUMBA_DISABLE_JIT="")
+        assert "NUMBA" not in said
+
+    def test_methods_are_listed(self):
+        for name in ("simulate", "warmup"):
+            assert "[time_stepping|event_driven|auto]" in command(name, "--help").output
+        wrong = command("simulate", *ARCH, "nothing.AT2", "--method", "steps")
+        assert wrong.exit_code == 2
+        assert "'time_stepping', 'event_driven', 'auto'" in wrong.stderr
 
 
 class TestHelp:

@@ -38,7 +38,7 @@ TITLE = ("--set", "title=Another title")
 def start(*arguments, env=MappingProxyType({})):
     """`archfrag run` as a user starts it, in a process group of its own."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "archfrag.cli", "run", *map(str, arguments)],
+        [sys.executable, "-m", "archfrag", "run", *map(str, arguments)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         env={**os.environ, **env},
         # What runs behind a script is deaf to SIGINT; a user's command is not.

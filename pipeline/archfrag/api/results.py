@@ -389,8 +389,8 @@ class Results:
                 for target, file in zip((path, weights), files):
                     write_text(target, file.read_text("utf-8"))
         left = [f"no curve of {arch} is exported: {why}" for arch, why in made["left_out"].items()]
-        for message in (*left, *made["notes"]):
-            warnings.warn(message, stacklevel=3)
+        if messages := [*left, *made["notes"]]:
+            warnings.warn("; ".join(messages), stacklevel=3)
         return files
 
     def plot(self, ax: Axes | None = None) -> Axes:

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import warnings
 from importlib import import_module
 from typing import Any
 
@@ -65,6 +66,9 @@ class _Commands(click.Group):
         """Run a command; an error of the user or of the machine is one message."""
         try:
             return super().invoke(ctx)
+        except KeyboardInterrupt:  # of a command that has nothing to continue
+            warn("stopped by SIGINT")
+            ctx.exit(130)
         except MemoryError:
             text, code = "the memory of this machine does not suffice", 1
         except ArchfragError as error:
@@ -93,5 +97,6 @@ def main() -> None:
     A study file names arches, records and levels; `archfrag run STUDY` makes its report. The
     other commands are steps of a run, tools for records, and answers for one arch.
     """
+    warnings.showwarning = lambda message, *_: warn(f"warning: {message}")
     # Processes that this one starts load no modules from the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"

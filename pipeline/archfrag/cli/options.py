@@ -13,6 +13,7 @@ from click.core import ParameterSource
 
 from archfrag.errors import InputError
 from archfrag.files import check_targets, number, printable
+from archfrag.physics.methods.registry import METHODS
 
 PATH = click.Path(path_type=Path)
 
@@ -109,6 +110,12 @@ def check_written(*targets: Path | None) -> None:
         if name not in _WRITTEN:
             given += value if isinstance(value, tuple) else [value]
     check_targets(targets, (each for each in given if isinstance(each, Path)))
+
+
+def method_option(default: str | None, text: str) -> Callable:
+    """Return the option of a method of integration."""
+    choices = click.Choice([*METHODS])
+    return click.option("--method", type=choices, default=default, show_default=True, help=text)
 
 
 def echo(text: str, err: bool = False) -> None:

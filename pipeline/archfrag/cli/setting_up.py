@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from archfrag.cli.options import PATH, Once, echo
+from archfrag.cli.options import PATH, Once, echo, method_option
 from archfrag.simulation.warmup import warmup as compile_kernels
 from archfrag.study.validate import write_starter
 
@@ -22,7 +22,7 @@ def init(folder: Path) -> None:
 
 
 @click.command(cls=Once)
-@click.option("--method", help="Only the kernels of this method; all methods if not given.")
+@method_option(None, "Only the kernels of this method; all methods if not given.")
 def warmup(method: str | None) -> None:
     """Compile the kernels now, so that later commands start at once."""
 

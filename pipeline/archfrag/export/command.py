@@ -156,7 +156,7 @@ def _limit_states(
         own[arch]["collapse"] = answer
     # Curves of the next severer state, by arch with a curve of collapse.
     severe = {arch: curve for arch, curve in answers.items() if curve.fitted}
-    kept, messages = ["collapse"], list[str]()
+    kept, messages, left = ["collapse"], list[str](), dict[tuple[str, str], list[str]]()
     place = dict[str, float]()  # mean of ln theta; -inf where there is no curve
     for name in every[:-1]:
         fits = [own[a][name] for a in severe if name in own[a] and own[a][name].fitted]
@@ -168,14 +168,13 @@ def _limit_states(
         if lacking := [arch for arch in found if arch not in curves]:
             without = found[lacking[0]]
             why = without.reason if without else _not_fitted(cube, lacking[0], name)
-            remedies = ["design: {kind: stripes}"] * study.design.adaptive
-            remedies += [f"a larger limit_states.{name}"] * (name in ("residual", "rotation"))
-            help_ = f"; try {' or '.join(remedies)}" * bool(remedies and without)
+            remedy = f"a larger limit_states.{name}" if name in ("residual", "rotation") else ""
+            remedy = "design: {kind: stripes}" if study.design.adaptive else remedy
+            help_ = f"; try {remedy}" * bool(remedy and without)
             others = f"; {len(curves)} of {len(found)} arches or classes have one" * bool(curves)
-            why = f"{lacking[0]} has no curve of it: {why}{help_}{others}"
-            messages.append(f"limit state {name!r} is left out: {why}")
+            left.setdefault((lacking[0], f"{why}{help_}{others}"), []).append(name)
             if requested:
-                raise FitError(messages[-1])
+                raise FitError(_left_out(*left.popitem()))
         elif name != "collapse":
             kept.insert(0, name)
             severe = {arch: above(fit, severe[arch]) for arch, fit in curves.items()}
@@ -189,8 +188,17 @@ def _limit_states(
                 )
             for arch, fit in severe.items():
                 own[arch][name] = fit
+    messages += itertools.starmap(_left_out, left.items())
     none = Curve(reason="none")
     return {arch: {k: each.get(k, none) for k in kept} for arch, each in own.items()}, messages
+
+
+def _left_out(of: tuple[str, str], names: Sequence[str]) -> str:
+    """Say why an arch has no curve of some limit states."""
+    (arch, why), listed = of, ", ".join(map(repr, names))
+    if len(names) > 1:
+        return f"limit states {listed} are left out: {arch} has no curve of them: {why}"
+    return f"limit state {listed} is left out: {arch} has no curve of it: {why}"
 
 
 def _with_uncertainty(

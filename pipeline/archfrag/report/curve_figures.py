@@ -165,11 +165,16 @@ def all_curves(
         for fit in fits:
             panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
     shaded, words = len(named) <= _SHADED, TEXTS["all_curves"]
-    for stroke, fit in zip(strokes, named.values()):
+    for stroke, (name, fit) in zip(strokes, named.items()):
         draw_curve(panel, fit, scale, stroke, band=shaded)
+        if name in inputs.answers:
+            results = inputs.results(name)
+            seen = results.levels <= reach
+            panel.dots(results.levels[seen], results.fraction[seen], stroke.colour, radius=2.2)
     kind, one = "Curves" if classes else "Lognormal curves", len(classes) == 1
     whose = f"class {next(iter(classes))}" if one else "a class"
     caption = words["bands" if shaded else "curves"].format(kind=kind)
+    caption += words["points"] * any(name in inputs.answers for name in named)
     caption += words["classes"].format(whose=whose) * bool(classes)
     caption += words["at"] * (at is not None)
     if shaded:

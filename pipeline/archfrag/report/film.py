@@ -233,9 +233,9 @@ def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
 
 
 def film(
-    example: Example, name: str, title: str, enlarged: bool = False
+    example: Example, name: str, title: str, enlarged: bool = False, columns: int = 4
 ) -> tuple[Picture, Picture] | None:
-    """Return a run in motion, and four frames of it; None if nothing moves.
+    """Return a run in motion, and four frames of it in some columns; None if nothing moves.
 
     If it is `enlarged`, a small motion is drawn three times as large as it is.
     """
@@ -246,6 +246,10 @@ def film(
     larger = 3.0 if enlarged and np.abs(rotation).max() < _SMALL else 1.0
     place, rotation = arch.centroids + larger * (place - arch.centroids), larger * rotation
     low, high = arch._frame(place, rotation, 0.06)
+    fill = [mark for mark in arch.marks if mark.role in ("earth", "backing")]
+    for mark in fill:
+        low = np.minimum(low, mark.points.min(axis=0))
+        high = np.maximum(high, mark.points.max(axis=0))
     wide, tall = (high - low).tolist()
     scale = min(NARROW / wide, 300.0 / tall)
     origin, height = (low[0] - 0.5 * (NARROW / scale - wide), high[1]), scale * tall
@@ -268,6 +272,7 @@ def film(
     drawn = {
         "name": name, "label": what, "width": NARROW, "height": height, "strip": _STRIP,
         "shapes": [svg.trace(*pixels(o, at).T) for o, at in zip(arch.outlines, arch.centroids)],
+        "fill": [(mark.role, svg.trace(*pixels(mark.points).T)) for mark in fill],
         "rest": pixels(arch.centroids).tolist(), "moves": moves.swapaxes(0, 1).tolist(),
         "ties": rods, "percent": (100.0 * (time - time[0]) / duration).tolist(),
         "duration": duration, "time": time, "stills": stills,
@@ -277,8 +282,8 @@ def film(
     caption = TEXTS["film"]["caption"].format(
         what=what, reason=example.reason, frames=time.size, size=shown, ground=example.ground,
         start=time[0], end=time[-1],
-    )  # fmt: skip
-    strip = html.template("stills.html.j2", **drawn, columns=len(stills), kind="strip")
+    ) + TEXTS["film"]["fill"] * bool(fill)  # fmt: skip
+    strip = html.template("stills.html.j2", **drawn, columns=columns, kind="strip")
     return Picture(html.template("film.html.j2", **drawn), caption), Picture(strip, what)
 
 

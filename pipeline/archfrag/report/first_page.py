@@ -65,15 +65,17 @@ def _place(inputs: ReportInputs, name: str, answer: Curve) -> int:
 def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
     """Return the page; `example` is a collapse of the arch that is drawn, or its nearest miss."""
     what = "collapse" if example is not None and example.response.collapsed else "near miss"
-    moving = None if example is None else film(example, "first", f"A {what}", what == "near miss")
+    arches = list(_arches(inputs))
+    columns = 2 if len(arches) > 1 else 4  # the frames are as high as the drawings beside them
+    moving = example and film(example, "first", f"A {what}", what == "near miss", columns)
     name, _, _ = inputs.arches[leading_arch(inputs)]
     heading = [inputs.about[key] for key in ("project", "client", "author") if key in inputs.about]
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
     return html.template(
         "first.html.j2", inputs=inputs, heading=[*heading, date, f"archfrag {__version__}"],
-        sentence=_sentence(inputs), compared=before_and_after(inputs), film=moving, what=what,
+        sentence=lead_sentence(inputs), compared=before_and_after(inputs), film=moving, what=what,
         which=f" of {name}" * (len(inputs.answers) > 1), run=example,
-        arches=list(_arches(inputs)), curve=_curve(inputs), facts=_facts(inputs),
+        arches=arches, curve=_curve(inputs), facts=_facts(inputs),
         limits=short(study_aspects(inputs)),
     )  # fmt: skip
 
@@ -97,7 +99,7 @@ def sentence_level(inputs: ReportInputs) -> tuple[str, float] | None:
     return next(named, None)
 
 
-def _sentence(inputs: ReportInputs) -> Markup:
+def lead_sentence(inputs: ReportInputs) -> Markup:
     """Write the probability at the level asked for or of the site, or else the median."""
     name, answer = leading(inputs)
     scale, level = inputs.scale, sentence_level(inputs)
@@ -137,7 +139,9 @@ def _whose(inputs: ReportInputs, name: str) -> str:
 
 
 def _noun(inputs: ReportInputs) -> str:
-    """Name the only arch of a study."""
+    """Name the only arch of a study, or the structure of a table."""
+    if not inputs.arches:
+        return next(iter(inputs.quoted))
     _, arch, _ = inputs.arches[0]
     column = "the column" if arch.free_end else "the arch"
     return "the block" if arch.parameters["profile"] == "block" else column
@@ -166,7 +170,8 @@ def before_and_after(inputs: ReportInputs) -> list[str]:
         return []
     first, second = inputs.known
     median, *rates = (ratio_text(row, inputs.percent) for row in ratios[second].values())
-    words = f"The median capacity of {second} is {median} times that of {first}"
+    whose = " ".join(filter(None, [second, inputs.stands_after(second)]))
+    words = f"The median capacity of {whose} is {median} times that of {first}"
     words += "".join(f", its annual rate of collapse {rate} times" for rate in rates)
     return [f"{words}.", *_crossing(inputs)]
 
@@ -296,8 +301,10 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     marked = {word: level for word, level in marked.items() if level < reach}
     for level in marked.values():
         panel.line([level, level], [0.0, 1.0], svg.VERMILION, 1.1, "2 2")
-    for other in others.values():
+    for key, other in others.items():
         draw_curve(panel, other, scale, entries[1], 1.6, band=False)
+        more = inputs.results(key)
+        panel.dots(more.levels, more.fraction, entries[1].colour, "ring", 2.6)
     draw_curve(panel, answer, scale, entries[0], 2.4)
     panel.dots(*seen)
     theta, median = scale.factor * fit.theta, scale.text(fit.theta)

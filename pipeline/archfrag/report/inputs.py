@@ -157,13 +157,34 @@ class ReportInputs:
 
     @cached_property
     def ratios(self) -> dict[str, Table] | str:
-        """Ratios of the others to the first of them (`compare`); or why there are none."""
-        names = list(self.known)
-        if not 1 < len(names) <= _MOST_RATIOS:
+        """Ratios of the others to their `references` (`compare`); or why there are none."""
+        if not 1 < len(self.known) <= _MOST_RATIOS:
             return {}
         site = self.risk.hazard.main if isinstance(self.risk, StudyRisk) else None
-        same = [self.fitted] * len(names)
-        return attempt(lambda: compare(same, names, site, self.confidence))
+
+        def ratios() -> dict[str, Table]:
+            found = dict[str, Table]()
+            for name, reference in self.references.items():
+                found |= compare([self.fitted] * 2, [reference, name], site, self.confidence)
+            return found
+
+        return attempt(ratios)
+
+    @cached_property
+    def references(self) -> dict[str, str]:
+        """What others are compared with: an arch after a first shock with itself before it."""
+        names = list(self.known)
+        found = dict.fromkeys(names[1:], names[0])
+        for name in names:
+            if self.fitted.runs[name].shaken:
+                found[name] = name.rpartition("-after-")[0]
+        return {name: reference for name, reference in found.items() if reference in names}
+
+    def stands_after(self, name: str) -> str:
+        """Say of how many records the curve of an arch after a first shock is; else empty."""
+        runs = self.fitted.runs[name]
+        before = (runs.verdict == Verdict.COLLAPSED_BEFORE).any(axis=1)
+        return f"if it stands, as in {(~before).sum()} of {before.size}" * bool(before.any())
 
     @property
     def highest(self) -> float:

@@ -25,7 +25,7 @@ from archfrag.motions.measures import measure, parse_measure, spectral_accelerat
 from archfrag.motions.motion import Motion
 from archfrag.report import curve_figures, html, svg
 from archfrag.report.film import typical_run
-from archfrag.report.first_page import first_page, leading_arch
+from archfrag.report.first_page import first_page, lead_sentence, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
 from archfrag.report.inputs import ReportInputs, Scale, arch_results, report_inputs, summary
 from archfrag.report.limits import study_aspects
@@ -110,6 +110,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     if not inputs.arches:  # runs of another program
         sections += table_sections(inputs)
         first, shown = Markup("<h1>{}</h1>").format(inputs.title), list(inputs.quoted)
+        first += lead_sentence(inputs)
     else:
         lead = leading_arch(inputs)
         examples = [typical_run(inputs, place) for place in range(len(inputs.arches))]
@@ -145,8 +146,8 @@ def overview(inputs: ReportInputs, curves: Picture) -> Iterator[PageSection]:
 
 
 def _ratios(inputs: ReportInputs) -> Iterator[Markup]:
-    """Yield medians and rates of arches or classes over those of the first one."""
-    ratios, names = inputs.ratios, list(inputs.known)
+    """Yield medians and rates of arches or classes over those of their references."""
+    ratios = inputs.ratios
     if isinstance(ratios, str):
         yield paragraph(f"There are no ratios: {ratios}.", "note")
         return
@@ -157,10 +158,11 @@ def _ratios(inputs: ReportInputs) -> Iterator[Markup]:
             form = inputs.scale.digits if what == "theta" else html.rounded
             pair = form(row["before"]), form(row["after"])
             ends = f"{row['lower']:.2f} to {row['upper']:.2f}"
-            rows.append([name, words[what], *pair, f"{row['ratio']:.2f}", ends])
+            over = inputs.references[name]
+            rows.append([name, over, words[what], *pair, f"{row['ratio']:.2f}", ends])
     if rows:
-        heads = ["arch", "", names[0], "this arch", "ratio", inputs.percent]
-        yield table(f"Ratios to {names[0]}", heads, rows, "compact", 2)
+        heads = ["arch", "over", "", "that one", "this arch", "ratio", inputs.percent]
+        yield table("Ratios of arches", heads, rows, "compact", 3)
         yield paragraph(TEXTS["ratios"]["how"], "note")
 
 
@@ -292,12 +294,34 @@ def motions_section(inputs: ReportInputs) -> PageSection:
         listed = table("Earthquakes", ["earthquake", "records"], events.items(), "compact")
         remark = paragraph(TEXTS["notes"]["events"], "note")
         parts.append(html.folded("Earthquakes", remark, listed))
+    parts += _first_shocks(inputs)
     waivers = cube["accepted"].values.astype(str) if "accepted" in cube else ()
     named = [f"{name!s} ({words})" for name, words in zip(cube["record"].values, waivers) if words]
     if named:
         words = f"Records accepted despite a warning: {', '.join(named)}."
         parts.append(paragraph(words, "caution"))
     return PageSection("motions", "Ground motions", parts)
+
+
+def _first_shocks(inputs: ReportInputs) -> Iterator[Any]:
+    """Yield which first shocks come before the records, how strong, and which before which."""
+    plan, scale = inputs.plan, inputs.scale
+    shaken = [] if plan is None else [i for i, arch in enumerate(plan.arches) if arch.shock]
+    if plan is None or not shaken:
+        return
+    levels = dict.fromkeys(scale.text(plan.arches[i].shock[0]) for i in shaken)
+    gap, names = plan.arches[shaken[0]].shock[1], [*plan.records, *plan.first]
+    rows = []
+    for record, each in enumerate(plan.records):
+        if (shock := plan.shock(shaken[0], record)) is not None:
+            rows.append([each.id, names[shock[0]].id])
+    listed = ", ".join(dict.fromkeys(first for _, first in rows))
+    words = TEXTS["notes"]["shocks"]
+    at = f"{scale.measure} {' and '.join(levels)}"
+    yield html.heading("First shocks")
+    yield paragraph(words.format(names=listed, levels=at, gap=gap))
+    first = table("First shocks", ["record", "first shock before it"], rows, "pairs", 2)
+    yield html.folded("First shock of each record", first)
 
 
 def _motion_table(inputs: ReportInputs) -> Markup:

@@ -129,9 +129,9 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
 
 @figure
 def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
-    """Draw the rate by level and mechanism; None if no run collapsed."""
+    """Draw the rate by level and mechanism; None if no run collapsed or no mechanism is known."""
     split = arch.by_mechanism
-    if not split.counts.any():
+    if not split.counts.any() or "not known" in split.categories:
         return None
     labels = [f"{name} {100 * f:.0f} %" for name, f in zip(split.categories, split.fraction)]
     parts = stacked(labels, split.rate)

@@ -204,6 +204,7 @@ def answers_table(inputs: ReportInputs, listed: Mapping[str, Curve]) -> Markup:
     rows = []
     for name, answer in listed.items():
         row = [f"{name}, {count[name]} arches" if name in inputs.classes else name]
+        row[0] = ", ".join(filter(None, [row[0], inputs.stands_after(name)]))
         rows.append(row)
         if not answer.fitted:
             row += ["no curve", *["–"] * (len(heads) - 2)]

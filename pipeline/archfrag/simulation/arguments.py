@@ -7,6 +7,7 @@ from typing import Any
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
+from archfrag.physics.kernels.kernel import COMPILED
 from archfrag.physics.methods.registry import (
     AUTO,
     METHODS,
@@ -50,6 +51,15 @@ def check_method(name: Any) -> MethodInfo:
     if not is_available(info):
         raise InputError(f"method {name} needs the package {info.needs}: pip install {info.needs}")
     return info
+
+
+def check_compiled(plain: bool) -> None:
+    """See that kernels are compiled, unless a run is `plain`: by itself, and by time steps."""
+    if not (plain or COMPILED):
+        raise InputError(
+            "NUMBA_DISABLE_JIT is set, so kernels are not compiled; without them there are single "
+            "simulations by method time_stepping only; unset NUMBA_DISABLE_JIT"
+        )
 
 
 def own_parameters(info: MethodInfo) -> dict[str, Parameter]:

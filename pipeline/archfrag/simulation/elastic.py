@@ -94,7 +94,7 @@ class ElasticArch:
         fx, fy, moment = (each[..., None] * sign for each in (fx, fy, moment))
         return np.stack([fx, fy, px * fy - py * fx + moment], axis=-1), normal
 
-    def _beside(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _neighbours(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the displacements of the bodies beside each joint, (n_joint, 2, 3)."""
         ground = np.zeros((1, 3))
         rows = np.concatenate([ground, position, ground])
@@ -104,11 +104,11 @@ class ElasticArch:
         self, position: NDArray[np.float64], closed: bool = False
     ) -> tuple[NDArray, NDArray]:
         """Return the forces of joints on all bodies, (n_body, 3), and their derivative."""
-        beside, n_joint = self._beside(position), self.n_joint
+        beside, n_joint = self._neighbours(position), self.n_joint
         nudges = np.zeros((13, 2, 3))
         nudges[1:7].reshape(6, 6)[:] = np.diag(np.tile(self.nudge, 2))
         nudges[7:] = -nudges[1:7]
-        force = self._bear(beside[None] + nudges[:, None], closed)[0]
+        force = self._bear(neighbours[None] + nudges[:, None], closed)[0]
         change = (force[1:7] - force[7:]).reshape(2, 3, n_joint, 2, 3)
         change /= 2.0 * self.nudge[None, :, None, None, None]
         rows = self.n_body + 2
@@ -163,7 +163,7 @@ class ElasticArch:
         position, _, iterations = self._balance(position, 0.0, None)
         if iterations > 4 * MOST_ITERATIONS:
             return None
-        return position, self._bear(self._beside(position))[1]
+        return position, self._bear(self._neighbours(position))[1]
 
     def largest_load(self, rest: NDArray[np.float64], sense: float) -> SteadyLimit:
         """Find the largest steady ground acceleration in the sense +1 or -1.
@@ -189,7 +189,7 @@ class ElasticArch:
             path.append((sway, sense * load))
             loads = np.array(path)[:, 1]
             if sense * load == loads.max():
-                normal = self._bear(self._beside(position))[1]
+                normal = self._bear(self._neighbours(position))[1]
             elif sense * load < PAST * loads.max():
                 top = int(np.argmax(loads))
                 at, near = np.array(path[top - 1 : top + 2]).T

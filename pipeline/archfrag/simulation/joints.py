@@ -231,8 +231,8 @@ def inset_of(arch: Arch, stiffness: NDArray[np.float64], shear: NDArray[np.float
             now = onset(rough.recessed(part * strip, part * strip))
         except GeometryError:
             return -1.0
-        bears = {1.0: now.plus, -1.0: now.minus}
-        least = min(bears[sense] / limit.load for sense, _, limit in most)
+        held = {1.0: now.plus, -1.0: now.minus}
+        least = min(held[sense] / limit.load for sense, _, limit in most)
         return least - 1.0 if now.stands else -1.0
 
     part = 0.0

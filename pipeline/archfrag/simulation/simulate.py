@@ -120,6 +120,7 @@ def simulate(
         arch, [motion], [scale], method, rtol, dt, follow, settings, loss_limit
     )
     arguments.check_can_run(arch, info, far)
+    arguments.check_compiled(plain=info.name == "time_stepping")
     options = options._replace(rests=rests)
     position, velocity = at_rest(arch)
     if initial is None:
@@ -265,6 +266,7 @@ def results_of_runs(
     """
     info, own, options = _checked_call(arch, motions, factors, **given)
     arguments.check_can_run(arch, info, far)
+    arguments.check_compiled(plain=False)
     check_stands(arch)
     unique = list({id(motion): motion for motion in motions}.values())
     number = {id(motion): k for k, motion in enumerate(unique)}

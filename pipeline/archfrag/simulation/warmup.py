@@ -18,7 +18,7 @@ from archfrag.motions.motion import Motion
 from archfrag.motions.oscillator import largest_response
 from archfrag.physics.kernels import load
 from archfrag.physics.kernels.__main__ import make_all_ready
-from archfrag.simulation.arguments import check_method, method_names
+from archfrag.simulation.arguments import check_compiled, check_method, method_names
 from archfrag.simulation.rest import onset
 from archfrag.simulation.simulate import simulate, simulate_many
 
@@ -36,6 +36,7 @@ def warmup(method: str | None = None, progress: Callable[[str], object] | None =
     or "compiling kernels (first run only): 12 s of about 60 s", first at once, then about every
     second from another thread.
     """
+    check_compiled(plain=False)
     started = time.perf_counter()
     ready, names = kernels_are_compiled(), method_names() if method is None else (method,)
     names = tuple(check_method(name).name for name in names)

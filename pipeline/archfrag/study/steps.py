@@ -99,10 +99,8 @@ def _make_batch(
     write_csv(path, [table])
     name = f"batch {batch + 1} of {batches}: " if batches > 1 else "simulations: "
     seconds, new = log["wall_time"] - log["compile_time"], log["runs"] - log["kept"]
-    told(
-        f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new; "
-        f"{seconds:.1f} s on {counted(log['workers'], 'core')}"
-    )
+    took = f"; {seconds:.1f} s on {counted(log['workers'], 'core')}" if new else ""
+    told(f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new{took}")
 
 
 def finish(study: StudyKeys, step: str, plan: Plan | None = None) -> None:

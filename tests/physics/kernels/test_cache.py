@@ -6,9 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import llvmlite.binding as llvm
 import pytest
 
 import archfrag
+from archfrag.physics.kernels import load
 
 PACKAGE = Path(archfrag.__file__).parent
 CALLER = """
@@ -67,6 +69,56 @@ def test_an_edited_helper_is_compiled_anew_and_a_second_clone_compiles_nothing(t
     answer = python(ASK, PYTHONPATH=tmp_path / "second", NUMBA_CACHE_DIR=cache)
     assert answer.split() == ["10.0", "True"]
     assert len(list(cache.glob("k-*"))) == 2
+
+
+SOURCE = b'''"""What a file does is more than its words."""
+def first(a: int, *, b=None) -> None:
+    """Versions differ in fields that are empty, in pieces of texts, and in what they escape."""
+    kinds = {**a, "": [], None: ()}
+    if b: raise ValueError(f"what is said {a}")
+    return f"{a:{b}}, {a!r:>{b}.3f} {{b}} {a=}" "" f"", "\\u1c89 \xf0\x9f\xab\xa9", 1e400
+'''
+VERSIONS = ("python3.11", "python3.12", "python3.13")
+ON_ITS_OWN = """
+import hashlib, importlib.util, sys
+spec = importlib.util.spec_from_file_location("cache", sys.argv[1])
+cache = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(cache)
+cache.use_kernel_cache = lambda: None
+print(hashlib.sha256(cache.text_of(eval(sys.argv[2])).encode()).hexdigest(), cache.source_hash())
+"""
+
+
+def digests(python):
+    """Digests of `SOURCE` and of the kernels' source by another Python, which has no packages."""
+    given = [PACKAGE / "physics" / "kernels" / "cache.py", repr(SOURCE)]
+    return subprocess.check_output([python, "-c", ON_ITS_OWN, *given], text=True).split()
+
+
+def test_the_digest_of_a_source_is_the_same_on_all_versions_of_python():
+    known = "498bed226e855181"
+    assert digests(sys.executable)[0][:16] == known
+
+
+@pytest.mark.parametrize("python", VERSIONS)
+def test_other_versions_of_python_find_the_same_shipped_code(python):
+    found = subprocess.run([python, "--version"], capture_output=True)
+    if found.returncode:
+        pytest.skip(f"{python} is not installed")
+    assert digests(python) == digests(sys.executable)
+
+
+def test_the_name_of_machine_code_has_what_the_processor_may_use(monkeypatch, tmp_path):
+    monkeypatch.setattr(load, "use_kernel_cache", lambda: tmp_path)
+    features = llvm.get_host_cpu_features()
+    before = load._path("steps")
+    assert load._path("steps") == before
+    monkeypatch.setattr(
+        llvm,
+        "get_host_cpu_features",
+        lambda: llvm.FeatureMap({**features, "avx512f": not features.get("avx512f")}),
+    )
+    assert load._path("steps") != before
 
 
 def test_only_what_kernels_are_made_of_counts(tmp_path):

@@ -1,6 +1,7 @@
 """LLVM code that comes with archfrag: of this source, ready at once, the same bits everywhere."""
 
 import contextlib
+import hashlib
 import json
 import lzma
 import os
@@ -72,6 +73,51 @@ def test_a_second_process_ends_with_a_first_one_that_is_killed(tmp_path):
     _, alive = psutil.wait_procs(helpers, timeout=20.0)
     assert not alive
     assert not list(tmp_path.rglob("events-*"))  # it has not gone on to its end
+
+
+def shipped(source, offers, code, digest=None):
+    """What the build writes of a set, as a file."""
+    header = [source, offers, digest or hashlib.sha256(code).hexdigest()]
+    return lzma.compress(json.dumps(header).encode() + b"\n" + code)
+
+
+def damaged():
+    """Files in which a set has come to harm, by what is wrong."""
+    source, offers, code = load._shipped("rest")
+    middle = len(code) // 2
+    changed = code[:middle] + bytes([code[middle] ^ 1]) + code[middle + 1 :]
+    whole = (load.SHIPPED / "rest.xz").read_bytes()
+    return {
+        "another LLVM": shipped(source, offers, b"BC\xc0\xde" + 64 * b"new"),
+        "no code": shipped(source, offers, b""),
+        "a part of the code": shipped(source, offers, code[:middle]),
+        "another byte": shipped(source, offers, changed, hashlib.sha256(code).hexdigest()),
+        "other kernels": shipped(source, [["of", [], "another", "f8"]], code),
+        "no digest": lzma.compress(json.dumps([source, offers]).encode() + b"\n" + code),
+        "no header": lzma.compress(code),
+        "a number": lzma.compress(b"1\n"),
+        "cut": whole[:1000],
+        "empty": b"",
+    }
+
+
+def test_shipped_code_that_cannot_be_used_is_compiled_with_a_word(monkeypatch, tmp_path):
+    files, compiled = damaged(), []
+
+    def compile_set(entries):
+        compiled.append(entries)
+        return [], llvm.parse_assembly("").as_bitcode()
+
+    monkeypatch.setattr(load, "SHIPPED", tmp_path)
+    monkeypatch.setattr(load, "use_kernel_cache", lambda: None)
+    monkeypatch.setattr("archfrag.physics.kernels.compile.compile_set", compile_set)
+    for number, (what, content) in enumerate(files.items(), 1):
+        load._shipped.cache_clear()
+        (tmp_path / "rest.xz").write_bytes(content)
+        with pytest.warns(RuntimeWarning, match=r"rest\.xz is damaged.*are compiled") as said:
+            load.make_ready("rest")
+        assert (len(said), len(compiled)) == (1, number), what
+    load._shipped.cache_clear()
 
 
 def test_a_list_of_kernels_that_is_older_than_their_source_is_said(monkeypatch):

@@ -4,6 +4,7 @@
 """
 
 import contextlib
+import hashlib
 import json
 import lzma
 import os
@@ -39,10 +40,11 @@ def make_all_ready() -> None:
 def _second_process(names: Sequence[str]) -> Iterator[None]:
     """Have another process make some sets; none on one core. It ends with this process."""
     places, process = [str(HOME.parent), os.environ.get("PYTHONPATH")], None
+    command = [sys.executable, "-P", "-W", "ignore", "-m", "archfrag.physics.kernels", "ready"]
     if (os.cpu_count() or 1) > 1 and use_kernel_cache() is not None:
         with contextlib.suppress(OSError):
             process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "archfrag.physics.kernels", "ready", *names],
+                [*command, *names],
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))},
                 stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             )  # fmt: skip
@@ -70,7 +72,7 @@ def build(folder: Path = SHIPPED) -> None:
     folder.mkdir(exist_ok=True)
     for name, entries in json.loads(used).items():
         offers, code = compile_set((kernel, as_tuples(key)) for kernel, key in entries)
-        header = json.dumps([source_hash(), offers]).encode()
+        header = json.dumps([source_hash(), offers, hashlib.sha256(code).hexdigest()]).encode()
         (folder / f"{name}.xz").write_bytes(lzma.compress(header + b"\n" + code, preset=9))
 
 

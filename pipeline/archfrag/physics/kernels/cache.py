@@ -51,8 +51,9 @@ def source_hash() -> str:
 def digest_of_syntax(paths: tuple[Path, ...]) -> str:
     """Return the SHA-256 of what Python files of this package do, 64 hexadecimal digits.
 
-    Comments, docstrings, layout and the messages of errors do not count. It takes half a second,
-    so it is kept beside the kernels of this machine, by the bytes that it is of.
+    Comments, docstrings, layout and the messages of errors do not count, nor does the version of
+    Python. It takes half a second, so it is kept beside the kernels of this machine, by the bytes
+    that it is of.
     """
     known = [str(each.relative_to(HOME)).encode() + each.read_bytes() for each in paths]
     known += [Path(__file__).read_bytes(), platform.python_version().encode()]
@@ -63,16 +64,16 @@ def digest_of_syntax(paths: tuple[Path, ...]) -> str:
             return found
     digest = hashlib.sha256()
     for path in paths:
-        tree = _without_words(ast.parse(path.read_bytes()))
-        digest.update(f"{path.relative_to(HOME).as_posix()} {ast.dump(tree)}".encode())
+        digest.update(f"{path.relative_to(HOME).as_posix()} {text_of(path.read_bytes())}".encode())
     with contextlib.suppress(OSError):
         if kept:
             kept.write_text(digest.hexdigest())
     return digest.hexdigest()
 
 
-def _without_words(tree: ast.Module) -> ast.Module:
-    """Take docstrings, and what errors are raised with, from a syntax tree."""
+def text_of(source: bytes) -> str:
+    """Write what a Python file does, in the same words on every version of Python."""
+    tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
             node.exc.args, node.exc.keywords = [], []
@@ -80,7 +81,19 @@ def _without_words(tree: ast.Module) -> ast.Module:
             node, clean=False
         ):
             del node.body[0]
-    return tree
+        if isinstance(node, ast.JoinedStr):  # some versions put empty texts between its parts
+            node.values = [each for each in node.values if getattr(each, "value", None) != ""]
+    return _text(tree)
+
+
+def _text(node: object) -> str:
+    """Write a syntax tree without fields that are empty, which not every version has."""
+    if isinstance(node, list):
+        return f"[{','.join(map(_text, node))}]"
+    if not isinstance(node, ast.AST):
+        return ascii(node)  # what `repr` escapes depends on the version
+    filled = ((name, each) for name, each in ast.iter_fields(node) if each not in (None, []))
+    return f"{type(node).__name__}({','.join(f'{name}={_text(each)}' for name, each in filled)})"
 
 
 @functools.cache

@@ -9,6 +9,8 @@ from typing import Any
 
 from archfrag.physics.kernels.structs import Source, class_of, describe
 
+# Whether kernels are compiled; the variable makes them plain functions, to be debugged.
+COMPILED = (os.environ.get("NUMBA_DISABLE_JIT") or "0") == "0"
 _C = {"f8": ctypes.c_double, "i8": ctypes.c_int64, "b1": ctypes.c_uint8, "none": ctypes.c_void_p}
 
 
@@ -41,7 +43,7 @@ class Kernel(Source):
 
 def kernel(py_func: Callable, inline: bool = False) -> Any:
     """Decorate a function that numba compiles."""
-    return py_func if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0" else Kernel(py_func, inline)
+    return Kernel(py_func, inline) if COMPILED else py_func
 
 
 # LLVM puts these into their callers whatever their size.

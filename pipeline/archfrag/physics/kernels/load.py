@@ -18,6 +18,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import llvmlite
 import llvmlite.binding as llvm
 
 from archfrag.physics.kernels.cache import HOME, source_hash, use_kernel_cache
@@ -79,10 +80,38 @@ def _shipped(name: str) -> tuple[str, Any, bytes]:
     """Return source hash, offers and code of a shipped set; all empty if there is none."""
     try:
         content = lzma.decompress((SHIPPED / f"{name}.xz").read_bytes())
-    except (OSError, lzma.LZMAError):
+        header, _, code = content.partition(b"\n")
+        source, offers, digest = json.loads(header)
+        if hashlib.sha256(code).hexdigest() == digest:
+            return source, offers, code
+    except OSError:
         return "", [], b""
-    header, _, code = content.partition(b"\n")
-    return *json.loads(header), code
+    except (lzma.LZMAError, TypeError, ValueError):
+        pass
+    _warn_unreadable(name)
+    return "", [], b""
+
+
+def _parsed(name: str) -> tuple[Any, Any] | None:
+    """Return offers and LLVM's module of a shipped set; None if there is none that LLVM reads."""
+    if name not in SETS or not is_shipped(name):
+        return None
+    _, offers, code = _shipped(name)
+    try:
+        module = llvm.parse_bitcode(code)
+        for _, _, symbol, _ in offers:
+            module.get_function(symbol)
+    except (RuntimeError, NameError):
+        _warn_unreadable(name)
+        return None
+    return offers, module
+
+
+def _warn_unreadable(name: str) -> None:
+    """Warn that kernels are compiled, since what is shipped of a set cannot be used."""
+    what = f"{SHIPPED / name}.xz is damaged, or needs a newer llvmlite than {llvmlite.__version__}"
+    how = "kernels are compiled in its place, which takes about a minute; install archfrag anew"
+    warnings.warn(f"{what}; {how}", RuntimeWarning, stacklevel=2)
 
 
 def _made(name: str, entries: Any) -> tuple[Any, bytes]:
@@ -90,13 +119,13 @@ def _made(name: str, entries: Any) -> tuple[Any, bytes]:
     content = None if path is None else _read(path)
     if content is None:
         target = machine()
-        if name in SETS and is_shipped(name):
-            _, offers, code = _shipped(name)
-        else:
+        offers, module = _parsed(name) or (None, None)
+        if module is None:
             from archfrag.physics.kernels.compile import compile_set
 
             offers, code = compile_set(entries)
-        content = offers, target.emit_object(llvm.parse_bitcode(code))
+            module = llvm.parse_bitcode(code)
+        content = offers, target.emit_object(module)
         if path is not None:
             _write(path, content)
     return content
@@ -127,9 +156,14 @@ def _name_of(entry: tuple[str, Any], place: Path) -> str:
 
 
 def _path(name: str) -> Path | None:
-    """Return the file of a set in the cache; machine code is for one kind of processor."""
-    folder = use_kernel_cache()
-    return None if folder is None else folder / f"{name}-{llvm.get_host_cpu_name()}.kernels"
+    """Return the file of a set in the cache.
+
+    Machine code is for a system and a kind of processor, and for what such a processor may use:
+    a virtual machine may withhold some of it.
+    """
+    folder, features = use_kernel_cache(), llvm.get_host_cpu_features().flatten()
+    kind = hashlib.sha256(f"{llvm.get_process_triple()} {features}".encode()).hexdigest()[:8]
+    return folder and folder / f"{name}-{llvm.get_host_cpu_name()}-{kind}.kernels"
 
 
 def _read(path: Path) -> tuple[Any, bytes] | None:

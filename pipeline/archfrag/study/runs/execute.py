@@ -138,7 +138,10 @@ class _Maker:
                 workers_of(self._plan, self._threads, lambda text: bar.disable or say(text))
             )
         self._send(self._workers)
-        return self._take(self._workers.made())
+        taken = self._take(self._workers.made())
+        # An adaptive cluster has workers only now, or has let them go again.
+        self.log["workers"] = max(self.log["workers"], self._workers.count, 1)
+        return taken
 
     def _send(self, workers: Threads | Cluster) -> None:
         """Give workers chunks of what waits: all of it, or of an adaptive design to free ones."""
@@ -146,7 +149,6 @@ class _Maker:
         if not len(waiting):
             return
         threads = workers.count
-        self.log["workers"] = max(self.log["workers"], threads)
         room = max(threads + workers.spare - len(self._chunks), 0) if adaptive else len(waiting)
         share = -(-len(waiting) // max(room if adaptive else threads, 1))
         if adaptive:

@@ -206,12 +206,9 @@ def workers_of(
         else:
             name = given or client.scheduler.address
             workers = Cluster(plan, client, name)
-            threads, link = workers.count, ""
-            with contextlib.suppress(KeyError):  # without a dashboard
-                link = f"; dashboard {client.dashboard_link}" if client.dashboard_link else ""
             have = "no worker yet; runs begin when one comes"
-            have = counted(threads, "thread") if threads else have
-            say(f"archfrag: cluster {name}: {have}{link}")
+            have = counted(workers.count, "thread") if workers.count else have
+            say(f"archfrag: cluster {name}: {have}")
         stack.callback(workers.close)
         yield workers
 
