@@ -104,11 +104,11 @@ class ElasticArch:
         self, position: NDArray[np.float64], closed: bool = False
     ) -> tuple[NDArray, NDArray]:
         """Return the forces of joints on all bodies, (n_body, 3), and their derivative."""
-        beside, n_joint = self._neighbours(position), self.n_joint
+        around, n_joint = self._neighbours(position), self.n_joint
         nudges = np.zeros((13, 2, 3))
         nudges[1:7].reshape(6, 6)[:] = np.diag(np.tile(self.nudge, 2))
         nudges[7:] = -nudges[1:7]
-        force = self._bear(neighbours[None] + nudges[:, None], closed)[0]
+        force = self._bear(around[None] + nudges[:, None], closed)[0]
         change = (force[1:7] - force[7:]).reshape(2, 3, n_joint, 2, 3)
         change /= 2.0 * self.nudge[None, :, None, None, None]
         rows = self.n_body + 2
