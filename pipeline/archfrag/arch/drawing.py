@@ -163,7 +163,7 @@ def drawing_text(lines: Iterable[tuple[str, FloatArray]]) -> str:
 
 
 def _library() -> Any:
-    import ezdxf  # start-up: it looks for fonts and a cache of its own
+    import ezdxf.xclip  # start-up: it looks for fonts and a cache of its own
 
     return ezdxf
 
@@ -188,10 +188,8 @@ def _layer(entity: Any) -> str:
 
 def _fault(reference: Any) -> str:
     """Return why what a reference to a block shows cannot be told; empty if it can."""
-    from ezdxf.xclip import XClip  # start-up: as in `_library`
-
     original = reference if reference.dxf.handle else reference.source_of_copy or reference
-    if XClip(original).is_clipping_enabled:
+    if _library().xclip.XClip(original).is_clipping_enabled:
         return (
             "is clipped (XCLIP), so that not all of it is seen; draw what is seen, without a clip"
         )

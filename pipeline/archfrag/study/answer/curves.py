@@ -23,6 +23,7 @@ from archfrag.fragility.verdicts import DECIDED, NOTHING, Brackets, Verdict, fin
 from archfrag.study.designs import Design, design_of
 
 POINTS = 120  # of a band
+MOST_LACKING = 0.5  # fraction of the runs below capacities, beyond which a search chose levels
 MISFIT = 0.05  # p-value below which the lognormal curve does not describe the collapses
 MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
 _COLLAPSE = "a loss of contact that cannot be regained", "the severest that the table states"
@@ -92,6 +93,15 @@ class Runs:
     def gaps(self) -> bool:
         """Whether runs made at a level are no sample of the records."""
         return self.design.adaptive or self.brackets.gaps
+
+    @property
+    def searched(self) -> bool:
+        """Whether a search chose the levels of runs, or most runs below capacities are missing."""
+        found = self.brackets
+        missing = found.verdict == Verdict.NOT_RUN
+        below = (found.levels < found.lower[:, None]) & ~missing.all(axis=0)
+        lacking = int((below & missing).sum())
+        return self.design.adaptive or lacking > MOST_LACKING * below.sum()
 
     def onset(self, curve: Curve) -> FloatArray:
         """Return the least levels at which the arches can move [SI], 0 if they are not known.
@@ -380,7 +390,7 @@ def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], collapse: Curve) -> Cur
         return Curve(reason="no run exceeds it short of collapse, so it has no curve of its own")
     codes = np.where(exceeds, Verdict.COLLAPSED, Verdict.SURVIVED)
     codes = np.where(runs.decided, codes, runs.verdict)
-    if runs.design.adaptive:
+    if runs.searched:
         return _searched_curve(runs, np.where(collapsed, Verdict.NOT_RUN, codes), collapse)
     curve = curve_of(replace(runs, verdict=codes), collapse.confidence)
     if curve.fitted:
@@ -394,7 +404,7 @@ def _searched_curve(runs: Runs, short: NDArray[np.int64], collapse: Curve) -> Cu
     `short` are verdicts of the runs that did not collapse: whether they exceed the state.
     """
     state, number = find_brackets(short, runs.level), collapse.n_independent
-    kind = runs.design.kind
+    kind = runs.design.kind if runs.design.adaptive else "a search"
     try:
         if not collapse.fitted:
             raise FitError(f"its curve needs one of collapse, and {collapse.reason}")

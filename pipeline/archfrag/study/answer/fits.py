@@ -30,7 +30,6 @@ DECIMALS = 9  # of a probability
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level, beyond which there is a caution
 MOST_SURVIVING, MOST_AGAIN = 0.25, 0.2  # fractions of the records
 MOST_SCALING = 10.0
-MOST_LACKING = 0.5  # fraction of the runs below capacities, beyond which levels look chosen
 LEAST_EVENTS = 4
 LEAST_RECORDS = 10  # of a table of others
 
@@ -243,16 +242,6 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator
             "(non-monotone records): near the border a single run proves little, and beta "
             "includes this scatter"
         )
-    if runs.brackets.gaps and "damage" in runs.cube:
-        found = runs.brackets
-        below = (found.levels < found.lower[:, None]) & (found.verdict != Verdict.NOT_RUN).any(0)
-        lacking = int((below & (found.verdict == Verdict.NOT_RUN)).sum())
-        if lacking > MOST_LACKING * below.sum():
-            yield (
-                f"{lacking} of {below.sum()} runs below levels that the records withstood were "
-                "not made. If levels were chosen by what collapsed, as a search does, medians of "
-                "lighter damage are up to a third too small; run every record at every level"
-            )
     if curve.fitted and len(levels) > 1:
         above = int(np.clip(np.searchsorted(levels, curve.theta), 1, len(levels) - 1))
         spacing = float(np.log(levels[above] / levels[above - 1]))
