@@ -174,8 +174,8 @@ class TestCollapseInTheFirstShock:
 
 
 def test_records_that_follow_one_first_shock_are_alike(tmp_path):
-    """Of three records two follow the same shock: they count as fewer, of the intact arch not."""
-    text = shaken(0.6, motions="records: [wave1, wave0]").replace(
+    """Four records follow two shocks in turn: they count as fewer, of the intact arch not."""
+    text = shaken(0.6, motions="records: [wave1]").replace(
         "motions:\n", "motions:\n  both_senses: true\n"
     )
     study = load_study(small_study(tmp_path, text))

@@ -58,11 +58,10 @@ class Study:
     Parameters
     ----------
     arch : Arch, mapping of names to arches, or list of arches
-        Those of a list are arch1, arch2, ... A mapping of a study file's keys is an arch too. An
-        Arch that a study file cannot state, such as one recessed twice, is refused.
+        Of a list they are arch1, arch2, ... A mapping of a study file's keys is an arch too.
     motions : Motion, path, sequence of either, or mapping
-        Paths may be patterns with * and ?, or an ``index.csv``. A mapping has the keys `index`,
-        `files`, `select`, `vertical` and `processing`. Verticals of Motion objects are used.
+        Paths may be patterns with * and ?, or an ``index.csv``. A mapping has the keys of
+        `motions`. Verticals of Motion objects are used.
     measure : str
         Intensity measure, such as PGA, PGV or Sa(0.5).
     levels : sequence of float, or mapping of start, stop and count
@@ -82,7 +81,7 @@ class Study:
     Raises
     ------
     InputError
-        If an argument cannot be used; the message names its key in a study file.
+        If a study file cannot state an argument, such as an Arch recessed twice.
 
     Examples
     --------

@@ -64,8 +64,7 @@ def read_motion(
         StationXML of a record in counts; by default NAME.xml or NET.STA.xml beside the file.
     accept : sequence of str
         What to let pass: ``pga`` (1e-5 to 5 g), ``time_step`` (1e-4 to 0.1 s), ``samples`` (other
-        than announced), ``header`` (its peak is off by a tenth, or it contradicts unit or code),
-        ``sensor`` (in a borehole or a structure; left out where the file has others).
+        than announced), ``header`` (contradicts peak, unit or code), ``sensor`` (not on ground).
     columns : Columns, optional
         Where the numbers are in a plain text whose header is not known.
 

@@ -113,7 +113,7 @@ def jointed(
     >>> import archfrag as af
     >>> block = af.Block(width=0.2, height=1.0, friction=0.8)
     >>> round(af.onset(af.jointed(block, 3e10)).plus, 4)
-    0.1907
+    0.1905
     """
     both = {"stiffness": stiffness, "shear": stiffness if shear is None else shear}
     normal, tangential = (

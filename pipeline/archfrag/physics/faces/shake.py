@@ -14,6 +14,7 @@ import numpy as np
 
 from archfrag.physics import shared
 from archfrag.physics.contact.placing import move_faces
+from archfrag.physics.energy import kinetic_energy
 from archfrag.physics.faces.law import Faces
 from archfrag.physics.faces.midpoint import (
     FaceRuns,
@@ -36,10 +37,10 @@ from archfrag.physics.status import Count, Energy, Status
 from archfrag.physics.steps import service
 from archfrag.physics.steps.side_by_side import fetch_run, jobs_of, return_run
 
-# A chain rests when no body has been faster than this, over the root of gravity times joint
-# length, for so long after the motion, over the root of its size over gravity: longer than a
-# turning point of a motion lasts.
-STILL, REST_SPAN = 1e-2, 2.0
+# A chain rests when it has not been faster than this in the mean, nor any body than three times
+# this, over the root of gravity times joint length, for so long after the motion, over the root of
+# its size over gravity: longer than a turning point lasts. A loose voussoir rattles for long.
+STILL, FASTEST_STILL, REST_SPAN = 1e-2, 3e-2, 2.0
 BALANCED = 1e-6  # acceleration over gravity that a step may leave unbalanced
 ALMOST = 1e-6  # of a step is no step
 SLIDING_STEP = 0.5  # of the step, where a joint slides
@@ -55,6 +56,7 @@ class Scene(NamedTuple):
     grounds: Grounds
     options: Options
     calm: float  # how long a chain is still that rests [s]
+    sway: float  # kinetic energy of a chain that is still [J]
 
 
 @kernel
@@ -96,7 +98,9 @@ def _go_on(scene, state, until, solved, collapsed, broken):
     clock[Clock.STEP] = select(solved, next_step, clock[Clock.STEP])
     shaken = clock[Clock.TIME] < until - options.follow - ALMOST * options.time_step
     # A chain that nothing has moved rests as soon as the motion is over.
-    moved = (clock[Clock.FASTEST] >= options.held) | (shaken & (clock[Clock.LIVELY] > 0.0))
+    lively = kinetic_energy(scene.model, state.velocity) >= scene.sway
+    lively = lively | (clock[Clock.FASTEST] >= options.held)
+    moved = lively | (shaken & (clock[Clock.LIVELY] > 0.0))
     clock[Clock.LIVELY] = select(solved & moved, clock[Clock.TIME], clock[Clock.LIVELY])
     still_for = clock[Clock.TIME] - clock[Clock.LIVELY]
     calm = opposite(shaken) & ((still_for >= scene.calm) | (clock[Clock.LIVELY] == 0.0))
@@ -233,12 +237,14 @@ def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | Status:
     if isinstance(found, Status):
         return found
     model, faces = found
-    still = STILL * float(np.sqrt(model.gravity * model.length.max()))
+    square = float(model.gravity * model.length.max())
     # A slender body is as long as its radius of gyration says.
     longest = np.sqrt(12.0 * (chain.inertia / chain.mass).max())
     size = float(np.ptp(chain.centroid, axis=0).max() + longest)
     calm = REST_SPAN * math.sqrt(size / chain.gravity)
-    return Scene(model, faces, grounds, options._replace(held=still), calm)
+    sway = 0.5 * STILL**2 * square * float(chain.mass.sum())
+    options = options._replace(held=FASTEST_STILL * math.sqrt(square))
+    return Scene(model, faces, grounds, options, calm, sway)
 
 
 def run(

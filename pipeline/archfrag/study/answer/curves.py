@@ -79,7 +79,7 @@ class Runs:
     @property
     def moving(self) -> int:
         """Number of decided runs that still moved from a first shock when the record began."""
-        if "moving_before" not in self.cube:
+        if self.whole is None or "moving_before" not in self.cube:
             return 0
         decided = np.isin(self.cube["verdict"].values, DECIDED)
         return int((decided & (self.cube["moving_before"].values == 1)).sum())
