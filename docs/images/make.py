@@ -18,8 +18,9 @@ def main() -> None:
         command = [sys.executable, "-m", "archfrag", "run", str(STUDY), output]
         subprocess.run(command, check=True)
         shutil.copyfile(next(Path(folder).rglob("curve-*.svg")), HERE / "curve.svg")
-        command[3:4] = ["film", "--to", str(HERE / "fall.svg")]
+        command[3:4] = ["film", "--to", f"{folder}/fall.svg"]
         subprocess.run(command, check=True)
+        shutil.copyfile(f"{folder}/fall.svg", HERE / "fall.svg")
 
 
 if __name__ == "__main__":
