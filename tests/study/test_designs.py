@@ -315,7 +315,7 @@ def test_cube_of_each_design_made_in_batches(tmp_path, design):
             scale=factor.item(), method="time_stepping", dt=2e-3, follow=2.0,
         )  # fmt: skip
         known = known_of(response)
-        assert {column.name for column in COLUMNS} - set(known) == {"verdict"}
+        assert {column.name for column in COLUMNS} - set(known) == {"verdict", "moving_before"}
         for name in set(known) & set(cube):
             np.testing.assert_array_equal(cube[name].isel(place), known[name], err_msg=name)
     if design == "cloud":
