@@ -17,8 +17,11 @@ class CommitHook(BuildHookInterface):
             return
         described = subprocess.run(
             ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"],
-            cwd=root, capture_output=True, text=True, check=True,
-        )  # fmt: skip
+            cwd=root,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         made = Path(tempfile.mkdtemp()) / "commit.txt"
         made.write_text(described.stdout)
         folder = "pipeline/archfrag" if self.target_name == "sdist" else "archfrag"

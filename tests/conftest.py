@@ -69,21 +69,27 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> None:
     if call.when == "teardown":
-        item.user_properties[0] = ("cpu_seconds", _cpu_seconds() - item.user_properties[0][1])
+        item.user_properties[0] = (
+            "cpu_seconds",
+            _cpu_seconds() - item.user_properties[0][1],
+        )
 
 
 class SlowTests:
     """Writes the tests that took more than two CPU seconds."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.seconds = path, dict[str, float]()
+        self.path = path
+        self.seconds = dict[str, float]()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.when == "teardown" and report.nodeid.startswith("tests/"):
             self.seconds[report.nodeid] = dict(report.user_properties)["cpu_seconds"]
 
     def pytest_sessionfinish(self) -> None:
-        rows = [(test, seconds) for test, seconds in self.seconds.items() if seconds > 2.0]
+        rows = [
+            (test, seconds) for test, seconds in self.seconds.items() if seconds > 2.0
+        ]
         with self.path.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(("test", "cpu_seconds"))
@@ -92,16 +98,22 @@ class SlowTests:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--write-slow", action="store_true",
+        "--write-slow",
+        action="store_true",
         help="write tests/slow.csv: run it with -m '' and kernels that are ready",
-    )  # fmt: skip
-    parser.addoption(
-        "--validation-table", metavar="CSV", help="write the values that tests compare with others"
     )
     parser.addoption(
-        "--last-bits", metavar="K", type=int, default=0,
+        "--validation-table",
+        metavar="CSV",
+        help="write the values that tests compare with others",
+    )
+    parser.addoption(
+        "--last-bits",
+        metavar="K",
+        type=int,
+        default=0,
         help="multiply all ground motions by 1 + K 1e-13: no test may depend on last bits",
-    )  # fmt: skip
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -121,7 +133,12 @@ def change_last_bits(k: int) -> None:
     def changed(*given: Any) -> tuple[Any, ...]:
         x, y, dt, *apart = exact(*given)
         factor = 1.0 + k * STEP
-        return factor * x, None if y is None else factor * y, dt, *(factor * a for a in apart)
+        return (
+            factor * x,
+            None if y is None else factor * y,
+            dt,
+            *(factor * a for a in apart),
+        )
 
     if k:
         simulation.ground_of = changed

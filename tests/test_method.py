@@ -16,7 +16,9 @@ from archbench.paper.regions import starting_region
 TESTS = Path(__file__).parent
 TEXT = (TESTS.parent / "pipeline" / "METHOD.md").read_text(encoding="utf-8")
 PLACE = r" \| `([\w.]+):(\w+)`"
-ROW = re.compile(r"^\| (\d+) \| [^|]+" + 2 * PLACE + r" \| `([\w/.]+)::(\w+)` \|$", re.M)
+ROW = re.compile(
+    r"^\| (\d+) \| [^|]+" + 2 * PLACE + r" \| `([\w/.]+)::(\w+)` \|$", re.M
+)
 ROWS = ROW.findall(TEXT)
 PAGES = TESTS.parent / "docs" / "method"
 sys.path[:0] = [str(PAGES), str(PAGES.parent / "extensions")]
@@ -27,7 +29,9 @@ from figures import block, equations  # noqa: E402
 def equations_named(text):
     """Numbers that follow Eq or Eqs, with lists and ranges."""
     found = set()
-    for group in re.findall(r"Eqs? (\d+[ab]*(?:(?:-|, ?| to | and |, and )\d+[ab]*)*)", text):
+    for group in re.findall(
+        r"Eqs? (\d+[ab]*(?:(?:-|, ?| to | and |, and )\d+[ab]*)*)", text
+    ):
         for first, last in re.findall(r"(\d+)[ab]*(?:(?:-| to )(\d+))?", group):
             found |= set(range(int(first), int(last or first) + 1))
     return found
@@ -35,7 +39,16 @@ def equations_named(text):
 
 def test_every_equation_has_a_row_and_lists_are_read():
     assert [int(row[0]) for row in ROWS] == list(range(1, 36))
-    assert equations_named("Eqs 2, 5a-7b and 9 to 11; Eq 20") == {2, 5, 6, 7, 9, 10, 11, 20}
+    assert equations_named("Eqs 2, 5a-7b and 9 to 11; Eq 20") == {
+        2,
+        5,
+        6,
+        7,
+        9,
+        10,
+        11,
+        20,
+    }
 
 
 @pytest.mark.parametrize("row", ROWS)
@@ -71,25 +84,38 @@ class TestPages:
         assert {number: found[1:] for number, found in equations.rows().items()} == {
             int(number): (f"{a}:{b}", f"{c}:{d}", f"{e}::{f}")
             for number, a, b, c, d, e, f in ROWS
-        }  # fmt: skip
+        }
         assert "four_hinges" in equations.holds(29).data
 
 
 @pytest.mark.parametrize("slenderness", [0.2, 1.0])
-def test_the_shade_of_a_point_in_a_figure_is_that_of_its_motion(slenderness, monkeypatch):
+def test_the_shade_of_a_point_in_a_figure_is_that_of_its_motion(
+    slenderness, monkeypatch
+):
     monkeypatch.setattr(block, "shown", lambda figure, *_: figure)
     first, second, third, _ = block.starting_regions(slenderness).axes
-    body, rng, seen = uniform_block(slenderness, 1.0, 1.0), np.random.default_rng(1), set()
-    for x, y in rng.uniform([-2.5 * slenderness, 0.0], [2.5 * slenderness, 2.5], (300, 2)):
-        mu, level = slenderness * y, 0.7 * y - 1.0
-        for axes, place, at in ((first, mu, (0.0, mu)), (second, mu, (-0.4, mu)),
-                                (third, level, (level, 1.5 * slenderness))):  # fmt: skip
+    body = uniform_block(slenderness, 1.0, 1.0)
+    rng = np.random.default_rng(1)
+    seen = set()
+    for x, y in rng.uniform(
+        [-2.5 * slenderness, 0.0], [2.5 * slenderness, 2.5], (300, 2)
+    ):
+        mu = slenderness * y
+        level = 0.7 * y - 1.0
+        for axes, place, at in (
+            (first, mu, (0.0, mu)),
+            (second, mu, (-0.4, mu)),
+            (third, level, (level, 1.5 * slenderness)),
+        ):
             shades = set()
             for shape in [*axes.collections, *axes.patches]:
                 of_one = not hasattr(shape, "get_paths")
                 paths = [shape.get_path()] if of_one else shape.get_paths()
                 to_data = shape.get_patch_transform() if of_one else IdentityTransform()
-                if any(path.transformed(to_data).contains_point((x, place)) for path in paths):
+                if any(
+                    path.transformed(to_data).contains_point((x, place))
+                    for path in paths
+                ):
                     shades.add(to_hex(np.ravel(shape.get_facecolor())))
             mechanism = starting_region(body, x, *at)
             assert block._SHADE[mechanism] in shades

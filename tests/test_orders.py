@@ -20,7 +20,9 @@ WAVE = np.sin(np.arange(100) / 6.0) * np.hanning(100)
 HEIGHT = np.linspace(0.0, 6.0, 6)
 SIDE = np.column_stack([np.linspace(0.55, 0.45, 6), HEIGHT])
 DRAWN = [
-    np.array([RING.intrados[i], RING.intrados[i + 1], RING.extrados[i + 1], RING.extrados[i]])
+    np.array(
+        [RING.intrados[i], RING.intrados[i + 1], RING.extrados[i + 1], RING.extrados[i]]
+    )
     for i in range(6)
 ]
 COLUMN = [
@@ -35,26 +37,37 @@ BASES = (
     ),
     lambda: af.Arch.from_joints(SIDE, SIDE * [-1, 1], 0.7, free_end=True),
     lambda: af.Block(0.5, 2.0, 0.8),
-    lambda: af.Arch.from_polygons(DRAWN[::-1], 0.8, thickness_factor=1.1, tolerance=1e-3),
+    lambda: af.Arch.from_polygons(
+        DRAWN[::-1], 0.8, thickness_factor=1.1, tolerance=1e-3
+    ),
     lambda: af.Arch.from_polygons(COLUMN, 0.8, ground=[[(-0.5, 0.0), (0.5, 0.0)]]),
 )
 METHODS = {
     "recessed": lambda arch, x: arch.recessed(0.06 * x, [0.03 * x] * arch.n_joint),
-    "tied": lambda arch, x: arch.tied(level=1.0 + x, area=3e-4, prestress=9e3 * round(x)),
+    "tied": lambda arch, x: arch.tied(
+        level=1.0 + x, area=3e-4, prestress=9e3 * round(x)
+    ),
     "on_piers": lambda arch, x: arch.on_piers(height=1.0 + x, width=[2.0, 2.0 + x]),
-    "filled": lambda arch, x: arch.filled(0.5, 15e3, backing_height=x, backing_unit_weight=2e4),
+    "filled": lambda arch, x: arch.filled(
+        0.5, 15e3, backing_height=x, backing_unit_weight=2e4
+    ),
     "spread": lambda arch, x: af.move_springing(arch, spread=0.01 * x),
-    "settled": lambda arch, x: af.move_springing(arch, settlement=0.01 * x, springing="left"),
+    "settled": lambda arch, x: af.move_springing(
+        arch, settlement=0.01 * x, springing="left"
+    ),
     "crushed": lambda arch, x: af.crushed(arch, 1e6 * (1.0 + x)),
     "inset": lambda arch, x: af.jointed(arch, 1e10 * (1.0 + x)),
-    "face": lambda arch, x: af.jointed(arch, 1e10 * (1.0 + x), model="face", damping=0.1 * x),
-}  # fmt: skip
+    "face": lambda arch, x: af.jointed(
+        arch, 1e10 * (1.0 + x), model="face", damping=0.1 * x
+    ),
+}
 
 
 def drawn(seed):
     """Draw an arch changed by up to four methods; None if they refuse it, and their names."""
     random = np.random.default_rng(seed)
-    arch, names = BASES[random.choice(len(BASES), p=[0.4, *[0.1] * 6])](), []
+    arch = BASES[random.choice(len(BASES), p=[0.4, *[0.1] * 6])]()
+    names = []
     for name in random.choice([*METHODS], random.integers(1, 5)):
         names.append(str(name))
         try:
@@ -68,15 +81,23 @@ def outcome(arch, folder):
     """Return why a study refuses an arch; empty if object and file give the same bits."""
     motion = af.Motion(WAVE, 0.01, id="wave")
     try:
-        study = af.Study({"arch": arch}, [motion], levels=[0.4], id="order",
-                         method={"follow": 1.0}, output=str(folder / "out"))  # fmt: skip
+        study = af.Study(
+            {"arch": arch},
+            [motion],
+            levels=[0.4],
+            id="order",
+            method={"follow": 1.0},
+            output=str(folder / "out"),
+        )
     except InputError as error:
         return str(error)
     keys = load_study(study.to_file(folder / "study.yaml"))
     prepare_motions(keys)
-    plan, case = make_plan(keys), np.zeros(1, CASE)
+    plan = make_plan(keys)
+    case = np.zeros(1, CASE)
     case["level"] = plan.levels[0]
-    start, again = af.onset(arch), af.onset(plan.arch(0))
+    start = af.onset(arch)
+    again = af.onset(plan.arch(0))
     np.testing.assert_equal([start.plus, start.minus], [again.plus, again.minus])
     try:
         run = af.simulate(arch, motion, plan.factors(case)[0], follow=1.0)
@@ -84,15 +105,23 @@ def outcome(arch, folder):
         with pytest.raises(type(error)):
             make_runs(plan, case)
         return ""
-    for name in ("peak_displacement", "residual_displacement", "peak_rotation", "end_time"):
-        np.testing.assert_equal(make_runs(plan, case)[name][0], getattr(run, name), name)
+    for name in (
+        "peak_displacement",
+        "residual_displacement",
+        "peak_rotation",
+        "end_time",
+    ):
+        np.testing.assert_equal(
+            make_runs(plan, case)[name][0], getattr(run, name), name
+        )
     return ""
 
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("seeds", [range(10), range(10, 330)], ids=["few", "many"])
 def test_methods_in_any_order(tmp_path, seeds):
-    kept, refused = 0, 0
+    kept = 0
+    refused = 0
     for seed in seeds:
         arch, names = drawn(seed)
         if arch is None:
@@ -100,7 +129,8 @@ def test_methods_in_any_order(tmp_path, seeds):
         why = outcome(arch, tmp_path)
         rules = f"arch arch {TWICE}", "is not a known key"
         assert not why or any(rule in why for rule in rules), (seed, names, why)
-        kept, refused = kept + (not why), refused + bool(why)
+        kept = kept + (not why)
+        refused = refused + bool(why)
     assert kept > len(seeds) / 8
     assert refused >= len(seeds) // 24
 
@@ -128,7 +158,7 @@ CHANGED = {
     "by hand": lambda: RING.changed(
         chain=RING.chain._replace(friction=0.5 * RING.chain.friction)
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", CHANGED)

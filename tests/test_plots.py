@@ -41,7 +41,9 @@ def luminance(colour):
 
 
 @pytest.mark.parametrize("background", ["white", "#111111", "#1e1e1e"])
-@pytest.mark.parametrize("colour", [plots.INK, plots.BLUE, plots.VERMILION, plots.GREEN])
+@pytest.mark.parametrize(
+    "colour", [plots.INK, plots.BLUE, plots.VERMILION, plots.GREEN]
+)
 def test_colours_are_read_on_light_and_dark(colour, background):
     bright, dark = sorted([luminance(colour), luminance(background)], reverse=True)
     assert (bright + 0.05) / (dark + 0.05) > (3.8 if colour == plots.INK else 3.0)
@@ -61,7 +63,9 @@ def test_onset_shows_the_direction_asked_for(arch):
     start = af.onset(arch)
     ax = start.plot(towards="-x")
     dots = [line.get_xydata()[0] for line in ax.lines if line.get_label() == "hinge"]
-    assert np.array_equal(dots, [getattr(arch, side)[joint] for joint, side in start.hinges_minus])
+    assert np.array_equal(
+        dots, [getattr(arch, side)[joint] for joint, side in start.hinges_minus]
+    )
     assert ax.get_title() == "ground accelerating towards -x: moves from 0.37 g"
     with pytest.raises(InputError, match="towards = 'left' must be"):
         start.plot(towards="left")
@@ -71,21 +75,29 @@ def test_onset_shows_the_direction_asked_for(arch):
 def test_thrust_line_passes_contact_centres_and_is_smooth(arch, towards):
     start = af.onset(arch)
     line = start.thrust_line(towards)
-    centres = {None: start.thrust, "+x": start.thrust_plus, "-x": start.thrust_minus}[towards]
+    centres = {None: start.thrust, "+x": start.thrust_plus, "-x": start.thrust_minus}[
+        towards
+    ]
     pieces = line.reshape(arch.n_voussoir, 9, 2)
     assert np.allclose(pieces[:, 0], centres[:-1])
     assert np.allclose(pieces[:, -1], centres[1:])
     # The force in a joint has one direction: a parabola ends along the line to its corner.
-    out, into = 2 * pieces[:, -1] - 4 * pieces[:, 4] + 2 * pieces[:, 0], np.diff(centres, axis=0)
-    before, after = into[:-1] + out[:-1], into[1:] - out[1:]
+    out = 2 * pieces[:, -1] - 4 * pieces[:, 4] + 2 * pieces[:, 0]
+    into = np.diff(centres, axis=0)
+    before = into[:-1] + out[:-1]
+    after = into[1:] - out[1:]
     turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     assert np.abs(turn).max() < 1e-9
 
 
 def test_thrust_of_a_column_leads_to_its_centroid():
     column = af.Block(0.4, 2.0, 0.8)
-    assert np.allclose(af.onset(column).thrust_line()[[0, -1]], [[0.0, 0.0], [0.0, 1.0]])
-    assert np.allclose(af.onset(column).thrust_line("+x")[[0, -1]], [[-0.2, 0.0], [0.0, 1.0]])
+    assert np.allclose(
+        af.onset(column).thrust_line()[[0, -1]], [[0.0, 0.0], [0.0, 1.0]]
+    )
+    assert np.allclose(
+        af.onset(column).thrust_line("+x")[[0, -1]], [[-0.2, 0.0], [0.0, 1.0]]
+    )
 
 
 def test_notebooks_show_drawings_in_the_colour_of_their_text(arch):
@@ -106,20 +118,32 @@ def test_reprs_take_two_lines(arch, collapse):
         lines = repr(thing).splitlines()
         assert len(lines) <= 2
         assert max(map(len, lines)) < 125
-    assert re.fullmatch(r"<Response collapsed at [\d.]+ s, joint \d, hinging; .*>", repr(collapse))
+    assert re.fullmatch(
+        r"<Response collapsed at [\d.]+ s, joint \d, hinging; .*>", repr(collapse)
+    )
 
 
 class TestFilm:
     def test_last_frame_is_where_the_run_ended(self, arch, collapse):
         film = collapse.animate(seconds=0.5, speed=4.0)
         *artists, now = film._func(10**6)
-        stones, hinges = artists[: arch.n_voussoir], artists[arch.n_voussoir :]
+        stones = artists[: arch.n_voussoir]
+        hinges = artists[arch.n_voussoir :]
         end = collapse.history.isel(time=-1)
         centres = [stone.get_xy()[:-1].mean(axis=0) for stone in stones]
-        rest = np.array([outline.mean(axis=0) for outline in arch.outlines]) - arch.chain.centroid
-        cosine, sine = np.cos(end.rotation.values), np.sin(end.rotation.values)
-        turned = np.stack([cosine * rest[:, 0] - sine * rest[:, 1],
-                           sine * rest[:, 0] + cosine * rest[:, 1]], axis=1)  # fmt: skip
+        rest = (
+            np.array([outline.mean(axis=0) for outline in arch.outlines])
+            - arch.chain.centroid
+        )
+        cosine = np.cos(end.rotation.values)
+        sine = np.sin(end.rotation.values)
+        turned = np.stack(
+            [
+                cosine * rest[:, 0] - sine * rest[:, 1],
+                sine * rest[:, 0] + cosine * rest[:, 1],
+            ],
+            axis=1,
+        )
         expected = arch.chain.centroid + end.displacement.values + turned
         assert np.allclose(centres, expected, atol=1e-9)
         mode = end.contact_mode.values
@@ -128,7 +152,9 @@ class TestFilm:
         assert now.get_xdata()[0] == pytest.approx(float(end.time))
         film._draw_was_started = True
 
-    def test_what_cannot_be_filmed_is_refused(self, arch, collapse, tmp_path, monkeypatch):
+    def test_what_cannot_be_filmed_is_refused(
+        self, arch, collapse, tmp_path, monkeypatch
+    ):
         for call in ("plot", "animate"):
             with pytest.raises(InputError, match="simulate with history=True"):
                 getattr(af.simulate(arch, PULSE), call)()
@@ -172,7 +198,9 @@ class TestMotion:
 
     def test_numbers_that_look_like_g_are_warned_of(self, arch):
         in_g = af.Motion(PULSE.acceleration / 9.80665, dt=0.005)
-        with pytest.warns(UnitWarning, match=r"0.612 m/s2 is not above the onset .*0.37 g"):
+        with pytest.warns(
+            UnitWarning, match=r"0.612 m/s2 is not above the onset .*0.37 g"
+        ):
             af.simulate(arch, in_g)
         with pytest.warns(UnitWarning, match="multiply it by 9.80665"):
             af.simulate_many(arch, in_g, [0.9, 1.0])
@@ -191,7 +219,8 @@ class TestReadMotions:
     def records(self, tmp_path):
         wave = 0.1 * np.sin(np.arange(100) * 0.3)
         for number, name in enumerate(("a090", "a180", "a-UP", "b.1")):
-            path, component = tmp_path / f"{name}.AT2", "UP" if name.endswith("UP") else "0"
+            path = tmp_path / f"{name}.AT2"
+            component = "UP" if name.endswith("UP") else "0"
             write_at2(path, wave * (number + 1), 0.01, component)
         return tmp_path
 
@@ -208,7 +237,9 @@ class TestReadMotions:
 
     def test_as_a_study_reads_them(self, records):
         step = {"bandpass": {"lowest": 0.5}}
-        found = af.read_motions(records, select=["b.1", "a090"], processing=["demean", step])
+        found = af.read_motions(
+            records, select=["b.1", "a090"], processing=["demean", step]
+        )
         assert [motion.id for motion in found] == ["b.1", "a090"]
         assert all(motion.vertical is None for motion in found)
         assert "demean" in repr(found.asked.processing)

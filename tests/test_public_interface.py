@@ -21,15 +21,20 @@ def test_names_are_there_and_an_unknown_one_is_refused():
 @pytest.mark.parametrize(
     ("code", "printed"),
     [
-        ("import archfrag; print([m for m in ('numpy', 'numba', 'scipy', 'obspy', 'xarray', "
-         "'matplotlib', 'dask') if m in sys.modules])", "[]"),
-        ("import numpy as np, archfrag as af;"
-         "af.simulate(af.Block(1.0, 2.0, 0.6), af.Motion(np.zeros(5), 0.01));"
-         "print([m for m in ('obspy', 'matplotlib', 'dask', 'xarray') if m in sys.modules])",
-         "[]"),
+        (
+            "import archfrag; print([m for m in ('numpy', 'numba', 'scipy', 'obspy', 'xarray', "
+            "'matplotlib', 'dask') if m in sys.modules])",
+            "[]",
+        ),
+        (
+            "import numpy as np, archfrag as af;"
+            "af.simulate(af.Block(1.0, 2.0, 0.6), af.Motion(np.zeros(5), 0.01));"
+            "print([m for m in ('obspy', 'matplotlib', 'dask', 'xarray') if m in sys.modules])",
+            "[]",
+        ),
     ],
     ids=["importing loads nothing heavy", "a worker loads no reader"],
-)  # fmt: skip
+)
 def test_a_new_process(code, printed):
     command = [sys.executable, "-c", f"import sys; {code}"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -44,7 +49,9 @@ def help_lines(thing):
     """Lines of a screen that `help` fills, of a class up to its methods."""
     text = pydoc.plain(pydoc.render_doc(thing)).rstrip()
     head = re.split(r" \|  (?:Class m|Static m|M)ethods defined here:", text)[0]
-    return sum(max(1, -(-len(line) // SCREEN[1])) for line in head.rstrip(" |\n").split("\n"))
+    return sum(
+        max(1, -(-len(line) // SCREEN[1])) for line in head.rstrip(" |\n").split("\n")
+    )
 
 
 @pytest.mark.parametrize("name", PUBLIC)
@@ -57,5 +64,8 @@ def test_help_fits_a_screen_and_its_example_runs(name, tmp_path, monkeypatch):
         assert help_lines(each) <= SCREEN[0], each
         assert "numpy._typing" not in str(inspect.signature(each))
     (test,) = doctest.DocTestFinder(recurse=False).find(thing, name)
-    assert test.examples or thing in (af.Curve, af.Results)  # what a run of a study returns
+    assert test.examples or thing in (
+        af.Curve,
+        af.Results,
+    )  # what a run of a study returns
     assert doctest.DocTestRunner(verbose=False).run(test).failed == 0

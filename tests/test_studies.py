@@ -28,7 +28,9 @@ OF_FILES = {"record_file", "record_sha256"}
 
 
 def bits(values: np.ndarray) -> bytes:
-    return repr(values.tolist()).encode() if values.dtype == object else values.tobytes()
+    return (
+        repr(values.tolist()).encode() if values.dtype == object else values.tobytes()
+    )
 
 
 @pytest.fixture
@@ -41,26 +43,38 @@ def folder(tmp_path, monkeypatch) -> Path:
         for direction, peak in (("N", 0.3), ("UP", 0.1)):
             path = tmp_path / "records" / f"{name}-{direction}.AT2"
             write_at2(path, peak * wave, 0.01, direction)
-    arch = af.Arch.segmental(span=2.0, rise=0.7, thickness=0.3, voussoirs=4, friction=0.6)
+    arch = af.Arch.segmental(
+        span=2.0, rise=0.7, thickness=0.3, voussoirs=4, friction=0.6
+    )
     draw_arch(tmp_path / "bridge.dxf", arch, 0.001, 4)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 MOTIONS = "motions: {files: ['records/?-N.AT2'], vertical: %s}\n"
-RING = {"radius": 10.0, "thickness": 1.5, "embrace": 157.5, "voussoirs": 7, "friction": 0.7}
+RING = {
+    "radius": 10.0,
+    "thickness": 1.5,
+    "embrace": 157.5,
+    "voussoirs": 7,
+    "friction": 0.7,
+}
 EDGE = np.array([[0.2, 0.0], [0.2, 0.8], [0.18, 1.6]])
 # A study file, and the arguments that say the same; both on a folder with records.
 SAME = {
     "profiles, stripes": (
         "arches:\n- {id: ring, profile: circular, radius: 10.0, thickness: 1.5, embrace: 157.5, "
         "voussoirs: 7, friction: 0.7}\n- {id: slab, profile: block, width: 0.4, height: 2.0, "
-        "friction: .inf}\n" + MOTIONS % "false"
+        "friction: .inf}\n"
+        + MOTIONS
+        % "false"
         + "intensity: {measure: PGA, unit: g, levels: [0.1, 0.6, 1.2]}\n"
         "method: {name: time_stepping, dt: 2.0e-3, follow: 2.0}\n",
         lambda: af.Study(
             {"ring": af.Arch.circular(**RING), "slab": af.Block(0.4, 2.0, np.inf)},
-            "records/?-N.AT2", levels=[0.1, 0.6, 1.2], id="same",
+            "records/?-N.AT2",
+            levels=[0.1, 0.6, 1.2],
+            id="same",
             method={"name": "time_stepping", "dt": 2e-3, "follow": 2.0},
         ),
     ),
@@ -71,20 +85,31 @@ SAME = {
         "design: {kind: ida}\n",
         lambda: af.Study(
             {"slab": af.Block(0.4, 2.0, 0.8)},
-            [af.read_motion(f"records/{name}-N.AT2", vertical=f"records/{name}-UP.AT2")
-             for name in "ab"],
-            levels=np.linspace(0.3, 1.5, 5), design="ida", id="same",
+            [
+                af.read_motion(
+                    f"records/{name}-N.AT2", vertical=f"records/{name}-UP.AT2"
+                )
+                for name in "ab"
+            ],
+            levels=np.linspace(0.3, 1.5, 5),
+            design="ida",
+            id="same",
         ),
     ),
     "a drawing that varies": (
         "arches: [{id: bridge, drawing: bridge.dxf, friction: 0.6, vary: {samples: 2, of: "
-        "{friction: {distribution: uniform, start: 0.5, stop: 0.7}}}}]\n" + MOTIONS % "false"
+        "{friction: {distribution: uniform, start: 0.5, stop: 0.7}}}}]\n"
+        + MOTIONS % "false"
         + "intensity: {measure: PGA, unit: g, levels: [0.4, 0.9, 1.6]}\n",
         lambda: af.Study(
-            {"bridge": af.Arch.from_dxf("bridge.dxf", 0.6)}, [Path("records/?-N.AT2")],
-            levels=(0.4, 0.9, 1.6), id="same",
-            vary={"samples": 2, "friction": {"distribution": "uniform", "start": 0.5,
-                                             "stop": 0.7}},
+            {"bridge": af.Arch.from_dxf("bridge.dxf", 0.6)},
+            [Path("records/?-N.AT2")],
+            levels=(0.4, 0.9, 1.6),
+            id="same",
+            vary={
+                "samples": 2,
+                "friction": {"distribution": "uniform", "start": 0.5, "stop": 0.7},
+            },
         ),
     ),
     "cloud of PGV, processed": (
@@ -95,24 +120,37 @@ SAME = {
         "design: {kind: cloud}\n",
         lambda: af.Study(
             {"slab": af.Block(0.4, 2.0, 0.8).recessed(0.02)},
-            {"files": ["records/?-N.AT2"], "processing": ["demean"]}, "PGV",
-            levels=[20.0, 60.0, 120.0], unit="cm/s", design={"kind": "cloud"}, id="same",
+            {"files": ["records/?-N.AT2"], "processing": ["demean"]},
+            "PGV",
+            levels=[20.0, 60.0, 120.0],
+            unit="cm/s",
+            design={"kind": "cloud"},
+            id="same",
         ),
     ),
     "joints with loads, limit states": (
         "arches: [{id: half, profile: from_joints, intrados: [[0.2, 0.0], [0.2, 0.8], [0.18, "
         "1.6]], extrados: [[-0.2, 0.0], [-0.2, 0.8], [-0.18, 1.6]], free_end: true, dead_load: "
-        "[500.0, 0.0], friction: 0.8}]\n" + MOTIONS % "false"
+        "[500.0, 0.0], friction: 0.8}]\n"
+        + MOTIONS
+        % "false"
         + "intensity: {measure: PGA, unit: m/s2, levels: [0.5, 2.0, 8.0]}\n"
         "limit_states: {rotation: 0.3}\nreport: {at: 2.0, confidence: 0.8}\n",
         lambda: af.Study(
-            {"half": af.Arch.from_joints(EDGE, EDGE * [-1, 1], 0.8, free_end=True,
-                                         dead_load=[500.0, 0.0])},
-            af.read_motions("records/?-N.AT2"), unit="m/s2", levels=[0.5, 2.0, 8.0],
-            limit_states={"rotation": 0.3}, report={"at": 2.0, "confidence": 0.8}, id="same",
+            {
+                "half": af.Arch.from_joints(
+                    EDGE, EDGE * [-1, 1], 0.8, free_end=True, dead_load=[500.0, 0.0]
+                )
+            },
+            af.read_motions("records/?-N.AT2"),
+            unit="m/s2",
+            levels=[0.5, 2.0, 8.0],
+            limit_states={"rotation": 0.3},
+            report={"at": 2.0, "confidence": 0.8},
+            id="same",
         ),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", SAME)
@@ -124,19 +162,25 @@ def test_a_study_by_file_and_in_python_gives_the_same_bits(case, folder, monkeyp
     run_study(by_file, Path("same.yaml"), lambda: None, lambda *_: Path(), 1, True)
     study = make()
     results = study.run(progress=False, cores=1)
-    one, two = (xr.load_dataset(each / "cube.nc") for each in (by_file.folder, study.folder))
+    one, two = (
+        xr.load_dataset(each / "cube.nc") for each in (by_file.folder, study.folder)
+    )
     assert set(one.variables) == set(two.variables)
     for name in set(one.variables) - OF_FILES:
         assert bits(one[name].values) == bits(two[name].values), name
     fits = [(each / "fits.json").read_text() for each in (by_file.folder, study.folder)]
     assert fits[0] == fits[1]
-    theta = {k: f["theta"] for k, f in json.loads(fits[0])["fits"].items() if "theta" in f}
+    theta = {
+        k: f["theta"] for k, f in json.loads(fits[0])["fits"].items() if "theta" in f
+    }
     found = {k: results.curves[k].theta * by_file.intensity.factor for k in theta}
     assert found == pytest.approx(theta, rel=1e-15)
     again = load_study(study.to_file("again/same.yaml"))
     samples = [each.samples for each in prepare_motions(again)]
     assert samples == [each.samples for each in read_manifest(by_file)["records"]]
-    assert [each.chain for each in again.members] == [each.chain for each in by_file.members]
+    assert [each.chain for each in again.members] == [
+        each.chain for each in by_file.members
+    ]
     alike = {"arches", "motions", "output"}
     assert again.model_dump(exclude=alike) == by_file.model_dump(exclude=alike)
 
@@ -150,7 +194,9 @@ def test_results_show_themselves_in_two_lines(folder, monkeypatch):
     study = af.Study(arches, "records/?-N.AT2", levels=[0.3, 0.6, 1.2], design="ida")
     used = list[int]()
     made = studies.run_study
-    monkeypatch.setattr(studies, "run_study", lambda *a, **k: (used.append(a[4]), made(*a, **k)))
+    monkeypatch.setattr(
+        studies, "run_study", lambda *a, **k: (used.append(a[4]), made(*a, **k))
+    )
     results = study.run(progress=False, workers=1)
     assert used == [1]
     assert results.runs.intensity.values.tolist() == [0.3, 0.6, 1.2]
@@ -166,8 +212,14 @@ def test_results_show_themselves_in_two_lines(folder, monkeypatch):
 
 
 def test_from_a_drawing_to_nrml_in_six_lines(folder):
-    pages = [(ROOT / name).read_text() for name in ("README.md", "docs/howto/python.md")]
-    blocks = {block for page in pages for block in re.findall(r"```python\n(.*?)```", page, re.S)}
+    pages = [
+        (ROOT / name).read_text() for name in ("README.md", "docs/howto/python.md")
+    ]
+    blocks = {
+        block
+        for page in pages
+        for block in re.findall(r"```python\n(.*?)```", page, re.S)
+    }
     (lines,) = (block for block in blocks if "to_nrml" in block)
     assert len(list(filter(None, lines.splitlines()))) == 6
     with warnings.catch_warnings():
@@ -184,31 +236,76 @@ MANY = "Study: 1 of 2 motions have a vertical component; all of them must have o
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"arch": "ring"}, "Study: arch is str; it must be an Arch, a mapping of names to arches"),
-        ({"arch": {"slab": {"profile": "block", "width": 1.0}}}, r"Study: arches\[0\].height, "
-         r"arches\[0\].friction must be given"),
-        ({"motions": []}, "Study: motions hold nothing; they must be Motion objects, or paths"),
-        ({"motions": [af.Motion([0.0, 1.0], 0.1), "a.AT2"]}, "hold Motion, str; they must"),
+        (
+            {"arch": "ring"},
+            "Study: arch is str; it must be an Arch, a mapping of names to arches",
+        ),
+        (
+            {"arch": {"slab": {"profile": "block", "width": 1.0}}},
+            r"Study: arches\[0\].height, "
+            r"arches\[0\].friction must be given",
+        ),
+        (
+            {"motions": []},
+            "Study: motions hold nothing; they must be Motion objects, or paths",
+        ),
+        (
+            {"motions": [af.Motion([0.0, 1.0], 0.1), "a.AT2"]},
+            "hold Motion, str; they must",
+        ),
         ({"motions": [af.Motion([0, 1], 0.1), af.Motion([0, 1], 0.1, [0, 1])]}, MANY),
-        ({"motions": [af.Motion([0, 1], 0.1, id="a")] * 2}, "several motions have the id 'a'"),
-        ({"motions": np.zeros(9)}, "Study: motions hold float64; they must be Motion objects"),
-        ({"motions": 5}, "Study: motions hold int; they must be Motion objects, or paths"),
-        ({"intensity": {}}, "Study: intensity cannot be given; give measure, levels and unit"),
+        (
+            {"motions": [af.Motion([0, 1], 0.1, id="a")] * 2},
+            "several motions have the id 'a'",
+        ),
+        (
+            {"motions": np.zeros(9)},
+            "Study: motions hold float64; they must be Motion objects",
+        ),
+        (
+            {"motions": 5},
+            "Study: motions hold int; they must be Motion objects, or paths",
+        ),
+        (
+            {"intensity": {}},
+            "Study: intensity cannot be given; give measure, levels and unit",
+        ),
         ({"measure": "PGX"}, "Study: intensity.measure = PGX"),
-        ({"design": "search"}, "Study: design.kind = search must be one of stripes, ida, cloud"),
+        (
+            {"design": "search"},
+            "Study: design.kind = search must be one of stripes, ida, cloud",
+        ),
         ({"vary": {"samples": 4, "frictoin": {}}}, "vary.frictoin is not a known key"),
-        ({"limitstates": {}}, "Study: limitstates is not a known key; did you mean limit_states"),
+        (
+            {"limitstates": {}},
+            "Study: limitstates is not a known key; did you mean limit_states",
+        ),
         ({"report": {"client": object()}}, "cannot be written to a study file"),
-        ({"levels": np.array([1j])}, "Study: levels = array.* must be a row of numbers"),
-        ({"levels": np.array([0.2, "a"], object)}, "levels = array.* must be a row of numbers"),
-        ({"levels": np.array([[0.2, 0.4]])}, "levels = array.* must be a row of numbers"),
-        ({"levels": np.ma.masked_array([0.2, 0.4], [0, 1])}, "must be a row of numbers"),
+        (
+            {"levels": np.array([1j])},
+            "Study: levels = array.* must be a row of numbers",
+        ),
+        (
+            {"levels": np.array([0.2, "a"], object)},
+            "levels = array.* must be a row of numbers",
+        ),
+        (
+            {"levels": np.array([[0.2, 0.4]])},
+            "levels = array.* must be a row of numbers",
+        ),
+        (
+            {"levels": np.ma.masked_array([0.2, 0.4], [0, 1])},
+            "must be a row of numbers",
+        ),
         ({"vary": [1]}, "Study: vary is list; it must be a mapping of samples and"),
         ({"vary": "x"}, "Study: vary is str; it must be a mapping of samples and"),
-        ({"output": "a\0b"}, r"Study.output = 'a\\x00b' must hold no control characters"),
+        (
+            {"output": "a\0b"},
+            r"Study.output = 'a\\x00b' must hold no control characters",
+        ),
         ({"title": "a\x07"}, r"Study.title = 'a\\x07' must hold no control characters"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_argument_is_named_by_its_key(changes, message):
     given = {"arch": af.Block(0.4, 2.0, 0.8), "motions": "*.AT2", "levels": [0.2, 0.4]}
     with pytest.raises(InputError, match=message):
@@ -217,13 +314,15 @@ def test_a_wrong_argument_is_named_by_its_key(changes, message):
 
 def test_an_id_that_looks_like_a_number_stays_text(folder):
     for name in ("1e3", "1_000", "2020-01-01", "0x10", "null", "yes"):
-        path = af.Study(af.Block(0.4, 2.0, 0.8), "records/*", levels=[0.5], id=name).to_file(
-            f"{name}.yaml"
-        )
+        path = af.Study(
+            af.Block(0.4, 2.0, 0.8), "records/*", levels=[0.5], id=name
+        ).to_file(f"{name}.yaml")
         assert load_study(path).id == name
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "configs").glob("*.yaml")))
+@pytest.mark.parametrize(
+    "name", sorted(path.stem for path in (ROOT / "configs").glob("*.yaml"))
+)
 def test_a_study_file_that_is_read_and_written_says_the_same(name, tmp_path):
     path = ROOT / "configs" / f"{name}.yaml"
     file = af.Study.from_file(path).to_file(tmp_path / "other" / "study.yaml")
@@ -237,17 +336,23 @@ def test_a_study_file_that_is_read_and_written_says_the_same(name, tmp_path):
 
 def test_motions_that_were_read_stay_files_until_they_are_changed(folder):
     def motions_of(motions):
-        path = af.Study(af.Block(0.4, 2.0, 0.8), motions, levels=[0.5]).to_file("s/study.yaml")
+        path = af.Study(af.Block(0.4, 2.0, 0.8), motions, levels=[0.5]).to_file(
+            "s/study.yaml"
+        )
         return load_study(path).motions
 
     motions = af.read_motions("records/?-N.AT2")
     assert motions_of(motions).files[0].path == str(folder / "records" / "?-N.AT2")
     motions[0] *= 2.0
-    assert motions_of(motions).index == str(folder / "s" / "study-motions" / "index.csv")
+    assert motions_of(motions).index == str(
+        folder / "s" / "study-motions" / "index.csv"
+    )
 
 
 def test_results_that_are_not_there_are_asked_for(folder):
-    with pytest.raises(InputError, match="is not a folder with the results of a study; give"):
+    with pytest.raises(
+        InputError, match="is not a folder with the results of a study; give"
+    ):
         af.open("records")
     with pytest.raises(InputError, match="nowhere cannot be read"):
         af.open("nowhere")
@@ -256,7 +361,12 @@ def test_results_that_are_not_there_are_asked_for(folder):
 def test_a_script_uses_all_that_is_public_and_its_types_are_known(folder):
     script = folder / "script.py"
     script.write_text((ROOT / "tests" / "user_script.py").read_text())
-    options = ["--cache-dir", str(folder), "--config-file", str(ROOT / "pyproject.toml")]
+    options = [
+        "--cache-dir",
+        str(folder),
+        "--config-file",
+        str(ROOT / "pyproject.toml"),
+    ]
     check = [sys.executable, "-m", "mypy", "--strict", *options, str(script)]
     run = [sys.executable, "-W", "ignore", str(script)]
     environment = os.environ | {"MPLBACKEND": "agg", "MYPYPATH": str(ROOT / "pipeline")}
@@ -286,24 +396,36 @@ def test_studies_without_an_id_have_folders_and_reports_of_their_own(folder):
         assert f"{width:g} m" in results.report().read_text()
 
 
-def test_results_of_another_study_are_not_replaced_unasked_and_write_nothing_of_it(folder):
+def test_results_of_another_study_are_not_replaced_unasked_and_write_nothing_of_it(
+    folder,
+):
     first = small(0.4, id="block").run(progress=False)
     again = small(0.4, id="block").run(progress=False)
     assert again.curve.theta == first.curve.theta
     with pytest.raises(
-        OutputError, match=r"another study with the id 'block'; give this one .*run\(replace=True"
+        OutputError,
+        match=r"another study with the id 'block'; give this one .*run\(replace=True",
     ):
         small(0.5, id="block").run(progress=False)
     assert first.to_nrml("first.xml").is_file()
     other = small(0.5, id="block").run(progress=False, replace=True)
     assert other.to_nrml("other.xml").is_file()
-    for asked in (first.report, first.film, first.response, lambda: first.to_nrml("x.xml")):
-        with pytest.raises(InputError, match="results/block: holds other results than these"):
+    for asked in (
+        first.report,
+        first.film,
+        first.response,
+        lambda: first.to_nrml("x.xml"),
+    ):
+        with pytest.raises(
+            InputError, match="results/block: holds other results than these"
+        ):
             asked()
     assert not Path("x.xml").exists()
 
 
-def test_collapsed_is_known_only_of_runs_that_were_made_and_fractions_do_not_fall(folder):
+def test_collapsed_is_known_only_of_runs_that_were_made_and_fractions_do_not_fall(
+    folder,
+):
     study = af.Study(
         af.Block(0.4, 2.0, 0.8),
         "records/?-N.AT2",
@@ -344,11 +466,19 @@ def test_curves_of_studies_and_of_counts_have_one_interface(folder):
     table = results.curve.to_dataframe()
     assert table.columns.tolist() == ["PGA [g]", "probability", "lower", "upper"]
     points = [(0.1, 1e-2), (0.4, 1e-3), (1.6, 1e-5)]
-    Path("hazard.csv").write_text("PGA [g],rate\n" + "".join(f"{a},{b}\n" for a, b in points))
+    Path("hazard.csv").write_text(
+        "PGA [g],rate\n" + "".join(f"{a},{b}\n" for a, b in points)
+    )
     by_file = results.risk("hazard.csv")
-    for table in (points, np.array(points), pd.DataFrame(points, columns=["im", "rate"])):
+    for table in (
+        points,
+        np.array(points),
+        pd.DataFrame(points, columns=["im", "rate"]),
+    ):
         assert results.risk(table).rate.tolist() == by_file.rate.tolist()
-    with pytest.raises(InputError, match="it must be a path, or a table of two columns"):
+    with pytest.raises(
+        InputError, match="it must be a path, or a table of two columns"
+    ):
         results.risk([1.0, 2.0])
     with pytest.raises(InputError, match="a run is a text such as"):
         results.response("wave1", 0.8)
@@ -389,11 +519,16 @@ def test_studies_in_threads_leave_the_interpreter_alone(tmp_path):
 def test_the_report_of_a_cloud_counts_its_runs_in_groups(folder):
     """Each run has a level of its own: neighbours are counted together, and none is left out."""
     wave = np.sin(np.arange(100) / 5.0) * np.hanning(100)
-    motions = [af.Motion(a * wave, 0.01, id=f"w{n}") for n, a in enumerate(np.arange(1, 25))]
+    motions = [
+        af.Motion(a * wave, 0.01, id=f"w{n}") for n, a in enumerate(np.arange(1, 25))
+    ]
     study = af.Study(
-        af.Block(0.4, 2.0, 0.8), motions, levels=[1.0], id="cloud",
+        af.Block(0.4, 2.0, 0.8),
+        motions,
+        levels=[1.0],
+        id="cloud",
         design={"kind": "cloud", "factor": 2.0},
-    )  # fmt: skip
+    )
     results = study.run(progress=False)
     page = lxml.html.fromstring((results.folder / "report.html").read_text("utf-8"))
     (table,) = page.xpath("//table[contains(@aria-label, 'by level')]")
@@ -407,12 +542,16 @@ def test_a_study_of_joints_that_give(tmp_path):
     """Nothing is known of where they move, so no rate is cut and no state asks for it."""
     soft = af.jointed(af.Arch.circular(4.0, 0.5, 180.0, 9, 0.7), 1e10, model="face")
     time = np.arange(0.0, 1.0, 0.01)
-    motions = [af.Motion(np.where(time < d, np.sin(np.pi * time / d), 0.0), 0.01, id=f"p{k}")
-               for k, d in enumerate((0.2, 0.3, 0.5))]  # fmt: skip
+    motions = [
+        af.Motion(np.where(time < d, np.sin(np.pi * time / d), 0.0), 0.01, id=f"p{k}")
+        for k, d in enumerate((0.2, 0.3, 0.5))
+    ]
     found = []
     for cores in (1, 2):
         place = {"output": tmp_path / str(cores), "id": f"soft{cores}"}
-        study = af.Study(soft, motions, measure="PGA", levels=[0.03, 0.06, 0.1, 0.2], **place)
+        study = af.Study(
+            soft, motions, measure="PGA", levels=[0.03, 0.06, 0.1, 0.2], **place
+        )
         found.append(study.run(cores=cores))
     one, two = (each.runs for each in found)
     assert np.isnan(one.onset_plus).all()

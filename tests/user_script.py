@@ -12,7 +12,11 @@ def arches() -> dict[str, af.Arch]:
     edge = np.array([[0.2, 0.0], [0.2, 0.8], [0.18, 1.6]])
     column = af.Arch.from_joints(edge, edge * [-1, 1], friction=0.8, free_end=True)
     bridge = af.Arch.from_dxf("bridge.dxf", friction=0.6)
-    return {"bridge": bridge, "column": column, "block": af.Block(0.4, 2.0, friction=0.8)}
+    return {
+        "bridge": bridge,
+        "column": column,
+        "block": af.Block(0.4, 2.0, friction=0.8),
+    }
 
 
 def motions() -> list[af.Motion]:
@@ -48,9 +52,14 @@ def study(arch: af.Arch) -> af.Results:
     """A study, its file, and its results."""
     friction = {"distribution": "uniform", "start": 0.6, "stop": 0.8}
     made = af.Study(
-        {"column": arch}, motions(), "PGA", levels=np.linspace(0.2, 1.4, 7), design="ida",
-        vary={"samples": 2, "friction": friction}, id="user",
-    )  # fmt: skip
+        {"column": arch},
+        motions(),
+        "PGA",
+        levels=np.linspace(0.2, 1.4, 7),
+        design="ida",
+        vary={"samples": 2, "friction": friction},
+        id="user",
+    )
     path: Path = made.to_file("user.yaml")
     assert af.Study.from_file(path).id == made.id
     made.run(progress=False, cores=1)
@@ -61,15 +70,23 @@ def answers(results: af.Results) -> dict[str, float]:
     """All that results offer."""
     curve: af.Curve = results.curve
     low, high = curve.band([0.4, 0.8])
-    axes = curve.limit_states["collapse"].plot(results.curves["column"].plot(), color="k")
+    axes = curve.limit_states["collapse"].plot(
+        results.curves["column"].plot(), color="k"
+    )
     assert low.shape == high.shape == curve([0.4, 0.8]).shape
     assert axes.get_xlabel() == "PGA [g]"
     Path("hazard.csv").write_text("PGA [g],rate\n0.1,0.01\n0.5,0.001\n2.0,0.0001\n")
     rates = results.risk("hazard.csv", years=100.0)
-    results.response("backwards@0.6", arch="column-0001").animate(seconds=0.4).save("fall.gif")
+    results.response("backwards@0.6", arch="column-0001").animate(seconds=0.4).save(
+        "fall.gif"
+    )
     film = results.film("median")
     assert film is not None
-    files = [results.report(), results.to_nrml("bridge.xml"), *results.to_pelicun("out")]
+    files = [
+        results.report(),
+        results.to_nrml("bridge.xml"),
+        *results.to_pelicun("out"),
+    ]
     files += [*results.to_incore("out"), *results.to_csv("out", members=True)]
     assert all(path.is_file() for path in files)
     assert len(results.capacities) == 2 * results.runs.sizes["arch"]

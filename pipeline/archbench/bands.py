@@ -36,13 +36,23 @@ COLUMNS = [*(f"p_{p:g}" for p in P), "theta", "beta"]
 STUDIES = {True: 200, False: 2000}
 FEWER = {True: (5, 10), False: (200, 1000)}  # studies of `COMPARED` and of `COVERED`
 SEED = 20261122
-CORRELATION, RECORDS_PER_EVENT = 0.5, 3
+CORRELATION = 0.5
+RECORDS_PER_EVENT = 3
 TWO_PEAKS = ((0.7, 0.0), (0.3, 2.5))  # weight and place of each, deviation 0.6
 LIMIT = 1800.0
-TRUTH = 3.37611, 0.30621  # theta and beta of the public data sets, whose ln im are standard normal
+TRUTH = (
+    3.37611,
+    0.30621,
+)  # theta and beta of the public data sets, whose ln im are standard normal
 # Their rms error of the median curve by Jeffreys' prior, and by a constrained one (2503.07343).
-PUBLISHED = {10: (0.132, 0.109), 20: (0.101, 0.097), 30: (0.090, 0.087), 50: (0.081, 0.080),
-             100: (0.053, 0.053), 200: (0.033, 0.033)}  # fmt: skip
+PUBLISHED = {
+    10: (0.132, 0.109),
+    20: (0.101, 0.097),
+    30: (0.090, 0.087),
+    50: (0.081, 0.080),
+    100: (0.053, 0.053),
+    200: (0.033, 0.033),
+}
 FIRST = 10  # sets that the published errors are means over
 
 
@@ -65,9 +75,14 @@ def _skewed(u: Array) -> Array:
 
 # Standardised quantiles of the logarithm of capacities.
 FAMILIES: dict[str, Callable[[Array], Array]] = {
-    "lognormal": norm.ppf, "Weibull": _weibull, "skewed": _skewed, "two peaks": _two_peaks,
-}  # fmt: skip
-RECORDS, EVENTS, SINGLE = "same records", "3 records an event", "single runs"
+    "lognormal": norm.ppf,
+    "Weibull": _weibull,
+    "skewed": _skewed,
+    "two peaks": _two_peaks,
+}
+RECORDS = "same records"
+EVENTS = "3 records an event"
+SINGLE = "single runs"
 SIZES = {RECORDS: (12, 24, 44), EVENTS: (12, 24, 45), SINGLE: (12, 24, 44, 150)}
 
 
@@ -85,28 +100,41 @@ class World(NamedTuple):
 COVERED = {
     **{f"limit state of {n} records": World(n, state=0.6) for n in (12, 24, 44)},
     "limit state, 2 records an event": World(30, per_event=2, state=0.6),
-    **{f"ida, single runs scatter by {s:g}": World(30, s, design="ida") for s in (0.0, 0.2, 0.3)},
+    **{
+        f"ida, single runs scatter by {s:g}": World(30, s, design="ida")
+        for s in (0.0, 0.2, 0.3)
+    },
     **{f"single runs scatter by {s:g}": World(30, s) for s in (0.2, 0.3)},
 }
 TOGETHER = 0.8  # correlation of ln capacities of two states, or of two arches
 # Two arches, the second with 1.3 times the median capacity, under the same motions.
 COMPARED = {
-    "3 events of 2": World(6, per_event=2), "8 records": World(8), "12 records": World(12),
-    "24 records": World(24), "15 events of 2": World(30, per_event=2),
+    "3 events of 2": World(6, per_event=2),
+    "8 records": World(8),
+    "12 records": World(12),
+    "24 records": World(24),
+    "15 events of 2": World(30, per_event=2),
     "24 records, single runs scatter by 0.2": World(24, 0.2),
-}  # fmt: skip
+}
 # Planes, with the part of the variance of ln capacity that the second measure explains.
 PLANES = {
-    f"{design}, {n} records{', 3 an event' * (m == 3)}": World(n, per_event=m, design=design)
-    for design in ("stripes", "cloud") for n in (24, 60) for m in (1, 3)
-}  # fmt: skip
+    f"{design}, {n} records{', 3 an event' * (m == 3)}": World(
+        n, per_event=m, design=design
+    )
+    for design in ("stripes", "cloud")
+    for n in (24, 60)
+    for m in (1, 3)
+}
 PLANES["stripes, 30 records, single runs scatter by 0.2"] = World(30, 0.2)
 EXPLAINED = 0.0, 0.15, 0.3
-WIDTH, ALIKE = 0.7, 0.7  # deviation of ln x1 and ln x2 of unscaled records, and correlation
+WIDTH = 0.7  # deviation of ln x1 and ln x2 of unscaled records, and correlation
+ALIKE = 0.7
 RATIO = 1.3
 DISPERSION = 0.4
 FINE = np.geomspace(0.25, 4.0, 15)
-HAZARD = HazardCurve(np.geomspace(0.02, 20.0, 2), 1e-3 * np.geomspace(0.02, 20.0, 2) ** -2.5)
+HAZARD = HazardCurve(
+    np.geomspace(0.02, 20.0, 2), 1e-3 * np.geomspace(0.02, 20.0, 2) ** -2.5
+)
 
 
 def _logs(world: World, generator: np.random.Generator, count: int) -> Array:
@@ -119,7 +147,9 @@ def _logs(world: World, generator: np.random.Generator, count: int) -> Array:
     return z
 
 
-def _collapsed(world: World, capacity: Array, generator: np.random.Generator) -> NDArray[np.int64]:
+def _collapsed(
+    world: World, capacity: Array, generator: np.random.Generator
+) -> NDArray[np.int64]:
     """Whether runs at all levels collapse, (n_record, n_level), by capacities (n_record,)."""
     error = world.scatter * generator.standard_normal((world.size, FINE.size))
     return (capacity[:, None] * np.exp(error) <= FINE).astype(np.int64)
@@ -140,7 +170,8 @@ def coverage_in(name: str, studies: int) -> dict[str, float]:
     many = _logs(World(200_000), np.random.default_rng(SEED), 2)
     logs = DISPERSION * np.minimum(many[0], many[1] + np.log(world.state) / DISPERSION)
     logs += world.scatter * np.random.default_rng(SEED + 1).standard_normal(logs.size)
-    im, beta = np.exp(np.quantile(logs, P)), float(logs.std())
+    im = np.exp(np.quantile(logs, P))
+    beta = float(logs.std())
     groups = np.arange(world.size) // world.per_event if world.per_event > 1 else None
     held = np.zeros(P.size + 2)
     for seed in range(studies):
@@ -159,13 +190,19 @@ def coverage_of_ratios(name: str, studies: int) -> dict[str, float]:
     """Fraction of studies whose 90 % interval holds the ratio of medians, and of rates."""
     world = COMPARED[name]
     generator = np.random.default_rng([SEED, len(name), world.size])
-    true = lognormal_rates(HAZARD, [1.0, RATIO], [np.hypot(DISPERSION, world.scatter)] * 2)
+    true = lognormal_rates(
+        HAZARD, [1.0, RATIO], [np.hypot(DISPERSION, world.scatter)] * 2
+    )
     truth = {"theta": RATIO, "rate": true[1] / true[0]}
     groups = np.arange(world.size) // world.per_event
     held = dict.fromkeys(truth, 0.0)
     for _ in range(studies):
-        capacity = np.exp(DISPERSION * _logs(world, generator, 2)) * np.array([[1.0], [RATIO]])
-        found = [find_brackets(_collapsed(world, own, generator), FINE) for own in capacity]
+        capacity = np.exp(DISPERSION * _logs(world, generator, 2)) * np.array(
+            [[1.0], [RATIO]]
+        )
+        found = [
+            find_brackets(_collapsed(world, own, generator), FINE) for own in capacity
+        ]
         shared = groups if world.per_event > 1 else None
         first, second = (capacity_posterior(own, shared)[0].curve for own in found)
         parts = parts_of(groups)
@@ -182,13 +219,18 @@ def coverage_of_planes(name: str, explained: float, studies: int) -> dict[str, f
     The band is asked for at each of `P`, at three ratios of the measures.
     """
     world = PLANES[name]
-    generator = np.random.default_rng([SEED, len(name), world.size, round(100 * explained)])
+    generator = np.random.default_rng(
+        [SEED, len(name), world.size, round(100 * explained)]
+    )
     groups = np.arange(world.size) // world.per_event if world.per_event > 1 else None
     spread = WIDTH * np.sqrt(2.0 - 2.0 * ALIKE)
-    gamma, own = DISPERSION * np.sqrt(explained) / spread, DISPERSION * np.sqrt(1.0 - explained)
+    gamma = DISPERSION * np.sqrt(explained) / spread
+    own = DISPERSION * np.sqrt(1.0 - explained)
     at = np.repeat([-spread, 0.0, spread], P.size)
     x1 = np.exp(gamma * at + np.hypot(own, world.scatter) * np.tile(norm.ppf(P), 3))
-    held, gains, planes = 0.0, 0, 0
+    held = 0.0
+    gains = 0
+    planes = 0
     for _ in range(studies):
         one, two, rest = (_logs(world, generator, 1)[0] for _ in range(3))
         s = WIDTH * (ALIKE * one + np.sqrt(1.0 - ALIKE**2) * two - one)
@@ -204,7 +246,8 @@ def coverage_of_planes(name: str, explained: float, studies: int) -> dict[str, f
             continue
         _, low, high = plane.at(x1, x1 * np.exp(at))
         held += ((low <= np.tile(P, 3)) & (np.tile(P, 3) <= high)).mean()
-        gains, planes = gains + plane.gains, planes + 1
+        gains = gains + plane.gains
+        planes = planes + 1
     return {"band": held / planes, "gain": gains / planes, "plane": planes / studies}
 
 
@@ -212,7 +255,9 @@ def _plain(found: Brackets) -> Any:
     return fit_capacity_posterior(found.without_scatter()).curve
 
 
-def coverage_of(sampling: str, family: str, size: int, studies: int) -> dict[str, float]:
+def coverage_of(
+    sampling: str, family: str, size: int, studies: int
+) -> dict[str, float]:
     """Fraction of studies whose 90 % band holds the truth at each of `P`, theta and beta.
 
     A study without a band has not held. Beta of a family that is not lognormal is not asked for.
@@ -227,7 +272,9 @@ def coverage_of(sampling: str, family: str, size: int, studies: int) -> dict[str
             if sampling == SINGLE:
                 known = quoted_runs(intensity, verdict, im)
             else:
-                known = quoted_band(find_brackets(verdict, intensity), im, groups=groups)
+                known = quoted_band(
+                    find_brackets(verdict, intensity), im, groups=groups
+                )
         except FitError:
             continue
         held[:-2] += (known.lower <= P) & (known.upper >= P)
@@ -239,10 +286,14 @@ def coverage_of(sampling: str, family: str, size: int, studies: int) -> dict[str
 
 
 def _study(
-    sampling: str, quantile: Callable[[Array], Array], size: int, generator: np.random.Generator
+    sampling: str,
+    quantile: Callable[[Array], Array],
+    size: int,
+    generator: np.random.Generator,
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.int64] | None]:
     """Verdicts, intensities and events of one simulated study."""
-    at, groups = LEVELS, None
+    at = LEVELS
+    groups = None
     if sampling == EVENTS:
         groups = np.arange(size) // RECORDS_PER_EVENT
         shared = generator.standard_normal(size // RECORDS_PER_EVENT)[groups]
@@ -261,27 +312,39 @@ def _study(
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """A row for each kind of sampling, family and size."""
     cases = [(sampling, "lognormal", n) for sampling in SIZES for n in SIZES[sampling]]
-    cases += [(RECORDS, family, n) for family in list(FAMILIES)[1:] for n in SIZES[RECORDS]]
+    cases += [
+        (RECORDS, family, n) for family in list(FAMILIES)[1:] for n in SIZES[RECORDS]
+    ]
     if bench.quick:
         cases = [case for case in cases if case[1] == "lognormal"][:3]
     studies = STUDIES[bench.quick]
     tasks: dict[tuple, tuple] = {(*case, studies): (*case, studies) for case in cases}
     rows: list[dict[str, Any]] = []
     for key, found in bench.run("bands", coverage_of, tasks, LIMIT).items():
-        head = dict(zip(("sampling", "capacities", "size", "studies"), key, strict=True))
+        head = dict(
+            zip(("sampling", "capacities", "size", "studies"), key, strict=True)
+        )
         rows.append(head | ({"failed": found} if isinstance(found, str) else found))
     few, many = FEWER[bench.quick]
     own: dict[tuple, tuple] = {(name, many): (name, many) for name in COVERED}
     for (name, _), found in bench.run("bands_designs", coverage_in, own, LIMIT).items():
-        head = {"sampling": name, "capacities": "lognormal", "size": COVERED[name].size,
-                "studies": many}  # fmt: skip
+        head = {
+            "sampling": name,
+            "capacities": "lognormal",
+            "size": COVERED[name].size,
+            "studies": many,
+        }
         rows.append(head | ({"failed": found} if isinstance(found, str) else found))
     own = {(name, few): (name, few) for name in COMPARED}
     shown: list[dict[str, Any]] = []
-    for (name, _), found in bench.run("bands_ratio", coverage_of_ratios, own, LIMIT).items():
+    for (name, _), found in bench.run(
+        "bands_ratio", coverage_of_ratios, own, LIMIT
+    ).items():
         head = {"records": name, "studies": few}
         shown.append(head | ({"failed": found} if isinstance(found, str) else found))
-    two: dict[tuple, tuple] = {(n, e, few): (n, e, few) for n in PLANES for e in EXPLAINED}
+    two: dict[tuple, tuple] = {
+        (n, e, few): (n, e, few) for n in PLANES for e in EXPLAINED
+    }
     drawn: list[dict[str, Any]] = []
     for key, found in bench.run("bands_planes", coverage_of_planes, two, LIMIT).items():
         head = dict(zip(("runs", "explained", "studies"), key, strict=True))
@@ -303,18 +366,28 @@ def few_runs(folder: Path, sizes: Sequence[int], sets: int) -> pd.DataFrame:
     rows = []
     for size in sizes:
         found = []
-        for im, failed in zip(data["intensity"][:size].T[:sets], data["failed"][:size].T):
-            known = fit_posterior(im, failed.astype(int), 1, one_sided=True).with_band([])
+        for im, failed in zip(
+            data["intensity"][:size].T[:sets], data["failed"][:size].T
+        ):
+            known = fit_posterior(im, failed.astype(int), 1, one_sided=True).with_band(
+                []
+            )
             curve = norm.cdf((x - np.log(known.theta)) / known.beta)
             (low, high), (least, most) = known.theta_interval, known.beta_interval
             rms = np.sqrt(np.mean((curve - true) ** 2))
             found.append((rms, low <= theta <= high, least <= beta <= most))
         jeffreys, constrained = PUBLISHED[size]
-        rows.append({
-            "runs": size, "Jeffreys": jeffreys, "constrained": constrained,
-            "archfrag": np.mean(found[:FIRST], axis=0)[0],
-            **dict(zip(("archfrag, all sets", "theta", "beta"), np.mean(found, axis=0))),
-        })  # fmt: skip
+        rows.append(
+            {
+                "runs": size,
+                "Jeffreys": jeffreys,
+                "constrained": constrained,
+                "archfrag": np.mean(found[:FIRST], axis=0)[0],
+                **dict(
+                    zip(("archfrag, all sets", "theta", "beta"), np.mean(found, axis=0))
+                ),
+            }
+        )
     return pd.DataFrame(rows)
 
 

@@ -21,7 +21,10 @@ from archfrag.simulation.simulate import onset
 FOLDER = Path(__file__).parent / "cases"
 # Longest that a case may take a method, all variants together [s].
 LIMIT = {True: 20.0, False: 600.0}
-HELD, BROKE, NO_ANSWER, NOT_FOR_IT = "held", "broke", "failed", "does not apply"
+HELD = "held"
+BROKE = "broke"
+NO_ANSWER = "failed"
+NOT_FOR_IT = "does not apply"
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,9 @@ class CornerCase:
 def load_case(name: str) -> CornerCase:
     """Corner case of a file, by its name."""
     own = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
-    content = {each.name: own.pop(each.name) for each in fields(Scene) if each.name in own}
+    content = {
+        each.name: own.pop(each.name) for each in fields(Scene) if each.name in own
+    }
     return CornerCase(Scene(name=name, **content), **own)
 
 
@@ -71,7 +76,9 @@ def resolved(scene: Scene) -> Scene:
     `of_least_friction`: friction over the least that bears the own weight; `grazing`: initial
     speed over that which brings it back without any left.
     """
-    chain, motion, initial = dict(scene.chain), dict(scene.motion), dict(scene.initial or {})
+    chain = dict(scene.chain)
+    motion = dict(scene.motion)
+    initial = dict(scene.initial or {})
     if chain.pop("of_least_friction", False):
         chain["friction"] *= least_friction(replace(scene, chain=chain))
     scene = replace(scene, chain=chain)
@@ -103,9 +110,15 @@ def run_case(case: CornerCase, method: str) -> list[Row]:
         else:
             done[variant] = Run(scene, run.response, done, setting.parameter)
             findings = judge_run(done[variant], expect)
-            broke = "; ".join(name for name, found in findings.items() if not found.held)
-            result = NO_ANSWER if not findings["answers"].held else BROKE if broke else HELD
-            own = _row(result, broke, "; ".join(found.figure for found in findings.values()))
+            broke = "; ".join(
+                name for name, found in findings.items() if not found.held
+            )
+            result = (
+                NO_ANSWER if not findings["answers"].held else BROKE if broke else HELD
+            )
+            own = _row(
+                result, broke, "; ".join(found.figure for found in findings.values())
+            )
         rows.append(head | own | {"status": run.status, "seconds": run.seconds})
     return rows
 
@@ -113,15 +126,22 @@ def run_case(case: CornerCase, method: str) -> list[Row]:
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Every case by every method of ours: a row for each variant and method."""
     cases = {name: load_case(name) for name in case_names()}
-    tasks = {(name, method): (case, method)
-             for name, case in cases.items() for method in available_methods()}  # fmt: skip
+    tasks = {
+        (name, method): (case, method)
+        for name, case in cases.items()
+        for method in available_methods()
+    }
     limit = LIMIT[bench.quick]
     rows: list[Row] = []
-    for (name, method), found in bench.run("corner_cases", run_case, tasks, limit).items():
+    for (name, method), found in bench.run(
+        "corner_cases", run_case, tasks, limit
+    ).items():
         if isinstance(found, str):
             late = _row(NO_ANSWER, found) | {"status": "not ended", "seconds": limit}
-            found = [{"case": name, "variant": variant, "method": method} | late
-                     for variant, _, _ in cases[name].runs()]  # fmt: skip
+            found = [
+                {"case": name, "variant": variant, "method": method} | late
+                for variant, _, _ in cases[name].runs()
+            ]
         rows += found
     return {"runs": pd.DataFrame(rows)}
 

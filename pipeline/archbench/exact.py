@@ -11,7 +11,8 @@ from archbench.adapters.corners import Corners
 from archbench.scene import STANDARD_GRAVITY, Scene
 
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(60)
-_NODE, _WEIGHT = 0.5 * (_NODE + 1.0), 0.5 * _WEIGHT
+_NODE = 0.5 * (_NODE + 1.0)
+_WEIGHT = 0.5 * _WEIGHT
 
 
 @dataclass(frozen=True)
@@ -28,9 +29,13 @@ class Rocking:
     @classmethod
     def of(cls, scene: Scene) -> Self:
         """That of a scene's block."""
-        width, height = scene.chain["width"], scene.chain["height"]
+        width = scene.chain["width"]
+        height = scene.chain["height"]
         half_diagonal = 0.5 * math.hypot(width, height)
-        return cls(math.atan2(width, height), math.sqrt(0.75 * STANDARD_GRAVITY / half_diagonal))
+        return cls(
+            math.atan2(width, height),
+            math.sqrt(0.75 * STANDARD_GRAVITY / half_diagonal),
+        )
 
     @property
     def ratio(self) -> float:
@@ -42,7 +47,8 @@ class Rocking:
 
         Between impacts p² cos(alpha − theta) + theta'² / 2 stays. Rotations of any size.
         """
-        found, peak = [], start
+        found = []
+        peak = start
         for _ in range(count):
             drop = math.cos(self.alpha - peak) - math.cos(self.alpha)
             peak = self.alpha - math.acos(math.cos(self.alpha) + self.ratio**2 * drop)
@@ -105,18 +111,24 @@ def _programme(scene: Scene, sense: float) -> OptimizeResult:
     count = 2 * len(corners.joint)
     _, matrix = corners.linearise(np.zeros((corners.count, 3)))
     wrench = np.zeros((len(corners.joint), 2, 3 * corners.count + 3))
-    np.put_along_axis(wrench, np.repeat(corners.columns[:, None], 2, axis=1), matrix, axis=2)
+    np.put_along_axis(
+        wrench, np.repeat(corners.columns[:, None], 2, axis=1), matrix, axis=2
+    )
     weight = scene.bodies().mass / scene.bodies().mass.sum()
     inertia, balance = np.zeros((2, 3 * corners.count))
-    inertia[::3], balance[1::3] = -sense * weight, weight
+    inertia[::3] = -sense * weight
+    balance[1::3] = weight
     cone = np.zeros((count, count + 1))
     normal = np.arange(0, count, 2)
     for row, sign in ((normal, 1.0), (normal + 1, -1.0)):
-        cone[row, normal], cone[row, normal + 1] = -scene.friction, sign
+        cone[row, normal] = -scene.friction
+        cone[row, normal + 1] = sign
     within = (None, None) if math.isinf(scene.friction) else (cone, np.zeros(count))
     return linprog(
-        np.append(np.zeros(count), -1.0 if sense else 0.0), *within,
-        np.column_stack([wrench.reshape(count, -1).T[:-3], inertia]), balance,
+        np.append(np.zeros(count), -1.0 if sense else 0.0),
+        *within,
+        np.column_stack([wrench.reshape(count, -1).T[:-3], inertia]),
+        balance,
         bounds=[*[(0, None), (None, None)] * (count // 2), (None, None)],
         options={f"{kind}_feasibility_tolerance": 1e-10 for kind in ("primal", "dual")},
-    )  # fmt: skip
+    )

@@ -68,9 +68,12 @@ def energy_made(scene: Scene, response: Response) -> float:
     The smaller of two measures, which err upwards only: by velocities, where these lag behind
     positions, and by positions alone, over impacts.
     """
-    arch, motion, history = arch_of(scene), motion_of(scene), response.history
+    arch = arch_of(scene)
+    motion = motion_of(scene)
+    history = response.history
     assert history is not None
-    time, place = history.time.values, history.displacement.values
+    time = history.time.values
+    place = history.displacement.values
     moving = history.velocity.values, history.angular_velocity.values
     return min(
         energy_gain(arch, motion, time, place, *moving),
@@ -100,7 +103,9 @@ def energy(run: Run, most: float = MOST_ENERGY_GAIN) -> Finding:
 def signorini(run: Run, most: float = DEEPEST_OVERLAP) -> Finding:
     """Nothing overlaps."""
     frames = run.history
-    deepest = overlap(arch_of(run.scene), frames.displacement.values, frames.rotation.values)
+    deepest = overlap(
+        arch_of(run.scene), frames.displacement.values, frames.rotation.values
+    )
     return Finding(deepest <= most, f"overlap {deepest:.1g}")
 
 
@@ -140,13 +145,16 @@ def _onset(run: Run, plus: float, minus: float, tolerance: float) -> Finding:
 
 def rest_limit(run: Run, tolerance: float) -> Finding:
     """`archfrag.onset` agrees with the linear programme of the static theorem, to both sides."""
-    return _onset(run, largest_load(run.scene), largest_load(run.scene, -1.0), tolerance)
+    return _onset(
+        run, largest_load(run.scene), largest_load(run.scene, -1.0), tolerance
+    )
 
 
 def loaded_block(run: Run, tolerance: float) -> Finding:
     """Rest limits of a block with a load on its back: friction, or the corner's direction."""
     offset, up = run.scene.bodies().centroid[0].tolist()
-    half, friction = 0.5 * run.scene.chain["width"], run.scene.friction
+    half = 0.5 * run.scene.chain["width"]
+    friction = run.scene.friction
     plus, minus = (min(friction, (half + side * offset) / up) for side in (1.0, -1.0))
     return _onset(run, plus, minus, tolerance)
 
@@ -159,13 +167,16 @@ def housner(run: Run, tolerance: float, impacts: int = 3) -> Finding:
     found = [float(np.abs(part).max()) for part in parts]
     if len(found) < impacts:
         return Finding(False, f"{len(found)} impacts of {impacts}")
-    return _close(max(abs(a - b) / b for a, b in zip(found, exact)), tolerance, "amplitudes")
+    return _close(
+        max(abs(a - b) / b for a, b in zip(found, exact)), tolerance, "amplitudes"
+    )
 
 
 def first_impact(run: Run, tolerance: float) -> Finding:
     """Time from the release to the first impact: a quarter of a period."""
     exact = Rocking.of(run.scene).quarter(abs(run.start))
-    rotated, time = run.rotation * math.copysign(1.0, run.rotation[0]), run.history.time.values
+    rotated = run.rotation * math.copysign(1.0, run.rotation[0])
+    time = run.history.time.values
     after = int(np.argmax(rotated < 0.0))
     found = np.interp(0.0, rotated[[after, after - 1]], time[[after, after - 1]])
     return _close(float(abs(found - exact)) / exact, tolerance, "first impact")
@@ -173,7 +184,8 @@ def first_impact(run: Run, tolerance: float) -> Finding:
 
 def zeno(run: Run, tolerance: float) -> Finding:
     """Rest after infinitely many impacts in a finite time."""
-    exact, end = Rocking.of(run.scene).time_to_rest(abs(run.start)), run.response.end_time
+    exact = Rocking.of(run.scene).time_to_rest(abs(run.start))
+    end = run.response.end_time
     found = _close(abs(end - exact) / exact, tolerance, f"at rest after {end:.3f} s,")
     return found._replace(held=found.held and run.response.status is Status.STANDING)
 
@@ -183,10 +195,14 @@ def newmark(run: Run, tolerance: float) -> Finding:
 
     Newmark 1965, Géotechnique 15, 139-160.
     """
-    pulse, friction = run.scene.motion, run.scene.friction
-    push, time = pulse["amplitude"], pulse["duration"]
+    pulse = run.scene.motion
+    friction = run.scene.friction
+    push = pulse["amplitude"]
+    time = pulse["duration"]
     exact = 0.5 * (push - friction) * STANDARD_GRAVITY * time**2 * push / friction
-    return _close(abs(run.response.peak_displacement - exact) / exact, tolerance, "slip")
+    return _close(
+        abs(run.response.peak_displacement - exact) / exact, tolerance, "slip"
+    )
 
 
 def grazes(run: Run, tolerance: float) -> Finding:
@@ -199,7 +215,9 @@ def grazes(run: Run, tolerance: float) -> Finding:
 def same_peak(run: Run, variant: str, tolerance: float) -> Finding:
     """The same peak displacement as another run of the case."""
     other = run.others[variant].response.peak_displacement
-    return _close(abs(run.response.peak_displacement - other) / other, tolerance, "peak")
+    return _close(
+        abs(run.response.peak_displacement - other) / other, tolerance, "peak"
+    )
 
 
 def mirrors(run: Run, variant: str, tolerance: float, until: float) -> Finding:
@@ -235,10 +253,21 @@ FACTS: dict[str, Fact] = {
 FACTS |= {
     fact.__name__: fact
     for fact in (
-        ends, comes_to_rest, rest_limit, loaded_block, housner, first_impact, zeno, newmark,
-        grazes, same_peak, mirrors, never_higher, rest_is_skipped,
+        ends,
+        comes_to_rest,
+        rest_limit,
+        loaded_block,
+        housner,
+        first_impact,
+        zeno,
+        newmark,
+        grazes,
+        same_peak,
+        mirrors,
+        never_higher,
+        rest_is_skipped,
     )
-}  # fmt: skip
+}
 
 
 def judge_run(run: Run, expect: Mapping[str, Any]) -> dict[str, Finding]:

@@ -31,15 +31,19 @@ ARCHES: dict[str, Row] = {
     SHIPPED: {},
     "21 voussoirs that slide": {"voussoirs": 21, "friction": 0.36, "thickness": 2.0},
     "27 voussoirs": {"voussoirs": 27},
-}  # fmt: skip
+}
 REPEATS = 8
 DISTURBANCE = 1e-5
 # Of the reference: settings, and the relative distance between those of its repetitions.
-REFERENCES = (Setting("time_stepping", "dt", 2e-4), Setting("event_driven", "rtol", 1e-5))
+REFERENCES = (
+    Setting("time_stepping", "dt", 2e-4),
+    Setting("event_driven", "rtol", 1e-5),
+)
 APART = 0.04
 LIMIT = 9000.0  # of one study [s]
 FALL = 4.0  # after a record, for what has lost contact to move two thicknesses [s]
-RESAMPLES, SEED = 200, 20250101
+RESAMPLES = 200
+SEED = 20250101
 
 
 class Study(NamedTuple):
@@ -61,8 +65,11 @@ class Study(NamedTuple):
 @lru_cache(maxsize=2)
 def scenes_of(folder: Path, arch: str, quick: bool) -> tuple[list[Scene], list[float]]:
     """A scene for each record, at a peak of 1 g, and the levels [g]; if quick fewer of both."""
-    entries = [each for k, each in enumerate(load_index(folder)) if not quick or k % 3 != 2]
-    pulse, scenes = load_scene("arch7_pulse"), []
+    entries = [
+        each for k, each in enumerate(load_index(folder)) if not quick or k % 3 != 2
+    ]
+    pulse = load_scene("arch7_pulse")
+    scenes = []
     chain = pulse.chain | ARCHES[arch]
     for motion in map(load_motion, entries):
         duration = float(math.ceil(motion.dt * motion.acceleration.size + FALL))
@@ -72,16 +79,23 @@ def scenes_of(folder: Path, arch: str, quick: bool) -> tuple[list[Scene], list[f
 
 
 def run_study(
-    setting: Setting, repeat: int, folder: Path, arch: str, quick: bool,
+    setting: Setting,
+    repeat: int,
+    folder: Path,
+    arch: str,
+    quick: bool,
     levels: Sequence[float] = (),
-) -> Row:  # fmt: skip
+) -> Row:
     """Outcomes and CPU seconds of one study, as of `Study`; levels [g] if not the shipped ones."""
     scenes, shipped = scenes_of(folder, arch, quick)
     factors = [level * (1.0 + DISTURBANCE * repeat) for level in levels or shipped]
-    outcomes, seconds = [], 0.0
+    outcomes = []
+    seconds = 0.0
     for scene in scenes:
         runs = solve_many(scene, setting, factors)
-        outcomes.append([None if run.collapsed is None else int(run.collapsed) for run in runs])
+        outcomes.append(
+            [None if run.collapsed is None else int(run.collapsed) for run in runs]
+        )
         seconds += sum(run.seconds for run in runs if math.isfinite(run.seconds))
     return {"outcomes": outcomes, "seconds": seconds}
 
@@ -95,10 +109,16 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
         roles += [("reference", each.finer(1.0 - APART * k), k) for each in REFERENCES]
         roles += [("setting", each, k) for each in chosen]
     place = (bench.records, SHIPPED, bench.quick)
-    tasks = {(bench.quick, *each.columns.values(), k): (each, k, *place) for _, each, k in roles}
+    tasks = {
+        (bench.quick, *each.columns.values(), k): (each, k, *place)
+        for _, each, k in roles
+    }
     found = bench.run("fragility", run_study, tasks, LIMIT)
-    studies = [Study(*role, **result) for role, result in zip(roles, found.values(), strict=True)
-               if not isinstance(result, str)]  # fmt: skip
+    studies = [
+        Study(*role, **result)
+        for role, result in zip(roles, found.values(), strict=True)
+        if not isinstance(result, str)
+    ]
     tables = tables_of(studies, np.array(scenes_of(*place)[1]))
     return {part: table.assign(study="shipped") for part, table in tables.items()}
 
@@ -109,41 +129,63 @@ def tables_of(studies: Sequence[Study], levels: Array) -> dict[str, pd.DataFrame
     for each in studies:
         value = each.setting.value if each.role == "setting" else 0.0
         groups.setdefault((each.role, each.setting.method, value), []).append(each)
-    fits = {key: np.array([curve_of(levels, each.counts) for each in group])
-            for key, group in groups.items()}  # fmt: skip
-    totals = {key: np.sum([each.counts for each in group], axis=0)
-              for key, group in groups.items()}  # fmt: skip
+    fits = {
+        key: np.array([curve_of(levels, each.counts) for each in group])
+        for key, group in groups.items()
+    }
+    totals = {
+        key: np.sum([each.counts for each in group], axis=0)
+        for key, group in groups.items()
+    }
     references = [key for key in groups if key[0] == "reference"]
     pooled = np.sum([totals[key] for key in references], axis=0)
     centre = np.array(curve_of(levels, pooled))
     known = known_to(
-        [curve_of(levels, totals[key]) for key in references], [fits[key] for key in references]
+        [curve_of(levels, totals[key]) for key in references],
+        [fits[key] for key in references],
     )
     records = pooled.shape[1]
     drawn = np.random.default_rng(SEED).integers(0, records, (RESAMPLES, records))
     # Standard errors of ln theta and beta from these records being a sample.
-    sampling = np.nanstd([curve_of(levels, pooled[:, each]) for each in drawn], axis=0, ddof=1)
-    rows, curves = [], []
+    sampling = np.nanstd(
+        [curve_of(levels, pooled[:, each]) for each in drawn], axis=0, ddof=1
+    )
+    rows = []
+    curves = []
     for key, group in groups.items():
-        found, seconds = fits[key], [each.seconds for each in group]
+        found = fits[key]
+        seconds = [each.seconds for each in group]
         for each, (theta, beta) in zip(group, found, strict=True):
-            own = {"role": each.role, "repeat": each.repeat, "theta": np.exp(theta), "beta": beta}
+            own = {
+                "role": each.role,
+                "repeat": each.repeat,
+                "theta": np.exp(theta),
+                "beta": beta,
+            }
             rows.append({**each.setting.columns, **own, "seconds": each.seconds})
         if key[0] == "reference":
             continue
         row: Row = {
-            **group[0].setting.columns, "runs": totals[key][0].size, "repeats": len(group),
-            "theta": float(np.exp(found[:, 0].mean())), "beta": float(found[:, 1].mean()),
-        }  # fmt: skip
+            **group[0].setting.columns,
+            "runs": totals[key][0].size,
+            "repeats": len(group),
+            "theta": float(np.exp(found[:, 0].mean())),
+            "beta": float(found[:, 1].mean()),
+        }
         for j, (name, scale) in enumerate((("theta", 1.0), ("beta", centre[1]))):
             own = (found[:, j] - centre[j]) / scale
             row |= {
-                f"{name}_difference": own.mean(), f"{name}_low": own.min(),
-                f"{name}_high": own.max(), f"{name}_scatter": own.std(ddof=1),
-                f"{name}_known_to": known[j] / scale, f"{name}_sampling": sampling[j] / scale,
-            }  # fmt: skip
+                f"{name}_difference": own.mean(),
+                f"{name}_low": own.min(),
+                f"{name}_high": own.max(),
+                f"{name}_scatter": own.std(ddof=1),
+                f"{name}_known_to": known[j] / scale,
+                f"{name}_sampling": sampling[j] / scale,
+            }
         failures = len(group) * totals[key][0].size - int(np.sum(totals[key]))
-        curves.append({**row, "failures": failures, "seconds": float(np.median(seconds))})
+        curves.append(
+            {**row, "failures": failures, "seconds": float(np.median(seconds))}
+        )
     return {"studies": pd.DataFrame(rows), "curves": pd.DataFrame(curves)}
 
 
@@ -166,4 +208,6 @@ def known_to(together: Sequence[Sequence[float]], alone: Sequence[Any]) -> Array
     variance = [np.var(each, axis=0, ddof=1) for each in alone if len(each) > 1]
     if not variance:
         return half
-    return np.fmax(half, np.sqrt(np.mean(variance, axis=0) / sum(len(each) for each in alone)))
+    return np.fmax(
+        half, np.sqrt(np.mean(variance, axis=0) / sum(len(each) for each in alone))
+    )

@@ -19,11 +19,16 @@ from archbench.solve import Solution, solve
 from archfrag.errors import ArchfragError
 from archfrag.simulation.arguments import available_methods
 
-NUMBERS = {True: (7, 10, 14, 20, 27, 38, 54), False: (7, 10, 14, 20, 27, 38, 54, 81, 108)}
-REPEATS, SECONDS = 5, 1.5
+NUMBERS = {
+    True: (7, 10, 14, 20, 27, 38, 54),
+    False: (7, 10, 14, 20, 27, 38, 54, 81, 108),
+}
+REPEATS = 5
+SECONDS = 1.5
 STEP = 1e-3  # of other solvers
 # A run that by the last one and this power would take longer is not begun [s of CPU].
-LONGEST, POWER = {True: 2.0, False: 10.0}, 2.5
+LONGEST = {True: 2.0, False: 10.0}
+POWER = 2.5
 DIFFERENCE = 1e-9  # relative, of the ground's motion
 REACHED = 1e-2  # of the thickness: the end of prediction
 CONFIDENCE = 0.9
@@ -34,7 +39,8 @@ RUNS = [*COLUMNS, "voussoirs", "repeat", "seconds", "moving_seconds", "steps", "
 def costs_of(setting: Setting, quick: bool) -> list[Row]:
     """Timed runs of one method; numbers that would take too long are left out with the reason."""
     rows: list[Row] = []
-    last, seconds = 1, 0.0
+    last = 1
+    seconds = 0.0
     pulse = replace(load_scene("arch7_pulse"), duration=SECONDS)
     for number in NUMBERS[quick]:
         expected = seconds * (number / last) ** POWER
@@ -53,7 +59,8 @@ def costs_of(setting: Setting, quick: bool) -> list[Row]:
             at_rest = run.response.model_time["rest"] if run.response else 0.0
             own = (repeat, run.seconds, run.end_time - at_rest, run.steps, run.status)
             if repeat < 0:
-                last, seconds = number, run.seconds
+                last = number
+                seconds = run.seconds
             else:
                 rows.append(base | dict(zip(RUNS[-5:], own, strict=True)))
     return rows
@@ -66,7 +73,9 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     tasks = {(each.method, bench.quick): (each, bench.quick) for each in settings}
     rows: list[Row] = []
     for (method, _), found in bench.run("growth", costs_of, tasks, 900.0).items():
-        rows += [{"method": method, "status": found}] if isinstance(found, str) else found
+        rows += (
+            [{"method": method, "status": found}] if isinstance(found, str) else found
+        )
     runs = pd.DataFrame(rows, columns=RUNS)
     return {"runs": runs, "exponents": exponents_table(runs)}
 
@@ -74,18 +83,30 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
 def medians(runs: pd.DataFrame) -> pd.Series:
     """Median cost of a second of motion by number of voussoirs [CPU s/s]."""
     runs = runs[runs["moving_seconds"] > 0.0]
-    return (runs["seconds"] / runs["moving_seconds"]).groupby(runs["voussoirs"]).median()
+    return (
+        (runs["seconds"] / runs["moving_seconds"]).groupby(runs["voussoirs"]).median()
+    )
 
 
 def exponents_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Exponent of the cost in the number of voussoirs, with its 90 % interval, by method."""
     rows = []
-    heads = ["method", "voussoirs_from", "voussoirs_to", "exponent", "low", "high",
-             "seconds_at_first", "seconds_at_last"]  # fmt: skip
+    heads = [
+        "method",
+        "voussoirs_from",
+        "voussoirs_to",
+        "exponent",
+        "low",
+        "high",
+        "seconds_at_first",
+        "seconds_at_last",
+    ]
     for method, group in runs.groupby("method", sort=False):
         cost = medians(group)
         if cost.size:
-            fit = slope_interval(np.log(cost.index.to_numpy(float)), np.log(cost.to_numpy()))
+            fit = slope_interval(
+                np.log(cost.index.to_numpy(float)), np.log(cost.to_numpy())
+            )
             ends = cost.index[0], cost.index[-1]
             rows.append((method, *ends, *fit, cost.iloc[0], cost.iloc[-1]))
     return pd.DataFrame(rows, columns=heads)
@@ -100,7 +121,9 @@ def slope_interval(x: Array, y: Array) -> tuple[float, float, float]:
     return float(fit.slope), float(fit.slope - half), float(fit.slope + half)
 
 
-def growth_of(time: Array, distance: Array, thickness: float, onset: float) -> dict[str, float]:
+def growth_of(
+    time: Array, distance: Array, thickness: float, onset: float
+) -> dict[str, float]:
     """Largest Lyapunov exponent over the motion, and when prediction ends."""
     with np.errstate(divide="ignore"):
         logarithm = np.mean(np.log(distance / thickness), axis=0)
@@ -113,7 +136,9 @@ def growth_of(time: Array, distance: Array, thickness: float, onset: float) -> d
     if used.size >= 3:
         picked = used[np.unique(np.linspace(0, used.size - 1, FITTED).astype(int))]
         fit = slope_interval(time[picked], logarithm[picked])
-    return dict(zip(("exponent", "low", "high", "horizon"), (*fit, horizon), strict=True))
+    return dict(
+        zip(("exponent", "low", "high", "horizon"), (*fit, horizon), strict=True)
+    )
 
 
 def measure_growth(
@@ -121,9 +146,12 @@ def measure_growth(
 ) -> dict[str, float]:
     """`growth_of` runs beside a run, with the ground's motion scaled by 1 plus or minus 1e-9."""
     time = base.frames.time[base.frames.time <= end]
-    middle, rows = positions_at(base.frames, time), []
+    middle = positions_at(base.frames, time)
+    rows = []
     for k in range(pairs):
         factor = (1.0 if k % 2 == 0 else -1.0) * (1 + k // 2)
         near = solve(scene, setting, history=True, scale=1.0 + factor * DIFFERENCE)
-        rows.append(lengths(positions_at(near.frames, time) - middle).max(axis=1) / abs(factor))
+        rows.append(
+            lengths(positions_at(near.frames, time) - middle).max(axis=1) / abs(factor)
+        )
     return growth_of(time, np.array(rows), scene.thickness, onset)

@@ -22,22 +22,33 @@ from archbench.scene import STANDARD_GRAVITY
 from archfrag.errors import UnitWarning
 from archfrag.study.provenance import commit
 
-PACE, SAMPLES = 5.0, 60  # p [1/s]; samples of a period of the ground
+PACE = 5.0  # p [1/s]; samples of a period of the ground
+SAMPLES = 60
 # The map: slenderness [rad], W and A; it starts from rest where the ground accelerates most.
-ALPHA, START = 0.15, 0.5 * math.pi
-FREQUENCIES, AMPLITUDES = np.linspace(2.25, 12.0, 40), np.linspace(0.8, 10.6, 50)
-PERIODS, LAST = 800, 12  # of the ground: of a run, and at its end of what is judged
-REST, UNLIKE = 1e-3, 0.02  # largest x at rest; largest change from half to half over x
+ALPHA = 0.15
+START = 0.5 * math.pi
+FREQUENCIES = np.linspace(2.25, 12.0, 40)
+AMPLITUDES = np.linspace(0.8, 10.6, 50)
+PERIODS = 800  # of the ground: of a run, and at its end of what is judged
+LAST = 12
+REST = 1e-3  # largest x at rest; largest change from half to half over x
+UNLIKE = 0.02
 CLASSES = ("at rest", "1/1", "1/3", "other bounded motion", "overturned")
 
 
-def boundaries(frequency: float, order: int, ratio: float) -> list[tuple[float, float, Any]]:
+def boundaries(
+    frequency: float, order: int, ratio: float
+) -> list[tuple[float, float, Any]]:
     """Orbits of the least and the largest A that are stable; impacts leave `ratio` of a velocity.
 
     Of each A, and halfway between two impacts the phase of the ground [rad], and x and x'.
     """
-    half, square, loss, found = 0.5 * order * math.pi / frequency, frequency**2, 1.0 - ratio, []
-    slope, k = math.tanh(half), 2.0 * math.sinh(half) ** 2
+    half = 0.5 * order * math.pi / frequency
+    square = frequency**2
+    loss = 1.0 - ratio
+    found = []
+    slope = math.tanh(half)
+    k = 2.0 * math.sinh(half) ** 2
     pull = (1.0 + ratio) / loss / slope
     both = 4.0 * ratio * k + loss**2 * ((1.0 + square) * k - 2.0)
     for sine in (-slope * pull / (square + pull**2), -loss * (1.0 + ratio) * k / both):
@@ -50,26 +61,40 @@ def boundaries(frequency: float, order: int, ratio: float) -> list[tuple[float, 
 
 
 def run(
-    alpha: float, amplitude: float, frequency: float, periods: float, phase: float,
-    state: Any = None, rtol: float = 1e-6,
-) -> np.ndarray:  # fmt: skip
+    alpha: float,
+    amplitude: float,
+    frequency: float,
+    periods: float,
+    phase: float,
+    state: Any = None,
+    rtol: float = 1e-6,
+) -> np.ndarray:
     """x and x' from archfrag at each sample of the ground's motion, (2, n); none if it overturned.
 
     It starts at the `state` (x, x') where the ground has the `phase`, or from rest.
     """
     half_diagonal = 0.75 * STANDARD_GRAVITY / PACE**2
-    wide, high = half_diagonal * math.sin(alpha), half_diagonal * math.cos(alpha)
+    wide = half_diagonal * math.sin(alpha)
+    high = half_diagonal * math.cos(alpha)
     turn = np.arange(round(periods * SAMPLES) + 1) / SAMPLES
     push = alpha * amplitude * STANDARD_GRAVITY * np.sin(2.0 * math.pi * turn + phase)
-    motion, initial = af.Motion(push, 2.0 * math.pi / (frequency * PACE * SAMPLES)), None
+    motion = af.Motion(push, 2.0 * math.pi / (frequency * PACE * SAMPLES))
+    initial = None
     if state is not None:  # about the right corner
-        angle, rate = alpha * state[0], alpha * PACE * state[1]
-        x, y = half_diagonal * math.sin(angle - alpha), half_diagonal * math.cos(angle - alpha)
+        angle = alpha * state[0]
+        rate = alpha * PACE * state[1]
+        x = half_diagonal * math.sin(angle - alpha)
+        y = half_diagonal * math.cos(angle - alpha)
         initial = [[x + wide, y - high, -angle]], [[rate * y, -rate * x, -rate]]
     found = af.simulate(
-        af.Block(2.0 * wide, 2.0 * high, math.inf), motion, method="event_driven", rtol=rtol,
-        history=True, initial=initial, follow=0.0,
-    )  # fmt: skip
+        af.Block(2.0 * wide, 2.0 * high, math.inf),
+        motion,
+        method="event_driven",
+        rtol=rtol,
+        history=True,
+        initial=initial,
+        follow=0.0,
+    )
     history: Any = found.history
     time = motion.dt * np.arange(0 if found.collapsed else turn.size)
     rates = history.rotation[:, 0], history.angular_velocity[:, 0] / PACE
@@ -81,7 +106,8 @@ def response(amplitude: float, frequency: float) -> int:
     x = run(ALPHA, amplitude, frequency, PERIODS, START)[0, -LAST * SAMPLES :]
     if not x.size:
         return 4
-    size, halves = np.abs(x).max(), (SAMPLES // 2, 3 * SAMPLES // 2)
+    size = np.abs(x).max()
+    halves = (SAMPLES // 2, 3 * SAMPLES // 2)
     alike = [np.abs(x[half:] + x[:-half]).max() < UNLIKE * size for half in halves]
     return [bool(size < REST), *alike, True].index(True)
 

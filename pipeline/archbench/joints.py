@@ -21,27 +21,56 @@ from archfrag.errors import ArchfragError, UnitWarning
 
 # Radius, thickness [m], embrace [degrees], voussoirs, friction, height of piers [m]; 0: none.
 ARCHES = (
-    (5.125, 0.45, 154.64, 21, 0.6, 0), (10.0, 0.9, 120, 21, 0.6, 0), (5.0, 0.5, 120, 9, 0.8, 0),
-    (3.0, 0.33, 160, 27, 0.8, 0), (6.0, 0.66, 100, 31, 0.5, 0), (4.0, 0.5, 180, 17, 0.7, 0),
-    (5.0, 0.6, 90, 13, 0.6, 0), (8.0, 1.04, 157, 11, 0.7, 0), (12.0, 1.6, 140, 15, 0.6, 0),
-    (10.0, 1.5, 157.5, 7, 0.7, 0), (6.0, 0.9, 160, 35, 0.7, 0), (7.0, 1.1, 180, 21, 0.8, 0),
-    (4.0, 0.7, 80, 9, 0.5, 0), (4.0, 0.8, 180, 17, 0.7, 0), (6.0, 1.2, 140, 41, 0.7, 0),
-    (9.0, 1.9, 170, 13, 0.6, 0), (5.0, 1.15, 180, 25, 0.7, 0), (8.0, 2.0, 180, 11, 0.5, 0),
-    (5.0, 0.8, 150, 13, 0.7, 4.0), (4.0, 0.6, 120, 9, 0.6, 3.0),
-)  # fmt: skip
+    (5.125, 0.45, 154.64, 21, 0.6, 0),
+    (10.0, 0.9, 120, 21, 0.6, 0),
+    (5.0, 0.5, 120, 9, 0.8, 0),
+    (3.0, 0.33, 160, 27, 0.8, 0),
+    (6.0, 0.66, 100, 31, 0.5, 0),
+    (4.0, 0.5, 180, 17, 0.7, 0),
+    (5.0, 0.6, 90, 13, 0.6, 0),
+    (8.0, 1.04, 157, 11, 0.7, 0),
+    (12.0, 1.6, 140, 15, 0.6, 0),
+    (10.0, 1.5, 157.5, 7, 0.7, 0),
+    (6.0, 0.9, 160, 35, 0.7, 0),
+    (7.0, 1.1, 180, 21, 0.8, 0),
+    (4.0, 0.7, 80, 9, 0.5, 0),
+    (4.0, 0.8, 180, 17, 0.7, 0),
+    (6.0, 1.2, 140, 41, 0.7, 0),
+    (9.0, 1.9, 170, 13, 0.6, 0),
+    (5.0, 1.15, 180, 25, 0.7, 0),
+    (8.0, 2.0, 180, 11, 0.5, 0),
+    (5.0, 0.8, 150, 13, 0.7, 4.0),
+    (4.0, 0.6, 120, 9, 0.6, 3.0),
+)
 STIFFNESS = (3e9, 1e10, 3e10, 1e11, 3e11)  # [Pa/m]
 PULSES = (0.1, 0.25, 0.5)  # [s]
-LEAST, CLOSE, FOLLOW = 0.5, 0.01, 12.0  # of the onset; relative width of a border; [s]
+LEAST = 0.5  # of the onset; relative width of a border; [s]
+CLOSE = 0.01
+FOLLOW = 12.0
 # Arches of the studies of theta, their stiffness and levels over the border of the longest pulse.
-STUDIED, STUDIED_STIFFNESS, SETS, LEVELS = (0, 3, 9, 13, 16), (3e10, 1e11), 4, 48
+STUDIED = (0, 3, 9, 13, 16)
+STUDIED_STIFFNESS = (3e10, 1e11)
+SETS = 4
+LEVELS = 48
 NAMES = {0: "shipped bridge", 9: "ring of 7 voussoirs"}
 MODELS = ("rigid", "inset", "face")
-BINS = (0.0, 0.01, 0.05, 0.1, 0.15, 0.25, 0.4, 1.0)  # of the part of the onset that is lost
+BINS = (
+    0.0,
+    0.01,
+    0.05,
+    0.1,
+    0.15,
+    0.25,
+    0.4,
+    1.0,
+)  # of the part of the onset that is lost
 # Steps and tolerances by which rigid joints of the named arches are also run; the last is exact.
 STEPS: dict[str, Row] = {
-    "rtol 0.01": {"rtol": 1e-2}, "rtol 0.001": {"rtol": 1e-3}, "steps of 1 ms": {"dt": 1e-3},
+    "rtol 0.01": {"rtol": 1e-2},
+    "rtol 0.001": {"rtol": 1e-3},
+    "steps of 1 ms": {"dt": 1e-3},
     "steps of 0.2 ms": {"dt": 2e-4},
-}  # fmt: skip
+}
 EXACT = "face", "steps of 0.2 ms"
 
 
@@ -61,9 +90,11 @@ def with_joints(arch: af.Arch, model: Any, stiffness: float) -> af.Arch:
 
 def border_of(falls: Callable[[float], bool], start: float) -> float:
     """Return the least level from which an arch falls; nan if none up to 100 times `start`."""
-    low, high = start, start
+    low = start
+    high = start
     while not falls(high):
-        low, high = high, 1.3 * high
+        low = high
+        high = 1.3 * high
         if high > 100.0 * start:
             return math.nan
     if high == start:
@@ -87,7 +118,8 @@ def _falls(arch: af.Arch, motion: af.Motion, level: float) -> bool:
 
 def borders_of(number: int) -> list[Row]:
     """Measure the borders of one arch."""
-    arch, rows = arch_of(number), list[Row]()
+    arch = arch_of(number)
+    rows = list[Row]()
     onset = af.onset(arch)
     least = min(onset.plus, onset.minus)
     for stiffness in (math.inf, *STIFFNESS):
@@ -101,7 +133,8 @@ def borders_of(number: int) -> list[Row]:
                 continue
             row["onset_loss"] = 1.0 - min(now.plus, now.minus) / least
             for pulse in PULSES:
-                motion, began = _half_sine(pulse), time.process_time()
+                motion = _half_sine(pulse)
+                began = time.process_time()
 
                 falls = partial(_falls, given, motion)
                 border = border_of(falls, LEAST * min(now.plus, now.minus))
@@ -113,27 +146,45 @@ def borders_of(number: int) -> list[Row]:
 def theta_of(number: int, stiffness: float, records: str) -> list[Row]:
     """Fit theta of one arch under the shipped motions by each model, with every fourth level."""
     motions = list(af.read_motions(f"{records}/synthetic/*"))
-    arch, rows = arch_of(number), list[Row]()
+    arch = arch_of(number)
+    rows = list[Row]()
     pulse = _half_sine(PULSES[-1])
     middle = border_of(partial(_falls, arch, pulse), LEAST * af.onset(arch).plus)
     levels = middle * np.geomspace(0.5, 3.0, LEVELS)
-    ways: dict[str, Row] = {model: {} for model in MODELS} if math.isfinite(stiffness) else STEPS
+    ways: dict[str, Row] = (
+        {model: {} for model in MODELS} if math.isfinite(stiffness) else STEPS
+    )
     for model, options in ways.items():
         given = with_joints(arch, model if model in MODELS else "rigid", stiffness)
-        began, collapsed, failed = time.process_time(), [], 0
+        began = time.process_time()
+        collapsed = []
+        failed = 0
         for level in levels:
             factors = [level * 9.80665 / motion.pga for motion in motions]
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UnitWarning)
-                status = af.simulate_many(given, motions, factors, **options).status.values
+                status = af.simulate_many(
+                    given, motions, factors, **options
+                ).status.values
             collapsed.append(int((status == "collapsed").sum()))
             failed += int((~np.isin(status, ("collapsed", "standing"))).sum())
         seconds = (time.process_time() - began) / (LEVELS * len(motions))
         for part in range(SETS):
-            curve = af.fit_stripes(levels[part::SETS], collapsed[part::SETS], len(motions))
-            rows.append({"arch": number, "stiffness": stiffness, "set": part, "model": model,
-                         "theta": curve.theta, "beta": curve.beta, "failed": failed,
-                         "seconds": seconds})  # fmt: skip
+            curve = af.fit_stripes(
+                levels[part::SETS], collapsed[part::SETS], len(motions)
+            )
+            rows.append(
+                {
+                    "arch": number,
+                    "stiffness": stiffness,
+                    "set": part,
+                    "model": model,
+                    "theta": curve.theta,
+                    "beta": curve.beta,
+                    "failed": failed,
+                    "seconds": seconds,
+                }
+            )
     return rows
 
 
@@ -144,15 +195,25 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     borders = pd.DataFrame(
         [row for rows in found.values() if isinstance(rows, list) for row in rows]
     )
-    tasks = {(number, stiffness): (number, stiffness, str(bench.records))
-             for number in STUDIED for stiffness in (*STUDIED_STIFFNESS, math.inf)
-             if math.isfinite(stiffness) or number in NAMES}  # fmt: skip
+    tasks = {
+        (number, stiffness): (number, stiffness, str(bench.records))
+        for number in STUDIED
+        for stiffness in (*STUDIED_STIFFNESS, math.inf)
+        if math.isfinite(stiffness) or number in NAMES
+    }
     fits = bench.run("joints_theta", theta_of, tasks, 3600.0)
-    theta = pd.DataFrame([row for rows in fits.values() if isinstance(rows, list) for row in rows])
+    theta = pd.DataFrame(
+        [row for rows in fits.values() if isinstance(rows, list) for row in rows]
+    )
     names = ("radius", "thickness", "embrace", "voussoirs", "friction", "piers")
     arches = pd.DataFrame(ARCHES, columns=names)
-    return {"arches": arches, "borders": borders, "theta": theta,
-            "errors": errors_table(borders), "left_out": left_out_table(theta)}  # fmt: skip
+    return {
+        "arches": arches,
+        "borders": borders,
+        "theta": theta,
+        "errors": errors_table(borders),
+        "left_out": left_out_table(theta),
+    }
 
 
 def left_out_table(theta: pd.DataFrame) -> pd.DataFrame:
@@ -165,10 +226,18 @@ def left_out_table(theta: pd.DataFrame) -> pd.DataFrame:
     ):
         ratio = (group.set_index(keys)["theta"] / exact).dropna()
         off = np.log(ratio.to_numpy())
-        rows.append({"arch": arch, "stiffness": stiffness, "model": model, "error": off.mean(),
-                     "standard_error": off.std(ddof=1) / off.size**0.5,
-                     "theta": group["theta"].mean(), "seconds": group["seconds"].mean(),
-                     "failed": group["failed"].max()})  # fmt: skip
+        rows.append(
+            {
+                "arch": arch,
+                "stiffness": stiffness,
+                "model": model,
+                "error": off.mean(),
+                "standard_error": off.std(ddof=1) / off.size**0.5,
+                "theta": group["theta"].mean(),
+                "seconds": group["seconds"].mean(),
+                "failed": group["failed"].max(),
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -177,9 +246,11 @@ def errors_table(borders: pd.DataFrame) -> pd.DataFrame:
     keys = ["arch", "stiffness", "pulse"]
     of = {model: borders[borders["model"] == model] for model in MODELS}
     table = of["face"][[*keys, "border", "seconds"]].merge(
-        of["inset"][[*keys, "border", "onset_loss", "seconds"]], "left", keys,
+        of["inset"][[*keys, "border", "onset_loss", "seconds"]],
+        "left",
+        keys,
         suffixes=("_face", "_inset"),
-    )  # fmt: skip
+    )
     rigid = of["rigid"][["arch", "pulse", "border", "seconds"]]
     table = table.merge(rigid, "left", ["arch", "pulse"])
     for model, name in (("rigid", "border"), ("inset", "border_inset")):
@@ -192,10 +263,17 @@ def left_out_bins(errors: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for low, high in pairwise(BINS):
         part = errors[(errors["onset_loss"] > low) & (errors["onset_loss"] <= high)]
-        rigid, inset = part["error_rigid"].abs(), part["error_inset"].abs()
-        rows.append({"onset lost from": low, "to": high, "cases": len(part),
-                     "rigid within 2 %": int((rigid <= 0.02).sum()),
-                     "rigid within 5 %": int((rigid <= 0.05).sum()),
-                     "inset within 5 %": int((inset <= 0.05).sum()),
-                     "worst of inset": inset.max()})  # fmt: skip
+        rigid = part["error_rigid"].abs()
+        inset = part["error_inset"].abs()
+        rows.append(
+            {
+                "onset lost from": low,
+                "to": high,
+                "cases": len(part),
+                "rigid within 2 %": int((rigid <= 0.02).sum()),
+                "rigid within 5 %": int((rigid <= 0.05).sum()),
+                "inset within 5 %": int((inset <= 0.05).sum()),
+                "worst of inset": inset.max(),
+            }
+        )
     return pd.DataFrame(rows)

@@ -17,10 +17,14 @@ from archfrag.motions.motion import Motion
 LASTING = 4  # intervals between frames that a gain of energy lasts, if it is one
 
 
-def joint_faces(arch: Arch, displacement: Array, rotation: Array) -> tuple[Array, Array]:
+def joint_faces(
+    arch: Arch, displacement: Array, rotation: Array
+) -> tuple[Array, Array]:
     """Corners of the faces before and after every joint."""
-    chain, n_body = arch.chain, arch.n_voussoir
-    cos, sin = np.cos(rotation), np.sin(rotation)
+    chain = arch.chain
+    n_body = arch.n_voussoir
+    cos = np.cos(rotation)
+    sin = np.sin(rotation)
     matrix = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
     place = (chain.centroid + displacement)[:, :, None]
     shape = (len(rotation), arch.n_joint, 2, 2)
@@ -44,7 +48,8 @@ def overlap_depth(before: Array, after: Array) -> Array:
         span = face[..., 1, :] - face[..., 0, :]
         length = np.hypot(span[..., 0], span[..., 1])[..., None]
         arm = other - face[..., :1, :]
-        x, y = span[..., None, 0] / length, span[..., None, 1] / length
+        x = span[..., None, 0] / length
+        y = span[..., None, 1] / length
         place = arm[..., 0] * x + arm[..., 1] * y
         depth = sense * (arm[..., 1] * x - arm[..., 0] * y)
         within = np.clip(place, 0.0, length)
@@ -69,16 +74,22 @@ def overlap(arch: Arch, displacement: Array, rotation: Array) -> float:
 
 
 def energy_gain(
-    arch: Arch, motion: Motion, time: Array, displacement: Array, velocity: Array,
+    arch: Arch,
+    motion: Motion,
+    time: Array,
+    displacement: Array,
+    velocity: Array,
     angular_velocity: Array,
-) -> float:  # fmt: skip
+) -> float:
     """Largest rise of mechanical energy that the ground's work does not explain.
 
     That work is minus mass times ground acceleration over the displacement between frames, of all
     voussoirs. Contacts can only take energy, so that what rises was made by the method.
     """
     kinetic = kinetic_energy(arch.chain, velocity, angular_velocity)
-    return _largest_rise(kinetic + _surplus_of_place(arch, motion, time, displacement), kinetic)
+    return _largest_rise(
+        kinetic + _surplus_of_place(arch, motion, time, displacement), kinetic
+    )
 
 
 def path_energy_gain(
@@ -91,12 +102,16 @@ def path_energy_gain(
     of less than `LASTING` intervals do not count.
     """
     distinct = np.append(True, np.diff(time) > 1e-9)
-    time, displacement, rotation = time[distinct], displacement[distinct], rotation[distinct]
+    time = time[distinct]
+    displacement = displacement[distinct]
+    rotation = rotation[distinct]
     if time.size <= 5 * LASTING:
         return 0.0
     span = np.diff(time)
     velocity = np.diff(displacement, axis=0) / span[:, None, None]
-    kinetic = kinetic_energy(arch.chain, velocity, np.diff(rotation, axis=0) / span[:, None])
+    kinetic = kinetic_energy(
+        arch.chain, velocity, np.diff(rotation, axis=0) / span[:, None]
+    )
     place = _surplus_of_place(arch, motion, time, displacement)
     surplus = kinetic + 0.5 * (place[1:] + place[:-1])
     bridged = _over(np.min, _over(np.max, surplus))
@@ -113,7 +128,9 @@ def kinetic_energy(chain, velocity: Array, angular_velocity: Array) -> Array:
     return kinetic + 0.5 * angular_velocity**2 @ chain.inertia
 
 
-def _surplus_of_place(arch: Arch, motion: Motion, time: Array, displacement: Array) -> Array:
+def _surplus_of_place(
+    arch: Arch, motion: Motion, time: Array, displacement: Array
+) -> Array:
     """Potential energy less the work of the ground [J]."""
     path = np.einsum("tbi,b->ti", displacement, arch.chain.mass)
     surplus = arch.chain.gravity * path[:, 1]

@@ -38,10 +38,14 @@ GRID = {
     "half_diagonal": np.geomspace(0.26, 1.04, 6),
     "off_centre": np.linspace(-0.45, 0.45, 7),
 }
-SCATTERS, FLIPS = np.geomspace(0.05, 0.4, 7), np.geomspace(0.002, 0.2, 9)
-FRICTION, LOW_PASS = 0.6, 20.0  # [1], [Hz]
+SCATTERS = np.geomspace(0.05, 0.4, 7)
+FLIPS = np.geomspace(0.002, 0.2, 9)
+FRICTION = 0.6  # [1], [Hz]
+LOW_PASS = 20.0
 RUNS: dict[str, Any] = {"method": "time_stepping", "rtol": 1e-2}
-SPLITS, RESAMPLES, SEED = 200, 1000, 20261125
+SPLITS = 200
+RESAMPLES = 1000
+SEED = 20261125
 LEVELS = np.geomspace(0.03, 0.8, 40)  # PGV of drawn curves [m/s]
 
 
@@ -60,13 +64,18 @@ class Tests(NamedTuple):
 
 def read_tests(folder: Path) -> Tests:
     """Read the tests: table motions low-passed at 20 Hz, with the sampling and sign stored."""
-    table, kept = pd.read_csv(folder / "tests.csv"), np.load(folder / "acceleration.npz")
-    parts = np.split(1e-5 * STANDARD_GRAVITY * kept["acceleration"], np.cumsum(kept["length"]))
+    table = pd.read_csv(folder / "tests.csv")
+    kept = np.load(folder / "acceleration.npz")
+    parts = np.split(
+        1e-5 * STANDARD_GRAVITY * kept["acceleration"], np.cumsum(kept["length"])
+    )
     motions = []
     for name, part, dt in zip(kept["test"], parts, kept["dt"]):
         low = butter(4, LOW_PASS, fs=1.0 / dt, output="sos")
         motions.append(af.Motion(sosfiltfilt(low, part), dt=float(dt), id=str(name)))
-    return Tests(motions, table, {k: table[f"toppled_{k}"].to_numpy() == 1 for k in (1, 2)})
+    return Tests(
+        motions, table, {k: table[f"toppled_{k}"].to_numpy() == 1 for k in (1, 2)}
+    )
 
 
 def block(slenderness: float, half_diagonal: float, off_centre: float) -> af.Arch:
@@ -75,7 +84,8 @@ def block(slenderness: float, half_diagonal: float, off_centre: float) -> af.Arc
     A rectangle of this half-diagonal and of the larger slenderness, with one edge recessed.
     """
     wide = slenderness * (1.0 + abs(off_centre))
-    width, height = 2.0 * half_diagonal * np.sin(wide), 2.0 * half_diagonal * np.cos(wide)
+    width = 2.0 * half_diagonal * np.sin(wide)
+    height = 2.0 * half_diagonal * np.cos(wide)
     lost = width * abs(off_centre) / (1.0 + abs(off_centre))
     sides = (0.0, lost) if off_centre > 0.0 else (lost, 0.0)
     return af.Block(width, height, FRICTION).recessed(*sides)
@@ -89,7 +99,11 @@ def verdicts(arch: af.Arch, motions: list[af.Motion]) -> Flags:
 
 def points() -> list[list[float]]:
     """Parameters of all blocks of `GRID`, (n_block, 3)."""
-    return np.stack(np.meshgrid(*GRID.values(), indexing="ij"), axis=-1).reshape(-1, 3).tolist()
+    return (
+        np.stack(np.meshgrid(*GRID.values(), indexing="ij"), axis=-1)
+        .reshape(-1, 3)
+        .tolist()
+    )
 
 
 def run_grid(motions: list[af.Motion]) -> Flags:
@@ -125,10 +139,14 @@ def chances(collapsed: Flags) -> Array:
         else:
             variance = 0.5 * ((x[1] - x[0]) ** 2 + own)
         near.append(softmax(-0.5 * (x[:, None] - x) ** 2 / variance, axis=-1))
-    return np.einsum("sab,scd,sef,bdft->sacet", *near, collapsed.astype(float), optimize=True)
+    return np.einsum(
+        "sab,scd,sef,bdft->sacet", *near, collapsed.astype(float), optimize=True
+    )
 
 
-def calibrate(chance: Array, toppled: Flags, sets: NDArray) -> tuple[Array, Array, Array]:
+def calibrate(
+    chance: Array, toppled: Flags, sets: NDArray
+) -> tuple[Array, Array, Array]:
     """Calibrate on each row of `sets`, (n_set, n_test).
 
     Returns weights of (flip, point), (n_set, n_flip, n_point); the probability that each test
@@ -147,9 +165,12 @@ def calibrate(chance: Array, toppled: Flags, sets: NDArray) -> tuple[Array, Arra
     return weight, constant[:, None] + slope @ flat, evidence
 
 
-def quantiles(weight: Array, at: tuple[float, ...] = (0.05, 0.5, 0.95)) -> dict[str, list[float]]:
+def quantiles(
+    weight: Array, at: tuple[float, ...] = (0.05, 0.5, 0.95)
+) -> dict[str, list[float]]:
     """Quantiles of each parameter, of one set; the weight of a cell is spread over the cell."""
-    found, axes = {}, scales({"flip": FLIPS, "scatter": SCATTERS, **GRID})
+    found = {}
+    axes = scales({"flip": FLIPS, "scatter": SCATTERS, **GRID})
     weight = weight.reshape([x.size for x in axes.values()])
     for k, (name, x) in enumerate(axes.items()):
         edges = np.append(x, 2.0 * x[-1] - x[-2]) - 0.5 * (x[1] - x[0])
@@ -165,13 +186,17 @@ def held_back(chance: Array, tests: Tests, specimen: int) -> dict[str, float]:
     Beside it: the distinct elements' best column in hindsight and the one that is best in the
     calibrated half, and the threshold of PGV that is best there.
     """
-    motion, toppled = tests.table["motion"].to_numpy(), tests.toppled[specimen]
-    names, generator = np.unique(motion), np.random.default_rng(SEED)
+    motion = tests.table["motion"].to_numpy()
+    toppled = tests.toppled[specimen]
+    names = np.unique(motion)
+    generator = np.random.default_rng(SEED)
     half = [generator.permutation(names)[: names.size // 2] for _ in range(SPLITS)]
     known = np.array([np.isin(motion, each) for each in half], float)
 
     def right(answers: NDArray) -> Array:  # (n_split or 1, n_test)
-        return ((answers == toppled) * (1.0 - known)).sum(axis=1) / (1.0 - known).sum(axis=1)
+        return ((answers == toppled) * (1.0 - known)).sum(axis=1) / (1.0 - known).sum(
+            axis=1
+        )
 
     columns = tests.table.filter(like=f"dem: Specimen {specimen}").to_numpy().T
     pgv = tests.table["pgv_m_s"].to_numpy()
@@ -179,25 +204,43 @@ def held_back(chance: Array, tests: Tests, specimen: int) -> dict[str, float]:
     best = [(known @ (each == toppled).T).argmax(axis=1) for each in (columns, above)]
     ours = right(calibrate(chance, toppled, known)[1] > 0.5)
     return {
-        "archfrag": ours.mean(), "deviation": ours.std(),
+        "archfrag": ours.mean(),
+        "deviation": ours.std(),
         "elements": max(right(each[None]).mean() for each in columns),
         "elements_chosen": right(columns[best[0]]).mean(),
         "threshold": right(above[best[1]]).mean(),
-    }  # fmt: skip
+    }
 
 
 def left_out(chance: Array, tests: Tests, specimen: int) -> dict[str, Any]:
     """Leave-one-motion-out: share of equal verdicts, mean ln score, and what is missed."""
-    motion, toppled = tests.table["motion"].to_numpy(), tests.toppled[specimen]
+    motion = tests.table["motion"].to_numpy()
+    toppled = tests.toppled[specimen]
     names, number = np.unique(motion, return_inverse=True)
-    p = calibrate(chance, toppled, names[:, None] != motion)[1][number, np.arange(number.size)]
+    p = calibrate(chance, toppled, names[:, None] != motion)[1][
+        number, np.arange(number.size)
+    ]
     ratio = tests.table["pga_nominal_g"] * STANDARD_GRAVITY / tests.table["pgv_m_s"]
-    false, missed = (p > 0.5) & ~toppled, (p <= 0.5) & toppled
+    false = (p > 0.5) & ~toppled
+    missed = (p <= 0.5) & toppled
     score = np.log(np.where(toppled, p, 1.0 - p)).mean()
-    found = {"equal": 1.0 - np.mean(false | missed), "score": score, "ratio": ratio.median()}
+    found = {
+        "equal": 1.0 - np.mean(false | missed),
+        "score": score,
+        "ratio": ratio.median(),
+    }
     for name, own in (("false", false), ("missed", missed)):
-        counts = tests.table["motion"][own].value_counts().sort_index(kind="stable").to_dict()
-        found[name] = {"tests": int(own.sum()), "ratio": ratio[own].median(), "motions": counts}
+        counts = (
+            tests.table["motion"][own]
+            .value_counts()
+            .sort_index(kind="stable")
+            .to_dict()
+        )
+        found[name] = {
+            "tests": int(own.sum()),
+            "ratio": ratio[own].median(),
+            "motions": counts,
+        }
     return found
 
 
@@ -209,16 +252,25 @@ def curve_of(measure: Array, toppled: NDArray, motion: NDArray) -> dict[str, Any
     ends = np.nanquantile([np.exp(-a / b), 1.0 / b], [0.05, 0.95], axis=1).T.tolist()
     p = ndtr(a[:, None] + b[:, None] * np.log(LEVELS))
     shown = [p[0], *np.nanquantile(p, [0.05, 0.95], axis=0)]
-    return {"theta": [np.exp(-a[0] / b[0]), *ends[0]], "beta": [1.0 / b[0], *ends[1]],
-            "curve": np.round(shown, 4).tolist()}  # fmt: skip
+    return {
+        "theta": [np.exp(-a[0] / b[0]), *ends[0]],
+        "beta": [1.0 / b[0], *ends[1]],
+        "curve": np.round(shown, 4).tolist(),
+    }
 
 
 def surface_of(table: pd.DataFrame, toppled: Flags) -> dict[str, Any]:
     """Probit of intercept, ln PGV [m/s] and ln PGA [g]; ln likelihood that PGA adds to PGV."""
-    rows = np.log(table.assign(one=np.e)[["one", "pgv_m_s", "pga_nominal_g"]].to_numpy())
+    rows = np.log(
+        table.assign(one=np.e)[["one", "pgv_m_s", "pga_nominal_g"]].to_numpy()
+    )
     sign = np.where(toppled, 1.0, -1.0)
     alone, both = (
-        minimize(lambda p, n=n: -log_ndtr(sign * (rows[:, :n] @ p)).sum(), np.zeros(n), tol=1e-9)
+        minimize(
+            lambda p, n=n: -log_ndtr(sign * (rows[:, :n] @ p)).sum(),
+            np.zeros(n),
+            tol=1e-9,
+        )
         for n in (2, 3)
     )
     return {"line": both.x.tolist(), "gain": alone.fun - both.fun}
@@ -272,16 +324,23 @@ def measure(tests: Tests, collapsed: Flags) -> dict[str, Any]:
         blocks = collapsed.reshape(-1, toppled.size)
         best = blocks[(blocks == toppled).sum(axis=1).argmax()]
         own: dict[str, Any] = {
-            "parameters": quantiles(weight), "equal": np.mean((p > 0.5) == toppled),
-            "equal_best_block": np.mean(best == toppled), "held_back": held_back(chance, tests, k),
+            "parameters": quantiles(weight),
+            "equal": np.mean((p > 0.5) == toppled),
+            "equal_best_block": np.mean(best == toppled),
+            "held_back": held_back(chance, tests, k),
             "left_out": left_out(chance, tests, k),
-        }  # fmt: skip
-        for name, answers in (("tests", toppled), ("archfrag", p > 0.5), ("one block", best)):
+        }
+        for name, answers in (
+            ("tests", toppled),
+            ("archfrag", p > 0.5),
+            ("one block", best),
+        ):
             own[name] = {
-                "PGV": curve_of(pgv, answers, motion), "PGA": curve_of(pga, answers, motion),
+                "PGV": curve_of(pgv, answers, motion),
+                "PGA": curve_of(pga, answers, motion),
                 "surface": surface_of(tests.table, answers),
                 "contradictions": contradictions(pgv, answers, motion),
-            }  # fmt: skip
+            }
         found[f"specimen {k}"] = own
     return found
 

@@ -37,11 +37,21 @@ def summary_table(levels: pd.DataFrame) -> pd.DataFrame:
     order = levels.sort_values(
         ["error", "scenes", "over_cheapest"], ascending=[False, False, True]
     )
-    columns = ["error", "method", "parameter", "value", "scenes", "seconds", "over_cheapest"]
+    columns = [
+        "error",
+        "method",
+        "parameter",
+        "value",
+        "scenes",
+        "seconds",
+        "over_cheapest",
+    ]
     return order.groupby("error", sort=False).head(1)[columns].head(LINES)
 
 
-def figures_of(part: str, tables: dict[str, pd.DataFrame]) -> Iterator[tuple[str, Figure]]:
+def figures_of(
+    part: str, tables: dict[str, pd.DataFrame]
+) -> Iterator[tuple[str, Figure]]:
     """Name and figure of each chart of a part."""
     if part == "fragility":
         for study, curves in tables["curves"].groupby("study", sort=False):
@@ -86,7 +96,9 @@ def write_page(folder: Path) -> Path:
         drawn = {name: svg_of(figure) for name, figure in figures_of(part, found)}
         for name, svg in drawn.items():
             _write(folder / f"{name}.svg", svg)
-        small = {name: _html(table) for name, table in found.items() if len(table) <= 60}
+        small = {
+            name: _html(table) for name, table in found.items() if len(table) <= 60
+        }
         about = (folder / f"{part}_about.json").read_text(encoding="utf-8")
         sections.append((PARTS[part], list(drawn.items()), small, about))
     summary = _html(summary_table(tables["speed"]["levels"])) if tables["speed"] else ""
@@ -102,10 +114,16 @@ def _write(path: Path, text: str) -> None:
 
 
 def gather(
-    parts: Sequence[str], output: Path, *, quick: bool = False, records: Path | None = None,
-    real: Path | None = None, solvers: Sequence[str] = (), workers: int | None = None,
+    parts: Sequence[str],
+    output: Path,
+    *,
+    quick: bool = False,
+    records: Path | None = None,
+    real: Path | None = None,
+    solvers: Sequence[str] = (),
+    workers: int | None = None,
     report: Callable[[str], None] = print,
-) -> Path:  # fmt: skip
+) -> Path:
     """Measure parts one after the other, save each as soon as it is there, write the page.
 
     `parts` are of `PARTS`, all if empty; tables of other parts in `output` are left and shown.
@@ -114,22 +132,36 @@ def gather(
     """
     for name in parts:
         if name not in PARTS:
-            raise InputError(f"evidence has no part {name!r}; allowed are {', '.join(PARTS)}")
+            raise InputError(
+                f"evidence has no part {name!r}; allowed are {', '.join(PARTS)}"
+            )
     for name in solvers:
         if name not in (*NAMES, "all"):
-            raise InputError(f"--solvers: {name!r}; allowed are all, {', '.join(NAMES)}")
-    found = solver_versions(NAMES if "all" in solvers else tuple(dict.fromkeys(solvers)))
+            raise InputError(
+                f"--solvers: {name!r}; allowed are all, {', '.join(NAMES)}"
+            )
+    found = solver_versions(
+        NAMES if "all" in solvers else tuple(dict.fromkeys(solvers))
+    )
     for name, text in found.items():
         if text.startswith("not installed") and "all" not in solvers:
             raise InputError(f"--solvers: {name} {text}")
         report(f"{name}: {text}")
-    here, checkout = Path("records"), Path(__file__).parents[2] / "records"
+    here = Path("records")
+    checkout = Path(__file__).parents[2] / "records"
     bench = Bench(
-        output, quick, (records or (here if here.is_dir() else checkout)).resolve(),
+        output,
+        quick,
+        (records or (here if here.is_dir() else checkout)).resolve(),
         None if real is None else real.resolve(),
-        {name: text for name, text in found.items() if not text.startswith("not installed")},
-        workers or available_cores(), report,
-    )  # fmt: skip
+        {
+            name: text
+            for name, text in found.items()
+            if not text.startswith("not installed")
+        },
+        workers or available_cores(),
+        report,
+    )
     for part in parts or PARTS:
         began = time.perf_counter()
         bench.save(part, import_module(f"archbench.{part}").measure(bench))

@@ -47,10 +47,13 @@ def marks_of(reference: Solution) -> Marks:
     assert reference.response is not None
     changes = reference.response.mechanism or ()
     onset = min((each.time for each in changes if each.joints), default=math.nan)
-    impacts = [each.time for each in changes if each.cause == "impact" and each.time > onset]
+    impacts = [
+        each.time for each in changes if each.cause == "impact" and each.time > onset
+    ]
     last = min(impacts, default=reference.end_time)
     position = math.floor((last - 2e-3) / 0.01 + 1e-9) * 0.01
-    time, moved = reference.frames.time, lengths(reference.frames.displacement).max(axis=1)
+    time = reference.frames.time
+    moved = lengths(reference.frames.displacement).max(axis=1)
     position = position if position > onset else math.nan
     return Marks(onset, position, float(time[np.argmax(moved)]))
 
@@ -70,17 +73,21 @@ def positions_at(frames: Frames, instants: Array) -> Array:
 
     Cubic Hermite interpolation, linear where there are no velocities.
     """
-    time, place = frames.time, frames.displacement
+    time = frames.time
+    place = frames.displacement
     if time.size < 2:
         return np.repeat(place[-1:], np.size(instants), axis=0)
     index = np.clip(np.searchsorted(time, instants, side="right") - 1, 0, time.size - 2)
     span = np.maximum(time[index + 1] - time[index], np.finfo(float).tiny)
     part = np.clip((instants - time[index]) / span, 0.0, 1.0)
-    s, h = part[:, None, None], span[:, None, None]
-    left, change = place[index], place[index + 1] - place[index]
+    s = part[:, None, None]
+    h = span[:, None, None]
+    left = place[index]
+    change = place[index + 1] - place[index]
     if not frames.velocity.size:
         return left + s * change
-    first, last = h * frames.velocity[index], h * frames.velocity[index + 1]
+    first = h * frames.velocity[index]
+    last = h * frames.velocity[index + 1]
     curved = first * s * (1.0 - s) ** 2 - last * s**2 * (1.0 - s)
     return left + change * s**2 * (3.0 - 2.0 * s) + curved
 
@@ -88,7 +95,9 @@ def positions_at(frames: Frames, instants: Array) -> Array:
 def observe(scene: Scene, run: Solution, marks: Marks) -> Observed:
     """Read the quantities off a run with frames."""
     frames = run.frames
-    at = np.array([np.nan_to_num(marks.onset if math.isnan(marks.position) else marks.position)])
+    at = np.array(
+        [np.nan_to_num(marks.onset if math.isnan(marks.position) else marks.position)]
+    )
     position = positions_at(frames, at)[0].tolist()
     deepest = math.nan
     if run.response is not None:
@@ -106,5 +115,7 @@ def errors_of(seen: Observed, true: Observed, thickness: float) -> dict[str, flo
     peak = math.nan
     if not (seen.collapsed or true.collapsed) and true.peak > 0.0:
         peak = abs(seen.peak - true.peak) / true.peak
-    position = largest_distance(np.array(seen.position), np.array(true.position)) / thickness
+    position = (
+        largest_distance(np.array(seen.position), np.array(true.position)) / thickness
+    )
     return dict(zip(OF_A_RUN, (position, peak, seen.overlap), strict=True))

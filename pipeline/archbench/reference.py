@@ -32,7 +32,8 @@ TOLERANCES = (1e-10, 1e-9, 1e-8, 1e-7)
 STEPS = tuple(1e-3 / 2**k for k in range(7))
 # What a run may cost is counted, so that no reference depends on the machine's speed: in steps
 # times (voussoirs + 7), which take about 0.5 us each by steps and 3 us by events.
-EVENTS_WORK, STEPS_WORK = {False: 5e5, True: 3.5e5}, {False: 4e6, True: 1e6}
+EVENTS_WORK = {False: 5e5, True: 3.5e5}
+STEPS_WORK = {False: 4e6, True: 1e6}
 
 
 @dataclass
@@ -84,15 +85,23 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
     marks = quantities.marks_of(base)
     seen, compared = (quantities.observe(scene, run, marks) for run in (base, coarser))
     # With the peak over frames too: event-driven runs look for it at the ends of steps only.
-    highest = (float(quantities.lengths(run.frames.displacement).max()) for run in (base, coarser))
+    highest = (
+        float(quantities.lengths(run.frames.displacement).max())
+        for run in (base, coarser)
+    )
     pairs = zip((seen, compared), highest)
     seen, compared = (replace(each, peak=max(each.peak, top)) for each, top in pairs)
     # Runs whose steps end with every sample agree in all digits: this proves nothing below rtol.
-    errors = quantities.errors_of(compared, seen, scene.thickness) | {"overlap": seen.overlap}
+    errors = quantities.errors_of(compared, seen, scene.thickness) | {
+        "overlap": seen.overlap
+    }
     error = {name: max(value, tight.value) for name, value in errors.items()}
     between = math.nan
-    if not math.isnan(marks.position):  # what interpolation may cost: as every second frame goes
-        at, half = np.array([marks.position]), Frames(*[each[::2] for each in base.frames])
+    if not math.isnan(
+        marks.position
+    ):  # what interpolation may cost: as every second frame goes
+        at = np.array([marks.position])
+        half = Frames(*[each[::2] for each in base.frames])
         apart = quantities.largest_distance(
             *(quantities.positions_at(frames, at) for frames in (half, base.frames))
         )
@@ -100,15 +109,28 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
     error["position"] = between
     amplitude, error["amplitude"] = _amplitude(scene, tight, loose, quick)
     reference = Reference(
-        scene.name, tight.value, loose.value, marks, seen, base.end_time, amplitude, error
+        scene.name,
+        tight.value,
+        loose.value,
+        marks,
+        seen,
+        base.end_time,
+        amplitude,
+        error,
     )
-    last = max((each.time for each in base.response.mechanism or ()), default=base.end_time)
-    reference.growth = measure_growth(scene, loose, coarser, marks.onset, last, 2 if quick else 4)
+    last = max(
+        (each.time for each in base.response.mechanism or ()), default=base.end_time
+    )
+    reference.growth = measure_growth(
+        scene, loose, coarser, marks.onset, last, 2 if quick else 4
+    )
     compare_with_steps(reference, scene, quick)
     return reference
 
 
-def _amplitude(scene: Scene, tight: Setting, loose: Setting, quick: bool) -> tuple[float, float]:
+def _amplitude(
+    scene: Scene, tight: Setting, loose: Setting, quick: bool
+) -> tuple[float, float]:
     """Amplitude of collapse [g] and its relative error: two tolerances, and the bracket."""
     if math.isnan(scene.low):
         return math.nan, math.nan
@@ -118,7 +140,9 @@ def _amplitude(scene: Scene, tight: Setting, loose: Setting, quick: bool) -> tup
     for setting, fraction in ((loose, 0.0), (tight, 0.05)):
         if math.isnan(place):
             return math.nan, math.nan
-        found = nearest_change(partial(collapses, scene, setting), place, floor, 0.3, fraction)
+        found = nearest_change(
+            partial(collapses, scene, setting), place, floor, 0.3, fraction
+        )
         if math.isnan(found.offset):
             return place, math.nan
         place *= 1.0 + found.offset
@@ -135,7 +159,8 @@ def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:
             return
         if _work(scene, runs[-1]) > limit:
             break
-    true, thickness = reference.seen, scene.thickness
+    true = reference.seen
+    thickness = scene.thickness
     if len(runs) >= 4:
         seen = [quantities.observe(scene, run, reference.marks) for run in runs]
         found, uncertainty = limit_of([np.array(each.position) for each in seen])
@@ -146,7 +171,9 @@ def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:
             away = abs(float(found) - true.peak)
             _compare(reference, "peak", away / true.peak, uncertainty / true.peak)
     used = [
-        step for step, run in zip(STEPS, runs, strict=False) if 3.0 * _work(scene, run) <= limit
+        step
+        for step, run in zip(STEPS, runs, strict=False)
+        if 3.0 * _work(scene, run) <= limit
     ]
     error = reference.error["amplitude"]
     if len(used) < 4 or math.isnan(error):
@@ -167,7 +194,9 @@ def _work(scene: Scene, run: Solution) -> float:
     return run.steps * (arch_of(scene).n_voussoir + 7.0)
 
 
-def _compare(reference: Reference, quantity: str, away: float, uncertainty: float) -> None:
+def _compare(
+    reference: Reference, quantity: str, away: float, uncertainty: float
+) -> None:
     reference.second[quantity] = [away, uncertainty]
     if away > uncertainty + reference.error.get(quantity, math.nan):
         reference.error[quantity] = away
@@ -184,7 +213,8 @@ def limit_of(values: Sequence[Array]) -> tuple[Array, float]:
 def richardson(values: Sequence[Array]) -> tuple[Array, float, float]:
     """Limit of values at steps halved twice, its uncertainty, and the order they show."""
     coarse, middle, fine = (np.asarray(each, float) for each in values[-3:])
-    before, after = float(np.max(np.abs(coarse - middle))), float(np.max(np.abs(middle - fine)))
+    before = float(np.max(np.abs(coarse - middle)))
+    after = float(np.max(np.abs(middle - fine)))
     order = 4.0 if after == 0.0 else 0.5
     if before > 0.0 and after > 0.0:
         order = min(max(math.log2(before / after), 0.5), 4.0)

@@ -48,19 +48,26 @@ class Bench:
     report: Callable[[str], None] = field(default=print, repr=False)
 
     def run(
-        self, name: str, function: Callable[..., Any], tasks: Mapping[Key, tuple], limit: float,
+        self,
+        name: str,
+        function: Callable[..., Any],
+        tasks: Mapping[Key, tuple],
+        limit: float,
         workers: int = 0,
-    ) -> dict[Key, Any]:  # fmt: skip
+    ) -> dict[Key, Any]:
         """Results of ``function(*task)`` by key; what the same sources have done is kept."""
         path = make_folder(self.output / "finished") / f"{name}-{sources()}.jsonl"
         done = {}
-        for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+        for line in (
+            path.read_text(encoding="utf-8").splitlines() if path.exists() else ()
+        ):
             with suppress(ValueError):  # of a line cut short by a kill
                 key, result = json.loads(line)
                 done[json.dumps(key)] = result
         todo = {key: task for key, task in tasks.items() if json.dumps(key) not in done}
         self.report(f"{name}: {len(todo)} of {len(tasks)} tasks to do")
-        began, shown = time.perf_counter(), 0.0
+        began = time.perf_counter()
+        shown = 0.0
         with path.open("a", encoding="utf-8") as file:
             found = in_processes(function, todo, workers or self.workers, limit)
             for count, (key, result) in enumerate(found, 1):
@@ -80,17 +87,24 @@ class Bench:
             with replacing(folder / f"{part}_{name}.csv") as temporary:
                 table.to_csv(temporary, index=False, float_format="%.4g")
         about = {
-            "quick": self.quick, "solvers": dict(self.solvers), "workers": self.workers,
-            "versions": versions(), "commit": commit(), "machine": machine(),
-            "kernels": kernel_hash(), "processor": _processor(),
-        }  # fmt: skip
+            "quick": self.quick,
+            "solvers": dict(self.solvers),
+            "workers": self.workers,
+            "versions": versions(),
+            "commit": commit(),
+            "machine": machine(),
+            "kernels": kernel_hash(),
+            "processor": _processor(),
+        }
         with replacing(folder / f"{part}_about.json") as temporary:
             temporary.write_text(strict_json(about) + "\n", encoding="utf-8")
 
 
 def _processor() -> str:
     listed = Path("/proc/cpuinfo")
-    found = re.search("model name.*: (.+)", listed.read_text() if listed.exists() else "")
+    found = re.search(
+        "model name.*: (.+)", listed.read_text() if listed.exists() else ""
+    )
     return found[1] if found else platform.processor()
 
 
@@ -109,15 +123,21 @@ def sources() -> str:
     """Hash of the kernels and of this package: results of other sources are not continued."""
     digest = hashlib.sha256(kernel_hash().encode())
     for path in sorted(Path(__file__).parent.rglob("*")):
-        if path.suffix in (".py", ".json") and path.name not in ("charts.py", "page.py"):
+        if path.suffix in (".py", ".json") and path.name not in (
+            "charts.py",
+            "page.py",
+        ):
             digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 
 
 def in_processes(
-    function: Callable[..., Any], tasks: Mapping[Key, Sequence[Any]], workers: int, limit: float,
+    function: Callable[..., Any],
+    tasks: Mapping[Key, Sequence[Any]],
+    workers: int,
+    limit: float,
     compiled: bool = True,
-) -> Iterator[tuple[Key, Any]]:  # fmt: skip
+) -> Iterator[tuple[Key, Any]]:
     """Results of ``function(*task)`` as they come, with their keys; a message for those that fail.
 
     A process whose task takes longer than `limit` [s] is ended with all that it started.
@@ -125,11 +145,14 @@ def in_processes(
     try:
         from pebble import ProcessExpired, ProcessPool
     except ModuleNotFoundError:
-        raise InputError("archbench needs the package pebble: pip install pebble") from None
+        raise InputError(
+            "archbench needs the package pebble: pip install pebble"
+        ) from None
     pool = ProcessPool(workers, 0, _prepare_process, (compiled,), get_context("spawn"))
     try:
         running: dict[Future, Key] = {
-            pool.schedule(function, task, timeout=limit): key for key, task in tasks.items()
+            pool.schedule(function, task, timeout=limit): key
+            for key, task in tasks.items()
         }
         for done in as_completed(running):
             try:

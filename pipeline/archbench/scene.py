@@ -98,7 +98,9 @@ class Scene:
             angle = np.radians(chain["joints"]) - 0.5 * embrace
         direction = np.column_stack([np.sin(angle), np.cos(angle)])
         half = 0.5 * chain["thickness"]
-        return (chain["radius"] - half) * direction, (chain["radius"] + half) * direction
+        return (chain["radius"] - half) * direction, (
+            chain["radius"] + half
+        ) * direction
 
     def polygons(self) -> list[Array]:
         """Outlines of the voussoirs, anticlockwise, (4, 2) each [m]."""
@@ -116,17 +118,26 @@ class Scene:
         for end, inside in ((0, 1), (-1, -2))[: 1 if self.free_end else 2]:
             along = (outer[end] - inner[end]) / np.linalg.norm(outer[end] - inner[end])
             away = np.array([-along[1], along[0]])
-            away *= -math.copysign(2.0 * self.thickness, away @ (inner[inside] - inner[end]))
-            near, far = inner[end] - self.thickness * along, outer[end] + self.thickness * along
+            away *= -math.copysign(
+                2.0 * self.thickness, away @ (inner[inside] - inner[end])
+            )
+            near = inner[end] - self.thickness * along
+            far = outer[end] + self.thickness * along
             blocks.append(_anticlockwise(near, far, far + away, near + away))
         return blocks
 
     def bodies(self) -> Bodies:
         """Masses, inertias and centroids of the voussoirs."""
         density = self.chain.get("density", 2000.0) * self.chain.get("depth", 1.0)
-        area, centroid, polar = map(np.array, zip(*map(polygon_section, self.polygons())))
-        own, inertia = density * area, density * polar
-        load = np.broadcast_to(self.chain.get("dead_load", 0.0), own.shape) / STANDARD_GRAVITY
+        area, centroid, polar = map(
+            np.array, zip(*map(polygon_section, self.polygons()))
+        )
+        own = density * area
+        inertia = density * polar
+        load = (
+            np.broadcast_to(self.chain.get("dead_load", 0.0), own.shape)
+            / STANDARD_GRAVITY
+        )
         _, outer = self.joint_lines()
         lever = 0.5 * (outer[:-1] + outer[1:]) - centroid
         fraction = load / (own + load)
@@ -139,10 +150,12 @@ class Scene:
         A jump inside the motion stands in one sample of its mean, which keeps the ground's
         velocity exact beyond it.
         """
-        motion, kind = self.motion, self.motion["kind"]
+        motion = self.motion
+        kind = self.motion["kind"]
         if kind == "none":
             return np.zeros(2), motion.get("sample_step", self.duration)
-        step, parts = float(motion["sample_step"]), motion.get("each", 1)
+        step = float(motion["sample_step"])
+        parts = motion.get("each", 1)
         if kind in ("pulse", "rectangle"):
             count = round(motion["duration"] / step)
             after = [-0.5] * (2 * count) if kind == "pulse" else [0.0]
@@ -154,13 +167,16 @@ class Scene:
         elif kind == "sine":
             samples = self._sine(motion["cycles"] * motion["period"])
             if "length" in motion:
-                burst, samples = samples, motion["background"] * self._sine(motion["length"])
+                burst = samples
+                samples = motion["background"] * self._sine(motion["length"])
                 first = (len(samples) - len(burst)) // 2
                 samples[first : first + len(burst)] = burst
             if motion.get("lost"):
                 samples[np.argmax(np.abs(samples))] = 0.0
         else:
-            raise ValueError(f"motion of kind {kind!r} in scene {self.name} has no samples")
+            raise ValueError(
+                f"motion of kind {kind!r} in scene {self.name} has no samples"
+            )
         return motion["amplitude"] * STANDARD_GRAVITY * samples, step / parts
 
     def _sine(self, duration: float) -> Array:
@@ -175,20 +191,28 @@ class Scene:
         corner (anticlockwise about the left one if positive), `spin` [rad/s] about it, and `slip`
         of the corner along the ground [m/s]. `mirrored`: left for right, for a symmetric chain.
         """
-        initial, shape = self.initial or {}, (len(self.polygons()), 3)
+        initial = self.initial or {}
+        shape = (len(self.polygons()), 3)
         shift, velocity = (
             np.broadcast_to(np.asarray(initial.get(name, 0.0), float), shape).copy()
             for name in ("shift", "velocity")
         )
         if "angle" in initial:
-            angle, spin = initial["angle"], initial.get("spin", 0.0)
+            angle = initial["angle"]
+            spin = initial.get("spin", 0.0)
             corner = -0.5 * math.copysign(self.chain["width"], angle)
             arm = complex(*self.bodies().centroid[0]) - corner
             now = arm * complex(math.cos(angle), math.sin(angle))
             shift[0] = [now.real - arm.real, now.imag - arm.imag, angle]
-            velocity[0] += [initial.get("slip", 0.0) - spin * now.imag, spin * now.real, spin]
+            velocity[0] += [
+                initial.get("slip", 0.0) - spin * now.imag,
+                spin * now.real,
+                spin,
+            ]
         if initial.get("mirrored"):
-            shift, velocity = (rows[::-1] * [-1.0, 1.0, -1.0] for rows in (shift, velocity))
+            shift, velocity = (
+                rows[::-1] * [-1.0, 1.0, -1.0] for rows in (shift, velocity)
+            )
         return shift, velocity
 
     def step_means(self, dt: float) -> Array:
@@ -203,7 +227,8 @@ def means_between(time: Array, samples: Array, step: float) -> Array:
     velocity = np.append(0.0, np.cumsum(0.5 * step * (samples[1:] + samples[:-1])))
     place = np.clip(time / step, 0.0, len(samples) - 1.0)
     index = np.minimum(place.astype(int), len(samples) - 2)
-    part, slope = place - index, samples[index + 1] - samples[index]
+    part = place - index
+    slope = samples[index + 1] - samples[index]
     reached = velocity[index] + step * (samples[index] * part + 0.5 * slope * part**2)
     span = np.diff(time)
     return np.divide(np.diff(reached), span, out=np.zeros_like(span), where=span > 0.0)
@@ -211,7 +236,9 @@ def means_between(time: Array, samples: Array, step: float) -> Array:
 
 def load_scene(name: str) -> Scene:
     """Scene of a file in the folder `scenes`, by its name."""
-    return Scene(name=name, **json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8")))
+    return Scene(
+        name=name, **json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+    )
 
 
 def scene_names() -> list[str]:
@@ -221,4 +248,8 @@ def scene_names() -> list[str]:
 
 def _anticlockwise(*points: Array) -> Array:
     corners = np.array(points)
-    return corners if np.sum(cross(corners, np.roll(corners, -1, axis=0))) > 0.0 else corners[::-1]
+    return (
+        corners
+        if np.sum(cross(corners, np.roll(corners, -1, axis=0))) > 0.0
+        else corners[::-1]
+    )

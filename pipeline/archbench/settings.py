@@ -34,7 +34,8 @@ class Setting:
     @property
     def options(self) -> dict[str, Any]:
         """Keyword arguments of `archfrag.simulate`."""
-        own, given = {self.parameter: self.value}, {"method": self.method}
+        own = {self.parameter: self.value}
+        given = {"method": self.method}
         if self.parameter in ("dt", "rtol"):
             return given | own | {"settings": dict(self.settings)}
         return given | {"settings": {**self.settings, **own}}
@@ -43,7 +44,9 @@ class Setting:
     def columns(self) -> dict[str, Any]:
         """The same as cells of a table, by `COLUMNS`."""
         own = json.dumps(dict(self.settings), sort_keys=True) if self.settings else ""
-        return dict(zip(COLUMNS, (self.method, self.parameter, self.value, own), strict=True))
+        return dict(
+            zip(COLUMNS, (self.method, self.parameter, self.value, own), strict=True)
+        )
 
     def finer(self, factor: float) -> Self:
         """The same with its parameter multiplied."""
@@ -55,7 +58,9 @@ def ladders(column: str, solvers: Iterable[str] = ()) -> dict[str, list[Setting]
 
     `column` is of `settings.json`.
     """
-    table = json.loads(Path(__file__).with_name("settings.json").read_text(encoding="utf-8"))
+    table = json.loads(
+        Path(__file__).with_name("settings.json").read_text(encoding="utf-8")
+    )
     rows = {name: row for name, row in table.items() if name in available_methods()}
     rows |= {name: table.get(name, table[OTHERS]) for name in solvers}
     return {

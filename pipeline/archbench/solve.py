@@ -68,7 +68,9 @@ def arch_of(scene: Scene) -> Arch:
     """The scene's chain."""
     names = ("density", "depth", "dead_load")
     own = {key: scene.chain[key] for key in names if key in scene.chain}
-    return Arch.from_joints(*scene.joint_lines(), scene.friction, free_end=scene.free_end, **own)
+    return Arch.from_joints(
+        *scene.joint_lines(), scene.friction, free_end=scene.free_end, **own
+    )
 
 
 def motion_of(scene: Scene) -> Motion:
@@ -84,8 +86,10 @@ def with_samples(scene: Scene, folders: Sequence[Path | None]) -> Scene:
     for place in places:
         if place.is_file():
             return with_motion(scene, read_motion(place), scene.motion["amplitude"])
-    raise InputError(f"scene {scene.name} needs the record {scene.motion['file']}; not found "
-                     f"in {', '.join(str(place.parent) for place in places)}")  # fmt: skip
+    raise InputError(
+        f"scene {scene.name} needs the record {scene.motion['file']}; not found "
+        f"in {', '.join(str(place.parent) for place in places)}"
+    )
 
 
 def with_motion(scene: Scene, motion: Motion, amplitude: float) -> Scene:
@@ -101,14 +105,18 @@ def solve(
     """Run a scene, its motion scaled if it is ours."""
     if not setting.ours:
         return _other(scene, setting, history)
-    arch, motion, given = arch_of(scene), motion_of(scene), setting.options
+    arch = arch_of(scene)
+    motion = motion_of(scene)
+    given = setting.options
     if scene.initial is not None or scene.motion["kind"] == "none":
         # An initial state lets an arch that cannot stand fall instead of being refused.
         given["initial"] = scene.initial_state()
     given |= {"history": history, "follow": _follow(scene, motion)}
-    wall, cpu = time.perf_counter(), time.process_time()
+    wall = time.perf_counter()
+    cpu = time.process_time()
     response = af.simulate(arch, motion, scale, **given)
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    wall = time.perf_counter() - wall
+    cpu = time.process_time() - cpu
     return _solution(response, cpu * response.wall_time / wall)
 
 
@@ -117,14 +125,19 @@ def collapses(scene: Scene, setting: Setting, amplitude: float) -> bool | None:
     return solve(scene.at(amplitude), setting).collapsed
 
 
-def solve_many(scene: Scene, setting: Setting, factors: Sequence[float]) -> list[Solution]:
+def solve_many(
+    scene: Scene, setting: Setting, factors: Sequence[float]
+) -> list[Solution]:
     """Run a scene with its motion scaled by several factors, in one call where a study does so."""
     if setting.ours and scene.initial is None and scene.motion["kind"] != "none":
-        arch, motion = arch_of(scene), motion_of(scene)
+        arch = arch_of(scene)
+        motion = motion_of(scene)
         given = {"follow": _follow(scene, motion), **setting.options}
-        wall, cpu = time.perf_counter(), time.process_time()
+        wall = time.perf_counter()
+        cpu = time.process_time()
         runs = simulate_runs(arch, [motion] * len(factors), list(factors), **given)
-        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        wall = time.perf_counter() - wall
+        cpu = time.process_time() - cpu
         seconds = cpu * sum(run.wall_time for run in runs) / wall / len(runs)
         return [_solution(run, seconds) for run in runs]
     own = scene.motion.get("amplitude", 1.0)
@@ -136,7 +149,8 @@ def _follow(scene: Scene, motion: Motion) -> float:
 
 
 def _solution(response: Response, seconds: float) -> Solution:
-    frames, history = NO_FRAMES, response.history
+    frames = NO_FRAMES
+    history = response.history
     if history is not None:
         moment = history["moment"].to_numpy()[..., None]
         resultant = np.concatenate([history["reaction"].to_numpy(), moment], axis=2)
@@ -144,10 +158,16 @@ def _solution(response: Response, seconds: float) -> Solution:
         frames = Frames(**own, resultant=resultant)
     return Solution(
         False if response.status is Status.UNFINISHED else response.collapsed,
-        response.status.name.lower(), seconds, response.peak_displacement, response.end_time,
-        response.steps, response.status is Status.NO_CONTACT_SOLUTION
-        or bool(response.work.get("unconverged", 0)), frames, response,
-    )  # fmt: skip
+        response.status.name.lower(),
+        seconds,
+        response.peak_displacement,
+        response.end_time,
+        response.steps,
+        response.status is Status.NO_CONTACT_SOLUTION
+        or bool(response.work.get("unconverged", 0)),
+        frames,
+        response,
+    )
 
 
 # Another solver in a process of its own, started once for each process of ours.
@@ -156,7 +176,9 @@ _other_solver = lru_cache(OtherSolver)
 
 def _other(scene: Scene, setting: Setting, history: bool) -> Solution:
     try:
-        run = _other_solver(setting.method, RUN_LIMIT).run(scene, setting.value, history)
+        run = _other_solver(setting.method, RUN_LIMIT).run(
+            scene, setting.value, history
+        )
     except SolverFailed as failure:
         return Solution(None, str(failure))
     frames = NO_FRAMES
@@ -164,9 +186,15 @@ def _other(scene: Scene, setting: Setting, history: bool) -> Solution:
         centroids = np.array(run.history["centroids"])
         frames = Frames(np.array(run.history["time"]), centroids - centroids[0])
     return Solution(
-        run.collapsed, "collapsed" if run.collapsed else "ended", run.cpu_seconds,
-        run.peak_displacement, run.simulated_seconds, run.steps, bool(run.unconverged), frames,
-    )  # fmt: skip
+        run.collapsed,
+        "collapsed" if run.collapsed else "ended",
+        run.cpu_seconds,
+        run.peak_displacement,
+        run.simulated_seconds,
+        run.steps,
+        bool(run.unconverged),
+        frames,
+    )
 
 
 class Change(NamedTuple):
@@ -181,7 +209,11 @@ class Change(NamedTuple):
 
 
 def nearest_change(
-    outcome: Outcome, centre: float, floor: float, reach: float = 0.5, fraction: float = 0.1
+    outcome: Outcome,
+    centre: float,
+    floor: float,
+    reach: float = 0.5,
+    fraction: float = 0.1,
 ) -> Change:
     """Distance of the change from standing to collapse that is nearest to `centre`.
 
@@ -191,7 +223,10 @@ def nearest_change(
     at_centre = outcome(centre)
     if at_centre is None:
         return Change(failed=True)
-    side, inner, outer, changed = -1.0 if at_centre else 1.0, 0.0, floor, False
+    side = -1.0 if at_centre else 1.0
+    inner = 0.0
+    outer = floor
+    changed = False
     while not changed or outer - inner > max(floor, fraction * inner):
         middle = math.sqrt(inner * outer) if inner > 0.0 else 0.5 * outer
         seen = outcome(centre * (1.0 + side * (middle if changed else outer)))
@@ -204,7 +239,8 @@ def nearest_change(
         elif outer >= reach:
             return Change()
         else:
-            inner, outer = outer, min(10.0 * outer, reach)
+            inner = outer
+            outer = min(10.0 * outer, reach)
     return Change(side * 0.5 * (inner + outer), outer - inner)
 
 
@@ -216,7 +252,8 @@ def least_collapsing(
     first = next((k for k, each in enumerate(amplitudes) if outcome(each)), None)
     if first is None:
         return math.nan
-    stands, least = amplitudes[max(first - 1, 0)], amplitudes[first]
+    stands = amplitudes[max(first - 1, 0)]
+    least = amplitudes[first]
     while least - stands > width * least:
         middle = 0.5 * (least + stands)
         stands, least = (stands, middle) if outcome(middle) else (middle, least)

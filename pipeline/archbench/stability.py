@@ -23,16 +23,30 @@ from archfrag.simulation.arguments import available_methods, default_of
 
 # Kinds of failure from the worst to the mildest.
 FAILURES = (
-    "not ended", "diverged", "unconverged", "drifted at rest", "penetrated", "gained energy",
-    "false collapse", "missed collapse",
-)  # fmt: skip
-RIGHT, UNDECIDED, NOT_FOR_IT = "right", "undecided", "does not apply"
+    "not ended",
+    "diverged",
+    "unconverged",
+    "drifted at rest",
+    "penetrated",
+    "gained energy",
+    "false collapse",
+    "missed collapse",
+)
+RIGHT = "right"
+UNDECIDED = "undecided"
+NOT_FOR_IT = "does not apply"
 MOST_DRIFT = 1e-6  # what must rest may move so far [m]
 # Steps in parts of a method's default; tolerances as they are; parts of the largest stable step
 # for the methods that choose their own.
 STEPS = {True: (60.0, 20.0, 6.0, 2.0, 0.6), False: (60.0, 20.0, 6.0, 2.0, 0.6, 0.2)}
-TOLERANCES = {True: (3e-1, 1e-1, 1e-2, 1e-3, 1e-5), False: (3e-1, 1e-1, 1e-2, 1e-3, 1e-5, 1e-7)}
-FRACTIONS = {True: (4.0, 2.0, 1.0, 0.5, 0.25), False: (4.0, 3.0, 2.0, 1.5, 1.0, 0.5, 0.25)}
+TOLERANCES = {
+    True: (3e-1, 1e-1, 1e-2, 1e-3, 1e-5),
+    False: (3e-1, 1e-1, 1e-2, 1e-3, 1e-5, 1e-7),
+}
+FRACTIONS = {
+    True: (4.0, 2.0, 1.0, 0.5, 0.25),
+    False: (4.0, 3.0, 2.0, 1.5, 1.0, 0.5, 0.25),
+}
 # Of other solvers: the quick set only, most take a hundred times as long [s].
 OTHER_STEPS = (3e-2, 1e-2, 3e-3, 1e-3)
 # Longest that one run may take [s]: a hundred times what most need.
@@ -40,7 +54,10 @@ LIMIT = {True: 10.0, False: 20.0}
 # Two methods with integrators of their own, which must agree at three levels.
 REFERENCES = {
     True: (Setting("event_driven", "rtol", 1e-7), Setting("time_stepping", "dt", 1e-4)),
-    False: (Setting("event_driven", "rtol", 1e-8), Setting("time_stepping", "dt", 5e-5)),
+    False: (
+        Setting("event_driven", "rtol", 1e-8),
+        Setting("time_stepping", "dt", 5e-5),
+    ),
 }
 NUDGES = (0.99, 1.0, 1.01)
 # What differs in each plane, quick and in full; of `stiffness` in parts of a method's default.
@@ -63,8 +80,12 @@ def cases(quick: bool) -> list[Case]:
     values = {name: map(float, row[SET[quick]]) for name, row in PLANES.items()}
     found = [Case("level", value, arch.at(value)) for value in values["level"]]
     changes: dict[str, list[tuple[float, Row]]] = {
-        "friction": [(each, {"friction": each, "thickness": 2.0}) for each in values["friction"]],
-        "slenderness": [(each, {"thickness": 10.0 * each}) for each in values["slenderness"]],
+        "friction": [
+            (each, {"friction": each, "thickness": 2.0}) for each in values["friction"]
+        ],
+        "slenderness": [
+            (each, {"thickness": 10.0 * each}) for each in values["slenderness"]
+        ],
         "voussoirs": [(each, {"voussoirs": int(each)}) for each in values["voussoirs"]],
     }
     for plane, rows in changes.items():
@@ -83,8 +104,13 @@ def settings_of(method: str, quick: bool, **own: float) -> list[Setting]:
     if "rtol" in names:
         return [Setting(method, "rtol", value, own) for value in TOLERANCES[quick]]
     if "step_fraction" in names:
-        return [Setting(method, "step_fraction", part, own) for part in FRACTIONS[quick]]
-    return [Setting(method, "dt", part * default_of(info, "dt"), own) for part in STEPS[quick]]
+        return [
+            Setting(method, "step_fraction", part, own) for part in FRACTIONS[quick]
+        ]
+    return [
+        Setting(method, "dt", part * default_of(info, "dt"), own)
+        for part in STEPS[quick]
+    ]
 
 
 def reference_of(scene: Scene, quick: bool) -> bool | None:
@@ -104,7 +130,9 @@ def elastic(scene: Scene, setting: Setting, frames: Frames) -> tuple[float, floa
     springs of a joint together hold at least T² / (4 r k) for a ratio r of stiffnesses. So much
     follows from the stiffness; what is beyond is made by the method. Both 0 for rigid joints.
     """
-    own = {each.name: each.default for each in known_methods()[setting.method].parameters}
+    own = {
+        each.name: each.default for each in known_methods()[setting.method].parameters
+    }
     if "stiffness" not in own:
         return 0.0, 0.0
     own |= setting.options["settings"]
@@ -125,7 +153,9 @@ def elastic(scene: Scene, setting: Setting, frames: Frames) -> tuple[float, floa
     return float(depth), float(energy.sum(axis=1).max() / kinetic)
 
 
-def judge_cell(scene: Scene, setting: Setting, expected: bool | None, must_rest: bool) -> Row:
+def judge_cell(
+    scene: Scene, setting: Setting, expected: bool | None, must_rest: bool
+) -> Row:
     """One run, and all that is wrong with it."""
     try:
         run = solve(scene, setting, history=setting.ours)
@@ -134,15 +164,21 @@ def judge_cell(scene: Scene, setting: Setting, expected: bool | None, must_rest:
     if run.status == "not_applicable":
         return {"status": run.status, "kind": NOT_FOR_IT}
     moved = run.frames.displacement
-    finite = run.status != "not_finite" and bool(np.isfinite(np.append(moved, run.peak)).all())
-    gain, deepest, drift, settlement = math.nan, math.nan, run.peak, 0.0
+    finite = run.status != "not_finite" and bool(
+        np.isfinite(np.append(moved, run.peak)).all()
+    )
+    gain = math.nan
+    deepest = math.nan
+    drift = run.peak
+    settlement = 0.0
     if run.response is not None and finite:
         gain = energy_made(scene, run.response) if run.peak > NOTHING else 0.0
         deepest = overlap(arch_of(scene), moved, run.frames.rotation)
         settlement = float(np.abs(moved[0]).max(initial=0.0))
         if settlement:  # under the own weight, before the record: soft joints only
             depth, held = elastic(scene, setting, run.frames)
-            gain, deepest = max(gain - held, 0.0), max(deepest - depth, 0.0)
+            gain = max(gain - held, 0.0)
+            deepest = max(deepest - depth, 0.0)
             drift = float(np.abs(moved[-1] - moved[0]).max())
     found = {
         "not ended": run.status == "work_bound" or "no answer" in run.status,
@@ -156,20 +192,26 @@ def judge_cell(scene: Scene, setting: Setting, expected: bool | None, must_rest:
     }
     kind = next((name for name in FAILURES if found[name]), RIGHT)
     return {
-        "status": run.status, "kind": UNDECIDED if kind == RIGHT and expected is None else kind,
+        "status": run.status,
+        "kind": UNDECIDED if kind == RIGHT and expected is None else kind,
         "failures": "; ".join(name for name in FAILURES if found[name]),
-        "drift": drift if must_rest else math.nan, "energy_gain": gain, "overlap": deepest,
+        "drift": drift if must_rest else math.nan,
+        "energy_gain": gain,
+        "overlap": deepest,
         "seconds": run.seconds,
-    }  # fmt: skip
+    }
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """All planes by all methods and other solvers."""
-    limit, chosen = LIMIT[bench.quick], cases(bench.quick)
+    limit = LIMIT[bench.quick]
+    chosen = cases(bench.quick)
     expected = bench.run(
-        "stability_references", reference_of,
-        {(case.plane, case.value): (case.scene, bench.quick) for case in chosen}, 6.0 * limit,
-    )  # fmt: skip
+        "stability_references",
+        reference_of,
+        {(case.plane, case.value): (case.scene, bench.quick) for case in chosen},
+        6.0 * limit,
+    )
     tasks: dict[tuple, tuple] = {}
     heads: list[Row] = []
     for case in chosen:
@@ -180,24 +222,39 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
         for row, setting in _settings(case, bench):
             key = case.plane, row, *setting.columns.values()
             tasks[key] = (case.scene, setting, known, must_rest)
-            heads.append({
-                "plane": case.plane, "axis": PLANES[case.plane]["axis"], "row": row,
-                **setting.columns, "expected": known, "must_rest": must_rest,
-            })  # fmt: skip
+            heads.append(
+                {
+                    "plane": case.plane,
+                    "axis": PLANES[case.plane]["axis"],
+                    "row": row,
+                    **setting.columns,
+                    "expected": known,
+                    "must_rest": must_rest,
+                }
+            )
     late = {"kind": FAILURES[0], "failures": FAILURES[0]}
     results = bench.run("stability", judge_cell, tasks, limit).values()
-    cells = pd.DataFrame([head | ({"status": found} | late if isinstance(found, str) else found)
-                          for head, found in zip(heads, results)])  # fmt: skip
+    cells = pd.DataFrame(
+        [
+            head | ({"status": found} | late if isinstance(found, str) else found)
+            for head, found in zip(heads, results)
+        ]
+    )
     counts = cells.groupby(["method", "kind"], sort=False).size().unstack(fill_value=0)
-    kinds = [kind for kind in (RIGHT, UNDECIDED, NOT_FOR_IT, *FAILURES) if kind in counts]
+    kinds = [
+        kind for kind in (RIGHT, UNDECIDED, NOT_FOR_IT, *FAILURES) if kind in counts
+    ]
     return {"cells": cells, "counts": counts[kinds].reset_index()}
 
 
 def _settings(case: Case, bench: Bench) -> Iterator[tuple[float, Setting]]:
     """Row and setting of each cell of a scene; other solvers in those of the quick set only."""
-    plane, quick = PLANES[case.plane], bench.quick
+    plane = PLANES[case.plane]
+    quick = bench.quick
     if not case.parameter:
-        others = tuple(bench.solvers) if case.value in map(float, plane["quick"]) else ()
+        others = (
+            tuple(bench.solvers) if case.value in map(float, plane["quick"]) else ()
+        )
         for method in (*available_methods(), *others):
             yield from ((case.value, each) for each in settings_of(method, quick))
         return
@@ -206,4 +263,6 @@ def _settings(case: Case, bench: Bench) -> Iterator[tuple[float, Setting]]:
             for part in plane[SET[quick]] if own.name == case.parameter else ():
                 if own.least <= part * own.default <= own.most:
                     given = {case.parameter: part * own.default}
-                    yield from ((part, each) for each in settings_of(method, quick, **given))
+                    yield from (
+                        (part, each) for each in settings_of(method, quick, **given)
+                    )

@@ -6,7 +6,9 @@ import warnings
 
 def main() -> None:
     """Run the command; Ctrl-C while it imports ends it with a sentence, and a warning never."""
-    if any(entry[0] == "error" for entry in warnings.filters):  # asked for by PYTHONWARNINGS
+    if any(
+        entry[0] == "error" for entry in warnings.filters
+    ):  # asked for by PYTHONWARNINGS
         warnings.simplefilter("ignore")
         for kind in (UserWarning, RuntimeWarning):
             warnings.simplefilter("default", kind)

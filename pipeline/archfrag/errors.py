@@ -60,7 +60,8 @@ class FitError(ArchfragError):
     exit_code = 6
 
     def __init__(self, message: str, *levels: float) -> None:
-        self.message, self.levels = message, levels
+        self.message = message
+        self.levels = levels
         super().__init__(self.worded())
 
     def worded(self, factor: float = 1.0, unit: str = "") -> str:
@@ -95,7 +96,9 @@ def from_extra(module: str, extra: str) -> Any:
         ) from error
 
 
-def attempt(make: Callable[[], Made], worded: Callable[[FitError], str] = str) -> Made | str:
+def attempt(
+    make: Callable[[], Made], worded: Callable[[FitError], str] = str
+) -> Made | str:
     """Make one part of a report, or return the reason why not; `worded`: that of a `FitError`."""
     try:
         return make()

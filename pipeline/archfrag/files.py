@@ -27,16 +27,23 @@ if TYPE_CHECKING:
     import pandas as pd
 
 WORK = ".archfrag"  # in the folder of a study's results: all that is not for people
-STAMPS, MADE = "stamp.json", "made.txt"  # SHA-256 of a study's files; of all that archfrag wrote
+STAMPS = "stamp.json"  # SHA-256 of a study's files; of all that archfrag wrote
+MADE = "made.txt"
 _HOST = re.sub(r"\W", "_", socket.gethostname())
 # Temporary names give host and process, so that what a killed process left can be recognised.
-_TEMPORARY = re.compile(r"\.archfrag-(?P<host>\w+)-(?P<pid>[0-9]{1,9})-[a-z0-9_]{8}\.tmp")
-_SURELY_LEFT = 30 * 86400.0  # age at which no process can be at work on a temporary file [s]
+_TEMPORARY = re.compile(
+    r"\.archfrag-(?P<host>\w+)-(?P<pid>[0-9]{1,9})-[a-z0-9_]{8}\.tmp"
+)
+_SURELY_LEFT = (
+    30 * 86400.0
+)  # age at which no process can be at work on a temporary file [s]
 # Characters that a terminal obeys, or that change the direction of the text around them.
 _OBEYED = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
-_FORMULA = re.compile(r"[=+\-@\t\r]")  # first characters of a cell that a spreadsheet computes
+_FORMULA = re.compile(
+    r"[=+\-@\t\r]"
+)  # first characters of a cell that a spreadsheet computes
 WHOLE = r"[-+]?(0|[1-9][0-9]*)"  # of YAML 1.2, but for 010, which YAML 1.1 takes for 8
 REAL = rf"({WHOLE}(\.[0-9]*)?|[-+]?\.[0-9]+)([eE][-+]?[0-9]+)?"
 NUMBERS = "write digits with a decimal point, such as 10, 0.5 or 2e-3"
@@ -92,7 +99,9 @@ def opened(path: str | Path, largest: float = float("inf")) -> Iterator[BinaryIO
         if not stat.S_ISREG(state.st_mode):
             raise OSError(0, "it is not a regular file")
         if state.st_size > largest:
-            raise OSError(0, f"it has {state.st_size} bytes; at most {largest:.0f} are allowed")
+            raise OSError(
+                0, f"it has {state.st_size} bytes; at most {largest:.0f} are allowed"
+            )
         yield file
 
 
@@ -125,7 +134,11 @@ def wide_encoding(content: bytes) -> str:
     head = content[:400]
     fewer, more = sorted((head[::2].count(0), head[1::2].count(0)))
     plain = len(head) > 8 and not fewer and more > 0.45 * len(head)
-    return "UTF-16" if plain or head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else ""
+    return (
+        "UTF-16"
+        if plain or head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+        else ""
+    )
 
 
 def sha256_of(path: Path) -> str:
@@ -188,7 +201,9 @@ def _registers(path: Path) -> list[Path]:
     from platformdirs import user_state_path  # start-up
 
     places = path.parent / WORK / MADE, user_state_path("archfrag") / MADE
-    return [place for place in places if place.is_absolute() or place.parent.name == WORK]
+    return [
+        place for place in places if place.is_absolute() or place.parent.name == WORK
+    ]
 
 
 def register(path: Path, content: Path) -> None:
@@ -201,7 +216,9 @@ def register(path: Path, content: Path) -> None:
             if place.parent.name != WORK:
                 place.parent.mkdir(parents=True, exist_ok=True)
             with open(os.open(place, flags, 0o666), "ab") as file:
-                if os.fstat(file.fileno()).st_nlink == 1:  # else it has another name as well
+                if (
+                    os.fstat(file.fileno()).st_nlink == 1
+                ):  # else it has another name as well
                     file.write(f"{sha256_of(content)}\n".encode())
 
 
@@ -225,9 +242,12 @@ def check_targets(
 
     Nor what a study made, unless they are `of_study`. OutputError names the first that does.
     """
-    given, seen = [each for each in inputs if each and os.path.exists(each)], set[str]()
+    given = [each for each in inputs if each and os.path.exists(each)]
+    seen = set[str]()
     for path in (Path(target) for target in targets if target is not None):
-        real, why, stamps = os.path.realpath(path), "", path.parent / WORK / STAMPS
+        real = os.path.realpath(path)
+        why = ""
+        stamps = path.parent / WORK / STAMPS
         if real in seen:
             why = "the place of another output too"
         elif any(path.exists() and path.samefile(each) for each in given):
@@ -241,7 +261,9 @@ def check_targets(
                 why = "not a file that archfrag wrote, or has changed since"
         if why:
             how = "name another place, or move it away"
-            raise OutputError(f"{path}: is {why}, so archfrag does not replace it; {how}")
+            raise OutputError(
+                f"{path}: is {why}, so archfrag does not replace it; {how}"
+            )
         seen.add(real)
 
 
@@ -286,13 +308,18 @@ def unquoted(cell: str) -> str:
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell, 1) else cell
 
 
-def write_csv(target: Path | TextIO, pieces: "Iterable[pd.DataFrame]", **form: Any) -> None:
+def write_csv(
+    target: Path | TextIO, pieces: "Iterable[pd.DataFrame]", **form: Any
+) -> None:
     """Write a table in pieces of the same columns as CSV; a file completely or not at all.
 
     `form` is handed to `pandas.DataFrame.to_csv`.
     """
     if isinstance(target, Path):
-        with replacing(target) as part, open(part, "w", encoding="utf-8", newline="") as file:
+        with (
+            replacing(target) as part,
+            open(part, "w", encoding="utf-8", newline="") as file,
+        ):
             return write_csv(file, pieces, **form)
     for number, piece in enumerate(pieces):
         texts = {
@@ -301,7 +328,9 @@ def write_csv(target: Path | TextIO, pieces: "Iterable[pd.DataFrame]", **form: A
             if column.dtype.kind not in "biufc"
         }
         table = piece.assign(**texts).rename(columns=quoted)  # type: ignore[arg-type]
-        table.to_csv(target, index=False, header=number == 0, lineterminator="\n", **form)
+        table.to_csv(
+            target, index=False, header=number == 0, lineterminator="\n", **form
+        )
 
 
 Row = tuple[int, list[str]]  # number of the line, cells
@@ -310,8 +339,11 @@ _COMMA = re.compile(r"[-+]?\d+(,\d+)+(\.\d*)?([eE][-+]?\d+)?")
 _POINT = re.compile(r"[-+]?\d*\.\d*([eE][-+]?\d+)?")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}\.\d{3}")
 _WHOLE = re.compile(r"[-+]?\d{1,3}")
-_INTEGER, _THREE = re.compile(r"[-+]?\d+"), re.compile(r"\d{3}(\.\d*)?")
-_ROUNDED = re.compile(r"[1-9]\d*(\.\d{1,3})?")  # at least 1, with at most three decimals
+_INTEGER = re.compile(r"[-+]?\d+")
+_THREE = re.compile(r"\d{3}(\.\d*)?")
+_ROUNDED = re.compile(
+    r"[1-9]\d*(\.\d{1,3})?"
+)  # at least 1, with at most three decimals
 
 
 def separator_of(lines: Iterable[str]) -> str:
@@ -333,7 +365,9 @@ def cells_of(lines: Iterable[tuple[int, str]], separator: str) -> list[Row]:
         if separator == " ":
             cells = re.split(r"[ \t]+", line.strip(" \t\r"))
         elif '"' in line:
-            cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+            cells = next(
+                csv.reader([line], delimiter=separator, skipinitialspace=True), []
+            )
         else:
             cells = line.split(separator)
         cells = [cell.strip(" \t\r") for cell in cells]
@@ -347,12 +381,16 @@ def cells_of(lines: Iterable[tuple[int, str]], separator: str) -> list[Row]:
 def check_counts(rows: Sequence[Row], separator: str, count: int | None = None) -> None:
     """Raise InputError for the first row that has other than `count` cells, or than most have."""
     if count is None:
-        count = Counter(len(cells) for _, cells in rows).most_common(1)[0][0] if rows else 0
+        count = (
+            Counter(len(cells) for _, cells in rows).most_common(1)[0][0] if rows else 0
+        )
     for number, cells in rows:
         if len(cells) != count:
             found = f"line {number} has {len(cells)} of {count} cells, {NAMES[separator]} between"
             if len(cells) > count:
-                found = f"line {number} has {len(cells)} cells, the other rows have {count}"
+                found = (
+                    f"line {number} has {len(cells)} cells, the other rows have {count}"
+                )
             how = "a row is cut, or a comma, blank or other sign stands within a number"
             raise InputError(f"{found}: {', '.join(cells)[:60]!r}; {how}")
 
@@ -362,14 +400,18 @@ def check_decimals(cells: Iterable[tuple[int, str]]) -> None:
     for number, cell in cells:
         if _COMMA.fullmatch(cell):
             how = "write decimal points, and no separators of thousands"
-            raise InputError(f"line {number}: {cell!r} has a comma within a number; {how}")
+            raise InputError(
+                f"line {number}: {cell!r} has a comma within a number; {how}"
+            )
 
 
 def check_thousands(cells: Sequence[str], name: str) -> None:
     """Raise InputError for a column whose points may separate thousands: 1.193 beside 980."""
     dotted = [cell for cell in cells if "." in cell]
     whole = next((cell for cell in cells if "." not in cell), None)
-    alike = all((_THOUSANDS if "." in cell else _WHOLE).fullmatch(cell) for cell in cells)
+    alike = all(
+        (_THOUSANDS if "." in cell else _WHOLE).fullmatch(cell) for cell in cells
+    )
     if dotted and whole and alike:
         both = f"{dotted[0]} beside {whole}: do its points separate thousands?"
         raise _ambiguous(name, both, dotted[0])
@@ -382,7 +424,11 @@ def check_one_number(rows: Sequence[Row], column: int, separator: str) -> None:
         return
     rest = {other for _, other in pairs}
     thousands = separator in ", " and all(map(_THREE.fullmatch, rest))
-    decimals = separator == "," and all(map(str.isdecimal, rest)) and len(set(map(len, rest))) == 1
+    decimals = (
+        separator == ","
+        and all(map(str.isdecimal, rest))
+        and len(set(map(len, rest))) == 1
+    )
     if len(rest) > 2 and (thousands or decimals):
         parts = f"{pairs[0][0]!r} and {pairs[0][1]!r} may be one number"
         how = f"{NAMES[separator]} are between the cells; put another sign there"
@@ -400,8 +446,11 @@ def check_years(cells: Sequence[str], name: str) -> None:
 
 
 def _ambiguous(name: str, found: str, cell: str) -> InputError:
-    plain, other = cell.replace(".", ""), f"{cell}0"
-    return InputError(f"column {name!r} has {found} Write {plain} or {other} for {cell}")
+    plain = cell.replace(".", "")
+    other = f"{cell}0"
+    return InputError(
+        f"column {name!r} has {found} Write {plain} or {other} for {cell}"
+    )
 
 
 def with_points(rows: Sequence[Row], separator: str) -> list[Row]:
@@ -409,14 +458,26 @@ def with_points(rows: Sequence[Row], separator: str) -> list[Row]:
     cells = [(number, cell) for number, row in rows for cell in row]
     commas = [each for each in cells if _COMMA.fullmatch(each[1])]
     point = next((each for each in cells if _POINT.fullmatch(each[1])), None)
-    if separator == "," or any(cell.count(",") > 1 or "." in cell for _, cell in commas):
+    if separator == "," or any(
+        cell.count(",") > 1 or "." in cell for _, cell in commas
+    ):
         check_decimals(commas)
     if commas and point:
         (line, cell), (other, its) = commas[0], point
         both = f"{cell!r} in line {line} has a comma, {its!r} in line {other} a point"
-        raise InputError(f"{both}: one of the two must be the decimal in the whole file")
-    return [(number, [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in row])
-            for number, row in rows]  # fmt: skip
+        raise InputError(
+            f"{both}: one of the two must be the decimal in the whole file"
+        )
+    return [
+        (
+            number,
+            [
+                cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell
+                for cell in row
+            ],
+        )
+        for number, row in rows
+    ]
 
 
 def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[Row]]:
@@ -429,10 +490,14 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
     if comments:
         text = re.sub(r"^#.*$", "", text, flags=re.MULTILINE)
     text = re.sub(r"(?i)\A\s*sep=.(?=\r?\n)", "", text)  # of Excel
-    separator = separator_of([next((line for line in text.splitlines() if line.strip()), "")])
+    separator = separator_of(
+        [next((line for line in text.splitlines() if line.strip()), "")]
+    )
     separator = "," if separator == " " else separator
     rows = list[Row]()
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True)
+    reader = csv.reader(
+        io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True
+    )
     try:
         for row in reader:
             if any(cells := [cell.strip() for cell in row]):
@@ -444,10 +509,18 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
     (head, names), *rows = rows
     kept = max((i for i, name in enumerate(names, 1) if name), default=0)
     # Spreadsheets may write empty cells beyond the last column.
-    rows = [(number, cells if any(cells[kept:]) else cells[:kept]) for number, cells in rows]
+    rows = [
+        (number, cells if any(cells[kept:]) else cells[:kept]) for number, cells in rows
+    ]
     names = names[:kept]
-    if twice := [name for name, times in Counter(names).items() if times > 1 or not name]:
-        what = f"column {twice[0]!r} is there twice" if twice[0] else "a column has no name"
+    if twice := [
+        name for name, times in Counter(names).items() if times > 1 or not name
+    ]:
+        what = (
+            f"column {twice[0]!r} is there twice"
+            if twice[0]
+            else "a column has no name"
+        )
         raise InputError(f"line {head}: {what}; give each column a name of its own")
     check_counts(rows, separator, kept)
     return separator, names, rows

@@ -26,12 +26,17 @@ from archfrag.errors import InputError
 from archfrag.files import check_targets, register
 
 # Okabe and Ito's palette: distinct with any kind of colour vision.
-BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
-INK, GREY = "#737b85", "#9aa2ab"  # texts, seen on white and on black; thin lines
+BLUE = "#0072b2"
+ORANGE = "#e69f00"
+GREEN = "#009e73"
+VERMILION = "#d55e00"
+INK = "#737b85"  # texts, seen on white and on black; thin lines
+GREY = "#9aa2ab"
 SIZE = 9.0  # of texts [points]
 GRAVITY = 9.80665  # [m/s2]
 MOST_NUMBERS = 15  # of joints in a figure
-FRAMES, HOLD = 25, 1.2  # of a film, in a second; seconds that it stays at its end
+FRAMES = 25  # of a film, in a second; seconds that it stays at its end
+HOLD = 1.2
 _EDGE = "#8d8473"
 _AREAS: dict[str, dict[str, Any]] = {  # how marks of an arch look, by role
     "earth": {"fc": "#f6f3ec", "ec": _EDGE, "lw": 0.8, "ls": "--", "zorder": 0.5},
@@ -45,9 +50,16 @@ _LINES: dict[str, dict[str, Any]] = {
     "rest": {"color": _EDGE, "lw": 1.4, "ls": "--", "label": "thrust of its weight"},
     "thrust": {"color": VERMILION, "lw": 1.4, "label": "thrust at onset"},
     "sliding": {"color": ORANGE, "lw": 4.0, "label": "sliding joint"},
-    "hinge": {"color": BLUE, "ls": "", "marker": "o", "mec": "white", "mew": 0.8, "ms": 7.0,
-              "label": "hinge"},
-}  # fmt: skip
+    "hinge": {
+        "color": BLUE,
+        "ls": "",
+        "marker": "o",
+        "mec": "white",
+        "mew": 0.8,
+        "ms": 7.0,
+        "label": "hinge",
+    },
+}
 _TITLE: dict[str, Any] = {"loc": "center", "color": INK, "fontsize": SIZE + 1.0}
 _SVG = {"svg.fonttype": "none", "svg.hashsalt": "archfrag", "font.family": "sans-serif"}
 FloatArray = NDArray[np.float64]
@@ -99,7 +111,8 @@ def html_of(thing: Any, size: tuple[float, float] = (6.4, 3.2)) -> str:
     """
     figure = Figure(figsize=size, layout="constrained")
     thing.plot(dressed(figure.add_subplot()))
-    svg, words = svg_of(figure).replace(INK, "currentColor"), escape(repr(thing).strip("<>"))
+    svg = svg_of(figure).replace(INK, "currentColor")
+    words = escape(repr(thing).strip("<>"))
     caption = f'<figcaption style="white-space:pre-line">{words}</figcaption>'
     return f"<figure>{svg}{caption}</figure>"
 
@@ -107,30 +120,42 @@ def html_of(thing: Any, size: tuple[float, float] = (6.4, 3.2)) -> str:
 def paint(ax: Axes, marks: Iterable[Any]) -> list[Any]:
     """Draw marks of an arch, each as its role asks for; return their artists."""
     return [
-        ax.add_patch(Polygon(mark.points, **_AREAS[mark.role])) if mark.role in _AREAS
+        ax.add_patch(Polygon(mark.points, **_AREAS[mark.role]))
+        if mark.role in _AREAS
         else ax.plot(*mark.points.T, **_LINES[mark.role])[0]
         for mark in marks
-    ]  # fmt: skip
+    ]
 
 
 def plot_arch(arch: Any, ax: Axes | None = None) -> Axes:
     """Draw an arch to scale, with its fill, ties, ground and the numbers of its joints."""
     marks = arch.marks
-    width, height = np.maximum(np.ptp(np.concatenate([s.points for s in marks]), axis=0), 1e-9)
+    width, height = np.maximum(
+        np.ptp(np.concatenate([s.points for s in marks]), axis=0), 1e-9
+    )
     scale = min(6.0 / width, 3.6 / height)
     ax = axes_of(ax, (max(4.8, scale * width + 0.6), scale * height + 0.6))
     paint(ax, marks)
     ax.set_aspect("equal")
     ax.set_axis_off()
-    inner, outer = arch.intrados[: arch.n_joint], arch.extrados[: arch.n_joint].copy()
+    inner = arch.intrados[: arch.n_joint]
+    outer = arch.extrados[: arch.n_joint].copy()
     along = (outer - inner) / np.linalg.norm(outer - inner, axis=1, keepdims=True)
-    for joint, ground in zip((0, -1), [mark for mark in marks if mark.role == "ground"]):
+    for joint, ground in zip(
+        (0, -1), [mark for mark in marks if mark.role == "ground"]
+    ):
         outer[joint] = ground.points[1]
     for joint in range(0, arch.n_joint, -(-arch.n_joint // MOST_NUMBERS)):
         ax.annotate(
-            str(joint), outer[joint], 9.0 * along[joint], textcoords="offset points", color=INK,
-            fontsize=SIZE - 1.0, ha="center", va="center",
-        )  # fmt: skip
+            str(joint),
+            outer[joint],
+            9.0 * along[joint],
+            textcoords="offset points",
+            color=INK,
+            fontsize=SIZE - 1.0,
+            ha="center",
+            va="center",
+        )
     ax.autoscale_view()
     ax.margins(0.06)
     return ax
@@ -152,16 +177,22 @@ def plot_onset(onset: Any, ax: Axes | None = None, towards: str | None = None) -
 def plot_motion(motion: Any, ax: Axes | None = None) -> Axes:
     """Draw the acceleration of the ground over time [g], its peak marked."""
     ax = axes_of(ax, (6.4, 2.2))
-    time, values = motion.time, motion.acceleration / GRAVITY
+    time = motion.time
+    values = motion.acceleration / GRAVITY
     if motion.vertical is not None:
         ax.plot(time, motion.vertical / GRAVITY, color=GREY, lw=0.6, label="vertical")
     ax.plot(time, values, color=BLUE, lw=0.8, label="horizontal")
     place = int(np.abs(values).argmax())
     ax.plot(time[place], values[place], "o", color=VERMILION, ms=4.0)
     ax.annotate(
-        f"{abs(values[place]):.3g} g", (time[place], values[place]), (6.0, 0.0), color=INK,
-        textcoords="offset points", fontsize=SIZE, va="center",
-    )  # fmt: skip
+        f"{abs(values[place]):.3g} g",
+        (time[place], values[place]),
+        (6.0, 0.0),
+        color=INK,
+        textcoords="offset points",
+        fontsize=SIZE,
+        va="center",
+    )
     ax.set(xlabel="time [s]", ylabel="acceleration [g]", xlim=(0.0, time[-1]))
     ax.set_title(motion.id, **_TITLE)
     if motion.vertical is not None:
@@ -178,7 +209,9 @@ def plot_response(response: Any, ax: Axes | None = None) -> Axes:
     ax.plot(time, rotation[:, most], color=BLUE, lw=1.4, label=f"voussoir {most}")
     if response.collapsed:
         label = f"joint {response.collapse_joint} loses contact for good"
-        ax.axvline(response.collapse_time, color=VERMILION, lw=1.2, ls="--", label=label)
+        ax.axvline(
+            response.collapse_time, color=VERMILION, lw=1.2, ls="--", label=label
+        )
     ax.set(xlabel="time [s]", ylabel="rotation [rad]", xlim=(time[0], time[-1]))
     legend(ax, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return ax
@@ -204,9 +237,13 @@ class Film(FuncAnimation):
         if writer is None and Path(filename).suffix.lower() == ".gif":
             writer = PillowWriter(fps=FRAMES)
         elif writer is None and not writers.is_available("ffmpeg"):
-            raise InputError(f"{filename}: needs ffmpeg, which is not installed; save a .gif")
+            raise InputError(
+                f"{filename}: needs ffmpeg, which is not installed; save a .gif"
+            )
         check_targets([filename])
-        self._fig.patch.set(alpha=1.0, facecolor="white")  # films have no transparent background
+        self._fig.patch.set(
+            alpha=1.0, facecolor="white"
+        )  # films have no transparent background
         super().save(filename, writer=writer, **options)
         register(Path(filename), Path(filename))
         self._fig.patch.set_alpha(0.0)
@@ -218,16 +255,21 @@ def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
     It shows at most `seconds` of the run, `speed` times as fast as they were.
     """
     if not (0.0 < seconds < np.inf and 0.0 < speed < np.inf):
-        raise InputError(f"seconds = {seconds} and speed = {speed} must be positive numbers")
+        raise InputError(
+            f"seconds = {seconds} and speed = {speed} must be positive numbers"
+        )
     time, shift, rotation = response._arrays()
     arch, (start, end) = response.arch, response._window(seconds)
     if start == end:  # nothing moves
         end = float(min(time[-1], start + seconds))
     clock = np.linspace(start, end, max(2, round(FRAMES * (end - start) / speed)))
     state = np.dstack([shift + arch.centroids, rotation])
-    columns = [np.interp(clock, time, column) for column in state.reshape(time.size, -1).T]
+    columns = [
+        np.interp(clock, time, column) for column in state.reshape(time.size, -1).T
+    ]
     state = np.transpose(columns).reshape(clock.size, *state.shape[1:])
-    place, angle = state[..., :2], state[..., 2]
+    place = state[..., :2]
+    angle = state[..., 2]
     near = np.searchsorted(time, clock).clip(max=time.size - 1)
     modes = response.history["contact_mode"].values[near]
     figure, upper, lower = stage(*arch._frame(place, angle, 0.08))
@@ -239,7 +281,9 @@ def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
     moving = [mark for mark in arch.marks if mark.role in ("stone", "tie")]
     for corner in (0, 1):  # of each joint
         points = getattr(arch, arch.corner_name(corner))[: arch.n_joint]
-        moving.append(still[0]._replace(role="hinge", points=points, bodies=range(len(points))))
+        moving.append(
+            still[0]._replace(role="hinge", points=points, bodies=range(len(points)))
+        )
     paint(upper, [s._replace(role=s.role.replace("stone", "trace")) for s in still])
     artists = paint(upper, moving)
     paths = [mark.moved(arch.centroids, place, angle) for mark in moving]
@@ -277,9 +321,11 @@ def stage(low: FloatArray, high: FloatArray) -> tuple[Figure, Axes, Axes]:
 
 
 def plot_spectra(
-    periods: ArrayLike, spectra: ArrayLike, bands: Sequence[tuple[ArrayLike, str, str]],
+    periods: ArrayLike,
+    spectra: ArrayLike,
+    bands: Sequence[tuple[ArrayLike, str, str]],
     ax: Axes | None = None,
-) -> Axes:  # fmt: skip
+) -> Axes:
     """Draw response spectra (n_record, n_period) [g], and bands over them.
 
     A band has rows low, median and high, its colour and its label.
@@ -290,7 +336,9 @@ def plot_spectra(
         low, median, high = np.asarray(rows)
         ax.fill_between(periods, low, high, color=colour, alpha=0.2, lw=0.0)
         ax.plot(periods, median, color=colour, lw=2.0, label=label)
-    ax.set(xscale="log", yscale="log", xlabel="period [s]", ylabel="Sa, 5 % damping [g]")
+    ax.set(
+        xscale="log", yscale="log", xlabel="period [s]", ylabel="Sa, 5 % damping [g]"
+    )
     legend(ax)
     return ax
 
@@ -304,7 +352,9 @@ def plot_plane(table: Any, runs: FloatArray, ax: Axes | None = None) -> Axes:
     grid = table.pivot(index=two, columns=one, values="probability")
     levels = 0.05, 0.25, 0.5, 0.75, 0.95
     ax.set(xscale="log", yscale="log", xlabel=one, ylabel=two)
-    ax.clabel(ax.contour(grid.columns, grid.index, grid, levels, colors=BLUE), fontsize=SIZE)
+    ax.clabel(
+        ax.contour(grid.columns, grid.index, grid, levels, colors=BLUE), fontsize=SIZE
+    )
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_formatter("{x:g}")
         axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))

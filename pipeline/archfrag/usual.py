@@ -11,7 +11,12 @@ USUAL: dict[str, tuple[str, float, float, str]] = {
     "span": ("m", 0.3, 200.0, _UNIT),
     "height": ("m", 0.3, 200.0, _UNIT),  # of a column, a wall or a block
     "thickness": ("m", 0.01, 10.0, _UNIT),
-    "thickness_factor": ("", 0.4, 2.5, "is it the factor on the thickness that is drawn?"),
+    "thickness_factor": (
+        "",
+        0.4,
+        2.5,
+        "is it the factor on the thickness that is drawn?",
+    ),
     "density": ("kg/m3", 1000.0, 3500.0, _UNIT),
     "depth": ("m", 0.05, 100.0, _UNIT),
     "friction": ("", 0.0, 2.0, "was an angle meant?"),  # its coefficient

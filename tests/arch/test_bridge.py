@@ -17,15 +17,24 @@ from tests.arch.test_drawing import draw
 RING = af.Arch.circular(10.75, 1.5, 120.0, voussoirs=6, friction=0.7)
 FILL = {"height_over_crown": 0.5, "unit_weight": 18e3}
 UNEVEN = {
-    "height": [8.0, 6.0], "width": [5.0, 4.0], "base_width": [6.0, 4.0], "courses": [3, 2],
-    "above": [0.0, 2.0], "friction": [0.6, 0.5], "density": [2200.0, 1800.0], "depth": [1.5, 1.0],
-}  # fmt: skip
+    "height": [8.0, 6.0],
+    "width": [5.0, 4.0],
+    "base_width": [6.0, 4.0],
+    "courses": [3, 2],
+    "above": [0.0, 2.0],
+    "friction": [0.6, 0.5],
+    "density": [2200.0, 1800.0],
+    "depth": [1.5, 1.0],
+}
 PORTALS = {
     "even": RING.on_piers(8.0, 5.0),
     "uneven under fill": RING.on_piers(**UNEVEN).filled(**FILL),
-    **{name: make(7).on_piers(6.0, 2.0, courses=2) for name, make in MAKERS.items()
-       if name not in ("sector", "segmental")},
-}  # fmt: skip
+    **{
+        name: make(7).on_piers(6.0, 2.0, courses=2)
+        for name, make in MAKERS.items()
+        if name not in ("sector", "segmental")
+    },
+}
 FLAT = MAKERS["segmental"](7)
 REACH = abs(FLAT.extrados[0, 0] - FLAT.intrados[0, 0])
 PORTALS["as wide as the skewback"] = FLAT.on_piers(3.0, REACH, courses=2)
@@ -37,7 +46,9 @@ class TestPortals:
         chain, (first, last) = arch.chain, arch.springings
         assert arch.n_joint == arch.n_voussoir + 1 == len(arch.intrados)
         for joint in range(arch.n_joint):
-            before = chain.face_before[joint] + (chain.centroid[joint - 1] if joint else 0.0)
+            before = chain.face_before[joint] + (
+                chain.centroid[joint - 1] if joint else 0.0
+            )
             after = chain.face_after[joint] + (
                 chain.centroid[joint] if joint < arch.n_voussoir else 0.0
             )
@@ -55,7 +66,8 @@ class TestPortals:
         ground = np.stack([arch.intrados, arch.extrados], axis=1)[[0, -1]].tolist()
         draw(tmp_path / "a.dxf", outlines[::-1], ground)
         (first, last), each = arch.springings, np.ones(arch.n_voussoir)
-        density, depth = 2000.0 * each, each
+        density = 2000.0 * each
+        depth = each
         piers = arch.parameters["piers"]
         for part, side in ((slice(0, first), 0), (slice(last, None), 1)):
             density[part] = (piers["density"] or [2000.0] * 2)[side]
@@ -66,7 +78,9 @@ class TestPortals:
         np.testing.assert_allclose(again.extrados, arch.extrados, atol=1e-12)
         if "fill" not in arch.parameters and not arch.parameters.get("sector"):
             for ours, theirs in zip(arch.chain[:7], again.chain[:7]):
-                np.testing.assert_allclose(theirs, ours, atol=1e-12 * np.abs(ours).max())
+                np.testing.assert_allclose(
+                    theirs, ours, atol=1e-12 * np.abs(ours).max()
+                )
 
     def test_parameters_as_json_and_an_entry_give_the_same(self, arch):
         given = json.loads(json.dumps(arch.parameters, allow_nan=False))
@@ -78,11 +92,14 @@ class TestPortals:
 
 
 def test_dimensions_are_those_of_the_ring():
-    assert RING.on_piers(**UNEVEN).dimensions == pytest.approx(RING.dimensions, rel=1e-12)
+    assert RING.on_piers(**UNEVEN).dimensions == pytest.approx(
+        RING.dimensions, rel=1e-12
+    )
 
 
 def test_order_of_calls_does_not_matter_but_for_recesses():
-    one, other = (RING.on_piers(**UNEVEN).filled(**FILL), RING.filled(**FILL).on_piers(**UNEVEN))
+    one = RING.on_piers(**UNEVEN).filled(**FILL)
+    other = RING.filled(**FILL).on_piers(**UNEVEN)
     for ours, theirs in zip(one.chain[:7], other.chain[:7]):
         np.testing.assert_array_equal(ours, theirs)
     recessed = one.recessed(intrados=0.1)
@@ -105,13 +122,19 @@ def test_thrust_line_stays_in_piers(towards):
 
 def test_values_of_each_body():
     arch = RING.on_piers(**UNEVEN)
-    np.testing.assert_array_equal(arch.chain.friction, [0.6] * 3 + [0.7] * 7 + [0.5] * 2)
+    np.testing.assert_array_equal(
+        arch.chain.friction, [0.6] * 3 + [0.7] * 7 + [0.5] * 2
+    )
     even = RING.on_piers(**{**UNEVEN, "density": None, "depth": None})
     ratio = [2200.0 * 1.5 / 2000.0] * 3 + [1.0] * 6 + [0.9] * 2
     np.testing.assert_allclose(arch.chain.mass / even.chain.mass, ratio, rtol=1e-14)
     depth = np.linspace(1.0, 2.0, 6)
-    ring = af.Arch.circular(10.75, 1.5, 120.0, 6, 0.7, depth=depth, density=1000.0 * depth)
-    np.testing.assert_allclose(ring.chain.mass / RING.chain.mass, 0.5 * depth**2, rtol=1e-14)
+    ring = af.Arch.circular(
+        10.75, 1.5, 120.0, 6, 0.7, depth=depth, density=1000.0 * depth
+    )
+    np.testing.assert_allclose(
+        ring.chain.mass / RING.chain.mass, 0.5 * depth**2, rtol=1e-14
+    )
     own = ring.on_piers(5.0, 5.0).chain.mass / RING.on_piers(5.0, 5.0).chain.mass
     np.testing.assert_allclose(own[[0, -1]], [0.5, 2.0], rtol=1e-14)
 
@@ -120,32 +143,91 @@ def test_values_of_each_body():
     ("make", "part"),
     [
         (lambda: RING.on_piers(0.0, 5.0), "piers.height = 0.0 is impossible"),
-        (lambda: RING.on_piers([5.0, -1.0], 5.0), "piers.height[1] = -1.0 is impossible"),
-        (lambda: RING.on_piers(5.0, [5.0] * 3), "piers.width of shape (3,) is impossible"),
-        (lambda: RING.on_piers(5.0, 1.0), "piers.width = 1 m is impossible; the left springing"),
-        (lambda: RING.on_piers(5.0, [5.0, 1.0]), "the right springing joint reaches 1.29904 m"),
-        (lambda: RING.on_piers(5.0, 5.0, courses=1.5), "piers.courses = [1.5, 1.5] is impossible"),
+        (
+            lambda: RING.on_piers([5.0, -1.0], 5.0),
+            "piers.height[1] = -1.0 is impossible",
+        ),
+        (
+            lambda: RING.on_piers(5.0, [5.0] * 3),
+            "piers.width of shape (3,) is impossible",
+        ),
+        (
+            lambda: RING.on_piers(5.0, 1.0),
+            "piers.width = 1 m is impossible; the left springing",
+        ),
+        (
+            lambda: RING.on_piers(5.0, [5.0, 1.0]),
+            "the right springing joint reaches 1.29904 m",
+        ),
+        (
+            lambda: RING.on_piers(5.0, 5.0, courses=1.5),
+            "piers.courses = [1.5, 1.5] is impossible",
+        ),
         (lambda: RING.on_piers(5.0, 5.0, courses=1500), "together at most 2000"),
-        (lambda: MAKERS["horseshoe"](7).on_piers(1.0, 2.0, courses=4), "fewer courses or more"),
-        (lambda: MAKERS["horseshoe"](7).on_piers(3.0, 2.0, above=1.0), "where the ring bulges"),
-        (lambda: RING.on_piers(1.0, 5.0, base_width=0.1, above=20.0), "piers.width = 5 m is"),
-        (lambda: af.Block(1.0, 2.0, 0.7).on_piers(5.0, 5.0), "an arch between two springings"),
-        (lambda: af.Block(1.0, 2.0, 0.7).filled(**FILL), "an arch between two springings"),
-        (lambda: af.Arch.from_joints(RING.extrados, RING.intrados, 0.7).filled(**FILL),
-         "its intrados below"),
-        (lambda: RING.filled(-0.1, 18e3), "fill.height_over_crown = -0.1 is impossible"),
+        (
+            lambda: MAKERS["horseshoe"](7).on_piers(1.0, 2.0, courses=4),
+            "fewer courses or more",
+        ),
+        (
+            lambda: MAKERS["horseshoe"](7).on_piers(3.0, 2.0, above=1.0),
+            "where the ring bulges",
+        ),
+        (
+            lambda: RING.on_piers(1.0, 5.0, base_width=0.1, above=20.0),
+            "piers.width = 5 m is",
+        ),
+        (
+            lambda: af.Block(1.0, 2.0, 0.7).on_piers(5.0, 5.0),
+            "an arch between two springings",
+        ),
+        (
+            lambda: af.Block(1.0, 2.0, 0.7).filled(**FILL),
+            "an arch between two springings",
+        ),
+        (
+            lambda: af.Arch.from_joints(RING.extrados, RING.intrados, 0.7).filled(
+                **FILL
+            ),
+            "its intrados below",
+        ),
+        (
+            lambda: RING.filled(-0.1, 18e3),
+            "fill.height_over_crown = -0.1 is impossible",
+        ),
         (lambda: RING.filled(0.1, math.nan), "fill.unit_weight = nan is impossible"),
-        (lambda: RING.filled(0.1, 18e3, inertia=0.5), "fill.inertia = 0.5 is impossible; it must"),
-        (lambda: RING.filled(0.1, 18e3, backing_height=2.0), "backing_unit_weight must be given"),
-        (lambda: RING.filled(0.5, 18e3, backing_height=9.0, backing_unit_weight=22e3),
-         "it must be at most 6.625 m"),
-        (lambda: af.Arch.circular(10.0, 1.0, 90.0, 4, [0.7] * 8, piers={
-            "height": 5.0, "width": 3.0, "courses": [1, 2], "friction": 0.5}),
-         "piers.friction is given, and friction for each"),
-        (lambda: af.Arch.circular(10.0, 1.0, 90.0, 4, 0.7, depth=[1.0, 0.0, 1.0, 1.0]),
-         "depth[1] = 0.0 is impossible"),
+        (
+            lambda: RING.filled(0.1, 18e3, inertia=0.5),
+            "fill.inertia = 0.5 is impossible; it must",
+        ),
+        (
+            lambda: RING.filled(0.1, 18e3, backing_height=2.0),
+            "backing_unit_weight must be given",
+        ),
+        (
+            lambda: RING.filled(
+                0.5, 18e3, backing_height=9.0, backing_unit_weight=22e3
+            ),
+            "it must be at most 6.625 m",
+        ),
+        (
+            lambda: af.Arch.circular(
+                10.0,
+                1.0,
+                90.0,
+                4,
+                [0.7] * 8,
+                piers={"height": 5.0, "width": 3.0, "courses": [1, 2], "friction": 0.5},
+            ),
+            "piers.friction is given, and friction for each",
+        ),
+        (
+            lambda: af.Arch.circular(
+                10.0, 1.0, 90.0, 4, 0.7, depth=[1.0, 0.0, 1.0, 1.0]
+            ),
+            "depth[1] = 0.0 is impossible",
+        ),
     ],
-)  # fmt: skip
+)
 def test_refusals(make, part):
     with pytest.raises(GeometryError) as caught:
         make()
@@ -157,8 +239,10 @@ def test_methods_agree_on_a_portal_under_fill():
     arch = RING.on_piers(8.0, 5.0, courses=2).filled(**FILL)
     pulse = np.where(np.arange(300) < 100, 1.0, -0.5) * 9.80665
     for scale, verdict in ((0.4, "STANDING"), (1.0, "COLLAPSED")):
-        runs = [af.simulate(arch, af.Motion(pulse, 0.005), scale, method=method)
-                for method in ("time_stepping", "event_driven", "auto")]  # fmt: skip
+        runs = [
+            af.simulate(arch, af.Motion(pulse, 0.005), scale, method=method)
+            for method in ("time_stepping", "event_driven", "auto")
+        ]
         assert {run.status.name for run in runs} == {verdict}
         if verdict == "STANDING":
             peaks = [run.peak_displacement for run in runs]
@@ -166,10 +250,18 @@ def test_methods_agree_on_a_portal_under_fill():
 
 
 ENTRY = {
-    "id": "bridge", "profile": "segmental", "span": 8.0, "rise": 2.0, "thickness": 0.6,
-    "voussoirs": 7, "friction": 0.6, "dead_load": 1e3, "fill": FILL,
-    "piers": {"height": 3.0, "width": 2.0, "courses": 2}, "recess": {"intrados": 0.02},
-}  # fmt: skip
+    "id": "bridge",
+    "profile": "segmental",
+    "span": 8.0,
+    "rise": 2.0,
+    "thickness": 0.6,
+    "voussoirs": 7,
+    "friction": 0.6,
+    "dead_load": 1e3,
+    "fill": FILL,
+    "piers": {"height": 3.0, "width": 2.0, "courses": 2},
+    "recess": {"intrados": 0.02},
+}
 
 
 def test_an_entry_with_all_of_them_varies():
@@ -194,21 +286,48 @@ def test_an_entry_with_all_of_them_varies():
         start = af.onset(each)
         assert start.stands
         level = each.parameters["rise"] + 0.3 + 0.5  # of the fill
-        span = each.extrados[each.springings[1], 0] - each.extrados[each.springings[0], 0]
-        assert each.chain.mass.sum() > 18e3 / 9.80665 * span * (level - each.parameters["rise"])
+        span = (
+            each.extrados[each.springings[1], 0] - each.extrados[each.springings[0], 0]
+        )
+        assert each.chain.mass.sum() > 18e3 / 9.80665 * span * (
+            level - each.parameters["rise"]
+        )
 
 
 @pytest.mark.parametrize(
     ("change", "part"),
     [
-        ({"vary": {"samples": 2, "joints": {"position": {"distribution": "normal", "mean": 1.0,
-                                                         "sd": 0.1}}}}, "with piers"),
-        ({"friction": [0.6] * 8, "vary": {"samples": 2, "joints": {"friction": {
-            "distribution": "uniform", "start": 0.9, "stop": 1.1}}}}, "unless all joints share"),
+        (
+            {
+                "vary": {
+                    "samples": 2,
+                    "joints": {
+                        "position": {"distribution": "normal", "mean": 1.0, "sd": 0.1}
+                    },
+                }
+            },
+            "with piers",
+        ),
+        (
+            {
+                "friction": [0.6] * 8,
+                "vary": {
+                    "samples": 2,
+                    "joints": {
+                        "friction": {
+                            "distribution": "uniform",
+                            "start": 0.9,
+                            "stop": 1.1,
+                        }
+                    },
+                },
+            },
+            "unless all joints share",
+        ),
         ({"fill": {**FILL, "cohesion": 1.0}}, "is not a known key"),
         ({"piers": {"height": 3.0}}, "must be given"),
     ],
-)  # fmt: skip
+)
 def test_entries_that_cannot_be(change, part):
     with pytest.raises((ValidationError, InputError), match=part):
         ArchEntry.model_validate({**ENTRY, **change}).build()

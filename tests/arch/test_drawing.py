@@ -36,12 +36,17 @@ def draw(path, blocks, ground=(GROUND,), unit=6, closed=True, layer="STONE", old
     return document
 
 
-UNITS = {"m": (1.0, 6), "mm": (0.001, 4), "in": (0.0254, 1)}  # [m], and code of $INSUNITS
+UNITS = {
+    "m": (1.0, 6),
+    "mm": (0.001, 4),
+    "in": (0.0254, 1),
+}  # [m], and code of $INSUNITS
 
 
 def draw_arch(path, arch, scale=1.0, code=6):
     """A drawing of an arch, with arcs where its voussoirs are annular sectors."""
-    given, blocks = arch.parameters, [outline / scale for outline in arch.outlines]
+    given = arch.parameters
+    blocks = [outline / scale for outline in arch.outlines]
     # Outlines go along the intrados, then back along the extrados, with as many points.
     half = len(blocks[-1]) // 2
     ground = [blocks[0][[0, -1]], blocks[-1][[half - 1, half]]][: 2 - arch.free_end]
@@ -49,13 +54,25 @@ def draw_arch(path, arch, scale=1.0, code=6):
         blocks = [np.array(block) / [scale, scale, 1.0] for block in given["outlines"]]
         ground = [np.array(line) / scale for line in given["ground"]]
     elif given.get("sector"):
-        corners = [block[[0, len(block) // 2 - 1, len(block) // 2, -1]] for block in blocks]
+        corners = [
+            block[[0, len(block) // 2 - 1, len(block) // 2, -1]] for block in blocks
+        ]
         sides = [corner[[3, 2]] - corner[[0, 1]] for corner in corners]
-        angle = [np.arctan2(*side.T) for side in sides]  # of both joints, clockwise from above
-        bulge = [np.tan(0.25 * ((first - second) % (-2.0 * np.pi))) for first, second in angle]
+        angle = [
+            np.arctan2(*side.T) for side in sides
+        ]  # of both joints, clockwise from above
+        bulge = [
+            np.tan(0.25 * ((first - second) % (-2.0 * np.pi)))
+            for first, second in angle
+        ]
         rows = [np.array([b, 0.0, -b, 0.0]) for b in bulge]
         blocks = [np.column_stack(pair) for pair in zip(corners, rows)]
-    draw(path, [block.tolist() for block in blocks], [line.tolist() for line in ground], code)
+    draw(
+        path,
+        [block.tolist() for block in blocks],
+        [line.tolist() for line in ground],
+        code,
+    )
 
 
 @pytest.mark.parametrize("unit", ["m", "in"])
@@ -64,10 +81,14 @@ def test_what_is_drawn_is_read_as_the_same_arch(tmp_path, name, unit):
     arch = CHAINS[name]
     draw_arch(tmp_path / "arch.dxf", arch, *UNITS[unit])
     density = arch.parameters["density"]
-    again = af.Arch.from_dxf(tmp_path / "arch.dxf", arch.chain.friction, density=density)
+    again = af.Arch.from_dxf(
+        tmp_path / "arch.dxf", arch.chain.friction, density=density
+    )
     assert again.free_end == arch.free_end
     for ours, theirs in zip(arch.chain[:5], again.chain[:5]):
-        np.testing.assert_allclose(theirs, ours, rtol=0, atol=1e-13 * np.abs(ours).max())
+        np.testing.assert_allclose(
+            theirs, ours, rtol=0, atol=1e-13 * np.abs(ours).max()
+        )
 
 
 @pytest.mark.parametrize("old", [False, True])
@@ -89,7 +110,8 @@ def test_pier(tmp_path, old):
 def test_blocks_wider_than_joints():
     # A drum on a plinth: the joint is what both have in common.
     plinth = [(-1, 0), (1, 0), (1, 1), (-1, 1)]
-    drum, ground = [(-0.5, 1), (0.5, 1), (0.5, 3), (-0.5, 3)], [[(-1, 0), (1, 0)]]
+    drum = [(-0.5, 1), (0.5, 1), (0.5, 3), (-0.5, 3)]
+    ground = [[(-1, 0), (1, 0)]]
     column = af.Arch.from_polygons([drum, plinth], 5.0, ground=ground)
     np.testing.assert_allclose(column.intrados[1], [0.5, 1])
     assert af.onset(column).plus == pytest.approx(0.5)
@@ -99,7 +121,9 @@ def test_blocks_wider_than_joints():
 
 def test_thickness_factor(tmp_path):
     draw_arch(tmp_path / "a.dxf", af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7))
-    drawn = af.Arch.from_dxf(tmp_path / "a.dxf", 0.7, thickness_factor=1.1, dead_load=1e4)
+    drawn = af.Arch.from_dxf(
+        tmp_path / "a.dxf", 0.7, thickness_factor=1.1, dead_load=1e4
+    )
     thick = af.Arch.circular(10.0, 1.65, 157.5, 7, 0.7, dead_load=1e4)
     for pair in zip(thick.chain[:6], drawn.chain[:6]):
         np.testing.assert_allclose(*pair, rtol=1e-13, atol=1e-12)
@@ -113,10 +137,20 @@ FAULTS = {
     "overlap": ([LOW, MIDDLE, [(x, y - 0.1) for x, y in HIGH]], 1, "overlaps"),
     "doubled": ([*PIER, HIGH], 2, "overlaps"),
     "crossed": ([LOW, [MIDDLE[i] for i in (0, 2, 1, 3)], HIGH], 1, "itself"),
-    "stepped": ([[*LOW[:2], (1, 0.7), (0.5, 0.7), (0.5, 0.5), (0, 0.5)],
-                 [(0, 0.5), (0.5, 0.5), (0.5, 0.7), (1, 0.7), (1, 1), (0, 1)]], 0, "one line"),
-    "corner": ([LOW, [(0, 0.5), (1, 0.5), (0, 1)], [(1, 0.5), (1, 1), (0, 1)]], 1, "meet"),
-}  # fmt: skip
+    "stepped": (
+        [
+            [*LOW[:2], (1, 0.7), (0.5, 0.7), (0.5, 0.5), (0, 0.5)],
+            [(0, 0.5), (0.5, 0.5), (0.5, 0.7), (1, 0.7), (1, 1), (0, 1)],
+        ],
+        0,
+        "one line",
+    ),
+    "corner": (
+        [LOW, [(0, 0.5), (1, 0.5), (0, 1)], [(1, 0.5), (1, 1), (0, 1)]],
+        1,
+        "meet",
+    ),
+}
 
 
 @pytest.mark.parametrize(("blocks", "wrong", "word"), FAULTS.values(), ids=FAULTS)
@@ -132,7 +166,12 @@ def test_blocks_that_make_no_chain_are_refused_by_handle(tmp_path, blocks, wrong
         (PIER, {"closed": False}, {}, "LWPOLYLINE 2F is open"),
         (PIER, {"unit": 0}, {}, "INSUNITS = 0"),
         (PIER, {"unit": 4}, {}, "0.0015 m"),
-        (PIER, {}, {"layer": "BRICK"}, r"BRICK has nothing .*layers with polylines: STONE \(3\)"),
+        (
+            PIER,
+            {},
+            {"layer": "BRICK"},
+            r"BRICK has nothing .*layers with polylines: STONE \(3\)",
+        ),
         (PIER[:1], {"ground": []}, {}, "LWPOLYLINE 2F"),
         (PIER, {"ground": [((0, 0.1), (1, 0.1))]}, {}, "LINE 32 must be on"),
         (PIER, {"ground": [GROUND, ((0, 0.5), (0, 1))]}, {}, "between two joints"),
@@ -148,8 +187,11 @@ class Sheet:
     """A drawing in m with layers, of which some hide what is on them, and blocks."""
 
     def __init__(self, path, frozen=(), off=()):
-        self.path, self.document = path, ezdxf.new(units=6)
-        self.space, self.frozen, self.off = self.document.modelspace(), frozen, off
+        self.path = path
+        self.document = ezdxf.new(units=6)
+        self.space = self.document.modelspace()
+        self.frozen = frozen
+        self.off = off
 
     def add(self, corners, layer="STONE", where=None, **attributes):
         add = (self.space if where is None else where).add_lwpolyline
@@ -213,14 +255,24 @@ class TestWhatIsSeen:
         )
         with pytest.warns(UserWarning, match="2 blocks .INSERT of CAP. on layer OTHER"):
             af.Arch.from_dxf(sheet.path, 0.9, layer="STONE")
-        asked = "onset", "--drawing", str(sheet.path), "--friction", "0.9", "--layer", "STONE"
+        asked = (
+            "onset",
+            "--drawing",
+            str(sheet.path),
+            "--friction",
+            "0.9",
+            "--layer",
+            "STONE",
+        )
         assert "caution: a.dxf: 2 blocks" in CliRunner().invoke(main, asked).stderr
 
     @pytest.mark.parametrize("hidden", [{"frozen": ["OTHER"]}, {"off": ["OTHER"]}, {}])
     def test_and_nothing_else_is_read(self, tmp_path, hidden):
         sheet = pier(tmp_path, **hidden)
         for corners in PIER:
-            sheet.add([(x + 7, y) for x, y in corners], "OTHER", invisible=int(not hidden))
+            sheet.add(
+                [(x + 7, y) for x, y in corners], "OTHER", invisible=int(not hidden)
+            )
         found = sheet.read()
         assert (found.layer, len(found.outlines), found.caution) == ("STONE", 2, "")
         if hidden:
@@ -229,7 +281,9 @@ class TestWhatIsSeen:
 
     def test_of_a_reference_hangs_on_the_layers_in_its_block(self, tmp_path):
         sheet = pier(tmp_path, off=["OTHER"])
-        sheet.block("CAP", UNIT, "STONE")  # a block on a layer that is off shows what is on others
+        sheet.block(
+            "CAP", UNIT, "STONE"
+        )  # a block on a layer that is off shows what is on others
         sheet.insert("CAP", (0, 1), "OTHER")
         sheet.block("CUP", UNIT)
         sheet.insert("CUP", (0, 9), "OTHER")
@@ -240,7 +294,9 @@ class TestWhatIsSeen:
     def test_on_several_layers_is_one_arch_if_they_are_named(self, tmp_path):
         sheet = pier(tmp_path)
         sheet.add(PIER[2], "CAPS")
-        with pytest.raises(GeometryError, match=r"CAPS \(1\), STONE \(2\); give .*\[A, B\]"):
+        with pytest.raises(
+            GeometryError, match=r"CAPS \(1\), STONE \(2\); give .*\[A, B\]"
+        ):
             sheet.read()
         assert len(sheet.read(layer=["caps", "STONE"]).outlines) == 3
         arch = af.Arch.from_dxf(sheet.path, 0.9, layer=("STONE", "CAPS"))
@@ -249,7 +305,10 @@ class TestWhatIsSeen:
             id="pier", drawing=str(sheet.path), friction=0.9, layer=["STONE", "CAPS"]
         )
         assert entry.build().n_voussoir == 3
-        for given in (["--layer", "STONE", "--layer", "CAPS"], ["--layer", "STONE,CAPS"]):
+        for given in (
+            ["--layer", "STONE", "--layer", "CAPS"],
+            ["--layer", "STONE,CAPS"],
+        ):
             asked = ["onset", "--drawing", str(sheet.path), "--friction", "0.9", *given]
             answer = CliRunner().invoke(main, asked)
             assert "3 voussoirs" in answer.stderr
@@ -270,13 +329,16 @@ class TestInsertedBlocks:
         ],
     )
     def test_are_read_where_they_are_seen(self, tmp_path, given):
-        sheet, size = pier(tmp_path), np.ones(2) * given.pop("size", 1)
+        sheet = pier(tmp_path)
+        size = np.ones(2) * given.pop("size", 1)
         sheet.block("CAP", [tuple(size * corner) for corner in UNIT])
         sheet.insert("CAP", given.pop("insert"), **given)
         found = sheet.read()
         assert found.caution == ""
         np.testing.assert_allclose(found.outlines[2].min(axis=0), [0, 1, 0], atol=1e-12)
-        np.testing.assert_allclose(found.outlines[2].max(axis=0), [1, 1.5, 0], atol=1e-12)
+        np.testing.assert_allclose(
+            found.outlines[2].max(axis=0), [1, 1.5, 0], atol=1e-12
+        )
 
     def test_may_hold_others_and_stand_in_rows(self, tmp_path):
         sheet = Sheet(tmp_path / "a.dxf")
@@ -303,13 +365,20 @@ class TestInsertedBlocks:
         sheet.space.delete_entity(squeezed)
         sheet.document.add_xref_def("other.dwg", "X")
         handle = sheet.insert("X", (0, 0)).dxf.handle
-        with pytest.raises(GeometryError, match=f"layer STONE: INSERT {handle} is no 2D polyline"):
+        with pytest.raises(
+            GeometryError, match=f"layer STONE: INSERT {handle} is no 2D polyline"
+        ):
             sheet.read()
 
     def test_that_hold_each_other_or_too_much_are_refused(self, tmp_path):
         sheet = pier(tmp_path)
         sheet.block("ONE", UNIT)
-        many = {"row_count": 1000, "column_count": 1000, "row_spacing": 1, "column_spacing": 2}
+        many = {
+            "row_count": 1000,
+            "column_count": 1000,
+            "row_spacing": 1,
+            "column_spacing": 2,
+        }
         sheet.insert("ONE", (0, 1), **many)
         with pytest.raises(GeometryError, match="hold more than 50000 entities"):
             sheet.read()
@@ -347,17 +416,23 @@ def test_other_entities_and_other_files(tmp_path):
     assert len(read_drawing(path).outlines) == 3
     circle = space.add_circle((0, 0), 1, dxfattribs={"layer": "STONE"})
     document.saveas(path)
-    with pytest.raises(GeometryError, match=f"CIRCLE {circle.dxf.handle} is no 2D polyline"):
+    with pytest.raises(
+        GeometryError, match=f"CIRCLE {circle.dxf.handle} is no 2D polyline"
+    ):
         read_drawing(path)
     path.write_bytes(b"AC1032\0\0")
     for wrong in (path, tmp_path / "missing.dxf"):
-        with pytest.raises(GeometryError, match=r"\.dxf:? (is not a DXF file|cannot be read)"):
+        with pytest.raises(
+            GeometryError, match=r"\.dxf:? (is not a DXF file|cannot be read)"
+        ):
             read_drawing(wrong)
 
 
 def test_entry_of_a_study(tmp_path):
     draw(tmp_path / "pier.dxf", PIER)
-    entry = ArchEntry(id="pier", drawing=str(tmp_path / "pier.dxf"), friction=0.9).read()
+    entry = ArchEntry(
+        id="pier", drawing=str(tmp_path / "pier.dxf"), friction=0.9
+    ).read()
     assert entry.build().n_voussoir == 3
     assert "pier.dxf" not in entry.model_dump_json()
 
@@ -374,8 +449,10 @@ def test_commands(tmp_path):
 
 # Entities that ezdxf keeps as tags: a proxy, text of the Express Tools, a wall of Architecture.
 def kept_as_tags(kind, layer, handle="FFF1"):
-    return (f"  0\n{kind}\n  5\n{handle}\n330\n1F\n100\nAcDbEntity\n  8\n{layer}\n100\n"
-            f"AcDb{kind}\n 40\n1.0\n")  # fmt: skip
+    return (
+        f"  0\n{kind}\n  5\n{handle}\n330\n1F\n100\nAcDbEntity\n  8\n{layer}\n100\n"
+        f"AcDb{kind}\n 40\n1.0\n"
+    )
 
 
 def add_tags(path, *texts):
@@ -387,10 +464,21 @@ def add_tags(path, *texts):
 
 
 class TestEntitiesOfOtherKinds:
-    @pytest.mark.parametrize("kind", [
-        "ARCALIGNEDTEXT", "RTEXT", "AEC_WALL", "ACAD_PROXY_ENTITY", "REGION", "3DSOLID", "BODY",
-        "PLANESURFACE", "HELIX", "OLE2FRAME",
-    ])  # fmt: skip
+    @pytest.mark.parametrize(
+        "kind",
+        [
+            "ARCALIGNEDTEXT",
+            "RTEXT",
+            "AEC_WALL",
+            "ACAD_PROXY_ENTITY",
+            "REGION",
+            "3DSOLID",
+            "BODY",
+            "PLANESURFACE",
+            "HELIX",
+            "OLE2FRAME",
+        ],
+    )
     @pytest.mark.parametrize("layer", ["STONE", "OTHER"])
     def test_that_are_kept_as_tags_are_counted_or_refused(self, tmp_path, kind, layer):
         sheet = pier(tmp_path)
@@ -404,24 +492,31 @@ class TestEntitiesOfOtherKinds:
         assert len(found.outlines) == 2
         assert f"1 {kind} on layer {layer} is not part of the arch" in found.caution
 
-    @pytest.mark.parametrize("add", [
-        lambda space: space.add_3dface([(0, 1), (1, 1), (1, 2)]),
-        lambda space: space.new_entity("LIGHT", {}),
-        lambda space: space.add_solid([(0, 1), (1, 1), (1, 2)]),
-        lambda space: space.add_spline([(0, 1), (1, 1), (1, 2)]),
-        lambda space: space.add_mline([(0, 1), (1, 1)]),
-    ])  # fmt: skip
+    @pytest.mark.parametrize(
+        "add",
+        [
+            lambda space: space.add_3dface([(0, 1), (1, 1), (1, 2)]),
+            lambda space: space.new_entity("LIGHT", {}),
+            lambda space: space.add_solid([(0, 1), (1, 1), (1, 2)]),
+            lambda space: space.add_spline([(0, 1), (1, 1), (1, 2)]),
+            lambda space: space.add_mline([(0, 1), (1, 1)]),
+        ],
+    )
     def test_that_are_no_outlines_are_refused_by_handle(self, tmp_path, add):
         sheet = pier(tmp_path)
         entity = add(sheet.space)
         entity.dxf.layer = "STONE"
-        with pytest.raises(GeometryError, match=f"{entity.dxf.handle} is no 2D polyline"):
+        with pytest.raises(
+            GeometryError, match=f"{entity.dxf.handle} is no 2D polyline"
+        ):
             sheet.read()
 
 
 class TestWhatIsHidden:
     @pytest.mark.parametrize("depth", [1, 2])
-    def test_by_a_clip_is_not_told_and_refused_on_the_layer_of_the_arch(self, tmp_path, depth):
+    def test_by_a_clip_is_not_told_and_refused_on_the_layer_of_the_arch(
+        self, tmp_path, depth
+    ):
         sheet = pier(tmp_path)
         block = sheet.block("CAP", UNIT)
         sheet.add([(x, y + 3) for x, y in UNIT], "0", block)  # beyond the clip
@@ -431,26 +526,43 @@ class TestWhatIsHidden:
             sheet.insert("OUTER", (0, 0))
         clip = XClip(clipped)
         clip.set_block_clipping_path([(-0.1, -0.1), (1.1, 0.6)])
-        with pytest.raises(GeometryError, match=r"block (CAP|OUTER).* is clipped .XCLIP"):
+        with pytest.raises(
+            GeometryError, match=r"block (CAP|OUTER).* is clipped .XCLIP"
+        ):
             sheet.read()
         sheet.add(UNIT, "OTHER")
         clipped.dxf.layer = "OTHER"
         if depth == 1:  # on another layer only counted
-            assert "1 block (INSERT of CAP) on layer OTHER" in sheet.read(layer="STONE").caution
+            assert (
+                "1 block (INSERT of CAP) on layer OTHER"
+                in sheet.read(layer="STONE").caution
+            )
         clip.disable_clipping()
         clipped.dxf.layer = "STONE"
         assert len(sheet.read(layer="STONE").outlines) == 4  # all of it is seen
 
-    @pytest.mark.parametrize(("size", "after"), [(3.0, True), (3.0, False), (0.4, True)])
+    @pytest.mark.parametrize(
+        ("size", "after"), [(3.0, True), (3.0, False), (0.4, True)]
+    )
     def test_by_a_later_wipeout_is_refused(self, tmp_path, size, after):
         sheet = pier(tmp_path)
-        sheet.space.add_wipeout([(-0.1, -0.1), (size, 0.55)], dxfattribs={"layer": "TEXT"})
+        sheet.space.add_wipeout(
+            [(-0.1, -0.1), (size, 0.55)], dxfattribs={"layer": "TEXT"}
+        )
         if not after:
             wipeout = sheet.space[-1].dxf.handle
-            lines = [entity.dxf.handle for entity in sheet.space if entity.dxf.handle != wipeout]
-            sheet.space.set_redraw_order([(wipeout, "1"), *((line, "9") for line in lines)])
+            lines = [
+                entity.dxf.handle
+                for entity in sheet.space
+                if entity.dxf.handle != wipeout
+            ]
+            sheet.space.set_redraw_order(
+                [(wipeout, "1"), *((line, "9") for line in lines)]
+            )
         if size > 1.0 and after:
-            with pytest.raises(GeometryError, match=r"LWPOLYLINE 3. is hidden by WIPEOUT"):
+            with pytest.raises(
+                GeometryError, match=r"LWPOLYLINE 3. is hidden by WIPEOUT"
+            ):
                 sheet.read(layer="STONE")
         else:
             assert sheet.read(layer="STONE").caution == ""
@@ -460,7 +572,10 @@ class TestWhatIsHidden:
         sheet.document.layouts.get("Layout1").add_viewport(
             (1, 1), (1, 1), (0, 0), 2
         ).frozen_layers = ["stone"]
-        assert "layer STONE is frozen in a viewport of a layout, and read" in sheet.read().caution
+        assert (
+            "layer STONE is frozen in a viewport of a layout, and read"
+            in sheet.read().caution
+        )
 
 
 @pytest.mark.parametrize("code", [41, 42, 43])
@@ -469,7 +584,9 @@ def test_a_scale_of_zero_is_refused(tmp_path, code):
     sheet.block("CAP", UNIT)
     sheet.insert("CAP", (0, 1), xscale=7.5, yscale=7.5, zscale=7.5)
     sheet.read()
-    sheet.path.write_text(re.sub(rf"{code}\n7\.5", f"{code}\n0.0", sheet.path.read_text()))
+    sheet.path.write_text(
+        re.sub(rf"{code}\n7\.5", f"{code}\n0.0", sheet.path.read_text())
+    )
     with pytest.raises(
         GeometryError, match=r"block CAP. has [xyz]scale = 0, which leaves no area"
     ):
@@ -489,6 +606,11 @@ def test_a_tolerance_that_is_no_length_is_refused(tmp_path, tolerance):
     draw(tmp_path / "a.dxf", PIER)
     entry = ArchEntry(id="a", drawing=str(tmp_path / "a.dxf"), friction=0.9)
     entry = entry.model_copy(update={"tolerance": tolerance})
-    for make in (entry.read, lambda: af.Arch.from_polygons(PIER, 0.9, tolerance=tolerance)):
-        with pytest.raises(GeometryError, match=f"tolerance = {tolerance} is impossible"):
+    for make in (
+        entry.read,
+        lambda: af.Arch.from_polygons(PIER, 0.9, tolerance=tolerance),
+    ):
+        with pytest.raises(
+            GeometryError, match=f"tolerance = {tolerance} is impossible"
+        ):
             make()

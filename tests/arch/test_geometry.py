@@ -53,7 +53,8 @@ def test_thin_sector_is_a_rectangle_without_cancellation(sweep):
 @pytest.mark.parametrize("away", [[0.0, 0.0], [500.0, -300.0]])
 @pytest.mark.parametrize("order", [1, -1])
 def test_rectangle_anywhere_in_either_order(away, order):
-    width, height = 0.3, 1.7
+    width = 0.3
+    height = 1.7
     corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
     tilt = np.array([[math.cos(0.7), math.sin(0.7)], [-math.sin(0.7), math.cos(0.7)]])
     found = polygon_section((corners @ tilt + away)[::order])
@@ -65,7 +66,8 @@ def test_rectangle_anywhere_in_either_order(away, order):
 
 def test_half_a_disk():
     """Its centroid is 4 r/(3 pi) above its base; pi r^4/4 about the middle of the base."""
-    section, away = outline_section(np.array([[-2.0, 0, 0], [2.0, 0, 1.0]])), 8.0 / (3 * math.pi)
+    section = outline_section(np.array([[-2.0, 0, 0], [2.0, 0, 1.0]]))
+    away = 8.0 / (3 * math.pi)
     assert section[0] == pytest.approx(2.0 * math.pi, rel=1e-14)
     np.testing.assert_allclose(section[1], [0, away], atol=1e-14)
     assert section[2] == pytest.approx(math.pi * (4.0 - 2.0 * away**2), rel=1e-13)
@@ -76,7 +78,8 @@ def test_the_static_limit_is_where_the_potential_energy_of_the_linkage_is_larges
     start = af.onset(arch)
     corner = {"intrados": arch.intrados, "extrados": arch.extrados}
     a, b, c, d = (corner[side][joint] @ [1, 1j] for joint, side in start.hinges)
-    joints, centroid = [joint for joint, _ in start.hinges], arch.chain.centroid @ [1, 1j]
+    joints = [joint for joint, _ in start.hinges]
+    centroid = arch.chain.centroid @ [1, 1j]
 
     def angles(first):
         def closing(two):
@@ -91,13 +94,18 @@ def test_the_static_limit_is_where_the_potential_energy_of_the_linkage_is_larges
         knees = [a, a + turn[0] * (b - a), d - turn[2] * (d - c)]
         return sum(
             arch.chain.mass[i] * (knee + factor * (centroid[i] - pivot)).imag
-            for knee, pivot, factor, low, high in zip(knees, (a, b, c), turn, joints, joints[1:])
+            for knee, pivot, factor, low, high in zip(
+                knees, (a, b, c), turn, joints, joints[1:]
+            )
             for i in range(low, high)
         )
 
     sense = 1.0 if energy(1e-4) > energy(-1e-4) else -1.0
     top = minimize_scalar(
-        lambda x: -energy(sense * x), bounds=(0.0, 0.3), method="bounded", options={"xatol": 1e-9}
+        lambda x: -energy(sense * x),
+        bounds=(0.0, 0.3),
+        method="bounded",
+        options={"xatol": 1e-9},
     )
     expected = np.abs(angles(sense * top.x)).max()
     assert static_limit(arch, start) == pytest.approx(expected, rel=1e-4)

@@ -7,7 +7,9 @@ from matplotlib import pyplot
 import archfrag as af
 
 RING = af.Arch.segmental(8.0, 3.0, 0.6, 9, 0.6)
-FILLED = RING.on_piers(3.0, 1.5).filled(0.4, 18e3, backing_height=0.8, backing_unit_weight=2e4)
+FILLED = RING.on_piers(3.0, 1.5).filled(
+    0.4, 18e3, backing_height=0.8, backing_unit_weight=2e4
+)
 BRIDGE = FILLED.tied(level=0.8, area=8e-4, prestress=2e4)
 
 
@@ -36,14 +38,19 @@ def test_points_turn_with_their_voussoirs_and_stay_in_the_frame():
     angle = random.uniform(-1.0, 1.0, place.shape[:2])
     place[-1, 0] += 1e3  # what flies off is out of the frame
     low, high = BRIDGE._frame(place, angle, 0.1)
-    assert (high - low < 4.0 * np.ptp(np.concatenate(BRIDGE.outlines), axis=0).max()).all()
-    rest, centre = place @ [1, 1j], BRIDGE.centroids @ [1, 1j]
+    assert (
+        high - low < 4.0 * np.ptp(np.concatenate(BRIDGE.outlines), axis=0).max()
+    ).all()
+    rest = place @ [1, 1j]
+    centre = BRIDGE.centroids @ [1, 1j]
     for mark in BRIDGE.marks:
         moved = mark.moved(BRIDGE.centroids, place, angle)
         bodies = np.broadcast_to(mark.bodies, len(mark.points)).tolist()
         for k, (point, body) in enumerate(zip(mark.points @ [1, 1j], bodies)):
             expected = np.full(len(place), point)
             if 0 <= body < BRIDGE.n_voussoir:
-                expected = rest[:, body] + (point - centre[body]) * np.exp(1j * angle[:, body])
+                expected = rest[:, body] + (point - centre[body]) * np.exp(
+                    1j * angle[:, body]
+                )
                 assert ((moved[:3, k] > low) & (moved[:3, k] < high)).all()
             np.testing.assert_allclose(moved[:, k] @ [1, 1j], expected, atol=1e-9)

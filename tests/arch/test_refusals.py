@@ -13,18 +13,33 @@ NAN = math.nan
 
 
 def circular(**change):
-    given = {"radius": 10.0, "thickness": 1.5, "embrace": 157.5, "voussoirs": 7, "friction": 0.7}
+    given = {
+        "radius": 10.0,
+        "thickness": 1.5,
+        "embrace": 157.5,
+        "voussoirs": 7,
+        "friction": 0.7,
+    }
     return Arch.circular(**{**given, **change})
 
 
 def profile(name, **change):
-    given = {"span": 10.0, "rise": 5.0, "thickness": 0.5, "voussoirs": 7, "friction": 0.7}
+    given = {
+        "span": 10.0,
+        "rise": 5.0,
+        "thickness": 0.5,
+        "voussoirs": 7,
+        "friction": 0.7,
+    }
     return getattr(Arch, name)(**{**given, **change})
 
 
 def refusal(make, *args, **given):
     """The message, raised without a warning before it."""
-    with warnings.catch_warnings(action="error"), pytest.raises(GeometryError) as caught:
+    with (
+        warnings.catch_warnings(action="error"),
+        pytest.raises(GeometryError) as caught,
+    ):
         make(*args, **given)
     return str(caught.value)
 
@@ -58,10 +73,17 @@ def test_numbers_of_a_circular_arch(key, value, start):
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("span", 0.0), ("rise", NAN), ("thickness", "3"), ("voussoirs", 1), ("depth", NAN),
-        ("friction", -0.5), ("density", 0.0), ("dead_load", -3.0), ("joints", [0.0, 0.5]),
+        ("span", 0.0),
+        ("rise", NAN),
+        ("thickness", "3"),
+        ("voussoirs", 1),
+        ("depth", NAN),
+        ("friction", -0.5),
+        ("density", 0.0),
+        ("dead_load", -3.0),
+        ("joints", [0.0, 0.5]),
     ],
-)  # fmt: skip
+)
 def test_every_profile_checks_its_numbers(name, key, value):
     assert refusal(profile, name, **{key: value}).startswith(key)
 
@@ -76,13 +98,17 @@ def test_proportions_and_what_overflows():
 @pytest.mark.parametrize(
     ("name", "rise", "thickness", "voussoirs"),
     [
-        ("elliptic", 8.0, 7.0, 21), ("catenary", 8.0, 6.0, 21),
-        ("pointed", 9.0, 6.0, 12), ("pointed", 9.0, 40.0, 13),
+        ("elliptic", 8.0, 7.0, 21),
+        ("catenary", 8.0, 6.0, 21),
+        ("pointed", 9.0, 6.0, 12),
+        ("pointed", 9.0, 40.0, 13),
     ],
-)  # fmt: skip
+)
 def test_joints_that_cross_inside_the_ring(name, rise, thickness, voussoirs):
     given = {"rise": rise, "thickness": thickness, "voussoirs": voussoirs}
-    assert "must neither cross nor touch inside the ring" in refusal(profile, name, **given)
+    assert "must neither cross nor touch inside the ring" in refusal(
+        profile, name, **given
+    )
 
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]])
@@ -103,26 +129,52 @@ def ring_of(angles):
 @pytest.mark.parametrize(
     ("intrados", "extrados", "more", "start"),
     [
-        (SQUARE, moved(ABOVE, 1, [1.0, 0.0]), {}, "voussoir 0 is no convex quadrilateral: its"),
-        (moved(SQUARE, 1, [0.0, 0.0]), ABOVE, {}, "voussoir 0 is no convex quadrilateral: its"),
-        (SQUARE, moved(ABOVE, 1, [2.5, 1.0]), {}, "voussoir 1 is no convex quadrilateral: its"),
-        (moved(SQUARE, 2, [0.5, -0.5]), moved(ABOVE, 2, [0.5, 1.5]), {},
-         "voussoir 1 lies on the same side of joint 1 as voussoir 0"),
+        (
+            SQUARE,
+            moved(ABOVE, 1, [1.0, 0.0]),
+            {},
+            "voussoir 0 is no convex quadrilateral: its",
+        ),
+        (
+            moved(SQUARE, 1, [0.0, 0.0]),
+            ABOVE,
+            {},
+            "voussoir 0 is no convex quadrilateral: its",
+        ),
+        (
+            SQUARE,
+            moved(ABOVE, 1, [2.5, 1.0]),
+            {},
+            "voussoir 1 is no convex quadrilateral: its",
+        ),
+        (
+            moved(SQUARE, 2, [0.5, -0.5]),
+            moved(ABOVE, 2, [0.5, 1.5]),
+            {},
+            "voussoir 1 lies on the same side of joint 1 as voussoir 0",
+        ),
         (*ring_of(np.linspace(-200.0, 200.0, 12)), {}, "voussoirs 0 and 9 overlap by "),
         (SQUARE[:2], ABOVE[:2], {}, "intrados of shape (2, 2) is impossible"),
         (SQUARE, ABOVE[:3], {}, "intrados has 4 points and extrados 3"),
         (SQUARE, moved(ABOVE, 2, [NAN, 1.0]), {}, "extrados[2, 0] = nan is impossible"),
         (SQUARE, ABOVE, {"free_end": 1}, "free_end = 1 is impossible"),
-        (SQUARE, ABOVE, {"free_end": True, "friction": [0.7] * 4}, "friction of shape (4,) is "),
+        (
+            SQUARE,
+            ABOVE,
+            {"free_end": True, "friction": [0.7] * 4},
+            "friction of shape (4,) is ",
+        ),
     ],
-)  # fmt: skip
+)
 def test_joints_that_cannot_be(intrados, extrados, more, start):
     given = {"friction": 0.7, **more}
     assert refusal(Arch.from_joints, intrados, extrados, **given).startswith(start)
 
 
 def test_a_ring_that_closes_on_itself_or_lies_near_itself_may_be():
-    assert Arch.from_joints(*ring_of(np.linspace(-180.0, 180.0, 13)), 0.7).n_voussoir == 12
+    assert (
+        Arch.from_joints(*ring_of(np.linspace(-180.0, 180.0, 13)), 0.7).n_voussoir == 12
+    )
     angles = np.linspace(0.0, 700.0, 71)
     spiral = [(1.0 + angles / 1000.0)[:, None] * side for side in ring_of(angles)]
     assert Arch.from_joints(*spiral, 0.7).n_voussoir == 70

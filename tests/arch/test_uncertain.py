@@ -24,7 +24,9 @@ MARGINALS = {
 @pytest.mark.parametrize("scheme", ["sobol", "latin_hypercube"])
 def test_samples_have_mean_and_deviation_of_their_distribution(name, scheme):
     given, other = MARGINALS[name]
-    own = JointScatter(friction={"distribution": name.split()[0], **given}).friction.marginal()
+    own = JointScatter(
+        friction={"distribution": name.split()[0], **given}
+    ).friction.marginal()
     values = sample({"x": own}, 1024, scheme=scheme, seed=7)["x"]
     assert values.mean() == pytest.approx(other.mean(), abs=2e-3 * other.std())
     assert values.std() == pytest.approx(other.std(), rel=0.01)

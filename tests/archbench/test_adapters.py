@@ -21,8 +21,10 @@ SCENES = [name for name in scene_names() if load_scene(name).motion["kind"] != "
 PULSE = replace(load_scene("arch7_pulse"), duration=0.41)
 ROCKING = replace(
     load_scene("block_sine"),
-    initial={"angle": 0.05, "spin": 0.02}, motion={"kind": "none"}, duration=0.31,
-)  # fmt: skip
+    initial={"angle": 0.05, "spin": 0.02},
+    motion={"kind": "none"},
+    duration=0.31,
+)
 
 
 @pytest.mark.parametrize("scene", [load_scene(name) for name in SCENES], ids=SCENES)
@@ -32,7 +34,9 @@ class TestEveryScene:
         for found, own in zip(scene.bodies(), (ours.mass, ours.inertia, ours.centroid)):
             np.testing.assert_allclose(found, own, rtol=1e-12, atol=1e-12)
 
-    def test_outlines_are_anticlockwise_and_the_ground_ends_at_the_springing_faces(self, scene):
+    def test_outlines_are_anticlockwise_and_the_ground_ends_at_the_springing_faces(
+        self, scene
+    ):
         for outline in (*scene.polygons(), *scene.supports()):
             edge = np.roll(outline, -1, axis=0) - outline
             assert np.all(cross(edge, np.roll(edge, -1, axis=0)) > 0.0)
@@ -50,7 +54,8 @@ class TestEveryScene:
         assert means.sum() * dt == pytest.approx(impulse, abs=1e-9)
 
     def test_contacts_are_closed_at_rest_and_linearised_exactly(self, scene):
-        corners, step = Corners(scene), 1e-6
+        corners = Corners(scene)
+        step = 1e-6
         q = np.zeros((corners.count, 3))
         assert corners.linearise(q)[0] == pytest.approx(0.0, abs=1e-12)
         q = 0.01 * np.sin(np.arange(q.size)).reshape(q.shape)
@@ -72,7 +77,9 @@ class Sideways:
     unconverged = None
 
     def __init__(self, place):
-        self.place, self.start, self.time = place, PULSE.bodies().centroid, 0.0
+        self.place = place
+        self.start = PULSE.bodies().centroid
+        self.time = 0.0
 
     def step(self, acceleration):
         self.time += 0.005
@@ -92,7 +99,8 @@ def build(scene, dt):
 def test_collapse_is_a_centroid_beyond_two_thicknesses_and_no_motion_is_a_failure():
     scene = replace(PULSE, duration=5.0)
     found = drive(Sideways(lambda t: 0.5 * t * t), scene, 0.005, history=True)
-    expected, end = math.sqrt(2.0 * 2.0 * scene.thickness), found.simulated_seconds
+    expected = math.sqrt(2.0 * 2.0 * scene.thickness)
+    end = found.simulated_seconds
     assert found.collapsed
     assert expected < end <= expected + 0.01 + 1e-9
     assert [found.steps * 0.005, found.history["time"][-1]] == pytest.approx([end, end])
@@ -109,9 +117,13 @@ def test_a_failed_run_is_no_outcome_and_the_next_one_runs(monkeypatch):
     monkeypatch.setattr(client, "MODULE", "tests.archbench.{}")
     solver = OtherSolver("test_adapters")
     assert solver.version == VERSION
-    with pytest.raises(SolverFailed, match=r"test_adapters, arch7_pulse, dt 1 s: .*a step of 1 s"):
+    with pytest.raises(
+        SolverFailed, match=r"test_adapters, arch7_pulse, dt 1 s: .*a step of 1 s"
+    ):
         solver.run(PULSE, 1.0)
-    assert solver.run(PULSE, 0.005).peak_displacement == pytest.approx(math.sin(0.41), abs=1e-3)
+    assert solver.run(PULSE, 0.005).peak_displacement == pytest.approx(
+        math.sin(0.41), abs=1e-3
+    )
     solver.process.kill()
     with pytest.raises(SolverFailed, match="process ended"):
         solver.run(PULSE, 0.005)
@@ -123,9 +135,12 @@ def test_a_failed_run_is_no_outcome_and_the_next_one_runs(monkeypatch):
 # Largest relative error of the keystone before the first impact, and of the block; `lmgc90` starts
 # from rest.
 ERRORS = {
-    "siconos": (0.02, 0.06), "pinocchio": (0.02, 0.06), "lmgc90": (0.01, None),
-    "mujoco_corners": (0.1, 0.08), "pymunk": (0.04, 0.1),
-}  # fmt: skip
+    "siconos": (0.02, 0.06),
+    "pinocchio": (0.02, 0.06),
+    "lmgc90": (0.01, None),
+    "mujoco_corners": (0.1, 0.08),
+    "pymunk": (0.04, 0.1),
+}
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -7,7 +7,14 @@ import pandas as pd
 import pytest
 
 from archbench import bands, knee, page
-from archbench.fragility import REFERENCES, SHIPPED, Study, run_study, scenes_of, tables_of
+from archbench.fragility import (
+    REFERENCES,
+    SHIPPED,
+    Study,
+    run_study,
+    scenes_of,
+    tables_of,
+)
 from archbench.runner import Bench
 from archbench.settings import Setting
 from archfrag.study.file.schema import load_study
@@ -16,7 +23,8 @@ LEVELS = np.linspace(0.2, 3.0, 15)
 ROOT = Path(__file__).parents[2]
 SETS = ROOT.parent / "shared" / "validation" / "small_samples"
 EXACT = {("reference", each): 1.0 for each in REFERENCES}
-COARSE, FINE = Setting("time_stepping", "dt", 8e-3), Setting("auto", "rtol", 1e-3)
+COARSE = Setting("time_stepping", "dt", 8e-3)
+FINE = Setting("auto", "rtol", 1e-3)
 
 
 def tables_from(factors, scatter=0.0, failures=0):
@@ -43,7 +51,9 @@ class TestCurvesBesideTheReference:
         off = curves.loc["time_stepping", "theta_difference"]
         assert off == pytest.approx(np.log(1.3), abs=0.06)
         row = curves.loc["auto"]
-        assert row[["theta_difference", "theta_scatter"]].tolist() == pytest.approx([0.0, 0.0])
+        assert row[["theta_difference", "theta_scatter"]].tolist() == pytest.approx(
+            [0.0, 0.0]
+        )
         assert row["theta_sampling"] > 0.05
         assert row["seconds"] == 3.0
 
@@ -59,13 +69,19 @@ class TestCurvesBesideTheReference:
         assert known == pytest.approx(0.5 * np.log(1.2), abs=0.03)
 
     def test_failures_are_neither_collapse_nor_survival(self):
-        assert curves_of({**EXACT, ("setting", FINE): 1.0}, failures=3)["failures"].tolist() == [3]
+        assert curves_of({**EXACT, ("setting", FINE): 1.0}, failures=3)[
+            "failures"
+        ].tolist() == [3]
 
 
 def test_the_knee_is_measured_beside_the_reference_on_the_same_records():
-    capacity = np.exp(np.log(1.4) + 0.5 * np.random.default_rng(3).normal(size=(100, 1)))
+    capacity = np.exp(
+        np.log(1.4) + 0.5 * np.random.default_rng(3).normal(size=(100, 1))
+    )
     studies = {
-        setting: Study("", setting, 0, (capacity * factor < LEVELS).astype(int).tolist(), 1.0)
+        setting: Study(
+            "", setting, 0, (capacity * factor < LEVELS).astype(int).tolist(), 1.0
+        )
         for setting, factor in ((knee.REFERENCE, 1.0), (FINE, 1.15))
     }
     reference, row = knee.errors_of_theta(studies, LEVELS)
@@ -93,14 +109,21 @@ def test_the_page_is_made_from_tables_alone(tmp_path):
 
 
 def test_a_band_holds_lognormal_capacities_and_not_two_peaks():
-    held = [bands.coverage_of(bands.RECORDS, family, 24, 40)["theta"] for family in bands.FAMILIES]
+    held = [
+        bands.coverage_of(bands.RECORDS, family, 24, 40)["theta"]
+        for family in bands.FAMILIES
+    ]
     assert held[0] > 0.75 > held[-1]
 
 
 @pytest.mark.parametrize(
-    "name", ["limit state of 12 records", "limit state, 2 records an event",
-             "ida, single runs scatter by 0.2"],
-)  # fmt: skip
+    "name",
+    [
+        "limit state of 12 records",
+        "limit state, 2 records an event",
+        "ida, single runs scatter by 0.2",
+    ],
+)
 def test_bands_of_limit_states_and_of_ida_hold(name):
     held = bands.coverage_in(name, 20)
     assert min(held.values()) >= 0.7  # of 18 of 20 that are expected
@@ -122,17 +145,23 @@ def test_error_and_coverage_of_few_runs_are_those_of_sets_that_are_made(tmp_path
     capacity = theta * np.exp(beta * generator.standard_normal(im.shape))
     np.savez(tmp_path / "pairs.npz", intensity=im, failed=1.0 * (capacity < im))
     found = few_runs(tmp_path, [10, 200], 30)
-    assert found["archfrag, all sets"].tolist() == pytest.approx([0.105, 0.030], rel=0.15)
+    assert found["archfrag, all sets"].tolist() == pytest.approx(
+        [0.105, 0.030], rel=0.15
+    )
     assert found[["theta", "beta"]].min(axis=None) > 0.75
     np.savez(tmp_path / "pairs.npz", intensity=im, failed=1.0 * (3.0 * capacity < im))
     assert few_runs(tmp_path, [200], 30)["theta"].max() == 0.0  # of another curve
 
 
-@pytest.mark.skipif(not SETS.is_dir(), reason="../shared/validation is not beside the repository")
+@pytest.mark.skipif(
+    not SETS.is_dir(), reason="../shared/validation is not beside the repository"
+)
 def test_few_runs_of_the_public_sets():
     table = ROOT / "docs" / "evidence" / "data" / "bands_few_runs.csv"
     kept = pd.read_csv(table, index_col="runs")
     again = few_runs(SETS, [10, 20, 30, 50, 100], bands.FIRST)
-    assert again["archfrag"].to_numpy() == pytest.approx(kept["archfrag"][:-1], abs=2e-3)
+    assert again["archfrag"].to_numpy() == pytest.approx(
+        kept["archfrag"][:-1], abs=2e-3
+    )
     assert np.all(again["archfrag"] <= [0.11, 0.082, 0.071, 0.071, 0.051])
     assert np.all(again["archfrag"] < again["constrained"] + 1e-3)

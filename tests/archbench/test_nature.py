@@ -29,7 +29,9 @@ class TestCalibration:
         chance = nature.chances(steeper)
         assert nature.chances(np.ones((*shape, 2), bool)) == pytest.approx(1.0)
         assert np.all(np.diff(chance[0, :, 2, 3, 0]) <= 1e-12)
-        edge = chance[:, 6, 2, 3, 0]  # blocks that are set up less alike collapse more often
+        edge = chance[
+            :, 6, 2, 3, 0
+        ]  # blocks that are set up less alike collapse more often
         assert np.all(np.diff(edge) > 0.0)
         assert edge[0] == pytest.approx(0.235, abs=0.005)
 
@@ -86,10 +88,13 @@ def collapsed(tests):
 
 @pytest.mark.filterwarnings("ignore::archfrag.errors.UnitWarning")
 @pytest.mark.xdist_group("nature")
-@pytest.mark.skipif(not DATA.is_dir(), reason="../shared/validation is not beside the repository")
+@pytest.mark.skipif(
+    not DATA.is_dir(), reason="../shared/validation is not beside the repository"
+)
 class TestNature:
     def test_verdicts_that_are_kept_are_those_of_the_blocks(self, tests, collapsed):
-        generator, kept = np.random.default_rng(1), collapsed.reshape(-1, len(tests.motions))
+        generator = np.random.default_rng(1)
+        kept = collapsed.reshape(-1, len(tests.motions))
         for k in generator.choice(len(kept), 12, replace=False):
             found = nature.verdicts(nature.block(*nature.points()[k]), tests.motions)
             assert (found != kept[k]).mean() < 0.02, nature.points()[k]
@@ -97,7 +102,8 @@ class TestNature:
     def test_the_page_shows_what_is_measured_and_its_rows_hold(self, tests, collapsed):
         found = nature.measure(tests, collapsed)
         for k, least, elements in ((1, 0.885, 0.866), (2, 0.92, 0.916)):
-            own, shown = found[f"specimen {k}"], PAGE[f"specimen {k}"]
+            own = found[f"specimen {k}"]
+            shown = PAGE[f"specimen {k}"]
             assert own["equal_best_block"] >= least
             assert own["equal"] >= least > elements
             assert own["held_back"]["archfrag"] > own["held_back"]["elements"]
@@ -119,20 +125,26 @@ class TestNature:
         assert 172 <= sum(kept) <= 188  # 86 to 94 % of 200
         assert min(kept) >= 41
 
-    def test_specimen_1_loses_more_at_impacts_than_a_rigid_block(self, tests, collapsed):
+    def test_specimen_1_loses_more_at_impacts_than_a_rigid_block(
+        self, tests, collapsed
+    ):
         """Symmetric blocks of the grid, and the same by the rocking equation with a factor."""
         lossy = np.zeros_like(collapsed[:, :, :1])
         for i, alpha in enumerate(nature.GRID["slenderness"]):
             for j, size in enumerate(nature.GRID["half_diagonal"]):
                 twin = Rocking(alpha, np.sqrt(0.75 * STANDARD_GRAVITY / size))
                 for k, each in enumerate(tests.motions):
-                    lossy[i, j, 0, k] = np.abs(rocking(each, twin, 0.85 * twin.ratio)).max() > 1.0
+                    lossy[i, j, 0, k] = (
+                        np.abs(rocking(each, twin, 0.85 * twin.ratio)).max() > 1.0
+                    )
 
         def evidence(verdicts, toppled):
             chance = nature.chances(np.repeat(verdicts, 7, axis=2))
             return nature.calibrate(chance, toppled, np.ones((1, toppled.size)))[2][0]
 
-        gain = {k: evidence(lossy, own) - evidence(collapsed[:, :, 3:4], own)
-                for k, own in tests.toppled.items()}  # fmt: skip
+        gain = {
+            k: evidence(lossy, own) - evidence(collapsed[:, :, 3:4], own)
+            for k, own in tests.toppled.items()
+        }
         assert gain[1] > 8.0
         assert gain[2] < 2.0

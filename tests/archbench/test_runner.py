@@ -29,12 +29,19 @@ def task(seconds, path=None):
 
 def test_what_takes_too_long_is_ended_with_its_processes_and_all_else_is_done(tmp_path):
     child = tmp_path / "pid"
-    tasks = {("short",): (0.2,), ("long",): (600.0, child), ("dies",): (-1.0,), ("last",): (0.1,)}
+    tasks = {
+        ("short",): (0.2,),
+        ("long",): (600.0, child),
+        ("dies",): (-1.0,),
+        ("last",): (0.1,),
+    }
     found = dict(in_processes(task, tasks, 2, 4.0, compiled=False))
     assert found == {
-        ("short",): 0.2, ("long",): "not ended within 4 s",
-        ("dies",): "its process ended by itself", ("last",): 0.1,
-    }  # fmt: skip
+        ("short",): 0.2,
+        ("long",): "not ended within 4 s",
+        ("dies",): "its process ended by itself",
+        ("last",): 0.1,
+    }
     with suppress(psutil.NoSuchProcess):
         psutil.Process(int(child.read_text())).wait(20.0)
 
@@ -60,7 +67,9 @@ def test_finished_tasks_are_not_done_again_and_a_cut_line_is(tmp_path, monkeypat
 
 
 def test_an_unknown_name_is_refused_before_anything_is_written(tmp_path):
-    with pytest.raises(InputError, match="no part 'sped'; allowed are speed, fragility"):
+    with pytest.raises(
+        InputError, match="no part 'sped'; allowed are speed, fragility"
+    ):
         gather(["sped"], tmp_path / "out")
     with pytest.raises(InputError, match="'mujuco'; allowed are all, mujoco"):
         gather([], tmp_path / "out", solvers=["mujuco"])

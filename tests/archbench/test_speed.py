@@ -12,7 +12,13 @@ from archbench.quantities import errors_of, marks_of, observe, positions_at
 from archbench.reference import MARGIN, find_reference, limit_of, richardson
 from archbench.scene import load_scene
 from archbench.settings import Setting
-from archbench.solve import Frames, least_collapsing, nearest_change, solve, with_samples
+from archbench.solve import (
+    Frames,
+    least_collapsing,
+    nearest_change,
+    solve,
+    with_samples,
+)
 from archbench.speed import POINTS, kept_errors, points_of
 from archfrag.errors import InputError
 
@@ -26,18 +32,23 @@ def test_a_record_that_is_not_there_is_named(tmp_path):
 def test_the_nearest_change_is_found_to_a_tenth_of_its_distance(true):
     found = nearest_change(lambda a: a >= true, 1.0, 1e-7)
     assert found.offset == pytest.approx(true - 1.0, rel=0.06)
-    assert least_collapsing(lambda a: a >= true, 0.5, 2.0) == pytest.approx(true, rel=1e-4)
+    assert least_collapsing(lambda a: a >= true, 0.5, 2.0) == pytest.approx(
+        true, rel=1e-4
+    )
 
 
 def test_no_change_within_reach_is_not_a_failed_run():
     for above in (None, False):
-        found = nearest_change(lambda a, seen=above: seen if a > 1.0 else False, 1.0, 1e-3, 0.3)
+        found = nearest_change(
+            lambda a, seen=above: seen if a > 1.0 else False, 1.0, 1e-3, 0.3
+        )
         assert math.isnan(found.offset)
         assert found.failed is (above is None)
 
 
 def test_limit_and_order_of_a_vector():
-    true, slope = np.array([1.0, -2.0]), np.array([0.3, 0.7])
+    true = np.array([1.0, -2.0])
+    slope = np.array([0.3, 0.7])
     limit, uncertainty, order = richardson([true + slope * h for h in (0.4, 0.2, 0.1)])
     assert limit == pytest.approx(true, abs=1e-12)
     assert (order, uncertainty) == (pytest.approx(1.0), pytest.approx(0.07))
@@ -54,14 +65,20 @@ def test_growth_of_a_difference_is_measured_and_runs_into_its_horizon():
         for each in (np.exp(2.0 * time), noise)
     )
     assert grows["exponent"] == pytest.approx(2.0, rel=1e-9)
-    assert grows["horizon"] == pytest.approx(math.log(1e-2 / DIFFERENCE) / 2.0, abs=0.011)
+    assert grows["horizon"] == pytest.approx(
+        math.log(1e-2 / DIFFERENCE) / 2.0, abs=0.011
+    )
     assert math.isinf(stays["horizon"])
     assert stays["low"] < 0.0 < stays["high"]
 
 
 def test_chance_at_a_coarse_setting_is_not_accuracy_and_errors_stand_at_the_floor():
-    points = pd.DataFrame({"value": [4, 2, 1], "seconds": 1.0, "error": [1e-5, 1e-2, 1e-9]})
-    points = points.assign(method="a", scene="s", quantity="amplitude", floor=1e-7, drawn=True)
+    points = pd.DataFrame(
+        {"value": [4, 2, 1], "seconds": 1.0, "error": [1e-5, 1e-2, 1e-9]}
+    )
+    points = points.assign(
+        method="a", scene="s", quantity="amplitude", floor=1e-7, drawn=True
+    )
     assert kept_errors(points)["kept"].tolist() == [1e-2, 1e-2, 1e-7]
 
 
@@ -101,7 +118,9 @@ def test_a_scene_from_reference_to_points():
     assert reference.error["amplitude"] < 1e-5
     assert reference.second["amplitude"][0] < 2e-3
     ladder = [Setting("time_stepping", "dt", step) for step in (8e-3, 1e-3)]
-    points = pd.DataFrame(points_of(reference, ladder, True, ())["points"], columns=list(POINTS))
+    points = pd.DataFrame(
+        points_of(reference, ladder, True, ())["points"], columns=list(POINTS)
+    )
     by = points[points["quantity"] == "amplitude"].set_index("value")
     assert by.loc[8e-3, "error"] > 5.0 * by.loc[1e-3, "error"] > 0.0
     assert by["floor"].min() >= MARGIN * reference.error["amplitude"] * (1.0 - 1e-12)

@@ -28,7 +28,10 @@ def test_results_belong_to_the_study():
 def test_results_of_the_bridge_belong_to_its_study():
     folder = STUDY.parent / "worked_study_bridge"
     made = json.loads((folder / "results" / "provenance.json").read_text())
-    assert made["sha256"] == hashlib.sha256((folder / "study.yaml").read_bytes()).hexdigest()
+    assert (
+        made["sha256"]
+        == hashlib.sha256((folder / "study.yaml").read_bytes()).hexdigest()
+    )
     compared = pd.read_csv(folder / "results" / "compared.csv")
     tied = compared[compared.other.str.endswith("-tied")]
     # As its page says; it names the spreads at which the band lies above 1.
@@ -56,7 +59,10 @@ def test_claims_of_the_page_hold():
     ring = read("summary")["classes"][0]
     start = af.onset(af.Arch.from_dxf(STUDY / "bridge.dxf", friction=0.6))
     assert ring["curve"]["theta"] > 2.5 * start.plus
-    assert ring["dispersion"]["beta_model"] < 0.5 * ring["dispersion"]["beta_record_to_record"]
+    assert (
+        ring["dispersion"]["beta_model"]
+        < 0.5 * ring["dispersion"]["beta_record_to_record"]
+    )
     rigid = read("rigid")
     assert rigid["curve"]["theta"] > ring["curve"]["theta"]
     assert rigid["dispersion"]["beta_model"] < ring["dispersion"]["beta_model"]

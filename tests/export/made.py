@@ -8,9 +8,13 @@ from archfrag.export.writers import CurveSet
 from archfrag.fragility.curve import Curve
 
 MADE = {
-    "study": "my.study", "title": 'A "title" <with> & -- signs\x0b', "archfrag": "0.1.0",
-    "archfrag_commit": "abc", "cube_archfrag_commit": "def", "cube_sha256": "0" * 64,
-}  # fmt: skip
+    "study": "my.study",
+    "title": 'A "title" <with> & -- signs\x0b',
+    "archfrag": "0.1.0",
+    "archfrag_commit": "abc",
+    "cube_archfrag_commit": "def",
+    "cube_sha256": "0" * 64,
+}
 STATES = ("rocking", "damage", "collapse")
 
 

@@ -14,21 +14,27 @@ def openquake(path, levels):
     from openquake.risklib import read_nrml
 
     read_nrml.update_validators()
-    model, found = nrml.to_python(path), {}
+    model = nrml.to_python(path)
+    found = {}
     for (name, function), curves in model.items():
         assert str(imt.from_string(name)) == name
         at = np.array(levels[function], dtype=float)
         built = curves.build(model.limitStates)
         found[function] = {curve.limit_state: curve(at).tolist() for curve in built}
     measures = sorted({name for name, _ in model})
-    return {"measures": measures, "description": model.description, "probabilities": found}
+    return {
+        "measures": measures,
+        "description": model.description,
+        "probabilities": found,
+    }
 
 
 def in_core(path, levels):
     from pyincore import FragilityCurveSet
 
     curves = FragilityCurveSet.from_json_file(path)
-    demand, bridge = curves.demand_types[0], {"inventory_type": "bridge"}
+    demand = curves.demand_types[0]
+    bridge = {"inventory_type": "bridge"}
     found = [curves.calculate_limit_state({demand: im}, **bridge) for im in levels]
     return {"measures": [demand], "units": curves.demand_units, "probabilities": found}
 
@@ -38,16 +44,21 @@ def pelicun(path, levels, demand):
     import pandas as pd
     from pelicun import assessment, file_io
 
-    unit, found = "mps" if demand == "PGV" else "mps2", {}
+    unit = "mps" if demand == "PGV" else "mps2"
+    found = {}
     for component, at in levels.items():
         run = assessment.Assessment({"PrintLog": False, "Seed": 1, "LogFile": None})
         column = {f"{demand}-0-1": [unit, at[0], at[0]]}
         run.demand.load_sample(pd.DataFrame(column, index=["Units", 0, 1]))
         run.stories = 1
         assets = {
-            "Units": ["ea"], "Location": ["0"], "Direction": ["1"], "Theta_0": [1.0],
-            "Blocks": [1], "Family": [None],
-        }  # fmt: skip
+            "Units": ["ea"],
+            "Location": ["0"],
+            "Direction": ["1"],
+            "Theta_0": [1.0],
+            "Blocks": [1],
+            "Family": [None],
+        }
         run.asset.load_cmp_model({"marginals": pd.DataFrame(assets, index=[component])})
         run.asset.generate_cmp_sample(2)
         units = run.unit_conversion_factors
@@ -57,7 +68,9 @@ def pelicun(path, levels, demand):
         index = pd.MultiIndex.from_tuples([(component, "0", "1", "0")], names=names)
         blocks = pd.DataFrame({"Blocks": [1]}, index=index)
         capacities, _ = run.damage.ds_model._create_dmg_RVs(blocks)
-        drawn = {name.split("-")[-1]: variable for name, variable in capacities.RV.items()}
+        drawn = {
+            name.split("-")[-1]: variable for name, variable in capacities.RV.items()
+        }
         found[component] = {name: drawn[name].cdf(at).tolist() for name in drawn}
     return {"probabilities": found}
 

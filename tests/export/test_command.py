@@ -29,11 +29,18 @@ from tests.report import synthetic
 from tests.study.small import ROOT, command, files_below, small_study
 
 FILES = {
-    "fragility-continuous.xml", "fragility-discrete.xml", "in-core-ring.json", "pelicun.csv",
-    "pelicun.json", "tables.json",
-    *(f"{table}.{ending}" for ending in ("csv", "parquet")
-      for table in ("arches", "curves", "parameters", "records", "runs")),
-}  # fmt: skip
+    "fragility-continuous.xml",
+    "fragility-discrete.xml",
+    "in-core-ring.json",
+    "pelicun.csv",
+    "pelicun.json",
+    "tables.json",
+    *(
+        f"{table}.{ending}"
+        for ending in ("csv", "parquet")
+        for table in ("arches", "curves", "parameters", "records", "runs")
+    ),
+}
 # As a study stores them, [m/s2]: of motion there is no curve; impact is the rarest of the others,
 # and its curve crosses that of contact lost.
 STATES = [
@@ -47,7 +54,9 @@ MOVED = (
     "took up its dispersion as far as needed (such as ring: dispersion 0.4 to 0.376, median times "
     "1)"
 )
-LEFT_OUT = "limit state 'motion' is left out: ring has no curve of it: all runs collapse"
+LEFT_OUT = (
+    "limit state 'motion' is left out: ring has no curve of it: all runs collapse"
+)
 SLIDES = (
     "limit state 'rotation' is left out: ring has no curve of it: the mechanism at onset slides "
     "or does not have four hinges, so there is no rotation of unstable equilibrium to compare with"
@@ -63,9 +72,15 @@ def study(tmp_path, monkeypatch):
     cube["static_limit"] = "arch", [np.nan, 0.1]
     loaded.folder.mkdir()
     cube.assign(intensity_si=cube["intensity"]).to_netcdf(loaded.folder / "cube.nc")
-    answers = {"ring": synthetic.answers_of(cube)["ring"], "slab": synthetic.none("it fell")}
+    answers = {
+        "ring": synthetic.answers_of(cube)["ring"],
+        "slab": synthetic.none("it fell"),
+    }
     answers["ring"].more["limit_states"] = {"states": STATES}
-    stored = {"classes": {}, "arches": {name: found.to_dict() for name, found in answers.items()}}
+    stored = {
+        "classes": {},
+        "arches": {name: found.to_dict() for name, found in answers.items()},
+    }
     (loaded.folder / "fits.json").write_text(json.dumps(stored))
     monkeypatch.setattr(steps, "require", lambda study, step: None)
     return loaded
@@ -73,19 +88,34 @@ def study(tmp_path, monkeypatch):
 
 def test_all_formats(study, tmp_path):
     pytest.importorskip("pyarrow")
-    made, folder = export_study(study, list(FORMATS), tmp_path / "x"), tmp_path / "x"
+    made = export_study(study, list(FORMATS), tmp_path / "x")
+    folder = tmp_path / "x"
     assert {path.name.removeprefix("small-") for path in folder.iterdir()} == FILES
-    assert sorted(each["file"] for each in made["files"]) == sorted(map(str, folder.iterdir()))
+    assert sorted(each["file"] for each in made["files"]) == sorted(
+        map(str, folder.iterdir())
+    )
     assert made["left_out"] == {"slab": "it fell"}
     assert made["notes"][:3] == [MOVED, SLIDES, LEFT_OUT]
     assert ["mean rate" in each for each in made["notes"]] == [False] * 3 + [True]
-    for name in ("fragility-continuous.xml", "pelicun.json", "in-core-ring.json", "tables.json"):
+    for name in (
+        "fragility-continuous.xml",
+        "pelicun.json",
+        "in-core-ring.json",
+        "tables.json",
+    ):
         text = (folder / f"small-{name}").read_text()
         assert [note in text for note in made["notes"]] == [True] * 4, name
     stated = pd.read_csv(folder / "small-parameters.csv")
-    assert stated["limit_state"].tolist() == ["residual", "contact_lost", "impact", "collapse"]
+    assert stated["limit_state"].tolist() == [
+        "residual",
+        "contact_lost",
+        "impact",
+        "collapse",
+    ]
     assert stated["kind"].tolist()[:3] == ["stripes", "adjusted", "stripes"]
-    assert np.isnan(stated["theta_maximum_likelihood"][1])  # it is no longer the likeliest curve
+    assert np.isnan(
+        stated["theta_maximum_likelihood"][1]
+    )  # it is no longer the likeliest curve
     assert set(pd.read_csv(folder / "small-runs.csv")["arch"]) == {"ring", "slab"}
     answer = load_fits(study).arches["ring"]
     curves = pd.read_csv(folder / "small-curves.csv").query("limit_state == 'collapse'")
@@ -98,15 +128,24 @@ def test_all_formats(study, tmp_path):
 
 
 def test_limit_states_that_are_asked_for(study, tmp_path):
-    made = export_study(study, ["pelicun"], tmp_path, limit_states=["contact lost", "impact"])
+    made = export_study(
+        study, ["pelicun"], tmp_path, limit_states=["contact lost", "impact"]
+    )
     row = pd.read_csv(tmp_path / "small-pelicun.csv").iloc[0]
     assert [name for name in row.index if name.endswith("Theta_0")] == [
-        "LS1-Theta_0", "LS2-Theta_0", "LS3-Theta_0",
-    ]  # fmt: skip
-    about = json.loads((tmp_path / "small-pelicun.json").read_text())["ring"]["LimitStates"]
+        "LS1-Theta_0",
+        "LS2-Theta_0",
+        "LS3-Theta_0",
+    ]
+    about = json.loads((tmp_path / "small-pelicun.json").read_text())["ring"][
+        "LimitStates"
+    ]
     names = [one["Description"] for each in about.values() for one in each.values()]
     assert names == ["contact_lost", "impact", "collapse"]
-    assert [note.split(":")[0] for note in made["notes"]] == ["limit state 'contact_lost'", "ring"]
+    assert [note.split(":")[0] for note in made["notes"]] == [
+        "limit state 'contact_lost'",
+        "ring",
+    ]
     for state, error, message in (
         ("motion", FitError, LEFT_OUT),
         ("Rotation", FitError, SLIDES),
@@ -119,19 +158,28 @@ def test_limit_states_that_are_asked_for(study, tmp_path):
         with pytest.raises(error, match=message):
             export_study(study, ["pelicun"], tmp_path / "none", limit_states=[state])
     assert not (tmp_path / "none").exists()
-    result = command("export", tmp_path / "small.yaml", "--format=csv", "--limit-state=motion")
+    result = command(
+        "export", tmp_path / "small.yaml", "--format=csv", "--limit-state=motion"
+    )
     assert (result.exit_code, result.stderr) == (6, f"archfrag: error: {LEFT_OUT}\n")
 
 
-@pytest.mark.parametrize("name", ["contact lost", "contact_lost", "Residual Displacement"])
+@pytest.mark.parametrize(
+    "name", ["contact lost", "contact_lost", "Residual Displacement"]
+)
 def test_limit_states_go_by_their_names_in_texts_and_tables(study, tmp_path, name):
     made = export_study(study, ["csv"], tmp_path / "x", limit_states=[name])
-    assert made["limit_states"] == [name.lower().split(" d")[0].replace(" ", "_"), "collapse"]
+    assert made["limit_states"] == [
+        name.lower().split(" d")[0].replace(" ", "_"),
+        "collapse",
+    ]
 
 
 def test_states_without_a_curve_for_one_reason_are_one_note():
     of = "ring", "every run collapsed"
-    assert _left_out(of, ["motion"]).startswith("limit state 'motion' is left out: ring has no")
+    assert _left_out(of, ["motion"]).startswith(
+        "limit state 'motion' is left out: ring has no"
+    )
     assert _left_out(of, ["motion", "impact"]) == (
         "limit states 'motion', 'impact' are left out: "
         "ring has no curve of them: every run collapsed"
@@ -144,10 +192,20 @@ def test_a_state_without_a_curve_says_why_and_what_helps(study, tmp_path):
     slab = stored["arches"]["slab"] = json.loads(json.dumps(stored["arches"]["ring"]))
     slab["more"]["limit_states"]["states"][2]["curve"] = {"none": "every run collapsed"}
     (study.folder / "fits.json").write_text(json.dumps(stored))
-    helps = {"stripes": "a larger limit_states.residual", "ida": "design: {kind: stripes}"}
+    helps = {
+        "stripes": "a larger limit_states.residual",
+        "ida": "design: {kind: stripes}",
+    }
     for design, help_ in helps.items():
-        result = command("export", tmp_path / "small.yaml", "--set", f"design.kind={design}",
-                         "--format=csv", "--limit-state", "residual displacement")  # fmt: skip
+        result = command(
+            "export",
+            tmp_path / "small.yaml",
+            "--set",
+            f"design.kind={design}",
+            "--format=csv",
+            "--limit-state",
+            "residual displacement",
+        )
         assert result.stderr == (
             "archfrag: error: limit state 'residual' is left out: slab has no curve of it: every "
             f"run collapsed; try {help_}; 1 of 2 arches or classes "
@@ -155,7 +213,9 @@ def test_a_state_without_a_curve_says_why_and_what_helps(study, tmp_path):
         )
     del slab["more"]["limit_states"]
     (study.folder / "fits.json").write_text(json.dumps(stored))
-    with pytest.raises(FitError, match="fits limit states to all of up to 12 arches, and to thre"):
+    with pytest.raises(
+        FitError, match="fits limit states to all of up to 12 arches, and to thre"
+    ):
         export_study(study, ["csv"], limit_states=["residual"])
 
 
@@ -185,7 +245,9 @@ def test_formats_have_their_functions_and_are_told_in_the_help():
 
 def test_no_curve_at_all(study):
     arches = {name: synthetic.none("it fell").to_dict() for name in ("ring", "slab")}
-    (study.folder / "fits.json").write_text(json.dumps({"arches": arches, "classes": {}}))
+    (study.folder / "fits.json").write_text(
+        json.dumps({"arches": arches, "classes": {}})
+    )
     with pytest.raises(FitError, match="no curve to export for pelicun: ring: it fell"):
         export_study(study, ["csv", "pelicun"])
     assert not (study.folder / "export").exists()
@@ -194,8 +256,13 @@ def test_no_curve_at_all(study):
 
 def test_messages_and_json(study, tmp_path):
     call = ("export", tmp_path / "small.yaml", "--format")
-    result = command(*call, "pelicun", "--format", "pelicun", "--out", str(tmp_path / "x"))
-    assert result.stderr.splitlines()[0] == "archfrag: no curve of slab is exported: it fell"
+    result = command(
+        *call, "pelicun", "--format", "pelicun", "--out", str(tmp_path / "x")
+    )
+    assert (
+        result.stderr.splitlines()[0]
+        == "archfrag: no curve of slab is exported: it fell"
+    )
     names = "small-pelicun.csv", "small-pelicun.json"
     assert result.stdout.splitlines() == [
         *(f"pelicun: {tmp_path / 'x' / name}" for name in names),
@@ -216,8 +283,12 @@ def test_a_median_curve_whose_mean_rate_is_far_above_is_noted(
     fitted = Fitted(synthetic.answers_of(cube), {}, cube)
     monkeypatch.setattr("archfrag.export.command.sha256_of", lambda path: "0")
     for kind in ("median", "predictive"):
-        notes = export_study(loaded, ["pelicun"], tmp_path / kind, curve=kind, fitted=fitted)
-        found = [each for each in notes["notes"] if "times that of this median curve" in each]
+        notes = export_study(
+            loaded, ["pelicun"], tmp_path / kind, curve=kind, fitted=fitted
+        )
+        found = [
+            each for each in notes["notes"] if "times that of this median curve" in each
+        ]
         assert len(found) == (noted and kind == "median")
         if kind == "predictive":
             assert any("is not the mean rate" in each for each in notes["notes"])
@@ -226,29 +297,41 @@ def test_a_median_curve_whose_mean_rate_is_far_above_is_noted(
 def test_branches_and_predictive_curves_in_files(study, tmp_path):
     """Each file has all curves; weights are 1 in sum; states do not cross within a branch."""
     formats = ["nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv"]
-    made = {kind: export_study(study, formats, tmp_path / kind, curve=kind) for kind in CURVES}
+    made = {
+        kind: export_study(study, formats, tmp_path / kind, curve=kind)
+        for kind in CURVES
+    }
     weights = pd.read_csv(tmp_path / "branches" / "small-branches.csv")
     assert list(weights) == ["taxonomy", "risk_id", "weight"]
     assert (weights["taxonomy"] == "ring").all()
     assert weights["weight"].sum() == pytest.approx(1.0, abs=1e-12)
     text = (tmp_path / "branches" / "small-fragility-continuous.xml").read_text()
-    assert re.findall(r'fragilityFunction id="([^"]*)"', text) == weights["risk_id"].tolist()
+    assert (
+        re.findall(r'fragilityFunction id="([^"]*)"', text)
+        == weights["risk_id"].tolist()
+    )
     assert "ring-b5: Masonry arch ring; branch of weight 0." in text
     ids = pd.read_csv(tmp_path / "branches" / "small-pelicun.csv")["ID"]
     assert ids.tolist() == [name.replace("-", "_") for name in weights["risk_id"]]
     assert len(list((tmp_path / "branches").glob("small-in-core-ring-b*.json"))) == 15
     points = pd.read_csv(tmp_path / "branches" / "small-curves.csv")
     assert points["lower"].isna().all()
-    by_state = points.pivot(index=["arch", "im"], columns="limit_state", values="probability")
+    by_state = points.pivot(
+        index=["arch", "im"], columns="limit_state", values="probability"
+    )
     for mild, severe in itertools.pairwise(made["branches"]["limit_states"]):
         assert (by_state[severe] - by_state[mild]).max() < 0.0101, mild
     collapse = by_state["collapse"].unstack("arch")[weights["risk_id"]]
     mean = pd.read_csv(tmp_path / "predictive" / "small-curves.csv")
     mean = mean.query("limit_state == 'collapse'")["probability"].values
-    np.testing.assert_allclose(mean, collapse.values @ weights["weight"].values, atol=6e-3)
+    np.testing.assert_allclose(
+        mean, collapse.values @ weights["weight"].values, atol=6e-3
+    )
     assert "the predictive curve is no lognormal one" in made["predictive"]["notes"][-1]
     assert not any("the predictive curve" in note for note in made["median"]["notes"])
-    with pytest.raises(InputError, match="curve is 'mean'; it is one of median, predictive"):
+    with pytest.raises(
+        InputError, match="curve is 'mean'; it is one of median, predictive"
+    ):
         export_study(study, ["csv"], tmp_path / "none", curve="mean")
 
 
@@ -256,13 +339,25 @@ def test_rates_by_the_files_are_the_mean_rate_of_the_study(study, tmp_path):
     """Of branches by their parameters, of the predictive curve by its points."""
     curve = load_fits(study).arches["ring"]
     for kind in CURVES:
-        export_study(study, ["csv"], tmp_path / kind, curve=kind, limit_states=["impact"])
+        export_study(
+            study, ["csv"], tmp_path / kind, curve=kind, limit_states=["impact"]
+        )
     # Of six records, so that much would be from below a hazard curve that went on there.
-    hazard = HazardCurve([0.01, 0.05, 0.2, 1.0, 4.0, 16.0], [0.1, 0.1, 0.03, 3e-3, 1e-4, 1e-6])
+    hazard = HazardCurve(
+        [0.01, 0.05, 0.2, 1.0, 4.0, 16.0], [0.1, 0.1, 0.03, 3e-3, 1e-4, 1e-6]
+    )
     mean = collapse_rate(hazard, curve, curve.draws(SEED)).mean
     weights = pd.read_csv(tmp_path / "branches" / "small-branches.csv")["weight"].values
     stated = pd.read_csv(tmp_path / "branches" / "small-parameters.csv")
-    theta, beta = stated.query("limit_state == 'collapse'")[["theta_si", "beta"]].values.T
-    assert weights @ lognormal_rates(hazard, theta, beta) == pytest.approx(mean, rel=0.04)
-    predicted = _with_uncertainty({"ring": {"collapse": curve}}, "predictive")[0]["ring"]
-    assert collapse_rate(hazard, predicted["collapse"]).rate == pytest.approx(mean, rel=5e-3)
+    theta, beta = stated.query("limit_state == 'collapse'")[
+        ["theta_si", "beta"]
+    ].values.T
+    assert weights @ lognormal_rates(hazard, theta, beta) == pytest.approx(
+        mean, rel=0.04
+    )
+    predicted = _with_uncertainty({"ring": {"collapse": curve}}, "predictive")[0][
+        "ring"
+    ]
+    assert collapse_rate(hazard, predicted["collapse"]).rate == pytest.approx(
+        mean, rel=5e-3
+    )

@@ -56,9 +56,11 @@ def test_names_of_measures(receiver, measure, name, unit, si, note):
 
 @pytest.mark.parametrize(
     ("receiver", "measure", "message"),
-    [("OpenQuake", "HI", "no name for the intensity measure HI"),
-     ("pelicun", "PGD", "its PGD is permanent ground deformation")],
-)  # fmt: skip
+    [
+        ("OpenQuake", "HI", "no name for the intensity measure HI"),
+        ("pelicun", "PGD", "its PGD is permanent ground deformation"),
+    ],
+)
 def test_measures_that_a_receiver_does_not_know(receiver, measure, message):
     with pytest.raises(InputError, match=message):
         writers.named_measure(receiver, measure)
@@ -69,7 +71,9 @@ class TestNrml:
     def test_structure(self, write):
         description, states, *functions = parsed(write(curve_set(tower=NONE)))
         assert "PGA in g" in description.text
-        assert "No curve for tower: all runs survived & nothing fell" in description.text
+        assert (
+            "No curve for tower: all runs survived & nothing fell" in description.text
+        )
         assert "0" * 64 in description.text
         assert states.text == "rocking damage collapse"
         assert [each.get("id") for each in functions] == ["ring-7", "wall+2"]
@@ -87,7 +91,8 @@ class TestNrml:
         assert levels[0] <= curves.levels[0] < curves.levels[1] <= levels[-1]
         between = np.geomspace(levels[0], levels[-1], 5000)
         for row in rows:
-            theta, poes = states[row.get("ls")].theta, np.array(row.text.split(), dtype=float)
+            theta = states[row.get("ls")].theta
+            poes = np.array(row.text.split(), dtype=float)
             exact = [lognormal(im, theta, beta) for im in levels]
             np.testing.assert_allclose(poes, exact, rtol=0, atol=1e-12)
             assert np.isclose(levels, theta, rtol=1e-14, atol=0).any()
@@ -101,14 +106,19 @@ def test_pelicun():
     rows = list(csv.DictReader(io.StringIO(writers.pelicun_table(curves))))
     assert [row["ID"] for row in rows] == ["ring_7", "wall_2"]
     fixed = {
-        "Demand-Type": "Spectral Acceleration|0.5", "Demand-Unit": "g", "Demand-Offset": "0",
-        "Demand-Directional": "1", "Incomplete": "0",
-    }  # fmt: skip
+        "Demand-Type": "Spectral Acceleration|0.5",
+        "Demand-Unit": "g",
+        "Demand-Offset": "0",
+        "Demand-Directional": "1",
+        "Incomplete": "0",
+    }
     for row, states in zip(rows, curves.complete.values()):
         assert row.items() >= fixed.items()
         for number, fit in enumerate(states.values(), start=1):
             assert row[f"LS{number}-Family"] == "lognormal"
-            assert float(row[f"LS{number}-Theta_0"]) == pytest.approx(fit.theta / G, rel=1e-14)
+            assert float(row[f"LS{number}-Theta_0"]) == pytest.approx(
+                fit.theta / G, rel=1e-14
+            )
             assert float(row[f"LS{number}-Theta_1"]) == fit.beta
     about = json.loads(writers.pelicun_description(curves))
     assert about["_GeneralInformation"]["archfrag"]["cube_sha256"] == "0" * 64
@@ -127,15 +137,21 @@ def test_in_core():
         assert content["demandTypes"] == ["0.2 Sec Sa"]
         assert "0" * 64 in content["description"]
         fits = [*curves.complete[arch].values()]
-        for curve, fit in zip(content["fragilityCurves"], [*fits, fits[-1]], strict=True):
+        for curve, fit in zip(
+            content["fragilityCurves"], [*fits, fits[-1]], strict=True
+        ):
             (rule,) = curve["rules"]
             assert rule["condition"] == ["sa > 0"]
             for im in (0.1, 0.5, 2.0):
-                value = eval(rule["expression"], {"math": math, "scipy": scipy, "sa": im})
+                value = eval(
+                    rule["expression"], {"math": math, "scipy": scipy, "sa": im}
+                )
                 expected = lognormal(im * G, fit.theta, fit.beta)
                 assert value == pytest.approx(expected, abs=1e-12)
     states = {f"s{n}": fragility(n + 1.0, 0.4) for n in range(5)}
-    (text, _) = writers.in_core_sets(curve_set(**{"ring-7": states, "wall+2": states})).values()
+    (text, _) = writers.in_core_sets(
+        curve_set(**{"ring-7": states, "wall+2": states})
+    ).values()
     named = [each["description"] for each in json.loads(text)["fragilityCurves"]]
     assert named == ["LS_0: s1", "LS_1: s2", "LS_2: s3", "LS_3: s4"]
 
@@ -158,7 +174,9 @@ def ask(receiver, *arguments):
 def asked(curves, factor=1.0):
     """Intensities by arch: the median of collapse and two others, times a factor."""
     fits = {arch: states["collapse"] for arch, states in curves.complete.items()}
-    return {arch: [factor * times * fit.theta for times in AT] for arch, fit in fits.items()}
+    return {
+        arch: [factor * times * fit.theta for times in AT] for arch, fit in fits.items()
+    }
 
 
 def compare(found, curves):
@@ -173,8 +191,10 @@ def compare(found, curves):
     "measure", ["PGA", "PGV", "PGD", "Sa(0.5)", "AvgSA(0.2,1.0)", "CAV", "Arias"]
 )
 def test_parser_of_openquake(tmp_path, measure):
-    curves, named = curve_set(measure), writers.named_measure("OpenQuake", measure)
-    path, levels = tmp_path / "model.xml", json.dumps(asked(curves, named.factor))
+    curves = curve_set(measure)
+    named = writers.named_measure("OpenQuake", measure)
+    path = tmp_path / "model.xml"
+    levels = json.dumps(asked(curves, named.factor))
     path.write_text(writers.nrml_continuous(curves), encoding="utf-8")
     found = ask("OPENQUAKE", path, levels)
     assert found["measures"] == [named.name]
@@ -190,7 +210,8 @@ def test_parser_of_openquake(tmp_path, measure):
 @pytest.mark.parametrize("measure", ["PGA", "PGV", "PGD", "Sa(0.5)"])
 @pytest.mark.parametrize("states", [("rocking", "damage", "collapse"), ("collapse",)])
 def test_parser_of_in_core(tmp_path, measure, states):
-    curves, named = curve_set(measure, states=states), writers.named_measure("IN-CORE", measure)
+    curves = curve_set(measure, states=states)
+    named = writers.named_measure("IN-CORE", measure)
     found = {}
     for arch, text in zip(curves.complete, writers.in_core_sets(curves).values()):
         path = tmp_path / f"{arch}.json"
@@ -198,7 +219,9 @@ def test_parser_of_in_core(tmp_path, measure, states):
         levels = json.dumps(asked(curves, named.factor)[arch])
         read = ask("INCORE", path, levels)
         assert (read["measures"], read["units"]) == ([named.name], [named.unit])
-        found[arch] = [[at[f"LS_{n}"] for at in read["probabilities"]] for n in range(len(states))]
+        found[arch] = [
+            [at[f"LS_{n}"] for at in read["probabilities"]] for n in range(len(states))
+        ]
     compare(found, curves)
 
 
@@ -207,7 +230,8 @@ def test_parser_of_in_core(tmp_path, measure, states):
 )
 def test_parser_of_pelicun(tmp_path, measure, demand):
     curves = curve_set(measure)
-    path, ids = tmp_path / "damage.csv", {"ring-7": "ring_7", "wall+2": "wall_2"}
+    path = tmp_path / "damage.csv"
+    ids = {"ring-7": "ring_7", "wall+2": "wall_2"}
     path.write_text(writers.pelicun_table(curves), encoding="utf-8")
     levels = json.dumps({ids[arch]: values for arch, values in asked(curves).items()})
     found = ask("PELICUN", path, levels, demand)

@@ -38,22 +38,25 @@ ARCHES = {
     "piers": f"{RING}, friction: 0.7, piers: {{height: 4.0, width: 3.0, courses: 2, depth: 2.0}}",
     "fill": f"{RING}, friction: 0.7, fill: {{height_over_crown: 0.5, unit_weight: 18000}}",
     "tied": f"{RING}, friction: 0.7, ties: [{{level: 4.0, area: 5.0e-4, prestress: 2.0e+4}}, "
-            "{level: 5.0, area: 5.0e-4, strength: 9.0e+4, rupture: 0.5}]",
+    "{level: 5.0, area: 5.0e-4, strength: 9.0e+4, rupture: 0.5}]",
     "spread": f"{RING}, friction: 0.7, springings: {{spread: 0.05}}",
     "inset": f"{RING}, friction: 0.7, joints: {{stiffness: 3.0e+10}}",
     "face": f"{RING}, friction: 0.7, joints: {{stiffness: 2.0e+10, model: face, points: 3}}",
     "mixed": f"{RING}, friction: 0.7, joints: {{stiffness: [.inf, 1.0e+10, 2.0e+10, 1.0e+10, "
-            "1.0e+10, 1.0e+10, 1.0e+10, .inf], shear: 5.0e+9, damping: 0.1}",
-}  # fmt: skip
+    "1.0e+10, 1.0e+10, 1.0e+10, .inf], shear: 5.0e+9, damping: 0.1}",
+}
 
 
 def study_of(folder, arches=ARCHES, *, prepared=True, text=""):
     rows = "\n".join(f"  - {{id: {name}, {keys}}}" for name, keys in arches.items())
-    path = small_study(folder, (
-        f"id: small\ntitle: 'Arches [of  two\\n kinds]'\noutput: out\narches:\n{rows}\n"
-        "motions: {files: ['records/*.AT2']}\n"
-        "intensity: {measure: PGA, unit: g, levels: [0.1, 0.6, 1.2]}\n" + text
-    ))  # fmt: skip
+    path = small_study(
+        folder,
+        (
+            f"id: small\ntitle: 'Arches [of  two\\n kinds]'\noutput: out\narches:\n{rows}\n"
+            "motions: {files: ['records/*.AT2']}\n"
+            "intensity: {measure: PGA, unit: g, levels: [0.1, 0.6, 1.2]}\n" + text
+        ),
+    )
     study = load_study(path)
     if prepared:
         prepare_motions(study)
@@ -74,7 +77,9 @@ def made(tmp_path_factory):
 def pair(request, made):
     """An arch as archfrag has it, and as the scene has it."""
     built = {each.id: each.entry.build() for each in made[0].members}
-    return built[request.param], next(a for a in made[2]["arches"] if a["id"] == request.param)
+    return built[request.param], next(
+        a for a in made[2]["arches"] if a["id"] == request.param
+    )
 
 
 def test_a_scene_fits_its_schema_and_every_part_is_asked_for(made):
@@ -109,7 +114,10 @@ class TestArches:
         arch, scene = pair
         bodies = scene["bodies"][: arch.n_voussoir]
         for i, body in enumerate(bodies):
-            assert (body["mass"], body["inertia"]) == (arch.chain.mass[i], arch.chain.inertia[i])
+            assert (body["mass"], body["inertia"]) == (
+                arch.chain.mass[i],
+                arch.chain.inertia[i],
+            )
             assert body["centroid"] == arch.centroids[i].tolist()
             shape = shapely.Polygon(body["outline"])
             assert shape.exterior.is_ccw
@@ -130,7 +138,10 @@ class TestArches:
         assert len(scene["joints"]) == arch.n_joint
         for number, joint in enumerate(scene["joints"]):
             for body in joint["bodies"]:
-                away = [shapes[body].exterior.distance(shapely.Point(e)) for e in joint["ends"]]
+                away = [
+                    shapes[body].exterior.distance(shapely.Point(e))
+                    for e in joint["ends"]
+                ]
                 assert max(away) < slack
             friction = arch.chain.friction[number]
             assert joint["friction"] == ("inf" if np.isinf(friction) else friction)
@@ -140,9 +151,9 @@ class TestArches:
         for ground in grounds:
             assert ground.exterior.is_ccw
             assert ground.area > 1.5 * 0.4**2
-            assert max(ground.intersection(shape).area for shape in shapes[: arch.n_voussoir]) < (
-                slack * slack
-            )
+            assert max(
+                ground.intersection(shape).area for shape in shapes[: arch.n_voussoir]
+            ) < (slack * slack)
         if len(grounds) == 2:
             assert not grounds[0].intersects(grounds[1])
 
@@ -151,15 +162,21 @@ class TestArches:
         if scene["id"] in ("spread", "fill", "inset", "mixed"):
             return  # joints have opened or are shorter, or bodies carry more than themselves
         bodies = [b for b in scene["bodies"] if b["kind"] != "ground"]
-        ground = [scene["joints"][j]["ends"] for j in (0, -1)[: 1 if arch.free_end else 2]]
+        ground = [
+            scene["joints"][j]["ends"] for j in (0, -1)[: 1 if arch.free_end else 2]
+        ]
         friction = [float(joint["friction"]) for joint in scene["joints"]]
         again = af.Arch.from_polygons(
-            [body["outline"] for body in bodies], friction, ground=ground,
+            [body["outline"] for body in bodies],
+            friction,
+            ground=ground,
             depth=[body["depth"] for body in bodies],
-        )  # fmt: skip
+        )
         rigid = af.onset(arch.changed(chain=arch.chain._replace(joint=None, tie=None)))
         found = af.onset(again)
-        assert [found.plus, found.minus] == pytest.approx([rigid.plus, rigid.minus], rel=1e-3)
+        assert [found.plus, found.minus] == pytest.approx(
+            [rigid.plus, rigid.minus], rel=1e-3
+        )
 
 
 def test_blocks_of_ground_of_a_narrow_arch_do_not_meet():
@@ -171,13 +188,23 @@ def test_blocks_of_ground_of_a_narrow_arch_do_not_meet():
 def test_joints_that_give(made):
     found = {arch["id"]: arch for arch in made[2]["arches"]}
     face, mixed, inset = (found[name] for name in ("face", "mixed", "inset"))
-    assert [joint["kn"] for joint in mixed["joints"]] == ["inf", 1e10, 2e10, *[1e10] * 4, "inf"]
+    assert [joint["kn"] for joint in mixed["joints"]] == [
+        "inf",
+        1e10,
+        2e10,
+        *[1e10] * 4,
+        "inf",
+    ]
     assert {joint["ks"] for joint in mixed["joints"]} == {5e9}
     assert (mixed["damping"], mixed["model"]) == (0.1, "inset")
     assert {(joint["kn"], joint["ks"]) for joint in face["joints"]} == {(2e10, 2e10)}
     assert (face["damping"], face["model"], face["points"]) == (0.05, "face", 3)
     assert {(joint["kn"], joint["ks"]) for joint in inset["joints"]} == {(3e10, 3e10)}
-    assert (inset["damping"], inset["model"], "points" in inset) == (0.05, "inset", False)
+    assert (inset["damping"], inset["model"], "points" in inset) == (
+        0.05,
+        "inset",
+        False,
+    )
     length = [np.hypot(*np.subtract(*joint["ends"])) for joint in inset["joints"]]
     assert 1.0 < min(length) <= max(length) < 1.5
 
@@ -193,7 +220,9 @@ def test_ties(made):
     assert (first["strength"], first["rupture"]) == ("inf", "inf")
     assert (second["strength"], second["rupture"]) == (9e4, 0.5)
     assert second["prestress"] == pytest.approx(0.0, abs=1.0)
-    anchored = af.Block(0.4, 2.0, 0.7).tied(area=1e-4, ends=[(-1, 1.0, 0.0), (0, 0.2, 1.5)])
+    anchored = af.Block(0.4, 2.0, 0.7).tied(
+        area=1e-4, ends=[(-1, 1.0, 0.0), (0, 0.2, 1.5)]
+    )
     entry = SimpleNamespace(build=lambda: anchored)
     member = SimpleNamespace(entry=entry, id="a", arch_class="a")
     assert scenes._arch(member)["ties"][0]["bodies"] == [1, 0]
@@ -203,19 +232,30 @@ def test_motions_are_those_of_the_study_to_the_last_bit(made):
     study, _, scene = made
     plan = make_plan(study)
     assert scene["delay"] == 0.02
-    assert scene["intensity"] == {"measure": "PGA", "unit": "g", "levels": [0.1, 0.6, 1.2],
-                                  "power": 1.0}  # fmt: skip
+    assert scene["intensity"] == {
+        "measure": "PGA",
+        "unit": "g",
+        "levels": [0.1, 0.6, 1.2],
+        "power": 1.0,
+    }
     for number, (record, motion) in enumerate(
         zip(load_prepared(study), scene["motions"], strict=True)
     ):
         exact = load_record(study.work, record)
-        assert (motion["id"], motion["event"], motion["dt"]) == (record.id, record.event, exact.dt)
+        assert (motion["id"], motion["event"], motion["dt"]) == (
+            record.id,
+            record.event,
+            exact.dt,
+        )
         assert motion["horizontal"] == exact.acceleration.tolist()
         assert "vertical" not in motion
         cases = np.zeros(3, [("record", int), ("level", float)])
-        cases["record"], cases["level"] = number, plan.levels
+        cases["record"] = number
+        cases["level"] = plan.levels
         assert motion["factors"] == plan.factors(cases).tolist()
-        scaled = af.Motion(np.array(motion["horizontal"]) * motion["factors"][1], motion["dt"])
+        scaled = af.Motion(
+            np.array(motion["horizontal"]) * motion["factors"][1], motion["dt"]
+        )
         assert measure(scaled, "PGA") == pytest.approx(0.6 * 9.80665)
 
 
@@ -224,8 +264,17 @@ def test_vertical_components(tmp_path):
     for path in (tmp_path / "records").glob("*.AT2"):
         path.rename(path.with_name(path.stem + "090.AT2"))
     for name in ("wave0", "wave1"):
-        write_at2(tmp_path / "records" / f"{name}-UP.AT2", np.linspace(0, 0.1, 150), 0.01, "UP")
-    text = (tmp_path / "small.yaml").read_text().replace("files: [", "vertical: true\n  files: [")
+        write_at2(
+            tmp_path / "records" / f"{name}-UP.AT2",
+            np.linspace(0, 0.1, 150),
+            0.01,
+            "UP",
+        )
+    text = (
+        (tmp_path / "small.yaml")
+        .read_text()
+        .replace("files: [", "vertical: true\n  files: [")
+    )
     (tmp_path / "small.yaml").write_text(text)
     study = load_study(tmp_path / "small.yaml")
     prepare_motions(study)
@@ -249,9 +298,13 @@ def test_a_title_is_kept_as_it_is_and_the_file_says_who_made_it(made):
 
 def test_of_a_class_there_is_the_first_arch_or_all(tmp_path, monkeypatch):
     vary = "vary: {samples: 4, of: {thickness: {distribution: uniform, start: 1.4, stop: 1.6}}}"
-    study = study_of(tmp_path, {"k": f"{RING}, friction: 0.7, {vary}", "one": ARCHES["block"]})
+    study = study_of(
+        tmp_path, {"k": f"{RING}, friction: 0.7, {vary}", "one": ARCHES["block"]}
+    )
     found = export_arches(study, ["scene", "dxf"])
-    assert found["notes"] == ["scene and dxf have k-0001 of 4 arches of k; --members: all"]
+    assert found["notes"] == [
+        "scene and dxf have k-0001 of 4 arches of k; --members: all"
+    ]
     names = [each["file"].rsplit("/", 1)[1] for each in found["files"]]
     assert names == ["small-scene.json", "small-k-0001.dxf", "small-one.dxf"]
     found = export_arches(study, ["scene"], members=True)
@@ -263,7 +316,9 @@ def test_of_a_class_there_is_the_first_arch_or_all(tmp_path, monkeypatch):
     ]
     assert found["notes"] == []
     monkeypatch.setattr(scenes, "MOST_ARCHES", 4)
-    message = "study small has 5 arches; scene and dxf take at most 4; leave out --members"
+    message = (
+        "study small has 5 arches; scene and dxf take at most 4; leave out --members"
+    )
     with pytest.raises(InputError, match=message):
         export_arches(study, ["scene"], tmp_path / "none", members=True)
     assert not (tmp_path / "none").exists()
@@ -280,7 +335,9 @@ def test_needs_motions_but_no_runs(tmp_path):
     assert command("motions", path).exit_code == 0
     done = command("export", path, "--format=scene", "--out", tmp_path / "x")
     assert done.stdout == f"scene: {tmp_path / 'x' / 'small-scene.json'}\n"
-    both = command("export", path, "--format=scene", "--format=csv", "--out", tmp_path / "y")
+    both = command(
+        "export", path, "--format=scene", "--format=csv", "--out", tmp_path / "y"
+    )
     assert both.exit_code != 0
     assert not (tmp_path / "y").exists()
 
@@ -295,7 +352,9 @@ class TestDrawings:
             )
         assert again.free_end == arch.free_end
         for ours, theirs in zip(again.outlines, arch.outlines, strict=True):
-            assert shapely.Polygon(ours).hausdorff_distance(shapely.Polygon(theirs)) < 1e-9
+            assert (
+                shapely.Polygon(ours).hausdorff_distance(shapely.Polygon(theirs)) < 1e-9
+            )
         whole = arch.given.ring if "piers" not in arch.parameters else arch
         np.testing.assert_allclose(again.intrados, whole.intrados, rtol=0, atol=1e-9)
         np.testing.assert_allclose(again.extrados, whole.extrados, rtol=0, atol=1e-9)
@@ -307,9 +366,11 @@ class TestDrawings:
         assert drawing.header["$INSUNITS"] == 6
         found = [(each.dxftype(), each.dxf.layer) for each in drawing.modelspace()]
         assert {kind: found.count(kind) for kind in found} == {
-            ("LWPOLYLINE", "VOUSSOIRS"): 7, ("LINE", "VOUSSOIRS"): 2,
-            ("LWPOLYLINE", "GROUND"): 2, ("LINE", "TIES"): 2,
-        }  # fmt: skip
+            ("LWPOLYLINE", "VOUSSOIRS"): 7,
+            ("LINE", "VOUSSOIRS"): 2,
+            ("LWPOLYLINE", "GROUND"): 2,
+            ("LINE", "TIES"): 2,
+        }
         assert all(each.closed for each in drawing.modelspace().query("LWPOLYLINE"))
         before = path.read_bytes()
         export_arches(made[0], ["dxf"])
@@ -325,22 +386,29 @@ class TestDrawings:
 def test_script_of_the_page_in_lmgc90(tmp_path):
     """Verdicts of two levels, and the keystone before the first impact as on the page."""
     if "ARCHFRAG_LMGC90_PYTHON" not in os.environ:
-        pytest.skip("ARCHFRAG_LMGC90_PYTHON names no interpreter that has compas_lmgc90")
+        pytest.skip(
+            "ARCHFRAG_LMGC90_PYTHON names no interpreter that has compas_lmgc90"
+        )
     page = (ROOT / "docs" / "howto" / "scenes.md").read_text("utf-8")
     (script,) = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
     (tmp_path / "in_lmgc90.py").write_text(script)
     refusals = {
-        "ring": (ARCHES["ring"], "is not convex"), "inset": (ARCHES["inset"], "gives, or bears"),
+        "ring": (ARCHES["ring"], "is not convex"),
+        "inset": (ARCHES["inset"], "gives, or bears"),
         "fill": (ARCHES["fill"].replace("7,", "7, sector: false,", 1), "carries fill"),
         "tied": (ARCHES["tied"].replace("7,", "7, sector: false,", 1), "has ties"),
-    }  # fmt: skip
+    }
     arches = {name: keys for name, (keys, _) in refusals.items()}
     study_of(tmp_path, {"straight": ARCHES["straight"]} | arches, prepared=False)
     pulse = np.array([*[1.0] * 300, 0.25, *[-0.5] * 600])
     for path in (tmp_path / "records").iterdir():
         path.unlink()
     write_at2(tmp_path / "records" / "pulse.AT2", pulse, 0.001)
-    text = (tmp_path / "small.yaml").read_text().replace("[0.1, 0.6, 1.2]", "[0.5, 0.9, 1.2]")
+    text = (
+        (tmp_path / "small.yaml")
+        .read_text()
+        .replace("[0.1, 0.6, 1.2]", "[0.5, 0.9, 1.2]")
+    )
     (tmp_path / "small.yaml").write_text(text)
     for step in ("motions", "export"):
         arguments = ["--format=scene"] * (step == "export")
@@ -348,15 +416,22 @@ def test_script_of_the_page_in_lmgc90(tmp_path):
 
     def ask(*code):
         return subprocess.run(
-            [os.environ["ARCHFRAG_LMGC90_PYTHON"], *code], cwd=tmp_path, timeout=300, text=True,
-            capture_output=True, env=os.environ | {"PYTHONPATH": str(tmp_path)},
-        )  # fmt: skip
+            [os.environ["ARCHFRAG_LMGC90_PYTHON"], *code],
+            cwd=tmp_path,
+            timeout=300,
+            text=True,
+            capture_output=True,
+            env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        )
 
     scene = "out/export/small-scene.json"
     done = ask("in_lmgc90.py", scene, "straight", "0.002")
     assert done.returncode == 0, done.stderr[-2000:]
     with (tmp_path / "verdicts.csv").open(newline="") as file:
-        rows = [(row["record"], row["PGA [g]"], row["verdict"]) for row in csv.DictReader(file)]
+        rows = [
+            (row["record"], row["PGA [g]"], row["verdict"])
+            for row in csv.DictReader(file)
+        ]
     assert rows == [("pulse", "0.5", "survived"), ("pulse", "0.9", "collapsed")]
     keystone = (
         "import json, in_lmgc90 as page; scene = json.load(open('out/export/small-scene.json'));"

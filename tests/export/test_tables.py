@@ -51,20 +51,37 @@ class TestRuns:
         assert len(frame) == 2 * 6 * 9 - 3 - 6
         assert list(frame)[:4] == ["arch", "record", "level", "intensity"]
         for row in frame.to_dict("records"):
-            cell = cube.sel(arch=row["arch"], record=row["record"]).isel(level=row["level"])
+            cell = cube.sel(arch=row["arch"], record=row["record"]).isel(
+                level=row["level"]
+            )
             assert cell["verdict"] != Verdict.NOT_RUN
-            for name in ("verdict", "scale_factor", "magnitude", "intensity", "collapse_time"):
+            for name in (
+                "verdict",
+                "scale_factor",
+                "magnitude",
+                "intensity",
+                "collapse_time",
+            ):
                 np.testing.assert_equal(row[name], cell[name].item())
             assert row["model_time_rest"] == cell["model_time"].sel(model="rest")
-            assert row["record_measure_PGV"] == cell["record_measure"].sel(measure="PGV")
+            assert row["record_measure_PGV"] == cell["record_measure"].sel(
+                measure="PGV"
+            )
             assert row["event"] == cell["event"]
 
     def test_nothing_but_long_text_and_counts_is_missing(self, cube):
         columns, pieces = tables.runs_table(cube)
         missing = {str(name) for name in cube.variables} - set(columns)
-        assert missing - {"model", "measure", "measure_unit", "model_time", "record_measure"} == {
-            "record_file", "lost_contact_and_stand",
-        }  # fmt: skip
+        assert missing - {
+            "model",
+            "measure",
+            "measure_unit",
+            "model_time",
+            "record_measure",
+        } == {
+            "record_file",
+            "lost_contact_and_stand",
+        }
         assert list(pd.concat(pieces)) == list(columns)
         assert columns["record_measure_PGV"]["unit"] == "m s-1"
         assert columns["verdict"]["codes"]["failed"] == 3
@@ -83,7 +100,10 @@ class TestRuns:
         parquet = pytest.importorskip("pyarrow.parquet")
         del cube["verdict"].encoding["chunksizes"]
         pieces = list(tables.runs_table(cube, 1)[1])
-        assert [piece["arch"].unique().tolist() for piece in pieces] == [["ring-7"], ["wall+2"]]
+        assert [piece["arch"].unique().tolist() for piece in pieces] == [
+            ["ring-7"],
+            ["wall+2"],
+        ]
         write_csv(tmp_path / "runs.csv", pieces)
         columns, pieces = tables.runs_table(cube, 20)
         facts = {"made": {"study": "x"}, "columns": columns}
@@ -92,10 +112,15 @@ class TestRuns:
         pd.testing.assert_frame_equal(
             stored, pd.read_csv(tmp_path / "runs.csv"), check_dtype=False
         )
-        about = json.loads(parquet.read_schema(tmp_path / "runs.parquet").metadata[b"archfrag"])
+        about = json.loads(
+            parquet.read_schema(tmp_path / "runs.parquet").metadata[b"archfrag"]
+        )
         assert about["made"] == {"study": "x"}
         assert about["columns"]["intensity"]["unit"] == "m s-2"
-        assert sorted(path.name for path in tmp_path.iterdir()) == ["runs.csv", "runs.parquet"]
+        assert sorted(path.name for path in tmp_path.iterdir()) == [
+            "runs.csv",
+            "runs.parquet",
+        ]
 
 
 def test_points_and_parameters():
@@ -103,9 +128,12 @@ def test_points_and_parameters():
     for answer in answers.values():
         states = [{"name": name, **answer.to_dict()} for name in ("rocking", "damage")]
         answer.more["limit_states"] = {"states": states}
-    curves = curve_set(tower=dict.fromkeys(("rocking", "damage", "collapse"), Curve(reason="x")))
+    curves = curve_set(
+        tower=dict.fromkeys(("rocking", "damage", "collapse"), Curve(reason="x"))
+    )
     points, parameters = tables.curve_tables(curves, answers, "g", "m s-2", G).values()
-    frame, stated = full(points), full(parameters)
+    frame = full(points)
+    stated = full(parameters)
     for found in (frame, stated):
         assert len(found.groupby(["arch", "limit_state"])) == 6
     np.testing.assert_allclose(frame["im"] * G, frame["intensity"], rtol=1e-14)

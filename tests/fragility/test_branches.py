@@ -13,7 +13,8 @@ from archfrag.fragility.verdicts import find_brackets
 SITES = {
     "power": HazardCurve([0.01, 3.0], [1.0, (0.01 / 3.0) ** 2.0]),
     "table": HazardCurve(
-        [0.01, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6], [0.3, 0.05, 0.015, 3.5e-3, 6e-4, 8e-5, 6e-6]
+        [0.01, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6],
+        [0.3, 0.05, 0.015, 3.5e-3, 6e-4, 8e-5, 6e-6],
     ),
 }
 
@@ -31,22 +32,39 @@ def weighted_rate(site, curves, weights):
 
 @pytest.mark.parametrize(
     ("site", "beta", "wide"),
-    [("power", 0.25, 0.2), ("power", 0.4, 0.3), ("table", 0.4, 0.2), ("table", 0.6, 0.3)],
+    [
+        ("power", 0.25, 0.2),
+        ("power", 0.4, 0.3),
+        ("table", 0.4, 0.2),
+        ("table", 0.6, 0.3),
+    ],
 )
 def test_branches_and_the_predictive_curve_have_the_mean_rate(site, beta, wide):
-    hazard, curve = SITES[site], uncertain(beta, wide=wide)
+    hazard = SITES[site]
+    curve = uncertain(beta, wide=wide)
     draws = curve.draws(15)
     mean = collapse_rate(hazard, curve, draws).mean
-    assert abs(mean / collapse_rate(hazard, curve).rate - 1.0) > 0.01  # that of the medians
-    assert weighted_rate(hazard, *branches_of(curve, draws)) == pytest.approx(mean, rel=5e-3)
-    assert collapse_rate(hazard, predictive(curve, draws)).rate == pytest.approx(mean, rel=1e-9)
+    assert (
+        abs(mean / collapse_rate(hazard, curve).rate - 1.0) > 0.01
+    )  # that of the medians
+    assert weighted_rate(hazard, *branches_of(curve, draws)) == pytest.approx(
+        mean, rel=5e-3
+    )
+    assert collapse_rate(hazard, predictive(curve, draws)).rate == pytest.approx(
+        mean, rel=1e-9
+    )
 
 
 def test_rates_of_branches_are_the_closed_form():
     curves, weights = branches_of(curve := uncertain(), curve.draws(15))
-    k, site = 2.0, SITES["power"]
-    closed = [1e-4 * each.theta**-k * np.exp(0.5 * (k * each.beta) ** 2) for each in curves]
-    assert weighted_rate(site, curves, weights) == pytest.approx(weights @ closed, rel=1e-9)
+    k = 2.0
+    site = SITES["power"]
+    closed = [
+        1e-4 * each.theta**-k * np.exp(0.5 * (k * each.beta) ** 2) for each in curves
+    ]
+    assert weighted_rate(site, curves, weights) == pytest.approx(
+        weights @ closed, rel=1e-9
+    )
 
 
 def test_branches_are_parts_of_the_draws():
@@ -57,12 +75,18 @@ def test_branches_are_parts_of_the_draws():
     logs = np.log([[each.theta, each.beta] for each in curves]).T
     assert len(curves) == 15
     assert weights.sum() == pytest.approx(1.0, abs=1e-15)
-    assert weights.reshape(5, 3).sum(axis=1) == pytest.approx([0.3, 0.3, 0.25, 0.12, 0.03])
+    assert weights.reshape(5, 3).sum(axis=1) == pytest.approx(
+        [0.3, 0.3, 0.25, 0.12, 0.03]
+    )
     assert logs[0] @ weights == pytest.approx(draws[0].mean(), rel=1e-12)
-    assert logs[1] @ weights == pytest.approx(draws[1].mean(), abs=0.15 * draws[1].std())
+    assert logs[1] @ weights == pytest.approx(
+        draws[1].mean(), abs=0.15 * draws[1].std()
+    )
     within = np.sort(draws[1])[[0, int(0.3 * draws.shape[1])]]
     assert np.all((logs[1, :3] >= within[0]) & (logs[1, :3] <= within[1] + 0.05))
-    spread = np.sqrt(np.cov(logs, aweights=weights, ddof=0).diagonal()) / draws.std(axis=1)
+    spread = np.sqrt(np.cov(logs, aweights=weights, ddof=0).diagonal()) / draws.std(
+        axis=1
+    )
     assert np.all((spread > 0.8) & (spread < 1.05))
 
 
@@ -77,11 +101,14 @@ def test_branches_of_few_records_have_the_mean_rate(n, seed, slope):
     hazard = HazardCurve(ends, ends.clip(min=0.02) ** -slope)
     draws = curve.draws(15)
     mean = collapse_rate(hazard, curve, draws).mean
-    assert weighted_rate(hazard, *branches_of(curve, draws)) == pytest.approx(mean, rel=0.08)
+    assert weighted_rate(hazard, *branches_of(curve, draws)) == pytest.approx(
+        mean, rel=0.08
+    )
 
 
 def test_the_predictive_curve_is_the_mean_at_each_intensity():
-    curve, im = uncertain(), np.array([0.1, 0.3, 0.5, 1.0])
+    curve = uncertain()
+    im = np.array([0.1, 0.3, 0.5, 1.0])
     theta, beta = curve.draws(15)
     found = predictive(curve, (theta, beta))
     expected = ndtr(np.log(im[:, None] / theta) / beta).mean(axis=1)
@@ -93,8 +120,10 @@ def test_the_predictive_curve_is_the_mean_at_each_intensity():
 def test_the_arches_of_a_class_move_together():
     """ln capacity is moved and stretched: a mean of curves keeps its shape in each branch."""
     members = np.array([[0.4, 0.3], [0.6, 0.35]])
-    curve = uncertain(np.sqrt((members[:, 1] ** 2).mean() + np.log(members[:, 0]).var()),
-                      members=members)  # fmt: skip
+    curve = uncertain(
+        np.sqrt((members[:, 1] ** 2).mean() + np.log(members[:, 0]).var()),
+        members=members,
+    )
     curve = Curve(**{**vars(curve), "theta": np.sqrt(0.24)})
     draws = curve.draws(15)
     curves, weights = branches_of(curve, draws)

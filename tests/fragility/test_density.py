@@ -30,7 +30,9 @@ def single(n=12, seed=2):
     return fit_posterior(im, im >= 0.3 * np.exp(0.4 * generator.standard_normal(n)), 1)
 
 
-@pytest.mark.parametrize("known", [records(24), records(6), single()], ids=["24", "6", "single"])
+@pytest.mark.parametrize(
+    "known", [records(24), records(6), single()], ids=["24", "6", "single"]
+)
 class TestBand:
     def test_beyond_the_levels_it_is_that_of_the_posterior(self, known):
         curve = known.with_band(np.linspace(0.0, 0.42, 120))
@@ -47,7 +49,9 @@ class TestBand:
         stored = Curve.from_dict(json.loads(json.dumps(curve.to_dict())))
         assert stored.at(0.8) == curve.at(0.8)
         assert stored.draws(3)[1].tolist() == curve.draws(3)[1].tolist()
-        assert curve.in_unit(0.01, "PGA", "x").at(80.0) == pytest.approx(curve.at(0.8), abs=1e-9)
+        assert curve.in_unit(0.01, "PGA", "x").at(80.0) == pytest.approx(
+            curve.at(0.8), abs=1e-9
+        )
         table = curve.to_dataframe([0.2, 0.8])
         assert table[["lower", "upper"]].iloc[1].tolist() == list(curve.at(0.8)[1:])
 
@@ -62,11 +66,16 @@ def test_draws_have_the_quantiles_of_the_posterior(n):
     known = records(n, 9, np.geomspace(0.1, 2.0, 15))
     theta, beta = known.curve.draws(15)
     tails = [0.05, 0.5, 0.95]
-    np.testing.assert_allclose(np.log(np.quantile(theta, tails)), known.log_thetas(tails),
-                               atol=0.03 * np.log(theta).std())  # fmt: skip
+    np.testing.assert_allclose(
+        np.log(np.quantile(theta, tails)),
+        known.log_thetas(tails),
+        atol=0.03 * np.log(theta).std(),
+    )
     np.testing.assert_allclose(np.quantile(beta, tails), known.betas(tails), rtol=0.02)
     im = np.array([0.2, 0.4, 0.8])
-    drawn = np.quantile(ndtr(np.log(im / theta[:, None]) / beta[:, None]), [0.05, 0.95], axis=0)
+    drawn = np.quantile(
+        ndtr(np.log(im / theta[:, None]) / beta[:, None]), [0.05, 0.95], axis=0
+    )
     np.testing.assert_allclose(drawn, known.band(im), atol=0.01)
 
 
@@ -86,6 +95,8 @@ def test_the_band_of_a_rate_is_that_of_the_posterior(n, seed):
 
 def test_draws_of_a_curve_that_was_moved_move_with_it():
     curve = records(12).curve
-    moved = Curve(**{**vars(curve), "theta": 2.0 * curve.theta, "beta": 0.5 * curve.beta})
+    moved = Curve(
+        **{**vars(curve), "theta": 2.0 * curve.theta, "beta": 0.5 * curve.beta}
+    )
     for one, two, factor in zip(curve.draws(15), moved.draws(15), (2.0, 0.5)):
         np.testing.assert_allclose(two, factor * one, rtol=1e-12)

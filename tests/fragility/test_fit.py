@@ -17,11 +17,16 @@ from archfrag.fragility.several import split_capacities, split_curves
 
 CAPACITIES = np.exp(np.random.default_rng(3).normal(0.05, 0.4, 37))
 INF = np.inf
-SEARCH = {"method": "Nelder-Mead", "options": {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 4000}}
+SEARCH = {
+    "method": "Nelder-Mead",
+    "options": {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 4000},
+}
 
 
 def loss_of_brackets(p, lower, upper):
-    z_low, z_high = ((np.log(np.maximum(end, 1e-300)) - p[0]) / p[1] for end in (lower, upper))
+    z_low, z_high = (
+        (np.log(np.maximum(end, 1e-300)) - p[0]) / p[1] for end in (lower, upper)
+    )
     with np.errstate(divide="ignore"):
         inside = np.log(norm.cdf(z_high) - norm.cdf(z_low))
     return -np.where(lower == upper, norm.logpdf(z_low) - np.log(p[1]), inside).sum()
@@ -32,7 +37,8 @@ def bracketed(seed):
     levels = np.array([0.2, 0.3, 0.4, 0.5, 0.7])
     capacity = 0.4 * np.exp(0.5 * np.random.default_rng(seed).standard_normal(25))
     place = np.searchsorted(levels, capacity)
-    lower, upper = np.append(0.0, levels)[place], np.append(levels, INF)[place]
+    lower = np.append(0.0, levels)[place]
+    upper = np.append(levels, INF)[place]
     lower[:3] = upper[:3] = [0.33, 0.41, 0.55]
     return lower, upper
 
@@ -52,19 +58,27 @@ def test_maximum_and_information_of_an_independently_written_likelihood(make, lo
     assert np.log(fit.theta) == pytest.approx(found.x[0], abs=1e-6)
     assert fit.beta == pytest.approx(np.exp(found.x[1]), rel=1e-6)
     assert fit.log_likelihood == pytest.approx(-found.fun, abs=1e-9)
-    point, steps = np.array([np.log(fit.theta), fit.beta]), 1e-4 * np.eye(2)
-    slopes = [[approx_fprime(point + sign * s, loss, 1e-5) for sign in (1, -1)] for s in steps]
+    point = np.array([np.log(fit.theta), fit.beta])
+    steps = 1e-4 * np.eye(2)
+    slopes = [
+        [approx_fprime(point + sign * s, loss, 1e-5) for sign in (1, -1)] for s in steps
+    ]
     information = np.array([(up - down) / 2e-4 for up, down in slopes])
-    assert fit.covariance == pytest.approx(np.linalg.inv(information), rel=3e-3, abs=1e-6)
+    assert fit.covariance == pytest.approx(
+        np.linalg.inv(information), rel=3e-3, abs=1e-6
+    )
 
 
 def test_nearly_separated_counts_reach_their_maximum():
     """Where one run in 40,000 keeps beta from 0 the gradient still vanishes."""
-    levels, n = np.array([0.3, 0.30001, 0.6, 0.61]), 20_000
+    levels = np.array([0.3, 0.30001, 0.6, 0.61])
+    n = 20_000
     k = np.array([1, 0, n - 1, n])
     fit = fit_stripes(levels, k, n)
     z = (np.log(levels) - np.log(fit.theta)) / fit.beta
-    up, down = (np.exp(norm.logpdf(z) - tail) for tail in (norm.logcdf(z), norm.logsf(z)))
+    up, down = (
+        np.exp(norm.logpdf(z) - tail) for tail in (norm.logcdf(z), norm.logsf(z))
+    )
     slope = k * up - (n - k) * down
     assert np.abs([slope.sum(), (slope * z).sum()]).max() < 1e-8
 
@@ -91,10 +105,15 @@ class TestClouds:
         x = generator.normal(-1.0, 0.6, 300)
         fell = x >= generator.normal(-1.0, 0.4, 300)
         curve = fit_cloud(np.exp(x), fell)
-        model = LogisticRegression(C=INF, tol=1e-10, max_iter=1000, solver="newton-cholesky")
+        model = LogisticRegression(
+            C=INF, tol=1e-10, max_iter=1000, solver="newton-cholesky"
+        )
         model.fit(x[:, None], fell)
-        a, b = curve["intercept"], curve["slope"]
-        assert (a, b) == pytest.approx((model.intercept_[0], model.coef_[0, 0]), rel=1e-6)
+        a = curve["intercept"]
+        b = curve["slope"]
+        assert (a, b) == pytest.approx(
+            (model.intercept_[0], model.coef_[0, 0]), rel=1e-6
+        )
         low, high = np.exp((logit(ndtr([-1.0, 1.0])) - a) / b)
         assert a + b * np.log(curve["theta"]) == pytest.approx(0.0, abs=1e-12)
         assert curve["beta"] == pytest.approx(0.5 * np.log(high / low))
@@ -118,11 +137,15 @@ def test_delta_method_is_that_of_the_numerical_derivative():
     def z(ln_theta, beta):
         return (np.log(0.5) - ln_theta) / beta
 
-    a, b, h = np.log(CURVE.theta), CURVE.beta, 1e-6
+    a = np.log(CURVE.theta)
+    b = CURVE.beta
+    h = 1e-6
     slope = np.array([z(a + h, b) - z(a - h, b), z(a, b + h) - z(a, b - h)]) / (2 * h)
     reach = norm.ppf(0.975) * np.sqrt(slope @ CURVE.covariance @ slope)
     lower, upper = replace(CURVE, confidence=0.95).band([0.5, 0.0])
-    assert norm.ppf([lower[0], upper[0]]) == pytest.approx([z(a, b) - reach, z(a, b) + reach])
+    assert norm.ppf([lower[0], upper[0]]) == pytest.approx(
+        [z(a, b) - reach, z(a, b) + reach]
+    )
     assert (lower[1], upper[1]) == (0.0, 0.0)
     errors = CURVE.standard_errors / [1.0, b]
     for interval, error in zip((CURVE.theta_interval, CURVE.beta_interval), errors):
@@ -130,13 +153,17 @@ def test_delta_method_is_that_of_the_numerical_derivative():
         assert 0.5 * (high - low) == pytest.approx(1.6448536 * error, rel=1e-6)
 
 
-MODEL, RECORD, INTERACTION = 0.25, 0.35, 0.1
-SHAPE, STUDIES = (12, 20), 400
+MODEL = 0.25
+RECORD = 0.35
+INTERACTION = 0.1
+SHAPE = (12, 20)
+STUDIES = 400
 
 
 def test_known_parts_of_capacities_come_back_and_a_negative_part_is_zero():
     """Mean of squares over 400 studies: standard error of each beta about 1 %."""
-    generator, squares = np.random.default_rng(1), []
+    generator = np.random.default_rng(1)
+    squares = []
     for _ in range(STUDIES):
         record = generator.normal(0.0, RECORD, (1, 20))
         logs = generator.normal(0.0, MODEL, (12, 1)) + record
@@ -151,10 +178,14 @@ def test_known_parts_of_capacities_come_back_and_a_negative_part_is_zero():
 
 
 def test_sampling_error_of_curves_is_removed():
-    generator, squares = np.random.default_rng(9), []
+    generator = np.random.default_rng(9)
+    squares = []
     for _ in range(STUDIES):
-        logs = generator.normal(0.0, RECORD, SHAPE) + generator.normal(0.0, MODEL, (12, 1))
-        beta, theta = logs.std(axis=1, ddof=1), np.exp(logs.mean(axis=1))
+        logs = generator.normal(0.0, RECORD, SHAPE) + generator.normal(
+            0.0, MODEL, (12, 1)
+        )
+        beta = logs.std(axis=1, ddof=1)
+        theta = np.exp(logs.mean(axis=1))
         squares.append(np.square(split_curves(theta, beta, beta / np.sqrt(20))))
     assert np.sqrt(np.mean(squares, axis=0)) == pytest.approx([RECORD, MODEL], rel=0.05)
 

@@ -7,13 +7,15 @@ from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.verdicts import find_brackets
 
 LEVELS = np.geomspace(0.2, 16.0, 18)
-THETA, BETA = 0.2, 0.25
+THETA = 0.2
+BETA = 0.25
 
 
 def study(seed, n=44, *, own="PGA", levels=LEVELS, top=None):
     """Collapse by PGV alone; PGA depends on magnitude too, IA is the square of a noisy PGV."""
     generator = np.random.default_rng(seed)
-    magnitude, distance = generator.uniform(5.5, 7.5, n), generator.uniform(5.0, 60.0, n)
+    magnitude = generator.uniform(5.5, 7.5, n)
+    distance = generator.uniform(5.0, 60.0, n)
     pgv = np.exp(generator.normal(-2.0, 0.5, n))
     tilt = -0.3 * (magnitude - 6.5)
     pga = 8.0 * pgv * np.exp(tilt + generator.normal(0.0, 0.35, n))
@@ -38,9 +40,12 @@ def seventeen(seed, events, ratio):
     levels = np.geomspace(0.01, 100.0, 300)
     names = [f"m{i}" for i in range(17)]
     return compare_measures(
-        find_brackets(levels > value[:, :1], levels), dict(zip(names, value.T)),
-        dict.fromkeys(names, 1.0), "m0", event=event.astype(str),
-    )  # fmt: skip
+        find_brackets(levels > value[:, :1], levels),
+        dict(zip(names, value.T)),
+        dict.fromkeys(names, 1.0),
+        "m0",
+        event=event.astype(str),
+    )
 
 
 def rows_of(table):
@@ -48,7 +53,9 @@ def rows_of(table):
 
 
 class TestGrid:
-    @pytest.mark.parametrize("levels", [LEVELS, np.geomspace(0.05, 40.0, 12), LEVELS[:10]])
+    @pytest.mark.parametrize(
+        "levels", [LEVELS, np.geomspace(0.05, 40.0, 12), LEVELS[:10]]
+    )
     def test_known_curve_comes_back(self, levels):
         """Mean over 40 studies; levels far apart widen nothing, low ones leave bounds."""
         studies = (study(seed, levels=levels) for seed in range(40))
@@ -63,7 +70,9 @@ class TestGrid:
         rows = rows_of(table)
         assert table["best"] == "PGV"
         assert table["p_value"] < 0.05
-        assert table["ratio"] == pytest.approx(rows["PGV"]["beta"] / rows["PGA"]["beta"])
+        assert table["ratio"] == pytest.approx(
+            rows["PGV"]["beta"] / rows["PGA"]["beta"]
+        )
         assert "PGV is the most efficient" in table["message"]
         own = compare_measures(**study(1, own="PGV"))  # levels of PGV
         assert rows_of(own)["IA"]["beta"] == pytest.approx(rows["IA"]["beta"])
@@ -73,7 +82,8 @@ class TestGrid:
     @pytest.mark.parametrize("events", [30, 8])
     def test_advantage_is_claimed_where_there_is_one(self, events):
         """Of 17 measures of equal scatter the best is called better in 5 % of studies at most."""
-        by_chance, better = 0, 0
+        by_chance = 0
+        better = 0
         for seed in range(200):
             by_chance += seventeen(seed, events, 1.0)["p_value"] < 0.05
             if seed < 40:
@@ -85,7 +95,9 @@ class TestGrid:
     @pytest.mark.parametrize("top", [18, 9])
     def test_sufficiency(self, top):
         """PGA capacity depends on magnitude by -0.3; with 9 levels a third is known as a bound."""
-        slopes, insufficient, sufficient = [], 0, 0
+        slopes = []
+        insufficient = 0
+        sufficient = 0
         for seed in range(40):
             rows = rows_of(compare_measures(**study(seed, top=top)))
             slopes.append(rows["PGA"]["slope_magnitude"])
@@ -101,7 +113,8 @@ class TestGrid:
     def test_records_of_one_event_count_once_for_magnitude(self, events, records, top):
         """Nothing depends on magnitude; at 22 levels a third of the capacities are bounds."""
         event = np.repeat(np.arange(events), records)
-        rejected, count = 0, 400 if top == 40 else 150
+        rejected = 0
+        count = 400 if top == 40 else 150
         for seed in range(count):
             generator = np.random.default_rng(seed)
             alike = generator.standard_normal(events)[event]
@@ -110,9 +123,13 @@ class TestGrid:
             fell = np.log(levels) > 0.4 * np.sqrt(0.5) * (alike + own)[:, None]
             magnitude = generator.uniform(5.5, 7.5, events)[event]
             table = compare_measures(
-                find_brackets(fell, levels), {"PGA": np.ones(event.size)}, {"PGA": 1.0}, "PGA",
-                magnitude=magnitude, event=event.astype(str),
-            )  # fmt: skip
+                find_brackets(fell, levels),
+                {"PGA": np.ones(event.size)},
+                {"PGA": 1.0},
+                "PGA",
+                magnitude=magnitude,
+                event=event.astype(str),
+            )
             rejected += table["rows"][0]["p_magnitude"] < 0.05
             assert table["n_test"] == 1
         assert 0.025 <= rejected / count <= 0.085

@@ -34,7 +34,8 @@ def cloud(seed, n=60, **world):
 class TestLikeliest:
     def test_of_single_runs_it_is_that_of_a_probit(self):
         found, s = cloud(1)
-        x, collapsed = np.log(found.levels[:, 0]), found.verdict[:, 0]
+        x = np.log(found.levels[:, 0])
+        collapsed = found.verdict[:, 0]
         rows = np.column_stack([np.ones(x.size), x, s + x])
         loss = lambda p: -log_ndtr((2 * collapsed - 1) * (rows @ p)).sum()  # noqa: E731
         best = minimize(loss, [0.0, 1.0, 0.0], method="BFGS", options={"gtol": 1e-9})
@@ -44,15 +45,20 @@ class TestLikeliest:
     def test_of_records_it_is_that_of_their_brackets(self):
         logs, s = records(2)
         found = stripes(logs)
-        low, high = np.log(np.maximum(found.lower, 1e-300)), np.log(found.upper)
+        low = np.log(np.maximum(found.lower, 1e-300))
+        high = np.log(found.upper)
 
         def loss(p):
             shift = p[0] + p[2] * s
             upper = ndtr((p[1] + p[2]) * high + shift)
             return -np.log(upper - ndtr((p[1] + p[2]) * low + shift)).sum()
 
-        best = minimize(loss, [0.0, 3.0, -1.0], method="Nelder-Mead",
-                        options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 5000})  # fmt: skip
+        best = minimize(
+            loss,
+            [0.0, 3.0, -1.0],
+            method="Nelder-Mead",
+            options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 5000},
+        )
         plane = fit_plane(found, np.exp(s), 1.0)
         np.testing.assert_allclose(plane.coefficients, best.x, rtol=1e-5)
 
@@ -72,8 +78,10 @@ class TestExact:
 
     def test_along_the_first_measure_it_is_the_curve(self):
         logs = np.repeat(0.4 * np.random.default_rng(4).standard_normal(15), 2)
-        found, s = stripes(logs), np.tile([-0.5, 0.5], 15)
-        plane, curve = fit_plane(found, np.exp(s), 1.0), fit_capacity_posterior(found)
+        found = stripes(logs)
+        s = np.tile([-0.5, 0.5], 15)
+        plane = fit_plane(found, np.exp(s), 1.0)
+        curve = fit_capacity_posterior(found)
         chance, low, high = plane.at(LEVELS, LEVELS)
         np.testing.assert_allclose(chance, curve.curve(LEVELS), atol=0.01)
         np.testing.assert_allclose([low, high], curve.band(LEVELS), atol=0.015)
@@ -81,15 +89,24 @@ class TestExact:
 
     def test_where_single_runs_scatter_too(self):
         generator = np.random.default_rng(11)
-        logs = 0.3 * generator.standard_normal((30, 1)) + 0.3 * generator.standard_normal((30, 15))
-        found, s = find_brackets(np.repeat(logs <= np.log(LEVELS), 2, 0), LEVELS), [-0.5, 0.5]
-        plane, curve = fit_plane(found, np.exp(np.tile(s, 30)), 1.0), fit_capacity_posterior(found)
-        np.testing.assert_allclose(plane.at(LEVELS, LEVELS)[0], curve.curve(LEVELS), atol=0.01)
+        logs = 0.3 * generator.standard_normal(
+            (30, 1)
+        ) + 0.3 * generator.standard_normal((30, 15))
+        found = find_brackets(np.repeat(logs <= np.log(LEVELS), 2, 0), LEVELS)
+        s = [-0.5, 0.5]
+        plane = fit_plane(found, np.exp(np.tile(s, 30)), 1.0)
+        curve = fit_capacity_posterior(found)
+        np.testing.assert_allclose(
+            plane.at(LEVELS, LEVELS)[0], curve.curve(LEVELS), atol=0.01
+        )
 
     def test_of_single_runs_too(self):
         (found, _), s = cloud(5, 30, gamma=0.0, beta=0.5), np.repeat([-0.5, 0.5], 30)
-        found = find_brackets(np.tile(found.verdict, (2, 1)), np.tile(found.levels, (2, 1)))
-        plane, curve = fit_plane(found, np.exp(s), 1.0), fit_posterior(*found.single_runs(), 1)
+        found = find_brackets(
+            np.tile(found.verdict, (2, 1)), np.tile(found.levels, (2, 1))
+        )
+        plane = fit_plane(found, np.exp(s), 1.0)
+        curve = fit_posterior(*found.single_runs(), 1)
         chance, low, high = plane.at(LEVELS, LEVELS)
         np.testing.assert_allclose(chance, curve.curve(LEVELS), atol=0.02)
         np.testing.assert_allclose([low, high], curve.band(LEVELS), atol=0.04)
@@ -97,7 +114,9 @@ class TestExact:
     def test_units_change_nothing_but_draws(self):
         logs, s = records(6)
         one = fit_plane(stripes(logs), np.exp(s), 2.0)
-        two = fit_plane(stripes(logs + np.log(9.8), 9.8 * LEVELS), np.exp(s) * 100 / 9.8**2, 2.0)
+        two = fit_plane(
+            stripes(logs + np.log(9.8), 9.8 * LEVELS), np.exp(s) * 100 / 9.8**2, 2.0
+        )
         assert two.gain == pytest.approx(one.gain, abs=0.01)  # of draws
         np.testing.assert_allclose(two.at(9.8, 100.0), one.at(1.0, 1.0), atol=0.01)
 
@@ -107,25 +126,32 @@ class TestEvents:
         """n of three records that are alike is that of one, but for what n itself adds."""
         logs, s = records(7, 16)
         once = fit_plane(stripes(logs), np.exp(s), 1.0)
-        event, copied = np.repeat(np.arange(16), 3), np.repeat([logs, s], 3, axis=1)
+        event = np.repeat(np.arange(16), 3)
+        copied = np.repeat([logs, s], 3, axis=1)
         grouped, alone = (
             fit_plane(stripes(copied[0]), np.exp(copied[1]), 1.0, groups)
             for groups in (event, None)
         )
-        widths = [np.diff(plane.at(1.0, 1.0)[1:])[0] for plane in (once, grouped, alone)]
+        widths = [
+            np.diff(plane.at(1.0, 1.0)[1:])[0] for plane in (once, grouped, alone)
+        ]
         assert widths[1] == pytest.approx(widths[0], rel=0.1)
         assert widths[2] < 0.75 * widths[0]
         assert grouped.gain == pytest.approx(once.gain, abs=0.05)
         assert alone.p_value < 0.3 * grouped.p_value
 
-    @pytest.mark.parametrize("name", ["stripes, 24 records, 3 an event", "cloud, 60 records"])
+    @pytest.mark.parametrize(
+        "name", ["stripes, 24 records, 3 an event", "cloud, 60 records"]
+    )
     def test_the_band_holds_and_no_effect_gains_nothing(self, name):
         found = coverage_of_planes(name, 0.0, 5)
         assert found["band"] > 0.75
         assert found["gain"] <= 0.2
 
     def test_scatter_of_single_runs_is_in_the_plane(self):
-        found = coverage_of_planes("stripes, 30 records, single runs scatter by 0.2", 0.3, 8)
+        found = coverage_of_planes(
+            "stripes, 30 records, single runs scatter by 0.2", 0.3, 8
+        )
         assert found["band"] > 0.75
 
 
@@ -134,7 +160,10 @@ class TestGain:
         logs, s = records(8, gamma=0.6)
         plane = fit_plane(stripes(logs), np.exp(s), 1.0)
         assert plane.gains
-        assert "times as likely as by x1 alone, more than chance explains (p = " in repr(plane)
+        assert (
+            "times as likely as by x1 alone, more than chance explains (p = "
+            in repr(plane)
+        )
         table = plane.to_dataframe(9)
         assert list(table) == ["x1 [1]", "x2 [1]", "probability", "lower", "upper"]
         one, two, chance, low, high = table.values.T
@@ -148,14 +177,18 @@ class TestGain:
         gains = []
         for seed in range(20, 28):
             logs, s = records(seed, 24, gamma=0.0)
-            gains.append(fit_plane(stripes(logs), np.exp(s), 1.0, np.arange(24) // 2).gain)
+            gains.append(
+                fit_plane(stripes(logs), np.exp(s), 1.0, np.arange(24) // 2).gain
+            )
         assert np.mean(gains) < -0.005
 
     def test_no_gain_no_figure(self):
         logs, s = records(9, gamma=0.0)
         plane = fit_plane(stripes(logs), np.exp(s), 1.0)
         for show in (plane.to_dataframe, plane.plot):
-            with pytest.raises(FitError, match=r"which chance can explain .* use the curve in x1"):
+            with pytest.raises(
+                FitError, match=r"which chance can explain .* use the curve in x1"
+            ):
                 show()
 
     def test_runs_are_drawn_over_contours(self):
@@ -175,5 +208,7 @@ def test_refusals():
     ):
         with pytest.raises(FitError, match=message):
             fit_plane(stripes(logs[:part]), np.exp(ratio[:part]), 1.0)
-    with pytest.raises(FitError, match="without scatter agrees with all runs; add records"):
+    with pytest.raises(
+        FitError, match="without scatter agrees with all runs; add records"
+    ):
         fit_plane(stripes(0.5 * s), np.exp(s), 1.0)

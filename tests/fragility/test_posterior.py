@@ -34,10 +34,14 @@ class BruteForce:
     def check(self, known, intensities):
         """Quantiles of theta, of beta (by its own sum: sorted values come in steps), of P."""
         theta = np.exp(self.quantiles(-self.a / self.b))
-        assert known.with_band([]).theta_interval == pytest.approx(theta[[0, 2]], rel=5e-3)
+        assert known.with_band([]).theta_interval == pytest.approx(
+            theta[[0, 2]], rel=5e-3
+        )
         assert known.curve.theta == pytest.approx(theta[1], rel=2e-3)
         beta = np.exp(np.interp(TAILS, *self.of_beta))
-        assert known.with_band([]).beta_interval == pytest.approx(beta[[0, 2]], rel=5e-3)
+        assert known.with_band([]).beta_interval == pytest.approx(
+            beta[[0, 2]], rel=5e-3
+        )
         assert known.curve.beta == pytest.approx(beta[1], rel=2e-3)
         for im in intensities:
             p = self.quantiles(ndtr(self.a + self.b * np.log(im)))
@@ -48,14 +52,22 @@ def run_weight(x, k, n):
     """Likelihood, determinant in (ln theta, beta) and factor, by their definitions."""
 
     def log_weight(a, b):
-        theta, beta = -a / b, 1.0 / b
-        value, information = 0.0, np.zeros((3, *np.broadcast_shapes(a.shape, b.shape)))
+        theta = -a / b
+        beta = 1.0 / b
+        value = 0.0
+        information = np.zeros((3, *np.broadcast_shapes(a.shape, b.shape)))
         for level, fell, runs in zip(x, k, n, strict=True):
             z = (level - theta) / beta
             value = value + fell * log_ndtr(z) + (runs - fell) * log_ndtr(-z)
-            weight = runs * np.exp(2.0 * norm.logpdf(z) - log_ndtr(z) - log_ndtr(-z)) / beta**2
+            weight = (
+                runs
+                * np.exp(2.0 * norm.logpdf(z) - log_ndtr(z) - log_ndtr(-z))
+                / beta**2
+            )
             information += np.stack([weight, weight * z, weight * z * z])
-        determinant = np.maximum(information[0] * information[2] - information[1] ** 2, 1e-300)
+        determinant = np.maximum(
+            information[0] * information[2] - information[1] ** 2, 1e-300
+        )
         to_mesh = 2.0 * np.log(beta)
         factor = -np.log(1.0 / beta + beta / max(0.3 * (max(x) - min(x)), 0.35) ** 2)
         return value + 0.5 * np.log(determinant) + factor + to_mesh
@@ -68,8 +80,11 @@ class TestRuns:
 
     @pytest.mark.parametrize("k", [(0, 1, 1, 2, 3), (0, 0, 2, 3, 3)])
     def test_brute_force(self, k):
-        x, n = np.log(self.IM), np.full(5, 3)
-        BruteForce(run_weight(x, k, n)).check(fit_posterior(self.IM, k, n), (0.6, 0.9, 1.3))
+        x = np.log(self.IM)
+        n = np.full(5, 3)
+        BruteForce(run_weight(x, k, n)).check(
+            fit_posterior(self.IM, k, n), (0.6, 0.9, 1.3)
+        )
 
     @pytest.mark.parametrize("k", [[0] * 5, [1] * 5, [0, 0, 1, 1, 1], [1, 0, 1, 0, 1]])
     def test_always_a_band(self, k):
@@ -97,8 +112,10 @@ class TestCapacities:
         low = np.append(0.0, self.LEVELS)[self.BELOW]
         high = np.append(self.LEVELS, INF)[self.BELOW]
         with np.errstate(divide="ignore"):
-            low, high = np.log(low), np.log(high)
-        width, span = np.median((high - low)[1:-1]), np.log(0.7 / 0.2)
+            low = np.log(low)
+            high = np.log(high)
+        width = np.median((high - low)[1:-1])
+        span = np.log(0.7 / 0.2)
 
         def log_weight(a, b):
             beta = 1.0 / b
@@ -115,10 +132,13 @@ class TestCapacities:
         logs = np.random.default_rng(3).normal(0.0, 0.35, 40)
         levels = np.exp(logs[:, None] + [-1e-3, 1e-3])
         known = fit_capacity_posterior(find_brackets([[0, 1]] * 40, levels))
-        mean, deviation = logs.mean(), logs.std(ddof=1)
+        mean = logs.mean()
+        deviation = logs.std(ddof=1)
         reach = t.ppf(0.95, 39) * deviation / np.sqrt(40)
         ends = [mean - reach, mean + reach]
-        assert np.log(known.with_band([]).theta_interval) == pytest.approx(ends, abs=2e-3)
+        assert np.log(known.with_band([]).theta_interval) == pytest.approx(
+            ends, abs=2e-3
+        )
         betas = deviation * np.sqrt(39 / chi2.ppf([0.95, 0.05], 39))
         assert known.with_band([]).beta_interval == pytest.approx(betas, rel=1e-2)
 

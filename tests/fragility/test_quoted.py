@@ -39,10 +39,15 @@ FEW = np.array([0.2, 0.3, 0.4, 0.5, 0.7])
 def test_each_verdict_at_each_level():
     counts = count_verdicts([[0, 1, 4], [0, 2, 4], [1, 3, 1], [5, 4, 4]])
     assert {name: each.tolist() for name, each in counts.items()} == {
-        "survived": [2, 0, 0], "collapsed": [1, 1, 1], "unfinished": [0, 1, 0],
-        "failed": [0, 1, 0], "collapsed_before": [1, 0, 0], "n": [3, 1, 1], "runs": [4, 3, 1],
+        "survived": [2, 0, 0],
+        "collapsed": [1, 1, 1],
+        "unfinished": [0, 1, 0],
+        "failed": [0, 1, 0],
+        "collapsed_before": [1, 0, 0],
+        "n": [3, 1, 1],
+        "runs": [4, 3, 1],
         "fraction": [1 / 3, 1.0, 1.0],
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize(
@@ -56,7 +61,9 @@ def test_each_verdict_at_each_level():
         ([0, 1, 2, 0, 1], (0.2, 0.3), 1),
     ],
 )
-def test_border_is_the_one_that_the_fewest_verdicts_contradict(row, ends, contradictions):
+def test_border_is_the_one_that_the_fewest_verdicts_contradict(
+    row, ends, contradictions
+):
     for order in (slice(None), slice(None, None, -1)):
         found = find_brackets([row[order]], FEW[order])
         assert (found.lower[0], found.upper[0]) == ends
@@ -85,7 +92,9 @@ def test_bisected_grid_is_filled_to_the_grid_it_stands_for_and_has_its_band():
     assert (bands[0].lower, bands[0].theta) == (bands[1].lower, bands[1].theta)
 
 
-@pytest.mark.parametrize(("interval", "method"), [(clopper_pearson, "exact"), (wilson, "wilson")])
+@pytest.mark.parametrize(
+    ("interval", "method"), [(clopper_pearson, "exact"), (wilson, "wilson")]
+)
 def test_intervals_of_fractions_are_those_of_scipy(interval, method):
     lower, upper = interval([0, 1, 7, 19, 20, 0], [20] * 5 + [0], 0.9)
     for k, low, high in zip([0, 1, 7, 19, 20], lower, upper):
@@ -120,8 +129,16 @@ def band_in_events(generator, groups):
 
 STUDIES = {
     "monotone": (lambda g: quoted_band(brackets(g, 24, GRID), IM), 120, (0.865, 0.935)),
-    "not monotone": (lambda g: quoted_band(brackets(g, 24, GRID, 0.64), IM), 160, (0.865, 0.935)),
-    "half survive": (lambda g: quoted_band(brackets(g, 24, LOW, 0.64), IM), 160, (0.85, 0.935)),
+    "not monotone": (
+        lambda g: quoted_band(brackets(g, 24, GRID, 0.64), IM),
+        160,
+        (0.865, 0.935),
+    ),
+    "half survive": (
+        lambda g: quoted_band(brackets(g, 24, LOW, 0.64), IM),
+        160,
+        (0.85, 0.935),
+    ),
     "single runs": (band_of_single_runs, 100, (0.865, 0.935)),
     "in events": (lambda g: band_in_events(g, EVENTS), 60, (0.85, 0.95)),
     "events not known": (lambda g: band_in_events(g, None), 60, (0.0, 0.83)),
@@ -133,7 +150,8 @@ class TestQuoted:
     def test_coverage(self, name):
         """Of the curve at `P` together, of theta and of beta: a sixth too narrow fails."""
         study, n_study, limits = STUDIES[name]
-        generator, held = np.random.default_rng(15), np.zeros(3)
+        generator = np.random.default_rng(15)
+        held = np.zeros(3)
         for _ in range(n_study):
             known = study(generator)
             held[0] += np.mean((known.lower <= P) & (known.upper >= P))
@@ -145,7 +163,9 @@ class TestQuoted:
             assert np.all(held[1:] > limits[0] - 0.03)
 
     def test_alike_records_count_as_their_events(self):
-        capacity = np.repeat(np.exp(BETA * np.random.default_rng(1).standard_normal(10)), 3)
+        capacity = np.repeat(
+            np.exp(BETA * np.random.default_rng(1).standard_normal(10)), 3
+        )
         found = find_brackets(capacity[:, None] <= GRID, GRID)
         assert independent_records(found, np.arange(30) // 3) == pytest.approx(10.0)
         assert independent_records(found, np.arange(30)) == 30.0
@@ -164,14 +184,16 @@ class TestQuoted:
             fell = im >= 1.4 * np.exp(0.4 * generator.standard_normal((8, 1)))
             if fell.all() or not fell.any():
                 continue
-            codes, levels = np.hstack([fell, np.full((8, 1), 4)]), np.hstack([im, 2.0 * im])
+            codes = np.hstack([fell, np.full((8, 1), 4)])
+            levels = np.hstack([im, 2.0 * im])
             found = quoted_band(find_brackets(codes, levels), [])
             assert found.theta == quoted_runs(im.ravel(), fell.ravel(), []).theta
             assert found.beta > 0.05
 
     @pytest.mark.parametrize("spread", [0.03, 0.1])
     def test_contradictions_where_one_capacity_agrees_with_all_brackets(self, spread):
-        levels, generator = np.geomspace(0.5, 2.0, 8), np.random.default_rng(3)
+        levels = np.geomspace(0.5, 2.0, 8)
+        generator = np.random.default_rng(3)
         codes = np.tile((levels > 1.0).astype(int), (12, 1))
         codes[generator.integers(0, 12, 2), 4] = 0
         codes[0, 3:6] = 1, 0, 1
@@ -200,13 +222,18 @@ class TestIsotonic:
         cases.append((found, found.levels[order, 0], (found.verdict == 1)[order, 0]))
         for found, im, collapsed in cases:
             other = IsotonicRegression().fit_transform(im, collapsed)
-            assert isotonic_curve(found)["probability"] == pytest.approx(other, abs=1e-12)
+            assert isotonic_curve(found)["probability"] == pytest.approx(
+                other, abs=1e-12
+            )
 
     def test_band_has_the_width_of_a_binomial_where_levels_are_independent(self):
         found = shaped(np.random.default_rng(4), n=60)
         curve = isotonic_curve(found, resamples=2000)
-        p, width = (found.verdict == 1)[:, 6].mean(), curve["upper"] - curve["lower"]
-        assert width[6] == pytest.approx(2 * 1.645 * np.sqrt(p * (1 - p) / 60), rel=0.15)
+        p = (found.verdict == 1)[:, 6].mean()
+        width = curve["upper"] - curve["lower"]
+        assert width[6] == pytest.approx(
+            2 * 1.645 * np.sqrt(p * (1 - p) / 60), rel=0.15
+        )
 
 
 class TestOfFit:
@@ -230,13 +257,18 @@ class TestOfFit:
     @pytest.mark.parametrize("rho", [0.3, 0.9, 1.0])
     def test_correlation_of_a_record_is_recovered(self, rho):
         found = shaped(np.random.default_rng(2), n=400, rho=rho)
-        assert check_lognormal(found, seed=3, resamples=100)[1] == pytest.approx(rho, abs=0.07)
+        assert check_lognormal(found, seed=3, resamples=100)[1] == pytest.approx(
+            rho, abs=0.07
+        )
 
 
 def test_the_band_and_the_test_of_its_shape_fit_the_same_runs_once(monkeypatch):
     """Records that contradict themselves, where a fit takes a tenth of a second."""
-    calls, fit = [], quoted.fit_capacity_posterior
-    monkeypatch.setattr(quoted, "fit_capacity_posterior", lambda *a: calls.append(a) or fit(*a))
+    calls = []
+    fit = quoted.fit_capacity_posterior
+    monkeypatch.setattr(
+        quoted, "fit_capacity_posterior", lambda *a: calls.append(a) or fit(*a)
+    )
     rows = [[0, 1, 0, 1, 1], [0, 0, 0, 1, 1], [0, 0, 0, 0, 1], [0, 1, 1, 1, 1]]
     found = find_brackets(rows, FEW)
     quoted_band(found, FEW)
@@ -255,7 +287,9 @@ class TestCrossed:
         logs = logs + of_records * generator.standard_normal((1, records))
         logs = logs + own * generator.standard_normal((rows, records))
         levels = np.geomspace(0.2, 5.0, 15)
-        found = find_brackets((np.exp(logs.reshape(-1, 1)) <= levels).astype(int), levels)
+        found = find_brackets(
+            (np.exp(logs.reshape(-1, 1)) <= levels).astype(int), levels
+        )
         place = np.indices((rows, records)).reshape(2, -1)
         return found, place[::-1].astype(str)
 
@@ -263,25 +297,37 @@ class TestCrossed:
         found, groups = self.drawn(1, 6, 24, 0.3)
         number = independent_records(found, groups)
         y = quoted._standardised(found).reshape(6, 24)
-        arch, record = y.mean(axis=1), y.mean(axis=0)
+        arch = y.mean(axis=1)
+        record = y.mean(axis=0)
         rest = y - arch[:, None] - record + y.mean()
         error = (rest**2).sum() / (5 * 23)
-        parts = np.array([arch.var(ddof=1) - error / 24, record.var(ddof=1) - error / 6])
-        sizes, whole = np.array([24, 6]), parts.sum() + error
+        parts = np.array(
+            [arch.var(ddof=1) - error / 24, record.var(ddof=1) - error / 6]
+        )
+        sizes = np.array([24, 6])
+        whole = parts.sum() + error
         rho = parts / whole
-        rho += 0.5 * (1 - rho) * (1 + (sizes - 1) * rho) / np.sqrt(144 * (sizes - 1) / 2)
+        rho += (
+            0.5 * (1 - rho) * (1 + (sizes - 1) * rho) / np.sqrt(144 * (sizes - 1) / 2)
+        )
         assert number == pytest.approx(144 / (1 + ((sizes - 1) * rho).sum()), rel=1e-9)
 
     def test_one_way_told_twice_is_one_way(self):
         found, (record, _) = self.drawn(2, 4, 12, 0.0)
         once = independent_records(found, record)
-        assert independent_records(found, np.array([record, record])) == pytest.approx(once)
-        halves = np.array([str(int(each) // 2) for each in record])  # which records lie within
+        assert independent_records(found, np.array([record, record])) == pytest.approx(
+            once
+        )
+        halves = np.array(
+            [str(int(each) // 2) for each in record]
+        )  # which records lie within
         assert independent_records(found, np.array([record, halves])) <= 1.1 * once
 
     def test_one_group_is_refused(self):
         found, (record, _) = self.drawn(2, 4, 12, 0.0)
-        with pytest.raises(FitError, match="all rows belong to one group, x; two are needed"):
+        with pytest.raises(
+            FitError, match="all rows belong to one group, x; two are needed"
+        ):
             independent_records(found, np.array([record, np.full(record.size, "x")]))
 
     @pytest.mark.parametrize("rows", [3, 5, 10])
@@ -296,8 +342,10 @@ class TestCrossed:
         assert np.mean(held["record and row"]) >= 0.8
 
     def test_first_shocks_in_turn_hold_the_median_after_them(self):
-        held, levels = {"event": [], "first shock": [], "both": []}, np.geomspace(0.2, 5.0, 15)
-        events, turn = np.arange(24) // 2, np.arange(24) % 3
+        held = {"event": [], "first shock": [], "both": []}
+        levels = np.geomspace(0.2, 5.0, 15)
+        events = np.arange(24) // 2
+        turn = np.arange(24) % 3
         for seed in range(40):
             generator = np.random.default_rng(seed)
             z = np.sqrt(0.5) * generator.standard_normal(12)[events]

@@ -7,7 +7,13 @@ from scipy.stats import t as student
 from archfrag.errors import FitError
 from archfrag.fragility.posterior import fit_capacity_posterior
 from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
-from archfrag.fragility.several import MOST_PARTS, crossing_groups, left_out, parts_of, ratios
+from archfrag.fragility.several import (
+    MOST_PARTS,
+    crossing_groups,
+    left_out,
+    parts_of,
+    ratios,
+)
 from archfrag.fragility.verdicts import find_brackets
 
 LEVELS = np.geomspace(0.02, 60.0, 400)
@@ -20,7 +26,10 @@ def estimate(found):
 
 
 def compared(log_capacities, groups, hazard=None, levels=LEVELS, **options):
-    found = [find_brackets(np.exp(logs)[:, None] <= levels, levels) for logs in log_capacities]
+    found = [
+        find_brackets(np.exp(logs)[:, None] <= levels, levels)
+        for logs in log_capacities
+    ]
     parts = parts_of(groups)
     without = [tuple(left_out(own, parts, estimate) for own in found)]
     return ratios(tuple(map(estimate, found)), without, hazard, **options)
@@ -39,7 +48,9 @@ def pairs(n, per_event=1, seed=4):
 
 @pytest.mark.parametrize(("n", "per_event"), [(6, 2), (8, 1), (24, 1), (30, 2)])
 @pytest.mark.parametrize("confidence", [0.9, 0.5])
-def test_the_interval_of_medians_is_that_of_paired_capacities_by_events(n, per_event, confidence):
+def test_the_interval_of_medians_is_that_of_paired_capacities_by_events(
+    n, per_event, confidence
+):
     logs, event = pairs(n, per_event)
     row = compared(logs, event, confidence=confidence)["theta"]
     means = np.bincount(event, logs[1] - logs[0]) / per_event
@@ -57,7 +68,9 @@ def test_rates_are_those_of_the_curves_and_their_interval_is_wide_for_three_even
         assert row["lower"] < row["ratio"] < row["upper"]
     assert few["upper"] / few["lower"] > (many["upper"] / many["lower"]) ** 3
     logs, event = pairs(8)
-    shifted = compared([logs[0], logs[0] + np.log(LEVELS[1] / LEVELS[0]) * 20], event, HAZARD)
+    shifted = compared(
+        [logs[0], logs[0] + np.log(LEVELS[1] / LEVELS[0]) * 20], event, HAZARD
+    )
     # A curve that is moved only: rates differ by the power of the hazard, without doubt.
     power = (LEVELS[1] / LEVELS[0]) ** (-2.5 * 20)
     assert [shifted["rate"][k] for k in ("ratio", "lower", "upper")] == pytest.approx(
@@ -80,26 +93,32 @@ def test_the_onset_of_motion_is_that_of_each_arch():
         for own, onset in zip(found, (0.5, 1.0))
     ]
     assert [row["before"], row["after"]] == pytest.approx(expected)
-    assert expected[0] < lognormal_rates(HAZARD, estimate(found[0]).theta, estimate(found[0]).beta)
+    assert expected[0] < lognormal_rates(
+        HAZARD, estimate(found[0]).theta, estimate(found[0]).beta
+    )
 
 
 def test_groups_are_left_out_as_a_whole_and_many_of_them_together():
     parts = parts_of(["a", "b", "a", "c", "b"])
     assert parts.sum(axis=0).tolist() == [1] * 5
     assert sorted(map(tuple, parts.astype(int).tolist())) == [
-        (0, 0, 0, 1, 0), (0, 1, 0, 0, 1), (1, 0, 1, 0, 0),
-    ]  # fmt: skip
+        (0, 0, 0, 1, 0),
+        (0, 1, 0, 0, 1),
+        (1, 0, 1, 0, 0),
+    ]
     many = parts_of(np.arange(1000))
     assert many.shape == (MOST_PARTS, 1000)
     assert set(many.sum(axis=1)) == {25}
     with pytest.raises(
-        FitError, match="of 2 independent motions, earthquakes, first shocks or rows; an"
+        FitError,
+        match="of 2 independent motions, earthquakes, first shocks or rows; an",
     ):
         parts_of(["a", "b", "a"])
 
 
 def test_groups_within_others_are_left_out_with_these_and_crossing_ones_have_cells():
-    event, turn = np.arange(12) // 2, np.arange(12) % 3
+    event = np.arange(12) // 2
+    turn = np.arange(12) % 3
     (alone,) = crossing_groups([np.arange(12), turn.astype(str)])
     assert alone.tolist() == turn.tolist()
     (once,) = crossing_groups([event, event + 7])
@@ -110,10 +129,12 @@ def test_groups_within_others_are_left_out_with_these_and_crossing_ones_have_cel
 
 
 def test_first_shocks_in_turn_widen_the_interval_to_hold_the_ratio():
-    turn, held = np.arange(24) % 4, {"record": [], "first shock": []}
+    turn = np.arange(24) % 4
+    held = {"record": [], "first shock": []}
     for seed in range(30):
         generator = np.random.default_rng(seed)
-        before, own = 0.3 * generator.standard_normal(24), 0.05 * generator.standard_normal(24)
+        before = 0.3 * generator.standard_normal(24)
+        own = 0.05 * generator.standard_normal(24)
         logs = before, before - 0.2 + 0.2 * generator.standard_normal(4)[turn] + own
         for what, groups in zip(held, (np.arange(24), turn)):
             row = compared(logs, groups)["theta"]
@@ -126,7 +147,8 @@ def test_variances_of_groups_that_cross_add_up():
     rows, records = np.indices((6, 8)).reshape(2, -1)
     generator = np.random.default_rng(3)
     change = (
-        0.15 * generator.standard_normal(6)[rows] + 0.15 * generator.standard_normal(8)[records]
+        0.15 * generator.standard_normal(6)[rows]
+        + 0.15 * generator.standard_normal(8)[records]
     )
     logs = 0.3 * generator.standard_normal(48)
     logs = np.array([logs, logs + change])
@@ -135,7 +157,9 @@ def test_variances_of_groups_that_cross_add_up():
 
     def error(*groups):
         ways = map(parts_of, crossing_groups(groups))
-        without = [tuple(left_out(own, parts, estimate) for own in found) for parts in ways]
+        without = [
+            tuple(left_out(own, parts, estimate) for own in found) for parts in ways
+        ]
         row = ratios(curves, without, HAZARD)
         assert row["rate"]["lower"] < row["rate"]["ratio"] < row["rate"]["upper"]
         return np.log(row["theta"]["upper"] / row["theta"]["ratio"])

@@ -10,7 +10,12 @@ from archfrag.fragility.curve import Curve
 from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
-from archfrag.fragility.quoted import check_lognormal, isotonic_curve, quoted_band, quoted_runs
+from archfrag.fragility.quoted import (
+    check_lognormal,
+    isotonic_curve,
+    quoted_band,
+    quoted_runs,
+)
 from archfrag.fragility.risk import HazardCurve, collapse_rate, level_edges
 from archfrag.fragility.several import split_capacities, split_curves
 from archfrag.fragility.verdicts import find_brackets
@@ -45,19 +50,43 @@ def measures(found=FOUND, **changed):
         (lambda: fit_ida([0.5, 0.6], 0.5), "between 0.5 and 0.5 agrees with all"),
         (lambda: fit_cloud([0.1, 0.2], [0, 0]), "above"),
         (lambda: fit_cloud([0.1, 0.2, 0.3, 0.4], [1, 1, 0, 0]), "does not rise"),
-        (lambda: fit_brackets([0.3, 0.2], [0.4, 0.3]), "between 0.3 and 0.3 agrees with all"),
+        (
+            lambda: fit_brackets([0.3, 0.2], [0.4, 0.3]),
+            "between 0.3 and 0.3 agrees with all",
+        ),
         (lambda: fit_brackets([0.0, 0.5], [0.2, INF]), "bracketed from both sides"),
         (lambda: split_capacities([[1.0, 2.0]]), "1 arches"),
         (lambda: split_curves([1], [0.4], [0.1]), "one arch"),
         (lambda: brackets([2, 3]).of_records(), "no run collapsed or survived"),
-        (lambda: fit_capacity_posterior(brackets([0, 0], [0, 4])), "add levels above 0.2"),
-        (lambda: fit_capacity_posterior(brackets([1, 1], [4, 1])), "add levels below 0.1"),
-        (lambda: fit_capacity_posterior(brackets([0], [1], levels=[0.1])), "at 1 level"),
+        (
+            lambda: fit_capacity_posterior(brackets([0, 0], [0, 4])),
+            "add levels above 0.2",
+        ),
+        (
+            lambda: fit_capacity_posterior(brackets([1, 1], [4, 1])),
+            "add levels below 0.1",
+        ),
+        (
+            lambda: fit_capacity_posterior(brackets([0], [1], levels=[0.1])),
+            "at 1 level",
+        ),
         (lambda: fit_posterior([0.5, 0.5], [0, 1], 1), "at 1 level"),
-        (lambda: fit_posterior([0.1, 0.2, 0.2], [0, 0, 0], [3, 2, 0]), "add levels above 0.2"),
-        (lambda: fit_posterior([0.1, 0.2], [3, 2], [3, 2]), "bounds theta from below.* 0.1, the"),
-        (lambda: quoted_runs([0.1, 0.2, 0.4], [0, 0, 0], 0.1), "from above: add levels above 0.4"),
-        (lambda: quoted_runs([0.1, 0.2, 0.4], [1, 1, 1], 0.1), "below 0.1.*smaller factor of"),
+        (
+            lambda: fit_posterior([0.1, 0.2, 0.2], [0, 0, 0], [3, 2, 0]),
+            "add levels above 0.2",
+        ),
+        (
+            lambda: fit_posterior([0.1, 0.2], [3, 2], [3, 2]),
+            "bounds theta from below.* 0.1, the",
+        ),
+        (
+            lambda: quoted_runs([0.1, 0.2, 0.4], [0, 0, 0], 0.1),
+            "from above: add levels above 0.4",
+        ),
+        (
+            lambda: quoted_runs([0.1, 0.2, 0.4], [1, 1, 1], 0.1),
+            "below 0.1.*smaller factor of",
+        ),
         (lambda: quoted_runs([], [], 0.1), "no run collapsed"),
         (lambda: quoted_band(brackets([2, 3]), 1.0), "no run collapsed"),
         (lambda: quoted_band(FOUND, 1.0, groups=[1] * 4), "one group, 1"),

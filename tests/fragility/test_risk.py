@@ -27,14 +27,21 @@ def lognormal(theta, beta):
 
 def by_quadrature(hazard, curve, low, high):
     """Integral of P |d lambda| from rates of exceedance alone."""
-    knots = np.unique(np.clip(np.log([low, *hazard.im, high]), np.log(low), np.log(high)))
+    knots = np.unique(
+        np.clip(np.log([low, *hazard.im, high]), np.log(low), np.log(high))
+    )
     total = 0.0
     for a, b in pairwise(knots):
         fall = np.log(hazard.rate_at(np.exp(a)) / hazard.rate_at(np.exp(b))) / (b - a)
         total += quad(
-            lambda x, k=fall: curve.probability(np.exp(x)) * k * hazard.rate_at(np.exp(x)),
-            a, b, epsabs=0.0, epsrel=1e-11,
-        )[0]  # fmt: skip
+            lambda x, k=fall: (
+                curve.probability(np.exp(x)) * k * hazard.rate_at(np.exp(x))
+            ),
+            a,
+            b,
+            epsabs=0.0,
+            epsrel=1e-11,
+        )[0]
     return total
 
 
@@ -52,8 +59,12 @@ class TestRate:
         parts = rate_by_level(BENT, curve, [0.02, 0.33, 0.7, 3.0])
         assert np.all(parts >= 0.0)
         assert parts.sum() == pytest.approx(collapse_rate(BENT, curve).rate, rel=1e-12)
-        assert parts[2] == pytest.approx(by_quadrature(BENT, curve, 0.33, 0.7), rel=1e-9)
-        assert parts.sum() == pytest.approx(by_quadrature(BENT, curve, 1e-3, 1e4), rel=1e-7)
+        assert parts[2] == pytest.approx(
+            by_quadrature(BENT, curve, 0.33, 0.7), rel=1e-9
+        )
+        assert parts.sum() == pytest.approx(
+            by_quadrature(BENT, curve, 1e-3, 1e4), rel=1e-7
+        )
         far = collapse_rate(BENT, lognormal(2.0, 0.4))
         beyond = by_quadrature(BENT, lognormal(2.0, 0.4), 2.0, 1e5)
         assert far.above == pytest.approx(beyond / far.rate, rel=1e-6)
@@ -63,8 +74,12 @@ class TestRate:
         expected = [2e-2, 5e-3 / 2.0**1.5, 6.25e-4 / 8.0]
         assert curve.rate_at([0.05, 0.2 * np.sqrt(2.0), 0.8]) == pytest.approx(expected)
         np.testing.assert_allclose(curve.rate_at(curve.im), curve.rate)
-        curve = HazardCurve.from_exceedance([0.1, 0.2, 0.4, 0.8], [1.0, 0.1, 0.02, 0.0], 50.0)
-        np.testing.assert_array_equal(curve.im, [0.2, 0.4])  # of 0 and 1 the rate is not known
+        curve = HazardCurve.from_exceedance(
+            [0.1, 0.2, 0.4, 0.8], [1.0, 0.1, 0.02, 0.0], 50.0
+        )
+        np.testing.assert_array_equal(
+            curve.im, [0.2, 0.4]
+        )  # of 0 and 1 the rate is not known
 
 
 class TestBand:
@@ -75,7 +90,9 @@ class TestBand:
         found = collapse_rate(hazard, lognormal(0.5, 0.05), (np.full(50, 0.5), beta))
         assert not found.is_bound
         assert found.rate < found.mean < found.upper < 2e-2
-        assert found.probability_in(50.0)[0] == pytest.approx(1.0 - np.exp(-50.0 * found.rate))
+        assert found.probability_in(50.0)[0] == pytest.approx(
+            1.0 - np.exp(-50.0 * found.rate)
+        )
         assert found.return_period == pytest.approx(1.0 / found.rate)
         beyond = collapse_rate(hazard, lognormal(0.5, 0.5), (np.full(50, 0.5), beta))
         assert beyond.is_bound
@@ -101,15 +118,20 @@ class TestContributions:
     def test_weights_are_the_hazards_not_the_counts(self):
         """One mechanism below, another above: with equal counts their fractions are the rates'."""
         kind = np.tile([0, 1], (10, 1))
-        found = contributions(np.ones((10, 2), bool), kind, ("low", "high"), [9e-4, 1e-4])
+        found = contributions(
+            np.ones((10, 2), bool), kind, ("low", "high"), [9e-4, 1e-4]
+        )
         np.testing.assert_allclose(found.fraction, [0.9, 0.1])
-        np.testing.assert_allclose(found.rate.sum(axis=0) + found.unassigned, [9e-4, 1e-4])
+        np.testing.assert_allclose(
+            found.rate.sum(axis=0) + found.unassigned, [9e-4, 1e-4]
+        )
 
     def test_every_collapse_is_counted_once_and_nothing_else(self):
         generator = np.random.default_rng(4)
         verdict = generator.choice([0, 1, 2, 3], (30, 6), p=[0.3, 0.6, 0.05, 0.05])
         verdict[:, 2] = Verdict.SURVIVED
-        kind, fell = generator.integers(0, 3, verdict.shape), verdict == Verdict.COLLAPSED
+        kind = generator.integers(0, 3, verdict.shape)
+        fell = verdict == Verdict.COLLAPSED
         found = contributions(fell, np.where(fell, kind, -7), "abc")
         for i in range(3):
             assert found.counts[i].tolist() == (fell & (kind == i)).sum(axis=0).tolist()
@@ -117,11 +139,14 @@ class TestContributions:
 
     def test_overall_interval_holds_where_records_fall_alike(self):
         """Category by record, collapses of unequal number: coverage at least nominal."""
-        generator, held = np.random.default_rng(5), []
+        generator = np.random.default_rng(5)
+        held = []
         for _ in range(1000):
             first = generator.integers(0, 8, 24)
             verdict = (np.arange(8) >= first[:, None]).astype(int)
-            kind = np.broadcast_to(generator.random((24, 1)) < 0.4, verdict.shape).astype(int)
+            kind = np.broadcast_to(
+                generator.random((24, 1)) < 0.4, verdict.shape
+            ).astype(int)
             found = contributions(verdict == 1, kind, ("a", "b"))
             held.append(found.lower[1] <= 0.4 <= found.upper[1])
         assert 0.86 < np.mean(held) < 0.95
@@ -129,11 +154,14 @@ class TestContributions:
     @pytest.mark.parametrize("alike", [True, False])
     def test_interval_holds_where_records_of_an_event_fall_alike(self, alike):
         """12 events of 2 records each; counted as 24 it held in 77 % of such studies."""
-        generator, held = np.random.default_rng(5), []
+        generator = np.random.default_rng(5)
+        held = []
         event = np.arange(24) // 2
         for _ in range(400):
             verdict = np.arange(8) >= generator.integers(0, 8, 24)[:, None]
-            draw = generator.random((12, 1))[event] if alike else generator.random((24, 1))
+            draw = (
+                generator.random((12, 1))[event] if alike else generator.random((24, 1))
+            )
             kind = np.broadcast_to(draw < 0.4, verdict.shape)
             found = contributions(verdict, kind.astype(int), ("a", "b"), groups=event)
             held.append(found.lower[1] <= 0.4 <= found.upper[1])
@@ -145,11 +173,15 @@ class TestOnset:
 
     @pytest.mark.parametrize("onset", [1e-4, 0.02, 0.3, 1.1, 5.0])
     def test_against_quadrature(self, onset):
-        found, whole = (collapse_rate(BENT, lognormal(0.8, 0.5), onset=o) for o in (onset, 0.0))
+        found, whole = (
+            collapse_rate(BENT, lognormal(0.8, 0.5), onset=o) for o in (onset, 0.0)
+        )
         assert found.rate == pytest.approx(
             by_quadrature(BENT, lognormal(0.8, 0.5), onset, 1e6), rel=1e-6
         )
-        assert found.below_onset == pytest.approx(whole.rate - found.rate, rel=1e-9, abs=1e-15)
+        assert found.below_onset == pytest.approx(
+            whole.rate - found.rate, rel=1e-9, abs=1e-15
+        )
         assert whole.below_onset == 0.0
 
     def test_each_arch_of_a_class_has_its_own(self):
@@ -165,6 +197,8 @@ class TestOnset:
 
     def test_band_and_mean_leave_the_same_part_out(self):
         fit = lognormal(0.8, 0.5)
-        none, some = (collapse_rate(BENT, fit, fit.draws(1), onset=onset) for onset in (0.0, 0.5))
+        none, some = (
+            collapse_rate(BENT, fit, fit.draws(1), onset=onset) for onset in (0.0, 0.5)
+        )
         assert some.lower < some.rate < some.upper < none.upper
         assert some.mean < none.mean

@@ -22,18 +22,28 @@ LEVELS = np.geomspace(0.1, 1.0, 6)
 
 @pytest.fixture
 def curve():
-    return quoted_band(find_brackets(np.arange(6) > np.arange(1, 5)[:, None], LEVELS), LEVELS)
+    return quoted_band(
+        find_brackets(np.arange(6) > np.arange(1, 5)[:, None], LEVELS), LEVELS
+    )
 
 
 def test_limit_states_are_those_that_were_stored(curve):
     states = [
         {"name": "rotation", "meaning": "it turns", **curve.to_dict()},
-        {"name": "residual", "meaning": "", "curve": Curve(reason="none does").fit_dict()},
+        {
+            "name": "residual",
+            "meaning": "",
+            "curve": Curve(reason="none does").fit_dict(),
+        },
     ]
     answer = replace(curve, more={"limit_states": {"message": "", "states": states}})
     own, without = answer.states
     assert own.to_dict() == curve.to_dict()
-    assert (own.state, own.meaning, without.reason) == ("rotation", "it turns", "none does")
+    assert (own.state, own.meaning, without.reason) == (
+        "rotation",
+        "it turns",
+        "none does",
+    )
     assert list(answer.limit_states) == ["rotation", "collapse"]
     assert Curve().states == []
 
@@ -41,19 +51,29 @@ def test_limit_states_are_those_that_were_stored(curve):
 def test_a_curve_says_the_same_in_another_unit(curve):
     states = [{"name": "rotation", "meaning": "", **curve.to_dict()}]
     lost = {"runs": 2, "collapsed": curve.fit_dict(), "survived": {"none": "x"}}
-    whole = replace(curve, more={"limit_states": {"states": states}, "without_verdict": lost})
+    whole = replace(
+        curve, more={"limit_states": {"states": states}, "without_verdict": lost}
+    )
     in_g = whole.in_unit(9.80665, "PGA", "g")
     im = LEVELS / 9.80665
     assert in_g(im) == pytest.approx(curve(LEVELS), rel=1e-12)
     assert in_g.quantile(0.1) * 9.80665 == pytest.approx(curve.quantile(0.1))
     for one, other in ((in_g, curve), (in_g.limit_states["rotation"], curve)):
-        assert np.array(one.band(im)) == pytest.approx(np.array(other.band(LEVELS)), rel=1e-9)
-        assert np.array(one.theta_interval) * 9.80665 == pytest.approx(other.theta_interval)
-    assert f"the median is {curve.theta / 9.80665:.4g} g if all collapse, not known" in repr(in_g)
+        assert np.array(one.band(im)) == pytest.approx(
+            np.array(other.band(LEVELS)), rel=1e-9
+        )
+        assert np.array(one.theta_interval) * 9.80665 == pytest.approx(
+            other.theta_interval
+        )
+    assert (
+        f"the median is {curve.theta / 9.80665:.4g} g if all collapse, not known"
+        in repr(in_g)
+    )
 
 
 def test_curves_that_cross_are_told():
-    mild, severe = fragility(1.0, 0.6), fragility(1.1, 0.2)
+    mild = fragility(1.0, 0.6)
+    severe = fragility(1.1, 0.2)
     words = crossing_words([replace(mild, state="rotation"), severe])
     assert "those of rotation and collapse by up to 0.19" in words
     assert crossing_words([severe]) == "The curves of the limit states do not cross."
@@ -69,11 +89,16 @@ class TestOrderOfTwo:
 
     @pytest.mark.parametrize(
         ("mild", "severe"),
-        [((1.0, 0.4), (1.0, 0.5)), ((1.0, 0.6), (1.1, 0.2)), ((1.2, 0.4), (1.0, 0.4)),
-         ((0.3, 0.2), (1.0, 0.9))],
-    )  # fmt: skip
+        [
+            ((1.0, 0.4), (1.0, 0.5)),
+            ((1.0, 0.6), (1.1, 0.2)),
+            ((1.2, 0.4), (1.0, 0.4)),
+            ((0.3, 0.2), (1.0, 0.9)),
+        ],
+    )
     def test_curves_that_cross_are_moved_as_far_as_needed(self, mild, severe):
-        given, other = fragility(*mild), fragility(*severe)
+        given = fragility(*mild)
+        other = fragility(*severe)
         found = above(given, other)
         assert crossing(given, other) > MOST_CROSSING >= crossing(found, other)
         assert found.theta == min(given.theta, other.theta)

@@ -13,7 +13,13 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 from obspy import Inventory, Stream, Trace, UTCDateTime
 from obspy.core import event
-from obspy.core.inventory import Channel, InstrumentSensitivity, Network, Response, Station
+from obspy.core.inventory import (
+    Channel,
+    InstrumentSensitivity,
+    Network,
+    Response,
+    Station,
+)
 
 from .helpers import wave
 
@@ -22,8 +28,12 @@ EPICENTRE = (40.0, 15.0)
 EVENT = "it2020abcd"
 SENSITIVITY = 1.0e6  # [counts / (m/s2)]
 # Station: degrees north of the epicentre, place and kinds of its instruments.
-STATIONS = {"NEAR": (0.1, "", ("HN",)), "BOTH": (0.2, "", ("HN", "BN")),
-            "SLOW": (0.3, "00", ("BN",)), "FAR": (3.0, "", ("HN",))}  # fmt: skip
+STATIONS = {
+    "NEAR": (0.1, "", ("HN",)),
+    "BOTH": (0.2, "", ("HN", "BN")),
+    "SLOW": (0.3, "00", ("BN",)),
+    "FAR": (3.0, "", ("HN",)),
+}
 
 
 def _written(data, form):
@@ -34,14 +44,19 @@ def _written(data, form):
 
 def quakeml(origins=True):
     """One event as QuakeML; the first magnitude is preferred."""
-    origin = event.Origin(time=ORIGIN, latitude=EPICENTRE[0], longitude=EPICENTRE[1], depth=8000.0)
-    magnitudes = [event.Magnitude(mag=mag, magnitude_type=kind)
-                  for kind, mag in (("ml", 5.4), ("mww", 5.6))]  # fmt: skip
+    origin = event.Origin(
+        time=ORIGIN, latitude=EPICENTRE[0], longitude=EPICENTRE[1], depth=8000.0
+    )
+    magnitudes = [
+        event.Magnitude(mag=mag, magnitude_type=kind)
+        for kind, mag in (("ml", 5.4), ("mww", 5.6))
+    ]
     quake = event.Event(
         resource_id=event.ResourceIdentifier(f"smi:local/{EVENT}"),
-        origins=[origin] if origins else [], magnitudes=magnitudes,
+        origins=[origin] if origins else [],
+        magnitudes=magnitudes,
         preferred_magnitude_id=magnitudes[0].resource_id,
-    )  # fmt: skip
+    )
     return _written(event.Catalog([quake]), "QUAKEML")
 
 
@@ -52,15 +67,30 @@ def station_xml(stations, responses=True):
     rows = []
     for code in stations:
         north, place, kinds = STATIONS[code]
-        at = {"latitude": EPICENTRE[0] + north, "longitude": EPICENTRE[1], "elevation": 0.0}
+        at = {
+            "latitude": EPICENTRE[0] + north,
+            "longitude": EPICENTRE[1],
+            "elevation": 0.0,
+        }
         channels = [
-            Channel(kind + letter, place, **at, depth=0.0, azimuth=0.0, response=response,
-                    dip=-90.0 if letter == "Z" else 0.0, sample_rate=100.0,
-                    start_date=UTCDateTime(2010, 1, 1))
-            for kind in kinds for letter in "ENZ"
-        ]  # fmt: skip
+            Channel(
+                kind + letter,
+                place,
+                **at,
+                depth=0.0,
+                azimuth=0.0,
+                response=response,
+                dip=-90.0 if letter == "Z" else 0.0,
+                sample_rate=100.0,
+                start_date=UTCDateTime(2010, 1, 1),
+            )
+            for kind in kinds
+            for letter in "ENZ"
+        ]
         rows.append(Station(code, **at, channels=channels))
-    return _written(Inventory([Network("IV", stations=rows)], source="test"), "STATIONXML")
+    return _written(
+        Inventory([Network("IV", stations=rows)], source="test"), "STATIONXML"
+    )
 
 
 def miniseed(station, location, channels, start, end):
@@ -81,7 +111,9 @@ class DataCentre:
     """
 
     def __init__(self, address):
-        self.address, self.asked, self.faults = address, [], {}
+        self.address = address
+        self.asked = []
+        self.faults = {}
 
     def answer(self, service, query):
         self.asked.append(service)
@@ -100,11 +132,14 @@ class DataCentre:
 
     def dataselect(self, query):
         _, place, kinds = STATIONS[query["station"]]
-        kind, location = query["channel"][:2], query["location"].replace("--", "")
+        kind = query["channel"][:2]
+        location = query["location"].replace("--", "")
         if kind not in kinds or location != place:
             return 204
         start, end = (UTCDateTime(query[key]) for key in ("starttime", "endtime"))
-        return miniseed(query["station"], location, [kind + c for c in "ENZ"], start, end)
+        return miniseed(
+            query["station"], location, [kind + c for c in "ENZ"], start, end
+        )
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -118,7 +153,9 @@ class _Handler(BaseHTTPRequestHandler):
             if callable(answer):
                 answer(self)
             elif isinstance(answer, int):
-                self.send(answer, b"" if answer == 204 else b"the server explains\nat length")
+                self.send(
+                    answer, b"" if answer == 204 else b"the server explains\nat length"
+                )
             else:
                 self.send(200, answer)
 

@@ -26,7 +26,14 @@ FOURTH_LINES = (
 
 
 def at2_text(
-    samples, dt=0.01, *, count=None, unit="G", fourth=FOURTH_LINES[0], component="180", end="\n"
+    samples,
+    dt=0.01,
+    *,
+    count=None,
+    unit="G",
+    fourth=FOURTH_LINES[0],
+    component="180",
+    end="\n",
 ):
     """AT2 file with five samples a row, as PEER writes them."""
     cells = [f"{value:15.7E}" for value in samples]
@@ -42,7 +49,9 @@ def at2_text(
 
 def put(folder, content, name="a.txt"):
     """Write text or bytes into a file, and return its path."""
-    (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    (folder / name).write_bytes(
+        content if isinstance(content, bytes) else content.encode()
+    )
     return folder / name
 
 
@@ -65,7 +74,9 @@ def refused(call, *parts, start=""):
 def wave(count=400, dt=0.01, frequency=1.5):
     """A sine that grows and dies away, and starts and ends at zero."""
     time = np.arange(count) * dt
-    return np.sin(2.0 * np.pi * frequency * time) * np.sin(np.pi * np.arange(count) / (count - 1))
+    return np.sin(2.0 * np.pi * frequency * time) * np.sin(
+        np.pi * np.arange(count) / (count - 1)
+    )
 
 
 def pga(motion):
@@ -76,7 +87,9 @@ def pga(motion):
 def manifest():
     """Rows of the manifests of the real records; none where these are not there."""
     files = (REAL_RECORDS / name for name in ("manifest.csv", "manifest_p695.csv"))
-    return [row for file in files if file.is_file() for row in csv.DictReader(file.open())]
+    return [
+        row for file in files if file.is_file() for row in csv.DictReader(file.open())
+    ]
 
 
 class Payload:

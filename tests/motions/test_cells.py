@@ -17,19 +17,31 @@ YEARS = "PGA [g];return period [years]\n"
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        (YEARS + "0,08;1.000\n0,15;2.475\n", ["'0,08' in line 2", "'1.000' in line 2 a point"]),
+        (
+            YEARS + "0,08;1.000\n0,15;2.475\n",
+            ["'0,08' in line 2", "'1.000' in line 2 a point"],
+        ),
         (YEARS + "0.08;1,000\n0.15;2,475\n", ["'1,000' in line 2", "one of the two"]),
-        (YEARS + "0.08;1.000\n0.15;2.475\n", ["1.000, 2.475: years, or thousands of years?"]),
+        (
+            YEARS + "0.08;1.000\n0.15;2.475\n",
+            ["1.000, 2.475: years, or thousands of years?"],
+        ),
         (YEARS + "0,08;1,000\n0,15;2,475\n", ["years, or thousands of years?"]),
         (YEARS + "0.08;1.0\n0.15;2.475\n0.2;5.0\n", ["Write 2475 or 2.4750 for 2.475"]),
         (YEARS + "0.08;475\n0.15;975\n0.2;2.475\n", ["2.475 beside 475", "thousands?"]),
         (YEARS.replace("g]", "mm/s2]") + "980;475\n1.193;2475\n", ["1.193 beside 980"]),
-        ('PGA [g],return period\n0.08,"1,000"\n', ["line 2: '1,000' has a comma within"]),
+        (
+            'PGA [g],return period\n0.08,"1,000"\n',
+            ["line 2: '1,000' has a comma within"],
+        ),
         ("PGA [g],rate\n0.08,1e-2\n0.15,\n", ["line 3 has an empty cell"]),
         ("PGA [g],rate\n0.08,1e-2\n0.15\n", ["line 3 has 1 of 2 cells"]),
         ("PGA [g],rate\n0,08,1e-2\n0,15,1e-3\n", ["line 2 has 3 cells"]),
         ("PGA [g],rate,rate\n0.08,1,1\n", ["column 'rate' is there twice"]),
-        ("PGA [g],rate\n0.08,1\n".encode("utf-16"), ["is text in UTF-16; save it as UTF-8"]),
+        (
+            "PGA [g],rate\n0.08,1\n".encode("utf-16"),
+            ["is text in UTF-16; save it as UTF-8"],
+        ),
     ],
 )
 def test_hazards_that_could_be_read_in_two_ways(tmp_path, text, parts):
@@ -57,7 +69,10 @@ HEAD = "id,file,unit,Mw\n"
 @pytest.mark.parametrize(
     ("text", "part"),
     [
-        ("id;file;unit;Mw\na;f;g;6,5\n", "line 2: '6,5' has a comma within a number; write"),
+        (
+            "id;file;unit;Mw\na;f;g;6,5\n",
+            "line 2: '6,5' has a comma within a number; write",
+        ),
         (HEAD + "a,f,g,6,5\n", "line 2 has 5 cells, the other rows have 4"),
         (HEAD + "a,f,g,6\nb,f,g\n", "line 3 has 3 of 4 cells"),
         ("id,file,unit,unit\na,f,g,gal\n", "line 1: column 'unit' is there twice"),
@@ -79,7 +94,9 @@ def test_a_broken_index_beside_a_record_is_not_passed_over(tmp_path):
     put(tmp_path, HEAD + "a,a.AT2,g,6,5\n", "index.csv")
     path = put(tmp_path, at2_text(NORTH), "a.AT2")
     refused(lambda: read_motion(path), "index.csv: line 2 has 5 cells")
-    put(tmp_path, "id;file;unit;Mw;event\r\nb;a.AT2;g;6.5;Norcia, 2016\r\n", "index.csv")
+    put(
+        tmp_path, "id;file;unit;Mw;event\r\nb;a.AT2;g;6.5;Norcia, 2016\r\n", "index.csv"
+    )
     motion = read_motion(path)
     assert (motion.id, motion.metadata["event"]) == ("b", "Norcia, 2016")
 

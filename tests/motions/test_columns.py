@@ -25,34 +25,53 @@ def rows(samples=SAMPLES, dt=0.01, form="{:.6f}\t{:.6f}", times=None):
 
 def row_by_row(width):
     words = [f"{value: .6E}" for value in SAMPLES]
-    return "# head\n" + "\n".join(" ".join(words[i : i + width]) for i in range(0, 400, width))
+    return "# head\n" + "\n".join(
+        " ".join(words[i : i + width]) for i in range(0, 400, width)
+    )
 
 
 @pytest.mark.parametrize(
     ("text", "columns"),
     [
-        *(("# a comment\n\n" + rows(form=form).replace("\n", end), TIMED)
-          for form, end in (("{:.6f}\t{:.6f}", "\n"), ("  {:.4f}   {:.6E}", "\r\n"),
-                            ("{:.3f},{:.6f}", "\r"), ("{:.3f} ; {:.6f} ; 7 # x", "\n"))),
+        *(
+            ("# a comment\n\n" + rows(form=form).replace("\n", end), TIMED)
+            for form, end in (
+                ("{:.6f}\t{:.6f}", "\n"),
+                ("  {:.4f}   {:.6E}", "\r\n"),
+                ("{:.3f},{:.6f}", "\r"),
+                ("{:.3f} ; {:.6f} ; 7 # x", "\n"),
+            )
+        ),
         *((row_by_row(width), Columns(dt=0.01)) for width in (1, 8, 400)),
-        ("El Centro 1940\n400 0.01\n" + rows(), Columns(time=1, acceleration=2, skip=2)),
+        (
+            "El Centro 1940\n400 0.01\n" + rows(),
+            Columns(time=1, acceleration=2, skip=2),
+        ),
         (rows(form="{:.4f} {:.6E}").replace("E", "D"), TIMED),
-        ("".join(f"{-a:.6f} {0.01 * i:.2f} {a:.6f}\n" for i, a in enumerate(SAMPLES)),
-         Columns(time=2, acceleration=3, vertical=1)),
+        (
+            "".join(
+                f"{-a:.6f} {0.01 * i:.2f} {a:.6f}\n" for i, a in enumerate(SAMPLES)
+            ),
+            Columns(time=2, acceleration=3, vertical=1),
+        ),
     ],
-)  # fmt: skip
+)
 def test_layouts(tmp_path, text, columns):
     motion = read_motion(put(tmp_path, text), "g", columns=columns)
     assert (motion.dt, motion.id) == (0.01, "a")
     assert np.allclose(motion.acceleration, SAMPLES * G, rtol=1e-6, atol=1e-9)
     assert f"Columns {columns}." in motion.log
     assert (motion.vertical is None) == (columns.vertical is None)
-    assert motion.vertical is None or np.array_equal(motion.vertical, -motion.acceleration)
+    assert motion.vertical is None or np.array_equal(
+        motion.vertical, -motion.acceleration
+    )
 
 
 def test_rounded_times_and_columns_that_run_together(tmp_path):
     rounded = put(tmp_path, rows(dt=1 / 128, form="{:.3f} {:.6f}"))
-    assert read_motion(rounded, "g", columns=TIMED).dt == pytest.approx(1 / 128, rel=2e-4)
+    assert read_motion(rounded, "g", columns=TIMED).dt == pytest.approx(
+        1 / 128, rel=2e-4
+    )
     together = put(tmp_path, "-.1234567E-03-.2345678E-02 .5000000E+00\n")
     motion = read_motion(together, "m/s2", columns=Columns(dt=0.02))
     assert np.allclose(motion.acceleration, [-1.234567e-4, -2.345678e-3, 0.5])
@@ -65,13 +84,29 @@ BACK = np.where(np.arange(400) == 200, 1.99, EVEN[:400])
 @pytest.mark.parametrize(
     ("text", "columns", "parts"),
     [
-        (rows(times=np.delete(EVEN, 100)), TIMED, ["line 101", "column 1", "evenly spaced"]),
-        ("# head\n" + rows(times=BACK), TIMED, ["line 202", "column 1", "after 1.99 s"]),
+        (
+            rows(times=np.delete(EVEN, 100)),
+            TIMED,
+            ["line 101", "column 1", "evenly spaced"],
+        ),
+        (
+            "# head\n" + rows(times=BACK),
+            TIMED,
+            ["line 202", "column 1", "after 1.99 s"],
+        ),
         (rows(), Columns(dt=0.02), ["rises evenly"]),
         ("El Centro 1940\n" + rows(), TIMED, ["line 1", "'El' is not a finite number"]),
         (rows().replace("0.050000\t", "0.050000 \n"), TIMED, ["line 6", "1 column(s)"]),
-        (rows().replace("0.000000\n", "nan\n", 1), TIMED, ["line 1", "'nan'", "finite"]),
-        (rows(form="{:.2f};{:.6f}").replace(".", ","), TIMED, ["line 1", "decimal point"]),
+        (
+            rows().replace("0.000000\n", "nan\n", 1),
+            TIMED,
+            ["line 1", "'nan'", "finite"],
+        ),
+        (
+            rows(form="{:.2f};{:.6f}").replace(".", ","),
+            TIMED,
+            ["line 1", "decimal point"],
+        ),
         ("0.0 1.0\n", TIMED, ["1 sample(s)"]),
     ],
 )
@@ -85,7 +120,10 @@ def test_bad_text_is_refused_in_one_line(tmp_path, text, columns, parts):
     [
         ({}, "must have either time or dt"),
         ({"time": 1}, "must have acceleration where another column is named"),
-        ({"time": 2, "acceleration": 2}, "must have a different number for each column"),
+        (
+            {"time": 2, "acceleration": 2},
+            "must have a different number for each column",
+        ),
         ({"time": 0, "acceleration": 2}, "must have numbers from 1 to 1000, not 0"),
         ({"dt": 0.01, "skip": -1}, "must have skip of at least 0, not -1"),
     ],
@@ -104,7 +142,9 @@ def test_keys_of_a_file_in_a_study(tmp_path):
     assert pga(motion) == pytest.approx(np.abs(SAMPLES).max() * G)
 
 
-TIMES, NORTH, EAST = np.arange(400) * 0.01, 0.3 * wave(), 0.2 * wave(frequency=2.3)
+TIMES = np.arange(400) * 0.01
+NORTH = 0.3 * wave()
+EAST = 0.2 * wave(frequency=2.3)
 WORDS = "time=1,acceleration=2"
 
 
@@ -128,34 +168,90 @@ EMPTY = THREE.replace("\n1.00,", "\n1.00,,").replace(f",,{NORTH[100]:.5f}", ",")
         (EMPTY, WORDS, ["line 101", "column 2 is empty"]),
         (EMPTY.replace(",", ";"), WORDS, ["line 101", "column 2 is empty"]),
         (EMPTY.replace(",", "\t"), WORDS, ["line 101", "column 2 is empty"]),
-        (THREE.replace("\n1.00,", "\n1.00,7,"), WORDS, ["line 101", "4 cells", "have 3"]),
+        (
+            THREE.replace("\n1.00,", "\n1.00,7,"),
+            WORDS,
+            ["line 101", "4 cells", "have 3"],
+        ),
         (THREE + "4.00,0.1\n", WORDS, ["line 401", "2 of 3 cells"]),
         (PLAIN.replace("\n1.00 ", "\n1.00;"), WORDS, ["line 101", "1 column(s)"]),
-        (table("{:.2f}\t{}", acceleration("{:,.2f}")), WORDS, ["'1,0", "comma within a number"]),
-        (table('{:.2f},"{}"', acceleration("{:,.2f}")), WORDS, ["'1,0", "comma within a number"]),
-        (table("{:.2f},{}", acceleration("{:,.2f}")), WORDS, ["3 cells", "have 2", "within"]),
-        (table("{:.2f} {}", acceleration("{:,.2f}")).replace(",", " "), WORDS, ["3 cells"]),
-        (table("{:.2f}\t{}", acceleration("{:,.2f}")).replace(",", "'"), WORDS, ["1'0", "finite"]),
-        (table("{:.2f};{}", acceleration("{:,.0f}", swap=True)), WORDS, ["separate thousands?"]),
-        (table("{:.2f};{}", acceleration("{:.3f}", swap=True)), WORDS, ["'0,000' has a"]),
-        (table("{:.2f},{}", acceleration("{:.3f}", swap=True)), WORDS, ["may be one number"]),
-        (table("{:.2f} {}", acceleration("{:.3f}", swap=True)), WORDS, ["'0.00 0' is not"]),
+        (
+            table("{:.2f}\t{}", acceleration("{:,.2f}")),
+            WORDS,
+            ["'1,0", "comma within a number"],
+        ),
+        (
+            table('{:.2f},"{}"', acceleration("{:,.2f}")),
+            WORDS,
+            ["'1,0", "comma within a number"],
+        ),
+        (
+            table("{:.2f},{}", acceleration("{:,.2f}")),
+            WORDS,
+            ["3 cells", "have 2", "within"],
+        ),
+        (
+            table("{:.2f} {}", acceleration("{:,.2f}")).replace(",", " "),
+            WORDS,
+            ["3 cells"],
+        ),
+        (
+            table("{:.2f}\t{}", acceleration("{:,.2f}")).replace(",", "'"),
+            WORDS,
+            ["1'0", "finite"],
+        ),
+        (
+            table("{:.2f};{}", acceleration("{:,.0f}", swap=True)),
+            WORDS,
+            ["separate thousands?"],
+        ),
+        (
+            table("{:.2f};{}", acceleration("{:.3f}", swap=True)),
+            WORDS,
+            ["'0,000' has a"],
+        ),
+        (
+            table("{:.2f},{}", acceleration("{:.3f}", swap=True)),
+            WORDS,
+            ["may be one number"],
+        ),
+        (
+            table("{:.2f} {}", acceleration("{:.3f}", swap=True)),
+            WORDS,
+            ["'0.00 0' is not"],
+        ),
         (table("{:.2f} 5 {:.1f}", 500 + 900 * NORTH), WORDS, ["may be one number"]),
         (PLAIN + "end of file\n", WORDS, ["line 401", "'end' is not a finite"]),
-        (THREE.replace(f"{NORTH[50]:.5f}", "#N/A", 1), WORDS, ["line 51", "column 2 is empty"]),
-        (table("{1:.5f} {2:.5f}", NORTH, EAST), "dt=0.01", ["2 numbers a row", "side by side"]),
+        (
+            THREE.replace(f"{NORTH[50]:.5f}", "#N/A", 1),
+            WORDS,
+            ["line 51", "column 2 is empty"],
+        ),
+        (
+            table("{1:.5f} {2:.5f}", NORTH, EAST),
+            "dt=0.01",
+            ["2 numbers a row", "side by side"],
+        ),
         (table("{1:.5f},{2:.5f}", NORTH, 1.02 * NORTH), "dt=0.01", ["side by side"]),
         (table("{1:.5f};{1:.5f};{2:.5f}", NORTH, EAST), "dt=0.01", ["3 numbers a row"]),
         (THREE, "dt=0.01", ["the first column rises evenly"]),
-        (PLAIN.replace(" ", "\n").replace("\n0.00", "\n0.1 0.00", 1), "dt=0.01", ["fewer than 2"]),
+        (
+            PLAIN.replace(" ", "\n").replace("\n0.00", "\n0.1 0.00", 1),
+            "dt=0.01",
+            ["fewer than 2"],
+        ),
         (PLAIN.encode("utf-16"), WORDS, ["is text in UTF-16; save it as UTF-8"]),
         (PLAIN.encode("utf-16-be"), WORDS, ["is text in UTF-16; save it as UTF-8"]),
     ],
-)  # fmt: skip
+)
 def test_columns_of_which_numbers_could_move(tmp_path, text, columns, parts):
     path = put(tmp_path, text)
     given = parse_columns(columns)
-    refused(lambda: read_motion(path, "mm/s2", accept=["pga"], columns=given), *parts, start=path)
+    refused(
+        lambda: read_motion(path, "mm/s2", accept=["pga"], columns=given),
+        *parts,
+        start=path,
+    )
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,8 @@ from archfrag.motions.read import inspect_record, read_motion
 from .helpers import pga, refused, wave
 
 START = UTCDateTime(2019, 3, 1)
-NORTH, EAST = wave(), 0.7 * wave(frequency=2.3)
+NORTH = wave()
+EAST = 0.7 * wave(frequency=2.3)
 GAINS = (0.5, 10.0, 4e4)  # [V/(m/s2)], [V/V], [counts/V]
 SCALE = 2e5
 TO_45 = {"rotate": {"azimuth": 45}}
@@ -41,20 +42,40 @@ def write(path, form, code="HNE", samples=NORTH, **headers):
 
 
 def with_station_xml(
-    folder, codes=("HNN", "HNE"), azimuths=(0.0, 90.0), dips=(0.0, 0.0), *, total=SCALE,
-    units=("M/S**2", "COUNTS"), depth=0.0,
-):  # fmt: skip
+    folder,
+    codes=("HNN", "HNE"),
+    azimuths=(0.0, 90.0),
+    dips=(0.0, 0.0),
+    *,
+    total=SCALE,
+    units=("M/S**2", "COUNTS"),
+    depth=0.0,
+):
     """Two channels in counts, and their StationXML."""
-    stages = [ResponseStage(i + 1, gain, 1.0, units[0] if i == 0 else "V", "V")
-              for i, gain in enumerate(GAINS)]  # fmt: skip
+    stages = [
+        ResponseStage(i + 1, gain, 1.0, units[0] if i == 0 else "V", "V")
+        for i, gain in enumerate(GAINS)
+    ]
     response = Response(
-        instrument_sensitivity=InstrumentSensitivity(total, 1.0, *units), response_stages=stages
+        instrument_sensitivity=InstrumentSensitivity(total, 1.0, *units),
+        response_stages=stages,
     )
     channels = [
-        Channel(code, "", 38.0, 23.0, 10.0, depth, azimuth=azimuth, dip=dip, sample_rate=100.0,
-                response=response, start_date=UTCDateTime(2000, 1, 1))
+        Channel(
+            code,
+            "",
+            38.0,
+            23.0,
+            10.0,
+            depth,
+            azimuth=azimuth,
+            dip=dip,
+            sample_rate=100.0,
+            response=response,
+            start_date=UTCDateTime(2000, 1, 1),
+        )
         for code, azimuth, dip in zip(codes, azimuths, dips)
-    ]  # fmt: skip
+    ]
     station = Station("S", 38.0, 23.0, 10.0, channels=channels)
     table = Inventory([Network("XX", stations=[station])], source="test")
     table.write(str(folder / "a.xml"), format="STATIONXML")
@@ -75,38 +96,62 @@ def said(path, unit=None):
 @pytest.mark.parametrize(
     ("stated", "part"),
     [
-        ("M/S", "states a velocity (its unit is 'M/S'); samples of acceleration are needed"),
+        (
+            "M/S",
+            "states a velocity (its unit is 'M/S'); samples of acceleration are needed",
+        ),
         ("CM/SEC", "states a velocity"),
         ("NM", "states a displacement"),
         ("NM/S**2", "states an acceleration in another unit"),
         ("V", "states no acceleration (its unit is 'V')"),
-        ("CM/S**2", "unit 'm/s2' asked for but the {form} header states 'cm/s2'; leave"),
-        ("COUNTS", "states counts, and the unit m/s2 was given; to use it as it is give `accept`"),
+        (
+            "CM/S**2",
+            "unit 'm/s2' asked for but the {form} header states 'cm/s2'; leave",
+        ),
+        (
+            "COUNTS",
+            "states counts, and the unit m/s2 was given; to use it as it is give `accept`",
+        ),
     ],
 )
-def test_a_unit_that_text_states_is_compared_with_the_users(tmp_path, form, stated, part):
+def test_a_unit_that_text_states_is_compared_with_the_users(
+    tmp_path, form, stated, part
+):
     path = write(tmp_path / "a.txt", form, ascii={"unit": stated})
     refused(lambda: read_motion(path, "m/s2"), part.format(form=form), start=path)
 
 
 def test_the_unit_of_geocsv(tmp_path):
-    path, given = tmp_path / "a.csv", {"columns": Columns(acceleration=2, dt=0.01, skip=3)}
-    rows = "".join(f"2019-03-01T00:00:{i / 100:09.6f}Z, {x:.5f}\n" for i, x in enumerate(NORTH))
-    for unit, part in (("M/S", "states a velocity"), ("COUNTS", "the file states counts, and"),
-                       ("M/S**2", "")):  # fmt: skip
-        path.write_text(f"# dataset: GeoCSV 2.0\n# field_unit: UTC, {unit}\nTime, Sample\n{rows}")
+    path = tmp_path / "a.csv"
+    given = {"columns": Columns(acceleration=2, dt=0.01, skip=3)}
+    rows = "".join(
+        f"2019-03-01T00:00:{i / 100:09.6f}Z, {x:.5f}\n" for i, x in enumerate(NORTH)
+    )
+    for unit, part in (
+        ("M/S", "states a velocity"),
+        ("COUNTS", "the file states counts, and"),
+        ("M/S**2", ""),
+    ):
+        path.write_text(
+            f"# dataset: GeoCSV 2.0\n# field_unit: UTC, {unit}\nTime, Sample\n{rows}"
+        )
         if part:
             refused(lambda: read_motion(path, "m/s2", **given), part, start=path)
-    assert pga(read_motion(path, **given)) == pytest.approx(np.abs(NORTH).max(), abs=1e-5)
+    assert pga(read_motion(path, **given)) == pytest.approx(
+        np.abs(NORTH).max(), abs=1e-5
+    )
 
 
 def test_units_that_text_states_are_read(tmp_path):
     for stated, factor in (("M/S**2", 1.0), ("CM/S**2", 0.01), ("gal", 0.01)):
         path = write(tmp_path / "a.txt", "TSPAIR", ascii={"unit": stated})
-        assert pga(read_motion(path)) == pytest.approx(factor * np.abs(NORTH).max(), rel=1e-6)
+        assert pga(read_motion(path)) == pytest.approx(
+            factor * np.abs(NORTH).max(), rel=1e-6
+        )
     path = write(tmp_path / "a.txt", "SLIST", ascii={"unit": "COUNTS"})
     refused(
-        lambda: read_motion(path), "states counts and does not state the unit of one; give its"
+        lambda: read_motion(path),
+        "states counts and does not state the unit of one; give its",
     )
 
 
@@ -116,10 +161,22 @@ def test_units_that_text_states_are_read(tmp_path):
         ({"sac": {"idep": 7}}, ["states a velocity"]),
         ({"sac": {"idep": 6}}, ["states a displacement"]),
         ({"sac": {"idep": 50}}, ["states volts"]),
-        ({"calib": 4e5}, ["a calibration factor of 400000", "samples are counts", "header"]),
-        ({"channel": "HHE"}, ["HHE is of a seismometer (velocity)", "accept` with header"]),
-        ({"sac": {"cmpaz": 90.0, "cmpinc": 0.0}}, ["horizontal by its code", "dip of -90"]),
-        ({"sac": {"cmpaz": 0.0, "cmpinc": 90.0}, "channel": "HNZ"}, ["vertical by its code"]),
+        (
+            {"calib": 4e5},
+            ["a calibration factor of 400000", "samples are counts", "header"],
+        ),
+        (
+            {"channel": "HHE"},
+            ["HHE is of a seismometer (velocity)", "accept` with header"],
+        ),
+        (
+            {"sac": {"cmpaz": 90.0, "cmpinc": 0.0}},
+            ["horizontal by its code", "dip of -90"],
+        ),
+        (
+            {"sac": {"cmpaz": 0.0, "cmpinc": 90.0}, "channel": "HNZ"},
+            ["vertical by its code"],
+        ),
         ({"sac": {"cmpaz": 0.0, "cmpinc": 55.0}}, ["neither vertical nor horizontal"]),
     ],
 )
@@ -137,7 +194,11 @@ def test_gse_states_directions_and_counts(tmp_path):
         "channel HNN has azimuth 0 by its code, 180 by the GSE2 header; its polarity is reversed"
     ]
     path = write(tmp_path / "a.gse", "GSE2", "HNN", 1e3 * NORTH, calib=0.02)
-    refused(lambda: read_motion(path, "mm/s2"), "states a calibration factor of 0.02", start=path)
+    refused(
+        lambda: read_motion(path, "mm/s2"),
+        "states a calibration factor of 0.02",
+        start=path,
+    )
     upside_down = {"gse2": {"hang": 0.0, "vang": 180.0}}
     write(tmp_path / "z.gse", "GSE2", "HNZ", 1e3 * NORTH, **upside_down)
     write(tmp_path / "n.gse", "GSE2", "HNN", 1e3 * NORTH)
@@ -150,10 +211,14 @@ class TestRotation:
 
     @pytest.mark.parametrize(
         ("codes", "azimuths"),
-        [(("HNN", "HNE"), (180.0, 90.0)), (("HNN", "HNE"), (0.0, 270.0)),
-         (("HN1", "HN2"), (30.0, 120.0)), (("HN1", "HN2"), (0.0, 70.0)),
-         (("HN1", "HN2"), (200.0, 110.0))],
-    )  # fmt: skip
+        [
+            (("HNN", "HNE"), (180.0, 90.0)),
+            (("HNN", "HNE"), (0.0, 270.0)),
+            (("HN1", "HN2"), (30.0, 120.0)),
+            (("HN1", "HN2"), (0.0, 70.0)),
+            (("HN1", "HN2"), (200.0, 110.0)),
+        ],
+    )
     def test_by_station_xml(self, tmp_path, codes, azimuths):
         path = with_station_xml(tmp_path, codes, azimuths)
         (motion,) = af.read_motions(path, processing=[TO_45])
@@ -170,14 +235,20 @@ class TestRotation:
             stated = {"cmpaz": azimuth, "cmpinc": 90.0}
             write(tmp_path / f"x.{code}.sac", "SAC", code, samples, sac=stated)
         (motion,) = af.read_motions(tmp_path / "*.sac", unit="m/s2", processing=[TO_45])
-        assert np.allclose(motion.acceleration, (EAST - NORTH) / np.sqrt(2.0), atol=1e-6)
+        assert np.allclose(
+            motion.acceleration, (EAST - NORTH) / np.sqrt(2.0), atol=1e-6
+        )
 
     def test_where_components_must_be_at_right_angles(self):
         about = {"azimuth": 10.0, "azimuth_transverse": 75.0}
         skewed = Motion(NORTH, 0.01, transverse=EAST, metadata=about, id="m")
         angle = "azimuths 10 and 75 degrees, not at right angles"
         refused(lambda: rotate(skewed, angle=30.0), angle, "give an azimuth instead")
-        refused(lambda: skewed.measures("RotD50(PGA)"), angle, "rotate them to an azimuth first")
+        refused(
+            lambda: skewed.measures("RotD50(PGA)"),
+            angle,
+            "rotate them to an azimuth first",
+        )
         turned = rotate(Motion(NORTH, 0.01, transverse=EAST), angle=30.0)
         refused(lambda: rotate(turned, azimuth=0.0), "is not known; give an angle")
 
@@ -188,7 +259,9 @@ class TestStationXml:
         for total in (0.1 * SCALE, 1.05 * SCALE, -SCALE):
             path = with_station_xml(tmp_path, total=total)
             (text,) = said(path)
-            both = f"a total sensitivity of {total:.6g} and stages whose product is 200000"
+            both = (
+                f"a total sensitivity of {total:.6g} and stages whose product is 200000"
+            )
             assert both in text
             motion = read_motion(path, accept=["pga"])
             assert motion.metadata["cautions"] == [text]
@@ -199,7 +272,10 @@ class TestStationXml:
         [
             ({"units": ("M/S", "COUNTS")}, ["200000 counts/(M/S)"]),
             ({"units": ("M/S**2", "V"), "total": 0.5}, ["0.5 v/(M/S**2)"]),
-            ({"dips": (-90.0, 0.0)}, ["HNN is horizontal by its code", "a dip of -90 degrees"]),
+            (
+                {"dips": (-90.0, 0.0)},
+                ["HNN is horizontal by its code", "a dip of -90 degrees"],
+            ),
             ({"dips": (-35.0, -35.0)}, ["neither vertical nor horizontal"]),
         ],
     )
@@ -215,14 +291,23 @@ class TestStationXml:
     def test_a_sensor_below_the_ground_is_named(self, tmp_path):
         assert said(with_station_xml(tmp_path, depth=2.0)) == []
         path = with_station_xml(tmp_path, depth=103.0)
-        assert said(path) == ["channel HNN is 103 m below the surface by its StationXML"]
-        two = [Trace(NORTH, {"station": "S", "location": place, "channel": "HNE", "delta": 0.01})
-               for place in ("00", "10")]  # fmt: skip
+        assert said(path) == [
+            "channel HNN is 103 m below the surface by its StationXML"
+        ]
+        two = [
+            Trace(
+                NORTH,
+                {"station": "S", "location": place, "channel": "HNE", "delta": 0.01},
+            )
+            for place in ("00", "10")
+        ]
         Stream(two).write(str(tmp_path / "two.mseed"), format="MSEED")
         (text,) = said(tmp_path / "two.mseed", "m/s2")
         assert text.endswith("at locations 00 and 10; one may be in a borehole")
         path = write(tmp_path / "b.sac", "SAC", sac={"stdp": 100.0})
-        assert said(path, "m/s2") == ["channel HNE is 100 m below the surface by its SAC header"]
+        assert said(path, "m/s2") == [
+            "channel HNE is 100 m below the surface by its SAC header"
+        ]
 
 
 @pytest.mark.parametrize("samples", [NORTH + 1j, np.ma.masked_greater(NORTH, 0.5)])

@@ -70,7 +70,9 @@ ATTACKS = {
     "crash.gse2": lambda _: crash(),
     "cut.mseed": lambda _: record("MSEED")[:-100],
     # The header announces another number of samples (word 79).
-    "long.sac": lambda _: record("SAC")[:316] + b"\xff\xff\xff\x7f" + record("SAC")[320:],
+    "long.sac": lambda _: (
+        record("SAC")[:316] + b"\xff\xff\xff\x7f" + record("SAC")[320:]
+    ),
     "no_numbers.slist": lambda _: record("SLIST").replace(b"1", b"x"),
     "noise.dat": lambda _: np.random.default_rng(1).bytes(5000),
 }
@@ -78,12 +80,15 @@ ATTACKS = {
 
 @pytest.mark.parametrize("name", ATTACKS)
 def test_nothing_runs_and_one_line_names_the_file(tmp_path, name):
-    marker, path = tmp_path / "ran", tmp_path / name
+    marker = tmp_path / "ran"
+    path = tmp_path / name
     pickle.loads(payload(marker))
     marker.rmdir()  # the payload is one
     path.write_bytes(ATTACKS[name](marker))
     before = set(tmp_path.iterdir())
-    result = CliRunner().invoke(main, ["records", "inspect", str(path), "--unit", "cm/s2"])
+    result = CliRunner().invoke(
+        main, ["records", "inspect", str(path), "--unit", "cm/s2"]
+    )
     assert set(tmp_path.iterdir()) == before
     assert (result.exit_code, result.stdout, result.output.count("\n")) == (2, "", 1)
     assert result.output.startswith(f"archfrag: error: {path}")
@@ -93,20 +98,30 @@ def test_nothing_runs_and_one_line_names_the_file(tmp_path, name):
 def test_a_device_or_a_pipe_is_no_record(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", "/dev/zero"):
-        with pytest.raises(RecordError, match="cannot be read: it is not a regular file"):
+        with pytest.raises(
+            RecordError, match="cannot be read: it is not a regular file"
+        ):
             read_motion(path)
 
 
 @pytest.mark.parametrize(
     ("limit", "value", "content", "reason"),
     [
-        ("MEMORY", 200 * 2**20, lambda: record("GSE2").replace(b"CM6      400", b"CM6 99999999"),
-         "read as GSE2 it takes too much memory$"),
-        ("COMPUTING_TIME", 0.05, lambda: record("MSEED") * 20_000,
-         "reading it ended in a crash or took more than 0.05 s of"),
+        (
+            "MEMORY",
+            200 * 2**20,
+            lambda: record("GSE2").replace(b"CM6      400", b"CM6 99999999"),
+            "read as GSE2 it takes too much memory$",
+        ),
+        (
+            "COMPUTING_TIME",
+            0.05,
+            lambda: record("MSEED") * 20_000,
+            "reading it ended in a crash or took more than 0.05 s of",
+        ),
         ("COMPUTING_TIME", 60, crash, "reading it ended in a crash"),
     ],
-)  # fmt: skip
+)
 def test_a_crash_computing_time_and_memory_end_it(
     tmp_path, monkeypatch, limit, value, content, reason
 ):
@@ -118,8 +133,26 @@ def test_a_crash_computing_time_and_memory_end_it(
 
 GOOD = [make().encode("latin-1") for makers in MADE_UP.values() for make in makers]
 NUMBER = re.compile(rb"[-+]?\d*\.?\d+(?:[ED][-+]?\d+)?")
-WORDS = (b"NaN", b"-Infinity", b"1e999", b"1D+03", b"*" * 9, b"1_0", b"--1", b"9" * 40, b"",
-         b"\t", b"\xbd", b"1,5", b"-", b"0", b"-5", b"401", b"99999999", b"4.5")  # fmt: skip
+WORDS = (
+    b"NaN",
+    b"-Infinity",
+    b"1e999",
+    b"1D+03",
+    b"*" * 9,
+    b"1_0",
+    b"--1",
+    b"9" * 40,
+    b"",
+    b"\t",
+    b"\xbd",
+    b"1,5",
+    b"-",
+    b"0",
+    b"-5",
+    b"401",
+    b"99999999",
+    b"4.5",
+)
 ENDS = (b"\r\n", b"\r", b"\n\n", b"\x0c", b"\0", b"\x1a", b" \n")
 
 
@@ -129,7 +162,8 @@ def any_of(things, random):
 
 def spoiled(content, random):
     """A file cut off, with bytes put in, numbers replaced, other line ends or lines of another."""
-    place, kind = random.integers(len(content) + 1), random.integers(6)
+    place = random.integers(len(content) + 1)
+    kind = random.integers(6)
     if kind == 0:
         return content[:place]
     if kind == 1:
@@ -139,27 +173,34 @@ def spoiled(content, random):
     if kind == 2:  # most of them of the header
         share = 5.0 / (1 + len(NUMBER.findall(content[:4000])))
         return NUMBER.sub(
-            lambda found: any_of(WORDS, random) if random.random() < share else found[0], content
+            lambda found: (
+                any_of(WORDS, random) if random.random() < share else found[0]
+            ),
+            content,
         )
     if kind == 3:
         return content.replace(b"\n", any_of(ENDS, random))
     if kind == 4:
-        lines, others = content.split(b"\n"), any_of(GOOD, random).split(b"\n")
-        place, count = random.integers(len(lines)), any_of((1, 20), random)
+        lines = content.split(b"\n")
+        others = any_of(GOOD, random).split(b"\n")
+        place = random.integers(len(lines))
+        count = any_of((1, 20), random)
         lines[place : place + count] = [any_of((b"", any_of(others, random)), random)]
         return b"\n".join(lines)
     return content + any_of(GOOD, random)
 
 
 def test_each_spoiled_file_is_read_or_refused_in_one_line_in_time(tmp_path):
-    found, path = collections.Counter(), tmp_path / "record.txt"
+    found = collections.Counter()
+    path = tmp_path / "record.txt"
     for seed in range(20260000, 20260250):
         random = np.random.default_rng(seed)
         content = any_of(GOOD, random)
         for _ in range(random.integers(1, 4)):
             content = spoiled(content, random) or b"\n"
         path.write_bytes(content)
-        begun, message = time.process_time(), f"{path}"
+        begun = time.process_time()
+        message = f"{path}"
         try:
             read_horizontals(path, accept="samples,pga,time_step,header")
             found["motion"] += 1

@@ -17,11 +17,15 @@ from .helpers import REAL_RECORDS, needs_real_records, refused, wave
 
 
 def pair(**metadata):
-    return Motion(wave(), 0.01, transverse=2.0 * wave(frequency=3.0), metadata=metadata, id="m")
+    return Motion(
+        wave(), 0.01, transverse=2.0 * wave(frequency=3.0), metadata=metadata, id="m"
+    )
 
 
 def test_without_its_mean_and_its_line_as_by_scipy():
-    samples = np.random.default_rng(0).standard_normal(3000) + np.linspace(-3.0, 5.0, 3000)
+    samples = np.random.default_rng(0).standard_normal(3000) + np.linspace(
+        -3.0, 5.0, 3000
+    )
     assert abs(process.demean(Motion(samples, 0.01)).acceleration.mean()) < 1e-12
     motion = process.detrend(Motion(samples, 0.01, vertical=-samples))
     assert np.allclose(motion.acceleration, detrend(samples), rtol=0, atol=1e-11)
@@ -35,7 +39,9 @@ def test_baseline_takes_off_a_drift_of_its_order():
 
 
 def test_taper():
-    left = process.taper(Motion(np.ones(100), 0.01), fraction=0.1, side="left").acceleration
+    left = process.taper(
+        Motion(np.ones(100), 0.01), fraction=0.1, side="left"
+    ).acceleration
     assert left[[0, 5, 10, 99]] == pytest.approx([0.0, 0.5, 1.0, 1.0])
 
 
@@ -43,14 +49,18 @@ def test_taper():
 def test_bandpass_leaves_at_its_corners_what_one_or_two_passes_do(causal):
     impulse = np.zeros(20_001)
     impulse[10_000] = 1.0
-    found = process.bandpass(Motion(impulse, 0.01), 0.5, 20.0, causal=causal).acceleration
+    found = process.bandpass(
+        Motion(impulse, 0.01), 0.5, 20.0, causal=causal
+    ).acceleration
     gain = np.abs(np.fft.rfft(found))
     at = np.interp([0.05, 0.5, 3.0, 20.0], np.fft.rfftfreq(found.size, 0.01), gain)
     corner = 0.707 if causal else 0.5
     assert at == pytest.approx([0.0, corner, 1.0, corner], abs=2e-3)
     assert found[:10_000].any() != causal
     assert np.allclose(found, found[::-1], rtol=0, atol=1e-6) != causal
-    short = process.bandpass(Motion(impulse[9_990:10_010], 0.01), 0.5, 20.0, causal=causal)
+    short = process.bandpass(
+        Motion(impulse[9_990:10_010], 0.01), 0.5, 20.0, causal=causal
+    )
     assert short.acceleration.size == 20 + (not causal) * 2 * 600
     assert (found.size > 20_001) != causal
 
@@ -59,16 +69,28 @@ def test_bandpass_leaves_at_its_corners_what_one_or_two_passes_do(causal):
 def test_what_a_bandpass_spreads_beyond_the_record_stays(order):
     # A raw record that drifts a little: with ten times the zeros nothing changes.
     time = np.arange(3000) * 0.01
-    raw = np.sin(9.0 * time) * np.exp(-0.2 * (time - 8.0) ** 2) + 0.02 * np.sin(0.15 * time)
-    motion = Motion(raw, 0.01, id="raw", metadata={"start_time": "2001-01-01T00:01:00Z"})
+    raw = np.sin(9.0 * time) * np.exp(-0.2 * (time - 8.0) ** 2) + 0.02 * np.sin(
+        0.15 * time
+    )
+    motion = Motion(
+        raw, 0.01, id="raw", metadata={"start_time": "2001-01-01T00:01:00Z"}
+    )
     found = process.bandpass(motion, 0.2, 20.0, order=order)
     pad = (found.acceleration.size - 3000) // 2
     assert pad == np.ceil(0.75 * order / (0.2 * 0.01))
-    assert found.metadata["start_time"].startswith(f"2001-01-01T00:00:{60 - 0.01 * pad:04.1f}")
-    sections = scipy.signal.butter(order, [0.2, 20.0], "bandpass", fs=100.0, output="sos")
-    longer = Motion(scipy.signal.sosfiltfilt(sections, np.pad(raw, 10 * pad), padlen=0), 0.01)
+    assert found.metadata["start_time"].startswith(
+        f"2001-01-01T00:00:{60 - 0.01 * pad:04.1f}"
+    )
+    sections = scipy.signal.butter(
+        order, [0.2, 20.0], "bandpass", fs=100.0, output="sos"
+    )
+    longer = Motion(
+        scipy.signal.sosfiltfilt(sections, np.pad(raw, 10 * pad), padlen=0), 0.01
+    )
     for name, off in (("PGA", 1e-4), ("PGV", 0.01), ("PGD", 0.02)):
-        assert found.measures(name)[name] == pytest.approx(longer.measures(name)[name], rel=off)
+        assert found.measures(name)[name] == pytest.approx(
+            longer.measures(name)[name], rel=off
+        )
 
 
 def test_trim():
@@ -102,9 +124,15 @@ def test_resampling_keeps_a_sine_that_both_can_hold(dt):
 def test_all_components_are_changed_alike_and_nothing_given_is():
     samples = np.random.default_rng(0).standard_normal(500)
     motion = Motion(samples, 0.01, vertical=samples, transverse=samples)
-    for step in (process.demean, process.detrend, process.taper, process.baseline,
-                 lambda m: process.bandpass(m, 0.1, 20.0), lambda m: process.resample(m, 0.02),
-                 lambda m: process.trim(m, times=(0.2, 0.5))):  # fmt: skip
+    for step in (
+        process.demean,
+        process.detrend,
+        process.taper,
+        process.baseline,
+        lambda m: process.bandpass(m, 0.1, 20.0),
+        lambda m: process.resample(m, 0.02),
+        lambda m: process.trim(m, times=(0.2, 0.5)),
+    ):
         changed = step(motion)
         assert len(changed.log) == 1
         assert np.array_equal(changed.vertical, changed.transverse)
@@ -114,11 +142,14 @@ def test_all_components_are_changed_alike_and_nothing_given_is():
 @pytest.mark.parametrize("azimuth", [30.0, 90.0])
 @pytest.mark.parametrize(("code", "apart"), [("090", 90.0), ("060", 60.0)])
 def test_to_an_azimuth(azimuth, code, apart):
-    north, east = wave(), 2.0 * wave(frequency=3.0)
+    north = wave()
+    east = 2.0 * wave(frequency=3.0)
     direction, apart = np.deg2rad([azimuth, apart])
     facts = {"component": "000", "component_transverse": code}
     other = np.cos(apart) * north + np.sin(apart) * east
-    rotated = rotate(Motion(north, 0.01, transverse=other, metadata=facts), azimuth=azimuth)
+    rotated = rotate(
+        Motion(north, 0.01, transverse=other, metadata=facts), azimuth=azimuth
+    )
     expected = np.cos(direction) * north + np.sin(direction) * east
     assert np.allclose(rotated.acceleration, expected, rtol=0, atol=1e-14)
     assert rotated.metadata["azimuth"] == azimuth
@@ -129,9 +160,20 @@ def test_to_an_azimuth(azimuth, code, apart):
 
 @pytest.mark.parametrize(
     ("code", "azimuth"),
-    [("E", 90.0), ("NS2", 0.0), ("HNN", 0.0), ("270", 270.0), ("360", 0.0), ("N45W", 315.0),
-     ("X", None), ("H1", None), ("HN1", None), ("", None), ("S30W", 210.0)],
-)  # fmt: skip
+    [
+        ("E", 90.0),
+        ("NS2", 0.0),
+        ("HNN", 0.0),
+        ("270", 270.0),
+        ("360", 0.0),
+        ("N45W", 315.0),
+        ("X", None),
+        ("H1", None),
+        ("HN1", None),
+        ("", None),
+        ("S30W", 210.0),
+    ],
+)
 def test_azimuth_of_a_code(code, azimuth):
     assert azimuth_of_code(code) == azimuth
 
@@ -143,16 +185,29 @@ ALONE = Motion(wave(), 0.01, id="m")
     ("call", "parts"),
     [
         (lambda m: process.bandpass(m, 5.0, 1.0), ["m: ", "5.0 and 1.0 Hz", "50 Hz"]),
-        (lambda m: process.trim(m, times=(-0.1, 0.5)), ["m: ", "-0.1 s to 0.5 s", "3.99 s"]),
-        (lambda m: process.resample(m, 0.00314159265), ["0.01 to 0.00314159 s is no ratio"]),
-        (lambda m: process.trim(m, threshold_g=0.9), ["no sample reaches", "8.82598 m/s2"]),
+        (
+            lambda m: process.trim(m, times=(-0.1, 0.5)),
+            ["m: ", "-0.1 s to 0.5 s", "3.99 s"],
+        ),
+        (
+            lambda m: process.resample(m, 0.00314159265),
+            ["0.01 to 0.00314159 s is no ratio"],
+        ),
+        (
+            lambda m: process.trim(m, threshold_g=0.9),
+            ["no sample reaches", "8.82598 m/s2"],
+        ),
         (lambda m: rotate(m), ["one of azimuth and angle"]),
         (lambda m: rotate(ALONE, angle=1.0), ["m: rotate needs two horizontal"]),
         (lambda m: rotate(pair(component="H1"), azimuth=1.0), ["'H1' is not known"]),
-        (lambda m: rotate(pair(component="000", component_transverse="180"), azimuth=1.0),
-         ["0 and 180 degrees", "too close to each other"]),
+        (
+            lambda m: rotate(
+                pair(component="000", component_transverse="180"), azimuth=1.0
+            ),
+            ["0 and 180 degrees", "too close to each other"],
+        ),
     ],
-)  # fmt: skip
+)
 def test_refusals(call, parts):
     refused(lambda: call(pair()), *parts)
 
@@ -160,14 +215,19 @@ def test_refusals(call, parts):
 @needs_real_records
 def test_a_response_is_flat_where_an_accelerometer_is(tmp_path):
     folder = REAL_RECORDS / "mseed"
-    path, table = folder / "CI.CLC..HNE.mseed", folder / "CI.CLC.xml"
+    path = folder / "CI.CLC..HNE.mseed"
+    table = folder / "CI.CLC.xml"
     motion = read_motion(path, inventory=table)
     removed = remove_response(motion, path, table)
     low = [process.bandpass(m, 0.1, 5.0).acceleration for m in (motion, removed)]
     # What is left is the delay of the instrument, some milliseconds.
     assert np.abs(low[1] - low[0]).max() < 0.05 * np.abs(low[0]).max()
-    assert removed.log[-1].startswith("Response removed by StationXML (obspy, water level 60")
-    for given, reason in ((None, "has no StationXML by which to remove its response"),
-                          (folder / "CI.CCC.xml", r"CI\.CLC\.\.HNE cannot be rem")):  # fmt: skip
+    assert removed.log[-1].startswith(
+        "Response removed by StationXML (obspy, water level 60"
+    )
+    for given, reason in (
+        (None, "has no StationXML by which to remove its response"),
+        (folder / "CI.CCC.xml", r"CI\.CLC\.\.HNE cannot be rem"),
+    ):
         with pytest.raises(RecordError, match=reason):
             remove_response(motion, tmp_path / "x.mseed", given)

@@ -17,17 +17,28 @@ from archfrag.motions.measures import measure
 from archfrag.motions.read import load_motion, read_horizontals, read_motion
 
 from .fdsn_server import SENSITIVITY, station_xml
-from .helpers import REAL_RECORDS, at2_text, manifest, needs_real_records, pga, refused, wave
+from .helpers import (
+    REAL_RECORDS,
+    at2_text,
+    manifest,
+    needs_real_records,
+    pga,
+    refused,
+    wave,
+)
 from .samples import knet_text
 
 G = 9.80665
 RAMP = np.arange(400.0)
-COUNTS, QUIET = np.round(4000.0 * wave()), 0.1 * wave()
+COUNTS = np.round(4000.0 * wave())
+QUIET = 0.1 * wave()
 
 
 def trace(channel="HNE", data=COUNTS, dt=0.01, start=0.0):
     header = {"network": "IV", "station": "NEAR", "channel": channel, "delta": dt}
-    return Trace(np.asarray(data), {**header, "starttime": UTCDateTime(2020, 1, 1) + start})
+    return Trace(
+        np.asarray(data), {**header, "starttime": UTCDateTime(2020, 1, 1) + start}
+    )
 
 
 def write(path, *traces, form="MSEED", **options):
@@ -57,9 +68,14 @@ def text_record(folder, form, kept):
 class TestUnits:
     @pytest.mark.parametrize(
         ("form", "unit", "factor"),
-        [("MSEED", "m/s2", 1.0), ("SAC", "cm/s2", 0.01), ("GSE2", "gal", 0.01),
-         ("SLIST", "mm/s2", 1e-3), ("MSEED", "g", G)],
-    )  # fmt: skip
+        [
+            ("MSEED", "m/s2", 1.0),
+            ("SAC", "cm/s2", 0.01),
+            ("GSE2", "gal", 0.01),
+            ("SLIST", "mm/s2", 1e-3),
+            ("MSEED", "g", G),
+        ],
+    )
     def test_asked_for_where_the_file_states_none(self, tmp_path, form, unit, factor):
         kind = "f4" if form == "SAC" else "i4"
         path = write(tmp_path / "record", trace(data=COUNTS.astype(kind)), form=form)
@@ -71,7 +87,9 @@ class TestUnits:
         path = write(tmp_path / "record.mseed", trace(data=COUNTS + 5000))
         (tmp_path / name).write_bytes(station_xml(["NEAR"]))
         motion = read_motion(path)
-        assert np.allclose(motion.acceleration, (COUNTS - COUNTS.mean()) / SENSITIVITY, atol=1e-12)
+        assert np.allclose(
+            motion.acceleration, (COUNTS - COUNTS.mean()) / SENSITIVITY, atol=1e-12
+        )
         assert any("Mean removed" in step for step in motion.log)
         given = read_motion(path, inventory=tmp_path / name)
         assert np.array_equal(given.acceleration, motion.acceleration)
@@ -88,7 +106,9 @@ class TestUnits:
         path = write(tmp_path / "data" / "record.mseed", trace())
         put(tmp_path / "index.csv", "a,b\n1,2\n")
         assert read_motion(path, unit="gal").id == "record"
-        put(tmp_path / "index.csv", "id,file,unit,Mw\nfirst,data/record.mseed,gal,6.5\n")
+        put(
+            tmp_path / "index.csv", "id,file,unit,Mw\nfirst,data/record.mseed,gal,6.5\n"
+        )
         motion = read_motion(path)
         assert np.allclose(motion.acceleration, COUNTS * 0.01)
         assert (motion.id, motion.metadata["Mw"]) == ("first", 6.5)
@@ -96,10 +116,12 @@ class TestUnits:
 
 class TestComponents:
     def test_every_horizontal_with_the_vertical(self, tmp_path):
-        north, vertical = trace("HNN", data=-COUNTS), trace("HNZ", data=RAMP)
+        north = trace("HNN", data=-COUNTS)
+        vertical = trace("HNZ", data=RAMP)
         path = write(tmp_path / "three.mseed", trace(), north, vertical)
         read = {"unit": "m/s2", "accept": ["pga"]}
-        first, motions = read_motion(path, **read), read_horizontals(path, **read)
+        first = read_motion(path, **read)
+        motions = read_horizontals(path, **read)
         assert "Horizontal HNE taken, the first of HNE, HNN." in first.log
         assert [m.id for m in motions] == ["three:HNE", "three:HNN"]
         assert all(np.array_equal(m.vertical, RAMP) for m in (first, *motions))
@@ -109,11 +131,16 @@ class TestComponents:
 
     @pytest.mark.parametrize(
         ("count", "start", "kept", "their"),
-        [(300, 0.0, slice(0, 300), slice(0, 300)), (400, 0.5, slice(50, 400), slice(0, 350))],
+        [
+            (300, 0.0, slice(0, 300), slice(0, 300)),
+            (400, 0.5, slice(50, 400), slice(0, 350)),
+        ],
     )
     def test_cut_to_the_time_in_common(self, tmp_path, count, start, kept, their):
         vertical = trace("HNZ", data=RAMP[:count], start=start)
-        motion = read_motion(write(tmp_path / "a", trace(), vertical), unit="gal", accept=["pga"])
+        motion = read_motion(
+            write(tmp_path / "a", trace(), vertical), unit="gal", accept=["pga"]
+        )
         assert np.allclose(motion.acceleration, 0.01 * COUNTS[kept])
         assert np.allclose(motion.vertical, 0.01 * RAMP[their])
         assert any(step.startswith("Cut to the") for step in motion.log)
@@ -121,7 +148,9 @@ class TestComponents:
     @pytest.mark.parametrize(("code", "sign"), [("UP", 1.0), ("DWN", -1.0)])
     def test_vertical_from_its_own_file_counts_upwards(self, tmp_path, code, sign):
         path = at2(tmp_path, wave(), "h.AT2")
-        motion = read_motion(path, vertical=at2(tmp_path, wave(), "v.AT2", component=code))
+        motion = read_motion(
+            path, vertical=at2(tmp_path, wave(), "v.AT2", component=code)
+        )
         assert np.array_equal(motion.vertical, sign * motion.acceleration)
 
     def test_split_but_gapless_traces_are_joined(self, tmp_path):
@@ -134,13 +163,18 @@ class TestComponents:
         write(tmp_path / "two.mseed", *traces)
         write(tmp_path / "three.mseed", *traces)
         at2(tmp_path, np.hanning(50), "one.AT2")
-        text = ("id,file,unit,component\na,two.mseed,m/s2,HNN\nb,two.mseed,m/s2,\n"
-                "c,two.mseed,m/s2,X\nd,one.AT2,,H1\ne,three.mseed,,\n")  # fmt: skip
+        text = (
+            "id,file,unit,component\na,two.mseed,m/s2,HNN\nb,two.mseed,m/s2,\n"
+            "c,two.mseed,m/s2,X\nd,one.AT2,,H1\ne,three.mseed,,\n"
+        )
         entries = load_index(put(tmp_path / "selected.csv", text))
         named, first, alone = (load_motion(entries[row]) for row in (0, 1, 3))
         assert (pga(named), pga(first)) == pytest.approx((2.0, 1.0), rel=1e-2)
         assert alone.metadata["component"] == "H1"
-        for row, reason in ((2, "no horizontal component 'X'"), (4, "not state the unit")):
+        for row, reason in (
+            (2, "no horizontal component 'X'"),
+            (4, "not state the unit"),
+        ):
             with pytest.raises(RecordError, match=reason):
                 load_motion(entries[row])
 
@@ -164,22 +198,45 @@ NAN = np.where(RAMP == 17, np.nan, wave())
     [
         (lambda f: f / "missing.AT2", {}, ["no such file"]),
         (lambda f: put(f / "a.AT2", ""), {}, ["is empty"]),
-        (lambda f: put(f / "a", "no record at all"), {}, ["not recognised", "--columns time=1"]),
+        (
+            lambda f: put(f / "a", "no record at all"),
+            {},
+            ["not recognised", "--columns time=1"],
+        ),
         (lambda f: cut(f, 4000), {"unit": "g"}, ["truncated MSEED"]),
-        (lambda f: write(f / "a", trace(data=NAN)), {"unit": "g"}, ["NEAR..HNE", "index 17"]),
-        (lambda f: write(f / "a", trace(), trace(start=10.0)), {"unit": "g"}, ["a gap of"]),
-        (lambda f: write(f / "a", trace()), {}, ["does not state the unit", "m/s2, cm/s2, gal"]),
+        (
+            lambda f: write(f / "a", trace(data=NAN)),
+            {"unit": "g"},
+            ["NEAR..HNE", "index 17"],
+        ),
+        (
+            lambda f: write(f / "a", trace(), trace(start=10.0)),
+            {"unit": "g"},
+            ["a gap of"],
+        ),
+        (
+            lambda f: write(f / "a", trace()),
+            {},
+            ["does not state the unit", "m/s2, cm/s2, gal"],
+        ),
         (at2, {"unit": "m/s2"}, ["'m/s2'", "'g'"]),
         (lambda f: knet(f, np.arange(200)), {"unit": "gal"}, ["'gal'", "scale factor"]),
         (lambda f: write(f / "a", trace("HNZ")), {"unit": "g"}, ["only the vertical"]),
-        (lambda f: write(f / "a", trace("ABC"), trace("ABD")), {"unit": "g"}, ["'ABC', 'ABD'"]),
+        (
+            lambda f: write(f / "a", trace("ABC"), trace("ABD")),
+            {"unit": "g"},
+            ["'ABC', 'ABD'"],
+        ),
         (with_xml, {"unit": "g"}, ["'g'", "counts"]),
         (lambda f: with_xml(f, "FAR"), {}, ["no response for channel IV.NEAR..HNE"]),
-        (lambda f: write(f / "a", trace(), trace("HNZ", dt=0.02)),
-         {"unit": "gal", "accept": ["pga"]}, ["0.02 s"]),
+        (
+            lambda f: write(f / "a", trace(), trace("HNZ", dt=0.02)),
+            {"unit": "gal", "accept": ["pga"]},
+            ["0.02 s"],
+        ),
         (at2, {"accept": ["dt"]}, ["'dt'", "pga, time_step, samples, header"]),
     ],
-)  # fmt: skip
+)
 def test_refusals(tmp_path, make, options, parts):
     path = make(tmp_path)
     refused(lambda: read_motion(path, **options), *parts, start=tmp_path)
@@ -210,7 +267,9 @@ class TestAccept:
         traces = trace(data=0.1 * wave()), trace("HNZ", data=100.0 * wave())
         path = write(tmp_path / "a.mseed", *traces)
         assert acceptable(path, "pga", "HNZ", "99.11 g", unit="g").vertical is not None
-        acceptable(at2(tmp_path, 0.05 * wave(), unit="MM/S2"), "pga", "by its unit mm/s2")
+        acceptable(
+            at2(tmp_path, 0.05 * wave(), unit="MM/S2"), "pga", "by its unit mm/s2"
+        )
 
     def test_time_step(self, tmp_path):
         for dt in (9e-5, 0.11):
@@ -248,7 +307,9 @@ class TestAccept:
 
     def test_in_an_index(self, tmp_path):
         path = at2(tmp_path, 10.0 * wave(), count=500)
-        index = put(tmp_path / "index.csv", "id,file,unit,accept\nstrong,a.AT2,g,pga samples\n")
+        index = put(
+            tmp_path / "index.csv", "id,file,unit,accept\nstrong,a.AT2,g,pga samples\n"
+        )
         for motion in (load_motion(load_index(index)[0]), read_motion(path)):
             assert len(motion.metadata["accepted"]) == 2
         put(index, "id,file,unit,accept\nstrong,a.AT2,g,all\n")
@@ -261,7 +322,8 @@ class TestAccept:
     "row", manifest(), ids=lambda row: f"{row['file']}-{row.get('channel_index')}"
 )
 def test_real_records_have_the_measures_of_their_manifests(row):
-    path, raw = REAL_RECORDS / row["file"], row.get("processing_level") == "raw"
+    path = REAL_RECORDS / row["file"]
+    raw = row.get("processing_level") == "raw"
     if "processing_level" in row:
         channel = obspy.read(str(path))[int(row["channel_index"])]
         motion = read_motion(path, component=channel.id)
@@ -270,13 +332,17 @@ def test_real_records_have_the_measures_of_their_manifests(row):
     form = row.get("format", "columns").upper()
     assert motion.metadata["format"] in (form, *form.split("_"))
     assert not motion.metadata.get("accepted")
-    assert motion.metadata.get("level", "") in (("raw", "") if raw else ("processed", ""))
+    assert motion.metadata.get("level", "") in (
+        ("raw", "") if raw else ("processed", "")
+    )
     assert motion.dt == pytest.approx(float(row["dt_s"]), rel=1e-9)
     assert motion.acceleration.size == pytest.approx(int(row["npts"]), abs=1)
     # The manifest rounds to 1e-4 g and 0.01 cm/s, which is more than 0.1 and 2 % of weak ones.
     assert pga(motion) / G == pytest.approx(float(row["PGA_g"]), rel=1e-3, abs=5.5e-5)
     if raw:  # the manifest's filter is without zeros before and after a record
-        band = scipy.signal.butter(4, [0.1, 25.0], "bandpass", fs=1.0 / motion.dt, output="sos")
+        band = scipy.signal.butter(
+            4, [0.1, 25.0], "bandpass", fs=1.0 / motion.dt, output="sos"
+        )
         filtered = motion.changed(partial(scipy.signal.sosfiltfilt, band), "")
     velocity = measure(filtered if raw else motion, "PGV")
     assert 100 * velocity == pytest.approx(float(row["PGV_cms"]), rel=0.02, abs=5.5e-3)

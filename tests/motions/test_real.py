@@ -16,9 +16,12 @@ G = 9.80665
 def test_each_is_as_its_index_and_the_table_say():
     with (REAL / "index.csv").open(newline="") as file:
         rows = {row["id"]: row for row in csv.DictReader(file)}
-    motions, text = af.read_motions(REAL / "index.csv"), (REAL / "README.md").read_text("utf-8")
+    motions = af.read_motions(REAL / "index.csv")
+    text = (REAL / "README.md").read_text("utf-8")
     assert [each.id for each in motions] == list(rows)
-    assert text.startswith("# Records of real earthquakes\n\n24 horizontal components of 10 ")
+    assert text.startswith(
+        "# Records of real earthquakes\n\n24 horizontal components of 10 "
+    )
     assert len({each.metadata["event"] for each in motions}) == 10
     for motion, row in zip(motions, rows.values(), strict=True):
         assert row["sha256"] == sha256_of(REAL / row["file"])
@@ -31,7 +34,9 @@ def test_each_is_as_its_index_and_the_table_say():
 
 
 def test_every_file_is_listed():
-    listed = (REAL / "index.csv").read_text("utf-8") + (REAL / "README.md").read_text("utf-8")
+    listed = (REAL / "index.csv").read_text("utf-8") + (REAL / "README.md").read_text(
+        "utf-8"
+    )
     for path in REAL.iterdir():
         others = ("index.csv", "README.md", ".gitattributes")
         assert path.name in listed or path.name in others

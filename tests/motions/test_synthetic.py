@@ -17,7 +17,12 @@ from archfrag.motions.synthetic import (
     plan_motions,
 )
 from archfrag.motions.synthetic import amplitude as source
-from archfrag.motions.synthetic.amplitude import COEFFICIENTS, FREQUENCIES, TERMS, draw_term
+from archfrag.motions.synthetic.amplitude import (
+    COEFFICIENTS,
+    FREQUENCIES,
+    TERMS,
+    draw_term,
+)
 from archfrag.motions.target import predict
 
 from .helpers import SHIPPED, pga
@@ -35,8 +40,10 @@ AUTHORS = {
 
 def mean_term(seeds):
     """Mean over some seeds of the sum of terms that each motion has, at PERIODS."""
-    drawn = [sum(draw_term(kind, _generator(kind, seed)) for kind, seed in zip(TERMS, each))
-             for each in seeds]  # fmt: skip
+    drawn = [
+        sum(draw_term(kind, _generator(kind, seed)) for kind, seed in zip(TERMS, each))
+        for each in seeds
+    ]
     return np.interp(np.log(1.0 / PERIODS), np.log(FREQUENCIES), np.mean(drawn, axis=0))
 
 
@@ -54,7 +61,10 @@ class TestModel:
         ("recipe", "reason"),
         [
             (Recipe(2.0, 20.0, 1), r"magnitude = 2.0 is outside 3 to 8"),
-            (Recipe(6.0, 20.0, 1, vs30=300.0), r"vs30 .m/s. = 300.0 is outside 450 to 1000"),
+            (
+                Recipe(6.0, 20.0, 1, vs30=300.0),
+                r"vs30 .m/s. = 300.0 is outside 450 to 1000",
+            ),
             (Recipe(6.0, 20.0, -1), r"seed = -1 is outside 0 to 9"),
         ],
     )
@@ -67,11 +77,20 @@ class TestModel:
         theirs = pygmm.BaylessAbrahamson2018
         f = np.array([0.15, 0.4, 1.0, 2.5, 6.0, 15.0])
         assert source.correlation(f) == pytest.approx(theirs.corr(f), abs=0.005)
-        for ours, name in {"tau": "tau", "phi_s2s": "phi_s2s", "phi_ss": "phi_s"}.items():
+        for ours, name in {
+            "tau": "tau",
+            "phi_s2s": "phi_s2s",
+            "phi_ss": "phi_s",
+        }.items():
             published = np.interp(FREQUENCIES, theirs.FREQS, theirs.COEFF[name])
             assert COEFFICIENTS[ours] == pytest.approx(published, abs=1e-6)
         for magnitude, distance, vs30 in ((5.5, 60.0, 500.0), (7.5, 5.0, 760.0)):
-            facts = {"mag": magnitude, "dist_rup": distance, "v_s30": vs30, "mechanism": "SS"}
+            facts = {
+                "mag": magnitude,
+                "dist_rup": distance,
+                "v_s30": vs30,
+                "mechanism": "SS",
+            }
             model = pygmm.GulerceAbrahamson2011(pygmm.Scenario(**facts, pga_ref=0.2))
             ratio = source.vertical_ratio(magnitude, distance, vs30, 0.2)
             # At 2 s the two read the bounds of Vs30 differently.
@@ -91,7 +110,8 @@ def test_the_ground_is_at_rest_before_and_after():
 
 def test_the_shipped_suite_is_the_models_but_for_what_its_seeds_drew():
     """The 15 events and 30 sites of the suite happen to be strong: their terms are known."""
-    seeds, ratios = [], []
+    seeds = []
+    ratios = []
     for entry in load_index(SHIPPED):
         about = entry.metadata
         seeds.append([about[key] for key in ("event_seed", "site_seed", "seed")])
@@ -109,7 +129,11 @@ HEADER = "id,file,sha256,Mw,dt_s,unit\n"
 @pytest.mark.parametrize(
     ("content", "step", "reason"),
     [
-        (lambda content: content[::-1], "0.01", r"sha256 is .*; the file has changed since"),
+        (
+            lambda content: content[::-1],
+            "0.01",
+            r"sha256 is .*; the file has changed since",
+        ),
         (bytes, "0.02", r"dt is 0.01 s, the index lists dt_s = 0.02 s$"),
     ],
 )
@@ -132,45 +156,64 @@ class TestVariation:
         generator = np.random.default_rng(1)
         rows = np.array([draw_term(kind, generator) for _ in range(3000)])
         assert rows.std(axis=0) == pytest.approx(COEFFICIENTS[TERMS[kind]], rel=0.06)
-        assert np.corrcoef(rows.T) == pytest.approx(source.correlation(FREQUENCIES), abs=0.08)
+        assert np.corrcoef(rows.T) == pytest.approx(
+            source.correlation(FREQUENCIES), abs=0.08
+        )
 
     def test_terms_are_common_where_seeds_are(self):
         def amplitudes(*seeds):
             """ln of the Fourier amplitude in bands a tenth of a decade wide, 0.5 to 10 Hz."""
             motion = make_motion(Recipe(6.0, 30.0, *seeds))
             power = np.abs(np.fft.rfft(motion.acceleration, 8192)) ** 2
-            place = np.digitize(np.fft.rfftfreq(8192, motion.dt), np.geomspace(0.5, 10.0, 14))
+            place = np.digitize(
+                np.fft.rfftfreq(8192, motion.dt), np.geomspace(0.5, 10.0, 14)
+            )
             return 0.5 * np.log([power[place == band].mean() for band in range(1, 14)])
 
         first = np.array([amplitudes(s) for s in range(80)])
         for event, site, low, high in (
-            (500, 500, -0.15, 0.15), (0, 500, 0.2, 0.5), (500, 0, 0.15, 0.45), (0, 0, 0.5, 0.75),
-        ):  # fmt: skip
-            other = np.array([amplitudes(s + 500, s + event, s + site) for s in range(80)])
+            (500, 500, -0.15, 0.15),
+            (0, 500, 0.2, 0.5),
+            (500, 0, 0.15, 0.45),
+            (0, 0, 0.5, 0.75),
+        ):
+            other = np.array(
+                [amplitudes(s + 500, s + event, s + site) for s in range(80)]
+            )
             found = [np.corrcoef(a, b)[0, 1] for a, b in zip(first.T, other.T)]
             assert low < np.mean(found) < high
 
     def test_scatter_is_the_published_total_and_leaves_the_median(self):
         varied, plain = (
-            np.log([spectral_acceleration(make_motion(Recipe(6.5, 20.0, seed, vary=vary)), PERIODS)
-                    for seed in range(300)])
+            np.log(
+                [
+                    spectral_acceleration(
+                        make_motion(Recipe(6.5, 20.0, seed, vary=vary)), PERIODS
+                    )
+                    for seed in range(300)
+                ]
+            )
             for vary in (True, False)
-        )  # fmt: skip
+        )
         # Mean total of four models at M 6.5 and PERIODS; 0.1, and 0.06 for 300 seeds.
         published = np.array([0.66, 0.64, 0.66, 0.70, 0.70])
         assert varied.std(axis=0) == pytest.approx(published, abs=0.16)
         assert plain.std(axis=0).max() < 0.45
-        left = (varied - plain).mean(axis=0) - mean_term([(s, s, s) for s in range(300)])
+        left = (varied - plain).mean(axis=0) - mean_term(
+            [(s, s, s) for s in range(300)]
+        )
         assert np.exp(left) == pytest.approx(1.0, abs=0.07)
 
 
 def test_vertical_ratio_is_the_models():
     made = [make_motion(Recipe(6.5, 20.0, seed, vertical=True)) for seed in range(150)]
-    ratio = np.log([
-        spectral_acceleration(Motion(m.vertical, m.dt), PERIODS)
-        / spectral_acceleration(m, PERIODS)
-        for m in made
-    ])  # fmt: skip
+    ratio = np.log(
+        [
+            spectral_acceleration(Motion(m.vertical, m.dt), PERIODS)
+            / spectral_acceleration(m, PERIODS)
+            for m in made
+        ]
+    )
     rock_pga = np.median([pga(m) for m in made]) / STANDARD_GRAVITY
     expected = source.vertical_ratio(6.5, 20.0, 760.0, rock_pga)
     expected = np.interp(PERIODS, source.RATIO["period_s"], expected)
@@ -181,9 +224,13 @@ def test_vertical_ratio_is_the_models():
 def test_pulse_amplification_is_shahi_and_bakers_near_the_period():
     gains = []
     for seed in range(80):
-        plain, pulse = (make_motion(Recipe(6.5, 5.0, seed, pulse=p)) for p in (False, True))
+        plain, pulse = (
+            make_motion(Recipe(6.5, 5.0, seed, pulse=p)) for p in (False, True)
+        )
         at = np.array([0.3, 0.88]) * pulse.metadata["pulse_period_s"]
-        gains.append(spectral_acceleration(pulse, at) / spectral_acceleration(plain, at))
+        gains.append(
+            spectral_acceleration(pulse, at) / spectral_acceleration(plain, at)
+        )
     found = np.exp(np.log(gains).mean(axis=0))
     # Shahi and Baker (2011), T / Tp up to 0.88.
     apart = (np.log([0.3, 0.88]) + 0.127) ** 2

@@ -35,7 +35,8 @@ sys.meta_path.insert(0, Blocked())
 
 def brought(lines):
     """Names of the distributions that requirements bring, the markers of this machine applied."""
-    found, waiting = set(), [(line, "") for line in lines]
+    found = set()
+    waiting = [(line, "") for line in lines]
     while waiting:
         line, extra = waiting.pop()
         wanted = Requirement(line)
@@ -52,18 +53,27 @@ def brought(lines):
 
 def code_of(page, language):
     """Blocks of code of a page, in order."""
-    return re.findall(rf"^```{language}\n(.*?)^```", (ROOT / page).read_text("utf-8"), re.M | re.S)
+    return re.findall(
+        rf"^```{language}\n(.*?)^```", (ROOT / page).read_text("utf-8"), re.M | re.S
+    )
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A folder with a drawing, records and the study file of the page on bridges."""
     folder = tmp_path_factory.mktemp("base")
-    arch = af.Arch.segmental(span=10.0, rise=2.5, thickness=0.6, voussoirs=9, friction=0.6)
+    arch = af.Arch.segmental(
+        span=10.0, rise=2.5, thickness=0.6, voussoirs=9, friction=0.6
+    )
     draw_arch(folder / "bridge.dxf", arch, 0.001, 4)
     (folder / "records").mkdir()
     time = np.arange(300) * 0.01
-    for name, frequency in (("ELC180", 0.6), ("ELC-UP", 3.0), ("DZC180", 0.8), ("DZC-UP", 3.0)):
+    for name, frequency in (
+        ("ELC180", 0.6),
+        ("ELC-UP", 3.0),
+        ("DZC180", 0.8),
+        ("DZC-UP", 3.0),
+    ):
         wave = 0.3 * np.sin(2 * np.pi * frequency * time) * np.sin(np.pi * time / 3.0)
         write_at2(folder / "records" / f"{name}.AT2", wave, 0.01, name[3:].strip("-"))
     page = (ROOT / "docs" / "howto" / "bridge.md").read_text("utf-8")
@@ -81,11 +91,14 @@ def alone(tmp_path_factory):
     assert {"ezdxf", "shapely"} <= base
     assert not {"snakemake", "sphinx", "pytest"} & base
     names = {
-        module for module, owners in packages_distributions().items()
+        module
+        for module, owners in packages_distributions().items()
         if not any(canonicalize_name(owner) in base for owner in owners)
-    }  # fmt: skip
+    }
     assert {"snakemake", "sphinx", "pygmm"} <= names
-    (path / "sitecustomize.py").write_text(BLOCK.format(names=names - {"pip", "setuptools"}))
+    (path / "sitecustomize.py").write_text(
+        BLOCK.format(names=names - {"pip", "setuptools"})
+    )
     above = f"{path}:{ROOT / 'pipeline'}:{os.environ.get('PYTHONPATH', '')}"
     return {**os.environ, "PYTHONPATH": above}
 
@@ -106,7 +119,9 @@ def test_what_is_no_part_of_the_base_install_is_out_of_reach(folder, alone):
 def test_the_lines_of_the_readme(folder, alone):
     (lines,) = code_of("README.md", "python")
     assert len([line for line in lines.splitlines() if line]) == 6
-    fewer = lines.replace('"samples": 16', '"samples": 2').replace('"count": 12', '"count": 4')
+    fewer = lines.replace('"samples": 16', '"samples": 2').replace(
+        '"count": 12', '"count": 4'
+    )
     assert fewer != lines
     run(folder, alone, "-W", "error::DeprecationWarning:__main__", "-c", fewer)
     assert "bridge" in (folder / "bridge.xml").read_text()
@@ -114,13 +129,19 @@ def test_the_lines_of_the_readme(folder, alone):
 
 def test_the_commands_of_the_home_page(folder, alone):
     first, second = code_of("docs/index.md", "sh")
-    commands = [shlex.split(line, comments=True) for line in (first + second).splitlines()]
+    commands = [
+        shlex.split(line, comments=True) for line in (first + second).splitlines()
+    ]
     ours = [words[1:] for words in commands if words[0] == "archfrag"]
     assert len(ours) == 7
     for command, *words in ours:
         if words[0].startswith("configs"):  # a run takes long, and the next ones run
-            command, words = "validate", [str(ROOT / words[0])]
-        given = [sorted(map(str, folder.glob(word))) if "*" in word else [word] for word in words]
+            command = "validate"
+            words = [str(ROOT / words[0])]
+        given = [
+            sorted(map(str, folder.glob(word))) if "*" in word else [word]
+            for word in words
+        ]
         run(folder, alone, "-m", "archfrag", command, *itertools.chain(*given))
     for name in ("mine/study.yaml", "results/bridge/report.html"):
         assert (folder / name).is_file()

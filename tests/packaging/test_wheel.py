@@ -22,24 +22,34 @@ def unpacked(tmp_path_factory):
     dist, folder = (tmp_path_factory.mktemp(name) for name in ("dist", "installed"))
     done = subprocess.run(
         [sys.executable, "-m", "build", "--no-isolation", "-o", str(dist), str(ROOT)],
-        capture_output=True, text=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     with zipfile.ZipFile(next(dist.glob("*.whl"))) as wheel:
         wheel.extractall(folder)
     with tarfile.open(next(dist.glob("*.tar.gz"))) as sdist:
         folders = {"/".join(name.split("/")[1:3]) for name in sdist.getnames()}
-    assert not [name for name in folders if name.startswith(("tests", "pipeline/archbench"))]
-    assert {"pipeline/archfrag", "records/near_source", "configs/shipped.yaml"} <= folders
+    assert not [
+        name for name in folders if name.startswith(("tests", "pipeline/archbench"))
+    ]
+    assert {
+        "pipeline/archfrag",
+        "records/near_source",
+        "configs/shipped.yaml",
+    } <= folders
     return folder
 
 
 def run(unpacked, cwd, *command):
     """`archfrag` of the wheel, out of reach of the checkout."""
     return subprocess.run(
-        [sys.executable, "-P", "-m", "archfrag", *command], cwd=cwd,
-        env={**os.environ, "PYTHONPATH": str(unpacked)}, capture_output=True, text=True,
-    )  # fmt: skip
+        [sys.executable, "-P", "-m", "archfrag", *command],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(unpacked)},
+        capture_output=True,
+        text=True,
+    )
 
 
 def git(*command):
@@ -48,11 +58,17 @@ def git(*command):
     ).stdout.split()
 
 
-def test_the_wheel_has_the_whole_package_and_nothing_else_and_knows_its_commit(unpacked):
+def test_the_wheel_has_the_whole_package_and_nothing_else_and_knows_its_commit(
+    unpacked,
+):
     names = {"archfrag", f"archfrag-{archfrag.__version__}.dist-info"}
     assert {path.name for path in unpacked.iterdir()} == names
-    files = [name for name in git("ls-files", "pipeline/archfrag") if (ROOT / name).exists()]
-    assert [n for n in files if not (unpacked / n.removeprefix("pipeline/")).exists()] == []
+    files = [
+        name for name in git("ls-files", "pipeline/archfrag") if (ROOT / name).exists()
+    ]
+    assert [
+        n for n in files if not (unpacked / n.removeprefix("pipeline/")).exists()
+    ] == []
     (head,) = git("rev-parse", "HEAD")
     assert (unpacked / "archfrag" / "commit.txt").read_text().startswith(head)
     assert head in run(unpacked, unpacked, "--version").stdout
@@ -96,5 +112,7 @@ def test_conda_recipe_has_the_dependencies_of_the_package():
     for dependency in project["dependencies"]:
         name, least = dependency.split(">=")
         wanted.add(f"{CONDA_NAMES.get(name.lower(), name.lower())} >={least}")
-    assert set(recipe["requirements"]["run"]) == wanted | {f"python {project['requires-python']}"}
+    assert set(recipe["requirements"]["run"]) == wanted | {
+        f"python {project['requires-python']}"
+    }
     assert recipe["context"]["version"] == archfrag.__version__

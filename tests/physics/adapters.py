@@ -22,11 +22,15 @@ class Mode(NamedTuple):
     """How a joint touches: at which corners, and the sense of the friction of its slip."""
 
     corners: tuple[int, ...]
-    slip: int = 0  # 1: friction along the tangent, the later body moves against it; 0: sticks
+    slip: int = (
+        0  # 1: friction along the tangent, the later body moves against it; 0: sticks
+    )
 
 
-OPEN, CLOSED = Mode(()), Mode((0, 1))
-PLUS, MINUS = 1, -1
+OPEN = Mode(())
+CLOSED = Mode((0, 1))
+PLUS = 1
+MINUS = -1
 
 
 def set_modes(modes, contact, slide):
@@ -71,17 +75,33 @@ class Solution(NamedTuple):
 
 def pose(mass, inertia, centroid, friction, modes, free=0.0, **arrays):
     """A problem of any bodies (n) and joints (m) by arrays of `Work`; the others are zero."""
-    mass, inertia, friction = (np.asarray(part, float) for part in (mass, inertia, friction))
-    n_joint, rough = friction.size, np.isinf(friction)
+    mass, inertia, friction = (
+        np.asarray(part, float) for part in (mass, inertia, friction)
+    )
+    n_joint = friction.size
+    rough = np.isinf(friction)
     model = Model(
-        framed(mass), framed(inertia), framed(1.0 / mass), framed(1.0 / inertia),
-        framed(np.asarray(centroid)), np.zeros((n_joint, 2, 2, 2)), np.zeros((n_joint, 2, 2)),
-        np.ones(n_joint), friction, start=np.zeros((mass.size + 2, 3)),
-            tie=np.zeros((0, len(Tie))), gravity=9.81, rounding=0.0,
-        ray=np.stack([np.where(rough, 0.0, 1.0), np.where(rough, 1.0, friction)], axis=1),
-    )  # fmt: skip
-    position, work = np.zeros((mass.size + 2, 3)), new_work(model)
-    position[:, :2], work.free[1:-1] = model.centroid, free
+        framed(mass),
+        framed(inertia),
+        framed(1.0 / mass),
+        framed(1.0 / inertia),
+        framed(np.asarray(centroid)),
+        np.zeros((n_joint, 2, 2, 2)),
+        np.zeros((n_joint, 2, 2)),
+        np.ones(n_joint),
+        friction,
+        start=np.zeros((mass.size + 2, 3)),
+        tie=np.zeros((0, len(Tie))),
+        gravity=9.81,
+        rounding=0.0,
+        ray=np.stack(
+            [np.where(rough, 0.0, 1.0), np.where(rough, 1.0, friction)], axis=1
+        ),
+    )
+    position = np.zeros((mass.size + 2, 3))
+    work = new_work(model)
+    position[:, :2] = model.centroid
+    work.free[1:-1] = free
     for name, values in arrays.items():
         getattr(work, name)[:] = values
     work.pivot[:] = work.point.mean(axis=1)
@@ -107,7 +127,9 @@ def by_newton(problem):
 def by_path(problem):
     """Solution found along solution paths, the iteration on the modes not tried first."""
     problem = problem.copy()
-    return solution_of(problem, solve_by_path(*problem, new_path(problem.model), True)[0])
+    return solution_of(
+        problem, solve_by_path(*problem, new_path(problem.model), True)[0]
+    )
 
 
 def solve(problem):
@@ -124,18 +146,22 @@ def by_four_hinges(mass, inertia, centroid, hinge, corners, spin, free):
     modes = [Mode((k,)) for k in corners]
     problem = pose(mass, inertia, centroid, np.ones(4), modes, free, point=point)
     velocity = framed(np.column_stack([0.0 * spin, 0.0 * spin, spin]))
-    solved = first_level.four_hinges(problem.model, problem.position, velocity, problem.work)
+    solved = first_level.four_hinges(
+        problem.model, problem.position, velocity, problem.work
+    )
     return solution_of(problem, solved)
 
 
 def views_of(mega):
     """Arrays of assembled mega-voussoirs cut to their size; as Python, for a kernel's are not."""
-    n, m = mega.count[0] + 2, mega.count[1]
+    n = mega.count[0] + 2
+    m = mega.count[1]
     cut = {name: getattr(mega.work, name)[:m] for name in assemble.COUNTED}
     cut |= {name: getattr(mega.work, name)[:n] for name in ("free", "solved")}
     bodies = ("position", "velocity", "next_position", "next_velocity")
     return mega._replace(
-        work=mega.work._replace(**cut), **{name: getattr(mega, name)[:n] for name in bodies}
+        work=mega.work._replace(**cut),
+        **{name: getattr(mega, name)[:n] for name in bodies},
     )
 
 
@@ -145,14 +171,21 @@ class Posed:
     def __init__(self, chain, position, velocity, modes, horizontal, vertical=0.0):
         self.given = chain, position, velocity, horizontal, vertical
         self.model = model = model_of(chain)
-        self.work, self.slip = work, slip = new_work(model), np.zeros(chain.friction.size)
-        self.position, self.velocity = framed(position), framed(velocity)
+        self.work, self.slip = work, slip = (
+            new_work(model),
+            np.zeros(chain.friction.size),
+        )
+        self.position = framed(position)
+        self.velocity = framed(velocity)
         move_faces(model, self.position, work.rotated, work.face, work.tangent)
         place_contacts(model, slip, work.face, work.tangent, work)
         set_modes(modes, work.contact, work.slide)
-        work.candidate[:], work.known[:] = work.contact, work.slide
+        work.candidate[:] = work.contact
+        work.known[:] = work.slide
         work.free[1:-1] = -horizontal, -chain.gravity - vertical, 0.0
-        first_level.centripetal_bias(self.position, self.velocity, slip, work.known, work)
+        first_level.centripetal_bias(
+            self.position, self.velocity, slip, work.known, work
+        )
         self.modes, self.problem = modes, Problem(model, self.position, work).copy()
 
     def with_modes(self, modes):
@@ -165,12 +198,16 @@ class Posed:
 
     def by_levels(self):
         """Solution by both levels in the modes given; its margins stay in ``self.value``."""
-        model, work, mega = self.model, self.work, assemble.new_mega_voussoirs(self.model)
+        model = self.model
+        work = self.work
+        mega = assemble.new_mega_voussoirs(self.model)
         assemble.assemble(model, work.contact, work.slide, self.slip, mega)
         assemble.gather_state(model, self.position, self.velocity, mega)
         mega = views_of(mega)
         state = mega, mega.position, mega.velocity, (*self.given[3:], 0.0, 0.0)
-        solved = mega.count[0] > 0 and first_level.solve_first_level(*state, 1e-3 * model.gravity)
+        solved = mega.count[0] > 0 and first_level.solve_first_level(
+            *state, 1e-3 * model.gravity
+        )
         self.value = np.full((self.slip.size, second_level.N_LAW), np.nan)
         second_level.solve_second_level(model, *state, 1.0, self.value)
         second_level.joint_reactions(mega, work)

@@ -14,7 +14,8 @@ KINDS = ("resting", "hinged", "sliding", "impact")
 
 
 def rotate(vector, angle):
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return c * vector + s * rotated(vector)
 
 
@@ -37,7 +38,9 @@ def hinged_arch(arch, hinges, tilt, rate):
     for _ in range(30):  # closure of the linkage: two equations for two rotations
         arms = [rotate(rest[k + 1] - rest[k], angle[k]) for k in range(3)]
         gap = sum(arms) - (rest[3] - rest[0])
-        step = np.linalg.solve(np.column_stack([rotated(arms[1]), rotated(arms[2])]), -gap)
+        step = np.linalg.solve(
+            np.column_stack([rotated(arms[1]), rotated(arms[2])]), -gap
+        )
         angle[1:] += step
     if np.abs(gap).max() > 1e-12 or np.abs(angle).max() > 0.3:
         return None
@@ -47,7 +50,8 @@ def hinged_arch(arch, hinges, tilt, rate):
     hinge = rest[0] + np.concatenate([np.zeros((1, 2)), np.cumsum(arms, axis=0)])
     chain = arch.chain
     position = np.column_stack([chain.centroid, np.zeros(chain.mass.size)])
-    velocity, bodies = np.zeros_like(position), [slice(*ends) for ends in pairwise(joints)]
+    velocity = np.zeros_like(position)
+    bodies = [slice(*ends) for ends in pairwise(joints)]
     for k, body in enumerate(bodies):
         position[body, :2] = hinge[k] + rotate(chain.centroid[body] - rest[k], angle[k])
         position[body, 2] = angle[k]
@@ -66,7 +70,8 @@ def random_hinged_arch(rng, friction):
     """An arch on four hinges, alternating between its edges."""
     while True:
         voussoirs = int(rng.integers(4, 21))
-        thickness, embrace = rng.uniform(1.2, 3.0), rng.uniform(110.0, 170.0)
+        thickness = rng.uniform(1.2, 3.0)
+        embrace = rng.uniform(110.0, 170.0)
         arch = af.Arch.circular(10.0, thickness, embrace, voussoirs, friction)
         joints = np.sort(rng.choice(arch.n_joint, 4, replace=False))
         first = int(rng.integers(2))
@@ -76,7 +81,9 @@ def random_hinged_arch(rng, friction):
             (arch.intrados, arch.extrados)[c][j] - (arch.intrados, arch.extrados)[d][i]
             for (i, d), (j, c) in (hinges[:2], hinges[2:])
         ]
-        if abs(cross(*lines)) < 0.2 * np.linalg.norm(lines[0]) * np.linalg.norm(lines[1]):
+        if abs(cross(*lines)) < 0.2 * np.linalg.norm(lines[0]) * np.linalg.norm(
+            lines[1]
+        ):
             continue
         state = hinged_arch(arch, hinges, tilt, rng.uniform(-0.5, 0.5))
         if state is not None:
@@ -85,23 +92,31 @@ def random_hinged_arch(rng, friction):
 
 def random_ring(rng, n, mu):
     """An arch of n straight-sided voussoirs of different lengths."""
-    thickness, embrace = 10.0 * rng.uniform(0.08, 0.3), rng.uniform(60, 180)
+    thickness = 10.0 * rng.uniform(0.08, 0.3)
+    embrace = rng.uniform(60, 180)
     cuts = np.concatenate([[0.0], rng.uniform(0.3, 1.0, n).cumsum()])
     joints = embrace * cuts / cuts[-1]
-    return af.Arch.circular(10.0, thickness, embrace, n, mu, sector=False, joints=joints)
+    return af.Arch.circular(
+        10.0, thickness, embrace, n, mu, sector=False, joints=joints
+    )
 
 
 def random_state(rng, n, mu, kind):
     """One contact problem of n voussoirs; the last springing follows wherever joints lead it."""
     model = model_of(random_ring(rng, n, mu).chain)
-    modes, slip, opened = [CLOSED] * (n + 1), np.zeros(n + 1), np.zeros(n + 1)
+    modes = [CLOSED] * (n + 1)
+    slip = np.zeros(n + 1)
+    opened = np.zeros(n + 1)
     if kind != "resting":
-        opened = rng.choice([0, -1, 1], n + 1, p=[0.5, 0.25, 0.25])  # about corner 0, about 1
+        opened = rng.choice(
+            [0, -1, 1], n + 1, p=[0.5, 0.25, 0.25]
+        )  # about corner 0, about 1
         modes = [Mode(((sense + 1) // 2,)) if sense else CLOSED for sense in opened]
         opened = opened * 10 ** rng.uniform(-3, -0.7, n + 1)
     if kind == "sliding":
         slip = np.where(rng.random(n + 1) < 0.3, rng.uniform(-0.05, 0.05, n + 1), 0.0)
-    work, position = new_work(model), np.zeros((n + 2, 3))
+    work = new_work(model)
+    position = np.zeros((n + 2, 3))
     before = model.corner[0, 0]
     for j, angle in enumerate(np.cumsum(opened)):
         tangent = (before[1] - before[0]) / np.linalg.norm(before[1] - before[0])
@@ -116,7 +131,13 @@ def random_state(rng, n, mu, kind):
     place_contacts(model, slip, work.face, work.tangent, work)
     set_modes(modes, work.contact, work.slide)
     work.candidate[:] = work.contact
-    work.free[1:-1] = rng.uniform(-9.81, 9.81), -9.81 * (1 + rng.uniform(-0.3, 0.3)), 0.0
+    work.free[1:-1] = (
+        rng.uniform(-9.81, 9.81),
+        -9.81 * (1 + rng.uniform(-0.3, 0.3)),
+        0.0,
+    )
     if kind == "impact":
-        work.free[1:-1] = rng.normal(size=(n, 3)) * [1.0, 1.0, 0.3] * rng.uniform(0.01, 1)
+        work.free[1:-1] = (
+            rng.normal(size=(n, 3)) * [1.0, 1.0, 0.3] * rng.uniform(0.01, 1)
+        )
     return Problem(model, position, work)

@@ -15,7 +15,14 @@ from archfrag.physics.mega_voussoirs import assemble, second_level
 from archfrag.physics.mega_voussoirs.first_level import solve_first_level
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Count, Energy
-from tests.physics.adapters import Problem, framed, modes_of, set_modes, solution_of, views_of
+from tests.physics.adapters import (
+    Problem,
+    framed,
+    modes_of,
+    set_modes,
+    solution_of,
+    views_of,
+)
 
 STANDS = (0.0, 0.0, 0.0, 0.0)  # the far springing
 
@@ -26,7 +33,8 @@ class Moving:
     def __init__(self, chain, position, velocity, modes, ground):
         model = model_of(chain)
         n_joint = model.friction.size
-        contact, slide = np.zeros((n_joint, 2)), np.zeros(n_joint)
+        contact = np.zeros((n_joint, 2))
+        slide = np.zeros(n_joint)
         set_modes(modes, contact, slide)
         self.ground = Segment(np.inf, *ground, STANDS, STANDS)
         mega = assemble.new_mega_voussoirs(model)
@@ -39,9 +47,12 @@ class Moving:
         self._begin()
 
     def _begin(self):
-        mega, now = self.mega, ground_after(self.ground, 0.0)
+        mega = self.mega
+        now = ground_after(self.ground, 0.0)
         assert solve_first_level(mega, mega.position, mega.velocity, now, self.resolved)
-        runge_kutta.keep_stage(mega, self.motion.stages, 0, mega.position, mega.velocity, now)
+        runge_kutta.keep_stage(
+            mega, self.motion.stages, 0, mega.position, mega.velocity, now
+        )
         locate.find_margins(self.motion, mega, mega.position, mega.velocity, now)
         locate.keep_margins(mega, self.motion)
 
@@ -53,12 +64,21 @@ class Moving:
     def step(self, size):
         """Position, velocity of the mega-voussoirs after a step, and its error by itself [m]."""
         error = runge_kutta.take_step(
-            self.mega, self.motion.stages, self.motion.scheme, size, self.ground, self.resolved,
+            self.mega,
+            self.motion.stages,
+            self.motion.scheme,
+            size,
+            self.ground,
+            self.resolved,
             (1.0, 1.0),
-        )  # fmt: skip
+        )
         assert np.isfinite(error)
         runge_kutta.make_dense(self.mega, self.motion.stages, self.motion.scheme, size)
-        return self.mega.next_position[1:-1].copy(), self.mega.next_velocity[1:-1].copy(), error
+        return (
+            self.mega.next_position[1:-1].copy(),
+            self.mega.next_velocity[1:-1].copy(),
+            error,
+        )
 
     def inside(self, part):
         """Position and velocity at a part of the last step."""
@@ -69,7 +89,8 @@ class Moving:
     def go_on(self, size):
         """Take the end of the last step as the beginning of the next one."""
         end, x, slope_x, y, slope_y, *far = self.ground
-        x, y = x + slope_x * size, y + slope_y * size
+        x = x + slope_x * size
+        y = y + slope_y * size
         self.ground = Segment(end, x, slope_x, y, slope_y, *far)
         self.mega.position[:] = self.mega.next_position
         self.mega.velocity[:] = self.mega.next_velocity
@@ -107,8 +128,10 @@ class Impact:
     def __init__(self, chain, position, velocity, modes, closes=(-1, -1)):
         still = grounds_of([(np.zeros(2), None, 1.0)])
         run = new_run(model_of(chain), still, OPTIONS, (np.nan, np.nan))
-        state, work = run.state, run.work
-        state.position[1:-1], state.velocity[1:-1] = position, velocity
+        state = run.state
+        work = run.work
+        state.position[1:-1] = position
+        state.velocity[1:-1] = velocity
         set_modes(modes, state.contact, state.slide)
         moves = transitions.pose_impact(run, *closes)
         self.problem = Problem(run.model, state.position, work).copy()
@@ -118,6 +141,7 @@ class Impact:
         self.solution = solution_of(self.problem._replace(work=work), self.solved)
         if self.solved:
             transitions.take_impact(run)
-        self.velocity, self.modes = state.velocity[1:-1].copy(), modes_of(state)
+        self.velocity = state.velocity[1:-1].copy()
+        self.modes = modes_of(state)
         self.energy = state.energy[Energy.IMPACT]
         self.joints_closed = int(state.count[Count.IMPACTS])

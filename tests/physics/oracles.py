@@ -3,7 +3,13 @@
 import numpy as np
 
 from archbench.paper import block
-from archbench.paper.arch import cross, full_motion, next_reaction, relative_velocity, rotated
+from archbench.paper.arch import (
+    cross,
+    full_motion,
+    next_reaction,
+    relative_velocity,
+    rotated,
+)
 from tests.physics.adapters import MINUS, PLUS, framed
 
 
@@ -16,16 +22,27 @@ def corner_rates(problem, velocity):
 
 def balance_error(problem, solution):
     """Largest part of a reaction that does not follow from the one before it (Eq 35)."""
-    model, following = problem.model, np.vstack([solution.wrench, np.zeros(3)])
-    parts = model.mass, model.inertia, problem.position[:, :2], framed(solution.velocity)
+    model = problem.model
+    following = np.vstack([solution.wrench, np.zeros(3)])
+    parts = (
+        model.mass,
+        model.inertia,
+        problem.position[:, :2],
+        framed(solution.velocity),
+    )
     bodies = list(zip(*parts, problem.work.free))[1:-1]
-    left = [next_reaction(following[i], *body) - following[i + 1] for i, body in enumerate(bodies)]
+    left = [
+        next_reaction(following[i], *body) - following[i + 1]
+        for i, body in enumerate(bodies)
+    ]
     return np.abs(left).max() / (np.abs(solution.wrench).max() or 1.0)
 
 
 def corner_forces(problem, wrench):
     """Normal forces at both corners and shear of each joint as if closed, (m, 3)."""
-    force, n, point = wrench[:, :2], problem.work.normal, problem.work.point
+    force = wrench[:, :2]
+    n = problem.work.normal
+    point = problem.work.point
     moment = wrench[:, 2, None] - cross(point, force[:, None])  # about either corner
     second = moment[:, 0] / cross(point[:, 1] - point[:, 0], n)
     return np.stack([(force * n).sum(1) - second, second, cross(n, force)], axis=1)
@@ -42,7 +59,9 @@ def coulomb(normal, shear, rate, friction, sliding):
 
 def closed_violation(problem, j, rates, forces):
     """Violation at a joint whose faces are parallel: Eq 5 at either corner, Eq 6 between them."""
-    n, mu, sliding = problem.work.normal[j], problem.model.friction[j], problem.work.known[j]
+    n = problem.work.normal[j]
+    mu = problem.model.friction[j]
+    sliding = problem.work.known[j]
     # Where only one corner bears, the slip is that of this corner.
     weight = np.maximum(forces[:2], 0.0) + 1e-30
     rate = weight @ (rates @ rotated(n)) / weight.sum()
@@ -53,7 +72,8 @@ def closed_violation(problem, j, rates, forces):
 def corner_violation(problem, j, c, rate, force):
     """Violation at a corner by Eqs 23a, 23b and Coulomb's cones of either face."""
     faces = dict(zip((PLUS, MINUS), problem.work.side_normal[j, c]))
-    mu, sliding = problem.model.friction[j], problem.work.known[j]
+    mu = problem.model.friction[j]
+    sliding = problem.work.known[j]
     rays = {}
     for sense, n in faces.items():
         ray = sense * rotated(n) if np.isinf(mu) else n + sense * mu * rotated(n)
@@ -82,7 +102,8 @@ def law_violation(problem, solution):
     Joints of which both corners may touch have parallel faces. Velocities count over the largest
     relative velocity without reactions, forces over the largest of them.
     """
-    point, touching = problem.work.point, problem.work.candidate > 0.5
+    point = problem.work.point
+    touching = problem.work.candidate > 0.5
     rates = corner_rates(problem, solution.velocity) / scale_of(problem)
     wrench = solution.wrench / (np.abs(solution.wrench[:, :2]).max() or 1.0)
     forces = corner_forces(problem, wrench)
@@ -106,7 +127,9 @@ def dense(problem, modes):
 
     A row is held at a joint's corner along an axis: (joint, corner, axis) in places.
     """
-    model, work, n = problem.model, problem.work, problem.model.mass.size - 2
+    model = problem.model
+    work = problem.work
+    n = problem.model.mass.size - 2
     still = problem.copy(bias=0.0 * work.bias)
     units = np.eye(3 * n).reshape(-1, n, 3)
     matrix = np.stack([corner_rates(still, unit) for unit in units], axis=-1)
@@ -118,7 +141,8 @@ def dense(problem, modes):
     ]
     rows = np.array([axis @ matrix[j, c] for j, c, axis in held])
     bias = np.array([axis @ work.bias[j, c] for j, c, axis in held])
-    mass, inertia = model.mass[1:-1], model.inertia[1:-1]
+    mass = model.mass[1:-1]
+    inertia = model.inertia[1:-1]
     return 1.0 / np.stack([mass, mass, inertia], axis=1).ravel(), rows, bias, held
 
 

@@ -25,16 +25,21 @@ def test_coarse_tolerances_are_met_by_steps_and_fine_ones_by_events():
     assert coarse.steps == stepped.steps
     assert np.array_equal(coarse.history.displacement, stepped.history.displacement)
     assert coarse.model_time["all_voussoirs"] > 0.0
-    assert coarse.model_time["mega_voussoirs"] == coarse.model_time["four_hinges"] == 0.0
+    assert (
+        coarse.model_time["mega_voussoirs"] == coarse.model_time["four_hinges"] == 0.0
+    )
     times = run(1e-4).model_time
     assert times["four_hinges"] + times["mega_voussoirs"] > 0.1
 
 
-@pytest.mark.parametrize(("bad", "by_events"), [(0, False), (1, True), (2, False), (3, False)])
+@pytest.mark.parametrize(
+    ("bad", "by_events"), [(0, False), (1, True), (2, False), (3, False)]
+)
 def test_a_run_that_breaks_its_tolerance_is_made_again_by_another_method(
     monkeypatch, bad, by_events
 ):
-    judged, judge = [], auto.is_accurate
+    judged = []
+    judge = auto.is_accurate
 
     def strict(*given):
         judged.append(given)
@@ -72,7 +77,8 @@ def test_a_history_under_a_pulse_goes_by_events_and_a_verdict_by_steps():
 def test_blocks_under_records_go_by_steps():
     """Events at the default tolerance cost five times as much there and are no more accurate."""
     files = sorted((RECORDS / "near_source" / "synthetic").glob("*.mseed"))
-    motions, block = [af.read_motion(each) for each in files[16:20]], af.Block(0.15, 1.2, 0.8)
+    motions = [af.read_motion(each) for each in files[16:20]]
+    block = af.Block(0.15, 1.2, 0.8)
     found = af.simulate_many(block, motions, np.full(4, 0.4))
     steps = af.simulate_many(block, motions, np.full(4, 0.4), method="time_stepping")
     assert found.drop_attrs().equals(steps.drop_attrs())
@@ -81,8 +87,11 @@ def test_blocks_under_records_go_by_steps():
 
 
 @pytest.mark.parametrize("solved", [True, False])
-def test_a_run_whose_contacts_are_not_solved_is_made_again_by_another_method(monkeypatch, solved):
-    made, step = [], auto.stepper.run
+def test_a_run_whose_contacts_are_not_solved_is_made_again_by_another_method(
+    monkeypatch, solved
+):
+    made = []
+    step = auto.stepper.run
 
     def fails(*given):
         results = step(*given)

@@ -69,8 +69,12 @@ class TestJointsThatLock:
     def test_it_falls_too_after_a_motion_that_has_wedged_it(self, method, peak):
         wave = peak * 9.81 * np.sin(np.linspace(0.0, 2.0 * np.pi, 100))
         motion = af.Motion(np.append(wave, np.zeros(10)), 0.01)
-        assert af.simulate(flat_arch(0.0, 5), motion, method=method, rests=False).collapsed
+        assert af.simulate(
+            flat_arch(0.0, 5), motion, method=method, rests=False
+        ).collapsed
 
     def test_one_of_keystones_does_not_move(self):
-        with pytest.raises(af.errors.InputError, match=r"towards -x up to 2.04 g; its joints"):
+        with pytest.raises(
+            af.errors.InputError, match=r"towards -x up to 2.04 g; its joints"
+        ):
             af.limit_load(flat_arch(0.2, 5), "-x", method="event_driven")

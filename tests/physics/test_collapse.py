@@ -9,13 +9,17 @@ from archfrag.physics.status import Status
 from tests.validation.scenes import g, oppenheim, sampled
 
 STILL = af.Motion(np.zeros(100), 0.01)
-every_method = pytest.mark.parametrize("method", ["time_stepping", "auto", "event_driven"])
+every_method = pytest.mark.parametrize(
+    "method", ["time_stepping", "auto", "event_driven"]
+)
 
 
 def hop():
     """The ground falls away at three times gravity and catches the arch 0.18 m lower."""
     time = np.arange(0.0, 2.0, 1e-3)
-    fall = np.where(time < 0.1, 0.0, np.where(time < 0.2, -3.0, np.where(time < 0.4, 1.5, 0.0)))
+    fall = np.where(
+        time < 0.1, 0.0, np.where(time < 0.2, -3.0, np.where(time < 0.4, 1.5, 0.0))
+    )
     return af.Motion(0.0 * time, 1e-3, vertical=g * fall)
 
 
@@ -43,7 +47,9 @@ def test_an_arch_that_hops_and_lands_stands_unless_the_limit_is_below_its_hop(me
 
 @every_method
 def test_without_a_loss_nothing_is_noted(method):
-    response = af.simulate(oppenheim(), sampled(lambda t: 0.45, 0.3, dt=1e-3), method=method)
+    response = af.simulate(
+        oppenheim(), sampled(lambda t: 0.45, 0.3, dt=1e-3), method=method
+    )
     assert response.status == Status.STANDING
     assert np.isnan(response.lost_contact_time)
     assert (response.lost_contact_joint, response.lost_contact_mode) == (-1, "none")
@@ -52,7 +58,8 @@ def test_without_a_loss_nothing_is_noted(method):
 
 @every_method
 def test_a_block_that_slides_off_its_pedestal_collapses(method):
-    block, push = af.Block(0.2, 0.2, friction=0.1), af.Motion(np.full(200, 0.3 * g), 0.01)
+    block = af.Block(0.2, 0.2, friction=0.1)
+    push = af.Motion(np.full(200, 0.3 * g), 0.01)
     response = af.simulate(block, push, method=method, history=True)
     assert response.collapsed
     assert response.collapse_mode == "sliding"
@@ -74,7 +81,9 @@ def test_an_arch_in_flight_falls_and_lands(method):
     assert not response.history.contact_mode.values[0, [0, -1]].any()
     # Free fall until it lands, after 0.2 s.
     early = response.history.sel(time=slice(0.05, 0.15))
-    place, speed, time = early.displacement[:, 3, 1], early.velocity[:, 3, 1], early.time.values
+    place = early.displacement[:, 3, 1]
+    speed = early.velocity[:, 3, 1]
+    time = early.time.values
     np.testing.assert_allclose(place, 0.2 - 0.5 * g * time**2, atol=2e-3)
     np.testing.assert_allclose(speed, -g * time, atol=2e-2)
 
@@ -95,11 +104,15 @@ def test_a_model_and_its_prototype_behave_alike_to_the_last_bit(method):
     push = 0.8 * g * np.sin(2.0 * np.pi * np.arange(0.0, 1.5, 0.005) / 0.4)
     small, large = (
         af.simulate(
-            af.Arch.circular(2.5 * k**2, 0.375 * k**2, 157.5, voussoirs=7, friction=0.7),
-            af.Motion(push, 0.005 * k, vertical=0.3 * push[::-1]), method=method, follow=10.0 * k,
+            af.Arch.circular(
+                2.5 * k**2, 0.375 * k**2, 157.5, voussoirs=7, friction=0.7
+            ),
+            af.Motion(push, 0.005 * k, vertical=0.3 * push[::-1]),
+            method=method,
+            follow=10.0 * k,
         )
         for k in (1, 2)
-    )  # fmt: skip
+    )
     assert small.peak_displacement > 0.002
     assert large.peak_displacement == 4.0 * small.peak_displacement
     assert large.end_time == 2.0 * small.end_time

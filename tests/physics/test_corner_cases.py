@@ -20,13 +20,17 @@ OURS = ("time_stepping", "event_driven", "auto")
 # Steps at the default miss them by little: a touch without speed (an error of 1e-5 in the angle is
 # a rate of its root; back at its start to 1e-2, 5e-3 allowed), and the mirror image after four
 # joints have closed at once (to 6e-6, 1e-6 allowed).
-BROKEN = {(name, "time_stepping") for name in ("grazing_contact", "four_joints_close_at_once")}
+BROKEN = {
+    (name, "time_stepping") for name in ("grazing_contact", "four_joints_close_at_once")
+}
 
 
 @pytest.mark.parametrize(
     ("name", "method"),
     [
-        pytest.param(*case, marks=pytest.mark.xfail(strict=True) if case in BROKEN else ())
+        pytest.param(
+            *case, marks=pytest.mark.xfail(strict=True) if case in BROKEN else ()
+        )
         for case in itertools.product(case_names(), OURS)
     ],
 )
@@ -50,9 +54,13 @@ def test_least_friction_by_the_linear_programme(name, friction, rel):
 
 def test_rocking_makes_no_energy_by_its_positions_and_growing_rotations_do():
     scene = load_case("zeno_rocking_to_rest").scene
-    history = solve(scene, Setting("time_stepping", "dt", 1e-3), history=True).response.history
+    history = solve(
+        scene, Setting("time_stepping", "dt", 1e-3), history=True
+    ).response.history
     history = history.isel(time=history.time.values < 3.0)
-    time, place, angle = history.time.values, history.displacement.values, history.rotation.values
+    time = history.time.values
+    place = history.displacement.values
+    angle = history.rotation.values
     for growth, makes in ((1.0, False), (1.5, True)):
         grow = np.where(time > 1.5, growth, 1.0)[:, None]
         moved = place * grow[..., None], angle * grow
@@ -85,10 +93,14 @@ class TestFactsFail:
         [
             ("housner", 3e-2, ZENO, {"chain": ("height", 0.9)}),
             ("newmark", 1e-2, SLIDES, {"chain": ("friction", 0.95)}),
-            ("grazes", 5e-3, ("grazing_contact", "exactly", "event_driven"),
-             {"initial": ("spin", 1.2)}),
+            (
+                "grazes",
+                5e-3,
+                ("grazing_contact", "exactly", "event_driven"),
+                {"initial": ("spin", 1.2)},
+            ),
         ],
-    )  # fmt: skip
+    )
     def test_in_a_scene_with_another_value(self, fact, tolerance, case, wrong):
         assert FACTS[fact](run_of(*case), tolerance).held
         assert not FACTS[fact](run_of(*case, **wrong), tolerance).held
@@ -106,7 +118,9 @@ class TestFactsFail:
             assert not fact(wrong).held
 
     def test_beyond_the_onset(self):
-        above, below = (run_of(ONSET[0], ONSET[1].format(side)) for side in ("above", "below"))
+        above, below = (
+            run_of(ONSET[0], ONSET[1].format(side)) for side in ("above", "below")
+        )
         assert FACTS["rests"](below, 0.0).held
         assert not FACTS["rests"](above, 1e-3).held
         assert facts.ends(above, "falls").held

@@ -12,7 +12,8 @@ from tests.physics.moving import Moving
 
 g = 9.80665
 STILL = (0.0, 0.0, 0.0, 0.0)
-WIDTH, HEIGHT = 1.0, 4.0
+WIDTH = 1.0
+HEIGHT = 4.0
 
 
 def block(friction=0.6):
@@ -28,7 +29,8 @@ def in_flight(height, tilt=0.0, velocity=(0.0, 0.0, 0.0), ground=STILL):
 def sliding(speed, ground=STILL, friction=0.6):
     """A block that slides on its face; friction PLUS points to -x."""
     mode = Mode((0, 1), PLUS if speed > 0.0 else MINUS)
-    position, velocity = np.array([[0.0, 0.5 * HEIGHT, 0.0]]), np.array([[speed, 0.0, 0.0]])
+    position = np.array([[0.0, 0.5 * HEIGHT, 0.0]])
+    velocity = np.array([[speed, 0.0, 0.0]])
     wide = af.Block(8.0, HEIGHT, friction=friction).chain
     return Moving(wide, position, velocity, [mode], ground)
 
@@ -50,10 +52,13 @@ class TestFlight:
 
     @pytest.mark.parametrize("least", [1e-6, -1e-6])
     def test_a_corner_that_lands_and_would_leave_again_inside_the_step(self, least):
-        speed, up = 0.1, 5.0
+        speed = 0.1
+        up = 5.0
         height = speed**2 / (2.0 * up) - least
         rising = (0.0, 0.0, -g - up, 0.0)
-        time, used = in_flight(height, 0.0, (0.0, -speed, 0.0), rising).first_event(0.05)
+        time, used = in_flight(height, 0.0, (0.0, -speed, 0.0), rising).first_event(
+            0.05
+        )
         if least < 0.0:  # the gap only becomes small
             assert (time, used) == (math.inf, set())
         else:

@@ -10,18 +10,23 @@ from archfrag.physics.state import Clock, model_of
 DT = 0.02
 SAMPLES = np.random.default_rng(2).normal(size=(3, 50))
 # The second of two motions, and the first without a vertical component.
-GROUNDS = ground.grounds_of([(SAMPLES[0], None, 2.0 * DT), (SAMPLES[1], SAMPLES[2], DT)])
+GROUNDS = ground.grounds_of(
+    [(SAMPLES[0], None, 2.0 * DT), (SAMPLES[1], SAMPLES[2], DT)]
+)
 MODEL = model_of(af.Block(0.4, 1.0, friction=0.6).chain)._replace(gravity=10.0)
 
 
 def clock_at(time, motion=0, factor=1.0):
     clock = np.zeros(len(Clock))
-    clock[Clock.TIME], clock[Clock.MOTION], clock[Clock.FACTOR] = time, motion, factor
+    clock[Clock.TIME] = time
+    clock[Clock.MOTION] = motion
+    clock[Clock.FACTOR] = factor
     return clock
 
 
 def test_impulse_is_the_exact_integral_of_either_component():
-    knots, rng = np.arange(50) * DT, np.random.default_rng(3)
+    knots = np.arange(50) * DT
+    rng = np.random.default_rng(3)
     for start, end in rng.uniform(-0.1, 1.1, (50, 2)):
         given = ground.impulse_between(GROUNDS, clock_at(0.0, 1, -1.5), start, end)
         grid = np.union1d(knots, [start, end])
@@ -38,7 +43,8 @@ def test_impulse_is_the_exact_integral_of_either_component():
 
 
 def test_acceleration_is_linear_up_to_the_next_bend_of_either_component():
-    x, knots = np.array([0.0, 1.0, 2.0, 3.0, 1.0, -1.0, -1.0]), 0.5 * np.arange(7)
+    x = np.array([0.0, 1.0, 2.0, 3.0, 1.0, -1.0, -1.0])
+    knots = 0.5 * np.arange(7)
     y = np.array([0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0])
     both = ground.grounds_of([(SAMPLES[0], None, 1.0), (x, y, 0.5)])
     alone = ground.one_of(both, 1, 2.0)
@@ -62,8 +68,20 @@ def test_acceleration_is_linear_up_to_the_next_bend_of_either_component():
         ([0, 1, 3, 0], None, (0.2, 0.05), {"factor": -1.0}, (0.25, False)),
         ([0, 1, 3, 0], None, (0.2, 0.2), {"time": 0.8}, (0.8, False)),
         ([0, 1, 3, 0], None, (0.35, 0.2), {}, (1.5, True)),
-        ([1, 1, 1], None, (0.2, -0.05), {}, (1.0, False)),  # only the ground holds it up
-        ([0, 2.5, 2.5], [0, 5, 5], (0.2, 0.2), {}, (1.0, True)),  # upward: a wider range
+        (
+            [1, 1, 1],
+            None,
+            (0.2, -0.05),
+            {},
+            (1.0, False),
+        ),  # only the ground holds it up
+        (
+            [0, 2.5, 2.5],
+            [0, 5, 5],
+            (0.2, 0.2),
+            {},
+            (1.0, True),
+        ),  # upward: a wider range
         ([0, 1.5, 1.5], [0, -5, -5], (0.2, 0.2), {}, (0.4, False)),
         # The ground falls faster than an arch of any range.
         ([9, 9, 9], [0, -20, -20], (np.inf, np.inf), {}, (0.25, False)),

@@ -10,7 +10,12 @@ import archfrag as af
 from archfrag.errors import GeometryError, InputError, StabilityError, UnitWarning
 from archfrag.physics.status import Joint
 from archfrag.simulation.rest import static_limit
-from archfrag.simulation.standing import arch_cautions, inset_loss, inset_text, joints_text
+from archfrag.simulation.standing import (
+    arch_cautions,
+    inset_loss,
+    inset_text,
+    joints_text,
+)
 from tests.physics.test_cautions import flat_arch
 
 RING = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
@@ -40,7 +45,9 @@ def at_rest(arch, stiffness):
     """Normal forces of the joints at rest, by steps of elastic faces."""
     still = af.Motion(np.zeros(20), 0.01)
     soft = af.jointed(arch, stiffness, model="face")
-    force = af.simulate(soft, still, history=True, follow=0.0).history.reaction.values[-1]
+    force = af.simulate(soft, still, history=True, follow=0.0).history.reaction.values[
+        -1
+    ]
     x, y = (arch.extrados - arch.intrados)[: arch.n_joint].T
     return abs(force[:, 0] * y - force[:, 1] * x) / np.hypot(x, y)
 
@@ -51,7 +58,10 @@ def held_by_faces(arch, near):
     load = near * np.interp(time, [0.0, 3.0, 23.0], [0.0, 0.9, 1.1])
     ramp = af.Motion(load * 9.80665, 0.01)
     moved = af.simulate(arch, ramp, history=True, follow=0.0).history.displacement
-    far = np.hypot(*np.moveaxis(moved.values, -1, 0)).max(axis=1) > 0.05 * lengths(arch).min()
+    far = (
+        np.hypot(*np.moveaxis(moved.values, -1, 0)).max(axis=1)
+        > 0.05 * lengths(arch).min()
+    )
     return np.interp(moved.time.values[np.argmax(far)], time, load)
 
 
@@ -70,7 +80,9 @@ class TestInset:
         face = af.jointed(arch, stiffness, model="face")
         assert held_by_faces(face, by_inset) == pytest.approx(by_inset, rel=0.03)
 
-    @pytest.mark.parametrize(("width", "height", "k"), [(0.1, 2.0, 3e10), (0.5, 10.0, 1e9)])
+    @pytest.mark.parametrize(
+        ("width", "height", "k"), [(0.1, 2.0, 3e10), (0.5, 10.0, 1e9)]
+    )
     def test_of_a_block_it_is_half_its_strip_at_a_third_of_that_over_its_height(
         self, width, height, k
     ):
@@ -87,14 +99,20 @@ class TestInset:
 
     def test_the_load_is_the_largest_that_the_elastic_faces_bear(self):
         start = af.onset(RING)
-        falls, best = static_limit(RING, start), 0.0
+        falls = static_limit(RING, start)
+        best = 0.0
         for rotation in np.geomspace(1e-4, 0.1, 400) * falls:
             third = strip(RING, 3e10, rotation) / 3.0
-            load = af.onset(RING.recessed(third, third)).plus - start.plus * rotation / falls
+            load = (
+                af.onset(RING.recessed(third, third)).plus
+                - start.plus * rotation / falls
+            )
             best = max(best, load)
         assert af.onset(af.jointed(RING, 3e10)).plus == pytest.approx(best, rel=0.01)
 
-    def test_it_goes_with_the_cube_root_of_the_stiffness_and_each_joint_has_its_own_force(self):
+    def test_it_goes_with_the_cube_root_of_the_stiffness_and_each_joint_has_its_own_force(
+        self,
+    ):
         one, other = (inset(RING, af.jointed(RING, k)) for k in (3e11, 2.4e12))
         np.testing.assert_allclose(one / other, 2.0, rtol=0.01)
         root = np.sqrt(at_rest(RING, 3e11))
@@ -103,10 +121,16 @@ class TestInset:
     def test_bodies_keep_mass_inertia_and_centroid(self):
         soft = af.jointed(RING, 1e10)
         for name in ("mass", "inertia", "centroid", "friction"):
-            np.testing.assert_array_equal(getattr(soft.chain, name), getattr(RING.chain, name))
+            np.testing.assert_array_equal(
+                getattr(soft.chain, name), getattr(RING.chain, name)
+            )
         assert soft.outlines is RING.outlines
         assert soft.dimensions == RING.dimensions
-        assert (soft.chain.joint, soft.chain.start, soft.chain.tie) == (None, None, None)
+        assert (soft.chain.joint, soft.chain.start, soft.chain.tie) == (
+            None,
+            None,
+            None,
+        )
 
     def test_it_lies_inside_what_a_recess_leaves(self):
         worn = RING.recessed(0.05, 0.02)
@@ -115,8 +139,11 @@ class TestInset:
         assert soft.parameters["recess"] == {"intrados": 0.05, "extrados": 0.02}
 
     def test_of_strip_and_crushed_depth_the_larger_is_lost(self):
-        k, f = 3e10, 4.7e6
-        soft, weak = (inset(RING, each) for each in (af.jointed(RING, k), af.crushed(RING, f)))
+        k = 3e10
+        f = 4.7e6
+        soft, weak = (
+            inset(RING, each) for each in (af.jointed(RING, k), af.crushed(RING, f))
+        )
         both = inset(RING, af.jointed(RING, k, strength=f))
         assert (soft > weak).any()
         assert (soft < weak).any()
@@ -125,7 +152,10 @@ class TestInset:
     def test_joints_of_a_list_are_those_of_piers_and_bases_too(self):
         stiffness = np.full(NAVE.n_joint, math.inf)
         stiffness[[0, 3]] = 1e10
-        assert np.flatnonzero(inset(NAVE, af.jointed(NAVE, stiffness))).tolist() == [0, 3]
+        assert np.flatnonzero(inset(NAVE, af.jointed(NAVE, stiffness))).tolist() == [
+            0,
+            3,
+        ]
         assert (inset(NAVE, af.jointed(NAVE, 1e10)) > 0.0).all()
 
     def test_of_a_column_of_drums_and_of_polygons(self):
@@ -133,7 +163,9 @@ class TestInset:
         ground = [[(-0.5, 0), (0.5, 0)]]
         column = af.Arch.from_polygons(drums, 0.8, ground=ground)
         depth = inset(column, af.jointed(column, 1e10))
-        np.testing.assert_allclose(depth / depth[0], np.sqrt([1, 0.75, 0.5, 0.25]), rtol=1e-6)
+        np.testing.assert_allclose(
+            depth / depth[0], np.sqrt([1, 0.75, 0.5, 0.25]), rtol=1e-6
+        )
 
     def test_where_the_mechanism_slides_the_rotation_is_that_without_sliding(self):
         assert math.isnan(static_limit(SLIDES, af.onset(SLIDES)))
@@ -149,22 +181,28 @@ class TestInset:
         middle = math.sqrt(np.mean(strips**2))
         rotation = (middle / (6.0 * lengths(flat).mean())) ** (2 / 3)
         expected = 0.5 * strips / math.sqrt(rotation)
-        np.testing.assert_allclose(inset(flat, af.jointed(flat, 1e10)), expected, rtol=1e-3)
+        np.testing.assert_allclose(
+            inset(flat, af.jointed(flat, 1e10)), expected, rtol=1e-3
+        )
 
 
 class TestSettings:
     def test_without_a_finite_stiffness_it_is_the_arch_itself(self):
         assert af.jointed(RING, math.inf) is RING
         assert af.jointed(RING, [math.inf] * 8, model="face") is RING
-        weak, same = af.crushed(RING, 2e6), af.jointed(RING, math.inf, strength=2e6)
+        weak = af.crushed(RING, 2e6)
+        same = af.jointed(RING, math.inf, strength=2e6)
         assert weak.parameters == same.parameters
         np.testing.assert_array_equal(weak.chain.face_after, same.chain.face_after)
 
     def test_parameters_tell_it_and_the_positions_of_joints_stay(self):
         soft = af.jointed(RING, [3e10, *[math.inf] * 7], shear=1e10, strength=1e8)
         assert soft.parameters["joints"] == {
-            "stiffness": [3e10, *["inf"] * 7], "shear": 1e10, "damping": 0.05, "model": "inset",
-        }  # fmt: skip
+            "stiffness": [3e10, *["inf"] * 7],
+            "shear": 1e10,
+            "damping": 0.05,
+            "model": "inset",
+        }
         assert soft.parameters["strength"] == 1e8
         at = [0.0, 20.0, 60.0, 80.0]
         ring = af.Arch.circular(10.0, 1.5, 80.0, voussoirs=3, friction=0.7, joints=at)
@@ -177,7 +215,9 @@ class TestSettings:
         stiffness = np.linspace(1e10, 2e10, 8)
         soft = af.jointed(ring, stiffness, 5e9, 0.1, "face", 3)
         depth = np.array([1, 1, 1, 0.6, 0.6, 1, 1, 1])
-        expected = np.column_stack([stiffness * depth, 5e9 * depth, [0.1] * 8, [3.0] * 8])
+        expected = np.column_stack(
+            [stiffness * depth, 5e9 * depth, [0.1] * 8, [3.0] * 8]
+        )
         np.testing.assert_array_equal(soft.chain.joint, expected)
         assert soft.intrados is ring.intrados
         assert af.jointed(ring, 1e10, model="face").chain.joint[0, Joint.POINTS] == 0.0
@@ -194,50 +234,126 @@ class TestSettings:
     @pytest.mark.parametrize(
         ("call", "error", "message"),
         [
-            (lambda: af.jointed(RING, 1e5), GeometryError, "all at least 1e+06 Pa/m and at most"),
-            (lambda: af.jointed(RING, 1e16), GeometryError, "most 1e+15 Pa/m (inf: rigid)"),
-            (lambda: af.jointed(RING, [1e10] * 7), GeometryError, "one for each of the 8 joints"),
-            (lambda: af.jointed(RING, 1e10, shear=-1.0), GeometryError, "joints.shear = -1.0"),
-            (lambda: af.jointed(RING, 1e10, damping=1.5), InputError, "joints.damping is 1.5"),
-            (lambda: af.jointed(RING, 1e10, model="soft"), InputError, "must be inset or face"),
-            (lambda: af.jointed(RING, 1e10, points=3), InputError, "needs joints.model face"),
-            (lambda: af.jointed(RING, 1e10, model="face", points=4), InputError, "2 or 3"),
-            (lambda: af.jointed(RING, 1e10, strength=-1.0), InputError, "strength is -1.0"),
-            (lambda: af.jointed(RING, 1e10, model="face", strength=1e6), InputError,
-             "strength = 1e+06 needs joints.model inset"),
-            (lambda: af.jointed(RING, [1e10, *[math.inf] * 7], model="face"), InputError,
-             "face needs a finite stiffness and shear"),
-            (lambda: af.jointed(RING, 1e10, model="face").tied(level=6.0, area=5e-4),
-             GeometryError, "a tie needs rigid joints: joints.model inset"),
-            (lambda: af.jointed(RING.tied(level=6.0, area=5e-4), 1e10), InputError,
-             "joints comes before ties and before springings"),
-            (lambda: af.jointed(af.jointed(RING, 1e10), 1e10), InputError, "already; joints"),
-            (lambda: af.crushed(af.jointed(RING, 1e10), 1e6), InputError, "already; strength"),
-            (lambda: af.jointed(af.crushed(RING, 2e6), 1e10), InputError, "give it to jointed"),
-            (lambda: af.jointed(RING, 1e10).recessed(0.01), GeometryError,
-             "recessed comes before"),
-            (lambda: af.jointed(RING, 1e10).on_piers(height=5.0, width=3.0), GeometryError,
-             "has joints already; on_piers and filled come before"),
-            (lambda: af.jointed(THIN, 1e7), StabilityError,
-             "joints of 1e+07 Pa/m, which bear inside their ends; make it thicker"),
+            (
+                lambda: af.jointed(RING, 1e5),
+                GeometryError,
+                "all at least 1e+06 Pa/m and at most",
+            ),
+            (
+                lambda: af.jointed(RING, 1e16),
+                GeometryError,
+                "most 1e+15 Pa/m (inf: rigid)",
+            ),
+            (
+                lambda: af.jointed(RING, [1e10] * 7),
+                GeometryError,
+                "one for each of the 8 joints",
+            ),
+            (
+                lambda: af.jointed(RING, 1e10, shear=-1.0),
+                GeometryError,
+                "joints.shear = -1.0",
+            ),
+            (
+                lambda: af.jointed(RING, 1e10, damping=1.5),
+                InputError,
+                "joints.damping is 1.5",
+            ),
+            (
+                lambda: af.jointed(RING, 1e10, model="soft"),
+                InputError,
+                "must be inset or face",
+            ),
+            (
+                lambda: af.jointed(RING, 1e10, points=3),
+                InputError,
+                "needs joints.model face",
+            ),
+            (
+                lambda: af.jointed(RING, 1e10, model="face", points=4),
+                InputError,
+                "2 or 3",
+            ),
+            (
+                lambda: af.jointed(RING, 1e10, strength=-1.0),
+                InputError,
+                "strength is -1.0",
+            ),
+            (
+                lambda: af.jointed(RING, 1e10, model="face", strength=1e6),
+                InputError,
+                "strength = 1e+06 needs joints.model inset",
+            ),
+            (
+                lambda: af.jointed(RING, [1e10, *[math.inf] * 7], model="face"),
+                InputError,
+                "face needs a finite stiffness and shear",
+            ),
+            (
+                lambda: af.jointed(RING, 1e10, model="face").tied(level=6.0, area=5e-4),
+                GeometryError,
+                "a tie needs rigid joints: joints.model inset",
+            ),
+            (
+                lambda: af.jointed(RING.tied(level=6.0, area=5e-4), 1e10),
+                InputError,
+                "joints comes before ties and before springings",
+            ),
+            (
+                lambda: af.jointed(af.jointed(RING, 1e10), 1e10),
+                InputError,
+                "already; joints",
+            ),
+            (
+                lambda: af.crushed(af.jointed(RING, 1e10), 1e6),
+                InputError,
+                "already; strength",
+            ),
+            (
+                lambda: af.jointed(af.crushed(RING, 2e6), 1e10),
+                InputError,
+                "give it to jointed",
+            ),
+            (
+                lambda: af.jointed(RING, 1e10).recessed(0.01),
+                GeometryError,
+                "recessed comes before",
+            ),
+            (
+                lambda: af.jointed(RING, 1e10).on_piers(height=5.0, width=3.0),
+                GeometryError,
+                "has joints already; on_piers and filled come before",
+            ),
+            (
+                lambda: af.jointed(THIN, 1e7),
+                StabilityError,
+                "joints of 1e+07 Pa/m, which bear inside their ends; make it thicker",
+            ),
         ],
-    )  # fmt: skip
+    )
     @pytest.mark.filterwarnings("ignore:joints.stiffness")
     def test_what_does_not_fit_together_is_refused(self, call, error, message):
         with pytest.raises(error, match=re.escape(message)):
             call()
 
     def test_a_slip_of_unit_is_named(self):
-        with pytest.warns(UnitWarning, match=r"joints.stiffness = 3e\+07 Pa/m: usual are 1e\+08"):
+        with pytest.warns(
+            UnitWarning, match=r"joints.stiffness = 3e\+07 Pa/m: usual are 1e\+08"
+        ):
             af.jointed(af.Block(1.0, 1.5, 0.8), 3e7)
 
 
 class TestWhichModel:
     @pytest.mark.parametrize(
         ("span", "rise", "thickness", "voussoirs", "needed"),
-        [(10.7, 1.1, 0.5, 9, True), (12.0, 1.5, 0.45, 15, True), (8.1, 0.9, 0.4, 9, True),
-         (10.0, 4.0, 0.45, 21, False), (10.0, 2.5, 0.5, 15, False)],
-    )  # fmt: skip
+        [
+            (10.7, 1.1, 0.5, 9, True),
+            (12.0, 1.5, 0.45, 15, True),
+            (8.1, 0.9, 0.4, 9, True),
+            (10.0, 4.0, 0.45, 21, False),
+            (10.0, 2.5, 0.5, 15, False),
+        ],
+    )
     def test_flat_arches_need_faces(self, span, rise, thickness, voussoirs, needed):
         arch = af.Arch.segmental(span, rise, thickness, voussoirs, friction=0.65)
         for stiffness in (3e10, 1e11):
@@ -248,14 +364,24 @@ class TestWhichModel:
     def test_by_what_the_inset_takes_of_the_onset(self):
         thick = af.Arch.circular(5.0, 1.5, 180.0, voussoirs=11, friction=0.7)
         assert joints_text(af.jointed(thick, 3e11)).endswith(": rigid ones are enough")
-        assert joints_text(RING).endswith(": joints.model inset is enough, rigid ones are not")
-        assert joints_text(af.jointed(THIN, 1e9)).endswith(": joints.model face is needed")
+        assert joints_text(RING).endswith(
+            ": joints.model inset is enough, rigid ones are not"
+        )
+        assert joints_text(af.jointed(THIN, 1e9)).endswith(
+            ": joints.model face is needed"
+        )
         soft = af.jointed(RING, 3e10)
         lost = 100.0 * (1.0 - af.onset(soft).plus / af.onset(RING).plus)
         words = f"its joints of 3e+10 Pa/m lower the onset of motion by {lost:.1f} %"
-        for each in (soft, af.jointed(RING, 3e10, model="face"), soft.tied(6.0, area=1e-4)):
+        for each in (
+            soft,
+            af.jointed(RING, 3e10, model="face"),
+            soft.tied(6.0, area=1e-4),
+        ):
             assert joints_text(each).startswith(words)
-        assert joints_text(af.jointed(RING.recessed(0.3, 0.3), 3e10)) != joints_text(soft)
+        assert joints_text(af.jointed(RING.recessed(0.3, 0.3), 3e10)) != joints_text(
+            soft
+        )
 
     def test_a_caution_where_the_model_of_the_arch_is_not_enough(self):
         soft = af.jointed(THIN, 1e9)
@@ -266,11 +392,16 @@ class TestWhichModel:
         assert arch_cautions(soft, af.onset(soft)) == []
 
     def test_hinges_10_mm_further_inside(self):
-        soft, face = af.jointed(RING, 3e10), af.jointed(RING, 3e10, model="face")
+        soft = af.jointed(RING, 3e10)
+        face = af.jointed(RING, 3e10, model="face")
         depth = inset(RING, soft) + 0.01
-        expected = 1.0 - af.onset(RING.recessed(depth, depth)).plus / af.onset(soft).plus
+        expected = (
+            1.0 - af.onset(RING.recessed(depth, depth)).plus / af.onset(soft).plus
+        )
         assert inset_loss(soft) == pytest.approx(expected, rel=1e-9)
         assert "10 mm further inside" in inset_text(soft, 0.1)
         assert inset_loss(face) == inset_loss(RING)
         assert inset_text(face, 0.1) == inset_text(RING, 0.1)
-        assert inset_text(RING, 0.1).endswith("%, and the collapse border by about as much")
+        assert inset_text(RING, 0.1).endswith(
+            "%, and the collapse border by about as much"
+        )

@@ -30,12 +30,14 @@ LOSS_LIMIT = 0.5
 
 def placed(x=0.0, y=0.0, tilt=0.0, contact=(1.0, 1.0), slide=0.0):
     """State and workspace of the block displaced by (x, y) with its joint in a mode."""
-    state, work = new_state(MODEL), new_work(MODEL)
+    state = new_state(MODEL)
+    work = new_work(MODEL)
     shared.clear(state)
     state.position[1] = [CHAIN.centroid[0, 0] + x, CHAIN.centroid[0, 1] + y, tilt]
     move_faces(MODEL, state.position, work.rotated, work.face, work.tangent)
     place_contacts(MODEL, state.slip, work.face, work.tangent, work)
-    work.contact[0], work.slide[0] = contact, slide
+    work.contact[0] = contact
+    work.slide[0] = slide
     return state, work
 
 
@@ -43,11 +45,26 @@ def placed(x=0.0, y=0.0, tilt=0.0, contact=(1.0, 1.0), slide=0.0):
     ("place", "mode", "collapses", "slip"),
     [
         ((), {}, False, 0.0),
-        ((0.0, 0.3), {"contact": (0.0, 0.0)}, False, 0.0),  # in flight: it may land again
-        ((0.0, 0.6), {"contact": (0.0, 0.0)}, True, 0.0),  # the gap has passed the limit
+        (
+            (0.0, 0.3),
+            {"contact": (0.0, 0.0)},
+            False,
+            0.0,
+        ),  # in flight: it may land again
+        (
+            (0.0, 0.6),
+            {"contact": (0.0, 0.0)},
+            True,
+            0.0,
+        ),  # the gap has passed the limit
         ((0.7, 0.0), {"slide": 1.0}, False, -0.7),
         ((1.1, 0.0), {"slide": 1.0}, True, -1.1),  # the faces no longer overlap
-        ((0.0, 0.0, 1.6), {"contact": (0.0, 1.0)}, True, 0.0),  # rotated beyond 90 degrees
+        (
+            (0.0, 0.0, 1.6),
+            {"contact": (0.0, 1.0)},
+            True,
+            0.0,
+        ),  # rotated beyond 90 degrees
     ],
 )
 def test_follow_joints(place, mode, collapses, slip):
@@ -69,7 +86,11 @@ def test_follow_joints(place, mode, collapses, slip):
         ((), (0.0, 1.0, 0.0), 0.0),  # at rest under its weight
         ((), (0.4, 1.0, 0.0), 0.0),  # inside the cone
         ((), (0.7, 1.0, 0.0), 0.2),  # 0.2 W outside
-        ((), (0.0, 1.0, 0.6), 0.1),  # acts 0.1 m outside the base: 0.1 W of tension at a corner
+        (
+            (),
+            (0.0, 1.0, 0.6),
+            0.1,
+        ),  # acts 0.1 m outside the base: 0.1 W of tension at a corner
         ((), (0.0, -1.0, 0.0), 0.5),  # tension at both corners
         ((0.0, 0.1), (0.0, 0.0, 0.0), 0.0),  # in flight
         ((0.0, 0.1), (0.0, 1.0, 0.0), 0.1),  # a reaction across a gap
@@ -95,7 +116,8 @@ def test_state_residual(place, force, expected):
 )
 def test_solve_contact(free, contact, slide, velocity):
     state, work = placed()
-    work.free[1], work.candidate[:] = free, 1.0
+    work.free[1] = free
+    work.candidate[:] = 1.0
     solved, refused, active, iterations = solve_contact(
         MODEL, state.position, work, True, 0.0, -1.0, EXACT
     )
@@ -105,17 +127,22 @@ def test_solve_contact(free, contact, slide, velocity):
     if free[1] < 0.0:
         assert list(work.contact[0]) == list(contact)
         assert work.slide[0] == slide
-        assert work.reaction[0, :2] == pytest.approx([-free[0] * MASS, WEIGHT], rel=1e-9)
+        assert work.reaction[0, :2] == pytest.approx(
+            [-free[0] * MASS, WEIGHT], rel=1e-9
+        )
 
 
 def test_solve_contact_slides_on_the_cone_and_refuses_a_step_in_which_a_corner_closes():
     state, work = placed()
-    work.free[1], work.candidate[:] = (6.0, -10.0, 0.0), 1.0
+    work.free[1] = (6.0, -10.0, 0.0)
+    work.candidate[:] = 1.0
     wide = MODEL._replace(friction=np.array([0.3]), ray=np.array([[1.0, 0.3]]))
     assert solve_contact(wide, state.position, work, True, 0.0, -1.0, EXACT)[0]
     assert work.reaction[0, 0] == pytest.approx(-0.3 * work.reaction[0, 1])
     state, work = placed(0.0, 0.01, contact=(0.0, 0.0))
-    work.free[1], work.candidate[:], work.bias[:, :, 1] = (0.0, -10.0, 0.0), 1.0, 1.0
+    work.free[1] = (0.0, -10.0, 0.0)
+    work.candidate[:] = 1.0
+    work.bias[:, :, 1] = 1.0
     assert solve_contact(MODEL, state.position, work, True, 0.0, 0.0, EXACT)[1]
 
 
@@ -127,7 +154,12 @@ def test_solve_contact_slides_on_the_cone_and_refuses_a_step_in_which_a_corner_c
         (shared.EXHAUSTED, (), Status.WORK_BOUND, CollapseMode.NONE),
         (shared.UNSOLVED, (), Status.NO_CONTACT_SOLUTION, CollapseMode.NONE),
         (shared.AT_END, (), Status.UNFINISHED, CollapseMode.NONE),
-        (shared.AT_END, (0.0, 0.1), Status.COLLAPSED, CollapseMode.LIFT_OFF),  # in flight
+        (
+            shared.AT_END,
+            (0.0, 0.1),
+            Status.COLLAPSED,
+            CollapseMode.LIFT_OFF,
+        ),  # in flight
         (shared.COLLAPSES, (0.0, 0.6), Status.COLLAPSED, CollapseMode.LIFT_OFF),
         (shared.COLLAPSES, (0.0, 0.0, 1.6), Status.COLLAPSED, CollapseMode.OVERTURNING),
     ],
@@ -135,8 +167,11 @@ def test_solve_contact_slides_on_the_cone_and_refuses_a_step_in_which_a_corner_c
 def test_end_run(code, place, status, how):
     state, work = placed(*place)
     if len(place) == 2:
-        state.contact[0], state.lost_since[0] = 0.0, 3.0
-    state.velocity[1, 0], state.clock[Clock.CODE], state.clock[Clock.TIME] = 2.0, code, 4.0
+        state.contact[0] = 0.0
+        state.lost_since[0] = 3.0
+    state.velocity[1, 0] = 2.0
+    state.clock[Clock.CODE] = code
+    state.clock[Clock.TIME] = 4.0
     options = Options(1e-3, 1e-3, 1e-3, 0.0, 10, LOSS_LIMIT, 64, 1e-2, 0.0)
     results = shared.new_results(2)
     shared.end_run(MODEL, state, work, options, shared.no_output(1, 1), results, 1)
@@ -151,9 +186,27 @@ def test_end_run(code, place, status, how):
 @pytest.mark.parametrize(
     ("relative", "force", "impact", "entry", "expected"),
     [
-        ((-1.0, 0.0), (1.0, 2.0), 0.0, Energy.FRICTION, -1.0),  # slides against its friction
-        ((0.0, -1.0), (0.0, 2.0), 1.0, Energy.IMPACT, -2.0),  # an impact takes what it takes
-        ((0.0, 1.0), (0.0, 2.0), 0.0, Energy.BALANCE_ERROR, 2.0),  # a normal force does no work
+        (
+            (-1.0, 0.0),
+            (1.0, 2.0),
+            0.0,
+            Energy.FRICTION,
+            -1.0,
+        ),  # slides against its friction
+        (
+            (0.0, -1.0),
+            (0.0, 2.0),
+            1.0,
+            Energy.IMPACT,
+            -2.0,
+        ),  # an impact takes what it takes
+        (
+            (0.0, 1.0),
+            (0.0, 2.0),
+            0.0,
+            Energy.BALANCE_ERROR,
+            2.0,
+        ),  # a normal force does no work
         ((1.0, 0.0), (1.0, 2.0), 0.0, Energy.BALANCE_ERROR, 1.0),  # friction gives none
     ],
 )
@@ -161,7 +214,8 @@ def test_works_of_contacts(relative, force, impact, entry, expected):
     """Works by the mean of the relative velocities before and after a step."""
     state, work = placed(slide=-1.0)
     work.relative[0, :2] = work.earlier[0, :2] = relative
-    work.reaction[0, :2], state.impact[0] = force, impact
+    work.reaction[0, :2] = force
+    state.impact[0] = impact
     record_step(state, work, True)
     assert state.energy[entry] == pytest.approx(expected)
     assert np.abs(state.energy[:6]).sum() <= abs(expected) * (2.0 + 1e-9)

@@ -27,8 +27,12 @@ def runs(top, levels=4, count=3):
     """Shipped records, the second with a vertical component; levels one after the other."""
     motions = [load_motion(record) for record in RECORDS[: count + 1]]
     if count > 1:
-        vertical = 0.6 * np.resize(motions[2].acceleration, len(motions[1].acceleration))
-        motions[1] = af.Motion(motions[1].acceleration, motions[1].dt, vertical=vertical)
+        vertical = 0.6 * np.resize(
+            motions[2].acceleration, len(motions[1].acceleration)
+        )
+        motions[1] = af.Motion(
+            motions[1].acceleration, motions[1].dt, vertical=vertical
+        )
     given = [
         (motion, peak * g / np.abs(motion.acceleration).max())
         for motion in motions[:count]
@@ -42,10 +46,14 @@ def assert_alone(arch, many, given, factors, some, **options):
     for k in some:
         alone = af.simulate(arch, given[k], scale=factors[k], **options)
         for field in many.data_vars:
-            value, expected = many[field].values[k], getattr(alone, field)
+            value = many[field].values[k]
+            expected = getattr(alone, field)
             if field == "status":
                 expected = expected.name.lower()
-            assert value == expected or (value != value and expected != expected), (k, field)
+            assert value == expected or (value != value and expected != expected), (
+                k,
+                field,
+            )
 
 
 @pytest.mark.parametrize("name", ARCHES)
@@ -57,14 +65,24 @@ def test_a_run_beside_others_is_the_run_alone_whatever_their_number_or_order(nam
     assert (many.steps.values > 100).sum() >= 4
     assert set(many.status.values) <= {"standing", "collapsed"}
     assert_alone(arch, many, given, factors, range(0, len(factors), 2))
-    for some in (np.random.default_rng(3).permutation(len(factors)), [2], [2, 3, 4, 5, 6]):
-        table = af.simulate_many(arch, [given[k] for k in some], [factors[k] for k in some])
+    for some in (
+        np.random.default_rng(3).permutation(len(factors)),
+        [2],
+        [2, 3, 4, 5, 6],
+    ):
+        table = af.simulate_many(
+            arch, [given[k] for k in some], [factors[k] for k in some]
+        )
         assert many.isel(run=some).equals(table)
 
 
 @pytest.mark.parametrize(
     "options",
-    [{"method": "time_stepping", "dt": 1e-3}, {"method": "event_driven"}, {"method": "four_link"}],
+    [
+        {"method": "time_stepping", "dt": 1e-3},
+        {"method": "event_driven"},
+        {"method": "four_link"},
+    ],
 )
 def test_other_methods_give_the_same_table(options):
     arch, top = ARCHES["seven"]
@@ -77,4 +95,6 @@ def test_other_methods_give_the_same_table(options):
 @pytest.mark.parametrize(("given", "factors"), [(2, [1.0]), (1, [[1.0], [2.0]])])
 def test_motions_and_factors_that_do_not_match_are_refused(given, factors):
     with pytest.raises(InputError, match="one motion for each factor"):
-        af.simulate_many(ARCHES["seven"][0], [af.Motion(np.zeros(9), 0.01)] * given, factors)
+        af.simulate_many(
+            ARCHES["seven"][0], [af.Motion(np.zeros(9), 0.01)] * given, factors
+        )

@@ -15,13 +15,26 @@ from archfrag.physics.state import model_of, new_work
 from tests.physics.adapters import CLOSED, MINUS, OPEN, PLUS, Mode, set_modes, views_of
 from tests.validation.scenes import oppenheim
 
-INNER, OUTER = Mode((0,)), Mode((1,))
+INNER = Mode((0,))
+OUTER = Mode((1,))
 PATTERNS = {
     "four hinges": {0: OUTER, 2: INNER, 4: OUTER, 7: INNER},
     "split hinges": {0: OUTER, 2: INNER, 4: OUTER, 5: OUTER, 7: INNER},
-    "every joint open": dict(enumerate([OUTER, INNER, INNER, OUTER, OUTER, INNER, OUTER, INNER])),
-    "a joint that slides without opening": {0: OUTER, 3: Mode((0, 1), PLUS), 5: INNER, 7: OUTER},
-    "a corner that slides": {1: Mode((1,), MINUS), 2: INNER, 4: Mode((1,), PLUS), 6: INNER},
+    "every joint open": dict(
+        enumerate([OUTER, INNER, INNER, OUTER, OUTER, INNER, OUTER, INNER])
+    ),
+    "a joint that slides without opening": {
+        0: OUTER,
+        3: Mode((0, 1), PLUS),
+        5: INNER,
+        7: OUTER,
+    },
+    "a corner that slides": {
+        1: Mode((1,), MINUS),
+        2: INNER,
+        4: Mode((1,), PLUS),
+        6: INNER,
+    },
     "a part at rest beside a part in motion": {3: INNER, 4: OUTER, 5: INNER},
     "contact lost": {0: OUTER, 3: OPEN, 6: INNER, 7: OUTER},
 }
@@ -31,14 +44,18 @@ PATTERNS = {
 def moving(request):
     """Model, joints that move, slips; mega-voussoirs in a random motion, its voussoirs' states."""
     name, free_end = request.param
-    arch, pattern = oppenheim(), PATTERNS[name]
+    arch = oppenheim()
+    pattern = PATTERNS[name]
     if free_end:
         side = np.array([[0.5 - 0.01 * k, 1.0 * k] for k in range(9)])
         arch = af.Arch.from_joints(side, side - [[1.0, 0.0]], 0.7, free_end=True)
-    model, rng = model_of(arch.chain), np.random.default_rng(2)
-    contact, slide = np.ones((arch.n_joint, 2)), np.zeros(arch.n_joint)
+    model = model_of(arch.chain)
+    rng = np.random.default_rng(2)
+    contact = np.ones((arch.n_joint, 2))
+    slide = np.zeros(arch.n_joint)
     set_modes([pattern.get(j, CLOSED) for j in range(arch.n_joint)], contact, slide)
-    slip, mega = rng.uniform(-0.05, 0.05, arch.n_joint), new_mega_voussoirs(model)
+    slip = rng.uniform(-0.05, 0.05, arch.n_joint)
+    mega = new_mega_voussoirs(model)
     assemble(model, contact, slide, slip, mega)
     mega = views_of(mega)
     n = len(pattern) - (not free_end)
@@ -57,13 +74,18 @@ def momentum(mass, inertia, position, velocity):
     """Momentum along x and y, about the origin, and kinetic energy."""
     spin = mass * (position[:, 0] * velocity[:, 1] - position[:, 1] * velocity[:, 0])
     energy = mass @ (velocity[:, :2] ** 2).sum(1) + inertia @ velocity[:, 2] ** 2
-    return [*(mass @ velocity[:, :2]), (spin + inertia * velocity[:, 2]).sum(), 0.5 * energy]
+    return [
+        *(mass @ velocity[:, :2]),
+        (spin + inertia * velocity[:, 2]).sum(),
+        0.5 * energy,
+    ]
 
 
 def test_split_and_assembled_again_is_the_same_state(moving):
     model, _, _, mega, position, velocity = moving
     before = mega.position.copy(), mega.velocity.copy()
-    mega.position[:], mega.velocity[:] = 0.0, 0.0
+    mega.position[:] = 0.0
+    mega.velocity[:] = 0.0
     gather_state(model, position, velocity, mega)
     assert mega.position == pytest.approx(before[0], abs=1e-13)
     assert mega.velocity == pytest.approx(before[1], abs=1e-12)
@@ -85,7 +107,9 @@ def test_joints_inside_stay_closed(moving):
     move_faces(model, position, work.rotated, work.face, work.tangent)
     for j in set(range(len(slip))) - set(pattern):
         for k in range(2):
-            assert clearance(j, k, work.face, work.tangent) == pytest.approx(0.0, abs=1e-13)
+            assert clearance(j, k, work.face, work.tangent) == pytest.approx(
+                0.0, abs=1e-13
+            )
             apart = work.face[j, 1, k] - work.face[j, 0, k]
             found = corner_slip(j, *apart, k == 0, work.tangent)
             assert found == pytest.approx(slip[j], abs=1e-13)

@@ -39,7 +39,8 @@ class Joint(NamedTuple):
 
 
 def in_frame(normal, tangential):
-    c, s = np.cos(AXES), np.sin(AXES)
+    c = np.cos(AXES)
+    s = np.sin(AXES)
     return np.array([-s * tangential + c * normal, c * tangential + s * normal])
 
 
@@ -48,9 +49,15 @@ def proposed(joints, scale=1.0, force_scale=1.0, tolerance=1e-9):
     m = len(joints)
     modes, motions, forces, friction, sliding, touching, leans = zip(*joints)
     model, _, work = pose(
-        np.ones(m), np.ones(m), np.zeros((m, 2)), friction, modes, candidate=touching,
-        known=sliding, normal=in_frame(1.0, 0.0),
-    )  # fmt: skip
+        np.ones(m),
+        np.ones(m),
+        np.zeros((m, 2)),
+        friction,
+        modes,
+        candidate=touching,
+        known=sliding,
+        normal=in_frame(1.0, 0.0),
+    )
     for j, (motion, force, lean) in enumerate(zip(motions, forces, leans)):
         work.pivot[j] = 3.0, 2.0 + j
         for c in range(2):
@@ -58,10 +65,14 @@ def proposed(joints, scale=1.0, force_scale=1.0, tolerance=1e-9):
             work.point[j, c] = work.pivot[j] + arm
             turn = motion[2] * np.array([-arm[1], arm[0]])
             work.corner_rate[j, c] = in_frame(*motion[:2]) + turn
-        work.side_normal[j, :] = [in_frame(np.cos(angle), np.sin(angle)) for angle in lean]
+        work.side_normal[j, :] = [
+            in_frame(np.cos(angle), np.sin(angle)) for angle in lean
+        ]
         work.reaction[j] = *in_frame(*force[:2]), force[2]
     changed = ask_modes(model, work, tolerance * scale, tolerance * force_scale)
-    return modes_of(work._replace(contact=work.asked_contact, slide=work.asked_slide)), changed
+    return modes_of(
+        work._replace(contact=work.asked_contact, slide=work.asked_slide)
+    ), changed
 
 
 def asked(*arguments, **others):
@@ -93,8 +104,10 @@ class TestOpenJoint:
     @pytest.mark.parametrize(
         ("rates", "others", "mode"),
         [
-            ((-1.0, 2.0), {}, Mode((0,))), ((2.0, -1.0), {}, Mode((1,))),
-            ((-1.0, -2.0), {}, CLOSED), ((0.5, 2.0), {}, OPEN),
+            ((-1.0, 2.0), {}, Mode((0,))),
+            ((2.0, -1.0), {}, Mode((1,))),
+            ((-1.0, -2.0), {}, CLOSED),
+            ((0.5, 2.0), {}, OPEN),
             ((-1.0, 2.0), {"touching": (False, True)}, OPEN),
             ((-1.0, -2.0), {"touching": (False, True)}, Mode((1,))),
             # A slip in progress goes on, but for a joint without a friction limit.
@@ -103,7 +116,7 @@ class TestOpenJoint:
             ((-1.0, -2.0), {"sliding": MINUS}, Mode((0, 1), MINUS)),
             ((-1.0, -2.0), {"sliding": PLUS} | ROUGH, CLOSED),
         ],
-    )  # fmt: skip
+    )
     def test_corners_that_approach_touch(self, rates, others, mode):
         assert asked(OPEN, opening(*rates), NO_FORCE, **others) == mode
 
@@ -111,8 +124,14 @@ class TestOpenJoint:
 @pytest.mark.parametrize(
     ("slip", "force", "others", "mode"),
     [
-        *((slip, pressing(1.2, -0.2, 0.5 * slip), {}, Mode((0,), slip)) for slip in (0, PLUS)),
-        *((slip, pressing(-0.2, 1.2, 0.5 * slip), {}, Mode((1,), slip)) for slip in (0, MINUS)),
+        *(
+            (slip, pressing(1.2, -0.2, 0.5 * slip), {}, Mode((0,), slip))
+            for slip in (0, PLUS)
+        ),
+        *(
+            (slip, pressing(-0.2, 1.2, 0.5 * slip), {}, Mode((1,), slip))
+            for slip in (0, MINUS)
+        ),
         (0, pressing(-0.2, -0.1), {}, OPEN),
         (0, pressing(1.2, -0.2, 0.6), {}, Mode((0,), PLUS)),  # tips and slides
         (0, pressing(0.7, 0.3, 80.0), ROUGH, CLOSED),
@@ -135,7 +154,9 @@ class TestCoulomb:
     @pytest.mark.parametrize(
         ("shear", "slip"), [(0.49, 0), (-0.49, 0), (0.51, PLUS), (-0.51, MINUS)]
     )
-    def test_sticks_inside_its_cone_and_slides_beyond_it(self, corners, rates, force, shear, slip):
+    def test_sticks_inside_its_cone_and_slides_beyond_it(
+        self, corners, rates, force, shear, slip
+    ):
         """Coulomb (Eq 6): the shear force tends to the bound of its own sign."""
         found = asked(Mode(corners), opening(*rates), pressing(*force, shear))
         assert found == Mode(corners, slip)
@@ -145,7 +166,8 @@ class TestCoulomb:
         self, corners, rates, force, sense
     ):
         """Eq 6: friction takes power; T times slip rate may not be positive."""
-        sliding, bound = Mode(corners, sense), pressing(*force, 0.5 * sense)
+        sliding = Mode(corners, sense)
+        bound = pressing(*force, 0.5 * sense)
         against, along = (opening(*rates, rate * sense) for rate in (-0.2, 0.2))
         assert asked(sliding, against, bound) == sliding
         assert asked(sliding, along, bound) == Mode(corners)
@@ -156,8 +178,11 @@ class TestCorner:
     """A hinge at a corner whose other corner parts, or does not touch."""
 
     @pytest.mark.parametrize("slip", [0, PLUS, MINUS])
-    def test_is_lost_in_tension_and_closes_where_the_other_corner_approaches(self, slip):
-        hinge, force = Mode((0,), slip), pressing(1.0, 0.0, 0.5 * slip)
+    def test_is_lost_in_tension_and_closes_where_the_other_corner_approaches(
+        self, slip
+    ):
+        hinge = Mode((0,), slip)
+        force = pressing(1.0, 0.0, 0.5 * slip)
         pulling = pressing(-1.0, 0.0, -0.5 * slip)
         assert asked(hinge, opening(0.0, 1.0), pulling) == OPEN
         assert asked(hinge, opening(0.0, -1.0), force) == Mode((0, 1), slip)
@@ -177,20 +202,26 @@ class TestVertexOnVertex:
     @pytest.mark.parametrize(
         ("angle", "slip"),
         [
-            (CONE - 1.1 * OPENED, 0), (0.0, 0), (-CONE + 0.1 * OPENED, 0),  # in both cones
+            (CONE - 1.1 * OPENED, 0),
+            (0.0, 0),
+            (-CONE + 0.1 * OPENED, 0),  # in both cones
             (CONE - 0.5 * OPENED, PLUS),  # only that of the later face is left
             (-CONE - 0.5 * OPENED, MINUS),  # only that of the earlier face
         ],
-    )  # fmt: skip
+    )
     def test_reaction_in_the_cones(self, angle, slip):
-        assert asked(Mode((0,)), STILL, directed(angle), **AT_VERTEX) == Mode((0,), slip)
+        assert asked(Mode((0,)), STILL, directed(angle), **AT_VERTEX) == Mode(
+            (0,), slip
+        )
 
     @pytest.mark.parametrize(("sense", "lean"), [(PLUS, -OPENED), (MINUS, 0.0)])
     def test_friction_lies_on_the_cone_of_the_face_that_is_slid_on(self, sense, lean):
-        sliding, force = Mode((0,), sense), lean + sense * CONE
+        sliding = Mode((0,), sense)
+        force = lean + sense * CONE
         # Along the face of that sense: the rate is opposite to its friction.
         along, back = (
-            (way * math.sin(lean), -way * math.cos(lean), 0.0) for way in (sense, -sense)
+            (way * math.sin(lean), -way * math.cos(lean), 0.0)
+            for way in (sense, -sense)
         )
         assert asked(sliding, along, directed(force), **AT_VERTEX) == sliding
         assert asked(sliding, back, directed(force), **AT_VERTEX) == Mode((0,))
@@ -213,5 +244,11 @@ class TestManyJoints:
         joints = [self.sliding, self.landing]
         assert proposed(joints, tolerance=0.25) == ([CLOSED, Mode((0,))], True)
         assert proposed(joints, tolerance=0.4) == ([CLOSED, OPEN], False)
-        assert proposed(joints, scale=10.0, tolerance=0.1) == ([Mode((0, 1), PLUS), OPEN], True)
-        assert proposed(joints, force_scale=10.0, tolerance=0.1) == ([CLOSED, Mode((0,))], True)
+        assert proposed(joints, scale=10.0, tolerance=0.1) == (
+            [Mode((0, 1), PLUS), OPEN],
+            True,
+        )
+        assert proposed(joints, force_scale=10.0, tolerance=0.1) == (
+            [CLOSED, Mode((0,))],
+            True,
+        )

@@ -17,13 +17,17 @@ from archfrag.physics.kernels.primitives import LANES, lane_array, runs_of
 @kernel
 def everything(a, b, limit, out):
     for i in range(a.shape[0]):
-        x, y = a[i, 0], a[i, 1]
+        x = a[i, 0]
+        y = a[i, 1]
         sine, cosine = numbers.sine_cosine(x)
         low = (x < b[i]) & pairs.opposite(y >= limit)
         either = low | (x == y) ^ (y <= 0.0)
-        out[i, 0], out[i, 1] = sine, cosine
+        out[i, 0] = sine
+        out[i, 1] = cosine
         out[i, 2] = pairs.select(either, math.sqrt(abs(x)) / (1.0 + y * y), -y)
-        out[i, 3] = numbers.larger(x, y) + numbers.smaller(x, 2.0) - numbers.flag(x != y)
+        out[i, 3] = (
+            numbers.larger(x, y) + numbers.smaller(x, 2.0) - numbers.flag(x != y)
+        )
         out[i, 4] = pairs.fused(x, y, b[i]) + numbers.nearest(x)
         out[i, 5] = 0.0
         if pairs.some(either):
@@ -31,14 +35,19 @@ def everything(a, b, limit, out):
 
 
 def test_every_lane_has_the_bits_of_a_float():
-    rng, n = np.random.default_rng(11), 500
-    a, b, out = lane_array((n, 2)), lane_array((n,)), lane_array((n, 6))
+    rng = np.random.default_rng(11)
+    n = 500
+    a = lane_array((n, 2))
+    b = lane_array((n,))
+    out = lane_array((n, 6))
     runs_of(a)[:] = rng.normal(0.0, 3.0, (n, 2, LANES))
     runs_of(b)[:] = rng.normal(0.0, 1.0, (n, LANES))
     everything(a, b, 0.25, out)
     for number in range(LANES):
         alone = np.zeros((len(b), 6))
-        everything(runs_of(a)[..., number].copy(), runs_of(b)[..., number].copy(), 0.25, alone)
+        everything(
+            runs_of(a)[..., number].copy(), runs_of(b)[..., number].copy(), 0.25, alone
+        )
         assert np.array_equal(runs_of(out)[..., number], alone)
     assert 0.1 < runs_of(out)[:, 5].mean() < 0.9
 

@@ -21,10 +21,14 @@ def errors_of(method, **options):
     """Of velocities against positions, over the largest velocity, and of the forces on each
     voussoir against its momentum, over the weight.
     """
-    history, mass = frames(method, **options), ARCH.chain.mass[:, None]
-    time, speed = history.time.values, history.velocity.values
+    history = frames(method, **options)
+    mass = ARCH.chain.mass[:, None]
+    time = history.time.values
+    speed = history.velocity.values
     span = (time[2:] - time[:-2])[:, None, None]
-    change, gain = ((x[2:] - x[:-2]) / span for x in (history.displacement.values, speed))
+    change, gain = (
+        (x[2:] - x[:-2]) / span for x in (history.displacement.values, speed)
+    )
     shake = np.interp(time[1:-1], PUSH.time, PUSH.acceleration)[:, None]
     given = -np.diff(history.reaction.values[1:-1], axis=1)
     given -= mass * np.stack(np.broadcast_arrays(shake, g), axis=-1)
@@ -32,7 +36,9 @@ def errors_of(method, **options):
     moves = even & (time[1:-1] > 0.30) & (time[1:-1] < 0.45)
     assert moves.sum() > 30
     velocity = np.abs(change - speed[1:-1])[moves].max() / np.abs(speed).max()
-    return np.array([velocity, np.abs(given - gain * mass)[moves].max() / (mass.sum() * g)])
+    return np.array(
+        [velocity, np.abs(given - gain * mass)[moves].max() / (mass.sum() * g)]
+    )
 
 
 def test_steps_are_off_by_the_square_of_the_step():

@@ -19,7 +19,8 @@ from archfrag.simulation.arguments import is_available, own_parameters
 
 g = 9.80665
 SAMPLE = 2.5e-4
-SMOOTH, IMPACT = 0.28, 0.6
+SMOOTH = 0.28
+IMPACT = 0.6
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 3, 0.7)
 STEPS = {"dt": (8e-3, 4e-3, 2e-3, 1e-3)}
 SHORT_STEPS = {"dt": (1e-4, 5e-5, 2.5e-5, 1.25e-5)}
@@ -42,8 +43,16 @@ ORDERS = {
 MARGIN = (0.3, 0.4)
 AMPLITUDES = (0.43, 0.44, 0.45)
 SIGNATURE = [
-    "chain", "grounds", "factor", "position", "velocity", "from_rest", "options", "frames", "log"
-]  # fmt: skip
+    "chain",
+    "grounds",
+    "factor",
+    "position",
+    "velocity",
+    "from_rest",
+    "options",
+    "frames",
+    "log",
+]
 
 
 def state_at(time, method, amplitude, settings=None, **options):
@@ -51,9 +60,14 @@ def state_at(time, method, amplitude, settings=None, **options):
     samples = np.arange(round((time + 0.02) / SAMPLE) + 1) * SAMPLE
     push = amplitude * np.where(samples < 0.3 - 1e-9, 1.1 - 0.7 * samples, -0.5)
     run = af.simulate(
-        ARCH, af.Motion(push * g, SAMPLE), method=method, history=True, follow=0.0,
-        settings=settings, **options,
-    )  # fmt: skip
+        ARCH,
+        af.Motion(push * g, SAMPLE),
+        method=method,
+        history=True,
+        follow=0.0,
+        settings=settings,
+        **options,
+    )
     assert run.status is Status.UNFINISHED
     history = run.history.drop_duplicates("time")
     frames = history.isel(time=np.abs(history.time.values - time).argsort()[:4])
@@ -66,7 +80,9 @@ def state_at(time, method, amplitude, settings=None, **options):
 @functools.cache
 def reference(time, method, amplitude):
     """The motion that a method converges to, tightly resolved."""
-    if method == "penalty":  # its joints are springs: its own motion with much shorter steps
+    if (
+        method == "penalty"
+    ):  # its joints are springs: its own motion with much shorter steps
         return state_at(time, method, amplitude, dt=1.5e-6)
     return state_at(time, "event_driven", amplitude, rtol=1e-12)
 
@@ -79,7 +95,9 @@ def mean_errors(method, time, amplitudes):
         exact = reference(time, method, amplitude)
         for i, value in enumerate(values):
             found = state_at(time, method, amplitude, settings, **{name: value})
-            errors[i] += np.abs(found - exact).max() / np.abs(exact).max() / len(amplitudes)
+            errors[i] += (
+                np.abs(found - exact).max() / np.abs(exact).max() / len(amplitudes)
+            )
     return np.array(values), errors
 
 

@@ -31,10 +31,18 @@ def rod(friction, lift=0.0, mode=SLIDING):
     """
     up = np.array([0.0, 1.0])
     return pose(
-        [1.0], [1.0 / 3.0], [[-np.cos(np.pi / 3.0), np.sin(np.pi / 3.0)]], [friction], [mode],
-        [0.0, lift - 10.0, 0.0], point=[[[0.0, 0.0], [-0.1, 0.0]]], normal=up, side_normal=up,
-        candidate=[1.0, 0.0], known=PLUS,
-    )  # fmt: skip
+        [1.0],
+        [1.0 / 3.0],
+        [[-np.cos(np.pi / 3.0), np.sin(np.pi / 3.0)]],
+        [friction],
+        [mode],
+        [0.0, lift - 10.0, 0.0],
+        point=[[[0.0, 0.0], [-0.1, 0.0]]],
+        normal=up,
+        side_normal=up,
+        candidate=[1.0, 0.0],
+        known=PLUS,
+    )
 
 
 def measured(problem, solution):
@@ -51,7 +59,8 @@ def test_the_package_s_measure_sees_a_broken_law():
     problem = random_state(np.random.default_rng(3), 9, 0.7, "hinged")
     solution = by_newton(problem)
     assert measured(problem, solution) < 1e-10
-    wrench, velocity = solution.wrench.copy(), solution.velocity.copy()
+    wrench = solution.wrench.copy()
+    velocity = solution.velocity.copy()
     wrench[4, 1] *= 1.001
     velocity[3, 0] += 1e-3
     assert measured(problem, solution._replace(wrench=wrench)) > 1e-7
@@ -60,12 +69,15 @@ def test_the_package_s_measure_sees_a_broken_law():
 
 @pytest.mark.parametrize("kind", KINDS)
 class TestLaws:
-    def test_hold_with_the_balance_and_the_motion_is_that_of_the_iteration_on_modes(self, kind):
+    def test_hold_with_the_balance_and_the_motion_is_that_of_the_iteration_on_modes(
+        self, kind
+    ):
         rng = np.random.default_rng(60 + KINDS.index(kind))
         compared = other = 0
         for _ in range(200):
             problem = random_problem(rng, int(rng.integers(2, 40)), kind)
-            solution, iterated = by_path(problem), by_newton(problem)
+            solution = by_path(problem)
+            iterated = by_newton(problem)
             assert solution.solved
             assert law_violation(problem, solution) < 1e-10
             assert measured(problem, solution) < 1e-10
@@ -80,7 +92,9 @@ class TestLaws:
         assert other <= 0.1 * compared
 
 
-@pytest.mark.parametrize(("friction", "solvable"), [(1.3, True), (1.4, False), (4.0, False)])
+@pytest.mark.parametrize(
+    ("friction", "solvable"), [(1.3, True), (1.4, False), (4.0, False)]
+)
 def test_a_state_without_a_solution_is_reported_as_one(friction, solvable):
     problem = rod(friction)
     assert by_path(problem).solved == by_newton(problem).solved == solvable

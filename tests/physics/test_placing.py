@@ -44,7 +44,9 @@ def test_gap_is_measured_along_the_normal_and_slip_along_the_face(corner):
     away = 0.02 * np.array([tangent[1], -tangent[0]]) + 0.05 * tangent
     work.face[3, 1] += away
     assert placing.clearance(3, corner, work.face, work.tangent) == pytest.approx(0.02)
-    assert placing.corner_slip(3, *away, corner == 0, work.tangent) == pytest.approx(0.05)
+    assert placing.corner_slip(3, *away, corner == 0, work.tangent) == pytest.approx(
+        0.05
+    )
     # Where a slipped contact holds there is no offset.
     work.face[3, 1] -= away + 0.05 * tangent
     offset = placing.corner_offset(3, corner, work.face, work.tangent, -0.05)
@@ -52,10 +54,12 @@ def test_gap_is_measured_along_the_normal_and_slip_along_the_face(corner):
 
 
 def test_both_laws_have_one_normal_at_a_closed_joint_and_two_at_an_open_one():
-    position, pivot = AT_REST.copy(), ARCH.extrados[0]
+    position = AT_REST.copy()
+    pivot = ARCH.extrados[0]
     position[1] = *(pivot + rotate(ARCH.chain.centroid[0] - pivot, -0.1)), -0.1
     work = placed(position)
-    plus, minus = work.side_normal[:, :, 0], work.side_normal[:, :, 1]
+    plus = work.side_normal[:, :, 0]
+    minus = work.side_normal[:, :, 1]
     assert plus[4] == pytest.approx(minus[4])
     assert np.arccos(plus[0, 1] @ minus[0, 1]) == pytest.approx(0.1)
     assert work.point[0, 1] == pytest.approx(pivot)
@@ -67,9 +71,11 @@ def test_both_laws_have_one_normal_at_a_closed_joint_and_two_at_an_open_one():
 
 def test_gaps_and_relative_velocities_are_those_of_the_paper():
     """Eqs 22 and 23: at a corner that has not slipped the larger gap counts, else one of them."""
-    rng, shape = np.random.default_rng(5), (ARCH.n_voussoir, 3)
+    rng = np.random.default_rng(5)
+    shape = (ARCH.n_voussoir, 3)
     for _ in range(20):
-        position, velocity = AT_REST.copy(), 0.0 * AT_REST
+        position = AT_REST.copy()
+        velocity = 0.0 * AT_REST
         position[1:-1] += 0.03 * rng.normal(size=shape)
         velocity[1:-1] = rng.normal(size=shape)
         work = placed(position)

@@ -15,7 +15,9 @@ HEIGHT = 4.0
 
 
 def kinetic(chain, velocity):
-    return 0.5 * (chain.mass @ (velocity[:, :2] ** 2).sum(1) + chain.inertia @ velocity[:, 2] ** 2)
+    return 0.5 * (
+        chain.mass @ (velocity[:, :2] ** 2).sum(1) + chain.inertia @ velocity[:, 2] ** 2
+    )
 
 
 def landing(width, friction, spin=1.0):
@@ -49,7 +51,9 @@ class TestBlock:
     def test_without_an_approaching_corner_nothing_happens(self):
         chain, impact = landing(1.0, friction=0.6, spin=-1.0)
         assert impact.velocity == pytest.approx(impact.free)
-        assert impact.energy == pytest.approx(0.0, abs=1e-9 * kinetic(chain, impact.velocity))
+        assert impact.energy == pytest.approx(
+            0.0, abs=1e-9 * kinetic(chain, impact.velocity)
+        )
 
 
 def colliding(seed, friction, count):
@@ -60,8 +64,11 @@ def colliding(seed, friction, count):
         chain = arch.chain
         (position, velocity, modes), n = state, chain.mass.size
         if number % 3 == 0:
-            position, modes = np.column_stack([chain.centroid, np.zeros(n)]), [CLOSED] * (n + 1)
-        struck = rng.normal(size=(n, 3)) * [1.0, 1.0, 0.3] * 10.0 ** rng.uniform(-2.0, 0.5)
+            position = np.column_stack([chain.centroid, np.zeros(n)])
+            modes = [CLOSED] * (n + 1)
+        struck = (
+            rng.normal(size=(n, 3)) * [1.0, 1.0, 0.3] * 10.0 ** rng.uniform(-2.0, 0.5)
+        )
         if number % 3 == 1:  # one blow to a motion that its hinges allow
             struck = velocity * (1.0 + 0.2 * rng.normal(size=(n, 1)))
         yield chain, position, struck, modes
@@ -69,7 +76,9 @@ def colliding(seed, friction, count):
 
 @pytest.mark.parametrize("friction", [0.3, 0.7, np.inf])
 class TestArch:
-    def test_obeys_the_laws_makes_no_energy_and_leaves_nothing_to_resolve(self, friction):
+    def test_obeys_the_laws_makes_no_energy_and_leaves_nothing_to_resolve(
+        self, friction
+    ):
         solved = moves = 0
         for chain, position, velocity, modes in colliding(21, friction, 120):
             impact = Impact(chain, position, velocity, modes)
@@ -79,7 +88,8 @@ class TestArch:
             assert impact.velocity == pytest.approx(impact.solution.velocity)
             assert law_violation(impact.problem, impact.solution) < 1e-9
             assert balance_error(impact.problem, impact.solution) < 1e-11
-            before, after = kinetic(chain, velocity), kinetic(chain, impact.velocity)
+            before = kinetic(chain, velocity)
+            after = kinetic(chain, impact.velocity)
             assert after <= before * (1.0 + 1e-12)
             assert impact.energy == pytest.approx(after - before, abs=1e-9 * before)
             moves += after > 1e-6 * before
@@ -90,6 +100,8 @@ class TestArch:
                 assert kinetic(chain, second.velocity) <= after * (1.0 + 1e-9)
             else:
                 scale = np.abs(velocity).max()
-                assert second.velocity == pytest.approx(impact.velocity, abs=1e-8 * scale)
+                assert second.velocity == pytest.approx(
+                    impact.velocity, abs=1e-8 * scale
+                )
         assert solved >= 118
         assert moves >= 60

@@ -26,7 +26,11 @@ def linkage():
         hinge = [place[:2] + rotate(arm, place[2]) for place, arm in zip(places, face)]
         hinge = np.array([*hinge, face[3]])
         ground_x, rate_x, ground_y, rate_y = GROUND
-        force = [-ground_x - rate_x * time, -chain.gravity - ground_y - rate_y * time, 0.0]
+        force = [
+            -ground_x - rate_x * time,
+            -chain.gravity - ground_y - rate_y * time,
+            0.0,
+        ]
         free = np.tile(force, (3, 1))
         bodies = chain.mass, chain.inertia, places[:, :2]
         acceleration, _ = hinged_motion(*bodies, hinge, speeds[:, 2], free)
@@ -34,7 +38,9 @@ def linkage():
 
     def exact(time):
         start = np.concatenate([position.ravel(), velocity.ravel()])
-        done = solve_ivp(rate, (0.0, time), start, method="DOP853", rtol=1e-12, atol=1e-14)
+        done = solve_ivp(
+            rate, (0.0, time), start, method="DOP853", rtol=1e-12, atol=1e-14
+        )
         return done.y[:, -1].reshape(6, 3)
 
     return Moving(chain, position, velocity, modes, GROUND), exact
@@ -52,7 +58,8 @@ def order(errors):
 class TestOrder:
     def test_of_motion_over_a_span_is_five(self):
         _, exact = linkage()
-        expected, errors = exact(SPAN), []
+        expected = exact(SPAN)
+        errors = []
         for number in (8, 16, 32):
             moving, _ = linkage()
             for _ in range(number):

@@ -19,7 +19,8 @@ def states(seed, friction, count):
     rng = np.random.default_rng(seed)
     for _ in range(count):
         arch, state = random_hinged_arch(rng, friction)
-        push, lift = rng.uniform(-1.5, 1.5) * g, rng.uniform(-0.3, 0.3) * g
+        push = rng.uniform(-1.5, 1.5) * g
+        lift = rng.uniform(-0.3, 0.3) * g
         yield Posed(arch.chain, *state, push, lift)
 
 
@@ -37,14 +38,18 @@ def assert_same(posed, theirs):
     assert np.abs(ours.wrench - theirs.wrench).max() < 1e-9 * force
     assert followed.margins()[1] > -1e-9 * force
     # Where it bears, a reaction meets its closed joint between both ends (Eq 34).
-    for wrench, face, touching in zip(ours.wrench, problem.work.point, problem.work.candidate):
+    for wrench, face, touching in zip(
+        ours.wrench, problem.work.point, problem.work.candidate
+    ):
         if np.hypot(*wrench[:2]) > 1e-3 * force and touching.all():
             assert -1e-6 < contact_centre(wrench, face) < 1.0 + 1e-6
 
 
 @pytest.mark.parametrize("friction", [0.36, 0.7, np.inf])
 class TestAgainstTheContactProblem:
-    def test_motion_and_reactions_are_the_same_where_reactions_are_unique(self, friction):
+    def test_motion_and_reactions_are_the_same_where_reactions_are_unique(
+        self, friction
+    ):
         count = Counter()
         for posed in states(11, friction, 90):
             problem = posed.problem
@@ -52,7 +57,8 @@ class TestAgainstTheContactProblem:
             assert theirs.solved
             assert law_violation(problem, theirs) < 1e-9
             unknown = sum(
-                len(mode.corners) + (mode != OPEN and not mode.slip) for mode in theirs.modes
+                len(mode.corners) + (mode != OPEN and not mode.slip)
+                for mode in theirs.modes
             )
             if unknown > problem.work.free[1:-1].size:
                 count["not unique"] += 1
@@ -70,15 +76,19 @@ class TestMarginsInside:
     def test_are_those_of_the_dense_balance_and_end_where_modes_change(self, friction):
         kept = broken = 0
         for posed in states(12, friction, 90):
-            modes, problem = posed.modes, posed.problem
+            modes = posed.modes
+            problem = posed.problem
             forces = corner_forces(problem, balanced(problem, modes))
             value, least = posed.margins()
             inside = [j for j, mode in enumerate(modes) if mode == CLOSED]
             size = np.abs(forces).max()
-            press, shear = forces[:, :2].sum(1), forces[:, 2]
+            press = forces[:, :2].sum(1)
+            shear = forces[:, 2]
             expected = np.full((len(modes), 2), np.inf)
             if np.isfinite(friction):
-                expected = np.stack([friction * press - shear, friction * press + shear], axis=1)
+                expected = np.stack(
+                    [friction * press - shear, friction * press + shear], axis=1
+                )
             expected = np.hstack([forces[:, :2], expected])
             assert value[inside] == pytest.approx(expected[inside], abs=1e-9 * size)
             assert np.isnan(np.delete(value, inside, axis=0)).all()

@@ -16,9 +16,12 @@ from tests.physics.linkages import rotate
 from tests.validation.scenes import g, sampled
 
 PERIOD = 0.8
-HALF, UP = 0.3, 0.6
+HALF = 0.3
+UP = 0.6
 GYRATION = (HALF**2 + UP**2) / 3.0
-FRICTION, TILT, DURATION = 0.05, 0.25, 0.15
+FRICTION = 0.05
+TILT = 0.25
+DURATION = 0.15
 
 
 def slide_of(run, joint, interruption=5e-3):
@@ -42,13 +45,15 @@ def slide_of(run, joint, interruption=5e-3):
 def both(request):
     """An arch, its onset, and its response to one sine by events and by steps."""
     arch = af.Arch.circular(10.0, 1.5, 157.5, 7, request.param)
-    start, sine = af.onset(arch), sampled(lambda t: np.sin(2.0 * np.pi * t / PERIOD), PERIOD)
+    start = af.onset(arch)
+    sine = sampled(lambda t: np.sin(2.0 * np.pi * t / PERIOD), PERIOD)
     ours, fine = (
         af.simulate(arch, sine, scale=1.8 * start.plus, history=True, **options)
         for options in (
-            {"method": "event_driven", "rtol": 1e-6}, {"method": "time_stepping", "dt": 2.5e-4},
+            {"method": "event_driven", "rtol": 1e-6},
+            {"method": "time_stepping", "dt": 2.5e-4},
         )
-    )  # fmt: skip
+    )
     return arch, start, ours, fine
 
 
@@ -91,7 +96,8 @@ def leaning(shift):
 
 def slide(shift):
     """Times and displacements (3, n) of the block by its equations of motion; its slip rates."""
-    corner, edge = np.array([HALF, -UP]), np.array([HALF, 0.0])
+    corner = np.array([HALF, -UP])
+    edge = np.array([HALF, 0.0])
 
     def contact(state):
         """Normal, arm from the centre to the contact, and what the gap accelerates unforced."""
@@ -114,7 +120,8 @@ def slide(shift):
     def moving(_, state, sense):
         normal, arm, unforced = contact(state)
         reaction = normal - sense * FRICTION * np.array([normal[1], -normal[0]])
-        moment, lever = cross(arm, reaction), cross(arm, normal)
+        moment = cross(arm, reaction)
+        lever = cross(arm, normal)
         press = -unforced / (normal @ reaction + lever * moment / GYRATION)
         assert press > 0.0
         return [*state[3:], *(press * reaction - [0.0, g]), press * moment / GYRATION]
@@ -123,7 +130,13 @@ def slide(shift):
     time = np.linspace(0.0, DURATION, 50)[1:]
     for sense in (1.0, -1.0):
         found = solve_ivp(
-            moving, (0.0, DURATION), start, args=(sense,), t_eval=time, rtol=1e-11, atol=1e-13
+            moving,
+            (0.0, DURATION),
+            start,
+            args=(sense,),
+            t_eval=time,
+            rtol=1e-11,
+            atol=1e-13,
         )
         slips = np.array([slip_rate(s) for s in found.y.T])
         if (sense * slips > 0.0).all():
@@ -133,16 +146,24 @@ def slide(shift):
 
 # To the left, so that the block's right corner is over the pedestal; and to the right.
 @pytest.mark.parametrize("shift", [-0.1, 0.1])
-def test_a_vertex_that_runs_over_the_other_bodys_face_obeys_the_equations_of_motion(shift):
+def test_a_vertex_that_runs_over_the_other_bodys_face_obeys_the_equations_of_motion(
+    shift,
+):
     time, exact, slips = slide(shift)
     assert np.abs(slips[-1]) > 0.05
-    block, start = af.Block(2.0 * HALF, 2.0 * UP, FRICTION), (leaning(shift), np.zeros((1, 3)))
+    block = af.Block(2.0 * HALF, 2.0 * UP, FRICTION)
+    start = (leaning(shift), np.zeros((1, 3)))
     errors = []
     for dt in (2e-4, 1e-4):
         history = af.simulate(
-            block, af.Motion(np.zeros(round(DURATION / dt) + 1), dt), method="time_stepping",
-            dt=dt, initial=start, history=True, follow=0.0,
-        ).history  # fmt: skip
+            block,
+            af.Motion(np.zeros(round(DURATION / dt) + 1), dt),
+            method="time_stepping",
+            dt=dt,
+            initial=start,
+            history=True,
+            follow=0.0,
+        ).history
         found = *history.displacement.values[:, 0].T, history.rotation.values[:, 0]
         moved = np.array([np.interp(time, history.time, each) for each in found])
         errors.append(np.abs(moved - exact).max())

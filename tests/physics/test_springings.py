@@ -13,7 +13,9 @@ from tests.nearby import nearby
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
 TIME = np.arange(0.0, 6.0, 0.005)
-PULSE = af.Motion(6.0 * np.sin(2.0 * np.pi * TIME) * np.exp(-((TIME - 2.0) ** 2)), 0.005)
+PULSE = af.Motion(
+    6.0 * np.sin(2.0 * np.pi * TIME) * np.exp(-((TIME - 2.0) ** 2)), 0.005
+)
 
 
 def least_spread(arch):
@@ -24,8 +26,10 @@ def least_spread(arch):
     both hinges, stays inside all joints of the half that has moved.
     """
     crown = arch.n_voussoir // 2
-    weight, centroid = arch.chain.mass[:crown] * 9.80665, arch.chain.centroid[:crown]
-    inner, outer = arch.intrados[: crown + 1], arch.extrados[: crown + 1]
+    weight = arch.chain.mass[:crown] * 9.80665
+    centroid = arch.chain.centroid[:crown]
+    inner = arch.intrados[: crown + 1]
+    outer = arch.extrados[: crown + 1]
 
     def holds(joint, spread):
         hinge = inner[joint] - [0.5 * spread, 0.0]
@@ -34,7 +38,9 @@ def least_spread(arch):
         if not 0.0 < reach < 1.0:
             return False
         turn = math.acos(reach) - math.atan2(arm[1], arm[0])
-        rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+        rotation = np.array(
+            [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
+        )
 
         def placed(points, body):
             away = points - inner[joint]
@@ -58,7 +64,8 @@ def least_spread(arch):
         return True
 
     # A joint that is open by a finite angle cannot close again slowly: its hinge stays.
-    step, spread = -2.0 * inner[0, 0] / 800.0, 0.0
+    step = -2.0 * inner[0, 0] / 800.0
+    spread = 0.0
     hinge_at = next(joint for joint in range(crown) if holds(joint, 0.0))
     while step > 1e-8:
         if holds(hinge_at, spread + step):
@@ -73,9 +80,12 @@ class TestLeastSpread:
     def test_is_that_of_limit_analysis(self, number):
         rng = np.random.default_rng(number)
         arch = af.Arch.circular(
-            10.0, rng.uniform(1.3, 2.2), rng.uniform(120.0, 175.0),
-            voussoirs=2 * int(rng.integers(3, 8)), friction=math.inf,
-        )  # fmt: skip
+            10.0,
+            rng.uniform(1.3, 2.2),
+            rng.uniform(120.0, 175.0),
+            voussoirs=2 * int(rng.integers(3, 8)),
+            friction=math.inf,
+        )
         expected = least_spread(arch)
         path = af.springing_path(arch, spread=1.05 * expected)
         assert 1.05 * path.limit == pytest.approx(1.0, rel=1e-3)
@@ -84,10 +94,14 @@ class TestLeastSpread:
         arch = af.Arch.circular(10.0, 1.6, 150.0, voussoirs=8, friction=math.inf)
         limit = least_spread(arch)
         assert af.onset(af.move_springing(arch, spread=0.9 * limit)).stands
-        with pytest.raises(af.errors.StabilityError, match=r"falls at spread 2\.86\d* m"):
+        with pytest.raises(
+            af.errors.StabilityError, match=r"falls at spread 2\.86\d* m"
+        ):
             af.move_springing(arch, spread=1.1 * limit)
 
-    @pytest.mark.parametrize(("prestress", "spread"), [(8e3, 0.02), (0.0, 0.05), (0.0, 0.02)])
+    @pytest.mark.parametrize(
+        ("prestress", "spread"), [(8e3, 0.02), (0.0, 0.05), (0.0, 0.02)]
+    )
     def test_a_tied_arch_that_nothing_holds_is_refused(self, prestress, spread):
         """The tie pulls it until hinges make a mechanism; less of the movement it withstands."""
         ring = af.Arch.segmental(8.0, 3.0, 0.9, voussoirs=6, friction=0.7)
@@ -95,8 +109,12 @@ class TestLeastSpread:
         path = af.springing_path(tied, spread=spread)
         assert path.arch is None
         assert 0.015 < spread * path.limit < 0.0195
-        assert af.onset(af.move_springing(tied, spread=0.9 * spread * path.limit)).stands
-        with pytest.raises(af.errors.StabilityError, match=r"falls at spread .* with its ties"):
+        assert af.onset(
+            af.move_springing(tied, spread=0.9 * spread * path.limit)
+        ).stands
+        with pytest.raises(
+            af.errors.StabilityError, match=r"falls at spread .* with its ties"
+        ):
             af.move_springing(tied, spread=spread)
 
 
@@ -114,13 +132,18 @@ class TestRefusals:
         moved = af.move_springing(ARCH, spread=0.1)
         with pytest.raises(af.errors.GeometryError, match="recessed comes before"):
             moved.recessed(0.1)
-        for arch, name in ((moved, "springings"), (ARCH.tied(level=6.0, area=1e-3), "ties")):
+        for arch, name in (
+            (moved, "springings"),
+            (ARCH.tied(level=6.0, area=1e-3), "ties"),
+        ):
             with pytest.raises(af.errors.GeometryError, match=f"has {name} already"):
                 arch.filled(height_over_crown=0.5, unit_weight=18e3)
 
 
 def test_the_other_springing_is_the_mirror_image():
-    right, left = (af.springing_path(ARCH, settlement=0.2, springing=s) for s in ("right", "left"))
+    right, left = (
+        af.springing_path(ARCH, settlement=0.2, springing=s) for s in ("right", "left")
+    )
     assert right.plus[-1] == pytest.approx(left.minus[-1], rel=1e-9)
     assert right.plus[-1] != pytest.approx(left.plus[-1], rel=1e-3)
 
@@ -129,10 +152,12 @@ def test_the_other_springing_is_the_mirror_image():
 @pytest.mark.parametrize(
     ("moved", "error"),
     [
-        ({"spread": 0.1}, 0.02), ({"spread": -0.05}, 0.05), ({"settlement": 0.15}, 0.02),
+        ({"spread": 0.1}, 0.02),
+        ({"spread": -0.05}, 0.05),
+        ({"settlement": 0.15}, 0.02),
         ({"rotation": 2.0}, 0.02),
     ],
-)  # fmt: skip
+)
 def test_methods_agree_on_an_arch_that_has_moved(moved, error):
     arch = af.move_springing(ARCH, **moved)
     events = af.simulate(arch, PULSE, 0.5, method="event_driven", rtol=1e-7)
@@ -154,19 +179,31 @@ class TestTwoMotions:
             assert same.residual_displacement == plain.residual_displacement
 
     # Each time that events leave a stretch to steps adds to the energy error.
-    @pytest.mark.parametrize(("delay", "error"), [(0.02, 1e-4), (0.1, 1e-4), (0.4, 5e-4)])
+    @pytest.mark.parametrize(
+        ("delay", "error"), [(0.02, 1e-4), (0.1, 1e-4), (0.4, 5e-4)]
+    )
     def test_energy_closes_and_methods_agree(self, delay, error):
         motions = nearby(0.8 * PULSE)
         by_steps, by_events = (
-            [af.simulate(ARCH, motion, far=delay, method=method, rtol=rtol) for motion in motions]
+            [
+                af.simulate(ARCH, motion, far=delay, method=method, rtol=rtol)
+                for motion in motions
+            ]
             for method, rtol in (("time_stepping", 1e-4), ("event_driven", 1e-8))
         )
         energy = by_steps[0].energy
-        given = energy["ground"] + energy["friction"] + energy["impacts"] + energy["balance_error"]
+        given = (
+            energy["ground"]
+            + energy["friction"]
+            + energy["impacts"]
+            + energy["balance_error"]
+        )
         left = energy["kinetic"] + energy["potential"] - given
         assert abs(left) < 1e-10 * abs(energy["ground"])
         assert max(run.energy_error for run in by_events) < error
-        steps, events = ([run.peak_rotation for run in each] for each in (by_steps, by_events))
+        steps, events = (
+            [run.peak_rotation for run in each] for each in (by_steps, by_events)
+        )
         chaos = max(np.ptp(steps), np.ptp(events))
         assert chaos < 0.2 * np.median(events)
         apart = abs(np.median(steps) - np.median(events))
@@ -178,23 +215,33 @@ class TestTwoMotions:
 
     def test_runs_side_by_side_have_the_bits_of_one(self):
         factors = [0.3, 0.6, 0.9, 1.2, 1.5]
-        together = af.simulate_many(ARCH, PULSE, factors, far=0.1).peak_rotation.values.tolist()
+        together = af.simulate_many(
+            ARCH, PULSE, factors, far=0.1
+        ).peak_rotation.values.tolist()
         alone = [af.simulate(ARCH, PULSE, f, far=0.1).peak_rotation for f in factors]
         assert together == alone
 
     @pytest.mark.parametrize("method", ["auto", "time_stepping", "event_driven"])
     def test_an_arch_rests_while_the_springings_do_not_move(self, method):
-        late = np.append(np.zeros(1000), 0.02 * np.sin(np.linspace(0.0, 2.0 * np.pi, 100)))
-        far, stiff = af.Motion(late, 0.01), af.Arch.circular(4.0, 0.88, 130.0, 5, 0.5)
-        run = af.simulate(stiff, af.Motion(np.zeros(1100), 0.01), method=method, far=far)
+        late = np.append(
+            np.zeros(1000), 0.02 * np.sin(np.linspace(0.0, 2.0 * np.pi, 100))
+        )
+        far = af.Motion(late, 0.01)
+        stiff = af.Arch.circular(4.0, 0.88, 130.0, 5, 0.5)
+        run = af.simulate(
+            stiff, af.Motion(np.zeros(1100), 0.01), method=method, far=far
+        )
         assert run.status.name == "STANDING"
         assert run.model_time["rest"] > 9.9
 
     @pytest.mark.parametrize("scale", [0.75, 1.0, 2.0])
     def test_events_end_where_the_arch_stands_still(self, scale):
-        draw, time = np.random.default_rng(442766272), np.arange(2000) * 1e-3
+        draw = np.random.default_rng(442766272)
+        time = np.arange(2000) * 1e-3
         given = zip(draw.uniform(0.7, 6.0, 12), draw.uniform(0.0, 6.28, 12))
-        wave = sum(np.sin(2.0 * np.pi * f * time + p) for f, p in given) * np.hanning(2000)
+        wave = sum(np.sin(2.0 * np.pi * f * time + p) for f, p in given) * np.hanning(
+            2000
+        )
         motion = af.Motion(wave * 4.0 / np.abs(wave).max(), 1e-3)
         arch = af.Arch.elliptic(8.756, 3.36, 1.12, 13, friction=0.43664)
         run = af.simulate(arch, motion, scale, method="event_driven", far=0.0172)
@@ -203,10 +250,18 @@ class TestTwoMotions:
 
 
 def test_command_shows_the_onset_against_the_spread():
-    given = "onset --radius 10 --thickness 1.5 --embrace 157.5 --voussoirs 7 --friction 0.7"
+    given = (
+        "onset --radius 10 --thickness 1.5 --embrace 157.5 --voussoirs 7 --friction 0.7"
+    )
     done = CliRunner().invoke(main, [*given.split(), "--spread", "4"])
     assert done.exit_code == 0, done.output
     assert "falls at a spread of 2.26" in done.output
-    rows = [line.split() for line in done.output.splitlines() if re.fullmatch(r"[\d. -]+", line)]
-    assert [float(value) for value in rows[0]] == pytest.approx([0.0, 0.37, 0.37], abs=1e-4)
+    rows = [
+        line.split()
+        for line in done.output.splitlines()
+        if re.fullmatch(r"[\d. -]+", line)
+    ]
+    assert [float(value) for value in rows[0]] == pytest.approx(
+        [0.0, 0.37, 0.37], abs=1e-4
+    )
     assert len(rows) >= 10

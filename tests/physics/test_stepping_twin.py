@@ -25,9 +25,11 @@ def stepped(arch, position, velocity):
     """Model, state and workspace of a chain after one step."""
     model = model_of(arch.chain)
     one = new_one(model)
-    one.state.position[1:-1], one.state.velocity[1:-1] = position, velocity
+    one.state.position[1:-1] = position
+    one.state.velocity[1:-1] = velocity
     grounds = grounds_of([(np.full(3, GROUND[0]), np.full(3, GROUND[1]), 0.1)])
-    lengths, kinds = np.array([STEP]), np.zeros(5, np.int64)
+    lengths = np.array([STEP])
+    kinds = np.zeros(5, np.int64)
     worst = step_through(model, grounds, one.state, one.work, one.path, lengths, kinds)
     assert math.isfinite(worst)
     return model, one.state, one.work
@@ -35,7 +37,8 @@ def stepped(arch, position, velocity):
 
 @pytest.mark.parametrize("friction", [0.7, np.inf])
 def test_a_step_goes_by_its_middle_and_aims_beyond_its_end(friction):
-    rng, aimed = np.random.default_rng(4), 0
+    rng = np.random.default_rng(4)
+    aimed = 0
     for _ in range(12):
         arch, (position, velocity, _) = random_hinged_arch(rng, friction)
         model, state, work = stepped(arch, position, velocity)
@@ -46,7 +49,8 @@ def test_a_step_goes_by_its_middle_and_aims_beyond_its_end(friction):
         assert work.free[1:-1] == pytest.approx(free, abs=1e-12)
         end = stepping.end_of(middle, work.solved[1:-1], STEP)
         assert np.abs(state.position[1:-1] - end).max() < 1e-12
-        there, bodies = new_work(model), framed(velocity)
+        there = new_work(model)
+        bodies = framed(velocity)
         move_faces(model, work.position, there.rotated, there.face, there.tangent)
         for j, normal in enumerate(work.normal):
             for k, corner in enumerate(work.point[j]):
@@ -57,15 +61,20 @@ def test_a_step_goes_by_its_middle_and_aims_beyond_its_end(friction):
                     or abs(rotated(normal) @ stepping.offset_at(1e-6, *pair)) > 1e-12
                 ):
                     continue  # overlap is corrected slowly; a face that slides turns
-                expected = normal @ stepping.contact_bias(offset, STEP, 0.5 * STEP, *pair)
-                assert normal @ work.bias[j, k] == pytest.approx(expected, rel=1e-5, abs=1e-6)
+                expected = normal @ stepping.contact_bias(
+                    offset, STEP, 0.5 * STEP, *pair
+                )
+                assert normal @ work.bias[j, k] == pytest.approx(
+                    expected, rel=1e-5, abs=1e-6
+                )
                 aimed += 1
     assert aimed > 50
 
 
 def tie_rows(model, position):
     """Rates of elongation of ties by the velocities of bodies (k, 3 n), and elongations (k,)."""
-    rows, stretch = np.zeros((len(model.tie), len(position), 3)), []
+    rows = np.zeros((len(model.tie), len(position), 3))
+    stretch = []
     for row, tie in zip(rows, model.tie):
         bodies = tie[[Tie.BODY_0, Tie.BODY_1]].astype(int)
         arms = [
@@ -82,12 +91,16 @@ def tie_rows(model, position):
 
 
 def test_impulses_of_ties_are_those_of_their_law_in_all_modes():
-    rng, modes = np.random.default_rng(7), set()
+    rng = np.random.default_rng(7)
+    modes = set()
     while len(modes) < 3:
         arch, (position, velocity, _) = random_hinged_arch(rng, np.inf)
-        low, high = arch.intrados[:, 1].min(), arch.intrados[:, 1].max()
+        low = arch.intrados[:, 1].min()
+        high = arch.intrados[:, 1].max()
         for level in low + (high - low) * rng.uniform(0.2, 0.8, 2):
-            arch = arch.tied(level=level, area=1e-4, strength=10.0 ** rng.uniform(3.0, 7.0))
+            arch = arch.tied(
+                level=level, area=1e-4, strength=10.0 ** rng.uniform(3.0, 7.0)
+            )
         model, _, work = stepped(arch, position, velocity)
         joints = modes_of(work)
         if any(mode.slip for mode in joints):
@@ -96,17 +109,28 @@ def test_impulses_of_ties_are_those_of_their_law_in_all_modes():
         if len(rows) == rows.shape[1] or np.linalg.matrix_rank(rows) < len(rows):
             continue  # nothing moves, or reactions are not unique
         tie, stretch = tie_rows(model, work.position)
-        free, _ = full_motion(inverse, rows, rows, bias, work.free[1:-1].ravel(), ease=0.0)
+        free, _ = full_motion(
+            inverse, rows, rows, bias, work.free[1:-1].ravel(), ease=0.0
+        )
         answers = [
             full_motion(inverse, rows, rows, 0.0 * bias, -inverse * row, ease=0.0)[0]
             for row in tie
         ]
         found = stepping.tie_impulses(
-            tie @ free, tie @ np.array(answers).T, tie @ velocity.ravel(), stretch,
-            model.tie[:, Tie.STIFFNESS], model.tie[:, Tie.STRENGTH], STEP,
-        )  # fmt: skip
+            tie @ free,
+            tie @ np.array(answers).T,
+            tie @ velocity.ravel(),
+            stretch,
+            model.tie[:, Tie.STIFFNESS],
+            model.tie[:, Tie.STRENGTH],
+            STEP,
+        )
         size = STEP * model.mass.sum() * model.gravity
-        assert work.tie[:, TieWork.IMPULSE] == pytest.approx(found, rel=1e-6, abs=1e-9 * size)
+        assert work.tie[:, TieWork.IMPULSE] == pytest.approx(
+            found, rel=1e-6, abs=1e-9 * size
+        )
         solved = free + found @ np.array(answers)
-        assert work.solved[1:-1].ravel() == pytest.approx(solved, abs=1e-9 * np.abs(solved).max())
+        assert work.solved[1:-1].ravel() == pytest.approx(
+            solved, abs=1e-9 * np.abs(solved).max()
+        )
         modes |= set(work.tie[:, TieWork.MODE].tolist())

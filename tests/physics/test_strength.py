@@ -13,7 +13,9 @@ GRAVITY = 9.80665
 
 def semicircle(thickness, friction=math.inf, voussoirs=40):
     """Semicircular arch of radius 10 m."""
-    return af.Arch.circular(10.0, thickness, 180.0, voussoirs=voussoirs, friction=friction)
+    return af.Arch.circular(
+        10.0, thickness, 180.0, voussoirs=voussoirs, friction=friction
+    )
 
 
 def stands_by_programme(arch, strength):
@@ -21,7 +23,8 @@ def stands_by_programme(arch, strength):
 
     Linear programme with tangents of the parabola |M| <= N t/2 - N²/(2 strength b).
     """
-    weight, centroid = arch.chain.mass * GRAVITY, arch.chain.centroid
+    weight = arch.chain.mass * GRAVITY
+    centroid = arch.chain.centroid
     n_joint = arch.n_joint
     middle = 0.5 * (arch.intrados + arch.extrados)
     along = arch.extrados - arch.intrados
@@ -33,12 +36,17 @@ def stands_by_programme(arch, strength):
     rows_n = np.column_stack([normal[:, 0], normal[:, 1], np.zeros(n_joint)])
     const_n = -normal[:, 1] * before
     # Moment of that force about the middle of the joint.
-    rows_m = np.column_stack([
-        middle[:, 1] - middle[0, 1], middle[0, 0] - middle[:, 0], np.ones(n_joint),
-    ])  # fmt: skip
+    rows_m = np.column_stack(
+        [
+            middle[:, 1] - middle[0, 1],
+            middle[0, 0] - middle[:, 0],
+            np.ones(n_joint),
+        ]
+    )
     const_m = -(moments - before * middle[:, 0])
     scale = weight.sum()
-    a, b = [-rows_n], [const_n]
+    a = [-rows_n]
+    b = [const_n]
     for fraction in np.linspace(0.1, 1.0, 150):
         n0 = fraction * scale
         slope = 0.5 * thickness - n0 / strength
@@ -47,13 +55,18 @@ def stands_by_programme(arch, strength):
             a.append(sense * rows_m - slope[:, None] * rows_n)
             b.append(level - sense * const_m + slope * const_n)
     found = linprog(
-        np.zeros(3), np.vstack(a), np.concatenate(b), bounds=[(None, None)] * 3, method="highs"
+        np.zeros(3),
+        np.vstack(a),
+        np.concatenate(b),
+        bounds=[(None, None)] * 3,
+        method="highs",
     )
     return found.status == 0
 
 
 def least_thickness(stands):
-    low, high = 0.8, 3.0
+    low = 0.8
+    high = 3.0
     while high - low > 1e-4:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if stands(middle) else (middle, high)
@@ -73,14 +86,19 @@ def crushes(thickness, strength):
 def test_limit_thickness_is_that_of_a_linear_programme(strength, error):
     expected = least_thickness(lambda t: stands_by_programme(semicircle(t), strength))
     found = least_thickness(lambda t: crushes(t, strength))
-    assert expected > 1.01 * least_thickness(lambda t: af.onset(semicircle(t)).stands) - 1e-3
+    assert (
+        expected
+        > 1.01 * least_thickness(lambda t: af.onset(semicircle(t)).stands) - 1e-3
+    )
     assert found == pytest.approx(expected, rel=error)
 
 
 def test_unlimited_strength_changes_nothing():
     arch = semicircle(2.0)
     assert af.crushed(arch, math.inf) is arch
-    assert af.onset(af.crushed(arch, 1e12)).plus == pytest.approx(af.onset(arch).plus, rel=1e-4)
+    assert af.onset(af.crushed(arch, 1e12)).plus == pytest.approx(
+        af.onset(arch).plus, rel=1e-4
+    )
 
 
 RING = {"span": 8.0, "rise": 3.0, "thickness": 0.6, "voussoirs": 9, "friction": 0.6}
@@ -107,7 +125,9 @@ def test_joints_of_piers_lose_what_their_own_depth_makes_them(ring, piers, more)
     # Forces on the joints by columns: one thrust, and the weights up to each of them.
     face = weak.extrados - weak.intrados
     normal = np.column_stack([face[:, 1], -face[:, 0]]) / np.hypot(*face.T)[:, None]
-    before = normal[:, 1] * np.concatenate([[0.0], np.cumsum(built.chain.mass * GRAVITY)])
+    before = normal[:, 1] * np.concatenate(
+        [[0.0], np.cumsum(built.chain.mass * GRAVITY)]
+    )
     found = af.onset(weak).normal
     forces = normal @ np.linalg.lstsq(normal, found + before, rcond=None)[0] - before
     assert found == pytest.approx(forces, rel=1e-9)
@@ -133,6 +153,8 @@ def test_ramps_by_steps_and_by_events_start_an_arch_that_slides_alike(
     arch = semicircle(thickness, friction, voussoirs)
     start = af.onset(arch)
     assert start.sliding
-    steps, events = (af.limit_load(arch, method=m) for m in ("time_stepping", "event_driven"))
+    steps, events = (
+        af.limit_load(arch, method=m) for m in ("time_stepping", "event_driven")
+    )
     assert steps == pytest.approx(events, rel=3e-3)
     assert max(steps, events) < start.plus * (1.0 + 2e-3)

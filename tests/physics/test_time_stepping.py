@@ -39,7 +39,10 @@ def step_through(model, grounds, state, work, path, lengths, kinds):
     clear(state)
     state.clock[Clock.FACTOR] = 1.0
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    worst, shortest, clock, energy = 0.0, 2e-5, state.clock, state.energy
+    worst = 0.0
+    shortest = 2e-5
+    clock = state.clock
+    energy = state.energy
     for length in lengths:
         clock[Clock.STEP], time = length, clock[Clock.TIME]
         if kinds[0] % 3 == 0:  # reactions before an expected impact
@@ -77,7 +80,9 @@ def step_through(model, grounds, state, work, path, lengths, kinds):
             return worst
         kinetic, potential = energies_of(model, state)
         worst = max(worst, abs(kinetic + potential - before - done))
-        recorded = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
+        recorded = (
+            energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
+        )
         recorded += energy[Energy.BALANCE_ERROR] - state.clock[Clock.START]
         # The sums of all steps up to now hold the rounding of each.
         worst = max(worst, 0.1 * abs(kinetic + potential - recorded))
@@ -86,7 +91,8 @@ def step_through(model, grounds, state, work, path, lengths, kinds):
 
 def stepped(arch, motion, lengths):
     """State, worst energy balance and kinds of steps of a chain, every step integrated."""
-    model, kinds = model_of(arch.chain), np.zeros(5, np.int64)
+    model = model_of(arch.chain)
+    kinds = np.zeros(5, np.int64)
     one = new_one(model)
     one.state.position[:, :2] = model.centroid
     worst = step_through(
@@ -112,7 +118,9 @@ class TestRest:
     def test_nothing_moves_for_a_minute(self):
         still = np.zeros((27, 3))
         for initial in (None, (still, still)):
-            response = af.simulate(self.thin, af.Motion(np.zeros(6001), 0.01), initial=initial)
+            response = af.simulate(
+                self.thin, af.Motion(np.zeros(6001), 0.01), initial=initial
+            )
             assert response.status is Status.STANDING
             assert response.peak_displacement <= 1e-9
 
@@ -126,20 +134,27 @@ class TestRest:
 
 @pytest.mark.parametrize(("solved", "else_"), [(True, PAUSE), (False, UNSOLVED)])
 @pytest.mark.parametrize(
-    ("time", "steps", "ends"), [(0.5, 10, None), (2.0, 10, AT_END), (0.5, 1e9, EXHAUSTED)]
+    ("time", "steps", "ends"),
+    [(0.5, 10, None), (2.0, 10, AT_END), (0.5, 1e9, EXHAUSTED)],
 )
-def test_a_run_ends_in_time_though_every_step_needs_service(time, steps, ends, solved, else_):
+def test_a_run_ends_in_time_though_every_step_needs_service(
+    time, steps, ends, solved, else_
+):
     state = new_one(model_of(af.Block(0.6, 1.8, friction=0.4).chain)).state
-    state.clock[Clock.TIME], state.count[Count.STEPS] = time, steps
+    state.clock[Clock.TIME] = time
+    state.count[Count.STEPS] = steps
     options = Options(1e-3, 1e-3, 1e-3, 1.0, 10, 0.5, 64, 1e-2, 0.0, 1e-3, 1e-6)
     assert code_of(state, options, 2.0, solved) == (else_ if ends is None else ends)
 
 
 def test_residual_falls_with_the_step(monkeypatch):
     # Measured in every step, with the reactions of the step that led to a state.
-    monkeypatch.setattr(sys.modules["archfrag.simulation.simulate"], "CHECK_INTERVAL", 1)
+    monkeypatch.setattr(
+        sys.modules["archfrag.simulation.simulate"], "CHECK_INTERVAL", 1
+    )
     coarse, fine = (
-        simulate(oppenheim(), pulse(0.5, 0.3), dt=dt, follow=0.0).residual for dt in (1e-3, 2.5e-4)
+        simulate(oppenheim(), pulse(0.5, 0.3), dt=dt, follow=0.0).residual
+        for dt in (1e-3, 2.5e-4)
     )
     assert 0.0 < fine < 0.5 * coarse < 1e-2
 
@@ -147,12 +162,15 @@ def test_residual_falls_with_the_step(monkeypatch):
 class TestEnergy:
     """Contacts take energy and never give any; the balance states where it went."""
 
-    @pytest.mark.parametrize(("voussoirs", "friction"), [(7, 0.7), (7, 0.36), (15, 0.4), (1, 0.3)])
+    @pytest.mark.parametrize(
+        ("voussoirs", "friction"), [(7, 0.7), (7, 0.36), (15, 0.4), (1, 0.3)]
+    )
     def test_each_step_changes_energy_by_the_work_of_ground_and_contacts(
         self, voussoirs, friction
     ):
         # Whatever the lengths of the steps: drawn here, each apart, over a range of 100.
-        rng, arch = np.random.default_rng(39), af.Block(1.0, 2.0, friction)
+        rng = np.random.default_rng(39)
+        arch = af.Block(1.0, 2.0, friction)
         if voussoirs > 1:
             arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs, friction)
         time = np.arange(0.0, 8.0, 1e-3)
@@ -167,22 +185,41 @@ class TestEnergy:
         energy = af.simulate(oppenheim(), pulse(0.5, 0.3), follow=follow).energy
         assert (energy["kinetic"] > 0.0) == (follow == 0.0)
         gained = energy["kinetic"] + energy["potential"]
-        given = energy["ground"] + energy["friction"] + energy["impacts"] + energy["balance_error"]
+        given = (
+            energy["ground"]
+            + energy["friction"]
+            + energy["impacts"]
+            + energy["balance_error"]
+        )
         assert gained == pytest.approx(given, abs=1e-9 * energy["largest_kinetic"])
 
-    def test_an_impact_takes_what_it_takes_by_events_and_not_more_by_a_part_of_the_step(self):
-        arch, still = oppenheim(), af.Motion(np.zeros(80), 1e-4)
-        push = sampled(lambda t: np.where(t < 0.3, 1.5 * af.onset(arch).plus, 0.0), 1.2, dt=1e-3)
-        run = simulate(arch, push, method="event_driven", rtol=1e-8, history=True, follow=0.0)
-        impacts = np.array([each.time for each in run.mechanism if each.cause == "impact"])
-        moves, taken, excess = run.history, 0.0, 0.0
+    def test_an_impact_takes_what_it_takes_by_events_and_not_more_by_a_part_of_the_step(
+        self,
+    ):
+        arch = oppenheim()
+        still = af.Motion(np.zeros(80), 1e-4)
+        push = sampled(
+            lambda t: np.where(t < 0.3, 1.5 * af.onset(arch).plus, 0.0), 1.2, dt=1e-3
+        )
+        run = simulate(
+            arch, push, method="event_driven", rtol=1e-8, history=True, follow=0.0
+        )
+        impacts = np.array(
+            [each.time for each in run.mechanism if each.cause == "impact"]
+        )
+        moves = run.history
+        taken = 0.0
+        excess = 0.0
         for before, at, after in zip(impacts, impacts[1:], impacts[2:]):
             if at < 0.31 or at - before < 8e-3 or after - at < 4e-3:
                 continue
             start = moves.isel(time=np.searchsorted(moves.time.values, at - 4e-3) - 1)
             place, motion = (
                 np.column_stack([start[a], start[b]])
-                for a, b in (("displacement", "rotation"), ("velocity", "angular_velocity"))
+                for a, b in (
+                    ("displacement", "rotation"),
+                    ("velocity", "angular_velocity"),
+                )
             )
             exact, ours = (
                 simulate(arch, still, initial=(place, motion), follow=0.0, **by).energy
@@ -196,10 +233,13 @@ class TestEnergy:
 
 def test_a_mirrored_arch_and_motion_give_the_mirrored_response():
     rng = np.random.default_rng(36)
-    angle = np.radians(168.0 - np.concatenate([[0.0], rng.uniform(0.6, 1.4, 8).cumsum()]) * 18)
+    angle = np.radians(
+        168.0 - np.concatenate([[0.0], rng.uniform(0.6, 1.4, 8).cumsum()]) * 18
+    )
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     lines = 9.2 * ray, (10.8 + 0.05 * np.arange(9))[:, None] * ray
-    flip, dead = np.array([-1.0, 1.0]), rng.uniform(0.0, 5e4, 8)
+    flip = np.array([-1.0, 1.0])
+    dead = rng.uniform(0.0, 5e4, 8)
     one = af.Arch.from_joints(*lines, 0.7, dead_load=dead)
     mirrored = ((line * flip)[::-1] for line in lines)
     two = af.Arch.from_joints(*mirrored, 0.7, dead_load=dead[::-1])
@@ -219,7 +259,9 @@ def test_a_mirrored_arch_and_motion_give_the_mirrored_response():
 
 def test_a_run_goes_on_after_its_record_until_rest_within_its_limit():
     motion = pulse(0.5, 0.3)
-    total, part = (simulate(oppenheim(), motion, follow=limit) for limit in (20.0, 0.05))
+    total, part = (
+        simulate(oppenheim(), motion, follow=limit) for limit in (20.0, 0.05)
+    )
     assert total.status is Status.STANDING
     assert total.end_time > motion.duration + 0.1
     assert (part.status, part.collapsed) == (Status.UNFINISHED, None)

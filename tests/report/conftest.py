@@ -14,7 +14,10 @@ TEXT = r'<text x="([^"]+)" y="([^"]+)"(?: class="([^"]+)")?( transform)?[^>]*>([
 def texts(sheet):
     """Words of a sheet, with the left, top, right and bottom of what they cover."""
     for x, y, kind, turned, found in re.findall(TEXT, "".join(sheet.parts)):
-        words, kinds, x, y = unescape(found), kind.split(), float(x), float(y)
+        words = unescape(found)
+        kinds = kind.split()
+        x = float(x)
+        y = float(y)
         size = SMALL if "s" in kinds else SIZE
         width = text_width(words, size)
         left = x - width * (0.5 if "m" in kinds else 1.0 if "e" in kinds else 0.0)
@@ -30,18 +33,24 @@ def overlaps(sheet):
     covered = [
         (a[0], b[0])
         for a, b in combinations(boxes, 2)
-        if min(a[3], b[3]) - max(a[1], b[1]) > 0.5 and min(a[4], b[4]) - max(a[2], b[2]) > 0.5
+        if min(a[3], b[3]) - max(a[1], b[1]) > 0.5
+        and min(a[4], b[4]) - max(a[2], b[2]) > 0.5
     ]
-    right, bottom = sheet.width + 2.0, sheet.height + 2.0
+    right = sheet.width + 2.0
+    bottom = sheet.height + 2.0
     return covered + [
-        box[0] for box in boxes if min(box[1:3]) < -2.0 or box[3] > right or box[4] > bottom
+        box[0]
+        for box in boxes
+        if min(box[1:3]) < -2.0 or box[3] > right or box[4] > bottom
     ]
 
 
 @pytest.fixture
 def drawn(monkeypatch):
     """Sheets that are drawn during a test: one for each figure."""
-    kept, svg, init = [], Sheet.svg, Panel.__init__
+    kept = []
+    svg = Sheet.svg
+    init = Panel.__init__
 
     def keep_panel(panel, sheet, *arguments, **named):
         init(panel, sheet, *arguments, **named)

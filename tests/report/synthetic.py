@@ -27,8 +27,12 @@ def motions(n_record=6, seed=1):
     made = []
     for i in range(n_record):
         scale = generator.uniform(0.5, 4.0) * envelope
-        noise = np.convolve(generator.standard_normal(time.size), np.ones(8) / 8, "same")
-        made.append(Motion(scale * noise, 0.01, id=f"RSN{100 + i}_EVENT{i:02d}_STA{i:03d}"))
+        noise = np.convolve(
+            generator.standard_normal(time.size), np.ones(8) / 8, "same"
+        )
+        made.append(
+            Motion(scale * noise, 0.01, id=f"RSN{100 + i}_EVENT{i:02d}_STA{i:03d}")
+        )
     return made
 
 
@@ -38,7 +42,9 @@ def arch_and_onset(voussoirs=7):
     return arch, onset(arch)
 
 
-def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4, seed=2):
+def cube(
+    names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4, seed=2
+):
     """Cube as the study writes it: SI units, flags as bytes, names as strings."""
     generator = np.random.default_rng(seed)
     items = items or motions()
@@ -47,13 +53,17 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
     intensity = np.linspace(1.0, 8.0, n_level)
     shape = (len(names), len(records), n_level)
     record_to_record = generator.standard_normal((*shape[:2], 1))
-    capacity = theta * np.exp(beta * record_to_record + 0.08 * generator.standard_normal(shape))
+    capacity = theta * np.exp(
+        beta * record_to_record + 0.08 * generator.standard_normal(shape)
+    )
     verdict = (capacity < intensity).astype(np.int8)
     verdict[0, 0, -1] = Verdict.UNFINISHED
     verdict[0, 1:2, -2] = Verdict.FAILED
     fell = verdict == Verdict.COLLAPSED
     impacts = generator.choice([0, 1, 2, 300], shape, p=[0.3, 0.2, 0.1, 0.4])
-    mode = generator.choice([CollapseMode.HINGING, CollapseMode.SLIDING], shape, p=[0.85, 0.15])
+    mode = generator.choice(
+        [CollapseMode.HINGING, CollapseMode.SLIDING], shape, p=[0.85, 0.15]
+    )
     end = generator.uniform(20.0, 26.0, shape)
     moving = np.clip(intensity / 12.0, 0.0, 0.9) * end
     dims = ("arch", "record", "level")
@@ -86,7 +96,11 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
         model_time=((*dims, "model"), np.stack(parts, axis=-1)),
         model=["rest", "four_hinges", "mega_voussoirs", "all_voussoirs"],
         scale_factor=(("record", "level"), intensity / peaks[:, None]),
-        intensity=("level", intensity, {"units": "m s-2", "long_name": "PGA", "measure": "PGA"}),
+        intensity=(
+            "level",
+            intensity,
+            {"units": "m s-2", "long_name": "PGA", "measure": "PGA"},
+        ),
         static_limit=("arch", np.full(len(names), 0.2)),
         event=("record", [""] * len(records)),
         record_vertical=("record", np.zeros(len(records), np.int8)),
@@ -132,28 +146,52 @@ def answer_of(theta):
     im = np.linspace(0.0, 8.4, 120)
     chance = curve_of(theta).probability(im)
     return replace(
-        curve_of(theta), likelihood=curve_of(1.01 * theta),
-        intervals=((0.8 * theta, 1.2 * theta), (0.3, 0.6)), im=im.tolist(),
-        lower=(0.9 * chance).tolist(), upper=(1.1 * chance).tolist(), method="made up",
-        assumptions="Nothing is assumed.", n_independent=6.0, n_non_monotone=2,
-    )  # fmt: skip
+        curve_of(theta),
+        likelihood=curve_of(1.01 * theta),
+        intervals=((0.8 * theta, 1.2 * theta), (0.3, 0.6)),
+        im=im.tolist(),
+        lower=(0.9 * chance).tolist(),
+        upper=(1.1 * chance).tolist(),
+        method="made up",
+        assumptions="Nothing is assumed.",
+        n_independent=6.0,
+        n_non_monotone=2,
+    )
 
 
 MEASURES = {
-    "message": "PGV is best.", "best": "PGV",
+    "message": "PGV is best.",
+    "best": "PGV",
     "rows": [
-        {"measure": name, "unit": unit, "theta": theta, "beta": beta, "efficiency": beta,
-         "p_magnitude": "nan", "p_distance": 0.5,
-         "sufficient": True}
+        {
+            "measure": name,
+            "unit": unit,
+            "theta": theta,
+            "beta": beta,
+            "efficiency": beta,
+            "p_magnitude": "nan",
+            "p_distance": 0.5,
+            "sufficient": True,
+        }
         for name, unit, theta, beta in (
-            ("PGA", "m/s2", 4.0, 0.42), ("Arias", "m/s", "nan", "nan"), ("PGV", "m/s", 0.3, 0.3),
+            ("PGA", "m/s2", 4.0, 0.42),
+            ("Arias", "m/s", "nan", "nan"),
+            ("PGV", "m/s", 0.3, 0.3),
         )
     ],
-}  # fmt: skip
+}
 STATES = {
     "message": "All are ordered.",
     "states": [
-        {"name": "motion", "meaning": "a joint opens", "curve": curve_of(1.0).fit_dict()},
-        {"name": "impact", "meaning": "a joint closes", "curve": {"none": "all collapse"}},
+        {
+            "name": "motion",
+            "meaning": "a joint opens",
+            "curve": curve_of(1.0).fit_dict(),
+        },
+        {
+            "name": "impact",
+            "meaning": "a joint closes",
+            "curve": {"none": "all collapse"},
+        },
     ],
 }

@@ -30,14 +30,17 @@ def results(**options):
 def rectangles(sheet, panel, colour):
     """Rectangles of a colour in a panel, in its units: left, right, low, high."""
     left, top, right, bottom = panel.box
-    wide, high = np.ptp(panel.x) / (right - left), np.ptp(panel.y) / (bottom - top)
+    wide = np.ptp(panel.x) / (right - left)
+    high = np.ptp(panel.y) / (bottom - top)
     found = []
     for d in re.findall(rf'<path d="([^"]+)" fill="{colour}"/>', "".join(sheet.parts)):
         for place in re.findall(r"M([-\d.]+) ([-\d.]+)H([-\d.]+)V([-\d.]+)H", d):
             x, y, across, down = map(float, place)
             if left - 1 <= x <= right + 1 and top - 1 <= y <= bottom + 1:
                 ends = panel.x[0] + wide * (np.array([x, across]) - left)
-                found.append([*ends, *(panel.y[0] + high * (bottom - np.array([down, y])))])
+                found.append(
+                    [*ends, *(panel.y[0] + high * (bottom - np.array([down, y])))]
+                )
     return np.array(found).reshape(-1, 4)
 
 
@@ -60,7 +63,8 @@ class TestLabelsKeepClear:
         assert page.thumbnails(items).svg.count("<svg") == n_record
 
     def test_capacities_are_between_the_runs_that_bound_them(self, monkeypatch):
-        lines, drawn = [], svg.Panel.line
+        lines = []
+        drawn = svg.Panel.line
         monkeypatch.setattr(
             svg.Panel, "line", lambda *given: lines.append(given[1:3]) or drawn(*given)
         )
@@ -68,27 +72,38 @@ class TestLabelsKeepClear:
         run_figures.verdict_map(data)
         x, y = lines[-1]
         collapsed = data.verdict == Verdict.COLLAPSED
-        lowest = np.sort(np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), 9))[::-1]
+        lowest = np.sort(np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), 9))[
+            ::-1
+        ]
         assert (y[0], y[-1]) == (-0.5, len(lowest) - 0.5)
         for row, place in zip(lowest, x[::2]):
             assert row - 1.0 <= place <= row
 
     @pytest.mark.parametrize("count", [2, 12, 40])
     def test_curves_of_all_arches(self, count, drawn):
-        answers = {f"arch-number-{i}": synthetic.answer_of(2.0 + 0.2 * i) for i in range(count)}
+        answers = {
+            f"arch-number-{i}": synthetic.answer_of(2.0 + 0.2 * i) for i in range(count)
+        }
         shown = curve_figures.all_curves(synthetic.inputs(at=0.3), answers, {})
         assert shown.svg.count("stroke-linejoin") >= count
 
     def test_classes_and_their_parameters(self, drawn):
         members = [synthetic.answer_of(2.0 + 0.1 * i) for i in range(20)]
-        answers = {f"a{i}": a for i, a in enumerate(members)} | {"alone": synthetic.answer_of(6.0)}
-        made, data = {"thin": synthetic.answer_of(3.0)}, synthetic.cube(list(answers))
+        answers = {f"a{i}": a for i, a in enumerate(members)} | {
+            "alone": synthetic.answer_of(6.0)
+        }
+        made = {"thin": synthetic.answer_of(3.0)}
+        data = synthetic.cube(list(answers))
         data["arch_class"] = ("arch", ["thin"] * 20 + ["alone"])
-        curve_figures.all_curves(synthetic.inputs(cube=data, answers=answers), answers, made)
+        curve_figures.all_curves(
+            synthetic.inputs(cube=data, answers=answers), answers, made
+        )
         words = {words for words, *_ in texts(drawn[0])}
         assert {"thin", "alone", "each arch"} <= words
         assert "a3" not in words
-        values = {"a parameter with a very long name indeed": np.linspace(-1e-4, 1e-4, 20)}
+        values = {
+            "a parameter with a very long name indeed": np.linspace(-1e-4, 1e-4, 20)
+        }
         curve_figures.theta_panels(thetas(members), values, "ring", "g")
         # A point for each arch.
         assert "".join(drawn[1].parts).count("a2.4 2.4 0 1 0 4.8") == 20
@@ -112,22 +127,30 @@ class TestLabelsKeepClear:
         named = ["motion, impact", "residual", "contact lost", "collapse"]
         for sheet in drawn:
             (panel,) = sheet.panels
-            shown = {found[4]: found[:3] for found in re.findall(TEXT, "".join(sheet.parts))}
+            shown = {
+                found[4]: found[:3] for found in re.findall(TEXT, "".join(sheet.parts))
+            }
             assert [words for words in shown if words[0].isalpha()][-4:] == named
             for words, theta in zip(named, (0.5, 2.0, 3.5, 6.0)):
                 x, y, kind = shown[words]
                 place = float(x) + (6.0 if "e" in kind.split() else -6.0)
                 level = np.interp(place, panel.box[::2], panel.x) * synthetic.GRAVITY
                 chance = synthetic.curve_of(theta).probability(level)
-                assert float(panel.at_y(chance)) + 4.0 == pytest.approx(float(y), abs=4.0)
+                assert float(panel.at_y(chance)) + 4.0 == pytest.approx(
+                    float(y), abs=4.0
+                )
 
-    @pytest.mark.parametrize(("voussoirs", "thickness"), [(7, 3.0), (21, 1.5), (21, 0.8)])
+    @pytest.mark.parametrize(
+        ("voussoirs", "thickness"), [(7, 3.0), (21, 1.5), (21, 0.8)]
+    )
     def test_joints_that_are_lost(self, voussoirs, thickness, drawn):
         """Fractions of neighbouring joints keep clear; the largest always has its own."""
         arch = af.Arch.circular(10.0, thickness, 157.5, voussoirs, 0.7)
         found = results(n_level=40, n_joint=arch.n_joint)
         arch_figure.lost_joints(arch, found)
-        counts = np.bincount(found["collapse_joint"][found.verdict == Verdict.COLLAPSED])
+        counts = np.bincount(
+            found["collapse_joint"][found.verdict == Verdict.COLLAPSED]
+        )
         for sheet in drawn:
             shown = [words for words, *_ in texts(sheet)]
             assert f"{100 * counts.max() / counts.sum():.0f} %" in shown
@@ -155,7 +178,9 @@ class TestLabelsKeepClear:
         for sheet in drawn:
             (panel,) = sheet.panels
             below = {
-                w: box for w, *box in texts(sheet) if box[1] > panel.box[3] and w[0].isdigit()
+                w: box
+                for w, *box in texts(sheet)
+                if box[1] > panel.box[3] and w[0].isdigit()
             }
             assert list(below)[: len(expected)] == expected
             for words, (left, _, right, _) in below.items():
@@ -175,10 +200,16 @@ class TestLabelsKeepClear:
 
     @pytest.mark.parametrize("voussoirs", [1, 7, 81])
     def test_timeline(self, voussoirs, drawn, fallen):
-        arch = synthetic.arch_and_onset(voussoirs)[0] if voussoirs > 1 else af.Block(1.0, 4.0, 0.7)
+        arch = (
+            synthetic.arch_and_onset(voussoirs)[0]
+            if voussoirs > 1
+            else af.Block(1.0, 4.0, 0.7)
+        )
         log = (
             change(0.0, 1.0, {}, "rest"),
-            change(1.0, 3.0, {0: "hinge extrados", arch.n_joint - 1: "open"}, "four_hinges"),
+            change(
+                1.0, 3.0, {0: "hinge extrados", arch.n_joint - 1: "open"}, "four_hinges"
+            ),
             change(3.0, 7.0, {0: "slides towards intrados"}, "all_voussoirs"),
         )
         shown = replace(fallen.response, mechanism=log, end_time=7.0, collapse_time=6.5)
@@ -191,13 +222,17 @@ def test_hinges_are_drawn_at_their_corners(voussoirs, drawn):
     """Pixels of the hinges lie as the corners do, but for a scale and shift a direction."""
     arch, start = synthetic.arch_and_onset(voussoirs)
     assert (
-        "sliding joint" in arch_figure.arch_at_onset(arch, replace(start, sliding=[7]), "ring").svg
+        "sliding joint"
+        in arch_figure.arch_at_onset(arch, replace(start, sliding=[7]), "ring").svg
     )
     pattern = r'<path d="M([\d.]+) ([\d.]+)a([\d.]+) [^>]*stroke="#fff"/>'
     for sheet in drawn:
         found = np.array(re.findall(pattern, "".join(sheet.parts)), dtype=float)
         dots = found[:, :2] + found[:, 2:] * (1.0, 0.0)
-        for points, hinges in ((dots[:4], start.hinges), (dots[4:], start.hinges_minus)):
+        for points, hinges in (
+            (dots[:4], start.hinges),
+            (dots[4:], start.hinges_minus),
+        ):
             corners = np.array([getattr(arch, side)[joint] for joint, side in hinges])
             sides = [points - points[0], (corners - corners[0]) * (1.0, -1.0)]
             scale = np.linalg.norm(sides[0]) / np.linalg.norm(sides[1])
@@ -231,13 +266,16 @@ def test_every_grouping_has_the_collapses_of_the_cube(drawn):
                 for left, right, _, high in rectangles(sheet, panel, colour):
                     level = round(0.5 * (left + right))
                     top[level] = max(top[level], high)
-            np.testing.assert_allclose(top, data.counts["collapsed"] / data.counts["n"], atol=1e-3)
+            np.testing.assert_allclose(
+                top, data.counts["collapsed"] / data.counts["n"], atol=1e-3
+            )
 
 
 def test_run_that_is_shown():
     data = results()
     data.verdict[:] = [0, 0, 0, 0, 0, 0, 0, 0, 1]
-    data.verdict[2, 4:], data.verdict[4, 6:] = 1, 1
+    data.verdict[2, 4:] = 1
+    data.verdict[4, 6:] = 1
     # The capacity is the lowest collapsing level even where the record stands above it.
     data.verdict[2, 5] = 0
     assert film.choose(data, 1.02 * data.levels[4])[:2] == (2, 4)
@@ -245,7 +283,8 @@ def test_run_that_is_shown():
     assert film.choose(data, None)[:2] == (0, 8)
     data.verdict[:] = 0
     data.verdict[3, 8] = Verdict.UNFINISHED
-    data["peak_rotation"][3, 8], data["peak_rotation"][5, 2] = 9.0, 8.0
+    data["peak_rotation"][3, 8] = 9.0
+    data["peak_rotation"][5, 2] = 8.0
     assert film.choose(data, None)[:2] == film.farthest(data)[:2] == (5, 2)
     data["peak_rotation"][:] = 0.0
     assert film.farthest(data) is None
@@ -274,7 +313,8 @@ class TestRepeated:
         motion, fell = pulse()
         data = synthetic.cube(items=[motion], n_level=2).copy(deep=True)
         for level, (factor, run) in enumerate([(0.5, pulse(0.5)[1]), (1.0, fell)]):
-            data["scale_factor"][0, level], data["verdict"][0, 0, level] = factor, run.collapsed
+            data["scale_factor"][0, level] = factor
+            data["verdict"][0, 0, level] = run.collapsed
             for name in ("status", "steps", "collapse_time"):
                 data[name][0, 0, level] = getattr(run, name)
 
@@ -303,11 +343,14 @@ class TestRepeated:
     def test_a_small_motion_that_stands_is_drawn_three_times_as_large(self, scale):
         motion, response = pulse(scale)
         example = film.Example(ARCH, motion, scale, "PGA", response, "chosen", True)
-        turned, captions = [], []
+        turned = []
+        captions = []
         for enlarged in (False, True):
             shown, strip = film.film(example, "film", "A near miss", enlarged)
             frames = re.findall(r"@keyframes film-k\d+\{.*", shown.svg)
-            turned.append(np.array(re.findall(r"rotate\(([-.\d]+)deg", "".join(frames)), float))
+            turned.append(
+                np.array(re.findall(r"rotate\(([-.\d]+)deg", "".join(frames)), float)
+            )
             captions.append(shown.caption)
             stills = [float(time) for time in re.findall(r">([\d.]+) s<", strip.svg)]
             assert sorted(set(stills)) == stills  # one in each part of the run
@@ -315,22 +358,29 @@ class TestRepeated:
             assert stills[-1] > time[np.abs(rotation).max(axis=1).argmax()] + 0.05
         small = np.deg2rad(np.abs(turned[0]).max()) < 0.1
         assert small == (scale == 0.6)
-        np.testing.assert_allclose(turned[1], (3.0 if small else 1.0) * turned[0], atol=0.16)
+        np.testing.assert_allclose(
+            turned[1], (3.0 if small else 1.0) * turned[0], atol=0.16
+        )
         assert "true to scale" in captions[0]
         assert ("three times as large" in captions[1]) == small
 
     def test_bars_stand_where_the_log_has_them(self, drawn, fallen):
         """Coloured length of each joint in the figure against its time in the log."""
         run_figures.timeline(fallen)
-        shown, logged = np.zeros(8), np.zeros(8)
+        shown = np.zeros(8)
+        logged = np.zeros(8)
         for colour in {entry.colour for entry in run_figures.JOINT_STATES}:
-            for left, right, low, high in rectangles(drawn[0], drawn[0].panels[1], colour):
+            for left, right, low, high in rectangles(
+                drawn[0], drawn[0].panels[1], colour
+            ):
                 shown[round(0.5 * (low + high))] += right - left
         response = fallen.response
         start, end = drawn[0].panels[1].x
         for entry in response.mechanism:
             for joint in entry.joints:
-                logged[joint] += max(0.0, min(entry.until, end) - max(entry.time, start))
+                logged[joint] += max(
+                    0.0, min(entry.until, end) - max(entry.time, start)
+                )
         np.testing.assert_allclose(shown, logged, atol=0.02 * (end - start))
         assert logged.max() > 0.5 * (end - start)
 

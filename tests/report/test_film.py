@@ -24,7 +24,9 @@ def runs(study, monkeypatch):
     """Ask for films of a made-up study; record, level and reason of each run repeated."""
     kept = []
     monkeypatch.setattr(film, "report_inputs", lambda given: study)
-    monkeypatch.setattr(film, "repeat", lambda *given: kept.append(given[-1]) or given[-1])
+    monkeypatch.setattr(
+        film, "repeat", lambda *given: kept.append(given[-1]) or given[-1]
+    )
     return kept
 
 
@@ -43,9 +45,17 @@ def test_median_and_named_runs_are_found(study, runs):
 @pytest.mark.parametrize(
     ("run", "arch", "message"),
     [
-        ("mean", None, r"--run mean: must be median or RECORD@LEVEL, such as RSN100.*@0\.102"),
+        (
+            "mean",
+            None,
+            r"--run mean: must be median or RECORD@LEVEL, such as RSN100.*@0\.102",
+        ),
         ("RSN1O0_EVENT00_STA000@0.459", None, r"did you mean RSN100_EVENT00_STA000\?"),
-        ("RSN100_EVENT00_STA000@0.5", None, r"was run at 0\.102, .* 0\.816 g, not at 0\.5"),
+        (
+            "RSN100_EVENT00_STA000@0.5",
+            None,
+            r"was run at 0\.102, .* 0\.816 g, not at 0\.5",
+        ),
         ("median", "rnig", r"--arch rnig: .*did you mean ring\?"),
     ],
 )
@@ -59,7 +69,9 @@ def test_command_writes_what_it_was_asked_for(tmp_path):
     path = small_study(tmp_path)
     assert command("run", path, "--quiet").exit_code == 0
     done = command("film", path, "--run", "wave0@1.2", "--to", tmp_path / "run.gif")
-    assert done.output.startswith(f"film: {tmp_path / 'run.gif'}: wave0 at PGA = 1.20 g, ")
+    assert done.output.startswith(
+        f"film: {tmp_path / 'run.gif'}: wave0 at PGA = 1.20 g, "
+    )
     with Image.open(tmp_path / "run.gif") as made:
         assert np.array(made.convert("L")).std() > 5.0
         assert made.n_frames > 20
@@ -71,7 +83,10 @@ def test_command_writes_what_it_was_asked_for(tmp_path):
 def test_the_fill_is_drawn_in_a_film():
     ring = Arch.segmental(10.0, 2.5, 0.6, voussoirs=7, friction=0.6)
     pulse = Motion(np.where(np.arange(200) < 60, 14.0, 0.0), 0.01, id="pulse")
-    for arch, count in ((ring, 0), (ring.filled(height_over_crown=0.4, unit_weight=18e3), 1)):
+    for arch, count in (
+        (ring, 0),
+        (ring.filled(height_over_crown=0.4, unit_weight=18e3), 1),
+    ):
         run = simulate(arch, pulse, history=True)
         example = film.Example(arch, pulse, 1.0, "PGA = 0.8 g", run, "a pulse", True)
         moving, _ = film.film(example, "f", "A run")

@@ -24,11 +24,14 @@ from tests.report.test_page import text
 @pytest.fixture(scope="module")
 def both():
     """A study of two arches with a hazard; the second one is stronger by a half."""
-    arches = [(name, arch, af.onset(arch)) for name, arch in
-              (("before", BEFORE), ("after", AFTER))]  # fmt: skip
+    arches = [
+        (name, arch, af.onset(arch))
+        for name, arch in (("before", BEFORE), ("after", AFTER))
+    ]
     study = synthetic.inputs(("before", "after"), n_record=24, arches=arches)
     data = study.cube.copy(deep=True)
-    intensity, factor = data["intensity"].values, np.array([1.0, 1.5])[:, None, None]
+    intensity = data["intensity"].values
+    factor = np.array([1.0, 1.5])[:, None, None]
     spread = np.exp(0.4 * np.random.default_rng(3).standard_normal((1, 24, 1)))
     data["verdict"].values[:] = 3.0 * factor * spread < intensity
     answers = synthetic.answers_of(data)
@@ -54,15 +57,23 @@ class TestBeforeAndAfter:
         median, rate = (ratio_text(row, "90 %") for row in found.values())
         assert re.fullmatch(r"1\.\d\d \(90 %: \d\.\d\d to \d\.\d\d\)", median)
         start = f"The median capacity of after is {median} times that of before, "
-        assert text(words).startswith(f"{start}its annual rate of collapse {rate} times.")
+        assert text(words).startswith(
+            f"{start}its annual rate of collapse {rate} times."
+        )
         assert before_and_after(replace(both, risk=None))[0] == f"{start[:-2]}."
 
     def test_classes_that_met_the_same_motions_have_it_too(self, both):
-        cube = both.cube.isel(arch=[0, 0, 1, 1]).assign_coords(arch=["b1", "b2", "a1", "a2"])
+        cube = both.cube.isel(arch=[0, 0, 1, 1]).assign_coords(
+            arch=["b1", "b2", "a1", "a2"]
+        )
         cube["arch_class"] = ("arch", ["before", "before", "after", "after"])
         names = ("before", "before", "after", "after")
-        answers = {own: both.answers[name] for own, name in zip(cube["arch"].values, names)}
-        given = replace(both, cube=cube, answers=answers, classes=both.answers, risk=None)
+        answers = {
+            own: both.answers[name] for own, name in zip(cube["arch"].values, names)
+        }
+        given = replace(
+            both, cube=cube, answers=answers, classes=both.answers, risk=None
+        )
         ((name, rows),) = given.ratios.items()
         assert name == "after"
         assert rows["theta"]["ratio"] == pytest.approx(1.5, rel=0.15)
@@ -71,24 +82,33 @@ class TestBeforeAndAfter:
     def test_it_says_which_curve_is_higher_at_low_levels(self, both):
         wide = replace(both.answers["after"], theta=4.5, beta=0.9)
         narrow = replace(both.answers["before"], theta=3.0, beta=0.4)
-        *_, last = before_and_after(replace(both, answers={"before": narrow, "after": wide}))
+        *_, last = before_and_after(
+            replace(both, answers={"before": narrow, "after": wide})
+        )
         # The two cross where (ln x - ln 3) / 0.4 = (ln x - ln 4.5) / 0.9.
         at = np.exp((0.9 * np.log(3.0) - 0.4 * np.log(4.5)) / 0.5) / synthetic.GRAVITY
-        assert last.startswith(f"Below PGA {at:.2f} g the curve of after is the higher one")
+        assert last.startswith(
+            f"Below PGA {at:.2f} g the curve of after is the higher one"
+        )
 
     def test_both_are_drawn_with_fill_backing_and_tie(self, both):
         html = first_page(both, None)
         drawn = re.findall(r"<svg viewBox.*?</svg>", html, re.DOTALL)[:2]
-        assert [d.count('class="earth"') + d.count('class="backing"') for d in drawn] == [2, 2]
+        assert [
+            d.count('class="earth"') + d.count('class="backing"') for d in drawn
+        ] == [2, 2]
         assert [d.count('#0072B2" stroke-width="1.6"') for d in drawn] == [0, 1]
         assert "Drawn: after. Blue: 1 tie. Dashed: the surface of the fill." in html
-        alike = replace(both, arches=[(name, *both.arches[0][1:]) for name in ("before", "after")])
+        alike = replace(
+            both, arches=[(name, *both.arches[0][1:]) for name in ("before", "after")]
+        )
         assert "Drawn: after" not in first_page(alike, None)
 
     def test_the_other_curve_and_what_was_observed_are_drawn(self, both, drawn):
         html = first_page(both, None)
         results = both.results("before")
-        levels, seen = results.levels, results.fraction
+        levels = results.levels
+        seen = results.fraction
         assert np.ptp(seen) > 0.5
         (panel,) = drawn[-1].panels
         dots = "".join(drawn[-1].parts)
@@ -109,7 +129,8 @@ class TestWeakest:
         return replace(both, answers={"before": wide, "after": narrow}, risk=None)
 
     @pytest.mark.parametrize(
-        ("at", "name"), [(0.15, "before"), (0.25, "before"), (0.34, "after"), (None, "after")]
+        ("at", "name"),
+        [(0.15, "before"), (0.25, "before"), (0.34, "after"), (None, "after")],
     )
     def test_it_is_the_one_most_likely_to_collapse_there(self, crossing, at, name):
         given = replace(crossing, at=at)
@@ -118,12 +139,16 @@ class TestWeakest:
         there = "" if at is None else " at this level"
         assert f"{name}, the weakest of 2 arches{there}," in html
         if at is not None:
-            chances = [answer(at * synthetic.GRAVITY) for answer in given.answers.values()]
+            chances = [
+                answer(at * synthetic.GRAVITY) for answer in given.answers.values()
+            ]
             assert f"<strong>{percentages([max(chances)])}</strong>" in html
 
     def test_it_is_so_at_the_level_of_the_site(self, crossing):
         rate = HazardCurve(np.array([0.5, 10.0]), np.array([0.05, 1e-5]))
-        risk = risk_of(crossing.cube, crossing.answers, Hazard("PGA", "made", {"mean": rate}))
+        risk = risk_of(
+            crossing.cube, crossing.answers, Hazard("PGA", "made", {"mean": rate})
+        )
         html = first_page(replace(crossing, risk=risk), None)
         assert "motion of the site" in html
         assert "before, the weakest of 2 arches at this level," in html
@@ -139,7 +164,9 @@ def fall():
 
 def test_weights_tie_and_springings_stand_under_the_arch(page):
     (own,) = page.xpath('//section[@id="arch1"]')
-    weights, tie, places = re.search(r"The ring weighs .*\(intrados\)\.", text(own))[0].split("; ")
+    weights, tie, places = re.search(r"The ring weighs .*\(intrados\)\.", text(own))[
+        0
+    ].split("; ")
     assert re.fullmatch(r"The ring weighs \S+ kN, piers \S+ kN, fill \S+ kN", weights)
     assert tie == "the tie pulls with 20 kN"
     assert places.startswith("springings at (")
@@ -148,22 +175,34 @@ def test_weights_tie_and_springings_stand_under_the_arch(page):
 class TestFilm:
     def test_bodies_and_ties_stay_in_the_frame_and_in_the_strip(self, fall):
         shown, strip = film.film(fall, "fall", "A collapse")
-        width, height = map(float, re.search(r'viewBox="0 0 (\S+) (\S+)"', shown.svg).groups())
+        width, height = map(
+            float, re.search(r'viewBox="0 0 (\S+) (\S+)"', shown.svg).groups()
+        )
         height -= 40.0 + film._STRIP
         shapes = re.findall(r'<path id="fall-\d+" d="M([^"]+)z"/>', shown.svg)
         form = r"translate\((\S+?)px,(\S+?)px\)rotate\((\S+?)deg\)"
         frames = re.findall(r"@keyframes fall-(\w\d+)\{(.*)\}", shown.svg)
-        moves = {name: np.array(re.findall(form, text), dtype=float) for name, text in frames}
+        moves = {
+            name: np.array(re.findall(form, text), dtype=float) for name, text in frames
+        }
         for body, shape in enumerate(shapes):
-            points = np.array(re.findall(r"-?[\d.]+", shape), dtype=float).reshape(-1, 2)
-            place, angle = moves[f"k{body}"][:, :2], np.deg2rad(moves[f"k{body}"][:, 2])
+            points = np.array(re.findall(r"-?[\d.]+", shape), dtype=float).reshape(
+                -1, 2
+            )
+            place = moves[f"k{body}"][:, :2]
+            angle = np.deg2rad(moves[f"k{body}"][:, 2])
             corners = (points @ [1, 1j])[:, None] * np.exp(1j * angle) + place @ [1, 1j]
             assert -0.5 < corners.real.min() < corners.real.max() < width + 0.5
             assert -0.5 < corners.imag.min() < corners.imag.max() < height + 0.5
-        assert max(np.abs(np.deg2rad(move[:, 2])).max() for move in moves.values()) > 0.1
+        assert (
+            max(np.abs(np.deg2rad(move[:, 2])).max() for move in moves.values()) > 0.1
+        )
         assert np.ptp(moves["s0"], axis=0).max() > 20.0
         # Frames of the strip stand beside each other, each as wide as its part of the strip.
-        assert (strip.svg.count("scale(0.25)"), strip.svg.count('class="tie"')) == (4, 4)
+        assert (strip.svg.count("scale(0.25)"), strip.svg.count('class="tie"')) == (
+            4,
+            4,
+        )
 
     def test_the_slider_ends_where_the_film_does(self, fall):
         shown, _ = film.film(fall, "fall", "A collapse")

@@ -12,18 +12,42 @@ from tests.report import synthetic
 
 # By key: its value in an arch, what the report says then, and what it says otherwise.
 KEYS = {
-    "fill": ({"height_over_crown": 0.3, "unit_weight": 18e3}, "Fill is modelled", "Fill is not"),
+    "fill": (
+        {"height_over_crown": 0.3, "unit_weight": 18e3},
+        "Fill is modelled",
+        "Fill is not",
+    ),
     "dead_load": (500.0, "A dead load is modelled", "No dead load"),
     "strength": (5e6, "Crushing is modelled", "Crushing is not"),
-    "joints": ({"stiffness": 3e10, "damping": 0.05}, "Joints give: by", "Joints do not give"),
-    "springings": ({"spread": 0.02, "springing": "left"}, "A springing has moved", "Movement of"),
+    "joints": (
+        {"stiffness": 3e10, "damping": 0.05},
+        "Joints give: by",
+        "Joints do not give",
+    ),
+    "springings": (
+        {"spread": 0.02, "springing": "left"},
+        "A springing has moved",
+        "Movement of",
+    ),
     "ties": ([{"level": 1.0, "area": 1e-3}], "Ties are modelled as", "Ties are not"),
-    "piers": ({"height": [3.0, 3.0], "width": [1.0, 1.0]}, "Piers are modelled", "Piers are not"),
-    "recess": ({"intrados": [0.0, 0.02]}, "Lost mortar is modelled", "Lost mortar is not"),
-    "vertical": ("used", "Vertical ground motion is modelled", "Vertical ground motion is not"),
+    "piers": (
+        {"height": [3.0, 3.0], "width": [1.0, 1.0]},
+        "Piers are modelled",
+        "Piers are not",
+    ),
+    "recess": (
+        {"intrados": [0.0, 0.02]},
+        "Lost mortar is modelled",
+        "Lost mortar is not",
+    ),
+    "vertical": (
+        "used",
+        "Vertical ground motion is modelled",
+        "Vertical ground motion is not",
+    ),
     "delay": (0.4, "0.4 s after the left one", "the same ground motion"),
     "friction": (0.6, "slide against Coulomb friction", "cannot slide"),
-}  # fmt: skip
+}
 RIGID = {"stiffness": float("inf"), "damping": 0.05}
 OTHERWISE = {
     "joints": RIGID,
@@ -36,9 +60,15 @@ OTHERWISE = {
 
 def told(had):
     """Limits of one arch that has some of the keys, as one text."""
-    given = {key: value[0] if key in had else OTHERWISE.get(key) for key, value in KEYS.items()}
-    vertical, delay = given.pop("vertical"), given.pop("delay")
-    return " ".join(each.sentence for each in aspects({"ring": [given]}, vertical, delay))
+    given = {
+        key: value[0] if key in had else OTHERWISE.get(key)
+        for key, value in KEYS.items()
+    }
+    vertical = given.pop("vertical")
+    delay = given.pop("delay")
+    return " ".join(
+        each.sentence for each in aspects({"ring": [given]}, vertical, delay)
+    )
 
 
 def test_every_combination_is_told_as_it_is():
@@ -51,9 +81,18 @@ def test_every_combination_is_told_as_it_is():
 
 
 def test_fill_without_weight_is_no_fill():
-    empty = {"height_over_crown": 0.3, "unit_weight": 0.0, "backing_height": 0.0, "inertia": 1.0}
+    empty = {
+        "height_over_crown": 0.3,
+        "unit_weight": 0.0,
+        "backing_height": 0.0,
+        "inertia": 1.0,
+    }
     dense = {"backing_unit_weight": 2e4}
-    for more, modelled in (({}, False), (dense, False), (dense | {"backing_height": 1.0}, True)):
+    for more, modelled in (
+        ({}, False),
+        (dense, False),
+        (dense | {"backing_height": 1.0}, True),
+    ):
         told = short(aspects({"ring": [{"friction": 0.6, "fill": empty | more}]}))
         assert ("fill as weight" in told.partition("Not modelled")[0]) is modelled
         ring = af.Arch.segmental(8.0, 3.0, 0.9, voussoirs=6, friction=0.7)
@@ -62,15 +101,21 @@ def test_fill_without_weight_is_no_fill():
 
 
 def test_only_some_arches_have_it():
-    bare, tied = {"friction": 0.6}, {"friction": 0.6, "ties": KEYS["ties"][0]}
-    words = short(aspects({"before": [bare], "after": [tied, tied], "both": [bare, tied]}))
+    bare = {"friction": 0.6}
+    tied = {"friction": 0.6, "ties": KEYS["ties"][0]}
+    words = short(
+        aspects({"before": [bare], "after": [tied, tied], "both": [bare, tied]})
+    )
     assert "ties (after, some arches of both)" in words.partition("Not modelled")[0]
     many = short(aspects({f"a{i}": [tied if i else bare] for i in range(6)}))
     assert "ties (5 of 6)" in many
 
 
 def test_a_movement_or_load_of_zero_is_none():
-    given = {"springings": {"spread": 0.0, "springing": "right"}, "dead_load": [0.0, 0.0]}
+    given = {
+        "springings": {"spread": 0.0, "springing": "right"},
+        "dead_load": [0.0, 0.0],
+    }
     text = " ".join(each.sentence for each in aspects({"ring": [given]}))
     assert "Movement of springings is not modelled." in text
     assert "No dead load is modelled." in text
@@ -85,7 +130,11 @@ def test_nothing_is_said_of_springings_of_a_column():
 @pytest.fixture(scope="module")
 def bridge():
     ring = af.Arch.segmental(8.0, 3.0, 0.6, 9, 0.6)
-    arch = ring.on_piers(3.0, 1.5).filled(0.4, 18e3).tied(level=0.8, area=8e-4, prestress=2e4)
+    arch = (
+        ring.on_piers(3.0, 1.5)
+        .filled(0.4, 18e3)
+        .tied(level=0.8, area=8e-4, prestress=2e4)
+    )
     return arch, af.onset(arch)
 
 
@@ -95,7 +144,12 @@ def test_a_report_denies_nothing_that_its_arch_has(bridge):
     ).text_content()
     for words in ("Fill is modelled", "Ties are modelled", "Piers are modelled"):
         assert words in page
-    for words in ("no fill", "the ring alone", "joint 0 is the left springing", "ties, vertical"):
+    for words in (
+        "no fill",
+        "the ring alone",
+        "joint 0 is the left springing",
+        "ties, vertical",
+    ):
         assert words not in page
     assert "Joint 0 is the base of the left pier" in page
     assert "fill as weight, piers, ties." in page

@@ -53,7 +53,11 @@ def full(tmp_path_factory):
     study.answers["thick"].more["measures"] = synthetic.MEASURES
     out = write_report(study, tmp_path_factory.mktemp("answer") / "report.html")
     page = lxml.html.document_fromstring(out.read_text(encoding="utf-8"))
-    return study, page, json.loads((out.parent / "summary.json").read_text(encoding="utf-8"))
+    return (
+        study,
+        page,
+        json.loads((out.parent / "summary.json").read_text(encoding="utf-8")),
+    )
 
 
 def read(study):
@@ -71,7 +75,9 @@ def section(page, name):
 
 def large(card):
     """Figures that an answer shows first."""
-    return [text(cell) for cell in card.xpath('./dl[@class="figures"]//dd[@class="large"]')]
+    return [
+        text(cell) for cell in card.xpath('./dl[@class="figures"]//dd[@class="large"]')
+    ]
 
 
 def table(page, label):
@@ -82,10 +88,15 @@ def table(page, label):
 
 class TestAnswer:
     def test_curve_and_counts_stand_first(self, study, page):
-        answer, verdict = study.answers["ring"], study.cube["verdict"].values
+        answer = study.answers["ring"]
+        verdict = study.cube["verdict"].values
         (card,) = section(page, "arch0").xpath('./div[@class="answer"]')
         fit = answer
-        assert large(card) == [f"{fit.theta / GRAVITY:#.3g} g", f"{fit.beta:#.3g}", "0.370 g"]
+        assert large(card) == [
+            f"{fit.theta / GRAVITY:#.3g} g",
+            f"{fit.beta:#.3g}",
+            "0.370 g",
+        ]
         theta = np.array(answer.theta_interval) / GRAVITY
         for (low, high), unit in ((theta, " g"), (answer.beta_interval, "")):
             assert f"90 %: {low:#.3g} to {high:#.3g}{unit}" in text(card)
@@ -105,8 +116,11 @@ class TestAnswer:
     def test_levels(self, study, page):
         _, rows = table(page, LEVELS_OF_RING)
         verdict = study.cube["verdict"].values[0]
-        for i, (row, level) in enumerate(zip(rows, study.cube["intensity"].values, strict=True)):
-            fell, stood = (verdict[:, i] == 1).sum(), (verdict[:, i] == 0).sum()
+        for i, (row, level) in enumerate(
+            zip(rows, study.cube["intensity"].values, strict=True)
+        ):
+            fell = (verdict[:, i] == 1).sum()
+            stood = (verdict[:, i] == 0).sum()
             assert row[0] == f"{level / GRAVITY:#.3g}"
             assert [int(cell) for cell in row[1:4]] == [len(verdict), fell, stood]
             # Of six runs at the level before the last one failed: the fraction is of five.
@@ -116,7 +130,9 @@ class TestAnswer:
     def test_without_curve_or_onset(self, study):
         arch, onset = synthetic.arch_and_onset()
         quiet = study.cube.assign(verdict=0 * study.cube["verdict"])
-        given = replace(study, cube=quiet, answers={"ring": synthetic.none("no run collapsed")})
+        given = replace(
+            study, cube=quiet, answers={"ring": synthetic.none("no run collapsed")}
+        )
         page = read(given)
         (card,) = section(page, "arch0").xpath('./div[@class="answer"]')
         assert "No fragility curve: no run collapsed." in text(card)
@@ -126,7 +142,9 @@ class TestAnswer:
             {"stands": False, "plus": np.nan, "minus": np.nan},
             {"plus": np.inf, "hinges": [], "thrust_plus": None},
         ):
-            page, _ = render(replace(given, arches=[("ring", arch, replace(onset, **changes))]))
+            page, _ = render(
+                replace(given, arches=[("ring", arch, replace(onset, **changes))])
+            )
             assert not re.search(r"\b(nan|inf) g", page)
 
     def test_limit_states_measures_and_class(self, full):
@@ -138,13 +156,22 @@ class TestAnswer:
         answer = given.answers["thin"]
         of_thin = percentages([answer.at(0.35 * GRAVITY)[0]])
         assert rows[0][1].startswith(f"{of_thin} (")
-        assert f"with probability {percentages([chance])} (" in text(section(page, "first"))
+        assert f"with probability {percentages([chance])} (" in text(
+            section(page, "first")
+        )
         fit = answer.likelihood
         ending = f"Dashed: θ {fit.theta / GRAVITY:#.3g} g, β {fit.beta:.3f}."
         assert ending in text(section(page, "members"))
         assert f"pointwise band, {answer.method}. {answer.assumptions}" in text(page)
         assert table(page, "Limit states of thin")[1] == [
-            ["motion", "a joint opens", "0.102", "0.0865 to 0.120", "0.400", "0.30 to 0.53"],
+            [
+                "motion",
+                "a joint opens",
+                "0.102",
+                "0.0865 to 0.120",
+                "0.400",
+                "0.30 to 0.53",
+            ],
             ["impact", "a joint closes (no curve: all collapse)", "–", "–", "–", "–"],
         ]
         rows = table(page, "Intensity measures for thick")[1]
@@ -154,15 +181,25 @@ class TestAnswer:
 
     def test_summary_for_programs(self, full):
         given, _, data = full
-        assert [data[k] for k in ("format", "unit", "level")] == ["archfrag-summary/2", "g", 0.35]
-        for arch, verdict in zip(data["arches"], given.cube["verdict"].values, strict=True):
+        assert [data[k] for k in ("format", "unit", "level")] == [
+            "archfrag-summary/2",
+            "g",
+            0.35,
+        ]
+        for arch, verdict in zip(
+            data["arches"], given.cube["verdict"].values, strict=True
+        ):
             answer = given.answers[arch["id"]]
             _, *band = answer.at(0.35 * GRAVITY)
             assert arch["curve"]["theta"] == pytest.approx(answer.theta / GRAVITY)
             assert arch["curve"]["maximum_likelihood"]["beta"] == answer.likelihood.beta
             assert arch["counts"]["collapsed"] == (verdict == Verdict.COLLAPSED).sum()
-            assert sum(arch["mechanisms"]["mode"].values()) == pytest.approx(1.0, abs=1e-5)
-            assert arch["onset"] == pytest.approx({"plus": 0.37001, "minus": 0.37001}, abs=1e-5)
+            assert sum(arch["mechanisms"]["mode"].values()) == pytest.approx(
+                1.0, abs=1e-5
+            )
+            assert arch["onset"] == pytest.approx(
+                {"plus": 0.37001, "minus": 0.37001}, abs=1e-5
+            )
             assert arch["probability"]["interval"] == pytest.approx(band)
         (both,) = data["classes"]
         assert both["arches"] == 2
@@ -174,19 +211,24 @@ class TestFirstPage:
         return text(found)
 
     def test_says_the_median_or_the_probability_that_is_asked_for(self, study):
-        answer, scale = study.answers["ring"], study.scale
+        answer = study.answers["ring"]
+        scale = study.scale
         low, high = map(scale.digits, answer.theta_interval)
         start = "Half of the ground motions make the arch collapse at PGA"
         start += f" {scale.text(answer.theta)}"
         assert self.lead(study) == f"{start} (90 %: {low} to {high} g)."
         value, *band = answer.at(0.35 * GRAVITY)
         start = f"Under PGA 0.350 g, the arch collapses with probability {percentages([value])}"
-        assert self.lead(replace(study, at=0.35)) == f"{start} (90 %: {percentages(band)})."
+        assert (
+            self.lead(replace(study, at=0.35))
+            == f"{start} (90 %: {percentages(band)})."
+        )
         value, low, high = answer.at(1.2 * GRAVITY)  # beyond the levels
         assert answer.upper[-1] < high
         assert low < value < high
-        assert f"{percentages([value])} (90 %: {percentages([low, high])})." in self.lead(
-            replace(study, at=1.2)
+        assert (
+            f"{percentages([value])} (90 %: {percentages([low, high])})."
+            in self.lead(replace(study, at=1.2))
         )
         assert percentages([0.02, 0.2149]) == "2.0 to 21 %"
         assert [percentages(2 * [p]) for p in (1e-4, 0.9999)] == ["< 0.1 %", "> 99.9 %"]
@@ -214,9 +256,17 @@ class TestFirstPage:
         assert "Drawn: th" in words
         assert "Line: lognormal curve of class both." in words
         alone = given.cube.assign(arch_class=("arch", ["both", "thick"]))
-        weaker = replace(given, cube=alone, answers={
-            "thin": synthetic.answer_of(9.0), "thick": synthetic.answer_of(4.0)})  # fmt: skip
-        assert "thick, the weakest of 2 classes and arches at this level," in self.lead(weaker)
+        weaker = replace(
+            given,
+            cube=alone,
+            answers={
+                "thin": synthetic.answer_of(9.0),
+                "thick": synthetic.answer_of(4.0),
+            },
+        )
+        assert "thick, the weakest of 2 classes and arches at this level," in self.lead(
+            weaker
+        )
         # The arch that is drawn is of the class that leads, though one of the other is nearer.
         other = given.cube.assign(arch_class=("arch", ["thick-ones", "both"]))
         two = {"both": synthetic.answer_of(4.1), "thick-ones": synthetic.answer_of(9.0)}
@@ -224,7 +274,9 @@ class TestFirstPage:
         drawn = leading_arch(replace(given, cube=other, classes=two, answers=answers))
         assert given.arches[drawn][0] == "thick"
         several = replace(given, classes={})
-        weakest = max(several.answers, key=lambda name: several.answers[name](0.35 * GRAVITY))
+        weakest = max(
+            several.answers, key=lambda name: several.answers[name](0.35 * GRAVITY)
+        )
         assert leading(several)[0] == weakest
         weakest = min(several.answers, key=lambda name: several.answers[name].theta)
         assert leading(replace(several, at=None))[0] == weakest
@@ -233,32 +285,49 @@ class TestFirstPage:
 def hazard(points):
     """A hazard curve up to so many points, and a fractile of it."""
     im = np.geomspace(0.2, 20.0, 8)[:points]
-    curves = {"mean": HazardCurve(im, 2e-3 * im**-2.0), "0.84": HazardCurve(im, 1e-2 / im)}
+    curves = {
+        "mean": HazardCurve(im, 2e-3 * im**-2.0),
+        "0.84": HazardCurve(im, 1e-2 / im),
+    }
     return Hazard("PGA", "a.csv", curves)
 
 
 def test_risk(drawn):
     data = synthetic.cube(names=("ring", "slab"), items=synthetic.motions(12))
-    fits = {"ring": synthetic.answers_of(data)["ring"], "slab": synthetic.none("no curve")}
+    fits = {
+        "ring": synthetic.answers_of(data)["ring"],
+        "slab": synthetic.none("no curve"),
+    }
     whole, short = (risk_of(data, fits, hazard(points)) for points in (8, 4))
     list(risk_parts(whole, synthetic.SCALE, "90 %"))
-    page, bound = (read(synthetic.inputs(("ring", "slab"), 12, cube=data, risk=risk))
-                   for risk in (whole, short))  # fmt: skip
+    page, bound = (
+        read(synthetic.inputs(("ring", "slab"), 12, cube=data, risk=risk))
+        for risk in (whole, short)
+    )
     assert "No rate: no curve." in text(page)
     _, rows = table(page, "Rates of collapse")
     assert [row[0] for row in rows] == ["ring", "slab"]
     assert rows[0][1] == f"{whole.arches['ring'].rate.rate:.2g}"
     assert "It is the higher one because weak motions" in text(section(page, "risk"))
-    (figure,) = page.xpath('//svg[starts-with(@aria-label, "Rate of collapse of ring by")]')[-1:]
+    (figure,) = page.xpath(
+        '//svg[starts-with(@aria-label, "Rate of collapse of ring by")]'
+    )[-1:]
     parts = [float(part) for part in re.findall(r" (\d+) %", figure.text_content())]
     assert len(parts) > 1
     assert sum(parts) == pytest.approx(100.0, abs=3.0)
     row = table(bound, "Rates of collapse")[1][0]
-    assert (row[1][:9], row[2], row[3], row[4][:8]) == ("at least ", "–", "–", "at most ")
+    assert (row[1][:9], row[2], row[3], row[4][:8]) == (
+        "at least ",
+        "–",
+        "–",
+        "at most ",
+    )
 
 
 def test_cautions_stand_where_they_belong(study):
-    data = study.cube.assign(accepted=("record", ["", "PGA 7 g", "", "", "dt 0.2 s", ""]))
+    data = study.cube.assign(
+        accepted=("record", ["", "PGA 7 g", "", "", "dt 0.2 s", ""])
+    )
     given = ["ring: runs are unfinished", "motions are scaled by more than 10"]
     page = read(replace(study, cube=data, cautions=given))
     (card,) = section(page, "arch0").xpath('./div[@class="answer"]/p')
@@ -274,11 +343,18 @@ class TestClass:
     def test_one_chapter_and_members_folded_in_the_appendix(self, full):
         _, page, _ = full
         assert [text(h) for h in page.xpath("//h2")] == [
-            "Class both", "Ground motions", "Provenance", "Appendix: arches of classes",
+            "Class both",
+            "Ground motions",
+            "Provenance",
+            "Appendix: arches of classes",
             "Terms and limits",
-        ]  # fmt: skip
+        ]
         folded = section(page, "members").xpath("./details")
-        assert [text(each.find("summary")) for each in folded] == ["Answers", "thin", "thick"]
+        assert [text(each.find("summary")) for each in folded] == [
+            "Answers",
+            "thin",
+            "thick",
+        ]
         assert all("open" not in each.attrib for each in folded)
         assert not page.xpath('//header//table[@aria-label="Answer for each arch"]')
 
@@ -286,7 +362,9 @@ class TestClass:
         given, _, _ = full
         _, figures = render(given)
         assert set(figures) == {"curve-both.svg", "curve-thin.svg", "curve-thick.svg"}
-        assert "an arch drawn at random from class both" in figures["curve-both.svg"].file
+        assert (
+            "an arch drawn at random from class both" in figures["curve-both.svg"].file
+        )
 
 
 def test_target_of_the_records_stands_beside_their_spectra(study, drawn):
@@ -301,17 +379,26 @@ def test_target_of_the_records_stands_beside_their_spectra(study, drawn):
     assert "with which it was selected for the target" in picture.caption
     sheet = drawn[-1]
     (panel,) = sheet.panels
-    lines = re.findall(r'<path d="M([^"]+)"[^>]*stroke="#D55E00"', "".join(sheet.parts))[1:]
-    for line, sa in zip(lines, target[1] * np.exp(np.outer([0.0, 1.0, -1.0], target[2]))):
+    lines = re.findall(
+        r'<path d="M([^"]+)"[^>]*stroke="#D55E00"', "".join(sheet.parts)
+    )[1:]
+    for line, sa in zip(
+        lines, target[1] * np.exp(np.outer([0.0, 1.0, -1.0], target[2]))
+    ):
         points = np.array(re.findall(r"-?[\d.]+", line), dtype=float).reshape(-1, 2)
         ends = np.column_stack([panel.at_x(periods[1:3]), panel.at_y(sa[1:3])])
         np.testing.assert_allclose(points, ends, atol=0.11)
     assert len(lines) == 3
-    grey = re.findall(r'<path d="M([\d.]+) ([\d.]+)[^"]*"[^>]*stroke="#7b8794"',
-                      "".join(sheet.parts))[1:]  # fmt: skip
-    first = [spectral_acceleration(m, [0.03])[0] * f / GRAVITY
-             for m, f in zip(study.motions, factors.values())]  # fmt: skip
-    np.testing.assert_allclose([float(y) for _, y in grey], panel.at_y(first), atol=0.11)
+    grey = re.findall(
+        r'<path d="M([\d.]+) ([\d.]+)[^"]*"[^>]*stroke="#7b8794"', "".join(sheet.parts)
+    )[1:]
+    first = [
+        spectral_acceleration(m, [0.03])[0] * f / GRAVITY
+        for m, f in zip(study.motions, factors.values())
+    ]
+    np.testing.assert_allclose(
+        [float(y) for _, y in grey], panel.at_y(first), atol=0.11
+    )
 
 
 def test_ratios_of_an_arch_after_a_first_shock_are_to_the_same_arch_before():
@@ -321,7 +408,10 @@ def test_ratios_of_an_arch_after_a_first_shock_are_to_the_same_arch_before():
     ratio = study.ratios["thick-after-0.9"]["theta"]
     assert ratio["before"] == pytest.approx(study.known["thick"].theta)
     _, rows = table(read(study), "Ratios of arches")
-    assert [row[:2] for row in rows] == [["thick", "thin"], ["thick-after-0.9", "thick"]]
+    assert [row[:2] for row in rows] == [
+        ["thick", "thin"],
+        ["thick-after-0.9", "thick"],
+    ]
 
 
 def test_a_curve_of_the_records_after_which_an_arch_stands_says_so_in_the_table_of_answers():
@@ -348,7 +438,9 @@ class TestOffline:
         html, _ = render(study)
         assert not re.search(r"https?:|@import|url\((?!#)", html)
         assert not page.xpath("//link | //img | //iframe | //object | //embed")
-        assert not [name for name in page.xpath("//@*") if str(name).startswith("javascript")]
+        assert not [
+            name for name in page.xpath("//@*") if str(name).startswith("javascript")
+        ]
         (policy,) = page.xpath('//meta[@http-equiv="Content-Security-Policy"]/@content')
         assert policy.startswith("default-src 'none'")
         (script,) = page.xpath("//script/text()")  # no other one may run
@@ -356,14 +448,18 @@ class TestOffline:
         assert policy.endswith(f"script-src 'sha256-{digest}'")
         identifiers = re.findall(r'\bid="([^"]+)"', html)
         assert len(identifiers) == len(set(identifiers))
-        used = set(re.findall(r'href="#([^"]+)"', html) + re.findall(r"url\(#([^)]+)\)", html))
+        used = set(
+            re.findall(r'href="#([^"]+)"', html) + re.findall(r"url\(#([^)]+)\)", html)
+        )
         assert used
         assert used <= set(identifiers)
 
     def test_figures_and_tables_have_a_text_alternative(self, page):
         pictures = page.xpath('//svg[not(@aria-hidden="true")]')
         assert len(pictures) == 8 + 1
-        assert all(p.get("role") == "img" and len(p.get("aria-label")) > 20 for p in pictures)
+        assert all(
+            p.get("role") == "img" and len(p.get("aria-label")) > 20 for p in pictures
+        )
         assert len(page.xpath('//*[@class="thumbnails"]/@aria-label')) == 1
         assert all(t.get("aria-label") for t in page.xpath("//table"))
         assert page.get("lang") == "en"
@@ -381,7 +477,11 @@ class TestNumbers:
         data = study.cube.copy(deep=True)
         failed = data["verdict"] == Verdict.FAILED
         data["contact_residual"] = data["contact_residual"].where(~failed, 0.7)
-        rows = dict(table(read(replace(study, cube=data)), "Models, time and accuracy of ring")[1])
+        rows = dict(
+            table(read(replace(study, cube=data)), "Models, time and accuracy of ring")[
+                1
+            ]
+        )
         per_second = 1e3 * 0.05 * failed.size / float(data["end_time"].sum())
         assert rows["wall time for one simulated second"] == f"{per_second:#.3g} ms"
         largest = float(data["contact_residual"].where(~failed).max())
@@ -417,15 +517,31 @@ def bisected():
     for name in data.data_vars:  # as the cube stores what was not run
         if data[name].dims[:3] == ("arch", "record", "level") and name != "verdict":
             data[name].values[0][away] = np.nan if data[name].dtype.kind == "f" else -1
-    facts = {"runs": int((~away).sum()), "records": 8, "checked": 3, "contradictions": 1}
-    data.attrs["archfrag_design"] = json.dumps({"kind": "ida", "arches": {"ring": facts}})
+    facts = {
+        "runs": int((~away).sum()),
+        "records": 8,
+        "checked": 3,
+        "contradictions": 1,
+    }
+    data.attrs["archfrag_design"] = json.dumps(
+        {"kind": "ida", "arches": {"ring": facts}}
+    )
     return replace(study, cube=data, answers=synthetic.answers_of(data)), first
 
 
 class TestWords:
     def test_significant_digits_are_kept(self):
-        shown = {0.0002: "0.00020", 0.010000001: "0.010", 5.93e-5: "5.9·10⁻⁵", 1396.0: "1,400",
-                 0.34: "0.34", 12.3: "12", 99.6: "100", 1.0: "1.0", np.nan: "–"}  # fmt: skip
+        shown = {
+            0.0002: "0.00020",
+            0.010000001: "0.010",
+            5.93e-5: "5.9·10⁻⁵",
+            1396.0: "1,400",
+            0.34: "0.34",
+            12.3: "12",
+            99.6: "100",
+            1.0: "1.0",
+            np.nan: "–",
+        }
         assert {value: rounded(value) for value in shown} == shown
         assert rounded(0.392, 3) == "0.392"
 
@@ -469,9 +585,14 @@ class TestDesigns:
         below = [(first <= level).mean() for level in range(len(rows))]
         assert [row[6] for row in rows] == [f"{fraction:.3f}" for fraction in below]
         assert "nan" not in text(section(page, "arch0"))
-        assert "-" not in dict(table(page, "Models, time and accuracy of ring")[1])["impacts"]
+        assert (
+            "-"
+            not in dict(table(page, "Models, time and accuracy of ring")[1])["impacts"]
+        )
         found = study.results("ring")
-        levels = np.concatenate([found.levels[:1] ** 2 / found.levels[0], found.levels, [np.inf]])
+        levels = np.concatenate(
+            [found.levels[:1] ** 2 / found.levels[0], found.levels, [np.inf]]
+        )
         middle = np.sqrt(levels[first] * levels[first + 1])
         assert found.capacities == pytest.approx(middle)
 
@@ -485,7 +606,9 @@ def compared(arches=("ring",), measure="PGA"):
         cube.attrs |= {"archfrag_study": name, "archfrag_config": json.dumps(config)}
         cube["intensity"].attrs["measure"] = "PGA" if name == "up" else measure
         cubes.append(cube)
-    return synthetic.inputs(cube=cubes[0], compared=(cubes[1], synthetic.answers_of(cubes[1])))
+    return synthetic.inputs(
+        cube=cubes[0], compared=(cubes[1], synthetic.answers_of(cubes[1]))
+    )
 
 
 class TestCompare:
@@ -500,7 +623,10 @@ class TestCompare:
         for fit, card in zip(fits, both.xpath('.//div[@class="answer"]'), strict=True):
             assert large(card) == [f"{fit.theta / GRAVITY:#.3g} g", f"{fit.beta:#.3g}"]
         differing = table(page, "Settings in which the studies differ")
-        assert differing == (["key", "up", "flat"], [["motions.vertical", "True", "False"]])
+        assert differing == (
+            ["key", "up", "flat"],
+            [["motions.vertical", "True", "False"]],
+        )
 
     @pytest.mark.parametrize(
         ("changes", "reason"),

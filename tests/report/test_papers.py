@@ -31,7 +31,9 @@ def test_runs_are_told_in_words_and_in_the_unit_of_the_study(finished):
     # No run still moved from a first shock, so that one column is left out.
     assert len(runs.columns) == len(RUN_COLUMNS) - 1 <= 24
     assert len(runs) == cube["verdict"].size == 24
-    words = dict(zip(cube["verdict"].flag_values.tolist(), cube["verdict"].flag_meanings.split()))
+    words = dict(
+        zip(cube["verdict"].flag_values.tolist(), cube["verdict"].flag_meanings.split())
+    )
     for row in runs.to_dict("records"):
         levels = cube["intensity"].values / 9.80665
         cell = cube.sel(arch=row["arch"], record=row["record"])
@@ -40,13 +42,16 @@ def test_runs_are_told_in_words_and_in_the_unit_of_the_study(finished):
         collapsed = row["verdict"] == "collapsed"
         assert collapsed == (row["collapse_joint"] == int(cell["collapse_joint"]))
         assert np.isnan(row["collapse_joint"]) != collapsed
-        assert row["peak_rotation [rad]"] == pytest.approx(float(cell["peak_rotation"]), rel=1e-6)
+        assert row["peak_rotation [rad]"] == pytest.approx(
+            float(cell["peak_rotation"]), rel=1e-6
+        )
     assert {"survived", "collapsed"} <= set(runs["verdict"])
 
 
 def test_capacities_lie_between_the_levels_that_runs_show(finished):
     _, out, _ = finished
-    runs, table = pd.read_csv(out / "runs.csv"), pd.read_csv(out / "capacities.csv")
+    runs = pd.read_csv(out / "runs.csv")
+    table = pd.read_csv(out / "capacities.csv")
     assert list(table) == ["arch", "record", "lower [g]", "upper [g]", "capacity [g]"]
     for _, arch, record, low, high, middle in table.itertuples():
         own = runs[(runs["arch"] == arch) & (runs["record"] == record)]
@@ -62,9 +67,16 @@ def test_capacities_lie_between_the_levels_that_runs_show(finished):
 
 def test_the_readme_names_every_file_and_spares_one_of_the_user(finished, tmp_path):
     _, out, fitted = finished
-    named = {line.split()[0].strip("/") for line in (out / "README.txt").open() if line.strip()}
+    named = {
+        line.split()[0].strip("/")
+        for line in (out / "README.txt").open()
+        if line.strip()
+    }
     for entry in out.iterdir():
-        assert re.sub("curve-.*", "curve-ARCH.svg", entry.name) in {"README.txt", *named}
+        assert re.sub("curve-.*", "curve-ARCH.svg", entry.name) in {
+            "README.txt",
+            *named,
+        }
     (tmp_path / "README.txt").write_text("mine")
     write_papers(fitted, "PGA", "g", 1 / 9.80665, tmp_path)
     assert (tmp_path / "README.txt").read_text() == "mine"
@@ -84,8 +96,14 @@ def test_figures_of_all_arches_are_the_same_each_day(finished, tmp_path):
     done = command("figures", path, "--to", tmp_path / "figures")
     assert done.exit_code == 0, done.output
     names = {entry.name for entry in (tmp_path / "figures").iterdir()}
-    own = {f"{kind}-{arch}" for kind in ("ida", "runs", "onset") for arch in ("ring", "slab")}
-    assert names == {f"{name}.{end}" for name in {"fragility", *own} for end in ("pdf", "png")}
+    own = {
+        f"{kind}-{arch}"
+        for kind in ("ida", "runs", "onset")
+        for arch in ("ring", "slab")
+    }
+    assert names == {
+        f"{name}.{end}" for name in {"fragility", *own} for end in ("pdf", "png")
+    }
     assert {line.split("/")[-1] for line in done.stdout.split()} == names
     for file in (tmp_path / "figures").glob("*.pdf"):
         content = file.read_bytes()
@@ -96,7 +114,9 @@ def test_figures_of_all_arches_are_the_same_each_day(finished, tmp_path):
 def test_fractiles_end_where_the_capacities_of_the_other_side_are():
     """Of four records one collapses above 1, two above 3 and one never."""
     inf = np.inf
-    curves = np.array([[0.4, inf, inf], [0.3, 0.5, inf], [0.2, 0.3, inf], [0.1, 0.2, 0.4]])
+    curves = np.array(
+        [[0.4, inf, inf], [0.3, 0.5, inf], [0.2, 0.3, inf], [0.1, 0.2, 0.4]]
+    )
     low, median, high = fractiles(curves, np.array([1.4, 2.8, 2.8, inf]))
     assert (low[0].tolist(), low[1]) == ([0.1, 0.2, 0.4], inf)
     assert (median[0].tolist(), median[1]) == ([0.3, 0.5, inf], 2.8)
@@ -104,9 +124,13 @@ def test_fractiles_end_where_the_capacities_of_the_other_side_are():
 
 
 def test_an_ida_line_is_flat_at_the_capacity_of_its_record():
-    levels, row = np.array([0.2, 0.4, 0.6]), np.array([1.0, 3.0, np.inf])
+    levels = np.array([0.2, 0.4, 0.6])
+    row = np.array([1.0, 3.0, np.inf])
     x, y = ida_line(levels, row, 0.5, 9.0)
-    assert (x.tolist(), y.tolist()) == ([0.0, 1.0, 3.0, 3.0, 9.0], [0.0, 0.2, 0.4, 0.5, 0.5])
+    assert (x.tolist(), y.tolist()) == (
+        [0.0, 1.0, 3.0, 3.0, 9.0],
+        [0.0, 0.2, 0.4, 0.5, 0.5],
+    )
     x, y = ida_line(levels, np.array([1.0, 3.0, 4.0]), np.inf, 9.0)
     assert (x[-1], y[-1]) == (4.0, 0.6)
 
@@ -116,7 +140,10 @@ def test_effects_on_theta_are_those_of_a_power_law():
     logs = np.random.default_rng(4).normal(size=(40, 2))
     theta = 2.0 * np.exp(3.0 * logs[:, 0] - logs[:, 1])
     middle, ends = effects_on_theta(theta, logs)
-    mean, spread = logs.mean(axis=0), logs.std(axis=0, ddof=1)
+    mean = logs.mean(axis=0)
+    spread = logs.std(axis=0, ddof=1)
     assert middle == pytest.approx(2.0 * np.exp(3.0 * mean[0] - mean[1]))
-    assert ends[0] == pytest.approx(middle * np.exp([-3.0 * spread[0], 3.0 * spread[0]]))
+    assert ends[0] == pytest.approx(
+        middle * np.exp([-3.0 * spread[0], 3.0 * spread[0]])
+    )
     assert ends[1] == pytest.approx(middle * np.exp([spread[1], -spread[1]]))

@@ -23,7 +23,9 @@ def summary(tmp_path_factory):
     """What is printed after a study of a class of blocks and a block, with a hazard."""
     folder = tmp_path_factory.mktemp("terminal")
     (folder / "hazard.csv").write_text(HAZARD)
-    text = TEXT[: TEXT.index("  - {id: ring")] + MANY + TEXT[TEXT.index("  - {id: slab") :]
+    text = (
+        TEXT[: TEXT.index("  - {id: ring")] + MANY + TEXT[TEXT.index("  - {id: slab") :]
+    )
     text += "risk: {hazard: hazard.csv}\n"
     done = command("run", small_study(folder, text), "--cores", 1)
     assert done.exit_code == 0, done.output
@@ -34,16 +36,26 @@ def test_cautions_of_members_are_one():
     cube = synthetic.cube(("b1", "b2", "a1", "alone"))
     cube["arch_class"] = ("arch", ["before", "before", "after", "alone"])
     words = "of 24 checks contradict"
-    given = [f"b1: 3 {words}", f"b2: 12 {words}", f"a1: 1 {words}", f"alone: 2 {words}", "records"]
-    assert gathered(given, cube, ["alone"]) == [
-        f"2 arches of before, such as b1: 3 {words}", f"a1: 1 {words}", f"alone: 2 {words}",
+    given = [
+        f"b1: 3 {words}",
+        f"b2: 12 {words}",
+        f"a1: 1 {words}",
+        f"alone: 2 {words}",
         "records",
-    ]  # fmt: skip
+    ]
+    assert gathered(given, cube, ["alone"]) == [
+        f"2 arches of before, such as b1: 3 {words}",
+        f"a1: 1 {words}",
+        f"alone: 2 {words}",
+        "records",
+    ]
     assert gathered(given[-2:], cube, []) == given[-2:]
 
 
 def test_the_summary_has_the_rate_of_collapse(summary):
-    rates = re.findall(r"^(\w+) +(?:rate (?:at least )?[\d.e-]+ a year|no rate)", summary, re.M)
+    rates = re.findall(
+        r"^(\w+) +(?:rate (?:at least )?[\d.e-]+ a year|no rate)", summary, re.M
+    )
     assert sorted(rates) == ["many", "slab"]
 
 

@@ -22,7 +22,9 @@ ROOT = Path(__file__).resolve().parents[2]
 TEXT = Path(__file__).with_name("small.yaml").read_text()
 
 
-def write_at2(path: Path, acceleration: np.ndarray, dt: float, component: str = "0") -> Path:
+def write_at2(
+    path: Path, acceleration: np.ndarray, dt: float, component: str = "0"
+) -> Path:
     """Record in PEER's AT2, samples in g; UP is a vertical component."""
     rows = "\n".join(f"{value: .7E}" for value in acceleration)
     path.write_text(
@@ -47,7 +49,9 @@ def small_study(folder: Path, text: str = TEXT, name: str = "small.yaml") -> Pat
 
 
 def command(*arguments, **options) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], **options)
+    return CliRunner().invoke(
+        main, [str(argument) for argument in arguments], **options
+    )
 
 
 def dumped(study: StudyKeys) -> str:
@@ -111,6 +115,10 @@ def assert_compliant(cube: Path, folder: Path) -> None:
     assert found["high_count"] == 0, found["high_priorities"]
     checked = found["all_priorities"]
     assert len(checked) > 5
-    assert all(e["weight"] != 3 or e["value"][0] == e["value"][1] for e in checked), checked
+    assert all(e["weight"] != 3 or e["value"][0] == e["value"][1] for e in checked), (
+        checked
+    )
     with netCDF4.Dataset(cube) as opened:
-        assert all(len(variable.long_name) > 5 for variable in opened.variables.values())
+        assert all(
+            len(variable.long_name) > 5 for variable in opened.variables.values()
+        )

@@ -17,29 +17,51 @@ import yaml
 
 from tests.study.small import ROOT, TEXT, command, small_study
 
-RING, FILES = "radius: 10.0", '["records/*.AT2"]'
+RING = "radius: 10.0"
+FILES = '["records/*.AT2"]'
 BLOCK = "profile: block, width: 0.4, height: 2.0"
 LEVELS = "[0.1, 0.6, 1.2]"
 MANY = "".join(
-    f"  - {{id: a{i}, profile: block, width: 1.0, height: 2.0, friction: 1}}\n" for i in range(999)
+    f"  - {{id: a{i}, profile: block, width: 1.0, height: 2.0, friction: 1}}\n"
+    for i in range(999)
 )
 UNIFORM = "distribution: uniform, start: 0.6, stop: 0.8"
 NORMAL = "distribution: normal, mean: 1, cov: 0.1"
 # What varies of the ring, and a part of the message.
 VARY = [
     ("joints: {}", "vary must have a key of or joints"),
-    ("of: {frictions: {UNIFORM}}", "sample 1 (frictions = 0.657234): frictions is not a known"),
-    ("of: {friction: {distribution: normal, cov: 0.1}}", "vary.of.friction.mean must be given"),
-    ("of: {friction: {UNIFORM, mean: 1}}", ".mean is not a known key; allowed are distribution"),
+    (
+        "of: {frictions: {UNIFORM}}",
+        "sample 1 (frictions = 0.657234): frictions is not a known",
+    ),
+    (
+        "of: {friction: {distribution: normal, cov: 0.1}}",
+        "vary.of.friction.mean must be given",
+    ),
+    (
+        "of: {friction: {UNIFORM, mean: 1}}",
+        ".mean is not a known key; allowed are distribution",
+    ),
     ("of: {friction: {NORMAL, sd: 0.1}}", "one of cov and sd"),
     ("of: {friction: {NORMAL, lower: 2.9, upper: 1.8}}", "is cut too far"),
-    ("of: {dead_load: {NORMAL, relative: true}}", "relative needs a key dead_load of the arch"),
-    ("of: {friction: {UNIFORM}}, correlation: {friction: {density: 0.5}}",
-     "vary.correlation is not a known key"),
-    ("joints: {friction: {NORMAL, relative: true}}", "relative cannot be used for joints"),
+    (
+        "of: {dead_load: {NORMAL, relative: true}}",
+        "relative needs a key dead_load of the arch",
+    ),
+    (
+        "of: {friction: {UNIFORM}}, correlation: {friction: {density: 0.5}}",
+        "vary.correlation is not a known key",
+    ),
+    (
+        "joints: {friction: {NORMAL, relative: true}}",
+        "relative cannot be used for joints",
+    ),
     ("of: {thickness: {distribution: normal, mean: 1.5, cov: 3}}", "sample 1 ("),
-    ("of: {density: {distribution: normal, mean: 2e6, cov: 0.01}}", "sample 1 (density = "),
-]  # fmt: skip
+    (
+        "of: {density: {distribution: normal, mean: 2e6, cov: 0.01}}",
+        "sample 1 (density = ",
+    ),
+]
 # What is done to the records, and a part of the message.
 STEPS = [
     ("[bandpas]", "processing[0].bandpas is not a known key; did you mean bandpass?"),
@@ -55,16 +77,41 @@ STEPS = [
 ]
 # Text of the small study (None: all of it), what stands in its place, and a part of the message.
 BAD = [
-    *((old, f"{key}: {value}", key) for key, old in (("radius", RING), ("dt", "dt: 2.0e-3"))
-      for value in ("abc", ".nan", ".inf", "-1", "1e300", "[1]", "{a: 1}", "'1'", "'1:30'")),
-    *(("friction: 0.7", f"friction: 0.7, vary: {{samples: 4, {vary}}}", part)
-      for vary, part in VARY),
-    *((f"files: {FILES}", f"files: {FILES}\n  processing: {steps}", part)
-      for steps, part in STEPS),
+    *(
+        (old, f"{key}: {value}", key)
+        for key, old in (("radius", RING), ("dt", "dt: 2.0e-3"))
+        for value in (
+            "abc",
+            ".nan",
+            ".inf",
+            "-1",
+            "1e300",
+            "[1]",
+            "{a: 1}",
+            "'1'",
+            "'1:30'",
+        )
+    ),
+    *(
+        ("friction: 0.7", f"friction: 0.7, vary: {{samples: 4, {vary}}}", part)
+        for vary, part in VARY
+    ),
+    *(
+        (f"files: {FILES}", f"files: {FILES}\n  processing: {steps}", part)
+        for steps, part in STEPS
+    ),
     # YAML.
     ("title: A small study", "title: !!int abc", "is not valid YAML"),
-    ("title: A small study", "title: !!python/object/apply:os.system [ls]", "line 2: could not"),
-    ("title: A small study", r'title: "a\0b"', "line 2: text must hold no control characters"),
+    (
+        "title: A small study",
+        "title: !!python/object/apply:os.system [ls]",
+        "line 2: could not",
+    ),
+    (
+        "title: A small study",
+        r'title: "a\0b"',
+        "line 2: text must hold no control characters",
+    ),
     ("title: A small study", "title:\n" + "- " * 2000 + "a", "is not valid YAML"),
     ("title: A small study", "id: other", "line 2: the key id is given twice"),
     (None, "? [a, b]\n: 3\n", "line 1: found unhashable key"),
@@ -72,65 +119,154 @@ BAD = [
     (None, "", "must hold keys with values"),
     (None, "# long\n" * 72_000, "bytes; at most 500000 are allowed"),
     # Names and keys.
-    ("dt: 2.0e-3", "colour: 1", "method.colour is not a known key; allowed are name, dt, rtol"),
+    (
+        "dt: 2.0e-3",
+        "colour: 1",
+        "method.colour is not a known key; allowed are name, dt, rtol",
+    ),
     ("dt: 2.0e-3", "folow: 1", "method.folow is not a known key; did you mean follow?"),
     ("id: small", "id: a/b", "id = a/b must begin with a letter or a digit"),
     ("id: slab", "id: ring", "arches[1] (ring): the id 'ring' already belongs to"),
     ("output: out", "output: ~nosuchuser/x", "of a user who does not exist"),
     ("output: out", "output: small.yaml/out", "small.yaml/out: "),
     # Arches.
-    ("  - {id: slab", "  - []\n  - {id: slab",
-     "arches[1] = [] must be a block of keys, such as {id: ...}"),
+    (
+        "  - {id: slab",
+        "  - []\n  - {id: slab",
+        "arches[1] = [] must be a block of keys, such as {id: ...}",
+    ),
     ("  - {id: slab", f"{MANY}  - {{id: slab", "must have at most 1000"),
-    ("profile: block", "profile: blok", "arches[1].profile = blok must be 'circular', 'segm"),
+    (
+        "profile: block",
+        "profile: blok",
+        "arches[1].profile = blok must be 'circular', 'segm",
+    ),
     ("profile: block, ", "", "arches[1].profile must be given"),
-    (f"{RING}, thickness: 1.5, ", "", "arches[0].radius, arches[0].thickness must be given"),
-    (BLOCK, f"{BLOCK}, span: 3", "arches[1].span is not a known key; allowed are profile, id"),
-    ("voussoirs: 7", "voussoirs: '15'", "arches[0].voussoirs = '15' must be a valid integer"),
-    ("friction: 0.7", "friction: 0.7, vary: {samples: 12, of: {friction: {UNIFORM}}}", "power of"),
-    ("thickness: 1.5", "thickness: 0.3", "arches[0] (ring): does not stand under its own weight"),
+    (
+        f"{RING}, thickness: 1.5, ",
+        "",
+        "arches[0].radius, arches[0].thickness must be given",
+    ),
+    (
+        BLOCK,
+        f"{BLOCK}, span: 3",
+        "arches[1].span is not a known key; allowed are profile, id",
+    ),
+    (
+        "voussoirs: 7",
+        "voussoirs: '15'",
+        "arches[0].voussoirs = '15' must be a valid integer",
+    ),
+    (
+        "friction: 0.7",
+        "friction: 0.7, vary: {samples: 12, of: {friction: {UNIFORM}}}",
+        "power of",
+    ),
+    (
+        "thickness: 1.5",
+        "thickness: 0.3",
+        "arches[0] (ring): does not stand under its own weight",
+    ),
     ("friction: 0.7", "friction: 1e9", "must be at most 1e+06, or inf"),
-    *(("friction: 0.7", f"friction: 0.7, joints: {given}", part) for given, part in (
-        ("3.0e+10", "joints = 30000000000.0 must be a block of keys, such as {stiffness: 3"),
-        ("{stiffness: soft}", "arches[0].joints.stiffness = 'soft' must be a valid number"),
-        ("{stiffness: 100.0}", "joints.stiffness = 100.0 is impossible; it must be one number"),
-        ("{stiffness: 3.0e+10, model: soft}", "joints.model = soft must be 'inset' or 'face'"),
-        ("{stiffness: 3.0e+10, points: 3}", "joints.points = 3 needs joints.model face"),
-        ("{damping: 0.1}", "arches[0].joints.stiffness must be given"),
-        ("{stiffnes: 3.0e+10}", "joints.stiffnes is not a known key; did you mean stiffness?"),
-        ("[0, 20], vary: {samples: 4, of: {joints: {NORMAL, relative: true}}}",
-         "vary.of.joints.relative needs a key joints of the arch"),
-        ("{stiffness: 3.0e+10, model: face}, strength: 1.0e+6",
-         "strength = 1e+06 needs joints.model inset"),
-        ("{stiffness: 3.0e+10, model: face}, ties: [{level: 6, area: 0.001}]",
-         "a tie needs rigid joints: joints.model inset"),
-        ("{stiffness: 1.0e+7}", "does not stand with joints of 1e+07 Pa/m"),
-    )),
-    (BLOCK, f"{BLOCK}, joints: [0, 1]", "arches[1].joints has positions, which only circular"),
-    (BLOCK, "profile: from_joints, intrados: [[0, 1, 2]], extrados: [[0, 1]]",
-     "intrados[0] = [0, 1, 2] must have at most 2"),
+    *(
+        ("friction: 0.7", f"friction: 0.7, joints: {given}", part)
+        for given, part in (
+            (
+                "3.0e+10",
+                "joints = 30000000000.0 must be a block of keys, such as {stiffness: 3",
+            ),
+            (
+                "{stiffness: soft}",
+                "arches[0].joints.stiffness = 'soft' must be a valid number",
+            ),
+            (
+                "{stiffness: 100.0}",
+                "joints.stiffness = 100.0 is impossible; it must be one number",
+            ),
+            (
+                "{stiffness: 3.0e+10, model: soft}",
+                "joints.model = soft must be 'inset' or 'face'",
+            ),
+            (
+                "{stiffness: 3.0e+10, points: 3}",
+                "joints.points = 3 needs joints.model face",
+            ),
+            ("{damping: 0.1}", "arches[0].joints.stiffness must be given"),
+            (
+                "{stiffnes: 3.0e+10}",
+                "joints.stiffnes is not a known key; did you mean stiffness?",
+            ),
+            (
+                "[0, 20], vary: {samples: 4, of: {joints: {NORMAL, relative: true}}}",
+                "vary.of.joints.relative needs a key joints of the arch",
+            ),
+            (
+                "{stiffness: 3.0e+10, model: face}, strength: 1.0e+6",
+                "strength = 1e+06 needs joints.model inset",
+            ),
+            (
+                "{stiffness: 3.0e+10, model: face}, ties: [{level: 6, area: 0.001}]",
+                "a tie needs rigid joints: joints.model inset",
+            ),
+            ("{stiffness: 1.0e+7}", "does not stand with joints of 1e+07 Pa/m"),
+        )
+    ),
+    (
+        BLOCK,
+        f"{BLOCK}, joints: [0, 1]",
+        "arches[1].joints has positions, which only circular",
+    ),
+    (
+        BLOCK,
+        "profile: from_joints, intrados: [[0, 1, 2]], extrados: [[0, 1]]",
+        "intrados[0] = [0, 1, 2] must have at most 2",
+    ),
     # Motions.
-    (f"files: {FILES}", "synthetic: {events: 2}", "motions.synthetic is not a known key; allowed"),
+    (
+        f"files: {FILES}",
+        "synthetic: {events: 2}",
+        "motions.synthetic is not a known key; allowed",
+    ),
     (FILES, "[]", "the study has no record; give an index or files"),
     (FILES, "[lost.AT2]", "lost.AT2: there is no such file"),
     (f"files: {FILES}", "index: lost.csv", "lost.csv cannot"),
-    (f"files: {FILES}", f"files: {FILES}\n  select: [wave]", "'wave' is not a record of the"),
+    (
+        f"files: {FILES}",
+        f"files: {FILES}\n  select: [wave]",
+        "'wave' is not a record of the",
+    ),
     # Intensity.
     ("unit: g", "unit: cm/s", "intensity.unit = cm/s must be one of g, m/s2"),
     ("measure: PGA", "measure: Sa(1e9)", "must have periods from 0.01 to 20 s"),
     ("measure: PGA", "measure: AvgSA(2.0,0.5)", "needs its shorter period first"),
     ("measure: PGA", "measure: D5_95", "no motion can be scaled to it"),
     (LEVELS, "[.nan]", "intensity.levels[0] = nan must be a finite number"),
-    (LEVELS, "{start: 1.0, stop: 0.5, count: 3}", "levels must increase, but 0.75 follows 1"),
+    (
+        LEVELS,
+        "{start: 1.0, stop: 0.5, count: 3}",
+        "levels must increase, but 0.75 follows 1",
+    ),
     # Method, design and execution.
     ("time_stepping", "euler", "method.name = euler must be one of auto"),
     ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
-    ("dt: 2.0e-3", "settings: {stiffness: 1e9}", "settings has 'stiffness'; allowed for"),
-    ("execution:", "design: {kind: idda}\nexecution:", "design.kind = idda must be one of"),
+    (
+        "dt: 2.0e-3",
+        "settings: {stiffness: 1e9}",
+        "settings has 'stiffness'; allowed for",
+    ),
+    (
+        "execution:",
+        "design: {kind: idda}\nexecution:",
+        "design.kind = idda must be one of",
+    ),
     ("execution:", "design: idda\nexecution:", "design.kind = idda must be one of"),
     ("execution:", "design: 3\nexecution:", "design = 3 must be a block of keys"),
-    ("execution:", "risk: 3\nexecution:", "risk = 3 must be a block of keys, such as {hazard: 3}"),
-]  # fmt: skip
+    (
+        "execution:",
+        "risk: 3\nexecution:",
+        "risk = 3 must be a block of keys, such as {hazard: 3}",
+    ),
+]
 
 
 def peak_memory():
@@ -145,12 +281,21 @@ def check(folder, content=b"", *options, path=None):
         path = folder / "small.yaml"
         path.write_bytes(content)
     result = command("validate", path, *options)
-    assert result.exit_code in (0, 2, 3, 4), (result.exit_code, result.stderr, result.exception)
+    assert result.exit_code in (0, 2, 3, 4), (
+        result.exit_code,
+        result.stderr,
+        result.exception,
+    )
     if result.exit_code:
         assert isinstance(result.exception, SystemExit)
         assert result.stderr.startswith("archfrag: error: ")
         assert len(result.stderr.splitlines()) == 1, result.stderr
-        for foreign in ("Input should", "String should", "Value error", "of a kind that has no"):
+        for foreign in (
+            "Input should",
+            "String should",
+            "Value error",
+            "of a kind that has no",
+        ):
             assert foreign not in result.stderr, result.stderr
     return result.exit_code, result.stderr
 
@@ -164,7 +309,9 @@ def folder(tmp_path_factory):
     return place
 
 
-@pytest.mark.parametrize("number", range(len(BAD)), ids=lambda n: f"{n}-{BAD[n][2][:30]}")
+@pytest.mark.parametrize(
+    "number", range(len(BAD)), ids=lambda n: f"{n}-{BAD[n][2][:30]}"
+)
 def test_bad_study_is_refused_by_a_line_that_names_the_fault(folder, number):
     old, new, part = BAD[number]
     assert old is None or TEXT.count(old) == 1
@@ -190,7 +337,9 @@ NAMED = [
 ]
 
 
-@pytest.mark.parametrize("kind", ["missing", "pipe", "device", "folder", "circle", "huge"])
+@pytest.mark.parametrize(
+    "kind", ["missing", "pipe", "device", "folder", "circle", "huge"]
+)
 @pytest.mark.parametrize(("key", "old", "new"), NAMED, ids=[key for key, _, _ in NAMED])
 def test_what_is_no_file_is_not_waited_for(folder, tmp_path, key, old, new, kind):
     """As a command of its own it may take 2 s of CPU and 500 MB besides what starting takes."""
@@ -206,8 +355,13 @@ def test_what_is_no_file_is_not_waited_for(folder, tmp_path, key, old, new, kind
     elif kind == "huge":
         with open(path, "wb") as file:
             file.truncate(2**36)
-    study = None if key == "study" else TEXT.replace(old, new.replace("{}", str(path))).encode()
-    started, before = time.process_time(), peak_memory()
+    study = (
+        None
+        if key == "study"
+        else TEXT.replace(old, new.replace("{}", str(path))).encode()
+    )
+    started = time.process_time()
+    before = peak_memory()
     code, message = check(tmp_path, study or b"", path=path if key == "study" else None)
     assert time.process_time() - started < 2.0
     assert peak_memory() - before < 500.0
@@ -218,7 +372,9 @@ def test_what_is_no_file_is_not_waited_for(folder, tmp_path, key, old, new, kind
         assert str(path) in message
 
 
-@pytest.mark.parametrize("content", [b"", b"\0\1\2" * 50, b"PGA [g],rate\n0.1,1e-2 \xe9\n"])
+@pytest.mark.parametrize(
+    "content", [b"", b"\0\1\2" * 50, b"PGA [g],rate\n0.1,1e-2 \xe9\n"]
+)
 def test_a_bad_hazard_is_refused_before_anything_runs(tmp_path, content):
     small_study(tmp_path)
     path = tmp_path / "hazard.csv"
@@ -235,7 +391,10 @@ def test_a_bad_hazard_is_refused_before_anything_runs(tmp_path, content):
 @pytest.mark.parametrize(
     ("override", "part"),
     [
-        ("arches.2.friction=1", "no such place; only a block has keys, and a list items, num"),
+        (
+            "arches.2.friction=1",
+            "no such place; only a block has keys, and a list items, num",
+        ),
         ("arches.friction=1", "--set arches.friction=1: the study has no such place"),
         ("a." * 3000 + "a=1", "a is not a known key"),
         ("dt", "--set dt: must be key=value"),
@@ -249,12 +408,41 @@ def test_bad_override_is_refused(folder, override, part):
     assert part in message
 
 
-LONGEST, LARGEST = 5.0, 500.0  # [s] of CPU time: other work on the machine is no fault; [MB]
+LONGEST = 5.0  # [s] of CPU time: other work on the machine is no fault; [MB]
+LARGEST = 500.0
 PLAIN = (
-    0, -1, 1, 2, 10**9, -(2**70), 1e-300, 1e300, 0.5, math.inf, math.nan, None, True,
-    datetime.date(2020, 1, 1), "", "~", "~nobody", "inf", "Sa(1e9)", "Sa(1e-9)", "AvgSA(1,2)",
-    "PGV", "g", "a\0b", "\x1b[2J", "é\u202e\ud800", "x" * 5000, "yes", "[a", "*.AT2", "2e-3",
-)  # fmt: skip
+    0,
+    -1,
+    1,
+    2,
+    10**9,
+    -(2**70),
+    1e-300,
+    1e300,
+    0.5,
+    math.inf,
+    math.nan,
+    None,
+    True,
+    datetime.date(2020, 1, 1),
+    "",
+    "~",
+    "~nobody",
+    "inf",
+    "Sa(1e9)",
+    "Sa(1e-9)",
+    "AvgSA(1,2)",
+    "PGV",
+    "g",
+    "a\0b",
+    "\x1b[2J",
+    "é\u202e\ud800",
+    "x" * 5000,
+    "yes",
+    "[a",
+    "*.AT2",
+    "2e-3",
+)
 
 
 def places(value):
@@ -278,7 +466,9 @@ def spoilt(draw):
         if not (found := list(places(study))):
             break
         parent, last = draw.choice(found)
-        what = draw.choice(["replace", "replace", "replace", "drop", "repeat", "rename"])
+        what = draw.choice(
+            ["replace", "replace", "replace", "drop", "repeat", "rename"]
+        )
         if what == "replace":
             parent[last] = value(draw)
         elif what == "drop":
@@ -298,9 +488,11 @@ def check_spoilt(folder, count):
     check(folder, TEXT.encode())  # loads what any other will need
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + int(LARGEST * 1e6),) * 2)
-    draw, refused = random.Random(1), 0
+    draw = random.Random(1)
+    refused = 0
     for _ in range(count):
-        content, started = spoilt(draw), time.process_time()
+        content = spoilt(draw)
+        started = time.process_time()
         refused += check(folder, content)[0] != 0
         assert time.process_time() - started < LONGEST, content[:2000]
     assert peak_memory() < LARGEST
@@ -313,8 +505,11 @@ def test_spoilt_studies_are_answered_within_5_seconds_and_500_megabytes(tmp_path
     paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
         [sys.executable, "-m", "tests.study.test_bad_studies", str(tmp_path), count],
-        env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True, timeout=600,
-    )  # fmt: skip
+        env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
     assert done.returncode == 0, done.stderr[-4000:]
     assert int(done.stdout) > 0.8 * int(count)
 

@@ -15,7 +15,12 @@ def test_symmetric_arches_have_equal_verdicts(tmp_path):
     levels = BOTH.replace("[0.1, 0.6, 1.2]", "[0.1, 0.5, 0.9, 1.8, 3.0]")
     study = load_study(small_study(tmp_path, levels))
     _, cube = cube_of(study)
-    assert cube["record"].values.tolist() == ["wave0", "wave0-rev", "wave1", "wave1-rev"]
+    assert cube["record"].values.tolist() == [
+        "wave0",
+        "wave0-rev",
+        "wave1",
+        "wave1-rev",
+    ]
     verdict = cube["verdict"].transpose("record", "arch", ...).values
     assert {0, 1} <= set(verdict.ravel().tolist())
     assert np.array_equal(verdict[::2], verdict[1::2])
@@ -23,12 +28,18 @@ def test_symmetric_arches_have_equal_verdicts(tmp_path):
 
 
 def test_horizontals_are_reversed_and_the_event_is_shared(tmp_path):
-    path = small_study(tmp_path, BOTH.replace(
-        "files:", "vertical: true\n  files:").replace("records/*", "records/[ab]*"))  # fmt: skip
+    path = small_study(
+        tmp_path,
+        BOTH.replace("files:", "vertical: true\n  files:").replace(
+            "records/*", "records/[ab]*"
+        ),
+    )
     wave = np.sin(np.arange(150) / 9.0)
     for name, quake in (("a", "One"), ("b", "Two")):
         for end, factor, direction in (("090", 0.3, "90"), ("-UP", 0.1, "UP")):
-            file = write_at2(tmp_path / "records" / f"{name}{end}.AT2", factor * wave, 0.01)
+            file = write_at2(
+                tmp_path / "records" / f"{name}{end}.AT2", factor * wave, 0.01
+            )
             text = file.read_text().replace("Test,", f"{quake},")
             file.write_text(text.replace("Nowhere, 0", f"Nowhere, {direction}"))
     study = load_study(path, ["motions.select=[b090, a090]"])

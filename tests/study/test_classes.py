@@ -57,7 +57,11 @@ def test_the_cube_has_arches_with_their_entries_and_what_differs(classes):
         assert variable.attrs["units"] == "m"
     assert classes.cube["arch_width"].values[4:].tolist() == [0.35, 0.45, 0.4]
     attribute = classes.cube["attribute_town_bank"]
-    assert attribute.values.astype(str).tolist() == [""] * 4 + ["Gera/left", "Gera/right", ""]
+    assert attribute.values.astype(str).tolist() == [""] * 4 + [
+        "Gera/left",
+        "Gera/right",
+        "",
+    ]
     assert attribute.attrs["long_name"] == "town/bank of the arch"
 
 
@@ -66,7 +70,10 @@ def test_every_arch_and_every_class_of_several_has_a_curve(classes):
     assert classes.log["runs"] == 7 * 2 * 6
     assert list(classes.fits["classes"]) == ["slab", "fleet"]
     assert len(classes.fits["arches"]) == 7
-    assert all(classes.fits["classes"][name]["curve"]["theta"] > 0.0 for name in ("slab", "fleet"))
+    assert all(
+        classes.fits["classes"][name]["curve"]["theta"] > 0.0
+        for name in ("slab", "fleet")
+    )
 
 
 class TestOneCurve:
@@ -98,16 +105,26 @@ class TestOneCurve:
         fell = (classes.cube["verdict"].values[:4] == Verdict.COLLAPSED).sum()
         assert sum(part["collapses"] for part in one["slab"]["by_mechanism"]) == fell
 
-    def test_every_export_holds_it_and_no_arch_of_it_unless_asked(self, classes, tmp_path):
+    def test_every_export_holds_it_and_no_arch_of_it_unless_asked(
+        self, classes, tmp_path
+    ):
         called(classes, "export", "--format=csv", "--out", tmp_path)
-        stated = pd.read_csv(tmp_path / "classes-parameters.csv").query("limit_state=='collapse'")
+        stated = pd.read_csv(tmp_path / "classes-parameters.csv").query(
+            "limit_state=='collapse'"
+        )
         assert tuple(stated["arch"]) == self.NAMES
         stored = classes.fits["classes"]["slab"]["curve"]
         theta, beta = stated.iloc[0][["theta_si", "beta"]]
-        assert (theta, beta) == pytest.approx((stored["theta"], stored["beta"]), rel=1e-12)
-        called(classes, "export", "--format=csv", "--members", "--out", tmp_path / "all")
+        assert (theta, beta) == pytest.approx(
+            (stored["theta"], stored["beta"]), rel=1e-12
+        )
+        called(
+            classes, "export", "--format=csv", "--members", "--out", tmp_path / "all"
+        )
         every = pd.read_csv(tmp_path / "all" / "classes-curves.csv")
-        curves = every.query("limit_state=='collapse'").pivot(index="im", columns="arch")
+        curves = every.query("limit_state=='collapse'").pivot(
+            index="im", columns="arch"
+        )
         curves = curves["probability"]
         members = curves[[*self.SLABS]].mean(axis=1)
         np.testing.assert_allclose(curves["slab"], members, rtol=1e-9, atol=1e-12)
@@ -133,7 +150,10 @@ def test_what_is_infinite_has_no_place_where_theta_depends_on_it(classes):
     stiffness = [1e10, 2e10, 3e10, np.inf, 1e10, np.inf, np.nan]
     cube = inputs.cube.assign(arch_joints=("arch", stiffness))
     slab, fleet = class_sections(replace(inputs, cube=cube))
-    assert [">joints<" in "".join(map(str, page.parts)) for page in (slab, fleet)] == [True, False]
+    assert [">joints<" in "".join(map(str, page.parts)) for page in (slab, fleet)] == [
+        True,
+        False,
+    ]
 
 
 def test_more_samples_run_alone(classes, tmp_path):

@@ -32,29 +32,56 @@ class Machines:
     """A scheduler of this machine, and workers that are started one by one."""
 
     def __init__(self, folder: Path) -> None:
-        self.file, self.workers = folder / "scheduler.json", []
+        self.file = folder / "scheduler.json"
+        self.workers = []
         (folder / "none").mkdir()  # the scheduler needs no archfrag
         (folder / "none" / "archfrag.py").write_text("raise ImportError")
         self.scheduler = subprocess.Popen(
-            [*DASK, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
-             "--scheduler-file", str(self.file)], cwd=folder,
-            env={**os.environ, "PYTHONPATH": str(folder / "none")}, **QUIET,
-        )  # fmt: skip
+            [
+                *DASK,
+                "scheduler",
+                "--host",
+                "127.0.0.1",
+                "--port",
+                "0",
+                "--no-dashboard",
+                "--scheduler-file",
+                str(self.file),
+            ],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(folder / "none")},
+            **QUIET,
+        )
 
     def start(self, package: Path = PACKAGE.parent) -> None:
         """Start a worker with this package."""
-        self.workers.append(subprocess.Popen(
-            [*DASK, "worker", "--host", "127.0.0.1", "--scheduler-file", str(self.file), *WORKER,
-             "--local-directory", str(self.file.parent)], cwd=self.file.parent,
-            env={**os.environ, "PYTHONPATH": str(package)}, **QUIET,
-        ))  # fmt: skip
+        self.workers.append(
+            subprocess.Popen(
+                [
+                    *DASK,
+                    "worker",
+                    "--host",
+                    "127.0.0.1",
+                    "--scheduler-file",
+                    str(self.file),
+                    *WORKER,
+                    "--local-directory",
+                    str(self.file.parent),
+                ],
+                cwd=self.file.parent,
+                env={**os.environ, "PYTHONPATH": str(package)},
+                **QUIET,
+            )
+        )
 
     def wait(self, count: int) -> str:
         """Wait for the scheduler and some workers; its address."""
         end = time.monotonic() + 30.0
         while not self.file.is_file() and time.monotonic() < end:
             time.sleep(0.05)
-        with Client(scheduler_file=str(self.file), set_as_default=False, timeout=30) as client:
+        with Client(
+            scheduler_file=str(self.file), set_as_default=False, timeout=30
+        ) as client:
             if count:
                 client.wait_for_workers(count, timeout=30)
             return client.scheduler.address
@@ -92,7 +119,8 @@ def without_runs(study):
 @contextlib.contextmanager
 def after_the_first_part(study, act):
     """Act once a part is there, from another thread."""
-    done, parts = threading.Event(), make_plan(study).parts
+    done = threading.Event()
+    parts = make_plan(study).parts
 
     def watch():
         while not done.wait(0.02):
@@ -112,14 +140,18 @@ def assert_same_as_here(study):
     """The runs that are stored are those of threads of this process."""
     plan = make_plan(study)
     found = gather(plan)
-    run_batch(changed(without_runs(study), "execution", scheduler=None), workers=1, quiet=True)
+    run_batch(
+        changed(without_runs(study), "execution", scheduler=None), workers=1, quiet=True
+    )
     for one, other in zip(found[:2], gather(plan)):
         for name in set(one.dtype.names) - {"wall_time"}:
             np.testing.assert_array_equal(one[name], other[name])
 
 
 @pytest.mark.parametrize("design", ["stripes", "ida"])
-def test_a_cluster_that_loses_a_worker_and_gets_another(copied, machines, far, capsys, design):
+def test_a_cluster_that_loses_a_worker_and_gets_another(
+    copied, machines, far, capsys, design
+):
     """By its address, and by its file; steps are so short that there is time to kill somebody."""
     study = changed(without_runs(copied.study), "method", dt=2e-4)
     for _ in range(2):
@@ -145,12 +177,16 @@ def test_a_cluster_that_loses_a_worker_and_gets_another(copied, machines, far, c
 def test_runs_wait_for_the_first_worker_and_a_lost_scheduler_is_a_message(
     copied, machines, far, capsys
 ):
-    study = changed(without_runs(copied.study), "execution", scheduler=machines.wait(0), chunk=1)
+    study = changed(
+        without_runs(copied.study), "execution", scheduler=machines.wait(0), chunk=1
+    )
     late = threading.Timer(1.0, machines.start)
     late.start()
     with (
         after_the_first_part(study, machines.scheduler.kill),
-        pytest.raises(WorkerError, match="the scheduler is gone; finished parts are kept"),
+        pytest.raises(
+            WorkerError, match="the scheduler is gone; finished parts are kept"
+        ),
     ):
         run_batch(changed(study, "method", dt=1e-4))
     assert "no worker yet; runs begin when one comes" in capsys.readouterr().err
@@ -159,18 +195,32 @@ def test_runs_wait_for_the_first_worker_and_a_lost_scheduler_is_a_message(
 @pytest.mark.parametrize(
     ("file", "old", "new", "message"),
     [
-        ("study/runs/store.py", '"verdict": verdicts_of(results.status)',
-         '"verdict": np.ones(len(results.status))',
-         "a worker on .* runs archfrag .* numba .*; the study is run by archfrag .*; install the "
-         "same code for all workers"),
-        ("study/runs/store.py", "class Plan:", "class Planned:",
-         "a worker failed: NameError: .*; all workers must have archfrag"),
-        ("study/runs/workers.py", "def make_runs(", "def make(",
-         "a worker failed: AttributeError: .*; all workers must have archfrag"),
+        (
+            "study/runs/store.py",
+            '"verdict": verdicts_of(results.status)',
+            '"verdict": np.ones(len(results.status))',
+            "a worker on .* runs archfrag .* numba .*; the study is run by "
+            "archfrag .*; install the "
+            "same code for all workers",
+        ),
+        (
+            "study/runs/store.py",
+            "class Plan:",
+            "class Planned:",
+            "a worker failed: NameError: .*; all workers must have archfrag",
+        ),
+        (
+            "study/runs/workers.py",
+            "def make_runs(",
+            "def make(",
+            "a worker failed: AttributeError: .*; all workers must have archfrag",
+        ),
     ],
     ids=["other results", "no plan", "no function"],
-)  # fmt: skip
-def test_a_worker_with_other_code_makes_no_run(copied, machines, file, old, new, message):
+)
+def test_a_worker_with_other_code_makes_no_run(
+    copied, machines, file, old, new, message
+):
     other = machines.file.parent / "other" / "archfrag"
     shutil.copytree(PACKAGE, other, ignore=shutil.ignore_patterns("__pycache__"))
     text = (other / file).read_text()
@@ -189,7 +239,9 @@ def test_a_client_that_is_current_makes_the_runs_and_an_adaptive_cluster_grows(
     used = []
     for kind in (fan.Threads, fan.Cluster):
         monkeypatch.setattr(
-            fan, kind.__name__, lambda *a, kind=kind: used.append(kind.__name__) or kind(*a)
+            fan,
+            kind.__name__,
+            lambda *a, kind=kind: used.append(kind.__name__) or kind(*a),
         )
     study = changed(copied.study, "execution", workers=None)
     options = {"processes": False, "dashboard_address": "127.0.0.1:0"}
@@ -197,10 +249,15 @@ def test_a_client_that_is_current_makes_the_runs_and_an_adaptive_cluster_grows(
         cluster.adapt(minimum=0, maximum=1, interval="50ms")
         with Client(cluster):
             log, _ = run_batch(without_runs(study))
-            run_batch(without_runs(study), workers=1, quiet=True)  # threads that are asked for
+            run_batch(
+                without_runs(study), workers=1, quiet=True
+            )  # threads that are asked for
     run_batch(without_runs(study), quiet=True)  # the client is gone
     assert (log["runs"], log["kept"]) == (12, 0)
-    assert log["workers"] in (1, 2)  # there was none at first; at the end it may have gone again
+    assert log["workers"] in (
+        1,
+        2,
+    )  # there was none at first; at the end it may have gone again
     said = capsys.readouterr().err
     assert "no worker yet; runs begin when one comes" in said
     assert "dashboard" not in said  # which may be off
@@ -216,7 +273,9 @@ def test_a_client_that_is_current_makes_the_runs_and_an_adaptive_cluster_grows(
         (__file__ + ".json", "cannot be used"),
     ],
 )
-def test_a_scheduler_that_does_not_answer(copied, monkeypatch, tmp_path, given, message):
+def test_a_scheduler_that_does_not_answer(
+    copied, monkeypatch, tmp_path, given, message
+):
     monkeypatch.setattr(fan, "ANSWER_WITHIN", 0.5)
     if given.startswith(__file__):
         given = str(tmp_path / "scheduler.json")

@@ -33,8 +33,16 @@ def cube(done):
     ("language", "words", "said"),
     [
         ("bash", "archfrag run study.yaml --cores 2", "12 new"),
-        ("bash", "dask scheduler", "cluster .*scheduler.json: (2 threads|no worker yet)"),
-        ("python", "LocalCluster", "cluster tcp://.*: (2 threads|1 thread|no worker yet)"),
+        (
+            "bash",
+            "dask scheduler",
+            "cluster .*scheduler.json: (2 threads|no worker yet)",
+        ),
+        (
+            "python",
+            "LocalCluster",
+            "cluster tcp://.*: (2 threads|1 thread|no worker yet)",
+        ),
     ],
     ids=["threads", "scheduler", "notebook"],
 )
@@ -45,14 +53,19 @@ def test_the_page_runs_as_it_stands(cube, tmp_path, language, words, said):
     script = tmp_path / f"block.{language}"
     script.write_text(text)
     process = subprocess.Popen(
-        ["bash" if language == "bash" else sys.executable, str(script)], cwd=tmp_path,
+        ["bash" if language == "bash" else sys.executable, str(script)],
+        cwd=tmp_path,
         env={**os.environ, "PATH": here},
-        stdout=subprocess.DEVNULL, stderr=(tmp_path / "said").open("w"), start_new_session=True,
-    )  # fmt: skip
+        stdout=subprocess.DEVNULL,
+        stderr=(tmp_path / "said").open("w"),
+        start_new_session=True,
+    )
     try:
         code = process.wait(90)
     finally:
-        with contextlib.suppress(ProcessLookupError):  # nothing is left in the background
+        with contextlib.suppress(
+            ProcessLookupError
+        ):  # nothing is left in the background
             os.killpg(process.pid, signal.SIGKILL)
     told = (tmp_path / "said").read_text()
     assert (code, bool(re.search(said, told))) == (0, True), told

@@ -19,18 +19,32 @@ from archfrag.study.hazard import load_hazard
 from archfrag.study.yaml_text import parse_value, yaml_of
 from tests.study.small import command, small_study
 
-LOWER, UPPER = np.array([0.2, 0.3, 0.25, 0.4]), np.array([0.3, 0.4, 0.35, 0.5])
+LOWER = np.array([0.2, 0.3, 0.25, 0.4])
+UPPER = np.array([0.3, 0.4, 0.35, 0.5])
 G = 9.80665
 RUNS = "record,{},verdict\n" + "".join(
-    f"r{n},{level * 0.1:g},{int(level > 2 + n % 3)}\n" for n in range(8) for level in range(1, 6)
-)  # fmt: skip
-ARCH = {"id": "all", "profile": "circular", "radius": 10.0, "thickness": 1.5, "embrace": 157.5,
-        "voussoirs": 7, "friction": 0.7}  # fmt: skip
+    f"r{n},{level * 0.1:g},{int(level > 2 + n % 3)}\n"
+    for n in range(8)
+    for level in range(1, 6)
+)
+ARCH = {
+    "id": "all",
+    "profile": "circular",
+    "radius": 10.0,
+    "thickness": 1.5,
+    "embrace": 157.5,
+    "voussoirs": 7,
+    "friction": 0.7,
+}
 
 
 def bracket(lower, upper, factors=(1.0, 1.0), **given):
     """Fit brackets that are in g, each end times a factor."""
-    rows = {"record": list("abcd"), lower: factors[0] * LOWER, upper: factors[1] * UPPER}
+    rows = {
+        "record": list("abcd"),
+        lower: factors[0] * LOWER,
+        upper: factors[1] * UPPER,
+    }
     return af.fit(rows, measure="PGA", **given).curve.theta
 
 
@@ -71,7 +85,9 @@ REFUSED = {
     "a bracket of another quantity": lambda: bracket("lower [g]", "upper [m]"),
     "a bracket in mm/s2": lambda: bracket("lower [g]", "upper [mm/s2]"),
     "brackets named by hand": lambda: bracket(
-        "PGA stood [g]", "fell [mg]", columns={"lower": "PGA stood [g]", "upper": "fell [mg]"}
+        "PGA stood [g]",
+        "fell [mg]",
+        columns={"lower": "PGA stood [g]", "upper": "fell [mg]"},
     ),
     "brackets of two measures": lambda: bracket(
         "PGA [g]", "Sa(0.5) [g]", columns={"lower": "PGA [g]", "upper": "Sa(0.5) [g]"}
@@ -116,7 +132,7 @@ REFUSED = {
     "a target in m/s2": lambda: target("period_s,Sa_g [m/s2],sd"),
     "a scatter in percent": lambda: target("period_s,Sa_g,sd [%]"),
     "a flatfile in m/s2": lambda: flatfile("T0.500S [m/s2]"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -130,10 +146,12 @@ def test_another_unit_is_refused_with_the_column(name, tmp_path, monkeypatch):
 READ = {
     "upper in m/s2": lambda: bracket("lower [g]", "upper [m/s2]", (1.0, G)),
     "lower in m/s2": lambda: bracket("lower [m/s2]", "upper [g]", (G, 1.0)) / G,
-    "both in gal": lambda: bracket("lower [gal]", "upper (cm/s2)", (100 * G, 100 * G)) / (100 * G),
+    "both in gal": lambda: (
+        bracket("lower [gal]", "upper (cm/s2)", (100 * G, 100 * G)) / (100 * G)
+    ),
     "the same unit given": lambda: bracket("lower [g]", "upper [g]", unit="g"),
     "none stated": lambda: bracket("lower", "upper", unit="g"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", READ)
@@ -155,7 +173,9 @@ def test_attributes_are_named(tmp_path):
     text = "id,height,county\none,2.0,Kent\ntwo,2.5,Kent\n"
     (tmp_path / "walls.csv").write_text(text)
     path = small_study(tmp_path)
-    row = "  - {id: walls, profile: block, width: 0.5, friction: 0.7, table: walls.csv}\n"
+    row = (
+        "  - {id: walls, profile: block, width: 0.5, friction: 0.7, table: walls.csv}\n"
+    )
     path.write_text(path.read_text().replace("arches:\n", f"arches:\n{row}"))
     done = command("validate", path)
     assert done.exit_code == 0, done.output
@@ -179,7 +199,9 @@ NO_NUMBERS = [
 
 
 @pytest.mark.parametrize("text", NO_NUMBERS)
-def test_what_is_no_number_is_none_in_any_table_key_or_option(text, tmp_path, monkeypatch):
+def test_what_is_no_number_is_none_in_any_table_key_or_option(
+    text, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     refused = [
         lambda: rows_of("thickness", text),
@@ -196,12 +218,14 @@ def test_what_is_no_number_is_none_in_any_table_key_or_option(text, tmp_path, mo
     for each in refused:
         with pytest.raises(InputError):
             each()
-    for option in (["onset", "--radius", text],
-                   ["risk", "s.yaml", "--hazard", "h", "--years", text],
-                   ["risk", "s.yaml", "--hazard", "h", "--consequence", f"collapse={text}"],
-                   ["risk", "s.yaml", "--hazard", "h", "--site", f"{text},42"],
-                   ["records", "make", "--out", "o", "--magnitude", f"{text}:90"],
-                   ["records", "select", "f.csv", "--out", "o", "--count", text]):  # fmt: skip
+    for option in (
+        ["onset", "--radius", text],
+        ["risk", "s.yaml", "--hazard", "h", "--years", text],
+        ["risk", "s.yaml", "--hazard", "h", "--consequence", f"collapse={text}"],
+        ["risk", "s.yaml", "--hazard", "h", "--site", f"{text},42"],
+        ["records", "make", "--out", "o", "--magnitude", f"{text}:90"],
+        ["records", "select", "f.csv", "--out", "o", "--count", text],
+    ):
         done = command(*option)
         assert done.exit_code == 2
         assert "could not convert string" in done.stderr or "must be" in done.stderr
@@ -210,12 +234,28 @@ def test_what_is_no_number_is_none_in_any_table_key_or_option(text, tmp_path, mo
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        ("10", 10), ("-0.5", -0.5), ("2e-3", 2e-3), ("1.", 1.0), (".5", 0.5), ("+3", 3), ("0", 0),
-        (".inf", float("inf")), ("true", True), ("null", None), ("~", None), ("", None),
-        ("010", "010"), ("1_0", "1_0"), ("1:30", "1:30"), ("0x10", "0x10"), ("no", "no"),
-        ("yes", "yes"), ("2020-01-01", "2020-01-01"), ("on", "on"),
+        ("10", 10),
+        ("-0.5", -0.5),
+        ("2e-3", 2e-3),
+        ("1.", 1.0),
+        (".5", 0.5),
+        ("+3", 3),
+        ("0", 0),
+        (".inf", float("inf")),
+        ("true", True),
+        ("null", None),
+        ("~", None),
+        ("", None),
+        ("010", "010"),
+        ("1_0", "1_0"),
+        ("1:30", "1:30"),
+        ("0x10", "0x10"),
+        ("no", "no"),
+        ("yes", "yes"),
+        ("2020-01-01", "2020-01-01"),
+        ("on", "on"),
     ],
-)  # fmt: skip
+)
 def test_yaml_is_that_of_version_1_2(text, value):
     found = parse_value(text, "here")
     assert (found, type(found)) == (value, type(value))

@@ -34,9 +34,12 @@ ARCHES = {
     "inset": (RING, {"friction": 0.7, "joints": {"stiffness": 3e10}}),
     "thin": (RING.replace("0.9", "0.05"), {"friction": 0.7}),
     "block": ("profile: block, width: 1, height: 3", {"friction": 0.7}),
-    "column": ("profile: from_joints, intrados: [[1, 0], [1, 1], [1, 3]], "
-               "extrados: [[0, 0], [0, 1], [0, 3]]", {"friction": 0.7, "free_end": True}),
-}  # fmt: skip
+    "column": (
+        "profile: from_joints, intrados: [[1, 0], [1, 1], [1, 3]], "
+        "extrados: [[0, 0], [0, 1], [0, 3]]",
+        {"friction": 0.7, "free_end": True},
+    ),
+}
 METHODS = {
     "auto": "{follow: 0.1}",
     "steps": "{name: time_stepping, dt: 0.002, follow: 0.1}",
@@ -47,17 +50,25 @@ METHODS = {
 REFUSED = {
     *((arch, "events") for arch in ("face", "soft")),
     *((arch, method) for arch in ("soft", "thin") for method in METHODS),
-    *((arch, method) for arch in ("block", "column") for method in ("delay", "no delay")),
+    *(
+        (arch, method)
+        for arch in ("block", "column")
+        for method in ("delay", "no delay")
+    ),
 }
 
 
 def written(folder, arch, method, table):
     """Write a study of a ring and another arch, whose keys are in a table or not."""
     profile, keys = ARCHES[arch]
-    given = profile + "".join(f", {key}: {json.dumps(value)}" for key, value in keys.items())
+    given = profile + "".join(
+        f", {key}: {json.dumps(value)}" for key, value in keys.items()
+    )
     path = small_study(folder)
     if table:
-        cells = ('"' + json.dumps(value).replace('"', '""') + '"' for value in keys.values())
+        cells = (
+            '"' + json.dumps(value).replace('"', '""') + '"' for value in keys.values()
+        )
         rows = f"id,{','.join(keys)}\nrow,{','.join(cells)}\n"
         (folder / "table.csv").write_text(rows)
         given = f"table: table.csv, {profile}"
@@ -79,24 +90,33 @@ def test_a_check_passes_what_runs_and_nothing_else(tmp_path, arch, table):
         assert refused or result.exit_code == 0
         if refused:
             whose = "arches[1] (own): table.csv, arch row" if table else "arches[1]"
-            assert whose in result.output.replace(str(tmp_path) + "/", "").replace("\n", " ")
+            assert whose in result.output.replace(str(tmp_path) + "/", "").replace(
+                "\n", " "
+            )
             continue
         study = load_study(path)
         prepare_motions(study)
-        plan, case = Plan(study, study.members, tuple(load_prepared(study))), np.zeros(1, CASE)
-        case["arch"], case["level"] = 1, 0.1 * 9.80665
+        plan = Plan(study, study.members, tuple(load_prepared(study)))
+        case = np.zeros(1, CASE)
+        case["arch"] = 1
+        case["level"] = 0.1 * 9.80665
         assert make_runs(plan, case)["verdict"][0] in (0, 1, 2)
 
 
 def test_what_is_refused_is_named(tmp_path):
     texts = {
-        ("face", "events"): "method event_driven needs rigid joints; give them joints.model inset",
+        (
+            "face",
+            "events",
+        ): "method event_driven needs rigid joints; give them joints.model inset",
         ("block", "no delay"): "far, method.delay in a study file, is given, but the",
     }
     for (arch, method), text in texts.items():
         with pytest.raises(InputError, match=text):
             check_study(load_study(written(tmp_path, arch, method, table=True)))
-    with pytest.raises(StabilityError, match=r"arches\[1\] \(own\): .*joints that soft"):
+    with pytest.raises(
+        StabilityError, match=r"arches\[1\] \(own\): .*joints that soft"
+    ):
         check_study(load_study(written(tmp_path, "soft", "auto", table=False)))
 
 

@@ -9,7 +9,9 @@ from archfrag.study.answer.compare import compare
 from archfrag.study.answer.curves import Fitted, class_curve, curve_of, runs_of_cube
 from tests.report import synthetic
 
-HAZARD = HazardCurve(np.geomspace(0.5, 20.0, 6), 1e-3 * np.geomspace(0.5, 20.0, 6) ** -2.0)
+HAZARD = HazardCurve(
+    np.geomspace(0.5, 20.0, 6), 1e-3 * np.geomspace(0.5, 20.0, 6) ** -2.0
+)
 NAMES = ("before-1", "before-2", "after-1", "after-2")
 
 
@@ -18,7 +20,8 @@ def cube():
     """Two classes of two arches each, the second 1.5 times as strong."""
     data = synthetic.cube(NAMES, synthetic.motions(12), n_level=15)
     generator = np.random.default_rng(8)
-    record, own = generator.standard_normal((1, 12, 1)), generator.standard_normal((4, 12, 1))
+    record = generator.standard_normal((1, 12, 1))
+    own = generator.standard_normal((4, 12, 1))
     theta = np.array([2.0, 2.4, 3.0, 3.6])[:, None, None]
     capacity = theta * np.exp(0.35 * record + 0.1 * own)
     verdict = (capacity < data["intensity"].values).astype(np.int8)
@@ -26,14 +29,17 @@ def cube():
         verdict=(data["verdict"].dims, verdict),
         arch_class=("arch", ["before", "before", "after", "after"]),
         arch_friction=("arch", [0.5, 0.6, 0.5, 0.6]),
-        measure=["PGA", "PGV"], record_measure=(("record", "measure"), np.ones((12, 2))),
-    )  # fmt: skip
+        measure=["PGA", "PGV"],
+        record_measure=(("record", "measure"), np.ones((12, 2))),
+    )
 
 
 def curves_of(cube):
     arches = {name: curve_of(runs, 0.9) for name, runs in runs_of_cube(cube).items()}
     classes = {}
-    for name, runs in runs_of_cube(cube, dict.fromkeys(cube["arch_class"].values)).items():
+    for name, runs in runs_of_cube(
+        cube, dict.fromkeys(cube["arch_class"].values)
+    ).items():
         members = [arches[arch] for arch in runs.cube["arch"].values]
         classes[name] = class_curve(curve_of(runs, 0.9), members)
     return Fitted(arches, classes, cube)
@@ -42,16 +48,27 @@ def curves_of(cube):
 def compared(cube, *names, other=None):
     other = cube if other is None else other
     one, two = (curves_of(each) for each in (cube, other))
-    return compare([one, *[one if other is cube else two] * (len(names) - 1)], names, HAZARD)
+    return compare(
+        [one, *[one if other is cube else two] * (len(names) - 1)], names, HAZARD
+    )
 
 
 def test_classes_are_compared_as_their_arches_are(cube):
     found = compared(cube, "before", "after")["after"]
     each = compared(cube, "before-1", "after-1")["after-1"]
     for row, least, most in (("theta", 1.3, 1.7), ("rate", 0.2, 0.8)):
-        assert least < found[row]["lower"] < found[row]["ratio"] < found[row]["upper"] < most
+        assert (
+            least
+            < found[row]["lower"]
+            < found[row]["ratio"]
+            < found[row]["upper"]
+            < most
+        )
         assert found[row]["ratio"] == pytest.approx(each[row]["ratio"], rel=0.1)
-    assert set(compared(cube, "before-1", "after-1", "after-2")) == {"after-1", "after-2"}
+    assert set(compared(cube, "before-1", "after-1", "after-2")) == {
+        "after-1",
+        "after-2",
+    }
 
 
 def test_arches_of_two_studies_on_the_same_motions(cube):
@@ -74,7 +91,10 @@ def test_what_cannot_be_compared_is_refused(cube):
         (upright, "motions differ: .* is not the same in both"),
         (renamed, "is in one of them only"),
         (pgv, "levels are of PGA and of PGV"),
-        (swapped, "before and after cannot be compared: their samples of friction differ"),
+        (
+            swapped,
+            "before and after cannot be compared: their samples of friction differ",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             compared(cube, "before", "after", other=other)
@@ -94,17 +114,21 @@ class TestAlike:
     def shaken(self):
         """An arch before and after first shocks, three in turn over 24 records."""
         data = synthetic.cube(("ring", "ring-after"), synthetic.motions(24), n_level=15)
-        generator, turn = np.random.default_rng(2), np.arange(24) % 4
-        record, shock = generator.standard_normal((1, 24, 1)), generator.standard_normal(4)[turn]
+        generator = np.random.default_rng(2)
+        turn = np.arange(24) % 4
+        record = generator.standard_normal((1, 24, 1))
+        shock = generator.standard_normal(4)[turn]
         change = np.stack([0.0 * shock, -0.2 + 0.25 * shock])[:, :, None]
         capacity = 3.0 * np.exp(0.35 * record + change)
         verdict = (capacity < data["intensity"].values).astype(np.int8)
         return data.assign(
-            verdict=(data["verdict"].dims, verdict), first_shock=("arch", [0.0, 2.0]),
+            verdict=(data["verdict"].dims, verdict),
+            first_shock=("arch", [0.0, 2.0]),
             arch_class=("arch", ["ring", "ring-after"]),
             first_event=("record", turn.astype(str)),
-            measure=["PGA", "PGV"], record_measure=(("record", "measure"), np.ones((24, 2))),
-        )  # fmt: skip
+            measure=["PGA", "PGV"],
+            record_measure=(("record", "measure"), np.ones((24, 2))),
+        )
 
     def test_a_ratio_after_first_shocks_is_as_wide_as_few_of_them_ask(self, shaken):
         found = compared(shaken, "ring", "ring-after")["ring-after"]["theta"]
@@ -116,7 +140,9 @@ class TestAlike:
 
     def test_two_first_shocks_have_no_interval(self, shaken):
         few = shaken.assign(first_event=("record", (np.arange(24) % 2).astype(str)))
-        with pytest.raises(FitError, match="of 2 independent motions, earthquakes, first shocks"):
+        with pytest.raises(
+            FitError, match="of 2 independent motions, earthquakes, first shocks"
+        ):
             compared(few, "ring", "ring-after")
 
     def test_a_curve_after_first_shocks_counts_fewer_records(self, shaken):
@@ -141,6 +167,7 @@ class TestAlike:
 
     def test_records_of_a_stock_are_alike_by_earthquake(self, cube):
         stock = cube.assign(
-            stock_row=("arch", list(NAMES)), event=("record", (np.arange(12) // 2).astype(str))
+            stock_row=("arch", list(NAMES)),
+            event=("record", (np.arange(12) // 2).astype(str)),
         )
         assert {*runs_of_cube(stock, ["after"])["after"].groups} == {"event", "row"}

@@ -23,7 +23,11 @@ from tests.study.small import ROOT, TEXT, cube_of, small_study, write_at2
 G = 9.80665
 FILES = 'files: ["records/*.AT2"]'
 INDEX = ROOT / "records" / "index.csv"
-CODES = {"000": ("Q-ELC000.AT2", 1.5), "090": ("Q-ELC090.AT2", 2.5), "UP": ("Q-ELC-UP.AT2", 4.0)}
+CODES = {
+    "000": ("Q-ELC000.AT2", 1.5),
+    "090": ("Q-ELC090.AT2", 2.5),
+    "UP": ("Q-ELC-UP.AT2", 4.0),
+}
 
 
 def study_with(tmp_path, motions, text=TEXT):
@@ -37,7 +41,9 @@ def study_with(tmp_path, motions, text=TEXT):
 
 
 def stored(study):
-    return {record.id: load_record(study.work, record) for record in prepare_motions(study)}
+    return {
+        record.id: load_record(study.work, record) for record in prepare_motions(study)
+    }
 
 
 class TestVertical:
@@ -46,9 +52,14 @@ class TestVertical:
         motions = stored(study_with(tmp_path, f"{files}\n  vertical: true"))
         assert set(motions) == {"Q-ELC000", "Q-ELC090"}
         for motion in motions.values():
-            assert np.allclose(motion.vertical, 0.2 * G * wave(frequency=4.0), atol=1e-6)
+            assert np.allclose(
+                motion.vertical, 0.2 * G * wave(frequency=4.0), atol=1e-6
+            )
             assert motion.metadata["vertical_component"] == "UP"
-            assert any(line.startswith("Vertical UP: Read from Q-ELC-UP") for line in motion.log)
+            assert any(
+                line.startswith("Vertical UP: Read from Q-ELC-UP")
+                for line in motion.log
+            )
         plain = stored(study_with(tmp_path, files)).values()
         assert [motion.vertical for motion in plain] == [None, None]
         with pytest.raises(
@@ -63,12 +74,16 @@ class TestVertical:
         names = {"a.AT2": "000", "b.AT2": "UP", "c.AT2": "090"}
         for name, code in names.items():
             (tmp_path / "quake" / CODES[code][0]).rename(tmp_path / "quake" / name)
-        rows = [f"{name[0]},quake/{name},g,E1,S1,{code}\n" for name, code in names.items()]
+        rows = [
+            f"{name[0]},quake/{name},g,E1,S1,{code}\n" for name, code in names.items()
+        ]
         head = "id,file,unit,event,station,component\n"
         (tmp_path / "index.csv").write_text(head + "".join(rows))
         motions = stored(study)
         assert list(motions) == ["a", "c"]
-        assert np.allclose(motions["c"].vertical, 0.2 * G * wave(frequency=4.0), atol=1e-6)
+        assert np.allclose(
+            motions["c"].vertical, 0.2 * G * wave(frequency=4.0), atol=1e-6
+        )
 
     def test_is_in_the_same_file_and_left_out_unless_asked_for(self, tmp_path):
         header = {"delta": 0.01, "network": "XX", "station": "S"}
@@ -86,16 +101,31 @@ class TestVertical:
 
 class TestPairs:
     @pytest.mark.parametrize(
-        "names", ["quake1 quake2 quake3 quake4", "001 002", "max may", "000 090 180 270", "1 2 V",
-                  "S16W S16E", "20160824013632 20160824013722"],
-    )  # fmt: skip
+        "names",
+        [
+            "quake1 quake2 quake3 quake4",
+            "001 002",
+            "max may",
+            "000 090 180 270",
+            "1 2 V",
+            "S16W S16E",
+            "20160824013632 20160824013722",
+        ],
+    )
     def test_names_that_are_alike_are_no_pair(self, names):
         assert partners([f"{name}.AT2" for name in names.split()]) == ({}, {})
 
     @pytest.mark.parametrize(
-        "names", ["ARL090 ARL360", "A.EW2 A.NS2", "HI.A..HNE.D HI.A..HNN.D", "17_H1.cor 17_H2.cor",
-                  "C_S16W C_N74W", "a_x a_y"],
-    )  # fmt: skip
+        "names",
+        [
+            "ARL090 ARL360",
+            "A.EW2 A.NS2",
+            "HI.A..HNE.D HI.A..HNN.D",
+            "17_H1.cor 17_H2.cor",
+            "C_S16W C_N74W",
+            "a_x a_y",
+        ],
+    )
     def test_directions_at_right_angles_are(self, names):
         one, other = (f"{name}.AT2" for name in names.split())
         assert partners([one, other]) == ({one: other, other: one}, {})
@@ -120,23 +150,37 @@ class TestProcessing:
         study = study_with(tmp_path, f'files: ["q*/Q-ELC0*.AT2"]\n  {steps}')
         ((name, motion),) = stored(study).items()
         assert name == "Q-ELC0"
-        assert np.allclose(motion.acceleration, 0.2 * G * wave(frequency=2.5), atol=1e-6)
+        assert np.allclose(
+            motion.acceleration, 0.2 * G * wave(frequency=2.5), atol=1e-6
+        )
         assert motion.vertical is not None
-        shutil.copytree(tmp_path / "quake", tmp_path / "quiet")  # files of the same names
+        shutil.copytree(
+            tmp_path / "quake", tmp_path / "quiet"
+        )  # files of the same names
         assert sorted(name[:5] for name in stored(study)) == ["quake", "quiet"]
 
     def test_choice_of_components(self, tmp_path):
         files = 'files: ["quake/Q-ELC0*.AT2"]\n  processing: [{choose: {components: ["%s"]}}]'
         assert list(stored(study_with(tmp_path, files % "090"))) == ["Q-ELC090"]
-        with pytest.raises(RecordError, match=r"\(000\): has none of the components 180 that"):
+        with pytest.raises(
+            RecordError, match=r"\(000\): has none of the components 180 that"
+        ):
             prepare_motions(study_with(tmp_path, files % "180"))
 
-    def test_cautions_on_a_motion_follow_from_its_samples_after_processing(self, tmp_path):
-        drifting = 50.0 * wave(2400, 0.005) + 10.0 * np.sin(np.linspace(0.0, 2.0 * np.pi, 2400))
+    def test_cautions_on_a_motion_follow_from_its_samples_after_processing(
+        self, tmp_path
+    ):
+        drifting = 50.0 * wave(2400, 0.005) + 10.0 * np.sin(
+            np.linspace(0.0, 2.0 * np.pi, 2400)
+        )
 
         def cautions(more):
-            study = study_with(tmp_path, f'files: ["quake/Q-ELC000.AT2", raw.V1A]{more}')
-            (tmp_path / "raw.V1A").write_text(geonet_text({"S16W": drifting, "Up": drifting}))
+            study = study_with(
+                tmp_path, f'files: ["quake/Q-ELC000.AT2", raw.V1A]{more}'
+            )
+            (tmp_path / "raw.V1A").write_text(
+                geonet_text({"S16W": drifting, "Up": drifting})
+            )
             checked = list(check_study(study)["cautions"])
             assert checked == list(suspicious(prepare_motions(study)))
             return checked
@@ -157,26 +201,36 @@ def test_the_cube_states_processing_and_verticals(tmp_path):
     assert steps == [{"step": "demean", "settings": {}}]
 
 
-@pytest.mark.parametrize("steps", ["[]", "[{trim: {arias: [0.2, 0.8]}}, {resample: {dt: 0.005}}]"])
+@pytest.mark.parametrize(
+    "steps", ["[]", "[{trim: {arias: [0.2, 0.8]}}, {resample: {dt: 0.005}}]"]
+)
 @pytest.mark.parametrize("name", ["PGA", "PGV", "Arias", "Sa(0.5)", "AvgSA(0.2,1.0)"])
 def test_factors_bring_the_record_as_processed_to_each_level(tmp_path, name, steps):
     text = TEXT.replace(FILES, f"{FILES}\n  processing: {steps}")
     unit = {"PGV": "m/s", "Arias": "m/s"}.get(name, "g")
-    text = text.replace("measure: PGA", f'measure: "{name}"').replace("unit: g", f"unit: {unit}")
+    text = text.replace("measure: PGA", f'measure: "{name}"').replace(
+        "unit: g", f"unit: {unit}"
+    )
     study = load_study(small_study(tmp_path, text))
     prepare_motions(study)
     plan = make_plan(study)
     for number, record in enumerate(plan.records):
-        motion, cases = load_record(study.work, record), np.zeros(len(plan.levels), CASE)
-        cases["record"], cases["level"] = number, plan.levels
+        motion = load_record(study.work, record)
+        cases = np.zeros(len(plan.levels), CASE)
+        cases["record"] = number
+        cases["level"] = plan.levels
         assert record.dt == motion.dt == pytest.approx(0.01 if steps == "[]" else 0.005)
-        reached = [measure(motion.scaled(factor), name) for factor in plan.factors(cases)]
+        reached = [
+            measure(motion.scaled(factor), name) for factor in plan.factors(cases)
+        ]
         np.testing.assert_allclose(reached, study.intensity.si, rtol=1e-9)
 
 
 def test_prepared_records_are_found_again_with_their_origin(tmp_path):
     study = study_with(tmp_path, FILES)
-    with pytest.raises(InputError, match=r"motions\.json: the motions are not prepared yet"):
+    with pytest.raises(
+        InputError, match=r"motions\.json: the motions are not prepared yet"
+    ):
         load_prepared(study)
     prepared = prepare_motions(study)
     assert load_prepared(study) == prepared
@@ -184,10 +238,16 @@ def test_prepared_records_are_found_again_with_their_origin(tmp_path):
     digest = sha256_of(tmp_path / "records" / "wave1.AT2")
     assert (prepared[1].source, prepared[1].sha256) == ("wave1.AT2", digest)
     motion = load_record(study.work, prepared[1])
-    assert (motion.id, motion.dt, motion.metadata["file_sha256"]) == ("wave1", 0.01, digest)
+    assert (motion.id, motion.dt, motion.metadata["file_sha256"]) == (
+        "wave1",
+        0.01,
+        digest,
+    )
     assert load_prepared(load_study(small_study(tmp_path), ["intensity.levels=[0.2]"]))
     other = load_study(small_study(tmp_path), ["intensity.measure=Sa(0.5)"])
-    with pytest.raises(InputError, match="was made for other records or another measure"):
+    with pytest.raises(
+        InputError, match="was made for other records or another measure"
+    ):
         load_prepared(other)
     (study.work / "motions.json").write_text("{")
     with pytest.raises(InputError, match=r"motions\.json: is damaged"):
@@ -195,7 +255,9 @@ def test_prepared_records_are_found_again_with_their_origin(tmp_path):
 
 
 def test_shipped_records_are_selected_in_order_and_ids_occur_once(tmp_path):
-    study = study_with(tmp_path, f"index: {INDEX}\n  select: [syn-m70-r020, syn-m55-r010]")
+    study = study_with(
+        tmp_path, f"index: {INDEX}\n  select: [syn-m70-r020, syn-m55-r010]"
+    )
     prepared = prepare_motions(study)
     found = [(record.id, record.magnitude, record.distance) for record in prepared]
     assert found == [("syn-m70-r020", 7.0, 20.0), ("syn-m55-r010", 5.5, 10.0)]
@@ -228,18 +290,26 @@ def test_two_records_of_one_name_are_distinguished_by_their_folders(tmp_path):
 def test_the_same_file_by_two_patterns_is_one_record(tmp_path):
     both = study_with(tmp_path, 'files: ["records/*.AT2", "records/*.at2"]')
     assert ids(both) == ["wave0", "wave1"]
-    study = study_with(tmp_path, 'files: ["records/*", {path: "records/wave1.AT2", unit: g}]')
-    with pytest.raises(InputError, match=r"motions\.files\[1\]: an earlier entry matches .*1"):
+    study = study_with(
+        tmp_path, 'files: ["records/*", {path: "records/wave1.AT2", unit: g}]'
+    )
+    with pytest.raises(
+        InputError, match=r"motions\.files\[1\]: an earlier entry matches .*1"
+    ):
         prepare_motions(study)
 
 
 @pytest.mark.parametrize(
     ("pattern", "found"),
     [
-        ("*[!t]", "ARL360 nis090"), ("*.AT2", "ARL360 nis090"), ("ARL[2-4]60.At2", "ARL360"),
-        ("a[r]L*", "ARL360"), ("[!a-fx-z]*.AT2", "nis090"), ("?RL360.aT2", "ARL360"),
+        ("*[!t]", "ARL360 nis090"),
+        ("*.AT2", "ARL360 nis090"),
+        ("ARL[2-4]60.At2", "ARL360"),
+        ("a[r]L*", "ARL360"),
+        ("[!a-fx-z]*.AT2", "nis090"),
+        ("?RL360.aT2", "ARL360"),
     ],
-)  # fmt: skip
+)
 def test_patterns_match_in_any_case(tmp_path, pattern, found):
     study = study_with(tmp_path, f'files: ["data [1]/{pattern}"]')
     names = "ARL360.at2", "C.txt", "nis090.AT2", "nis090.XML", "index.csv"

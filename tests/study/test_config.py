@@ -35,7 +35,9 @@ def test_a_refusal_names_file_key_value_and_what_is_allowed(tmp_path):
     ],
 )
 def test_numbers_as_people_write_them(tmp_path, radius, friction, read):
-    text = TEXT.replace("friction: 0.7", f"friction: {friction}").replace("10.0", radius)
+    text = TEXT.replace("friction: 0.7", f"friction: {friction}").replace(
+        "10.0", radius
+    )
     arch = load_study(small_study(tmp_path, text)).arches[0]
     assert arch.build().chain.friction.tolist() == read
     assert arch.radius == 10.0
@@ -46,28 +48,38 @@ def test_levels_in_user_units_become_si(tmp_path):
     study = load_study(small_study(tmp_path, text))
     assert study.intensity.given[:3] == (0.1, 0.2, 0.3)
     np.testing.assert_allclose(study.intensity.si, 9.80665 * np.linspace(0.1, 1.2, 12))
-    study = load_study(small_study(tmp_path), ["intensity.measure=PGV", "intensity.unit=cm/s"])
+    study = load_study(
+        small_study(tmp_path), ["intensity.measure=PGV", "intensity.unit=cm/s"]
+    )
     np.testing.assert_allclose(study.intensity.si, [0.001, 0.006, 0.012])
 
 
-def test_paths_are_relative_to_the_study_file_those_of_overrides_too(tmp_path, monkeypatch):
+def test_paths_are_relative_to_the_study_file_those_of_overrides_too(
+    tmp_path, monkeypatch
+):
     (tmp_path / "here").mkdir()
     there = tmp_path / "there"
     path = small_study(there)
     monkeypatch.chdir(tmp_path / "here")
     study = load_study(path, ["motions.files=['x/*.AT2', {path: y.txt, unit: g}]"])
     assert study.folder == there / "out"
-    assert [f.path for f in study.motions.files] == [str(there / "x/*.AT2"), str(there / "y.txt")]
+    assert [f.path for f in study.motions.files] == [
+        str(there / "x/*.AT2"),
+        str(there / "y.txt"),
+    ]
     assert load_study(path, ["output=../o"]).folder == tmp_path / "o"
     assert load_study(path, ["method.follow=1.5"]).method.follow == 1.5
     assert load_study(path, ["arches.1.width=0.5"]).arches[1].width == 0.5
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.stem
+)
 def test_shipped_configs_are_valid_by_models_and_by_schema(path, tmp_path):
     """If the schema differs, write study_schema() to configs/study.schema.json."""
     assert (ROOT / "configs" / "study.schema.json").read_text() == study_schema()
-    study, schema = load_study(path), json.loads(study_schema())
+    study = load_study(path)
+    schema = json.loads(study_schema())
     kept = {"own_records": path.parent / "results" / "own-records"}
     assert study.folder == kept.get(path.stem, ROOT / "results" / path.stem)
     again = tmp_path / "study.yaml"
@@ -82,17 +94,24 @@ def test_shipped_configs_are_valid_by_models_and_by_schema(path, tmp_path):
 
 def test_levels_of_an_arch_that_has_spread_are_compared_with_it_as_built(tmp_path):
     spread = TEXT.replace("friction: 0.7", "friction: 0.7, springings: {spread: 0.01}")
-    near, far = (spread.replace("[0.1, 0.6, 1.2]", levels) for levels in ("[0.6, 1.2]", "[9, 20]"))
+    near, far = (
+        spread.replace("[0.1, 0.6, 1.2]", levels)
+        for levels in ("[0.6, 1.2]", "[9, 20]")
+    )
     assert not check_study(load_study(small_study(tmp_path, near)))["cautions"]
     found = check_study(load_study(small_study(tmp_path, far)))["cautions"]
-    assert any("ring: all levels are more than 10 times the onset of motion (0.37 g)" in text
-               for text in found)  # fmt: skip
+    assert any(
+        "ring: all levels are more than 10 times the onset of motion (0.37 g)" in text
+        for text in found
+    )
 
 
 def test_hinges_inside_the_edges_of_a_thin_arch_are_a_caution(tmp_path):
     thin = TEXT.replace("radius: 10.0, thickness: 1.5", "radius: 2.5, thickness: 0.28")
     (caution,) = check_study(load_study(small_study(tmp_path, thin)))["cautions"]
-    assert caution.startswith("ring: hinges 10 mm inside the edges of the joints lower the onset")
+    assert caution.startswith(
+        "ring: hinges 10 mm inside the edges of the joints lower the onset"
+    )
 
 
 def test_faces_are_for_time_stepping(tmp_path):
@@ -109,7 +128,11 @@ def test_faces_are_for_time_stepping(tmp_path):
     ("old", "new", "part"),
     [
         ("friction: 0.7", "friction: 33", "was an angle meant?"),
-        ("radius: 10.0, thickness: 1.5", "radius: 1.0e4, thickness: 1.5e3", "lengths are in m"),
+        (
+            "radius: 10.0, thickness: 1.5",
+            "radius: 1.0e4, thickness: 1.5e3",
+            "lengths are in m",
+        ),
         ("[0.1, 0.6, 1.2]", "[0.01, 0.02]", "no level is above the onset of motion"),
         ("[0.1, 0.6, 1.2]", "[20, 40]", "more than 10 times the onset"),
     ],

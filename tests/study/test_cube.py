@@ -43,7 +43,9 @@ class TestContent:
     def test_each_run_stands_where_its_part_states(self, done, cube):
         cases, table, _ = gather(done.plan)
         place = tuple(cases[name] for name in ("arch", "record", "place"))
-        names = {column.name for column in COLUMNS} - {"moving_before"}  # none came after a shock
+        names = {column.name for column in COLUMNS} - {
+            "moving_before"
+        }  # none came after a shock
         for name in (*names, "model_time"):
             np.testing.assert_array_equal(cube[name].values[place], table[name])
         assert len(table) == cube["verdict"].size == 12
@@ -75,14 +77,22 @@ class TestContent:
 
 
 def test_every_status_has_a_verdict():
-    decided = {"STANDING": "SURVIVED", "COLLAPSED": "COLLAPSED", "UNFINISHED": "UNFINISHED"}
+    decided = {
+        "STANDING": "SURVIVED",
+        "COLLAPSED": "COLLAPSED",
+        "UNFINISHED": "UNFINISHED",
+    }
     verdicts = [Verdict(code).name for code in verdicts_of(np.array(list(Status)))]
     assert verdicts == [decided.get(status.name, "FAILED") for status in Status]
 
 
 @pytest.mark.parametrize(
     ("shape", "stored"),
-    [((2, 2, 3), (2, 2, 3)), ((400, 30, 15), (291, 30, 15)), ((3, 900, 1000), (1, 131, 1000))],
+    [
+        ((2, 2, 3), (2, 2, 3)),
+        ((400, 30, 15), (291, 30, 15)),
+        ((3, 900, 1000), (1, 131, 1000)),
+    ],
 )
 def test_a_cube_opens_in_chunks_of_up_to_a_megabyte(tmp_path, shape, stored):
     """Of few arches and of many, neither of which dask would like one by one."""
@@ -113,14 +123,22 @@ def test_another_study_and_missing_runs_are_refused(copied):
 
 def test_fits_are_read_back_as_they_were_and_damaged_ones_are_a_message(copied):
     write_cube(copied.study)
-    fits, answers = fit_cube(copied.study).arches, load_fits(copied.study).arches
+    fits = fit_cube(copied.study).arches
+    answers = load_fits(copied.study).arches
     assert set(fits) == {"ring", "slab"}
     for name, fit in fits.items():
         assert finite(answers[name].to_dict()) == finite(fit.to_dict())
-    for content in ('{"fits": []}', '{"fits": {"a": 1}}', "[]", '{"fits": {"a": {}}}', "\0"):
+    for content in (
+        '{"fits": []}',
+        '{"fits": {"a": 1}}',
+        "[]",
+        '{"fits": {"a": {}}}',
+        "\0",
+    ):
         (copied.study.folder / "fits.json").write_text(content)
         with pytest.raises(
-            InputError, match=r"fits.json: is missing or damaged .*`archfrag fit` makes it"
+            InputError,
+            match=r"fits.json: is missing or damaged .*`archfrag fit` makes it",
         ):
             load_fits(copied.study)
 
@@ -142,7 +160,9 @@ SHIPPED = f"""index: {ROOT / "records" / "index.csv"}
 def test_no_unit_of_the_levels_changes_an_answer(tmp_path):
     def written(measure, unit, *levels):
         text = TEXT.replace('files: ["records/*.AT2"]', SHIPPED).replace("PGA", measure)
-        text = text.replace("unit: g", f"unit: {unit}").replace("[0.1, 0.6, 1.2]", str([*levels]))
+        text = text.replace("unit: g", f"unit: {unit}").replace(
+            "[0.1, 0.6, 1.2]", str([*levels])
+        )
         return small_study(tmp_path, text.replace("output: out", f"output: {measure}"))
 
     def states(fits):
@@ -160,7 +180,9 @@ def test_no_unit_of_the_levels_changes_an_answer(tmp_path):
         assert set(states(fits)) == {"residual", "rotation", "collapse"}
 
 
-def test_theta_is_given_with_all_runs_without_verdict_as_collapses_and_as_survivals(copied):
+def test_theta_is_given_with_all_runs_without_verdict_as_collapses_and_as_survivals(
+    copied,
+):
     def curves_with(verdict):
         with changed_cube(copied.study) as cube:
             cube["verdict"][:] = [[0, 0, 1], [0, 1, 1]]
@@ -171,7 +193,10 @@ def test_theta_is_given_with_all_runs_without_verdict_as_collapses_and_as_surviv
     assert found["slab"].more["without_verdict"] == {}
     lost = found["ring"].more["without_verdict"]
     assert lost["runs"] == 1
-    for name, verdict in (("collapsed", Verdict.COLLAPSED), ("survived", Verdict.SURVIVED)):
+    for name, verdict in (
+        ("collapsed", Verdict.COLLAPSED),
+        ("survived", Verdict.SURVIVED),
+    ):
         assert lost[name] == curves_with(verdict)["ring"].fit_dict()
     assert lost["collapsed"]["theta"] < lost["survived"]["theta"]
     text = repr(in_unit(found["ring"], "ring", copied.study.intensity))
@@ -186,8 +211,10 @@ def page_of(study, place):
 @pytest.mark.parametrize(
     ("factor", "records", "reason"),
     [(0.01, "*", "no run collapsed"), (4.0, "wave0*", "only one record")],
-)  # fmt: skip
-def test_a_cloud_without_a_curve_has_a_report_that_states_why(tmp_path, factor, records, reason):
+)
+def test_a_cloud_without_a_curve_has_a_report_that_states_why(
+    tmp_path, factor, records, reason
+):
     """Its records are as they are: no factor was chosen so that some cause collapse."""
     text = TEXT.replace("levels: [0.1, 0.6, 1.2]", "levels: [1.0]")
     text = text.replace("records/*.AT2", f"records/{records}.AT2")
@@ -199,7 +226,9 @@ def test_a_cloud_without_a_curve_has_a_report_that_states_why(tmp_path, factor, 
 
 @pytest.mark.parametrize(("factor", "side"), [(0.01, "above"), (50.0, "below")])
 @pytest.mark.parametrize("kind", ["cloud, factor: {}", "stripes", "ida"])
-def test_one_outcome_in_all_runs_gives_no_curve_but_a_reason(tmp_path, kind, factor, side):
+def test_one_outcome_in_all_runs_gives_no_curve_but_a_reason(
+    tmp_path, kind, factor, side
+):
     text = TEXT.replace("[0.1, 0.6, 1.2]", f"[{0.9 * factor:g}, {1.1 * factor:g}]")
     path = small_study(tmp_path, f"{text}design: {{kind: {kind.format(factor)}}}\n")
     study = made(path).study
@@ -247,7 +276,9 @@ def test_dispersion_of_a_class_has_the_parts_of_its_capacities(largest):
     assert np.hypot(*found.values()) == pytest.approx(beta, rel=1e-12)
     if largest < 2.0:
         two = Runs("a", Stripes(), verdict[:2].reshape(-1, levels.size), levels)
-        with pytest.raises((FitError, InputError), match="one arch has no modelling dispersion"):
+        with pytest.raises(
+            (FitError, InputError), match="one arch has no modelling dispersion"
+        ):
             dispersion_split(two, [answers[0], Curve(reason="no curve")], 0.4)
 
 
@@ -262,7 +293,9 @@ def test_cautions_of_a_study_name_the_arch_and_its_unit(copied):
         cube["verdict"][:] = Verdict.SURVIVED
     assert "above 1.2 g" in fit_cube(copied.study).arches["ring"].reason
     none = dict.fromkeys(("ring", "slab"), Curve(reason="no curve"))
-    *surviving, last = cautions_of(copied.study, Fitted(none, {}, open_cube(copied.study)))
+    *surviving, last = cautions_of(
+        copied.study, Fitted(none, {}, open_cube(copied.study))
+    )
     assert [text.split(";")[0] for text in surviving] == [
         f"{name}: no record caused collapse up to 1.2 g, the highest level"
         for name in ("ring", "slab")
@@ -271,7 +304,9 @@ def test_cautions_of_a_study_name_the_arch_and_its_unit(copied):
     with changed_cube(copied.study) as cube:
         cube["verdict"][1, :, 2] = Verdict.UNFINISHED
         cube["scale_factor"][0, 1] = 11.0
-    ring, first, second, _ = cautions_of(copied.study, Fitted(none, {}, open_cube(copied.study)))
+    ring, first, second, _ = cautions_of(
+        copied.study, Fitted(none, {}, open_cube(copied.study))
+    )
     assert ring.startswith("ring: no record caused collapse")
     assert first.startswith("slab: more than 5 % of the runs")
     assert "(most: 2 of 2 at 1.2 g)" in first
@@ -291,18 +326,23 @@ def of_events(count):
     events = [f"e{i % count}" for i in range(24)]
     shape = ("arch", "record", "level"), np.zeros((1, 24, 1))
     return record_cautions(
-        xr.Dataset({"event": ("record", events), "verdict": shape, "scale_factor": shape})
+        xr.Dataset(
+            {"event": ("record", events), "verdict": shape, "scale_factor": shape}
+        )
     )
 
 
 def of_arch(verdict, levels=(1.0, 2.0, 3.0, 4.0), curve=NO_CURVE):
     named = [f"{level:g} g" for level in levels]
-    return arch_cautions(Runs("a", Stripes(), np.array(verdict), np.array(levels)), named, curve)
+    return arch_cautions(
+        Runs("a", Stripes(), np.array(verdict), np.array(levels)), named, curve
+    )
 
 
 def of_lost(count, kind):
     verdict = np.zeros((100, 3), dtype=int)
-    verdict[:, 2], verdict[:count, 2] = 1, kind
+    verdict[:, 2] = 1
+    verdict[:count, 2] = kind
     return of_arch(verdict, (1.0, 2.0, 3.0))
 
 
@@ -314,7 +354,10 @@ def of_spacing(beta):
     ("found", "expected"),
     [
         (of_lost(5, Verdict.FAILED), ""),
-        (of_lost(6, Verdict.FAILED), "more than 5 % of the runs are unfinished or failed"),
+        (
+            of_lost(6, Verdict.FAILED),
+            "more than 5 % of the runs are unfinished or failed",
+        ),
         (of_arch(AGAIN), ""),
         (of_arch(MORE), "3 of 10 records do not cause"),
         (of_spacing(0.25), ""),
@@ -326,4 +369,6 @@ def of_spacing(beta):
 )
 def test_a_caution_begins_where_its_rule_says(found, expected):
     messages = list(found)
-    assert [message[: len(expected)] for message in messages] == ([expected] if expected else [])
+    assert [message[: len(expected)] for message in messages] == (
+        [expected] if expected else []
+    )

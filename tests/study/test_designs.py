@@ -44,7 +44,8 @@ def driven(design, table, levels=LEVELS):
     )
     asked = np.column_stack([cases["record"], cases["place"]])
     assert len(asked) == len(np.unique(asked, axis=0)), "a cell was asked for twice"
-    seen, cells = np.full_like(table, Verdict.NOT_RUN), tuple(asked.T)
+    seen = np.full_like(table, Verdict.NOT_RUN)
+    cells = tuple(asked.T)
     seen[cells] = table[cells]
     return notes[0], asked, seen
 
@@ -73,11 +74,17 @@ class TestIda:
     def test_thirty_records_on_fifteen_levels_take_150_runs(self):
         runs = []
         for seed in range(60):
-            capacity = 0.3 * np.exp(0.4 * np.random.default_rng(seed).standard_normal(30))
+            capacity = 0.3 * np.exp(
+                0.4 * np.random.default_rng(seed).standard_normal(30)
+            )
             table = (capacity[:, None] <= LEVELS).astype(np.int8)
             note, asked, seen = driven(Ida(kind="ida"), table)
             assert note["runs"] == len(asked)
-            assert (note["records"], note["checked"], note["contradictions"]) == (30, 30, 0)
+            assert (note["records"], note["checked"], note["contradictions"]) == (
+                30,
+                30,
+                0,
+            )
             low, high = bracketed(seen)
             np.testing.assert_array_equal(high - low, 1)
             runs.append(note["runs"])
@@ -87,13 +94,17 @@ class TestIda:
         """A tenth of the cells are flipped, which also misleads the search."""
         rates = []
         for seed in range(12):
-            capacity = 0.3 * np.exp(0.4 * np.random.default_rng(seed).standard_normal((100, 1)))
+            capacity = 0.3 * np.exp(
+                0.4 * np.random.default_rng(seed).standard_normal((100, 1))
+            )
             table = (capacity <= LEVELS).astype(np.int8)
             near = np.abs(np.arange(15) - np.searchsorted(LEVELS, capacity) + 0.5) < 1
             flipped = np.random.default_rng([seed, 2]).random(table.shape) < 0.1
             spoilt = np.where(flipped & ~near, 1 - table, table)
             for checks in (10**6, 100):
-                note, asked, _ = driven(Ida(kind="ida", checks=checks, seed=seed), spoilt)
+                note, asked, _ = driven(
+                    Ida(kind="ida", checks=checks, seed=seed), spoilt
+                )
                 assert note["checked"] == checks or checks > 100
                 rates.append(note["contradictions"] / note["checked"])
         searched, (rows, places) = np.full_like(spoilt, Verdict.NOT_RUN), asked[:-100].T
@@ -110,13 +121,19 @@ class TestIda:
         for seed in range(40):
             generator = np.random.default_rng(seed)
             capacity = 0.4 * generator.standard_normal((30, 1))
-            capacity = 0.3 * np.exp(capacity + 0.2 * generator.standard_normal((30, 15)))
+            capacity = 0.3 * np.exp(
+                capacity + 0.2 * generator.standard_normal((30, 15))
+            )
             table = (capacity <= LEVELS).astype(np.int8)
             one, other = (
                 capacity_posterior(find_brackets(verdict, LEVELS))[0].curve
                 for verdict in (driven(Ida(kind="ida", seed=seed), table)[2], table)
             )
-            pairs = (one.theta / other.theta, one.beta / other.beta, one.beta / np.sqrt(0.2))
+            pairs = (
+                one.theta / other.theta,
+                one.beta / other.beta,
+                one.beta / np.sqrt(0.2),
+            )
             off.append(np.log(pairs))
         assert np.all(np.abs(np.mean(off, axis=0)) < [0.01, 0.05, 0.05])
 
@@ -124,7 +141,8 @@ class TestIda:
 def test_ida_asks_for_the_same_runs_whatever_other_measures_the_records_have(done):
     """Levels chosen with knowledge that the likelihood has not would make beta too large."""
     capacity = np.exp(0.4 * np.random.default_rng(1).standard_normal(30))
-    levels, one = np.linspace(0.2, 3.0, 15), done.plan.records[0]
+    levels = np.linspace(0.2, 3.0, 15)
+    one = done.plan.records[0]
     study = done.study.model_copy(update={"design": Ida(kind="ida")})
     asked = []
     for known in (capacity, capacity[::-1]):
@@ -136,7 +154,9 @@ def test_ida_asks_for_the_same_runs_whatever_other_measures_the_records_have(don
         plan.__dict__["levels"] = levels
         cases, _ = ask(
             plan.requests(),
-            lambda own: (capacity[own["record"]] <= levels[own["place"]]).astype(np.int8),
+            lambda own: (capacity[own["record"]] <= levels[own["place"]]).astype(
+                np.int8
+            ),
         )
         asked.append(cases.tolist())
     assert asked[0] == asked[1]
@@ -145,7 +165,9 @@ def test_ida_asks_for_the_same_runs_whatever_other_measures_the_records_have(don
 @pytest.mark.parametrize("seed", range(3))
 def test_the_order_in_which_runs_are_made_changes_nothing_that_ida_asks_for(seed):
     generator = np.random.default_rng(seed)
-    table = (0.4 * np.exp(0.5 * generator.standard_normal((40, 15))) <= LEVELS).astype(np.int8)
+    table = (0.4 * np.exp(0.5 * generator.standard_normal((40, 15))) <= LEVELS).astype(
+        np.int8
+    )
     table[generator.random(table.shape) < 0.1] = Verdict.FAILED
     waiting = np.empty(0, CASE)
 
@@ -159,15 +181,20 @@ def test_the_order_in_which_runs_are_made_changes_nothing_that_ida_asks_for(seed
         grid = Grid(0, np.arange(40), LEVELS, np.ones(40), 1.0)
         return {0: Ida(kind="ida", seed=seed).requests(grid)}
 
-    every = ask(requests(), lambda cases: table[cases["record"], cases["place"]].astype(np.int8))
+    every = ask(
+        requests(), lambda cases: table[cases["record"], cases["place"]].astype(np.int8)
+    )
     asked = drive(requests(), some)
-    np.testing.assert_array_equal(*(cases[order_of(cases)] for cases in (asked[0], every[0])))
+    np.testing.assert_array_equal(
+        *(cases[order_of(cases)] for cases in (asked[0], every[0]))
+    )
     assert asked[1] == every[1]
 
 
 def test_a_record_does_not_wait_for_the_runs_of_another():
     """The runs of the first record are made last: meanwhile the nine others are searched."""
-    waiting, order = np.empty(0, CASE), []
+    waiting = np.empty(0, CASE)
+    order = []
 
     def last(cases):
         nonlocal waiting
@@ -175,14 +202,19 @@ def test_a_record_does_not_wait_for_the_runs_of_another():
         chosen = waiting["record"] != 0
         if not chosen.any():
             chosen = ~chosen
-        made, waiting = waiting[chosen], waiting[~chosen]
+        made = waiting[chosen]
+        waiting = waiting[~chosen]
         order.extend(made["record"].tolist())
         return made, (made["place"] >= 7).astype(np.int8)
 
     grid = Grid(0, np.arange(10), LEVELS, np.ones(10), 1.0)
     _, facts = drive({0: Ida(kind="ida", checks=0).requests(grid)}, last)
     alone = order.count(0)
-    assert (facts[0]["runs"], order.count(9), order[-alone:]) == (10 * alone, alone, [0] * alone)
+    assert (facts[0]["runs"], order.count(9), order[-alone:]) == (
+        10 * alone,
+        alone,
+        [0] * alone,
+    )
     assert alone > 2
 
 
@@ -191,7 +223,9 @@ DESIGNS = {
     "ida": "{kind: ida, checks: 2}",
     "cloud": "{kind: cloud, factor: 2.0}",
 }
-THIRD = "  - {id: plate, profile: block, width: 0.5, height: 2.0, friction: .inf}\nmotions:"
+THIRD = (
+    "  - {id: plate, profile: block, width: 0.5, height: 2.0, friction: .inf}\nmotions:"
+)
 GROWN = {
     "level": TEXT.replace("0.6, 1.2]", "0.6, 0.9, 1.2]"),
     "arch": TEXT.replace("motions:", THIRD),
@@ -210,7 +244,9 @@ def study_of(folder, design, text=TEXT, records=2):
 
 @pytest.mark.parametrize("grown", GROWN)
 @pytest.mark.parametrize("design", DESIGNS)
-def test_a_study_that_grows_and_goes_back_makes_only_the_new_runs(tmp_path, design, grown):
+def test_a_study_that_grows_and_goes_back_makes_only_the_new_runs(
+    tmp_path, design, grown
+):
     before, _ = cube_of(study_of(tmp_path / "grown", design))
     given = design, GROWN[grown], 3 if grown == "record" else 2
     log, second = cube_of(study_of(tmp_path / "grown", *given))
@@ -232,9 +268,15 @@ def test_ida_asks_for_the_same_runs_whatever_the_order_of_arches_and_records(tmp
     levels = study.intensity.model_copy(update={"levels": LEVELS.tolist()})
     study = study.model_copy(update={"intensity": levels})
     ring, slab = study.members
-    arches = ring, slab, replace(ring, entry=ring.entry.model_copy(update={"id": "other"}))
+    arches = (
+        ring,
+        slab,
+        replace(ring, entry=ring.entry.model_copy(update={"id": "other"})),
+    )
     records = [SimpleNamespace(id=f"r{number}", factor=1.0) for number in range(24)]
-    border = {record.id: place for record, place in zip(records, 2 + 3 * np.arange(24) % 11)}
+    border = {
+        record.id: place for record, place in zip(records, 2 + 3 * np.arange(24) % 11)
+    }
 
     def asked(arches, records):
         plan = Plan(study, tuple(arches), tuple(records), identity="")
@@ -283,22 +325,29 @@ def test_cube_of_each_design_made_in_batches(tmp_path, design):
     log, cube = cube_of(study)
     assert log["runs"] == log["kept"] == sum(each["runs"] for each in logs)
     assert sum(each["kept"] for each in logs) == 0
-    stored, cube = cube, open_cube(study)
+    stored = cube
+    cube = open_cube(study)
     assert stored["verdict"].dims[2] == ("level" if design == "cloud" else "intensity")
     assert stored["intensity"].attrs["unit"] == "g"
-    np.testing.assert_allclose(stored["intensity"] * 9.80665, stored["intensity_si"], rtol=1e-15)
+    np.testing.assert_allclose(
+        stored["intensity"] * 9.80665, stored["intensity_si"], rtol=1e-15
+    )
     made = cube["verdict"].values != 4
     note = json.loads(cube.attrs["archfrag_design"])
     assert note["kind"] == design
     assert set(note["arches"]) == {"ring", "slab"}
     assert made.sum() == log["runs"]
-    assert design != "ida" or made.sum() == sum(each["runs"] for each in note["arches"].values())
+    assert design != "ida" or made.sum() == sum(
+        each["runs"] for each in note["arches"].values()
+    )
     assert ((cube["status"].values == -1) == ~made).all()
     assert (np.isnan(cube["peak_rotation"].values) == ~made).all()
     assert (cube["steps"].values[~made] == -1).all()
     own = design == "cloud"
     assert cube["verdict"].shape == (2, 3, 1 if own else 3)
-    assert cube["intensity"].dims == (("arch", "record", "level") if own else ("level",))
+    assert cube["intensity"].dims == (
+        ("arch", "record", "level") if own else ("level",)
+    )
     assert cube["scale_factor"].dims == (("arch",) if own else ()) + ("record", "level")
     if design == "cloud":
         np.testing.assert_allclose(cube["scale_factor"], 2.0, rtol=1e-14)
@@ -309,15 +358,26 @@ def test_cube_of_each_design_made_in_batches(tmp_path, design):
     records = prepare_motions(study)
     for arch, record, level in np.argwhere(made)[[0, 1, -1]]:
         place = {"arch": arch, "record": record, "level": level}
-        factor = cube["scale_factor"].isel({k: place[k] for k in cube["scale_factor"].dims})
+        factor = cube["scale_factor"].isel(
+            {k: place[k] for k in cube["scale_factor"].dims}
+        )
         response = af.simulate(
-            study.arches[arch].build(), load_record(study.work, records[record]),
-            scale=factor.item(), method="time_stepping", dt=2e-3, follow=2.0,
-        )  # fmt: skip
+            study.arches[arch].build(),
+            load_record(study.work, records[record]),
+            scale=factor.item(),
+            method="time_stepping",
+            dt=2e-3,
+            follow=2.0,
+        )
         known = known_of(response)
-        assert {column.name for column in COLUMNS} - set(known) == {"verdict", "moving_before"}
+        assert {column.name for column in COLUMNS} - set(known) == {
+            "verdict",
+            "moving_before",
+        }
         for name in set(known) & set(cube):
-            np.testing.assert_array_equal(cube[name].isel(place), known[name], err_msg=name)
+            np.testing.assert_array_equal(
+                cube[name].isel(place), known[name], err_msg=name
+            )
     if design == "cloud":
         assert set(fit_cube(study).arches["ring"].more["cloud"]) == {"logistic"}
     assert_compliant(study.folder / "cube.nc", tmp_path)
@@ -326,7 +386,9 @@ def test_cube_of_each_design_made_in_batches(tmp_path, design):
 @pytest.mark.parametrize("design", ["{kind: cloud, factor: 1.9}", "{kind: stripes}"])
 def test_a_study_of_which_no_run_was_decided_says_what_to_change(tmp_path, design):
     """At the end of these records both arches move, and nobody waits for them."""
-    text = TEXT.replace("follow: 2.0", "follow: 0.0").replace("[0.1, 0.6, 1.2]", "[0.8]")
+    text = TEXT.replace("follow: 2.0", "follow: 0.0").replace(
+        "[0.1, 0.6, 1.2]", "[0.8]"
+    )
     path = small_study(tmp_path, f"{text}design: {design}\n")
     result = command("run", path)
     assert result.exit_code == 0, result.output
@@ -341,17 +403,26 @@ def test_a_study_of_which_no_run_was_decided_says_what_to_change(tmp_path, desig
 
 def test_single_runs_that_share_events_count_as_fewer():
     """8 events with 3 runs each: 90 % bands that ignore this hold in 79 to 87 %."""
-    generator, design, held = np.random.default_rng(4), Cloud(kind="cloud"), []
+    generator = np.random.default_rng(4)
+    design = Cloud(kind="cloud")
+    held = []
     probability = np.array([0.1, 0.25, 0.5, 0.75, 0.9])
-    event, number = np.arange(24) // 3, []
+    event = np.arange(24) // 3
+    number = []
     for _ in range(80):
         im = np.exp(0.5 * generator.standard_normal((24, 1)))
         z = generator.standard_normal((8, 1)) + generator.standard_normal((8, 3))
         found = find_brackets(np.exp(0.4 * z.reshape(-1, 1) / np.sqrt(2.0)) <= im, im)
         known = design.estimate(
-            found, np.exp(0.4 * ndtri(probability)), confidence=0.9, groups=event, unit="event"
+            found,
+            np.exp(0.4 * ndtri(probability)),
+            confidence=0.9,
+            groups=event,
+            unit="event",
         )
-        held.append(np.mean((known.lower <= probability) & (known.upper >= probability)))
+        held.append(
+            np.mean((known.lower <= probability) & (known.upper >= probability))
+        )
         number.append(known.n_independent)
     assert 0.87 < np.mean(held) < 0.97
     assert 12.0 < np.median(number) < 19.0

@@ -22,7 +22,9 @@ def study_of(folder, motions, text=TEXT):
 
 def events(folder, motions):
     """Earthquakes of the records of a study by their ids."""
-    return {record.id: record.event for record in prepare_motions(study_of(folder, motions))}
+    return {
+        record.id: record.event for record in prepare_motions(study_of(folder, motions))
+    }
 
 
 def seed(path, *codes, start=START, station="S"):
@@ -56,13 +58,17 @@ class TestEarthquakes:
         seed(own / "c.mseed", "HNE", start=START + 2e5)
         found = events(own.parent, SEED)
         assert len(found) == 7
-        assert len({event for name, event in found.items() if name.startswith("a:")}) == 1
+        assert (
+            len({event for name, event in found.items() if name.startswith("a:")}) == 1
+        )
         assert found["a:HNE"] != found["b:HNE"] == found["b:HNN"]
         assert found["c"] == ""
 
     def test_files_that_start_together_or_overlap_are_of_one(self, own):
         for name, later in (("a", 0.0), ("b", 3.0), ("c", 59.0), ("d", 400.0)):
-            seed(own / f"{name}.mseed", "HNE", start=START + later, station=name.upper())
+            seed(
+                own / f"{name}.mseed", "HNE", start=START + later, station=name.upper()
+            )
         found = events(own.parent, SEED)
         assert set(found.values()) == {"earthquake of a", ""}
         assert found["d"] == ""
@@ -71,7 +77,9 @@ class TestEarthquakes:
         counts = np.round(1e5 * wave(800)).astype(int)
         for name, number in (("A.NS1", 1), ("A.NS2", 4), ("B.NS2", 4)):
             (own / name).write_text(knet_text(counts, number))
-        with pytest.raises(RecordError, match=r"A\.NS1: channel NS1 is in the borehole"):
+        with pytest.raises(
+            RecordError, match=r"A\.NS1: channel NS1 is in the borehole"
+        ):
             prepare_motions(study_of(own.parent, 'files: ["own/*.NS?"]'))
         every = 'files: [{path: "own/*.NS?", accept: sensor}]'
         records = prepare_motions(study_of(own.parent, every))
@@ -80,7 +88,9 @@ class TestEarthquakes:
 
     def test_the_origin_time_of_headers_without_a_name(self, own):
         for name in ("a", "b"):
-            (own / f"{name}.acc").write_text(resorce_text(wave(frequency=len(name) + 1.0)))
+            (own / f"{name}.acc").write_text(
+                resorce_text(wave(frequency=len(name) + 1.0))
+            )
         (own / "c.acc").write_text(resorce_text(wave()).replace("04:05:06", "14:05:06"))
         found = events(own.parent, 'files: ["own/*.acc"]')
         assert found == {"a": "earthquake of a", "b": "earthquake of a", "c": ""}
@@ -99,7 +109,9 @@ class TestEarthquakes:
             seed(own / f"{name}.mseed", "HNE", start=START + later)
         rows = ["a,One", "b,Two", "c,", "d,Three", "e,"]
         lines = (f"{row[0]},own/{row[0]}.mseed,m/s2,{row[2:]}" for row in rows)
-        (own.parent / "index.csv").write_text("\n".join(["id,file,unit,event", *lines, ""]))
+        (own.parent / "index.csv").write_text(
+            "\n".join(["id,file,unit,event", *lines, ""])
+        )
         found = events(own.parent, "index: index.csv")
         assert found == {"a": "One", "b": "Two", "c": "", "d": "Three", "e": "Three"}
 
@@ -126,7 +138,9 @@ class TestNumberedFiles:
         for number in (10, 100):
             columns(own / f"run{number}.txt", 0.01 * number + 1.0)
         study = study_of(own.parent, TEXTS, self.ROTATED)
-        alike = "has nearly the same name, but neither start, event and station nor length"
+        alike = (
+            "has nearly the same name, but neither start, event and station nor length"
+        )
         refused(lambda: prepare_motions(study), "run10", alike)
         for number in (10, 100):
             (own / f"run{number}.txt").rename(own / f"run{number:03d}.txt")

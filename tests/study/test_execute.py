@@ -86,7 +86,9 @@ def test_the_bar_counts_from_the_first_run_to_an_estimate_that_stays(
     for part in copied.plan.parts.glob("*.npy"):
         part.unlink()
     monkeypatch.setattr(execute, "_Bar", Bar)
-    monkeypatch.setattr("archfrag.study.runs.execute.kernels_are_compiled", lambda: False)
+    monkeypatch.setattr(
+        "archfrag.study.runs.execute.kernels_are_compiled", lambda: False
+    )
     monkeypatch.setattr("archfrag.study.runs.execute.warmup", warmup)
     monkeypatch.setattr(Ida, "size", lambda self, *shape: (estimate, "about"))
     monkeypatch.setattr(sys, "stderr", Terminal())
@@ -116,33 +118,50 @@ def test_only_the_kernels_that_the_runs_need(done):
     arches = done.study.arches[:1]
     fine = Method(name="auto", rtol=1e-5)
     for method, expected in (
-        (done.study.method, "time_stepping"), (Method(name="auto"), "auto"), (fine, "event_driven")
-    ):  # fmt: skip
+        (done.study.method, "time_stepping"),
+        (Method(name="auto"), "auto"),
+        (fine, "event_driven"),
+    ):
         changes = {"arches": arches, "method": method}
-        assert method_to_compile(make_plan(done.study.model_copy(update=changes))) == expected
+        assert (
+            method_to_compile(make_plan(done.study.model_copy(update=changes)))
+            == expected
+        )
 
 
 @pytest.mark.parametrize("design", ["stripes", "ida"])
-def test_threads_and_chunks_change_no_bit_and_start_no_process(copied, monkeypatch, design):
+def test_threads_and_chunks_change_no_bit_and_start_no_process(
+    copied, monkeypatch, design
+):
     study = copied.study
     if design == "ida":
         study = study.model_copy(update={"design": Ida(kind="ida", checks=1)})
-    graphs, get = [], dask.threaded.get
+    graphs = []
+    get = dask.threaded.get
     monkeypatch.setattr(
-        "dask.threaded.get", lambda graph, *a, **k: [graphs.append(graph), get(graph, *a, **k)]
+        "dask.threaded.get",
+        lambda graph, *a, **k: [graphs.append(graph), get(graph, *a, **k)],
     )
-    before, found = set(psutil.Process().children(recursive=True)), []
+    before = set(psutil.Process().children(recursive=True))
+    found = []
     for threads, chunk in ((1, None), (2, 1), (16, 3)):
         changes = {"chunk": chunk, "workers": threads}
-        log, table = run_batch(changed(cleared(study), "execution", **changes), quiet=True)
+        log, table = run_batch(
+            changed(cleared(study), "execution", **changes), quiet=True
+        )
         assert (log["kept"], log["workers"]) == (0, threads)
-        found.append((*gather(copied.plan if design == "stripes" else make_plan(study)), table))
+        found.append(
+            (*gather(copied.plan if design == "stripes" else make_plan(study)), table)
+        )
     for each in found[1:]:
         assert_same(each, found[0])
-        pd.testing.assert_frame_equal(each[3].drop(columns="wall_time"),
-                                      found[0][3].drop(columns="wall_time"))  # fmt: skip
+        pd.testing.assert_frame_equal(
+            each[3].drop(columns="wall_time"), found[0][3].drop(columns="wall_time")
+        )
     assert set(psutil.Process().children(recursive=True)) <= before
-    made = sum(len(task[2]) for graph in graphs for key, task in graph.items() if key != "plan")
+    made = sum(
+        len(task[2]) for graph in graphs for key, task in graph.items() if key != "plan"
+    )
     assert made == 3 * len(found[0][0])
     assert all(graph["plan"].digests == make_plan(study).digests for graph in graphs)
 
@@ -151,10 +170,16 @@ def test_what_two_arches_have_in_common_is_made_once(copied):
     one = copied.study.arches[0]
     twins = [one, one.model_copy(update={"id": "twin"})]
     for design in (copied.study.design, Ida(kind="ida", checks=0)):
-        study = cleared(copied.study.model_copy(update={"arches": twins, "design": design}))
+        study = cleared(
+            copied.study.model_copy(update={"arches": twins, "design": design})
+        )
         log, table = run_batch(study, workers=3, quiet=True)
         stored = [len(read_part(path)) for path in make_plan(study).parts.glob("*.npy")]
-        assert (log["runs"], log["kept"], sum(stored)) == (len(table), 0, len(table) / 2)
+        assert (log["runs"], log["kept"], sum(stored)) == (
+            len(table),
+            0,
+            len(table) / 2,
+        )
         own = [table[table["arch"] == each.id]["steps"].tolist() for each in twins]
         assert own[0] == own[1]
 
@@ -171,7 +196,8 @@ def test_an_error_of_a_run_ends_the_batch_at_once(copied, monkeypatch):
 
 def test_ctrl_c_in_python_returns_at_once_and_ends_no_process(copied, monkeypatch):
     """A thread that waits stands for a kernel."""
-    begun, end = threading.Event(), threading.Event()
+    begun = threading.Event()
+    end = threading.Event()
 
     def wait(*_, **__):
         begun.set()
@@ -222,7 +248,9 @@ class TestStop:
             "    print('ready', flush=True)\n"
             "    hashlib.pbkdf2_hmac('sha256', b'a', b'b', 2**31 - 1)\n"
         )
-        process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen(
+            [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
+        )
         assert process.stdout.readline() == "ready\n"
         time.sleep(0.5)  # until the hash has begun
         process.send_signal(signal.SIGTERM)
@@ -247,5 +275,7 @@ def test_one_process_reads_all_records_and_does_not_hold_the_lock(copied):
         (reader,) = set(psutil.Process().children()) - before
         read_apart(str(path))
         assert set(psutil.Process().children()) - before == {reader}
-        assert str(copied.study.work / "lock") not in [file.path for file in reader.open_files()]
+        assert str(copied.study.work / "lock") not in [
+            file.path for file in reader.open_files()
+        ]
     assert not reader.is_running()

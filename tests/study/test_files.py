@@ -17,7 +17,9 @@ from archfrag.study.provenance import write_text
 from tests.study.small import command, files_below, write_at2
 
 
-def test_a_file_is_replaced_at_the_end_and_a_full_disk_leaves_the_old_one(tmp_path, monkeypatch):
+def test_a_file_is_replaced_at_the_end_and_a_full_disk_leaves_the_old_one(
+    tmp_path, monkeypatch
+):
     def full(handle):
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -47,17 +49,31 @@ def test_sweeping_removes_what_a_killed_process_left_and_nothing_else(tmp_path):
     elsewhere = gone.replace(".archfrag-", ".archfrag-elsewhere_")
     (tmp_path / "parts" / f"{gone}folder_1.tmp").mkdir(parents=True)
     (tmp_path / "parts" / f"{gone}folder_1.tmp" / "half.npz").touch()
-    swept = [f"{gone}abcdefg1.tmp", f"parts/{gone}abcdefg2.tmp", f"{elsewhere}abcdefg3.tmp"]
+    swept = [
+        f"{gone}abcdefg1.tmp",
+        f"parts/{gone}abcdefg2.tmp",
+        f"{elsewhere}abcdefg3.tmp",
+    ]
     kept = [
-        f"{mine}abcdefg4.tmp", f"{elsewhere}abcdefg5.tmp", f"{gone}notes.tmp", "cube.nc",
-        ".study.yaml.swp", ".notes.csv.bak", ".results.json.orig", ".thesis.html.k2_0.tmp",
-    ]  # fmt: skip
+        f"{mine}abcdefg4.tmp",
+        f"{elsewhere}abcdefg5.tmp",
+        f"{gone}notes.tmp",
+        "cube.nc",
+        ".study.yaml.swp",
+        ".notes.csv.bak",
+        ".results.json.orig",
+        ".thesis.html.k2_0.tmp",
+    ]
     for name in swept + kept:
         (tmp_path / name).touch()
     os.utime(tmp_path / swept[2], (1.0e9, 1.0e9))
     os.symlink(tmp_path / "parts", tmp_path / f"{gone}abcdefg6.tmp")
     sweep(tmp_path)
-    found = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
+    found = {
+        str(path.relative_to(tmp_path))
+        for path in tmp_path.rglob("*")
+        if path.is_file()
+    }
     assert found == set(kept)
     assert (tmp_path / "parts").is_dir()
 

@@ -16,8 +16,12 @@ from archfrag.study.keys import at
 SHARED = {"profile": "circular", "embrace": 157.5, "voussoirs": 7, "friction": 0.7}
 RING = {"id": "ring", "radius": 10.0, "thickness": 1.5, **SHARED}
 BLOCK = {"profile": "block", "width": 0.4, "height": 2.0}
-COLUMN = {"profile": "from_joints", "free_end": True, "intrados": [[0, 0], [0, 1], [0, 2]],
-          "extrados": [[0.5, 0], [0.5, 1], [0.5, 2]]}  # fmt: skip
+COLUMN = {
+    "profile": "from_joints",
+    "free_end": True,
+    "intrados": [[0, 0], [0, 1], [0, 2]],
+    "extrados": [[0.5, 0], [0.5, 1], [0.5, 2]],
+}
 NO_RING = dict.fromkeys(("radius", "thickness", "embrace", "voussoirs"))
 
 
@@ -44,7 +48,9 @@ def normal(mean, cov, **more):
 
 class TestVary:
     def test_arches_have_what_was_drawn_and_else_what_the_entry_states(self):
-        for number, member in enumerate(drawn({"of": {"friction": uniform(0.6, 0.8)}}), start=1):
+        for number, member in enumerate(
+            drawn({"of": {"friction": uniform(0.6, 0.8)}}), start=1
+        ):
             arch = member.entry
             assert (arch.id, arch.vary) == (f"ring-{number:04d}", None)
             assert member.values == {"friction": arch.friction}
@@ -53,17 +59,23 @@ class TestVary:
             assert arch.build().n_voussoir == 7
 
     def test_relative_values_multiply_a_number_or_a_list(self):
-        for member in drawn({"of": {"thickness": normal(1.0, 0.05, relative=True)}}, 64):
+        for member in drawn(
+            {"of": {"thickness": normal(1.0, 0.05, relative=True)}}, 64
+        ):
             assert member.values == {"thickness": member.entry.thickness}
             assert abs(member.entry.thickness - 1.5) < 0.3
         own = [0.5, 0.6, 0.7, 0.8, 0.7, 0.6, 0.5, 0.4]
-        for member in drawn({"of": {"friction": normal(1.0, 0.1, relative=True)}}, friction=own):
+        for member in drawn(
+            {"of": {"friction": normal(1.0, 0.1, relative=True)}}, friction=own
+        ):
             factor = member.values["friction_factor"]
             np.testing.assert_allclose(member.entry.friction, factor * np.array(own))
 
     def test_joints_in_degrees_go_with_the_angle_of_embrace(self):
         joints = [0.0, 20.0, 40.0, 60.0, 90.0, 120.0, 140.0, 157.5]
-        for arch in entries(drawn({"of": {"embrace": normal(150.0, 0.02)}}, joints=joints)):
+        for arch in entries(
+            drawn({"of": {"embrace": normal(150.0, 0.02)}}, joints=joints)
+        ):
             own = np.array(arch.joints) / arch.embrace
             np.testing.assert_allclose(own, np.array(joints) / 157.5, rtol=1e-9)
 
@@ -81,7 +93,10 @@ class TestVary:
         pairs = np.corrcoef(np.hstack([friction, depth]).T) - np.eye(16)
         assert np.abs(pairs).max() < 0.28
         assert entries(found)[0].recess.extrados == 0.0
-        for given, count in ((BLOCK, 1), (COLUMN, 2)):  # a block has one, a column no free end
+        for given, count in (
+            (BLOCK, 1),
+            (COLUMN, 2),
+        ):  # a block has one, a column no free end
             own = drawn({"joints": {"friction": vary["friction"]}}, **NO_RING | given)
             assert {len(arch.friction) for arch in entries(own)} == {count}
 
@@ -89,12 +104,22 @@ class TestVary:
         ("end", "profile"),
         [
             (157.5, {}),
-            (1.0, {"profile": "segmental", "span": 10.0, "rise": 3.0, "radius": None,
-                   "embrace": None}),
+            (
+                1.0,
+                {
+                    "profile": "segmental",
+                    "span": 10.0,
+                    "rise": 3.0,
+                    "radius": None,
+                    "embrace": None,
+                },
+            ),
         ],
-    )  # fmt: skip
+    )
     def test_the_springings_stay_where_they_are(self, end, profile):
-        found = entries(drawn({"joints": {"position": uniform(-0.2, 0.2)}}, 16, **profile))
+        found = entries(
+            drawn({"joints": {"position": uniform(-0.2, 0.2)}}, 16, **profile)
+        )
         joints = np.array([arch.joints for arch in found])
         assert np.all(joints[:, [0, -1]] == [0.0, end])
         assert 0.15 < np.abs(joints / end * 7.0 - np.arange(8)).max() < 0.2
@@ -122,13 +147,18 @@ late,8.0,1.25,inf,north,
 def fleet(folder, text=TABLE, **changed):
     path = folder / "fleet.csv"
     path.write_text(text, encoding="utf-8", newline="")
-    return ArchEntry.model_validate({"id": "fleet", **SHARED, "table": str(path), **changed})
+    return ArchEntry.model_validate(
+        {"id": "fleet", **SHARED, "table": str(path), **changed}
+    )
 
 
 def test_a_key_beside_of_is_said_to_belong_there():
     vary = {"samples": 2, "friction": uniform(0.6, 0.8)}
     message = r"vary.friction must stand in of: {of: {friction: ...}}"
-    with pytest.raises(InputError, match=message), at("arch", given := {**RING, "vary": vary}):
+    with (
+        pytest.raises(InputError, match=message),
+        at("arch", given := {**RING, "vary": vary}),
+    ):
         ArchEntry.model_validate(given)
     assert drawn({"of": {"friction": uniform(0.6, 0.8)}}, 2)
 
@@ -149,7 +179,9 @@ def test_a_row_named_as_its_class_is_refused(tmp_path):
     ],
 )
 def test_a_distribution_replaces_no_list(key, values, law):
-    with pytest.raises(ValueError, match=rf"would replace the list {key}; give factors on it"):
+    with pytest.raises(
+        ValueError, match=rf"would replace the list {key}; give factors on it"
+    ):
         drawn({"of": {key: law}}, 2, **{key: values})
     factor = {"distribution": "uniform", "start": 0.9, "stop": 1.1, "relative": True}
     assert len(drawn({"of": {key: factor}}, 2, **{key: values})) == 2
@@ -171,18 +203,29 @@ class TestJointsThatGive:
         entry = {key: value for key, value in entry.items() if value is not None}
         rigid = ArchEntry.model_validate({**entry, "joints": None}).build()
         built = ArchEntry.model_validate(entry).build()
-        np.testing.assert_array_equal(built.chain.joint, af.jointed(rigid, **SOFT).chain.joint)
+        np.testing.assert_array_equal(
+            built.chain.joint, af.jointed(rigid, **SOFT).chain.joint
+        )
         assert built.parameters["joints"] == SOFT
         # What Python has is again what a study takes.
-        known = {key: each for key, each in built.parameters.items() if each is not None}
+        known = {
+            key: each for key, each in built.parameters.items() if each is not None
+        }
         assert (
-            ArchEntry.model_validate({**known, "id": "again"}).build().parameters["joints"] == SOFT
+            ArchEntry.model_validate({**known, "id": "again"})
+            .build()
+            .parameters["joints"]
+            == SOFT
         )
 
     def test_positions_recess_and_strength_go_with_it(self):
         at = [0.0, 20.0, 40.0, 60.0, 90.0, 120.0, 140.0, 157.5]
-        keys = {**RING, "joints": {"positions": at, "stiffness": [*[2e10] * 7, "inf"]},
-                "recess": {"intrados": 0.02}, "strength": 4e6}  # fmt: skip
+        keys = {
+            **RING,
+            "joints": {"positions": at, "stiffness": [*[2e10] * 7, "inf"]},
+            "recess": {"intrados": 0.02},
+            "strength": 4e6,
+        }
         soft = ArchEntry.model_validate(keys).build()
         ring = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7, joints=at).recessed(0.02)
         expected = af.jointed(ring, [*[2e10] * 7, np.inf], strength=4e6)
@@ -195,7 +238,9 @@ class TestJointsThatGive:
     @pytest.mark.parametrize("stiffness", ["inf", np.inf, ["inf"] * 8])
     def test_infinite_stiffness_is_the_rigid_arch(self, stiffness):
         rigid = ArchEntry.model_validate(RING).build()
-        same = ArchEntry.model_validate({**RING, "joints": {"stiffness": stiffness}}).build()
+        same = ArchEntry.model_validate(
+            {**RING, "joints": {"stiffness": stiffness}}
+        ).build()
         assert same.parameters == rigid.parameters
         for name, value in rigid.chain._asdict().items():
             np.testing.assert_array_equal(getattr(same.chain, name), value)
@@ -211,11 +256,19 @@ class TestJointsThatGive:
         assert stiffness == [member.values["joints"] for member in found]
         assert np.log(stiffness).mean() == pytest.approx(np.log(3e10), abs=0.05)
         assert np.log(stiffness).std() == pytest.approx(1.0, rel=0.05)
-        keys = joints if isinstance(joints, dict) else {"positions": joints} if joints else {}
+        keys = (
+            joints
+            if isinstance(joints, dict)
+            else {"positions": joints}
+            if joints
+            else {}
+        )
         for entry in entries(found):
             expected = JointEntry(**{**keys, "stiffness": entry.joints.stiffness})
             assert entry.joints == expected
-        shift = [np.linalg.norm(e.build().chain.face_after[0, 0]) for e in entries(found)]
+        shift = [
+            np.linalg.norm(e.build().chain.face_after[0, 0]) for e in entries(found)
+        ]
         assert (len(set(shift)) == 64) == ("model" not in keys)
 
     def test_relative_values_multiply_one_or_each(self):
@@ -229,7 +282,10 @@ class TestJointsThatGive:
             np.testing.assert_allclose(member.entry.joints.stiffness, factor * own)
 
     def test_with_scatter_of_positions_and_an_angle_that_varies(self):
-        vary = {"of": {"embrace": normal(150.0, 0.02)}, "joints": {"position": uniform(-0.1, 0.1)}}
+        vary = {
+            "of": {"embrace": normal(150.0, 0.02)},
+            "joints": {"position": uniform(-0.1, 0.1)},
+        }
         plain = drawn(vary)
         soft = drawn(vary, joints={"stiffness": 2e10})
         for one, other in zip(entries(plain), entries(soft), strict=True):
@@ -238,8 +294,14 @@ class TestJointsThatGive:
 
     def test_a_column_of_a_table_is_the_stiffness(self, tmp_path):
         table = "id,radius,thickness,joints\na,10,1.5,2e10\nb,10,1.5,\nc,10,1.5,inf\n"
-        found = expand([fleet(tmp_path, table, joints={"stiffness": 1e10, "damping": 0.2})])
-        assert [member.entry.joints.stiffness for member in found] == [2e10, 1e10, np.inf]
+        found = expand(
+            [fleet(tmp_path, table, joints={"stiffness": 1e10, "damping": 0.2})]
+        )
+        assert [member.entry.joints.stiffness for member in found] == [
+            2e10,
+            1e10,
+            np.inf,
+        ]
         assert [member.values["joints"] for member in found] == [2e10, 1e10, np.inf]
         assert {member.entry.joints.damping for member in found} == {0.2}
 
@@ -247,7 +309,9 @@ class TestJointsThatGive:
         scatter = {"friction": normal(1.0, 0.1)}
         for joints, place in ((scatter, ()), (lognormal(3e10, 1.0), ("of",))):
             (entry,) = _arches(
-                af.jointed(af.Block(1.0, 2.0, 0.8), 1e10), "b", {"samples": 4, "joints": joints}
+                af.jointed(af.Block(1.0, 2.0, 0.8), 1e10),
+                "b",
+                {"samples": 4, "joints": joints},
             )
             vary = entry["vary"]
             for key in place:
@@ -257,7 +321,9 @@ class TestJointsThatGive:
             ArchEntry.model_validate(entry)
 
     def test_a_sample_that_does_not_stand_is_named(self):
-        with pytest.raises(StabilityError, match=r"^arches\[0\] \(ring\): sample 1 \(joints = "):
+        with pytest.raises(
+            StabilityError, match=r"^arches\[0\] \(ring\): sample 1 \(joints = "
+        ):
             drawn({"of": {"joints": lognormal(2e6, 0.1)}})
 
 
@@ -269,7 +335,9 @@ class TestTables:
         assert {member.arch_class for member in found} == {"fleet"}
         assert [arch.friction for arch in entries(found)] == [0.6, 0.7, np.inf]
         assert [arch.radius for arch in entries(found)] == [10.0, 12.0, 8.0]
-        assert {(arch.embrace, arch.voussoirs) for arch in entries(found)} == {(157.5, 7)}
+        assert {(arch.embrace, arch.voussoirs) for arch in entries(found)} == {
+            (157.5, 7)
+        }
         assert [member.attributes["built"] for member in found] == ["1880", "1901", ""]
         fleet(tmp_path, TABLE.replace("old,10.0", "old,10.25"))  # which is read again
         assert entries(expand([entry]))[0].radius == 10.25
@@ -302,10 +370,14 @@ class TestTables:
         assert len(found) == 12
         assert [member.id for member in found][:2] == ["old-0001", "old-0002"]
         thickness = np.array([arch.thickness for arch in entries(found)])
-        np.testing.assert_array_equal(thickness, [member.values["thickness"] for member in found])
+        np.testing.assert_array_equal(
+            thickness, [member.values["thickness"] for member in found]
+        )
         factors = thickness.reshape(3, 4) / [[1.5], [1.8], [1.25]]
         assert np.abs(factors[0] - factors[1]).min() > 1e-6
-        alone = "".join(TABLE.splitlines(True)[i] for i in (1, 3))  # whatever other rows there are
+        alone = "".join(
+            TABLE.splitlines(True)[i] for i in (1, 3)
+        )  # whatever other rows there are
         found = expand([fleet(tmp_path, alone, vary=vary)])
         assert [arch.thickness for arch in entries(found)] == thickness[4:8].tolist()
 
@@ -315,14 +387,42 @@ class TestTables:
             ("12,1.8", "12,1.8m", ", arch wide: thickness = '1.8m' must be"),
             ("8.0,1.25", "8.0,", ", arch late: thickness must be given"),
             ("late,8.0", "old,8.0", ": several arches have the id 'old'"),
-            (",south,1901", ",south,1901,x", ": line 4 has 7 cells, the other rows have 6"),
-            ("region", "Thicknes", ": column Thicknes is not a key of an arch; did you mean"),
-            (",region", ",radius", ": line 2: column 'radius' is there twice; give each column"),
-            ("south,1901", "1901", ": line 4 has 5 of 6 cells, commas between: 'wide, 12, 1.8"),
-            (TABLE, "id;radius\na;10,5\n", ": line 2: '10,5' has a comma within a number; write"),
+            (
+                ",south,1901",
+                ",south,1901,x",
+                ": line 4 has 7 cells, the other rows have 6",
+            ),
+            (
+                "region",
+                "Thicknes",
+                ": column Thicknes is not a key of an arch; did you mean",
+            ),
+            (
+                ",region",
+                ",radius",
+                ": line 2: column 'radius' is there twice; give each column",
+            ),
+            (
+                "south,1901",
+                "1901",
+                ": line 4 has 5 of 6 cells, commas between: 'wide, 12, 1.8",
+            ),
+            (
+                TABLE,
+                "id;radius\na;10,5\n",
+                ": line 2: '10,5' has a comma within a number; write",
+            ),
             ("0.6,north", '"[0.6, x]",north', ", arch old: friction[1] = 'x' must be"),
-            ("0.6,north", '"[0.6",north', ", column friction: line 1: expected ',' or ']'"),
-            ("id,radius", "id,span", ", arch old: span is not a known key; allowed are "),
+            (
+                "0.6,north",
+                '"[0.6",north',
+                ", column friction: line 1: expected ',' or ']'",
+            ),
+            (
+                "id,radius",
+                "id,span",
+                ", arch old: span is not a known key; allowed are ",
+            ),
         ],
     )
     def test_a_bad_table_is_one_message(self, tmp_path, old, new, message):

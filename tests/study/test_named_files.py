@@ -8,7 +8,8 @@ from archfrag.errors import InputError
 from archfrag.study.validate import logo_url
 from tests.study.small import TEXT, command, small_study
 
-PNG, JPEG = b"\x89PNG\r\n\x1a\n rest", b"\xff\xd8\xff\xe0 rest"
+PNG = b"\x89PNG\r\n\x1a\n rest"
+JPEG = b"\xff\xd8\xff\xe0 rest"
 ROOT = b'<svg xmlns="http://www.w3.org/2000/svg"><path d="M0 0h1"/></svg>'
 SVG = b'\xef\xbb\xbf<?xml version="1.0"?>\n<!-- made by hand -->\n' + ROOT
 
@@ -16,10 +17,14 @@ SVG = b'\xef\xbb\xbf<?xml version="1.0"?>\n<!-- made by hand -->\n' + ROOT
 @pytest.mark.parametrize(
     ("name", "content", "kind"),
     [
-        ("logo.PNG", PNG, "png"), ("a.JPG", JPEG, "jpeg"), ("b.Svg", SVG, "svg+xml"),
-        ("no suffix", PNG, "png"), ("wrong.png", JPEG, "jpeg"), ("plain.svg", ROOT, "svg+xml"),
+        ("logo.PNG", PNG, "png"),
+        ("a.JPG", JPEG, "jpeg"),
+        ("b.Svg", SVG, "svg+xml"),
+        ("no suffix", PNG, "png"),
+        ("wrong.png", JPEG, "jpeg"),
+        ("plain.svg", ROOT, "svg+xml"),
     ],
-)  # fmt: skip
+)
 def test_a_picture_is_known_by_its_content(tmp_path, name, content, kind):
     (tmp_path / name).write_bytes(content)
     assert logo_url(str(tmp_path / name)).startswith(f"data:image/{kind};base64,")
@@ -28,22 +33,27 @@ def test_a_picture_is_known_by_its_content(tmp_path, name, content, kind):
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("empty.svg", b""), ("a.svg", b"not svg"), ("b.svg", b"<html/>"), ("c.png", b"GIF89a"),
-        ("d.svg", b"<svg>"), ("e.svg", b"<svg/>"), ("pw.png", b"root:x:0:0:root:/root:/bin/sh"),
+        ("empty.svg", b""),
+        ("a.svg", b"not svg"),
+        ("b.svg", b"<html/>"),
+        ("c.png", b"GIF89a"),
+        ("d.svg", b"<svg>"),
+        ("e.svg", b"<svg/>"),
+        ("pw.png", b"root:x:0:0:root:/root:/bin/sh"),
         ("cut.png", PNG[:6]),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_picture_is_refused_whatever_its_name(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(InputError, match=r"report.logo: .* no picture; it must be PNG, JPEG or S"):
+    with pytest.raises(
+        InputError, match=r"report.logo: .* no picture; it must be PNG, JPEG or S"
+    ):
         logo_url(str(tmp_path / name))
 
 
 # Keys that name a file, in the text of the small study.
-BLOCK, FILES = (
-    "profile: block, width: 0.4, height: 2.0, friction: .inf",
-    'files: ["records/*.AT2"]',
-)
+BLOCK = "profile: block, width: 0.4, height: 2.0, friction: .inf"
+FILES = 'files: ["records/*.AT2"]'
 KEYS = {
     "logo": TEXT + "report: {logo: X}\n",
     "hazard": TEXT + "risk: {hazard: X}\n",
@@ -51,7 +61,9 @@ KEYS = {
     "table": TEXT.replace(BLOCK, "table: X"),
     "index": TEXT.replace(FILES, "index: X"),
     "files": TEXT.replace(FILES, "files: [X]"),
-    "inventory": TEXT.replace(FILES, "files: [{path: records/wave0.AT2, inventory: X}]"),
+    "inventory": TEXT.replace(
+        FILES, "files: [{path: records/wave0.AT2, inventory: X}]"
+    ),
 }
 
 
@@ -77,4 +89,7 @@ def test_a_pipe_a_device_and_what_is_too_large_are_refused_at_once(tmp_path, key
 def test_info_does_not_wait_for_a_pipe(tmp_path):
     os.mkfifo(tmp_path / "cube.nc")
     found = command("info", tmp_path / "cube.nc")
-    assert (found.exit_code, "is missing, damaged or no cube" in found.stderr) == (2, True)
+    assert (found.exit_code, "is missing, damaged or no cube" in found.stderr) == (
+        2,
+        True,
+    )

@@ -53,13 +53,19 @@ def test_plain_tables(load):
     found = load("im,poe_50\n0.1,0.1\n0.4,0.02\n", unit="g")
     assert 1.0 / found.main.rate[0] == pytest.approx(474.561, rel=1e-5)
     assert "taken to be PGA" in found.messages[0]
-    for measure, head in (("Sa(0.5)", "SA(0.50) [gal]"), ("PGV", "PGV [cm/s]"),
-                          ("Sa(0.5)", "sa(0.5) (GAL)"), ("PGV", "pgv (cm/s)")):  # fmt: skip
+    for measure, head in (
+        ("Sa(0.5)", "SA(0.50) [gal]"),
+        ("PGV", "PGV [cm/s]"),
+        ("Sa(0.5)", "sa(0.5) (GAL)"),
+        ("PGV", "pgv (cm/s)"),
+    ):
         found = load(f"{head},rate\n10,1e-2\n100,1e-3\n", measure=measure)
         np.testing.assert_allclose(found.main.im, [0.1, 1.0])
         assert found.messages == ()
     averaged = '"AvgSA(0.2,2) [g]";rate\n0,1;0,01\n0,4;0,001\n'
-    np.testing.assert_allclose(load(averaged, measure="AvgSA(0.2,2)").main.im, [0.1 * G, 0.4 * G])
+    np.testing.assert_allclose(
+        load(averaged, measure="AvgSA(0.2,2)").main.im, [0.1 * G, 0.4 * G]
+    )
     named = load("sa(0.5),rate\n1,1e-2\n2,1e-3\n", measure="Sa(0.5)", unit="g")
     np.testing.assert_allclose(named.main.im, [G, 2 * G])
 
@@ -86,12 +92,16 @@ def test_names_that_others_give_their_columns(load, head, value, separator):
     rarer = float(value) * (4.0 if float(value) > 1.0 else 0.25)
     text = "\n".join((*rows, f"0.4{separator}{rarer}"))
     if separator != ",":
-        text = text.replace(".", ",")  # as a spreadsheet writes where the comma is decimal
+        text = text.replace(
+            ".", ","
+        )  # as a spreadsheet writes where the comma is decimal
     (found,) = load(text).curves.items()
     assert found[0] == "mean"
     np.testing.assert_allclose(found[1].im, [0.1 * G, 0.4 * G])
     assert found[1].rate[0] == pytest.approx(1e-2)
-    named = load(text.replace(head, head.partition(" (")[0].partition(" [")[0] + "_0.84"))
+    named = load(
+        text.replace(head, head.partition(" (")[0].partition(" [")[0] + "_0.84")
+    )
     assert list(named.curves) == ["0.84"]
 
 
@@ -106,7 +116,11 @@ class TestOpenQuakeCsv:
         found = load(openquake(), site=(13.41, 42.31))
         np.testing.assert_allclose(found.main.im, [0.005 * G, 0.1 * G, 0.4 * G])
         assert found.main.rate[1] == pytest.approx(-np.log(0.9) / 50.0)
-        named = openquake().replace("lon,", "custom_site_id,lon,").replace("\n1", "\nsite,1")
+        named = (
+            openquake()
+            .replace("lon,", "custom_site_id,lon,")
+            .replace("\n1", "\nsite,1")
+        )
         again = load(named, site=(13.4, 42.3))
         np.testing.assert_array_equal(again.main.rate, found.main.rate)
 
@@ -131,21 +145,65 @@ class TestOpenQuakeCsv:
             "only the unit of PGA is missing: write `PGA [g]` "
             "in the header, or give --unit or risk.unit; allowed are g, m/s2",
         ),
-        ("PGA [ft],rate\n0.1,1e-2\n0.4,1e-3\n", {}, "'ft' is not a unit of PGA; allowed are g,"),
-        ("PGA [g],rate [1/day]\n0.1,1\n0.4,1\n", {}, "has a column 'rate [1/day]'; the header is"),
-        ("PGA [g],often\n0.1,1\n0.4,1\n", {}, "of rate of exceedance, rate, annual rate of"),
-        ("PGV [m/s],rate\n1,1\n2,0.5\n", {}, "hazard of PGV, but the study's levels are of PGA"),
-        ("strength\n1\n", {}, "has 'strength' as its first of 1 columns; the header is `im [g]`"),
+        (
+            "PGA [ft],rate\n0.1,1e-2\n0.4,1e-3\n",
+            {},
+            "'ft' is not a unit of PGA; allowed are g,",
+        ),
+        (
+            "PGA [g],rate [1/day]\n0.1,1\n0.4,1\n",
+            {},
+            "has a column 'rate [1/day]'; the header is",
+        ),
+        (
+            "PGA [g],often\n0.1,1\n0.4,1\n",
+            {},
+            "of rate of exceedance, rate, annual rate of",
+        ),
+        (
+            "PGV [m/s],rate\n1,1\n2,0.5\n",
+            {},
+            "hazard of PGV, but the study's levels are of PGA",
+        ),
+        (
+            "strength\n1\n",
+            {},
+            "has 'strength' as its first of 1 columns; the header is `im [g]`",
+        ),
         ("PGA [g],poe_0\n0.1,0.1\n0.2,0.05\n", {}, "is for 0 years"),
-        ("PGA [g],rate\n0.1,much\n", {}, "must hold numbers, but: could not convert string to"),
-        ("PGA [g],rate\n0.1,1e-3\n0.2,1e-2\n", {}, "rises from 0.001 to 0.01 at im = 0.2"),
-        (openquake(), {}, "has 2 sites; choose one by longitude and latitude, such as 13.4,42.3"),
-        (openquake(), {"site": (12.0, 42.3)}, "no site within 10 km of longitude 12, latitude 42"),
+        (
+            "PGA [g],rate\n0.1,much\n",
+            {},
+            "must hold numbers, but: could not convert string to",
+        ),
+        (
+            "PGA [g],rate\n0.1,1e-3\n0.2,1e-2\n",
+            {},
+            "rises from 0.001 to 0.01 at im = 0.2",
+        ),
+        (
+            openquake(),
+            {},
+            "has 2 sites; choose one by longitude and latitude, such as 13.4,42.3",
+        ),
+        (
+            openquake(),
+            {"site": (12.0, 42.3)},
+            "no site within 10 km of longitude 12, latitude 42",
+        ),
         (openquake(), {"unit": "m/s2", **SITE}, "gives PGA in g, not in m/s2"),
         (openquake(imt="SA(0.3)"), SITE, "hazard of SA(0.3), but the study's"),
         (openquake(p="1.5"), SITE, "the hazard curve's probability holds 1.5"),
-        (openquake().replace("imt=", "im="), SITE, "does not state imt and investigation_time"),
-        ('<?xml version="1.0"?>\n<nrml/>', {}, "as its first of 1 columns; the header is"),
+        (
+            openquake().replace("imt=", "im="),
+            SITE,
+            "does not state imt and investigation_time",
+        ),
+        (
+            '<?xml version="1.0"?>\n<nrml/>',
+            {},
+            "as its first of 1 columns; the header is",
+        ),
     ],
 )
 def test_refusals_name_the_file(load, text, options, part):
@@ -156,7 +214,9 @@ def test_refusals_name_the_file(load, text, options, part):
 
 IM = np.geomspace(0.2, 20.0, 12)
 CURVE = HazardCurve(IM, 2e-3 * IM**-2.0)
-HAZARD = Hazard("PGA", "made up", {"mean": CURVE, "0.84": HazardCurve(IM, 4e-3 * IM**-2.0)})
+HAZARD = Hazard(
+    "PGA", "made up", {"mean": CURVE, "0.84": HazardCurve(IM, 4e-3 * IM**-2.0)}
+)
 FIT = Curve(4.0, 0.4, np.diag([0.005, 0.003]), 0.0, 9, 270, "stripes")
 
 
@@ -167,7 +227,8 @@ def data():
 
 def with_verdicts(data, verdict, joint):
     """The cube with other verdicts, (n_record, n_level), and joints where the arch collapsed."""
-    dims, fell = data["verdict"].dims, verdict == 1
+    dims = data["verdict"].dims
+    fell = verdict == 1
     return data.assign(
         verdict=(dims, verdict[None].astype(np.int8)),
         collapse_joint=(dims, np.where(fell, joint, -1)[None]),
@@ -180,23 +241,30 @@ class TestGridOfRuns:
         fit = answers_of(data)["ring"]
         found = risk_of(data, {"ring": fit}, HAZARD).arches["ring"]
         rate = found.rate.rate
-        assert rate == pytest.approx(2e-3 * fit.theta**-2 * np.exp(2 * fit.beta**2), rel=1e-9)
+        assert rate == pytest.approx(
+            2e-3 * fit.theta**-2 * np.exp(2 * fit.beta**2), rel=1e-9
+        )
         assert found.by_curve["0.84"] == pytest.approx(2.0 * rate, rel=1e-12)
         assert found.rate.lower < rate < found.rate.mean < found.rate.upper
         assert found.rate.below + found.rate.above < 0.05
         assert found.level_rate.sum() == pytest.approx(rate, rel=1e-12)
         parts = found.by_mechanism
-        assert parts.rate.sum() + parts.unassigned.sum() == pytest.approx(rate, rel=1e-12)
+        assert parts.rate.sum() + parts.unassigned.sum() == pytest.approx(
+            rate, rel=1e-12
+        )
         assert parts.counts.sum() == (data["verdict"].values == 1).sum()
 
     def test_the_rate_leaves_out_what_is_below_the_onset_of_motion(self, data):
         moving = data.assign(onset_plus=("arch", [0.3]), onset_minus=("arch", [0.2]))
         whole, found = (
-            risk_of(each, {"ring": FIT}, HAZARD).arches["ring"] for each in (data, moving)
+            risk_of(each, {"ring": FIT}, HAZARD).arches["ring"]
+            for each in (data, moving)
         )
         assert float(found.onset) == pytest.approx(0.2 * G)
         assert found.rate.below_onset > 0.0 == whole.rate.below_onset
-        assert found.rate.rate + found.rate.below_onset == pytest.approx(whole.rate.rate)
+        assert found.rate.rate + found.rate.below_onset == pytest.approx(
+            whole.rate.rate
+        )
         assert found.level_rate.sum() == pytest.approx(found.rate.rate, rel=1e-12)
         assert found.by_curve["0.84"] == pytest.approx(2.0 * found.rate.rate, rel=1e-12)
         vertical = moving.assign(record_vertical=0 * moving["record_vertical"] + 1)
@@ -204,18 +272,26 @@ class TestGridOfRuns:
         other = moving.assign(intensity=moving["intensity"].assign_attrs(measure="PGV"))
         slides = moving.assign(static_limit=("arch", [np.nan]))
         for each in (vertical, delayed, other, slides):
-            assert risk_of(each, {"ring": FIT}, HAZARD).arches["ring"].rate == whole.rate
+            assert (
+                risk_of(each, {"ring": FIT}, HAZARD).arches["ring"].rate == whole.rate
+            )
 
     def test_a_rate_from_below_the_lowest_collapse_is_cautioned(self, data):
         def cautions(first):
             verdict = np.zeros((30, 9), np.int8)
             verdict[:, first:] = 1
-            found = risk_of(with_verdicts(data, verdict, 3), {"ring": FIT}, HAZARD).arches["ring"]
-            return [each for each in found.cautions if "lowest level at which a run" in each]
+            found = risk_of(
+                with_verdicts(data, verdict, 3), {"ring": FIT}, HAZARD
+            ).arches["ring"]
+            return [
+                each for each in found.cautions if "lowest level at which a run" in each
+            ]
 
         assert cautions(0) == []
         (found,) = cautions(8)
-        assert re.match(r"\d+ % of the rate is from intensities below the lowest level", found)
+        assert re.match(
+            r"\d+ % of the rate is from intensities below the lowest level", found
+        )
 
     @pytest.mark.parametrize(("n_record", "cautioned"), [(30, False), (4, True)])
     def test_a_mean_rate_far_above_that_of_the_medians_is_cautioned(
@@ -224,31 +300,46 @@ class TestGridOfRuns:
         few = data.isel(record=slice(n_record))
         found = risk_of(few, answers_of(few), HAZARD).arches["ring"]
         assert (found.rate.mean > 2.0 * found.rate.rate) == cautioned
-        words = [each for each in found.cautions if each.startswith("the mean rate over")]
+        words = [
+            each for each in found.cautions if each.startswith("the mean rate over")
+        ]
         assert len(words) == cautioned
         if cautioned:
             more = found.rate.mean / found.rate.rate
             assert f"is {more:.2g} times that of the median curve" in words[0]
 
     def test_short_hazard_curve_is_cautioned(self, data):
-        short = Hazard("PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])})
+        short = Hazard(
+            "PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])}
+        )
         found = risk_of(data, {"ring": FIT}, short).arches["ring"]
         assert found.rate.above > 0.9
-        assert found.rate.quoted == pytest.approx(found.rate.rate * (1.0 - found.rate.above))
+        assert found.rate.quoted == pytest.approx(
+            found.rate.rate * (1.0 - found.rate.above)
+        )
         assert np.isnan([found.rate.mean, found.rate.lower, found.rate.upper]).all()
-        assert found.cautions[0].startswith("most of the rate is from outside the hazard curve")
-        assert any("above the last point of the hazard curve" in each for each in found.cautions)
+        assert found.cautions[0].startswith(
+            "most of the rate is from outside the hazard curve"
+        )
+        assert any(
+            "above the last point of the hazard curve" in each
+            for each in found.cautions
+        )
 
 
 class TestDesigns:
     def test_bisected_records_give_the_fractions_of_the_full_grid(self, data):
         """A study of monotone records: what the bisection leaves out follows from the others."""
-        generator, levels = np.random.default_rng(5), data["intensity"].values
+        generator = np.random.default_rng(5)
+        levels = data["intensity"].values
         capacity = 4.0 * np.exp(0.4 * generator.standard_normal((30, 1)))
         full = (capacity < levels).astype(int)
         joint = np.broadcast_to(generator.integers(0, 8, (30, 1)), full.shape)
-        first, place = np.argmax(full, axis=1)[:, None], np.arange(levels.size)
-        seen = (place == first) | (place == first - 1) | ((full == 0) & (place % 3 == 0))
+        first = np.argmax(full, axis=1)[:, None]
+        place = np.arange(levels.size)
+        seen = (
+            (place == first) | (place == first - 1) | ((full == 0) & (place % 3 == 0))
+        )
         assert not seen.all()
         one, other = (
             risk_of(with_verdicts(data, verdict, joint), {"ring": FIT}, HAZARD)
@@ -261,7 +352,9 @@ class TestDesigns:
     def test_runs_each_at_an_intensity_of_its_own(self, data):
         generator = np.random.default_rng(6)
         at = np.exp(generator.uniform(0.0, 2.0, (30, 1)))
-        verdict = (4.0 * np.exp(0.4 * generator.standard_normal(at.shape)) < at).astype(int)
+        verdict = (4.0 * np.exp(0.4 * generator.standard_normal(at.shape)) < at).astype(
+            int
+        )
         one = with_verdicts(data.isel(level=[4]).drop_vars("intensity"), verdict, 2)
         units = {"units": "m s-2", "measure": "PGA"}
         one = one.assign(intensity=(data["verdict"].dims, at[None], units))
@@ -274,7 +367,9 @@ class TestDesigns:
 def test_by_the_command(tmp_path):
     study = made(small_study(tmp_path)).study
     hazard = tmp_path / "hazard.csv"
-    hazard.write_text("PGA [g],rate,rate_0.84\n0.01,0.1,0.2\n0.1,1e-2,2e-2\n3,1e-5,2e-5\n")
+    hazard.write_text(
+        "PGA [g],rate,rate_0.84\n0.01,0.1,0.2\n0.1,1e-2,2e-2\n3,1e-5,2e-5\n"
+    )
     asked = ("risk", tmp_path / "small.yaml", "--hazard", hazard)
 
     def with_curves(**curves):
@@ -297,7 +392,8 @@ def test_by_the_command(tmp_path):
     assert ring["rate_by_hazard_curve"]["0.84"] == pytest.approx(2.0 * ring["rate"])
     assert sum(ring["rate_by_level"]) == pytest.approx(ring["rate"])
     assert facts["hazard"]["curves"]["mean"]["im"] == pytest.approx([0.01, 0.1, 3.0])
-    table, model = tmp_path / "loss.csv", tmp_path / "loss.xml"
+    table = tmp_path / "loss.csv"
+    model = tmp_path / "loss.xml"
     for path in (table, model):
         result = command(
             *asked, "--json", "--consequence", "collapse=0.5", "--vulnerability", path
@@ -307,11 +403,17 @@ def test_by_the_command(tmp_path):
     assert losses["aal"] == pytest.approx(0.5 * ring["rate"])
     assert losses["aal_lower"] == pytest.approx(0.5 * ring["rate_band"][0])
     points = pd.read_csv(table).query("arch == 'ring'")
-    np.testing.assert_allclose(points["loss_ratio"], 0.5 * FIT(points["im"] * G), rtol=1e-9)
+    np.testing.assert_allclose(
+        points["loss_ratio"], 0.5 * FIT(points["im"] * G), rtol=1e-9
+    )
     text = model.read_text()
     (im,) = re.findall(r'id="ring" dist="LN">\s*<imls imt="PGA">([^<]*)<', text)
-    np.testing.assert_allclose(np.array(im.split(), float), points["im"][1:], rtol=1e-12)
-    assert "average annual loss" in command(*asked, "--consequence", "collapse=0.5").stdout
+    np.testing.assert_allclose(
+        np.array(im.split(), float), points["im"][1:], rtol=1e-12
+    )
+    assert (
+        "average annual loss" in command(*asked, "--consequence", "collapse=0.5").stdout
+    )
     by_python = archfrag.open(tmp_path / "small.yaml").losses(
         hazard, consequence={"collapse": 0.5}
     )
@@ -319,7 +421,10 @@ def test_by_the_command(tmp_path):
     for options, message in (
         (["--vulnerability", table], "--vulnerability needs --consequence"),
         (["--consequence", "collapse"], "must be limit states with ratios"),
-        (["--consequence", "collapse=1", "--vulnerability", "a.txt"], "written as .csv or .xml"),
+        (
+            ["--consequence", "collapse=1", "--vulnerability", "a.txt"],
+            "written as .csv or .xml",
+        ),
     ):
         result = command(*asked, *options)
         assert result.exit_code == 2
@@ -328,4 +433,6 @@ def test_by_the_command(tmp_path):
     result = command(*asked)
     assert result.exit_code == 6
     assert "ring: no rate, since there is no curve: nothing fell" in result.stdout
-    assert result.stderr == "archfrag: error: no arch has a curve, so there is no rate\n"
+    assert (
+        result.stderr == "archfrag: error: no arch has a curve, so there is no rate\n"
+    )

@@ -35,10 +35,14 @@ def prepared(folder, text=TEXT):
 
 def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_path):
     """A record, an index, an inventory: new, changed, gone; two records exchanged."""
-    text = TEXT.replace('"records/*.AT2"', '{path: "records/*.AT2", inventory: stations.xml}')
+    text = TEXT.replace(
+        '"records/*.AT2"', '{path: "records/*.AT2", inventory: stations.xml}'
+    )
     (tmp_path / "stations.xml").write_text("<one/>")
-    study, records = prepared(tmp_path, text), tmp_path / "records"
-    one, two = records / "wave0.AT2", records / "wave1.AT2"
+    study = prepared(tmp_path, text)
+    records = tmp_path / "records"
+    one = records / "wave0.AT2"
+    two = records / "wave1.AT2"
 
     def changed_by(*changes):
         for path, content in changes:
@@ -52,7 +56,9 @@ def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_pat
         return [line.partition(" (sha256 ")[0] for line in changed]
 
     contents = {path: path.read_bytes() for path in (one, two)}
-    more, index, own = records / "more.AT2", records / "index.csv", records / "wave0.xml"
+    more = records / "more.AT2"
+    index = records / "index.csv"
+    own = records / "wave0.xml"
     write_at2(more, np.sin(np.arange(150.0)), 0.01)
     assert changed_by() == [f"record {more} is new"]
     assert changed_by((more, None)) == []
@@ -60,7 +66,11 @@ def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_pat
     exchanged = changed_by((one, contents[two]), (two, contents[one]))
     assert exchanged == [f"record {path} has changed" for path in (one, two)]
     assert changed_by(*contents.items()) == []
-    for path, kind in ((index, "index"), (tmp_path / "index.csv", "index"), (own, "inventory")):
+    for path, kind in (
+        (index, "index"),
+        (tmp_path / "index.csv", "index"),
+        (own, "inventory"),
+    ):
         assert changed_by((path, b"id,file\n")) == [f"{kind} {path} is new"]
         assert changed_by((path, None)) == []
     inventory = tmp_path / "stations.xml"
@@ -82,7 +92,11 @@ def test_what_only_the_cube_states_is_noticed(tmp_path):
     unit = load_study(tmp_path / "small.yaml", ["intensity.unit=cm/s2"])
     assert stale_steps(unit)[0] == ["cube", "fit", "report"]
     table.write_text("id,width\none,0.4\n")
-    assert stale_steps(load_study(tmp_path / "small.yaml"))[0] == ["cube", "fit", "report"]
+    assert stale_steps(load_study(tmp_path / "small.yaml"))[0] == [
+        "cube",
+        "fit",
+        "report",
+    ]
 
 
 def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp_path):
@@ -90,7 +104,8 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
     path = small_study(tmp_path)
     assert command("motions", path).exit_code == 0
     study = load_study(path)
-    digest, before = make_plan(study).digests, files_below(tmp_path / "out")
+    digest = make_plan(study).digests
+    before = files_below(tmp_path / "out")
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
     (tmp_path / "records" / "wave1.AT2").write_text("garbage")
     failed = command("motions", path)
@@ -98,7 +113,9 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
     assert before.items() <= files_below(tmp_path / "out").items()
     assert make_plan(study).digests == digest
     make_runs(study)
-    own, others = (gather(plan)[1]["steps"].tolist() for plan in (make_plan(study), done.plan))
+    own, others = (
+        gather(plan)[1]["steps"].tolist() for plan in (make_plan(study), done.plan)
+    )
     assert own == others
     small_study(tmp_path)
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
@@ -110,13 +127,18 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
 
 
 def test_two_stored_motions_swapped_by_hand(copied):
-    one, two = (copied.study.work / record.file for record in load_prepared(copied.study))
-    first, second = one.read_bytes(), two.read_bytes()
+    one, two = (
+        copied.study.work / record.file for record in load_prepared(copied.study)
+    )
+    first = one.read_bytes()
+    second = two.read_bytes()
     one.write_bytes(second)
     two.write_bytes(first)
     stale, changed = stale_steps(copied.study)
     assert stale[0] == "motions"
-    message = f"{one}: the prepared motion of record 'wave0' is missing, changed or damaged"
+    message = (
+        f"{one}: the prepared motion of record 'wave0' is missing, changed or damaged"
+    )
     assert changed[0].startswith(message)
     with pytest.raises(InputError, match="missing, changed or damaged"):
         load_record(copied.study.work, copied.plan.records[0])
@@ -137,7 +159,9 @@ def test_steps_of_another_study_or_other_code_are_out_of_date(copied, monkeypatc
     assert stale_steps(study)[0][0] == "batch-0of1"
     stale, (why,) = stale_steps(changed(study, "intensity", levels=(0.1, 0.2)))
     assert stale[0] == "batch-0of1"
-    assert why.endswith("cube.nc: was made before these changed: archfrag, levels, settings")
+    assert why.endswith(
+        "cube.nc: was made before these changed: archfrag, levels, settings"
+    )
 
 
 EVERY = Path(__file__).with_name("every.yaml").read_text()
@@ -207,7 +231,12 @@ def test_each_change_of_a_key_is_seen(tmp_path):
         seen.add(name)
         if name.startswith("output"):
             continue
-        with contextlib.suppress(ArchfragError):  # what cannot be run is not called current
+        with contextlib.suppress(
+            ArchfragError
+        ):  # what cannot be run is not called current
             stale = stale_steps(study)[0]
-            assert bool(stale) == (not name.startswith(SAME)) or name == "execution.batches", name
+            assert (
+                bool(stale) == (not name.startswith(SAME))
+                or name == "execution.batches"
+            ), name
     assert len(seen) > 70, sorted(seen)

@@ -46,16 +46,22 @@ class TestPlan:
     @pytest.mark.parametrize(
         ("override", "same"),
         [
-            (RING % ("ring", 0.6), 6), ("method.dt=1e-3", 0), ("method.follow=3", 0),
-            (RING % ("other", 0.7), 12), ("intensity.levels=[0.1, 0.6, 1.3]", 8),
-            ("execution.chunk=3", 12), ("design.kind=ida", 12),
+            (RING % ("ring", 0.6), 6),
+            ("method.dt=1e-3", 0),
+            ("method.follow=3", 0),
+            (RING % ("other", 0.7), 12),
+            ("intensity.levels=[0.1, 0.6, 1.3]", 8),
+            ("execution.chunk=3", 12),
+            ("design.kind=ida", 12),
         ],
-    )  # fmt: skip
+    )
     def test_whatever_changes_a_result_makes_other_runs_and_nothing_else(
         self, done, override, same
     ):
         path = done.study.folder.parent / "small.yaml"
-        study = load_study(path, [override]).model_copy(update={"output": done.study.output})
+        study = load_study(path, [override]).model_copy(
+            update={"output": done.study.output}
+        )
         plan = make_plan(study.model_copy(update={"design": done.study.design}))
         assert len(keys_of(done.plan) & keys_of(plan)) == same
 
@@ -65,10 +71,19 @@ class TestPlan:
             "af.Motion(np.zeros(5), 0.01)); print(*(m.__file__ for n, m in sys.modules.items() "
             "if n.startswith('archfrag.')), sep='\\n')"
         )
-        found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        found = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True
+        )
         passed = {Path(name) for name in found.stdout.split()}
         # Arch and motion count as the kernels get them.
-        elsewhere = ("arch/", "motions/", "files.py", "errors.py", "usual.py", "version.py")
+        elsewhere = (
+            "arch/",
+            "motions/",
+            "files.py",
+            "errors.py",
+            "usual.py",
+            "version.py",
+        )
         decides = {path for pattern in DECIDING for path in PACKAGE.glob(pattern)}
         left = {str(path.relative_to(PACKAGE)) for path in passed - decides}
         assert not [name for name in left if not name.startswith(elsewhere)]
@@ -80,11 +95,18 @@ class TestPlan:
             ("simulation/springings.py", "import math", "import math  # why not", True),
             ("simulation/simulate.py", "there must be one", "give one", True),
             ("simulation/simulate.py", "1.02, 1e-6", "1.03, 1e-6", False),
-            ("physics/methods/auto.py", "return _made_well", "return 1 and _made_well", False),
+            (
+                "physics/methods/auto.py",
+                "return _made_well",
+                "return 1 and _made_well",
+                False,
+            ),
             ("physics/contact/laws.py", " < ", " <= ", False),
         ],
     )
-    def test_words_do_not_decide_and_code_does(self, tmp_path, monkeypatch, file, old, new, same):
+    def test_words_do_not_decide_and_code_does(
+        self, tmp_path, monkeypatch, file, old, new, same
+    ):
         before = digest_of_syntax(tuple(files_of_code(*DECIDING)))
         copy = tmp_path / "archfrag"
         shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
@@ -110,8 +132,12 @@ class TestParts:
         plan = copied.plan
         parts = sorted(plan.parts.glob("*.npy"))
         full = parts[0].read_bytes()
-        for spoilt in (b"", full[:-40], full[:300] + b"\x01" * 8 + full[308:],
-                       parts[1].read_bytes()):  # fmt: skip
+        for spoilt in (
+            b"",
+            full[:-40],
+            full[:300] + b"\x01" * 8 + full[308:],
+            parts[1].read_bytes(),
+        ):
             parts[0].write_bytes(spoilt)
             assert read_part(parts[0]) is None
             with pytest.raises(InputError, match="runs are missing or damaged"):
@@ -119,7 +145,9 @@ class TestParts:
 
     def test_a_part_of_other_columns_counts_as_missing(self, copied):
         path = next(copied.plan.parts.glob("*.npy"))
-        np.save(path, read_part(path)[[name for name in ROW.names if name != "switches"]])
+        np.save(
+            path, read_part(path)[[name for name in ROW.names if name != "switches"]]
+        )
         digest = hashlib.blake2b(path.read_bytes(), digest_size=KEY).hexdigest()
         assert read_part(path.rename(path.with_stem(digest))) is None
 
@@ -130,14 +158,19 @@ def drawn(folder, seed, count):
 
 
 class TestStore:
-    @pytest.mark.parametrize("alike", [slice(0), slice(0, 8), slice(8, None), slice(None)])
+    @pytest.mark.parametrize(
+        "alike", [slice(0), slice(0, 8), slice(8, None), slice(None)]
+    )
     def test_each_key_finds_its_row_and_no_other(self, tmp_path, alike):
         """Of keys that are alike in no byte, in the first or last half, or in all bytes."""
         generator = np.random.default_rng(1)
         text = generator.integers(0, 256, (6000, KEY)).astype(np.uint8)
         text[:, alike] %= 2
-        keys = generator.permutation(np.unique(np.frombuffer(text.tobytes(), f"S{KEY}")))
-        stored, other = keys[: len(keys) // 2], keys[len(keys) // 2 :]
+        keys = generator.permutation(
+            np.unique(np.frombuffer(text.tobytes(), f"S{KEY}"))
+        )
+        stored = keys[: len(keys) // 2]
+        other = keys[len(keys) // 2 :]
         verdict = generator.integers(0, 4, len(stored)).astype(np.int8)
         for some in np.array_split(np.arange(len(stored)), 7):
             write_part(tmp_path, table_of(stored[some], {"verdict": verdict[some]}))
@@ -148,10 +181,12 @@ class TestStore:
 
     def test_clean_shows_what_is_of_no_use_asks_and_removes_it_alone(self, copied):
         """A study that grew and went back; parts of other kernels, one damaged, a user's file."""
-        plan, work = copied.plan, copied.study.work
+        plan = copied.plan
+        work = copied.study.work
         path = copied.study.folder / "study.yaml"
         path.write_text(dumped(copied.study))
-        before, asked = files_below(work), ["clean", path]
+        before = files_below(work)
+        asked = ["clean", path]
         assert command(*asked).output.startswith("nothing to remove")
         other = plan.parts.with_name("0" * 12)
         other.mkdir()
@@ -168,5 +203,7 @@ class TestStore:
         assert "1 file of runs that the study does not ask for, " in refused.output
         assert files_below(work) | {work / "lock": b""} == full | {work / "lock": b""}
         assert command(*asked, "--yes").exit_code == 0
-        assert files_below(work) | {work / "lock": b""} == before | mine | {work / "lock": b""}
+        assert files_below(work) | {work / "lock": b""} == before | mine | {
+            work / "lock": b""
+        }
         assert not other.exists()

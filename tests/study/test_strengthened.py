@@ -42,9 +42,13 @@ def test_equal_arches_have_a_ratio_of_one_without_a_band(results):
     assert table.loc["rate", ["ratio", "lower", "upper"]].tolist() == [1.0, 1.0, 1.0]
 
 
-def test_a_tie_and_a_spread_change_the_curve_and_common_motions_narrow_the_band(results):
+def test_a_tie_and_a_spread_change_the_curve_and_common_motions_narrow_the_band(
+    results,
+):
     runs = results.runs
-    verdicts = {name: runs["verdict"].sel(arch=name).values for name in ("before", "after")}
+    verdicts = {
+        name: runs["verdict"].sel(arch=name).values for name in ("before", "after")
+    }
     assert (verdicts["before"] != verdicts["after"]).any()
     table = results.compare("before", "spread")
     low, ratio, high = table.loc["theta", ["lower", "ratio", "upper"]]
@@ -58,9 +62,13 @@ def test_the_report_tells_the_ratios_with_their_intervals(results):
     page = html.unescape(re.sub(r"<[^>]+>", " ", results.report().read_text("utf-8")))
     page = re.sub(r"\s+", " ", page)
     for what, row in (("median capacity θ [g]", "theta"), ("collapses a year", "rate")):
-        ratio, low, high = results.compare("before", "after").loc[row, ["ratio", "lower", "upper"]]
+        ratio, low, high = results.compare("before", "after").loc[
+            row, ["ratio", "lower", "upper"]
+        ]
         words = f"{ratio:.2f} {low:.2f} to {high:.2f}"
-        assert re.search(rf"after before {re.escape(what)} \S+ \S+ {re.escape(words)}", page)
+        assert re.search(
+            rf"after before {re.escape(what)} \S+ \S+ {re.escape(words)}", page
+        )
 
 
 def test_the_same_arch_of_another_study_on_the_same_motions(results):
@@ -76,7 +84,9 @@ def test_messages(results, tmp_path):
         ):
             write(tmp_path / "curves.csv")
     assert not list(tmp_path.iterdir())
-    with pytest.raises(af.errors.InputError, match="no arch or class 'nobody'; the study"):
+    with pytest.raises(
+        af.errors.InputError, match="no arch or class 'nobody'; the study"
+    ):
         results.compare("before", "nobody")
 
 
@@ -109,7 +119,9 @@ def test_what_cannot_be_built_is_refused_with_the_key(tmp_path, keys, message):
     path = tmp_path / "study.yaml"
     path.write_text(TEXT.replace("springings: {spread: 0.2}, strength: 4.0e+6", keys))
     with pytest.raises(af.errors.ArchfragError, match=message):
-        run_study(load_study(path), path, lambda: None, lambda *given: None, 1, quiet=True)
+        run_study(
+            load_study(path), path, lambda: None, lambda *given: None, 1, quiet=True
+        )
 
 
 def test_a_delay_between_the_springings_is_a_key_of_the_method(tmp_path):

@@ -13,25 +13,44 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PIPELINE = ROOT / "pipeline"
 SOURCES = sorted(
-    path for folder in ("archfrag", "archbench") for path in (PIPELINE / folder).rglob("*.py")
+    path
+    for folder in ("archfrag", "archbench")
+    for path in (PIPELINE / folder).rglob("*.py")
 )
-PAGES = [PIPELINE / "METHOD.md", ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [
+    PIPELINE / "METHOD.md",
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
+]
 SUFFIXES = "(?:py|md|csv|toml|ya?ml|smk|json|js|css|j2|html|txt|svg|dxf)"
 FILE = re.compile(rf"[\w./-]*\w\.{SUFFIXES}")
-OURS = re.compile(rf"(?<![\w./-])(?:tests|pipeline|docs|configs|records)/[\w./-]+\.{SUFFIXES}\b")
+OURS = re.compile(
+    rf"(?<![\w./-])(?:tests|pipeline|docs|configs|records)/[\w./-]+\.{SUFFIXES}\b"
+)
 NAME = re.compile(r"([A-Za-z_]\w*(?:\.\w+)*)(?:\(.*\))?")
 # Symbols of formulas, files of other people, and examples of what files have in them.
 EXAMPLES = {
-    "r_k", "k_sin.c", "k_cos.c", "poe_50", "poe_50_NAME", "rate_NAME", "NET.STA.xml", "EW1",
-    "S45E", "T0.100S", "records/notes.txt",
-}  # fmt: skip
+    "r_k",
+    "k_sin.c",
+    "k_cos.c",
+    "poe_50",
+    "poe_50_NAME",
+    "rate_NAME",
+    "NET.STA.xml",
+    "EW1",
+    "S45E",
+    "T0.100S",
+    "records/notes.txt",
+}
 DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef
 
 
 def prose(source):
     """Docstrings and comments of a module."""
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, DOCUMENTED) and (text := ast.get_docstring(node, clean=False)):
+        if isinstance(node, DOCUMENTED) and (
+            text := ast.get_docstring(node, clean=False)
+        ):
             yield text
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:
@@ -50,7 +69,8 @@ def code(source):
 @cache
 def known():
     """Names that code uses, words of its short texts and tables, and members of classes."""
-    names, members = set(dir(builtins)), {}
+    names = set(dir(builtins))
+    members = {}
     for path in SOURCES:
         names.update(path.relative_to(PIPELINE).with_suffix("").parts)
         for node in code(path.read_text("utf-8")):
@@ -58,11 +78,17 @@ def known():
                 if isinstance(text := getattr(node, field, None), str):
                     names.update(text.split("."))
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                names.update(re.findall(r"\w+", node.value) if len(node.value) < 100 else ())
+                names.update(
+                    re.findall(r"\w+", node.value) if len(node.value) < 100 else ()
+                )
             if isinstance(node, ast.ClassDef):
                 inside = list(ast.walk(node))
                 members.setdefault(node.name, set()).update(
-                    *([getattr(n, field, "")] for n in inside for field in ("id", "attr", "name")),
+                    *(
+                        [getattr(n, field, "")]
+                        for n in inside
+                        for field in ("id", "attr", "name")
+                    ),
                     [base.id for base in node.bases if isinstance(base, ast.Name)],
                 )
     for suffix in ("toml", "csv"):
@@ -74,8 +100,14 @@ def known():
 @cache
 def files():
     """Files of the project, and names of files that its code writes."""
-    places = [ROOT / name for name in ("configs", "docs", "pipeline", "records", "tests")]
-    found = {path.relative_to(ROOT).as_posix() for place in places for path in place.rglob("*.*")}
+    places = [
+        ROOT / name for name in ("configs", "docs", "pipeline", "records", "tests")
+    ]
+    found = {
+        path.relative_to(ROOT).as_posix()
+        for place in places
+        for path in place.rglob("*.*")
+    }
     written = "\n".join(path.read_text("utf-8") for path in SOURCES)
     texts = re.findall(r'"([^"\n]*)"', written)
     found |= {name for text in texts for name in FILE.findall(text)}
@@ -84,7 +116,8 @@ def files():
 
 def members_of(name):
     """Members of a class of ours and of its bases."""
-    found, waiting = set(), [name]
+    found = set()
+    waiting = [name]
     while waiting:
         own = known()[1].get(waiting.pop(), set()) - found
         waiting += own & known()[1].keys()
@@ -115,7 +148,11 @@ def unknown(text, quoted=True):
             continue
         if not found and name not in EXAMPLES:
             yield name
-    yield from (name for name in OURS.findall(text) if name not in EXAMPLES and not is_file(name))
+    yield from (
+        name
+        for name in OURS.findall(text)
+        if name not in EXAMPLES and not is_file(name)
+    )
 
 
 def test_names_that_do_not_exist_are_noticed():
@@ -125,18 +162,26 @@ def test_names_that_do_not_exist_are_noticed():
         "`absent(x)`"
     )
     assert list(unknown(text)) == [
-        "Arch.of_nothing", "arch.nowhere_at_all", "lost_file.py", "absent(x)",
+        "Arch.of_nothing",
+        "arch.nowhere_at_all",
+        "lost_file.py",
+        "absent(x)",
         "tests/lost/test_lost.py",
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize("package", ["archfrag", "archbench"])
 def test_docstrings_and_comments_name_what_exists(package):
     found = {
         str(path.relative_to(PIPELINE)): lost
-        for path in SOURCES if path.is_relative_to(PIPELINE / package)
-        if (lost := [n for text in prose(path.read_text("utf-8")) for n in unknown(text)])
-    }  # fmt: skip
+        for path in SOURCES
+        if path.is_relative_to(PIPELINE / package)
+        if (
+            lost := [
+                n for text in prose(path.read_text("utf-8")) for n in unknown(text)
+            ]
+        )
+    }
     assert found == {}
 
 

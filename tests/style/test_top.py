@@ -6,14 +6,31 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 TOP = {
-    ".ci", ".git", ".github", ".gitignore", ".pre-commit-config.yaml", "CHANGELOG.md",
-    "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "README.md", "Snakefile", "configs", "docs",
-    "noxfile.py", "pipeline", "pyproject.toml", "records", "tests",
-}  # fmt: skip
+    ".ci",
+    ".git",
+    ".github",
+    ".gitignore",
+    ".pre-commit-config.yaml",
+    "CHANGELOG.md",
+    "CITATION.cff",
+    "CONTRIBUTING.md",
+    "LICENSE",
+    "README.md",
+    "Snakefile",
+    "configs",
+    "docs",
+    "noxfile.py",
+    "pipeline",
+    "pyproject.toml",
+    "records",
+    "tests",
+}
 
 
 def test_nothing_else_at_the_top_level():
-    listed = subprocess.check_output(["git", "ls-files"], cwd=ROOT, text=True).splitlines()
+    listed = subprocess.check_output(
+        ["git", "ls-files"], cwd=ROOT, text=True
+    ).splitlines()
     found = {name.split("/")[0] for name in listed}
     assert found <= TOP, f"not meant to be here: {sorted(found - TOP)}"
 
@@ -25,5 +42,7 @@ def test_each_test_that_is_called_slow_exists():
     for row in rows:
         path, *names = row["test"].partition("[")[0].split("::")
         text = (ROOT / path).read_text("utf-8")
-        assert all(f"def {name}(" in text or f"class {name}" in text for name in names), row
+        assert all(
+            f"def {name}(" in text or f"class {name}" in text for name in names
+        ), row
         assert float(row["cpu_seconds"]) >= 2.0

@@ -31,9 +31,13 @@ STILL_USED = {"scene", "scenes"}
 def words_to_replace(source: str) -> dict[str, str]:
     """Return each name that a module defines and that holds a word of `TERMS`, with the term."""
     nodes = list(ast.walk(ast.parse(source)))
-    names = {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    names = {
+        node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)
+    }
     names |= {node.arg for node in nodes if isinstance(node, ast.arg)}
-    names |= {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    names |= {
+        n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+    }
     better = {word: term for term, words in TERMS.items() for word in words.split()}
     return {
         name: better[word]
@@ -55,6 +59,10 @@ def test_a_wrong_name_is_noticed_and_a_text_is_not():
 @pytest.mark.parametrize("package", ["archfrag", "archbench"])
 def test_names_are_terms_of_the_field(package):
     paths = sorted((PACKAGES / package).rglob("*.py"))
-    listed = {str(path): words for path in paths if (words := words_to_replace(path.read_text()))}
+    listed = {
+        str(path): words
+        for path in paths
+        if (words := words_to_replace(path.read_text()))
+    }
     assert paths
     assert not listed

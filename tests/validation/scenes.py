@@ -35,12 +35,15 @@ def sampled(shape, duration, dt=1e-4):
 
 def pulse(amplitude, duration, back=0.5):
     """+a for `duration`, then back times -a for twice as long [g, s]."""
-    return sampled(lambda t: amplitude * np.where(t < duration - 1e-9, 1.0, -back), 3.0 * duration)
+    return sampled(
+        lambda t: amplitude * np.where(t < duration - 1e-9, 1.0, -back), 3.0 * duration
+    )
 
 
 def tilted(width, height, tilt):
     """State of a block rotated about its right corner by `tilt` [rad], at rest."""
-    half, up = width / 2.0, height / 2.0
+    half = width / 2.0
+    up = height / 2.0
     across = half - (half * math.cos(tilt) - up * math.sin(tilt))
     rise = half * math.sin(tilt) + up * math.cos(tilt) - up
     return np.array([[across, rise, -tilt]]), np.zeros((1, 3))
@@ -79,12 +82,17 @@ def limit_analysis(arch, sense):
 
     A linear programme over all joint forces (static theorem).
     """
-    chain, lines = arch.chain, arch.chain.face_after.copy()
+    chain = arch.chain
+    lines = arch.chain.face_after.copy()
     lines[: arch.n_voussoir] += chain.centroid[:, None]
-    centre, friction, weight = chain.centroid, chain.friction, chain.mass / chain.mass.sum()
-    n_body, n_joint = arch.n_voussoir, arch.n_joint
+    centre = chain.centroid
+    friction = chain.friction
+    weight = chain.mass / chain.mass.sum()
+    n_body = arch.n_voussoir
+    n_joint = arch.n_joint
     # Unknowns: normal forces at both ends of each joint, its shear, and the load factor.
-    balance, load = np.zeros((3 * n_body, 3 * n_joint + 1)), np.zeros(3 * n_body)
+    balance = np.zeros((3 * n_body, 3 * n_joint + 1))
+    load = np.zeros(3 * n_body)
     cone = []
     for j, (inner, outer) in enumerate(lines):
         tangent = (outer - inner) / np.linalg.norm(outer - inner)
@@ -95,8 +103,10 @@ def limit_analysis(arch, sense):
                 for k, (point, (x, y)) in enumerate(places):
                     arm = point - centre[body]
                     balance[3 * body : 3 * body + 3, 3 * j + k] = (
-                        sign * x, sign * y, sign * (arm[0] * y - arm[1] * x)
-                    )  # fmt: skip
+                        sign * x,
+                        sign * y,
+                        sign * (arm[0] * y - arm[1] * x),
+                    )
         if np.isfinite(friction[j]):
             for side in (1.0, -1.0):
                 row = np.zeros(3 * n_joint + 1)
@@ -107,10 +117,14 @@ def limit_analysis(arch, sense):
     objective = np.zeros(3 * n_joint + 1)
     objective[-1] = -sense
     found = linprog(
-        objective, A_ub=np.array(cone) if cone else None,
-        b_ub=np.zeros(len(cone)) if cone else None, A_eq=balance, b_eq=load,
-        bounds=[(0, None), (0, None), (None, None)] * n_joint + [(None, None)], method="highs",
-    )  # fmt: skip
+        objective,
+        A_ub=np.array(cone) if cone else None,
+        b_ub=np.zeros(len(cone)) if cone else None,
+        A_eq=balance,
+        b_eq=load,
+        bounds=[(0, None), (0, None), (None, None)] * n_joint + [(None, None)],
+        method="highs",
+    )
     if found.status == 3:
         return sense * math.inf
     return found.x[-1] if found.success else math.nan
@@ -128,10 +142,13 @@ def rocking(motion, twin, ratio):
 @numba.njit
 def _rocking(ground, dt, alpha, square, ratio):
     """theta'' = -p² (sin(±alpha - theta) + a/g cos(±alpha - theta)) by Runge-Kutta steps."""
-    found, limit = np.zeros(ground.size), math.tan(alpha)
+    found = np.zeros(ground.size)
+    limit = math.tan(alpha)
     angle = speed = side = 0.0
     for i in range(ground.size - 1):
-        push, end, left = ground[i], ground[i + 1], dt
+        push = ground[i]
+        end = ground[i + 1]
+        left = dt
         slope = (end - push) / dt
         while left > 1e-9 * dt and abs(angle) < 0.5 * math.pi:
             if side == 0.0:
@@ -141,13 +158,21 @@ def _rocking(ground, dt, alpha, square, ratio):
                 if abs(push) <= limit:
                     push = -side * limit
                     left = (end - push) / slope
-            step, low, high, hits = left, 0.0, left, False
+            step = left
+            low = 0.0
+            high = left
+            hits = False
             for _ in range(50):  # bisection, if it hits the ground within the step
-                new, change, rate, pace = angle, speed, 0.0, 0.0
+                new = angle
+                change = speed
+                rate = 0.0
+                pace = 0.0
                 for part, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
                     tilt = side * alpha - angle - part * step * rate
                     rate = speed + part * step * pace
-                    pace = math.sin(tilt) + (push + slope * part * step) * math.cos(tilt)
+                    pace = math.sin(tilt) + (push + slope * part * step) * math.cos(
+                        tilt
+                    )
                     pace *= -square
                     new += step / 6.0 * weight * rate
                     change += step / 6.0 * weight * pace
@@ -156,9 +181,14 @@ def _rocking(ground, dt, alpha, square, ratio):
                     break
                 low, high = (step, high) if side * new > 0.0 else (low, step)
                 step = 0.5 * (low + high)
-            angle, speed, push, left = new, change, push + slope * step, left - step
+            angle = new
+            speed = change
+            push = push + slope * step
+            left = left - step
             if hits:
-                angle, speed, side = 0.0, ratio * speed, -side
+                angle = 0.0
+                speed = ratio * speed
+                side = -side
                 if abs(speed) < 1e-7 * math.sqrt(square) and abs(push) <= limit:
                     speed = side = 0.0
         found[i + 1] = angle

@@ -38,20 +38,26 @@ class TestMeasures:
         ],
     )
     def test_sine(self, validated, name, expected, unit, rel):
-        case, found = "sine of 3 m/s², 2 Hz, 5 s", measure(sine(3.0, 5.0, 0.001), name)
+        case = "sine of 3 m/s², 2 Hz, 5 s"
+        found = measure(sine(3.0, 5.0, 0.001), name)
         validated(case, name, found, expected, "closed form", rel=rel, unit=unit)
 
     def test_duration_and_oscillator(self, validated):
-        case, steady = "constant acceleration for 10 s", af.Motion(np.full(1001, 2.0), 0.01)
+        case = "constant acceleration for 10 s"
+        steady = af.Motion(np.full(1001, 2.0), 0.01)
         found = measure(steady, "D5_95")
         validated(case, "D5_95", found, 9.0, "closed form", rel=1e-9, unit="s")
-        case, source = "sine of 1 m/s², 2 Hz, 30 s", "closed form: A/(2ζ)"
+        case = "sine of 1 m/s², 2 Hz, 30 s"
+        source = "closed form: A/(2ζ)"
         found = spectral_acceleration(sine(1.0, 30.0, 0.002), 0.5)[0]
-        validated(case, "Sa(0.5 s) at resonance", found, 10.0, source, rel=2e-3, unit="m/s²")
+        validated(
+            case, "Sa(0.5 s) at resonance", found, 10.0, source, rel=2e-3, unit="m/s²"
+        )
         step = af.Motion(np.full(300, 2.0), 0.01)
         peak = 2.0 * (1.0 + math.exp(-math.pi * 0.05 / math.sqrt(1.0 - 0.05**2)))
         for period, found in zip((0.5, 1.0), spectral_acceleration(step, [0.5, 1.0])):
-            case, name = "sudden 2 m/s²", f"Sa({period:g} s)"
+            case = "sudden 2 m/s²"
+            name = f"Sa({period:g} s)"
             validated(case, name, found, peak, "closed form", rel=2e-3, unit="m/s²")
 
     @pytest.mark.parametrize("period", [0.2, 0.5, 1.0, 4.0])
@@ -59,55 +65,81 @@ class TestMeasures:
         record = np.random.default_rng(3).standard_normal(2000) * np.hanning(2000)
         rate = 2.0 * np.pi / period
         system = StateSpace(
-            [[0.0, 1.0], [-(rate**2), -0.1 * rate]], [[0.0], [-1.0]], [[1.0, 0.0]], [[0.0]]
+            [[0.0, 1.0], [-(rate**2), -0.1 * rate]],
+            [[0.0], [-1.0]],
+            [[1.0, 0.0]],
+            [[0.0]],
         )
         fine = np.arange(16 * 1999 + 1) / 16.0
         samples = np.interp(fine, np.arange(2000), record)
         _, shift, _ = lsim(system, samples, 0.01 * fine, interp=True)
         found = spectral_acceleration(af.Motion(record, 0.01), period)[0]
         validated(
-            "noise of 20 s under a window", f"Sa({period:g} s)", found,
-            rate**2 * np.abs(shift).max(), "scipy lsim at a sixteenth of the step", rel=1e-3,
+            "noise of 20 s under a window",
+            f"Sa({period:g} s)",
+            found,
+            rate**2 * np.abs(shift).max(),
+            "scipy lsim at a sixteenth of the step",
+            rel=1e-3,
             unit="m/s²",
-        )  # fmt: skip
+        )
 
 
 class TestSelection:
     TOPIC = "Targets of record selection"
     # Figure 4 of the paper as digitised in pygmm's own tests (MIT).
     FIGURE_4 = (
-        (0.5, 0.0100194, 0.681997), (0.5, 0.049796, 0.59341), (0.5, 0.099442, 0.47521),
-        (0.5, 0.20032, 0.672082), (0.5, 0.74873, 0.854452), (0.5, 1.9892, 0.516177),
-        (0.5, 9.9058, 0.112522), (10.0, 0.019795, 0.054988), (10.0, 0.074206, 0.015245),
-        (10.0, 0.149147, 0.000766), (10.0, 0.49277, 0.111672), (10.0, 2.4883, 0.51624),
-    )  # fmt: skip
+        (0.5, 0.0100194, 0.681997),
+        (0.5, 0.049796, 0.59341),
+        (0.5, 0.099442, 0.47521),
+        (0.5, 0.20032, 0.672082),
+        (0.5, 0.74873, 0.854452),
+        (0.5, 1.9892, 0.516177),
+        (0.5, 9.9058, 0.112522),
+        (10.0, 0.019795, 0.054988),
+        (10.0, 0.074206, 0.015245),
+        (10.0, 0.149147, 0.000766),
+        (10.0, 0.49277, 0.111672),
+        (10.0, 2.4883, 0.51624),
+    )
     PERIODS = (0.01, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
     MEDIAN = (0.4791, 0.5333, 0.7122, 1.1067, 0.7518, 0.3614, 0.1379, 0.0480)
     DEVIATION = (0.2360, 0.2696, 0.3111, 0.0, 0.4507, 0.5760, 0.6412, 0.6658)
 
     def test_correlation(self, validated):
-        figure, table = "Baker and Jayaram 2008, figure 4", "Bradley 2010, table I"
+        figure = "Baker and Jayaram 2008, figure 4"
+        table = "Bradley 2010, table I"
         for first, second, expected, source in (
             *((*values, figure) for values in self.FIGURE_4),
-            (0.05, 1.0, 0.42, table), (0.5, 1.0, 0.75, table),
-        ):  # fmt: skip
+            (0.05, 1.0, 0.42, table),
+            (0.5, 1.0, 0.75, table),
+        ):
             case = f"ln Sa({first:g} s) and ln Sa({second:.3g} s)"
             found = correlation(first, second)
             validated(case, "correlation", found, expected, source, abs=5e-3)
 
     def test_conditional_spectrum(self, validated, monkeypatch):
-        median = np.array([0.2858, 0.3276, 0.4503, 0.5914, 0.4653, 0.2582, 0.1131, 0.0440])
+        median = np.array(
+            [0.2858, 0.3276, 0.4503, 0.5914, 0.4653, 0.2582, 0.1131, 0.0440]
+        )
         sd = np.array([0.4985, 0.4941, 0.4985, 0.5326, 0.6078, 0.6430, 0.6628, 0.6699])
         monkeypatch.setattr(target, "predict", lambda *_: (np.log(median), sd, ()))
         near = (7.0, 12.0, 400.0)
         found = conditional_spectrum(near, 1.1067, 0.2, self.PERIODS)
-        case, source = "given Sa(0.2 s) = 1.1067 g", "pygmm's tests (MIT)"
+        case = "given Sa(0.2 s) = 1.1067 g"
+        source = "pygmm's tests (MIT)"
         for number, period in enumerate(self.PERIODS):
-            name, median, deviation = f"Sa({period:g} s)", found.median[number], found.sd[number]
+            name = f"Sa({period:g} s)"
+            median = found.median[number]
+            deviation = found.sd[number]
             expected = self.MEDIAN[number]
-            validated(case, f"median {name}", median, expected, source, rel=1e-3, unit="g")
+            validated(
+                case, f"median {name}", median, expected, source, rel=1e-3, unit="g"
+            )
             expected = self.DEVIATION[number]
-            validated(case, f"dispersion of {name}", deviation, expected, source, abs=2e-4)
+            validated(
+                case, f"dispersion of {name}", deviation, expected, source, abs=2e-4
+            )
 
 
 @pytest.mark.skipif(
@@ -119,11 +151,17 @@ class TestRecords:
 
     TOPIC = "Records as read"
     FILES = (
-        "at2/RSN6_IMPVALL.I_I-ELC180.AT2", "at2/RSN77_SFERN_PUL164.AT2", "at2/CPM000.AT2",
-        "at2/Rinaldi228.AT2", "at2/ARL360.at2", "dmg_v2/CHAN15.V2", "dmg_v2/MTWILSON.V2",
-        "smc/np01002p_4225c_a.smc", "resorce_acc/16837_H2.cor.acc",
+        "at2/RSN6_IMPVALL.I_I-ELC180.AT2",
+        "at2/RSN77_SFERN_PUL164.AT2",
+        "at2/CPM000.AT2",
+        "at2/Rinaldi228.AT2",
+        "at2/ARL360.at2",
+        "dmg_v2/CHAN15.V2",
+        "dmg_v2/MTWILSON.V2",
+        "smc/np01002p_4225c_a.smc",
+        "resorce_acc/16837_H2.cor.acc",
         "esm_dyna/HI.ARS1..HNN.D.20190728.160908.C.ACC.ASC",
-    )  # fmt: skip
+    )
 
     @pytest.mark.parametrize("name", FILES)
     def test_peaks(self, validated, name):
@@ -134,7 +172,8 @@ class TestRecords:
         motion = read_motion(path, component=trace.id)
         case = f"{row['event']}, {row['station']}, {row['component']} ({row['format']})"
         source = "independent reader"
-        peak, speed = float(row["PGA_g"]), float(row["PGV_cms"])
+        peak = float(row["PGA_g"])
+        speed = float(row["PGV_cms"])
         found = measure(motion, "PGA") / G
         validated(case, "PGA", found, peak, source, rel=1e-3, abs=5.5e-5, unit="g")
         found = 100.0 * measure(motion, "PGV")

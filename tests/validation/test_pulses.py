@@ -17,14 +17,20 @@ SWING = "+a for {:g} s, −a/2 for {:g} s"
 # voussoirs.
 LEAST = {
     0.3: {
-        "LMGC90, 1 ms": 0.694, "Siconos, 1 ms": 0.6815, "MuJoCo, 2 ms": 0.694,
-        "MuJoCo, 0.5 ms": 0.6815, "pymunk, 0.5 ms": 0.694,
+        "LMGC90, 1 ms": 0.694,
+        "Siconos, 1 ms": 0.6815,
+        "MuJoCo, 2 ms": 0.694,
+        "MuJoCo, 0.5 ms": 0.6815,
+        "pymunk, 0.5 ms": 0.694,
     },
     0.5: {
-        "LMGC90, 1 ms": 0.453, "Siconos, 1 ms": 0.455, "MuJoCo, 2 ms": 0.441,
-        "MuJoCo, 0.5 ms": 0.447, "pymunk, 0.5 ms": 0.422,
+        "LMGC90, 1 ms": 0.453,
+        "Siconos, 1 ms": 0.455,
+        "MuJoCo, 2 ms": 0.441,
+        "MuJoCo, 0.5 ms": 0.447,
+        "pymunk, 0.5 ms": 0.422,
     },
-}  # fmt: skip
+}
 OWN = {0.3: (0.6797 + 0.6812) / 2, 0.5: (0.4388 + 0.4403) / 2}
 SHORT = {(0.5, "pymunk, 0.5 ms"): "5 to 8 % below the other solvers"}
 PEAKS = (
@@ -45,7 +51,10 @@ COLUMN = {
 }
 COLUMN_SHORT = {
     (0.15, "UDEC"): "7 % below the two other codes",
-    (0.34, "HybriDFEM"): "the three codes differ by 18 % where the mode of collapse changes",
+    (
+        0.34,
+        "HybriDFEM",
+    ): "the three codes differ by 18 % where the mode of collapse changes",
     (0.36, "HybriDFEM"): "11 % below LMGC90; UDEC has no value",
     (0.60, "UDEC"): "two digits; 9 % above HybriDFEM",
 }
@@ -54,56 +63,86 @@ COLUMN_SHORT = {
 class TestTwoParts:
     @pytest.mark.parametrize("duration", LEAST)
     def test_least_amplitude(self, validated, duration):
-        case, rough = SWING.format(duration, 2 * duration), OWN[duration]
+        case = SWING.format(duration, 2 * duration)
+        rough = OWN[duration]
         for name, sector, rel, codes in (
             ("", True, 0.01, {"own prototype, 0.125 ms": rough}),
             (", straight-sided voussoirs", False, 0.03, LEAST[duration]),
         ):
             run = functools.partial(falls, oppenheim(sector=sector))
             found = first_collapse(
-                lambda a, run=run: run(pulse(a, duration)), 0.94 * rough, 1.1 * rough, 0.0025
+                lambda a, run=run: run(pulse(a, duration)),
+                0.94 * rough,
+                1.1 * rough,
+                0.0025,
             )
             for code, reference in codes.items():
-                quantity, short = "least a that collapses" + name, SHORT.get((duration, code), "")
-                validated(case, quantity, found, reference, code, rel=rel, unit="g", short=short)
+                quantity = "least a that collapses" + name
+                short = SHORT.get((duration, code), "")
+                validated(
+                    case,
+                    quantity,
+                    found,
+                    reference,
+                    code,
+                    rel=rel,
+                    unit="g",
+                    short=short,
+                )
 
     def test_one_degree_of_freedom_is_too_strong(self, validated):
         """Mirrored hinges after an impact lose the energy of the other mega-voussoirs."""
         run = functools.partial(falls, oppenheim(), method="four_link")
         found = first_collapse(lambda a: run(pulse(a, 0.3)), 0.8, 2.0, 0.05)
-        case, quantity = SWING.format(0.3, 0.6), "least a that collapses, four links"
+        case = SWING.format(0.3, 0.6)
+        quantity = "least a that collapses, four links"
         validated(case, quantity, found, 1.6, "own prototype", rel=0.05, unit="g")
 
     def test_keystone_before_the_first_impact_and_largest_displacement(self, validated):
-        run = af.simulate(oppenheim(sector=False), pulse(0.5, 0.3), history=True, **FINE)
-        key, case = run.history.displacement[:, 3, 0], SWING.format(0.3, 0.6) + ", a 0.5 g"
+        run = af.simulate(
+            oppenheim(sector=False), pulse(0.5, 0.3), history=True, **FINE
+        )
+        key = run.history.displacement[:, 3, 0]
+        case = SWING.format(0.3, 0.6) + ", a 0.5 g"
         for time, expected in ((0.2, -0.01621), (0.4, -0.04211)):
-            found, quantity = np.interp(time, run.history.time, key), f"keystone at {time:g} s"
+            found = np.interp(time, run.history.time, key)
+            quantity = f"keystone at {time:g} s"
             source = "LMGC90 and Siconos, 0.5 ms"
             validated(case, quantity, found, expected, source, rel=1e-3, unit="m")
-        found, quantity = run.peak_displacement, "largest displacement"
+        found = run.peak_displacement
+        quantity = "largest displacement"
         for code, reference, short in PEAKS:
-            validated(case, quantity, found, reference, code, rel=0.03, unit="m", short=short)
+            validated(
+                case, quantity, found, reference, code, rel=0.03, unit="m", short=short
+            )
 
 
 @pytest.mark.parametrize(
     ("amplitude", "method", "least", "rel"),
     [
-        (0.5, "auto", 0.634, 0.01), (0.7, "auto", 0.365, 0.01), (1.0, "auto", 0.2197, 0.01),
-        (0.5, "four_link", 0.662, 3e-3), (0.7, "four_link", 0.375, 3e-3),
+        (0.5, "auto", 0.634, 0.01),
+        (0.7, "auto", 0.365, 0.01),
+        (1.0, "auto", 0.2197, 0.01),
+        (0.5, "four_link", 0.662, 3e-3),
+        (0.7, "four_link", 0.375, 3e-3),
         (1.0, "four_link", 0.232, 3e-3),
     ],
-)  # fmt: skip
+)
 def test_least_duration_of_a_rectangle(validated, amplitude, method, least, rel):
     run = functools.partial(falls, oppenheim(), method=method)
     found = first_collapse(
-        lambda duration: run(pulse(amplitude, duration, back=0.0)), 0.95 * least, 1.05 * least,
+        lambda duration: run(pulse(amplitude, duration, back=0.0)),
+        0.95 * least,
+        1.05 * least,
         0.004 * least,
-    )  # fmt: skip
-    name, source = ", four links", "four-link equation of motion"
+    )
+    name = ", four links"
+    source = "four-link equation of motion"
     if method == "auto":
-        name, source = "", "own prototype, 0.25 ms"
-    case, quantity = f"{amplitude:g} g for a time, then nothing", "least time that collapses"
+        name = ""
+        source = "own prototype, 0.25 ms"
+    case = f"{amplitude:g} g for a time, then nothing"
+    quantity = "least time that collapses"
     validated(case, quantity + name, found, least, source, rel=rel, unit="s")
 
 
@@ -112,23 +151,34 @@ class TestSemicircle:
 
     def test_fall_of_a_ring_too_thin(self, validated):
         thin = af.Arch.circular(10.0, 0.95, 180.0, 27, 0.7, sector=False)
-        still, start = af.Motion(np.zeros(400), 0.01), (np.zeros((27, 3)),) * 2
+        still = af.Motion(np.zeros(400), 0.01)
+        start = (np.zeros((27, 3)),) * 2
         history = af.simulate(thin, still, initial=start, history=True).history
         away = np.hypot(*np.moveaxis(history.displacement.values, -1, 0)).max(axis=1)
         found = np.interp(2 * 0.95, away, history.time.values)
-        case, quantity = "t/R 0.095, self-weight", "time to fall by two thicknesses"
+        case = "t/R 0.095, self-weight"
+        quantity = "time to fall by two thicknesses"
         for code, reference in (("LMGC90", 1.31), ("MuJoCo", 1.24), ("pymunk", 1.15)):
             short = "" if code == "LMGC90" else "the solvers' times differ by 14 %"
-            validated(case, quantity, found, reference, code, rel=0.05, unit="s", short=short)
+            validated(
+                case, quantity, found, reference, code, rel=0.05, unit="s", short=short
+            )
 
     def test_harmonic_motion(self, validated):
         arch = af.Arch.circular(10.0, 1.5, 180.0, 27, 0.7, sector=False)
         sine = 0.3 * g * np.sin(2 * np.pi * np.arange(0.0, 5.0, 1e-3))
-        runs = af.simulate_many(arch, nearby(af.Motion(sine, 1e-3)), [1.0] * 8, follow=0.0)
+        runs = af.simulate_many(
+            arch, nearby(af.Motion(sine, 1e-3)), [1.0] * 8, follow=0.0
+        )
         found = runs.peak_displacement.values
-        case, quantity = "t/R 0.15, 0.3 g at 1 Hz for 5 s", "largest displacement"
+        case = "t/R 0.15, 0.3 g at 1 Hz for 5 s"
+        quantity = "largest displacement"
         # Chaotic: the solvers' peaks differ by 8 %, and so do ours of forty motions nearby.
-        for code, reference in (("LMGC90", 0.224), ("pymunk", 0.225), ("MuJoCo", 0.241)):
+        for code, reference in (
+            ("LMGC90", 0.224),
+            ("pymunk", 0.225),
+            ("MuJoCo", 0.241),
+        ):
             validated(case, quantity, found, reference, code, rel=0.08, unit="m")
 
 
@@ -140,27 +190,38 @@ class TestColumn:
     @pytest.mark.parametrize("duration", COLUMN)
     def test_least_amplitude_that_collapses(self, validated, duration):
         def collapses(amplitude):
-            return falls(column(), pulse(amplitude, duration), method="event_driven", rtol=1e-5)
+            return falls(
+                column(), pulse(amplitude, duration), method="event_driven", rtol=1e-5
+            )
 
         codes = COLUMN[duration]
         rough = np.mean(list(codes.values()))
         found = first_collapse(collapses, 0.8 * rough, 1.3 * rough, 0.02 * rough, 1e-3)
-        case, quantity = SWING.format(duration, 2 * duration), "least a that collapses"
+        case = SWING.format(duration, 2 * duration)
+        quantity = "least a that collapses"
         for code, reference in codes.items():
             short = COLUMN_SHORT.get((duration, code), "")
-            validated(case, quantity, found, reference, code, rel=0.05, unit="g", short=short)
+            validated(
+                case, quantity, found, reference, code, rel=0.05, unit="g", short=short
+            )
 
     def test_slide_on_a_smooth_base(self, validated):
-        friction, amplitude, duration = 0.1, 0.4, 0.2
-        smooth, push = column(np.r_[friction, np.full(7, 0.5)]), pulse(amplitude, duration)
+        friction = 0.1
+        amplitude = 0.4
+        duration = 0.2
+        smooth = column(np.r_[friction, np.full(7, 0.5)])
+        push = pulse(amplitude, duration)
         run = af.simulate(smooth, push, history=True, method="event_driven", rtol=1e-6)
         # There until it stops, back while the ground still pushes, and on until it stops again.
-        ahead, behind = amplitude - friction, 0.5 * amplitude + friction
+        ahead = amplitude - friction
+        behind = 0.5 * amplitude + friction
         there = 0.5 * ahead * duration**2 * (1.0 + ahead / behind)
         pushed = duration * (2.0 - ahead / behind)
         rate = 0.5 * amplitude - friction
         back = 0.5 * rate * pushed**2 * (1.0 + rate / friction)
-        found, expected = run.history.displacement.values[-1, 0, 0], g * (back - there)
+        found = run.history.displacement.values[-1, 0, 0]
+        expected = g * (back - there)
         case = "base of friction 0.1, +0.4 g for 0.2 s, −0.2 g for 0.4 s"
-        quantity, source = "where it comes to rest", "Newmark 1965"
+        quantity = "where it comes to rest"
+        source = "Newmark 1965"
         validated(case, quantity, found, expected, source, rel=2e-3, unit="m")

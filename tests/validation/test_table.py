@@ -23,8 +23,10 @@ def test_two(validated):
 def pytest_run(*arguments):
     return subprocess.run(
         [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-q", *arguments],
-        cwd=ROOT, capture_output=True, text=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
 
 
 def fixture(committed=None):
@@ -36,8 +38,12 @@ def test_rows_have_a_source_a_reason_where_they_fall_short_and_a_topic_of_the_pa
     assert len(ROWS) >= 80
     for row in ROWS:
         assert tuple(row) == COLUMNS
-        assert all(row[name] for name in ("topic", "case", "quantity", "source", "test"))
-        short = abs(float(row["ours"]) - float(row["reference"])) > 1.01 * float(row["tolerance"])
+        assert all(
+            row[name] for name in ("topic", "case", "quantity", "source", "test")
+        )
+        short = abs(float(row["ours"]) - float(row["reference"])) > 1.01 * float(
+            row["tolerance"]
+        )
         slack = abs(float(row["reference"])) * 1e-5
         assert short == (row["holds"] == "no") or abs(float(row["tolerance"])) < slack
         assert bool(row["note"]) == (row["holds"] == "no")
@@ -54,20 +60,38 @@ def test_a_run_writes_all_rows_of_a_test_that_fails(tmp_path):
     (tmp_path / "test_small.py").write_text(SMALL)
     table = tmp_path / "values.csv"
     done = pytest_run(
-        "-p", "tests.conftest", "-c", "/dev/null", "--rootdir", str(tmp_path),
-        "--validation-table", str(table), str(tmp_path),
-    )  # fmt: skip
+        "-p",
+        "tests.conftest",
+        "-c",
+        "/dev/null",
+        "--rootdir",
+        str(tmp_path),
+        "--validation-table",
+        str(table),
+        str(tmp_path),
+    )
     assert done.returncode == 1
-    assert "arch, onset: 0.38 g; paper has 0.37; allowed is a difference of 0.001" in done.stdout
+    assert (
+        "arch, onset: 0.38 g; paper has 0.37; allowed is a difference of 0.001"
+        in done.stdout
+    )
     rows = read_table(table).values()
-    assert [(row["quantity"], row["holds"]) for row in rows] == [("onset", "no"), ("peak", "yes")]
+    assert [(row["quantity"], row["holds"]) for row in rows] == [
+        ("onset", "no"),
+        ("peak", "yes"),
+    ]
 
 
 @pytest.mark.parametrize(
     ("ours", "short", "wrong"),
-    [(0.38, "", 1), (math.nan, "", 1), (0.37, "", 0), (0.38, "coarse steps", 0),
-     (0.37, "coarse steps", 1)],
-)  # fmt: skip
+    [
+        (0.38, "", 1),
+        (math.nan, "", 1),
+        (0.37, "", 0),
+        (0.38, "coarse steps", 0),
+        (0.37, "coarse steps", 1),
+    ],
+)
 def test_a_known_shortfall_has_to_fall_short_and_nothing_else_may(ours, short, wrong):
     found = fixture()
     found("arch", "onset", ours, 0.37, "paper", abs=1e-3, short=short)
@@ -80,15 +104,17 @@ def test_a_value_that_moved_is_new_or_is_beyond_its_tolerance_fails():
     table = {("A topic", "arch", "onset", "paper"): one.record[0][1]}
     fixture(table)("arch", "onset", 0.37001, 0.37, "paper", abs=1e-3)
     for quantity, ours, message in (
-        ("onset", 0.3702, "write it anew"), ("peak", 0.37, "no row of the table"),
+        ("onset", 0.3702, "write it anew"),
+        ("peak", 0.37, "no row of the table"),
         ("onset", 0.38, r"onset: 0\.38 ; paper has 0\.37; allowed is"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(AssertionError, match=message):
             fixture(table)("arch", quantity, ours, 0.37, "paper", abs=1e-3)
 
 
 def test_a_chaotic_value_is_held_to_its_spread_and_a_tolerance_is_not_less():
-    one, near = fixture(), [0.36, 0.37, 0.375]
+    one = fixture()
+    near = [0.36, 0.37, 0.375]
     one("arch", "peak", near, 0.37, "paper", abs=0.02)
     assert not one.wrong
     assert float(one.record[0][1]["spread"]) == pytest.approx(0.015)

@@ -16,8 +16,18 @@ from archfrag.study.file.schema import load_study
 from tests.arch.test_drawing import PIER, draw, draw_arch
 from tests.study.small import ROOT, TEXT, command, make_runs, small_study, write_at2
 
-ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
-        "--friction", "0.7"]  # fmt: skip
+ARCH = [
+    "--radius",
+    "10",
+    "--thickness",
+    "1.5",
+    "--embrace",
+    "157.5",
+    "--voussoirs",
+    "7",
+    "--friction",
+    "0.7",
+]
 THIN = [*ARCH[:3], "0.3", *ARCH[4:]]
 
 
@@ -25,15 +35,19 @@ def refused(*arguments):
     result = command(*arguments)
     assert result.stderr.startswith("archfrag: error: ")
     assert result.stderr.count("\n") == 1
-    return result.exit_code, result.stderr.removeprefix("archfrag: error: ").rstrip("\n")
+    return result.exit_code, result.stderr.removeprefix("archfrag: error: ").rstrip(
+        "\n"
+    )
 
 
 def started(*arguments, code=0, **environment):
     """What the command writes on standard error in a process of its own."""
     done = subprocess.run(
-        [sys.executable, "-m", "archfrag", *arguments], capture_output=True, text=True,
+        [sys.executable, "-m", "archfrag", *arguments],
+        capture_output=True,
+        text=True,
         env={**os.environ, **environment},
-    )  # fmt: skip
+    )
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
     return done.stderr
@@ -47,7 +61,9 @@ class TestProcess:
             [sys.executable, "-m", "archfrag", "--version"], text=True
         )
 
-    @pytest.mark.parametrize("asked", ["error", "e::DeprecationWarning", "error::UserWarning"])
+    @pytest.mark.parametrize(
+        "asked", ["error", "e::DeprecationWarning", "error::UserWarning"]
+    )
     def test_warnings_end_no_command(self, asked):
         thick = [*ARCH[:3], "700", *ARCH[4:]]  # probably mm: a warning of our own
         assert "archfrag: " in started("onset", *thick, code=2, PYTHONWARNINGS=asked)
@@ -59,7 +75,9 @@ class TestProcess:
             "arch.unit_cautions = lambda _: warnings.warn('it is late') or [];"
             f"main({['onset', *ARCH]})"
         )
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True
+        )
         assert done.stderr.splitlines()[0] == "archfrag: warning: it is late"
 
     @pytest.mark.parametrize("module", ["archfrag.cli", "archfrag.cli.arch", "numpy"])
@@ -74,10 +92,14 @@ class TestProcess:
             f"sys.argv = ['archfrag', 'onset', *{ARCH}]\n"
             "main()"
         )
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True
+        )
         assert (done.returncode, done.stderr) == (130, "archfrag: stopped by SIGINT\n")
 
-    @pytest.mark.parametrize("words", [["warmup"], ["run", str(ROOT / "configs" / "tiny.yaml")]])
+    @pytest.mark.parametrize(
+        "words", [["warmup"], ["run", str(ROOT / "configs" / "tiny.yaml")]]
+    )
     def test_kernels_that_are_not_compiled_are_said(self, words, tmp_path):
         more = ["--set", f"output={tmp_path}"] if words[0] == "run" else []
         said = started(*words, *more, code=2, NUMBA_DISABLE_JIT="1")
@@ -110,10 +132,20 @@ class TestHelp:
                 [sys.executable, "-c", code], capture_output=True, text=True, check=True
             )
             after = resource.getrusage(resource.RUSAGE_CHILDREN)
-            took.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+            took.append(
+                after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            )
         loaded = set(found.stderr.split())
         assert "click" in loaded
-        assert not loaded & {"numpy", "numba", "pydantic", "yaml", "dask", "obspy", "snakemake"}
+        assert not loaded & {
+            "numpy",
+            "numba",
+            "pydantic",
+            "yaml",
+            "dask",
+            "obspy",
+            "snakemake",
+        }
         assert min(took) < 0.3
 
     @pytest.mark.parametrize("group", [[], ["records"]])
@@ -145,13 +177,18 @@ class TestOnset:
         path = small_study(tmp_path)
         text = command("onset", "--study", path, "--arch", "slab").output
         assert "moves from 0.2000 g: joint 0" in text
-        for more, wrong in (([], "is missing"), (["--arch", "x"], "x: there is no such arch")):
+        for more, wrong in (
+            ([], "is missing"),
+            (["--arch", "x"], "x: there is no such arch"),
+        ):
             message = f"{path}: --arch {wrong}; the study has ring, slab"
             assert refused("onset", "--study", path, *more) == (2, message)
 
     @pytest.mark.parametrize("count", [12, 13])
     def test_of_a_drawing_it_says_what_was_read(self, tmp_path, count):
-        arch = af.Arch.segmental(span=10.0, rise=2.5, thickness=0.6, voussoirs=count, friction=0.6)
+        arch = af.Arch.segmental(
+            span=10.0, rise=2.5, thickness=0.6, voussoirs=count, friction=0.6
+        )
         draw_arch(tmp_path / "b.dxf", arch, 0.01, 5)
         asked = ("onset", "--drawing", tmp_path / "b.dxf", "--friction", "0.6")
         result = command(*asked)
@@ -159,7 +196,10 @@ class TestOnset:
         rise = 5.95 * np.cos(np.arcsin(0.8) / count * (count % 2)) - 5.95 * 0.6
         weight = arch.chain.mass.sum() * arch.chain.gravity / 1e3
         read, _, rest = result.stderr.partition("; ")
-        assert read == f"archfrag: clear span 9.52 m, rise {rise:.3g} m, mean thickness 0.6 m"
+        assert (
+            read
+            == f"archfrag: clear span 9.52 m, rise {rise:.3g} m, mean thickness 0.6 m"
+        )
         assert rest.startswith(f"{count} voussoirs, {count + 1} joints; ")
         assert rest.endswith(f"; {weight:.3g} kN; from b.dxf, layer STONE, in cm\n")
         mistaken = command(*asked, "--drawing-unit", "mm")
@@ -174,9 +214,13 @@ class TestOnset:
         assert "; from b.dxf, layer STONE, in mm\n" in mistaken.stderr
         assert json.loads(command(*asked, "--json").stdout)["stands"]
 
-    @pytest.mark.parametrize(("code", "read"), [(4, ("mm", "0.238 m")), (6, ("m", "238 m"))])
+    @pytest.mark.parametrize(
+        ("code", "read"), [(4, ("mm", "0.238 m")), (6, ("m", "238 m"))]
+    )
     def test_a_span_that_cannot_be_meant_names_the_unit(self, tmp_path, code, read):
-        arch = af.Arch.segmental(span=10.0, rise=2.5, thickness=0.6, voussoirs=9, friction=0.6)
+        arch = af.Arch.segmental(
+            span=10.0, rise=2.5, thickness=0.6, voussoirs=9, friction=0.6
+        )
         draw_arch(tmp_path / "b.dxf", arch, 0.04, code)
         given = "--drawing", tmp_path / "b.dxf", "--friction", "0.6"
         doubt = f"span = {read[1]}: usual are 0.3 to 200 m; is that its unit?\n"
@@ -189,7 +233,9 @@ class TestOnset:
         assert result.stdout.splitlines()[1].startswith(f"  slab: clear span {read[1]}")
         assert f"archfrag: caution: slab: {doubt}" in result.stderr
         assert doubt in command("onset", "--study", path, "--arch", "slab").stderr
-        recessed = text.replace("friction: .inf", "friction: 0.6, recess: {intrados: 1.0e-3}")
+        recessed = text.replace(
+            "friction: .inf", "friction: 0.6, recess: {intrados: 1.0e-3}"
+        )
         law = "{distribution: lognormal, median: 1.0, beta: 0.5, relative: true}"
         soft = f"0.6, joints: {{stiffness: 3e+10}}, vary: {{samples: 1, of: {{joints: {law}}}}}"
         for other in (recessed, text.replace("friction: .inf", f"friction: {soft}")):
@@ -198,11 +244,17 @@ class TestOnset:
 
     def test_of_a_column_it_says_the_height(self, tmp_path):
         draw(tmp_path / "pier.dxf", PIER)
-        result = command("onset", "--drawing", tmp_path / "pier.dxf", "--friction", "0.6")
-        assert result.stderr.startswith("archfrag: height 1.5 m, mean thickness 1 m; 3 ")
+        result = command(
+            "onset", "--drawing", tmp_path / "pier.dxf", "--friction", "0.6"
+        )
+        assert result.stderr.startswith(
+            "archfrag: height 1.5 m, mean thickness 1 m; 3 "
+        )
 
     def test_of_an_arch_that_varies_as_given_and_as_sampled(self, tmp_path):
-        vary = "samples: 2, of: {height: {distribution: uniform, start: 3.0, stop: 4.0}}"
+        vary = (
+            "samples: 2, of: {height: {distribution: uniform, start: 3.0, stop: 4.0}}"
+        )
         text = TEXT.replace("friction: .inf}", f"friction: .inf, vary: {{{vary}}}}}")
         path = small_study(tmp_path, text)
         given = command("onset", "--study", path, "--arch", "slab")
@@ -243,7 +295,9 @@ class TestOnset:
         result = command("onset", *THIN)
         text, facts = result.output.splitlines()
         assert (result.exit_code, text) == (0, "does not stand under its own weight")
-        assert facts.startswith("the ring weighs 162 kN; springings at (-9.661, 1.922) and (9.66")
+        assert facts.startswith(
+            "the ring weighs 162 kN; springings at (-9.661, 1.922) and (9.66"
+        )
         assert json.loads(command("onset", *THIN, "--json").output)["stands"] is False
 
 
@@ -254,7 +308,14 @@ def test_simulate_scales_a_record_to_a_peak(tmp_path):
     assert facts["status"] == "standing"
     assert facts["scale"] == pytest.approx(0.2 / 0.3, rel=1e-3)
     assert (facts["collapse_time"], facts["peak_displacement"]) == (None, 0.0)
-    assert set(facts["mechanism"][0]) == {"time", "until", "cause", "joint", "model", "joints"}
+    assert set(facts["mechanism"][0]) == {
+        "time",
+        "until",
+        "cause",
+        "joint",
+        "model",
+        "joints",
+    }
     text = command("simulate", *ARCH, record, "--pga", "0.2").output
     assert text.startswith("standing: the arch came to rest")
     code, message = refused("simulate", *ARCH, tmp_path / "lost.AT2")
@@ -283,9 +344,10 @@ class TestValidate:
         result = command("validate", path, "--set", "risk.hazard=none.csv")
         assert result.exit_code == 2
         assert [line.partition(":")[0] for line in result.stderr.splitlines()] == [
-            "archfrag", f"  the hazard curve {tmp_path / 'none.csv'} cannot be read",
+            "archfrag",
+            f"  the hazard curve {tmp_path / 'none.csv'} cannot be read",
             "  arches[0] (ring)",
-        ]  # fmt: skip
+        ]
         (tmp_path / "records" / "wave1.AT2").write_text("nothing")
         result = command("validate", path, "--set", "risk.hazard=none.csv")
         assert result.stderr.startswith("archfrag: error: 3 errors:\n")
@@ -300,24 +362,40 @@ class TestValidate:
         assert result.exit_code == 0
         assert "6 of 9 arches were not checked; the run checks all" in result.stderr
 
-    @pytest.mark.skipif(sys.platform != "linux", reason="file names are UTF-8 elsewhere")
+    @pytest.mark.skipif(
+        sys.platform != "linux", reason="file names are UTF-8 elsewhere"
+    )
     def test_names_that_are_no_text_are_refused(self, tmp_path):
         path = small_study(tmp_path)
-        code, message = refused("validate", path, "--set", os.fsdecode(b"output=\xfe/here"))
-        assert (code, message.startswith("--set output: is not valid YAML: ")) == (2, True)
-        os.rename(tmp_path / "records" / "wave1.AT2", os.fsencode(tmp_path) + b"/records/\xff.AT2")
+        code, message = refused(
+            "validate", path, "--set", os.fsdecode(b"output=\xfe/here")
+        )
+        assert (code, message.startswith("--set output: is not valid YAML: ")) == (
+            2,
+            True,
+        )
+        os.rename(
+            tmp_path / "records" / "wave1.AT2",
+            os.fsencode(tmp_path) + b"/records/\xff.AT2",
+        )
         code, message = refused("validate", path)
         assert code == 2
-        assert message.startswith(f"{tmp_path}/records/\\xff.AT2: the name of the file is not in ")
+        assert message.startswith(
+            f"{tmp_path}/records/\\xff.AT2: the name of the file is not in "
+        )
 
 
 class TestSteps:
     def test_steps_by_hand_in_order(self, tmp_path):
-        path, out = small_study(tmp_path), tmp_path / "out"
+        path = small_study(tmp_path)
+        out = tmp_path / "out"
         assert refused("batch", path)[0] == 2
         assert command("motions", path).stderr == "archfrag: motions: 2 records ready\n"
         code, message = refused("cube", path)
-        assert (code, message.startswith(f"{out / '.archfrag' / 'parts'}: 12 of 12")) == (2, True)
+        assert (
+            code,
+            message.startswith(f"{out / '.archfrag' / 'parts'}: 12 of 12"),
+        ) == (2, True)
         result = command("batch", path, "--workers", "1", "--quiet")
         assert "12 runs, 0 kept from before, 12 new" in result.stderr
         made = {"cube": "cube.nc", "fit": "fits.json", "report": "report.html"}
@@ -336,7 +414,9 @@ class TestSteps:
             (out / "cube.nc").write_bytes(damaged)
             code, message = refused("fit", path)
             assert code == 2
-            assert message.startswith(f"{out / 'cube.nc'}: is missing, changed or damaged; `arch")
+            assert message.startswith(
+                f"{out / 'cube.nc'}: is missing, changed or damaged; `arch"
+            )
             assert command("cube", path).exit_code == 0
             assert (out / "cube.nc").read_bytes() == full
         (out / "cube.nc").write_bytes(b"a year of work")
@@ -353,8 +433,10 @@ class TestSteps:
         for step in ("cube", "fit", "report"):
             assert command(step, path).exit_code == 0
         assert {p.name for p in out.glob("curve-*")} == {
-            "curve-ring.svg", "curve-plate.svg", "curve-mine.svg"
-        }  # fmt: skip
+            "curve-ring.svg",
+            "curve-plate.svg",
+            "curve-mine.svg",
+        }
         assert parts < set(out.glob(".archfrag/parts/*/*.npy"))
 
     DENIED = OSError(13, "Permission denied", "a/b"), "a/b: Permission denied"
@@ -362,7 +444,9 @@ class TestSteps:
     NO_MEMORY = MemoryError(), "the memory of this machine does not suffice"
 
     @pytest.mark.parametrize(("error", "message"), [DENIED, FULL, NO_MEMORY])
-    def test_errors_of_the_machine_are_a_message(self, tmp_path, monkeypatch, error, message):
+    def test_errors_of_the_machine_are_a_message(
+        self, tmp_path, monkeypatch, error, message
+    ):
         def broken(study):
             raise error
 

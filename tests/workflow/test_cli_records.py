@@ -16,11 +16,35 @@ from tests.motions.helpers import SHIPPED, at2_text, wave
 from tests.study.small import command, files_below
 
 PEAK = 0.3 * np.abs(wave()).max()  # [g]
-SCENARIO = ("--magnitude", "6.5", "--distance", "20", "--vs30", "760", "--period", "0.5")
+SCENARIO = (
+    "--magnitude",
+    "6.5",
+    "--distance",
+    "20",
+    "--vs30",
+    "760",
+    "--period",
+    "0.5",
+)
 PLAN = (
-    "--events", "2", "--records-per-event", "2", "--magnitude", "6:7", "--distance-km",
-    "10,20", "--sites", "3", "--vs30", "500", "--vertical", "--pulses", "0.5", "--seed", "4",
-)  # fmt: skip
+    "--events",
+    "2",
+    "--records-per-event",
+    "2",
+    "--magnitude",
+    "6:7",
+    "--distance-km",
+    "10,20",
+    "--sites",
+    "3",
+    "--vs30",
+    "500",
+    "--vertical",
+    "--pulses",
+    "0.5",
+    "--seed",
+    "4",
+)
 
 
 def done(*arguments):
@@ -58,12 +82,19 @@ def at2(tmp_path):
 def three(tmp_path):
     """Two horizontals and a vertical in counts without a unit, of one instrument."""
     path = tmp_path / "three.mseed"
-    header = {"network": "XX", "station": "AB", "delta": 0.005, "starttime": UTCDateTime(9.0e8)}
+    header = {
+        "network": "XX",
+        "station": "AB",
+        "delta": 0.005,
+        "starttime": UTCDateTime(9.0e8),
+    }
     shape = np.random.default_rng(1).normal(size=777)
     Stream(
-        [Trace(k * shape, {**header, "channel": code})
-         for k, code in enumerate(("HNE", "HNN", "HNZ"), start=1)]
-    ).write(str(path), format="MSEED")  # fmt: skip
+        [
+            Trace(k * shape, {**header, "channel": code})
+            for k, code in enumerate(("HNE", "HNN", "HNZ"), start=1)
+        ]
+    ).write(str(path), format="MSEED")
     return path
 
 
@@ -84,18 +115,40 @@ def flatfile(tmp_path_factory):
             "--events, --magnitude, --distance-km: needed",
         ),
         ("make --out {tmp}/o --magnitude 6,x", 2, "--magnitude 6,x: "),
-        ("make --out {tmp}/o --magnitude 6 --events 1 --distance-km 5,400", 2, "from 0 to 300"),
+        (
+            "make --out {tmp}/o --magnitude 6 --events 1 --distance-km 5,400",
+            2,
+            "from 0 to 300",
+        ),
         ("measure {tmp}/no.AT2 --out {tmp}/f.csv", 2, "no.AT2"),
         ("measure {at2} --out {tmp}/no/f.csv", 4, "no/f.csv"),
         ("measure {at2} --out {tmp}/f.csv --periods 0.5,x", 2, "--periods 0.5,x: "),
         ("measure {at2} --out {tmp}/f.csv --periods nan", 2, "--periods nan: "),
-        ("measure {at2} --out {tmp}/f.csv --periods 0.1234", 2, "of at most three decimals"),
-        ("select {flat} --target t.csv --sa 0.2", 2, "--target and --sa: a target is a file or"),
-        ("select {flat} --distance 9 --vs30 760 --period 1", 2, "--magnitude is needed"),
-        (f"select {{flat}} {' '.join(SCENARIO)}", 2, "a scenario; one of --sa and --epsilon"),
+        (
+            "measure {at2} --out {tmp}/f.csv --periods 0.1234",
+            2,
+            "of at most three decimals",
+        ),
+        (
+            "select {flat} --target t.csv --sa 0.2",
+            2,
+            "--target and --sa: a target is a file or",
+        ),
+        (
+            "select {flat} --distance 9 --vs30 760 --period 1",
+            2,
+            "--magnitude is needed",
+        ),
+        (
+            f"select {{flat}} {' '.join(SCENARIO)}",
+            2,
+            "a scenario; one of --sa and --epsilon",
+        ),
     ],
 )
-def test_what_is_refused_writes_nothing(flatfile, at2, three, tmp_path, arguments, code, part):
+def test_what_is_refused_writes_nothing(
+    flatfile, at2, three, tmp_path, arguments, code, part
+):
     before = files_below(tmp_path)
     asked = arguments.format(at2=at2, three=three, tmp=tmp_path, flat=flatfile).split()
     if asked[0] == "select":
@@ -114,33 +167,55 @@ class TestInspect:
         assert channel["errors"] == found["errors"] == []
         text = done("inspect", three, "--unit", "m/s2").stdout.splitlines()
         assert text[0] == f"{three}: MSEED, XX.AB"
-        assert text[1].startswith("  HNE       777 samples at 0.005 s, 3.88 s, m/s2, PGA 0.")
+        assert text[1].startswith(
+            "  HNE       777 samples at 0.005 s, 3.88 s, m/s2, PGA 0."
+        )
 
     def test_faults_are_listed_and_nothing_is_refused(self, tmp_path, three):
-        wrong, gap = tmp_path / "wrong.AT2", tmp_path / "gap.mseed"
+        wrong = tmp_path / "wrong.AT2"
+        gap = tmp_path / "gap.mseed"
         wrong.write_text(at2_text(300.0 + wave(), count=500))
         Stream(
-            Trace(wave(count), {"station": "AB", "delta": 0.01, "channel": code,
-                                "starttime": UTCDateTime(start)})
-            for code, start, count in (("HNE", 100, 300), ("HNE", 110, 300), ("HNN", 100, 310))
-        ).write(str(gap), format="MSEED")  # fmt: skip
+            Trace(
+                wave(count),
+                {
+                    "station": "AB",
+                    "delta": 0.01,
+                    "channel": code,
+                    "starttime": UTCDateTime(start),
+                },
+            )
+            for code, start, count in (
+                ("HNE", 100, 300),
+                ("HNE", 110, 300),
+                ("HNN", 100, 310),
+            )
+        ).write(str(gap), format="MSEED")
         first, second, third = facts("inspect", wrong, three, gap)
         errors = first["channels"][0]["errors"]
-        for fault, part in zip(errors[:3], ("announces 500", "offset", "peak"), strict=True):
+        for fault, part in zip(
+            errors[:3], ("announces 500", "offset", "peak"), strict=True
+        ):
             assert part in fault
-        assert (second["channels"][0]["unit"], second["channels"][0]["PGA"]) == ("", None)
+        assert (second["channels"][0]["unit"], second["channels"][0]["PGA"]) == (
+            "",
+            None,
+        )
         assert "has a gap of 7 s" in third["errors"][0]
         assert "    ! the header announces 500" in done("inspect", wrong).stdout
 
     def test_an_unreadable_file_among_others(self, at2, tmp_path):
-        lost, odd = tmp_path / "lost.AT2", tmp_path / "odd.bin"
+        lost = tmp_path / "lost.AT2"
+        odd = tmp_path / "odd.bin"
         odd.write_bytes(b"\1\2\3")
         result = command("records", "inspect", lost, at2, odd)
         assert result.exit_code == 2
         assert "180       400 samples" in result.stdout
         first, second = result.stderr.splitlines()
         assert first == f"archfrag: error: {lost}: there is no such file"
-        assert second.startswith(f"archfrag: error: {odd}: the format is not recognised")
+        assert second.startswith(
+            f"archfrag: error: {odd}: the format is not recognised"
+        )
         found = json.loads(command("records", "inspect", lost, at2, "--json").stdout)
         assert ["error" in entry for entry in found] == [True, False]
 
@@ -149,27 +224,52 @@ class TestConvert:
     @pytest.mark.parametrize("unit", ["m/s2", "g"])
     def test_miniseed_holds_every_bit(self, three, tmp_path, unit):
         out = tmp_path / "o"
-        (entry,) = facts("convert", three, "--unit", "cm/s2", "--in", unit, "--out", out)
+        (entry,) = facts(
+            "convert", three, "--unit", "cm/s2", "--in", unit, "--out", out
+        )
         assert entry == {"file": str(out / "three.mseed"), "source": str(three)}
-        before, after = read_horizontals(three, unit="cm/s2"), read_horizontals(entry["file"])
+        before = read_horizontals(three, unit="cm/s2")
+        after = read_horizontals(entry["file"])
         assert [motion.metadata["component"] for motion in after] == ["HNE", "HNN"]
         for old, new in zip(before, after, strict=True):
-            assert (new.dt, new.metadata["start_time"]) == (old.dt, old.metadata["start_time"])
+            assert (new.dt, new.metadata["start_time"]) == (
+                old.dt,
+                old.metadata["start_time"],
+            )
             for part in ("acceleration", "vertical"):
-                assert np.allclose(getattr(new, part), getattr(old, part), rtol=3e-16, atol=0.0)
+                assert np.allclose(
+                    getattr(new, part), getattr(old, part), rtol=3e-16, atol=0.0
+                )
 
-    def test_text_holds_all_digits_and_an_index_lists_what_was_done(self, three, at2, tmp_path):
+    def test_text_holds_all_digits_and_an_index_lists_what_was_done(
+        self, three, at2, tmp_path
+    ):
         out = tmp_path / "o"
-        done("convert", three, "--unit", "m/s2", "--to", "text", "--in", "g", "--out", out)
+        done(
+            "convert",
+            three,
+            "--unit",
+            "m/s2",
+            "--to",
+            "text",
+            "--in",
+            "g",
+            "--out",
+            out,
+        )
         done("convert", at2, "--out", out)
         entries = {entry.id: entry for entry in load_index(out)}
-        old, new = read_horizontals(three, unit="m/s2")[1], load_motion(entries["three.HNN"])
+        old = read_horizontals(three, unit="m/s2")[1]
+        new = load_motion(entries["three.HNN"])
         assert np.allclose(new.acceleration, old.acceleration, rtol=3e-16, atol=0.0)
         assert new.dt == 0.005
         assert sorted(entries) == ["record", "three.HNE", "three.HNN"]
         assert entries["record"].metadata["source"] == "record.AT2"
         assert "factor 9.80665" in entries["record"].metadata["steps"]
-        assert load_motion(entries["three.HNE"]).log[0] == "Read from three.HNE.txt (COLUMNS)."
+        assert (
+            load_motion(entries["three.HNE"]).log[0]
+            == "Read from three.HNE.txt (COLUMNS)."
+        )
         other = at2.rename(tmp_path / "record.dat")
         assert "a record of another file" in refused("convert", other, "--out", out)
 
@@ -177,20 +277,33 @@ class TestConvert:
 def test_fetch_continues_and_its_exit_code_tells_what_may_pass(monkeypatch, tmp_path):
     monkeypatch.setenv("no_proxy", "127.0.0.1")
     with data_centre() as centre:
-        asked = ("fetch", EVENT, "--from", centre.address, "--events-from", centre.address,
-                 "--after", "20", "--out")  # fmt: skip
+        asked = (
+            "fetch",
+            EVENT,
+            "--from",
+            centre.address,
+            "--events-from",
+            centre.address,
+            "--after",
+            "20",
+            "--out",
+        )
         result = done(*asked, tmp_path, "--channels", "HN?,BN?")
         assert result.stdout == f"3 records fetched, 0 were there: {tmp_path}\n"
         found = facts(*asked, tmp_path)
         assert (found["new"], len(found["kept"]), found["failures"]) == ([], 3, [])
-        assert [entry.metadata["event"] for entry in load_index(tmp_path)] == [EVENT] * 3
+        assert [entry.metadata["event"] for entry in load_index(tmp_path)] == [
+            EVENT
+        ] * 3
         centre.faults |= {("dataselect", "BOTH"): 503, ("dataselect", "NEAR"): 204}
         result = command("records", *asked, tmp_path / "other", "--json")
         assert result.exit_code == 7
         kinds = [entry["kind"] for entry in json.loads(result.stdout)["failures"]]
         assert kinds == ["no data", "service"]
         assert "1 request failed; try again later" in result.stderr.splitlines()[-1]
-        centre.faults |= {("dataselect", name): 204 for name in ("NEAR", "BOTH", "SLOW")}
+        centre.faults |= {
+            ("dataselect", name): 204 for name in ("NEAR", "BOTH", "SLOW")
+        }
         result = command("records", *asked, tmp_path / "none")
         assert result.exit_code == 2
         assert "no record was fetched" in result.stderr.splitlines()[-1]
@@ -202,11 +315,20 @@ class TestMake:
         names = ["e1-r1.mseed", "e1-r2.mseed", "e2-r1.mseed", "e2-r2.mseed"]
         assert [file.rsplit("/", 1)[1] for file in found["files"]] == names
         recipes = plan_motions(
-            2, 2, magnitude=[6.0, 7.0], distance=[10.0, 20.0], drawn_magnitude=True,
-            sites=3, vs30=500.0, vertical=True, pulses=0.5, seed=4,
-        )  # fmt: skip
+            2,
+            2,
+            magnitude=[6.0, 7.0],
+            distance=[10.0, 20.0],
+            drawn_magnitude=True,
+            sites=3,
+            vs30=500.0,
+            vertical=True,
+            pulses=0.5,
+            seed=4,
+        )
         for entry, recipe in zip(load_index(tmp_path / "a"), recipes, strict=True):
-            read, motion = load_motion(entry), make_motion(recipe)
+            read = load_motion(entry)
+            motion = make_motion(recipe)
             assert np.array_equal(read.acceleration, motion.acceleration)
             assert np.array_equal(read.vertical, motion.vertical)
             for key in ("seed", "event_seed", "site_seed"):
@@ -215,7 +337,9 @@ class TestMake:
     def test_the_shipped_ones_unless_an_index_lists_other_records(self, at2, tmp_path):
         text = done("make", "--out", tmp_path / "a").stdout
         assert text == f"30 records and index.csv written to {tmp_path / 'a'}\n"
-        assert (tmp_path / "a" / "index.csv").read_text() == (SHIPPED / "index.csv").read_text()
+        assert (tmp_path / "a" / "index.csv").read_text() == (
+            SHIPPED / "index.csv"
+        ).read_text()
         done("convert", at2, "--out", tmp_path / "o")
         before = files_below(tmp_path / "o")
         message = refused("make", "--out", tmp_path / "o", *PLAN)
@@ -224,7 +348,8 @@ class TestMake:
 
 
 def test_columns_of_a_plain_text_are_known_to_each_command(at2, tmp_path):
-    text, out = tmp_path / "plain.txt", tmp_path / "flat.csv"
+    text = tmp_path / "plain.txt"
+    out = tmp_path / "flat.csv"
     rows = (f"{0.01 * i:.2f}, {value:.6f}" for i, value in enumerate(0.3 * wave()))
     text.write_text("\n".join(["any words", *rows]) + "\n")
     known = ("--unit", "g", "--columns", "time=1,acceleration=2,skip=1")
@@ -237,19 +362,24 @@ def test_columns_of_a_plain_text_are_known_to_each_command(at2, tmp_path):
     (tmp_path / "target.csv").write_text("period_s,Sa_g\n0.2,0.4\n0.5,0.3\n")
     asked = ("--target", tmp_path / "target.csv", "--count", "2", "--max-scale", "100")
     done("select", out, *asked, "--out", tmp_path / "selected.csv")
-    motions = {entry.id: load_motion(entry) for entry in load_index(tmp_path / "selected.csv")}
+    motions = {
+        entry.id: load_motion(entry) for entry in load_index(tmp_path / "selected.csv")
+    }
     assert np.abs(motions["plain"].acceleration).max() == peak
 
 
 class TestMeasure:
     def test_a_flatfile_with_a_figure(self, at2, three, tmp_path):
-        out, figure = tmp_path / "flat.csv", tmp_path / "spectra.svg"
+        out = tmp_path / "flat.csv"
+        figure = tmp_path / "spectra.svg"
         (row,) = facts("measure", at2, "--out", out, "--figure", figure)
         assert row["PGA_g"] == pytest.approx(PEAK, rel=1e-4)
         (file,) = read_flatfile(out)["file"]
         assert (out.parent / file).samefile(at2)
         assert "Sa, 5 % damping [g]" in texts(figure)
-        assert "FILE.svg" in refused("measure", at2, "--out", out, "--figure", tmp_path / "f.png")
+        assert "FILE.svg" in refused(
+            "measure", at2, "--out", out, "--figure", tmp_path / "f.png"
+        )
         text = done("measure", three, "--unit", "m/s2", "--out", out).stdout
         assert text == f"2 components measured: {out}\n"
 
@@ -257,9 +387,13 @@ class TestMeasure:
         files = [tmp_path / f"r{number % 7}-{number:02d}.AT2" for number in range(40)]
         for number, file in enumerate(files):
             file.write_text(at2_text((0.1 + 0.01 * number) * wave()))
-        rows = facts("measure", *files, "--out", tmp_path / "f.csv", "--periods", "0.33")
+        rows = facts(
+            "measure", *files, "--out", tmp_path / "f.csv", "--periods", "0.33"
+        )
         assert [row["record"] for row in rows] == [file.stem for file in files]
-        (one,) = facts("measure", files[9], "--out", tmp_path / "g.csv", "--periods", "0.33")
+        (one,) = facts(
+            "measure", files[9], "--out", tmp_path / "g.csv", "--periods", "0.33"
+        )
         assert rows[9] == one
         assert one["T0.330S"] > 0.0
         files[20].write_text("no record")
@@ -268,10 +402,13 @@ class TestMeasure:
 
 
 def test_select_for_a_scenario_gives_an_index(flatfile, tmp_path):
-    out, figure = tmp_path / "selected.csv", tmp_path / "selected.svg"
+    out = tmp_path / "selected.csv"
+    figure = tmp_path / "selected.svg"
     options = (*SCENARIO, "--epsilon", "0.5", "--count", "5", "--out", out)
     found = facts("select", flatfile, *options, "--figure", figure)
     assert len(found["records"]) == len(load_index(out)) == 5
     assert load_motion(load_index(out)[0]).duration > 1.0
     assert "period" in texts(figure).lower()
-    assert done("select", flatfile, *options).stdout.startswith("5 records selected of ")
+    assert done("select", flatfile, *options).stdout.startswith(
+        "5 records selected of "
+    )

@@ -32,11 +32,17 @@ RISK = ("risk", "small.yaml", "--hazard", "hazard.csv")
 def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("contradictions")
     assert command("run", small_study(folder), "--quiet").exit_code == 0
-    for name, text in (("hazard.csv", HAZARD), ("verdicts.csv", VERDICTS),
-                       ("target.csv", "period_s,Sa_g\n0.5,0.3\n")):  # fmt: skip
+    for name, text in (
+        ("hazard.csv", HAZARD),
+        ("verdicts.csv", VERDICTS),
+        ("target.csv", "period_s,Sa_g\n0.5,0.3\n"),
+    ):
         (folder / name).write_text(text)
     record = folder / "records" / "wave0.AT2"
-    assert command("records", "measure", record, "--out", folder / "flat.csv").exit_code == 0
+    assert (
+        command("records", "measure", record, "--out", folder / "flat.csv").exit_code
+        == 0
+    )
     return folder
 
 
@@ -51,9 +57,27 @@ CASES = [
     ("simulate", *RING, "records/wave0.AT2", "--scale", 2, "--pga", 0.3),
     ("simulate", *RING, "records/wave0.AT2", "--scale", 1.0, "--pga", 0.3),
     ("simulate", *RING, "records/wave0.AT2", "--scale", 2, "--scale", 3),
-    ("simulate", *RING, "records/wave0.AT2", "--dt", 1e-3, "--rtol", 1e-3,
-     "--method", "time_stepping"),
-    ("simulate", "--study", "small.yaml", "--arch", "ring", "--height", 2, "records/wave0.AT2"),
+    (
+        "simulate",
+        *RING,
+        "records/wave0.AT2",
+        "--dt",
+        1e-3,
+        "--rtol",
+        1e-3,
+        "--method",
+        "time_stepping",
+    ),
+    (
+        "simulate",
+        "--study",
+        "small.yaml",
+        "--arch",
+        "ring",
+        "--height",
+        2,
+        "records/wave0.AT2",
+    ),
     (*RISK, "--site", "13.3,42.3"),
     (*RISK, "--unit", "m/s2"),
     (*RISK, "--consequence", "collapse=0.5,collapse=0.9"),
@@ -80,10 +104,12 @@ CASES = [
     (*SELECT, "--target", "target.csv", "--magnitude", 6),
     (*SELECT, "--target", "target.csv", "--model", "CY14"),
     (*SELECT, "--target", "target.csv", "--target", "flat.csv"),
-]  # fmt: skip
+]
 
 
-@pytest.mark.parametrize("words", CASES, ids=lambda words: " ".join(map(str, words))[-60:])
+@pytest.mark.parametrize(
+    "words", CASES, ids=lambda words: " ".join(map(str, words))[-60:]
+)
 def test_two_options_that_cannot_both_hold_are_refused(place, monkeypatch, words):
     monkeypatch.chdir(place)
     done = command(*words)
@@ -95,8 +121,12 @@ def test_arguments_of_methods_are_not_passed_over(place, monkeypatch):
     monkeypatch.chdir(place)
     results = af.open("small.yaml")
     table = [[0.1, 0.1], [1.0, 1e-3]]
-    for given in ({"site": (13.0, 42.0)}, {"unit": "g"}, {"hazard": table, "site": (13.0, 42.0)},
-                  {"hazard": "hazard.csv", "site": (13.0, 42.0)}):  # fmt: skip
+    for given in (
+        {"site": (13.0, 42.0)},
+        {"unit": "g"},
+        {"hazard": table, "site": (13.0, 42.0)},
+        {"hazard": "hazard.csv", "site": (13.0, 42.0)},
+    ):
         with pytest.raises(InputError, match="leave"):
             results.risk(**given)
     with pytest.raises(InputError, match="has no hazard"):
@@ -110,7 +140,8 @@ def test_years_hold_with_the_hazard_of_the_study(place, tmp_path):
     path = small_study(tmp_path, text)
     (tmp_path / "hazard.csv").write_text(HAZARD)
     results = af.Study.from_file(path).run(progress=False)
-    own, longer = results.risk(), results.risk(years=100.0)
+    own = results.risk()
+    longer = results.risk(years=100.0)
     assert (longer["probability"] > 1.5 * own["probability"]).all()
     assert (results.risk(years=50.0)["probability"] == own["probability"]).all()
 
@@ -120,12 +151,19 @@ def test_what_is_no_study_is_named(place, monkeypatch):
     for name in ("info", "open"):
         done = command(name, "hazard.csv")
         assert done.exit_code == 2
-        assert "hazard.csv: is no study file (.yaml), and no folder of results" in done.stderr
-    with pytest.raises(InputError, match=r"is a cube; give its folder out, or the study file"):
+        assert (
+            "hazard.csv: is no study file (.yaml), and no folder of results"
+            in done.stderr
+        )
+    with pytest.raises(
+        InputError, match=r"is a cube; give its folder out, or the study file"
+    ):
         af.open("out/cube.nc")
 
 
-def test_a_folder_that_is_read_only_ends_a_step_with_the_code_of_outputs(place, monkeypatch):
+def test_a_folder_that_is_read_only_ends_a_step_with_the_code_of_outputs(
+    place, monkeypatch
+):
     def denied(path):
         raise PermissionError(13, "Permission denied", str(path))
 
@@ -141,11 +179,21 @@ def test_studies_of_one_file_name_are_refused_by_snakemake(tmp_path):
         small_study(folder)
     words = ["snakemake", "-s", ROOT / "Snakefile", "-n", "--cores", "1", "--config"]
     start = [sys.executable, "-m", *words]
-    done = subprocess.run([*start, "study=[small.yaml, a/small.yaml]"], cwd=tmp_path, text=True,
-                          capture_output=True, check=False)  # fmt: skip
+    done = subprocess.run(
+        [*start, "study=[small.yaml, a/small.yaml]"],
+        cwd=tmp_path,
+        text=True,
+        capture_output=True,
+        check=False,
+    )
     assert done.returncode != 0
     assert "would both have their results in small" in done.stdout + done.stderr
-    once = subprocess.run([*start, "study=[small.yaml, ./small.yaml]"], cwd=tmp_path, text=True,
-                          capture_output=True, check=False)  # fmt: skip
+    once = subprocess.run(
+        [*start, "study=[small.yaml, ./small.yaml]"],
+        cwd=tmp_path,
+        text=True,
+        capture_output=True,
+        check=False,
+    )
     assert once.returncode == 0, once.stderr
     assert Path(tmp_path, "results").exists() is False

@@ -48,9 +48,16 @@ class Folder:
         self.work = self.out / ".archfrag"
         self.mark = place / "it ran"
         self.user = place / "user"
-        for name in ("lock", "snakemake.log", "a.json", "motions/0123456789ab/wave.npz",
-                     "logs/snakemake.log", "parts/0123456789ab/mine.npy",
-                     f"parts/0123456789ab/{'0' * 32}.npy", ".study.yaml.swp"):  # fmt: skip
+        for name in (
+            "lock",
+            "snakemake.log",
+            "a.json",
+            "motions/0123456789ab/wave.npz",
+            "logs/snakemake.log",
+            "parts/0123456789ab/mine.npy",
+            f"parts/0123456789ab/{'0' * 32}.npy",
+            ".study.yaml.swp",
+        ):
             path = self.user / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(PRECIOUS)
@@ -116,8 +123,9 @@ ATTACKS = {
     "lock is a pipe": lambda f: f.pipe(".archfrag/lock"),
     "hidden folder is a link": lambda f: f.link(".archfrag", f.user),
     "motions is a link": lambda f: f.link(".archfrag/motions", f.user / "motions"),
-    "parts of others is a link": lambda f: f.link(".archfrag/parts/0123456789ab",
-                                                  f.user / "parts/0123456789ab"),
+    "parts of others is a link": lambda f: f.link(
+        ".archfrag/parts/0123456789ab", f.user / "parts/0123456789ab"
+    ),
     "stamp is a link": lambda f: f.link(".archfrag/stamp.json", f.user / "a.json"),
     "stamp is a pipe": lambda f: f.pipe(".archfrag/stamp.json"),
     "stamp too deep": lambda f: f.write(".archfrag/stamp.json", content=DEEP),
@@ -139,8 +147,10 @@ ATTACKS = {
     "fits is a link": lambda f: f.link("fits.json"),
     "report is a hard link": lambda f: f.link("report.html", hard=True),
     "figure is a link": lambda f: f.link("curve-ring.svg"),
-    "hidden files of the user": lambda f: f.write(".s.yaml.swp", ".notes.csv.bak", "sub/.a.html"),
-}  # fmt: skip
+    "hidden files of the user": lambda f: f.write(
+        ".s.yaml.swp", ".notes.csv.bak", "sub/.a.html"
+    ),
+}
 
 
 @pytest.fixture
@@ -161,9 +171,10 @@ def test_a_results_folder_from_somebody_else(made, tmp_path, timeout, attack):
     folder = Folder(tmp_path, made)
     ATTACKS[attack](folder)
     before = files_below(folder.user) | {
-        path: content for path, content in files_below(folder.out).items()
+        path: content
+        for path, content in files_below(folder.out).items()
         if content == PRECIOUS and not path.is_symlink() and path.stat().st_nlink == 1
-    }  # fmt: skip
+    }
     study = folder.study / "small.yaml"
     changes = ["--set", "title=New", "--set", "intensity.levels=[0.1, 0.6]"]
     for asked in (["run", study, *changes], ["clean", study, *changes, "--yes"]):
@@ -175,9 +186,20 @@ def test_a_results_folder_from_somebody_else(made, tmp_path, timeout, attack):
 
 
 MODULES = (
-    "yaml", "numpy", "archfrag", "multiprocessing", "struct", "sitecustomize", "usercustomize",
-    "distributed", "dask", "numba", "click", "resource", "planted",
-)  # fmt: skip
+    "yaml",
+    "numpy",
+    "archfrag",
+    "multiprocessing",
+    "struct",
+    "sitecustomize",
+    "usercustomize",
+    "distributed",
+    "dask",
+    "numba",
+    "click",
+    "resource",
+    "planted",
+)
 CONFIGURATIONS = {
     "matplotlibrc": "backend: module://planted\n",
     "dask.yaml": "distributed: {worker: {preload: planted}, scheduler: {preload: planted}}\n",
@@ -197,12 +219,17 @@ def test_a_current_folder_from_somebody_else(tmp_path):
             (place / name).write_text(text)
         for name in MODULES:
             mark = tmp_path / "ran" / f"{number}-{name}"
-            (place / f"{name}.py").write_text(f"open({str(mark)!r}, 'w')\nraise SystemExit(9)\n")
+            (place / f"{name}.py").write_text(
+                f"open({str(mark)!r}, 'w')\nraise SystemExit(9)\n"
+            )
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONSAFEPATH"}
     done = subprocess.run(
-        [Path(sys.executable).parent / "archfrag", "run", path], cwd=tmp_path, text=True,
-        capture_output=True, env=environment,
-    )  # fmt: skip
+        [Path(sys.executable).parent / "archfrag", "run", path],
+        cwd=tmp_path,
+        text=True,
+        capture_output=True,
+        env=environment,
+    )
     assert not [mark.name for mark in (tmp_path / "ran").iterdir()]
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "report.html").is_file()

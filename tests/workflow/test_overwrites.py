@@ -15,12 +15,34 @@ PRECIOUS = "years of work\n"
 HAZARD = "PGA [g],rate\n0.01,0.1\n0.5,1e-3\n3,1e-5\n"
 VERDICTS = "record,PGA [g],verdict\n" + "".join(
     f"{name},{level},{int(level > capacity)}\n"
-    for name, capacity in (("a", 0.25), ("b", 0.35), ("c", 0.45)) for level in (0.2, 0.3, 0.4, 0.5)
-)  # fmt: skip
-RING = ("onset", "--radius", 10, "--thickness", 1.5, "--embrace", 157.5, "--voussoirs", 7,
-        "--friction", 0.7)  # fmt: skip
-MADE = ("records", "make", "--events", 1, "--records-per-event", 1, "--magnitude", "6:6.5",
-        "--distance-km", "5:10")  # fmt: skip
+    for name, capacity in (("a", 0.25), ("b", 0.35), ("c", 0.45))
+    for level in (0.2, 0.3, 0.4, 0.5)
+)
+RING = (
+    "onset",
+    "--radius",
+    10,
+    "--thickness",
+    1.5,
+    "--embrace",
+    157.5,
+    "--voussoirs",
+    7,
+    "--friction",
+    0.7,
+)
+MADE = (
+    "records",
+    "make",
+    "--events",
+    1,
+    "--records-per-event",
+    1,
+    "--magnitude",
+    "6:6.5",
+    "--distance-km",
+    "5:10",
+)
 SMALL = ("small.yaml",)
 FIT = ("fit", "verdicts.csv", "--output")
 SELECT = ("records", "select", "flat.csv", "--count", 1, "--target")
@@ -39,7 +61,10 @@ def finished(tmp_path_factory):
     (folder / "hazard.csv").write_text(HAZARD)
     (folder / "verdicts.csv").write_text(VERDICTS)
     record = folder / "records" / "wave0.AT2"
-    assert command("records", "measure", record, "--out", folder / "flat.csv").exit_code == 0
+    assert (
+        command("records", "measure", record, "--out", folder / "flat.csv").exit_code
+        == 0
+    )
     return folder
 
 
@@ -102,65 +127,138 @@ CASES = {
     "fit: the table is runs.csv": lambda: fit("runs.csv", "--output", "."),
     "fit: the table is curve.csv": lambda: fit("curve.csv", "--output", "."),
     "fit: the table is capacities.csv": lambda: fit("capacities.csv", "--output", "."),
-    "fit: by another name of the folder": lambda: fit("runs.csv", "--output", "records/.."),
-    "fit: by a link to the folder": lambda: fit("runs.csv", "--output", linked(".", "elsewhere")),
+    "fit: by another name of the folder": lambda: fit(
+        "runs.csv", "--output", "records/.."
+    ),
+    "fit: by a link to the folder": lambda: fit(
+        "runs.csv", "--output", linked(".", "elsewhere")
+    ),
     "fit: a link to the table": fit_beside_link,
     "fit: a hard link to the table": lambda: fit_beside_link(hard=True),
-    "fit: the hazard is curve.csv":
-        lambda: (*FIT, "new", "--hazard", foreign("new/curve.csv", HAZARD)),
+    "fit: the hazard is curve.csv": lambda: (
+        *FIT,
+        "new",
+        "--hazard",
+        foreign("new/curve.csv", HAZARD),
+    ),
     "fit: a report of the user": lambda: (*FIT, beside("new/report.html")),
     "fit: a summary of the user": lambda: (*FIT, beside("new/summary.json")),
     "fit: the folder is the table": lambda: (*FIT, "verdicts.csv"),
-    "fit of a study: the user's curve": lambda: (foreign("out/curve.csv") and "fit", *SMALL),
+    "fit of a study: the user's curve": lambda: (
+        foreign("out/curve.csv") and "fit",
+        *SMALL,
+    ),
     "run: the hazard is curve.csv": lambda: with_risk("curve.csv", "."),
     "run: the hazard is fits.json": lambda: with_risk("fits.json", "."),
-    "run: a report of the user": lambda: study("output: out", "output: .", "report.html"),
-    "run: a summary of the user": lambda: study("output: out", "output: .", "summary.json"),
-    "run: a figure of the user": lambda: study("output: out", "output: new", "new/curve-ring.svg"),
-    "run: a cube of somebody else": lambda: study("output: out", "output: new", "new/cube.nc"),
-    "run: a report of the user in the results":
-        lambda: (foreign("out/report.html") and "run", *SMALL, "--set", "title=New"),
-    "run: a folder in the place of a table":
-        lambda: study("output: out", "output: new", "new/runs.csv/mine"),
-    "run: a link in the place of a table":
-        lambda: (beside("new/a"), linked("hazard.csv", "new/runs.csv"))[2:]
-        + study("output: out", "output: new"),
-    "validate: a report of the user":
-        lambda: ("validate", *study("output: out", "output: .", "report.html")[1:]),
+    "run: a report of the user": lambda: study(
+        "output: out", "output: .", "report.html"
+    ),
+    "run: a summary of the user": lambda: study(
+        "output: out", "output: .", "summary.json"
+    ),
+    "run: a figure of the user": lambda: study(
+        "output: out", "output: new", "new/curve-ring.svg"
+    ),
+    "run: a cube of somebody else": lambda: study(
+        "output: out", "output: new", "new/cube.nc"
+    ),
+    "run: a report of the user in the results": lambda: (
+        foreign("out/report.html") and "run",
+        *SMALL,
+        "--set",
+        "title=New",
+    ),
+    "run: a folder in the place of a table": lambda: study(
+        "output: out", "output: new", "new/runs.csv/mine"
+    ),
+    "run: a link in the place of a table": lambda: (
+        (beside("new/a"), linked("hazard.csv", "new/runs.csv"))[2:]
+        + study("output: out", "output: new")
+    ),
+    "validate: a report of the user": lambda: (
+        "validate",
+        *study("output: out", "output: .", "report.html")[1:],
+    ),
     "risk: the hazard": lambda: (*RISK, "--vulnerability", "hazard.csv"),
     "risk: a file of the user": lambda: (*RISK, "--vulnerability", foreign("loss.csv")),
-    "risk: a hard link to the hazard":
-        lambda: (*RISK, "--vulnerability", linked("hazard.csv", "loss.csv", True)),
+    "risk: a hard link to the hazard": lambda: (
+        *RISK,
+        "--vulnerability",
+        linked("hazard.csv", "loss.csv", True),
+    ),
     "risk: a result of the study": lambda: (*RISK, "--vulnerability", "out/curve.csv"),
     "film: a film of the user": lambda: ("film", *SMALL, "--to", foreign("fall.gif")),
-    "film: a figure of the study": lambda: ("film", *SMALL, "--to", "out/curve-ring.svg"),
-    "export: a table of the user":
-        lambda: (*EXPORT, beside("new/small-runs.csv"), "--format", "csv"),
-    "export: a file of the user":
-        lambda: (*EXPORT, beside("new/small-fragility-discrete.xml"), "--format", "nrml-discrete"),
-    "export: a drawing of the user":
-        lambda: (*EXPORT, beside("new/small-ring.dxf"), "--format", "dxf"),
-    "figures: a figure of the user":
-        lambda: ("figures", *SMALL, "--to", beside("new/runs-slab.png")),
+    "film: a figure of the study": lambda: (
+        "film",
+        *SMALL,
+        "--to",
+        "out/curve-ring.svg",
+    ),
+    "export: a table of the user": lambda: (
+        *EXPORT,
+        beside("new/small-runs.csv"),
+        "--format",
+        "csv",
+    ),
+    "export: a file of the user": lambda: (
+        *EXPORT,
+        beside("new/small-fragility-discrete.xml"),
+        "--format",
+        "nrml-discrete",
+    ),
+    "export: a drawing of the user": lambda: (
+        *EXPORT,
+        beside("new/small-ring.dxf"),
+        "--format",
+        "dxf",
+    ),
+    "figures: a figure of the user": lambda: (
+        "figures",
+        *SMALL,
+        "--to",
+        beside("new/runs-slab.png"),
+    ),
     "onset: a drawing of the user": lambda: (*RING, "--figure", foreign("ring.svg")),
     "onset: a link": lambda: (*RING, "--figure", linked("hazard.csv", "ring.svg")),
     "measure: the record": lambda: (*MEASURE, "records/wave0.AT2"),
     "measure: the record by ..": lambda: (*MEASURE, "records/../records/wave0.AT2"),
-    "measure: a figure of the user": lambda: (*MEASURE, "new.csv", "--figure", foreign("a.svg")),
+    "measure: a figure of the user": lambda: (
+        *MEASURE,
+        "new.csv",
+        "--figure",
+        foreign("a.svg"),
+    ),
     "measure: one file for both": lambda: (*MEASURE, "a.svg", "--figure", "a.svg"),
-    "select: the flatfile": lambda: (*SELECT, foreign("t.csv", TARGET), "--out", "flat.csv"),
+    "select: the flatfile": lambda: (
+        *SELECT,
+        foreign("t.csv", TARGET),
+        "--out",
+        "flat.csv",
+    ),
     "select: the target": lambda: (*SELECT, foreign("t.csv", TARGET), "--out", "t.csv"),
-    "select: the target that is written too":
-        lambda: (*SELECT, foreign("a.target.csv", TARGET), "--out", "a.csv"),
-    "convert: an index of the user":
-        lambda: (*CONVERT, beside("new/index.csv", "id,file,unit\nmine,mine.txt,g\n")),
+    "select: the target that is written too": lambda: (
+        *SELECT,
+        foreign("a.target.csv", TARGET),
+        "--out",
+        "a.csv",
+    ),
+    "convert: an index of the user": lambda: (
+        *CONVERT,
+        beside("new/index.csv", "id,file,unit\nmine,mine.txt,g\n"),
+    ),
     "convert: a record of the user": lambda: (*CONVERT, beside("new/wave0.mseed")),
-    "make: an index of the user":
-        lambda: (*MADE, "--out", beside("new/index.csv", "id,file,unit,model\nx,x.txt,g,mine\n")),
-    "make: a motion of the user":
-        lambda: (*MADE, "--out", beside("new/synthetic/e1-r1.mseed").parent),
+    "make: an index of the user": lambda: (
+        *MADE,
+        "--out",
+        beside("new/index.csv", "id,file,unit,model\nx,x.txt,g,mine\n"),
+    ),
+    "make: a motion of the user": lambda: (
+        *MADE,
+        "--out",
+        beside("new/synthetic/e1-r1.mseed").parent,
+    ),
     "init: a study of the user": lambda: ("init", beside("new/study.yaml")),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -174,23 +272,30 @@ def test_no_command_replaces_an_input_or_a_file_of_somebody_else(folder, name):
 
 
 METHODS = {
-    "to_file": lambda results: af.Study.from_file("small.yaml").to_file(foreign("mine.yaml")),
+    "to_file": lambda results: af.Study.from_file("small.yaml").to_file(
+        foreign("mine.yaml")
+    ),
     "to_nrml": lambda results: results.to_nrml(foreign("mine.xml")),
     "to_csv": lambda results: results.to_csv(beside("new/small-curves.csv")),
     "losses": lambda results: results.losses(
         "hazard.csv", consequence={"collapse": 1.0}, path="hazard.csv"
     ),
     "film": lambda results: results.film().save(foreign("mine.gif")),
-    "report of a table":
-        lambda results: af.fit("verdicts.csv", output=beside("new/report.html")).report(),
-    "report beside the table": lambda results: af.fit(fit("runs.csv")[1], output=".").report(),
-}  # fmt: skip
+    "report of a table": lambda results: af.fit(
+        "verdicts.csv", output=beside("new/report.html")
+    ).report(),
+    "report beside the table": lambda results: af.fit(
+        fit("runs.csv")[1], output="."
+    ).report(),
+}
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_no_method_replaces_an_input_or_a_file_of_somebody_else(folder, name):
     results = af.open("small.yaml")
-    with pytest.raises(OutputError, match="archfrag does not replace it; name another place"):
+    with pytest.raises(
+        OutputError, match="archfrag does not replace it; name another place"
+    ):
         METHODS[name](results)
     assert Path("hazard.csv").read_text() == HAZARD
     mine = [path for path in files_below(folder) if path.name.startswith("mine")]
@@ -203,14 +308,28 @@ AGAIN = {
     "figure": (*RING[:-2], "--figure", "ring.svg", "--friction"),
     "risk": (*RISK, "--vulnerability", "loss.csv", "--confidence"),
     "export": (*EXPORT, "new", "--format", "csv", "--curve"),
-    "measure": ("records", "measure", "records/wave0.AT2", "--out", "new.csv", "--periods"),
+    "measure": (
+        "records",
+        "measure",
+        "records/wave0.AT2",
+        "--out",
+        "new.csv",
+        "--periods",
+    ),
     "make": (*MADE, "--out", "new", "--seed"),
     "run": ("run", "small.yaml", "--quiet", "--set"),
     "film": ("film", "small.yaml", "--to", "fall.svg", "--arch"),
-}  # fmt: skip
-CHANGED = {"fit": (0.9, 0.8), "figure": (0.7, 0.5), "risk": (0.9, 0.8), "measure": (0.7, 0.8),
-           "make": (1, 2), "film": ("ring", "slab"), "run": ("title=One", "title=Two"),
-           "export": ("median", "predictive")}  # fmt: skip
+}
+CHANGED = {
+    "fit": (0.9, 0.8),
+    "figure": (0.7, 0.5),
+    "risk": (0.9, 0.8),
+    "measure": (0.7, 0.8),
+    "make": (1, 2),
+    "film": ("ring", "slab"),
+    "run": ("title=One", "title=Two"),
+    "export": ("median", "predictive"),
+}
 
 
 @pytest.mark.parametrize("name", AGAIN)

@@ -28,7 +28,9 @@ from archfrag.study.validate import shipped_folder
 from tests.study.small import ROOT, TEXT, command, files_below, small_study, write_at2
 
 # Long enough to be killed in the middle, by making each chunk one run.
-SLOW = TEXT.replace("chunk: 2", "chunk: 1").replace("[0.1, 0.6, 1.2]", "[0.1, 0.3, 0.6, 0.9, 1.2]")
+SLOW = TEXT.replace("chunk: 2", "chunk: 1").replace(
+    "[0.1, 0.6, 1.2]", "[0.1, 0.3, 0.6, 0.9, 1.2]"
+)
 SNAKEFILE = shipped_folder() / "Snakefile"
 STARTED: list[subprocess.Popen] = []
 NOTHING = "archfrag: nothing to do: all results are up to date\n"
@@ -39,11 +41,14 @@ def start(*arguments, env=MappingProxyType({})):
     """`archfrag run` as a user starts it, in a process group of its own."""
     process = subprocess.Popen(
         [sys.executable, "-m", "archfrag", "run", *map(str, arguments)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
         env={**os.environ, **env},
         # What runs behind a script is deaf to SIGINT; a user's command is not.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )  # fmt: skip
+    )
     STARTED.append(process)
     return process
 
@@ -84,7 +89,11 @@ def finished(tmp_path_factory):
 
 def written(folder):
     """All that is below a folder, with what a write would change."""
-    places = [place for place in (folder, *folder.rglob("*")) if ".snakemake" not in place.parts]
+    places = [
+        place
+        for place in (folder, *folder.rglob("*"))
+        if ".snakemake" not in place.parts
+    ]
     return {place: (place.stat().st_ino, place.stat().st_mtime_ns) for place in places}
 
 
@@ -95,12 +104,23 @@ def test_a_run_ends_with_a_report_and_is_not_made_again(finished):
     a_run_ends_with_its_answers(path, stdout)
     assert "A small study" in (out / "report.html").read_text()
     lines = stderr.replace("\r", "\n").splitlines()
-    steps = [line.split()[1].rstrip(":") for line in lines if line.startswith("archfrag: ")]
+    steps = [
+        line.split()[1].rstrip(":") for line in lines if line.startswith("archfrag: ")
+    ]
     assert steps == ["reading", "motions", "simulations", "cube", "fit", "report"]
     assert {entry.name for entry in out.iterdir()} == {
-        ".archfrag", "README.txt", "capacities.csv", "cube.nc", "curve-ring.svg",
-        "curve-slab.svg", "curve.csv", "fits.json", "report.html", "runs.csv", "summary.json",
-    }  # fmt: skip
+        ".archfrag",
+        "README.txt",
+        "capacities.csv",
+        "cube.nc",
+        "curve-ring.svg",
+        "curve-slab.svg",
+        "curve.csv",
+        "fits.json",
+        "report.html",
+        "runs.csv",
+        "summary.json",
+    }
     entries = json.loads((out / ".archfrag" / "run_log.json").read_text())
     assert (entries[0]["runs"], entries[0]["workers"]) == (20, 2)
     curve = pd.read_csv(out / "curve.csv")
@@ -122,9 +142,18 @@ def a_run_ends_with_its_answers(path, stdout):
     assert lines[0].startswith("ring    no curve: ")
     curve = numbers["arches"][1]["curve"]
     low, high, *ends = (*curve["theta_interval"], *curve["beta_interval"])
-    assert f"slab median {curve['theta']:#.3g} g PGA (90 %: {low:#.3g}–{high:#.3g})" in told
-    assert f" dispersion {curve['beta']:.2f} ({'–'.join(f'{end:.2f}' for end in ends)})" in told
-    assert "ring: the ring weighs 809 kN; springings at (-9.072, 1.805) and (9.072," in told
+    assert (
+        f"slab median {curve['theta']:#.3g} g PGA (90 %: {low:#.3g}–{high:#.3g})"
+        in told
+    )
+    assert (
+        f" dispersion {curve['beta']:.2f} ({'–'.join(f'{end:.2f}' for end in ends)})"
+        in told
+    )
+    assert (
+        "ring: the ring weighs 809 kN; springings at (-9.072, 1.805) and (9.072,"
+        in told
+    )
     assert (cautions := numbers["cautions"])
     assert all(told.count(f"! {caution}") == 1 for caution in cautions)
     assert max(map(len, lines)) <= 80
@@ -132,11 +161,18 @@ def a_run_ends_with_its_answers(path, stdout):
 
 def snakemake(folder, *arguments, file=SNAKEFILE, code=0):
     """What Snakemake, started as a user does, prints if it ends with an exit code."""
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    environment = {
+        **os.environ,
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+    }
     done = subprocess.run(
         [sys.executable, "-m", "snakemake", "--snakefile", file, *map(str, arguments)],
-        cwd=folder, capture_output=True, text=True, timeout=600, env=environment,
-    )  # fmt: skip
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        env=environment,
+    )
     assert done.returncode == code, done.stderr
     return done.stdout + done.stderr
 
@@ -169,7 +205,10 @@ class TestSnakemake:
         text = Path(study.removeprefix("study=")).read_text()
         edited = small_study(tmp_path, text.replace("[0.1, ", "[0.2, "))
         before = written(folder)
-        for asked, shown in ((study, "Nothing to be done"), (f"study={edited}", "motions")):
+        for asked, shown in (
+            (study, "Nothing to be done"),
+            (f"study={edited}", "motions"),
+        ):
             for _ in range(2):
                 assert shown in snakemake(folder, "-n", "--config", asked)
             assert "digraph" in snakemake(folder, "--dag", "--config", asked)
@@ -195,7 +234,9 @@ class TestSnakemake:
         message = "no study is given; add --config study=FILE"
         assert message in snakemake(tmp_path, "-n", code=1)
 
-    def test_without_archfrag_an_error_says_how_to_install_both(self, tmp_path, monkeypatch):
+    def test_without_archfrag_an_error_says_how_to_install_both(
+        self, tmp_path, monkeypatch
+    ):
         blocked = "import sys; sys.modules['archfrag'] = None"
         (tmp_path / "sitecustomize.py").write_text(blocked)
         monkeypatch.setenv("PYTHONPATH", str(tmp_path))
@@ -239,8 +280,11 @@ def test_info_describes_a_cube_by_its_file_its_folder_and_its_study(finished, tm
         assert "is missing, damaged or no cube of archfrag" in refused.stderr
 
 
-def test_open_shows_the_report_in_the_browser_and_else_its_path(finished, monkeypatch, tmp_path):
-    path, opened = finished[0], []
+def test_open_shows_the_report_in_the_browser_and_else_its_path(
+    finished, monkeypatch, tmp_path
+):
+    path = finished[0]
+    opened = []
     report = path.parent / "out" / "report.html"
     monkeypatch.setattr("webbrowser.open", lambda url: not opened.append(url))
     assert command("open", path).output == ""
@@ -250,7 +294,9 @@ def test_open_shows_the_report_in_the_browser_and_else_its_path(finished, monkey
     assert command("open", tmp_path).exit_code == 2
 
 
-def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path, monkeypatch):
+def test_export_of_what_is_finished_and_of_nothing_else(
+    finished, tmp_path, monkeypatch
+):
     asked = ["export", finished[0], "--format", "csv", "--out", tmp_path]
     # A commit of other files alone leaves results as they are.
     monkeypatch.setattr("archfrag.study.provenance.commit", lambda: "another")
@@ -264,9 +310,12 @@ def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path, monk
     assert files_below(tmp_path) == made
 
 
-def test_edits_and_another_record_with_an_older_date_are_noticed_and_named(finished, tmp_path):
+def test_edits_and_another_record_with_an_older_date_are_noticed_and_named(
+    finished, tmp_path
+):
     path = shutil.copytree(finished[0].parent, tmp_path / "copy") / finished[0].name
-    out, record = path.parent / "out", path.parent / "records" / "wave1.AT2"
+    out = path.parent / "out"
+    record = path.parent / "records" / "wave1.AT2"
     before = sha256_of(out / "cube.nc")
     time_ = np.arange(150) * 0.01
     write_at2(record, 0.2 * np.sin(9.0 * time_) * np.sin(np.pi * time_ / 1.5), 0.01)
@@ -277,7 +326,9 @@ def test_edits_and_another_record_with_an_older_date_are_noticed_and_named(finis
     assert sha256_of(out / "cube.nc") != before
     with xr.open_dataset(out / "cube.nc") as cube:
         assert cube["record_sha256"].sel(record="wave1").item() == sha256_of(record)
-        assert json.loads(cube.attrs["archfrag_inputs_sha256"])["wave1.AT2"] == sha256_of(record)
+        assert json.loads(cube.attrs["archfrag_inputs_sha256"])[
+            "wave1.AT2"
+        ] == sha256_of(record)
     assert run(path, *TITLE)[1] == f"archfrag: reading {path}\n{NOTHING}"
 
 
@@ -287,8 +338,11 @@ def test_killed_three_times_and_started_again_gives_the_same_cube(finished, tmp_
     work.mkdir(parents=True)
     with only_run(load_study(path)):
         _, stderr = run(path, code=4)
-    assert "another run of study 'small' is at work here; wait for it or stop it" in stderr
-    dice, parts = random.Random(20), []
+    assert (
+        "another run of study 'small' is at work here; wait for it or stop it" in stderr
+    )
+    dice = random.Random(20)
+    parts = []
     for sign in ("study.json", "motions/*", "parts/*/*.npy"):
         process = start(path)
         while not list(work.glob(sign)):
@@ -299,7 +353,9 @@ def test_killed_three_times_and_started_again_gives_the_same_cube(finished, tmp_
         parts.append(len(list(work.glob("parts/*/*.npy"))))
     assert parts[-1] >= 1, "no run came so far that resuming meant anything"
     run(path, "--resume")
-    xr.testing.assert_identical(xr.load_dataset(tmp_path / "out" / "cube.nc"), finished[3])
+    xr.testing.assert_identical(
+        xr.load_dataset(tmp_path / "out" / "cube.nc"), finished[3]
+    )
     assert not list((tmp_path / "out").rglob(".*.tmp"))
 
 
@@ -343,7 +399,9 @@ def test_a_copy_of_a_study_file_with_the_same_id_is_refused(finished, tmp_path):
     moved.rename(path)
 
 
-def test_records_of_ones_own_of_odd_names_and_a_home_that_cannot_be_written(tmp_path, monkeypatch):
+def test_records_of_ones_own_of_odd_names_and_a_home_that_cannot_be_written(
+    tmp_path, monkeypatch
+):
     """The command of configs/own_records.yaml, in a folder with odd names."""
     folder = tmp_path / "a {b}\n'c'"
     small_study(folder)
@@ -353,11 +411,20 @@ def test_records_of_ones_own_of_odd_names_and_a_home_that_cannot_be_written(tmp_
     monkeypatch.chdir(folder / "records")
     kernels = kernel_cache.use_kernel_cache().parent
     _, stderr = run(
-        ROOT / "configs" / "own_records.yaml", "--set", f"motions.files={json.dumps(names)}",
-        "--set", f"output={json.dumps(str(folder / 'mine'))}", "--set",
-        "intensity.levels=[0.3, 0.9]", "--set", "method.dt=2e-3", "--set", "method.follow=1",
-        "--quiet", env={"HOME": "/dev/null", "NUMBA_CACHE_DIR": str(kernels)},
-    )  # fmt: skip
+        ROOT / "configs" / "own_records.yaml",
+        "--set",
+        f"motions.files={json.dumps(names)}",
+        "--set",
+        f"output={json.dumps(str(folder / 'mine'))}",
+        "--set",
+        "intensity.levels=[0.3, 0.9]",
+        "--set",
+        "method.dt=2e-3",
+        "--set",
+        "method.follow=1",
+        "--quiet",
+        env={"HOME": "/dev/null", "NUMBA_CACHE_DIR": str(kernels)},
+    )
     assert stderr == ""
     assert (folder / "mine" / "report.html").is_file()
 
@@ -379,8 +446,12 @@ class TestNothingToDo:
 
     def test_nothing_heavy_is_imported_for_it(self, still):
         blocked = "import sys; sys.modules.update(dict.fromkeys(['numpy', 'pydantic', 'numba']))"
-        code = f"{blocked}; from archfrag.cli import main; main(['run', {str(still)!r}])"
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        code = (
+            f"{blocked}; from archfrag.cli import main; main(['run', {str(still)!r}])"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True
+        )
         assert done.stderr == f"archfrag: reading {still}\n{NOTHING}"
 
     def test_all_that_counts_is_in_it(self, still, monkeypatch):
@@ -390,29 +461,53 @@ class TestNothingToDo:
         assert folder == still.parent / "out"
         assert finished_folder(still, ["title=Other"]) is None
         for path in (
-            still, still.with_name("table.csv"), *still.parent.glob("records/*"),
-            *folder.glob("[!.]*"), work / "motions.json", *work.glob("motions/*"),
+            still,
+            still.with_name("table.csv"),
+            *still.parent.glob("records/*"),
+            *folder.glob("[!.]*"),
+            work / "motions.json",
+            *work.glob("motions/*"),
             *work.glob("runs/*"),
-        ):  # fmt: skip
+        ):
             content = path.read_bytes()
             path.write_bytes(content.replace(b"1", b"2"))
-            assert (finished_folder(still, ()) is None) == (content != path.read_bytes()), path
+            assert (finished_folder(still, ()) is None) == (
+                content != path.read_bytes()
+            ), path
             path.write_bytes(content)
-        for new in ("records/index.csv", "index.csv", "records/wave0.xml", "records/wave9.AT2"):
+        for new in (
+            "records/index.csv",
+            "index.csv",
+            "records/wave0.xml",
+            "records/wave9.AT2",
+        ):
             (still.parent / new).write_text("new")
             assert finished_folder(still, ()) is None, new
             (still.parent / new).unlink()
         (still.parent / "notes.txt").write_text("of the user")
         assert finished_folder(still, ())
-        monkeypatch.setattr("archfrag.study.provenance.digest_of_code", lambda *patterns: "edited")
+        monkeypatch.setattr(
+            "archfrag.study.provenance.digest_of_code", lambda *patterns: "edited"
+        )
         assert finished_folder(still, ()) is None
 
     def test_a_damaged_stamp_is_no_answer(self, still):
         path = still.parent / "out" / ".archfrag" / "stamp.json"
         content = path.read_text()
         whole = json.loads(content)
-        for damage in ({}, [], "text", {"watched": 3}, {"watched": [[]]}, {"watched": ["\0"]}):
-            own = {**whole["all"], **damage} if isinstance(damage, dict) and damage else damage
+        for damage in (
+            {},
+            [],
+            "text",
+            {"watched": 3},
+            {"watched": [[]]},
+            {"watched": ["\0"]},
+        ):
+            own = (
+                {**whole["all"], **damage}
+                if isinstance(damage, dict) and damage
+                else damage
+            )
             path.write_text(json.dumps({**whole, "all": own}))
             assert finished_folder(still, ()) is None
             path.write_text(json.dumps(damage))

@@ -40,7 +40,9 @@ _PATH = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/sbin"])
 
 def why_not() -> str:
     """Why there can be no SLURM here; empty if there can."""
-    missing = [name for name in (*DAEMONS, *CLIENTS) if shutil.which(name, path=_PATH) is None]
+    missing = [
+        name for name in (*DAEMONS, *CLIENTS) if shutil.which(name, path=_PATH) is None
+    ]
     return f"not installed: {', '.join(missing)}" if missing else ""
 
 
@@ -59,12 +61,17 @@ def slurm() -> Iterator[Slurm]:
     # Sockets' paths must be short: no temporary folder of pytest's.
     folder = Path(tempfile.mkdtemp(prefix="slurm-", dir="/tmp"))
     path = os.pathsep.join([str(folder), _PATH])
-    slurm = Slurm(folder, {**os.environ, "PATH": path, "SLURM_CONF": f"{folder}/slurm.conf"})
+    slurm = Slurm(
+        folder, {**os.environ, "PATH": path, "SLURM_CONF": f"{folder}/slurm.conf"}
+    )
     started: list[subprocess.Popen] = []
     try:
         _write_files(folder)
         for name, options in DAEMONS.items():
-            command = [str(shutil.which(name, path=_PATH)), *options.format(folder).split()]
+            command = [
+                str(shutil.which(name, path=_PATH)),
+                *options.format(folder).split(),
+            ]
             none = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
             started.append(subprocess.Popen(command, env=slurm.environment, **none))
             _wait_until_ready(slurm, started[-1], name)
@@ -93,13 +100,24 @@ def _write_files(folder: Path) -> None:
         for each in (one, two):
             each.bind(("127.0.0.1", 0))
         controller, node = (each.getsockname()[1] for each in (one, two))
-    configuration = Path(__file__).with_name("slurm.conf").read_text().format(
-        folder=folder, host=socket.gethostname().split(".")[0], user=getpass.getuser(),
-        controller=controller, node=node, cores=4, memory=8000,
-    )  # fmt: skip
+    configuration = (
+        Path(__file__)
+        .with_name("slurm.conf")
+        .read_text()
+        .format(
+            folder=folder,
+            host=socket.gethostname().split(".")[0],
+            user=getpass.getuser(),
+            controller=controller,
+            node=node,
+            cores=4,
+            memory=8000,
+        )
+    )
     (folder / "slurm.conf").write_text(configuration)
     # Snakemake's plugin starts `srun` without any SLURM_CONF.
-    script, real = folder / "srun", shutil.which("srun")
+    script = folder / "srun"
+    real = shutil.which("srun")
     script.write_text(f'#!/bin/sh\nSLURM_CONF={folder}/slurm.conf exec {real} "$@"\n')
     script.chmod(0o755)
 
@@ -130,7 +148,9 @@ pytestmark = [
     pytest.mark.xdist_group("slurm"),
 ]
 SNAKEFILE = shipped_folder() / "Snakefile"
-BATCHES = TEXT.replace("execution: {chunk: 2, workers: 2}", "execution: {batches: 2, workers: 1}")
+BATCHES = TEXT.replace(
+    "execution: {chunk: 2, workers: 2}", "execution: {batches: 2, workers: 1}"
+)
 # A cluster without accounting, and a test that has no time to wait.
 QUICK = "slurm-status-command: squeue\nslurm-init-seconds-before-status-checks: 1\n"
 
@@ -151,14 +171,29 @@ def test_batches_are_jobs_by_the_profile(slurm, alone, tmp_path):
     shipped = (ROOT / "configs" / "profiles" / "slurm" / "config.yaml").read_text()
     (profile / "config.yaml").write_text(shipped + QUICK)
     done = subprocess.run(
-        [sys.executable, "-m", "snakemake", "--snakefile", SNAKEFILE, "--profile", profile,
-         "--config", f"study={path}"],
-        env=slurm.environment, capture_output=True, text=True, timeout=300, cwd=tmp_path,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "snakemake",
+            "--snakefile",
+            SNAKEFILE,
+            "--profile",
+            profile,
+            "--config",
+            f"study={path}",
+        ],
+        env=slurm.environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        cwd=tmp_path,
+    )
     assert done.returncode == 0, done.stderr
     results = tmp_path / "results" / "small"
     xr.testing.assert_identical(xr.load_dataset(results / "cube.nc"), alone)
-    jobs = slurm.ask("squeue", "--states=all", "--noheader", "--format=%T %C").splitlines()
+    jobs = slurm.ask(
+        "squeue", "--states=all", "--noheader", "--format=%T %C"
+    ).splitlines()
     assert jobs == ["COMPLETED 1"] * 2
     log = json.loads((results / ".archfrag" / "run_log.json").read_text())
     assert sorted((each["batch"], each["runs"]) for each in log) == [(0, 6), (1, 6)]
@@ -168,10 +203,22 @@ def test_workers_of_a_scheduler_are_jobs(slurm, alone, tmp_path):
     """`execution.scheduler` by address; `dask worker` is what dask-jobqueue starts too."""
     file = tmp_path / "scheduler.json"
     scheduler = subprocess.Popen(
-        [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1",
-         "--port", "0", "--no-dashboard", "--scheduler-file", file],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=tmp_path,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "distributed.cli.dask_scheduler",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            "0",
+            "--no-dashboard",
+            "--scheduler-file",
+            file,
+        ],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        cwd=tmp_path,
+    )
     try:
         assert wait(lambda: file.is_file() or scheduler.poll() is not None, 60.0)
         assert scheduler.poll() is None
@@ -183,8 +230,12 @@ def test_workers_of_a_scheduler_are_jobs(slurm, alone, tmp_path):
             f"--local-directory {tmp_path}\n"
         )
         for _ in range(2):
-            slurm.ask("sbatch", "--ntasks=1", f"--output={tmp_path}/%j.log", str(script))
-        study = load_study(small_study(tmp_path, BATCHES), [f"execution.scheduler={address}"])
+            slurm.ask(
+                "sbatch", "--ntasks=1", f"--output={tmp_path}/%j.log", str(script)
+            )
+        study = load_study(
+            small_study(tmp_path, BATCHES), [f"execution.scheduler={address}"]
+        )
         prepare_motions(study)
         logs = [run_batch(study, batch, quiet=True)[0] for batch in range(2)]
         running = slurm.ask("squeue", "--states=running", "--noheader", "--format=%T")

@@ -23,7 +23,13 @@ from matplotlib.patches import Wedge
 from numpy.typing import NDArray
 
 from archbench.paper import block as paper
-from archbench.paper.block import CORNER_A, Mechanism, RigidBlock, corner_motion, uniform_block
+from archbench.paper.block import (
+    CORNER_A,
+    Mechanism,
+    RigidBlock,
+    corner_motion,
+    uniform_block,
+)
 
 # One block in all panels, so that they can be compared.
 BLOCK = (0.4, 1.0)

@@ -17,7 +17,9 @@ from archbench.scene import Scene
 NAMES = ("mujoco_corners", "pymunk", "lmgc90", "siconos", "pinocchio")
 MODULE = "archbench.adapters.{}_adapter"
 _START_LIMIT = 900.0  # some compile when they start [s]
-_THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+_THREADS = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
+)
 
 
 class SolverMissing(Exception):
@@ -36,7 +38,9 @@ class OtherSolver:
     """
 
     def __init__(self, name: str, limit: float = 600.0) -> None:
-        self.name, self.limit, self.version = name, limit, ""
+        self.name = name
+        self.limit = limit
+        self.version = ""
         self.process: subprocess.Popen | None = None
         self._start()
 
@@ -45,9 +49,12 @@ class OtherSolver:
         for python in _interpreters(self.name):
             worker = [python, str(Path(__file__).with_name("worker.py"))]
             self.process = subprocess.Popen(
-                [*worker, MODULE.format(self.name)], stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE, env={**os.environ, **_THREADS}, text=True,
-            )  # fmt: skip
+                [*worker, MODULE.format(self.name)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, **_THREADS},
+                text=True,
+            )
             reply = _read(self.process, _START_LIMIT)
             if "version" in reply:
                 self.version = reply["version"]
@@ -69,7 +76,9 @@ class OtherSolver:
             reply = {"error": f"process ended ({process.wait()})"}
         if "error" in reply:
             self.close()
-            raise SolverFailed(f"{self.name}, {scene.name}, dt {dt:g} s: {reply['error']}")
+            raise SolverFailed(
+                f"{self.name}, {scene.name}, dt {dt:g} s: {reply['error']}"
+            )
         return Outcome(**reply)
 
     def close(self) -> None:

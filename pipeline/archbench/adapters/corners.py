@@ -20,7 +20,9 @@ class Corners:
         inner, outer = scene.joint_lines()
         n_joint = count if scene.free_end else count + 1
         middle = 0.5 * (inner + outer)
-        travel = np.diff(middle, axis=0, append=middle[-1:] + middle[-1:] - middle[-2:-1])
+        travel = np.diff(
+            middle, axis=0, append=middle[-1:] + middle[-1:] - middle[-2:-1]
+        )
         along = outer - inner
         normal = np.column_stack([-along[:, 1], along[:, 0]])
         normal *= np.sign(np.sum(normal * travel, axis=1))[:, None]
@@ -56,5 +58,7 @@ class Corners:
         for row, e in enumerate((normal, 1j * normal)):
             value[:, row] = (e.conj() * apart).real
             spin = -(reach.conj() * e).imag, (arm_after.conj() * e).imag
-            matrix[:, row] = np.column_stack([-e.real, -e.imag, spin[0], e.real, e.imag, spin[1]])
+            matrix[:, row] = np.column_stack(
+                [-e.real, -e.imag, spin[0], e.real, e.imag, spin[1]]
+            )
         return value, matrix

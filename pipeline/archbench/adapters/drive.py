@@ -49,8 +49,11 @@ def drive(stepper: Stepper, scene: Scene, dt: float, history: bool = False) -> O
     start = scene.bodies().centroid
     acceleration = scene.step_means(dt)
     stride = max(1, round(SAMPLING / dt))
-    peak, cpu, done = 0.0, 0.0, 0
-    times, seen = [0.0], [start + scene.initial_state()[0][:, :2]]
+    peak = 0.0
+    cpu = 0.0
+    done = 0
+    times = [0.0]
+    seen = [start + scene.initial_state()[0][:, :2]]
     while done < len(acceleration) and peak <= 2.0 * scene.thickness:
         chunk = acceleration[done : done + stride]
         before = time.process_time()
@@ -61,7 +64,9 @@ def drive(stepper: Stepper, scene: Scene, dt: float, history: bool = False) -> O
         centroids = stepper.centroids()
         speed = float(np.hypot(*(centroids - seen[-1]).T).max()) / (len(chunk) * dt)
         if not speed <= MOST_SPEED:
-            raise ArithmeticError(f"a centroid moves at {speed:.3g} m/s at {done * dt:g} s")
+            raise ArithmeticError(
+                f"a centroid moves at {speed:.3g} m/s at {done * dt:g} s"
+            )
         times.append(done * dt)
         seen.append(centroids)
         peak = max(peak, float(np.hypot(*(centroids - start).T).max()))

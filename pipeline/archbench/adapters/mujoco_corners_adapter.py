@@ -9,11 +9,16 @@ from archbench.adapters.corners import Corners
 from archbench.scene import STANDARD_GRAVITY, Array, Scene
 
 VERSION = f"mujoco {mujoco.__version__}"
-ITERATIONS, TOLERANCE = 100, 1e-10
+ITERATIONS = 100
+TOLERANCE = 1e-10
 # Near-default contacts sag by centimetres: the time constant is the smallest that is stable, the
 # impedance close to one. `impratio` keeps sticking joints from creeping.
-IMPRATIO, SOLREF_STEPS, SOLIMP = 10.0, 2.0, (0.99, 0.9999, 0.0001, 0.5, 2.0)
-RADIUS, REACH, HALF_DEPTH = 1e-3, 0.05, 0.5  # of corners [m]; of faces beyond their joint; [m]
+IMPRATIO = 10.0
+SOLREF_STEPS = 2.0
+SOLIMP = (0.99, 0.9999, 0.0001, 0.5, 2.0)
+RADIUS = 1e-3  # of corners [m]; of faces beyond their joint; [m]
+REACH = 0.05
+HALF_DEPTH = 0.5
 
 
 class MujocoStepper:
@@ -21,7 +26,8 @@ class MujocoStepper:
 
     def __init__(self, scene: Scene, dt: float) -> None:
         self.model = _model(scene, dt)
-        self.data, self.start = mujoco.MjData(self.model), scene.bodies().centroid
+        self.data = mujoco.MjData(self.model)
+        self.start = scene.bodies().centroid
         # Looked at once for each sample, so as not to slow the steps.
         self.unconverged = 0
         shift, velocity = scene.initial_state()
@@ -39,16 +45,22 @@ class MujocoStepper:
 
 def _model(scene: Scene, dt: float) -> mujoco.MjModel:
     """Model with x across, z up and the hinges about −y, so that rotation is anticlockwise."""
-    spec, moments = mujoco.MjSpec(), scene.bodies()
+    spec = mujoco.MjSpec()
+    moments = scene.bodies()
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     option = spec.option
-    option.timestep, option.gravity = dt, [0.0, 0.0, -STANDARD_GRAVITY]
-    option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, IMPRATIO
-    option.iterations, option.tolerance = ITERATIONS, TOLERANCE
+    option.timestep = dt
+    option.gravity = [0.0, 0.0, -STANDARD_GRAVITY]
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = IMPRATIO
+    option.iterations = ITERATIONS
+    option.tolerance = TOLERANCE
     bodies = []
     for (x, z), mass, inertia in zip(moments.centroid, moments.mass, moments.inertia):
         own = {"mass": mass, "inertia": [inertia] * 3, "ipos": [0.0] * 3}
-        bodies.append(spec.worldbody.add_body(pos=[x, 0.0, z], explicitinertial=True, **own))
+        bodies.append(
+            spec.worldbody.add_body(pos=[x, 0.0, z], explicitinertial=True, **own)
+        )
         bodies[-1].add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0])
         bodies[-1].add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
         bodies[-1].add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0])
@@ -58,26 +70,44 @@ def _model(scene: Scene, dt: float) -> mujoco.MjModel:
 
 def _add_contacts(spec: mujoco.MjSpec, bodies: list, scene: Scene, time: float) -> None:
     """Pairs of a thin box, the face of the body before, and a sphere, the corner of that after."""
-    corners, silent = Corners(scene), {"contype": 0, "conaffinity": 0}
+    corners = Corners(scene)
+    silent = {"contype": 0, "conaffinity": 0}
     bodies_of = zip(corners.joint, corners.before, corners.after)
     for i, (joint, before, after) in enumerate(bodies_of):
-        normal, face, corner = corners.normal[i], f"face{joint}", f"corner{i}"
+        normal = corners.normal[i]
+        face = f"face{joint}"
+        corner = f"corner{i}"
         if i % 2 == 0:
             along = corners.arm_before[i + 1] - corners.arm_before[i]
-            length, half_angle = np.hypot(*along), -0.5 * math.atan2(along[1], along[0])
+            length = np.hypot(*along)
+            half_angle = -0.5 * math.atan2(along[1], along[0])
             x, z = corners.arm_before[i] + 0.5 * along - 0.1 * length * normal
             half = 0.5 * length + REACH * scene.thickness
             bodies[before].add_geom(
-                name=face, type=mujoco.mjtGeom.mjGEOM_BOX, pos=[x, 0.0, z], **silent,
+                name=face,
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                pos=[x, 0.0, z],
+                **silent,
                 quat=[math.cos(half_angle), 0.0, math.sin(half_angle), 0.0],
                 size=[half, HALF_DEPTH, 0.1 * length],
-            )  # fmt: skip
+            )
         x, z = corners.arm_after[i] + RADIUS * normal
-        bodies[after].add_geom(name=corner, type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=[x, 0.0, z],
-                               size=[RADIUS, 0.0, 0.0], **silent)  # fmt: skip
+        bodies[after].add_geom(
+            name=corner,
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            pos=[x, 0.0, z],
+            size=[RADIUS, 0.0, 0.0],
+            **silent,
+        )
         friction = [scene.finite_friction] * 2 + [0.0] * 3
-        spec.add_pair(geomname1=face, geomname2=corner, condim=3, friction=friction,
-                      solref=[time, 1.0], solimp=SOLIMP)  # fmt: skip
+        spec.add_pair(
+            geomname1=face,
+            geomname2=corner,
+            condim=3,
+            friction=friction,
+            solref=[time, 1.0],
+            solimp=SOLIMP,
+        )
 
 
 build = MujocoStepper

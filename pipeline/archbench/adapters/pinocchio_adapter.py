@@ -11,8 +11,10 @@ from archbench.adapters.corners import Corners
 from archbench.scene import STANDARD_GRAVITY, Array, Scene
 
 VERSION = f"pinocchio {pin.__version__}"
-TOLERANCE, ITERATIONS = 1e-8, 2000  # [m/s]: impulses are counted in mean masses
-PROXIMAL, TAU = 1e-6, 0.9
+TOLERANCE = 1e-8  # [m/s]: impulses are counted in mean masses
+ITERATIONS = 2000
+PROXIMAL = 1e-6
+TAU = 0.9
 SPARSE_FROM = 12  # voussoirs; a sparse matrix is slower below, twice as fast at 27
 
 
@@ -25,30 +27,40 @@ class PinocchioStepper:
 
     def __init__(self, scene: Scene, dt: float) -> None:
         bodies = scene.bodies()
-        self.dt, self.start, self.unconverged = dt, bodies.centroid, 0
+        self.dt = dt
+        self.start = bodies.centroid
+        self.unconverged = 0
         self.q, self.velocity = scene.initial_state()
         mass = bodies.mass / bodies.mass.mean()
-        self.inverse = 1.0 / np.column_stack([mass, mass, bodies.inertia / bodies.mass.mean()])
+        self.inverse = 1.0 / np.column_stack(
+            [mass, mass, bodies.inertia / bodies.mass.mean()]
+        )
         self.corners = Corners(scene)
         self.count = count = len(self.corners.joint)
-        self.models, self.datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
+        self.models = pin.StdVec_ConstraintModel()
+        self.datas = pin.StdVec_ConstraintData()
         for _ in range(count):
             contact = pin.PointContactConstraintModel(pin.Model())
             contact.setFriction(scene.finite_friction)
             self.models.append(pin.ConstraintModel(contact))
             self.datas.append(self.models[-1].createData())
         self.settings = _solver_settings()
-        self.solver, self.result = pin.ADMMConstraintSolver(3 * count), pin.ADMMSolverResult()
+        self.solver = pin.ADMMConstraintSolver(3 * count)
+        self.result = pin.ADMMSolverResult()
         # Six columns for each contact, those of the ground at the end.
         self.rows = 3 * np.arange(count)[:, None, None] + np.array([[2], [0]])
 
     def step(self, acceleration: float) -> None:
-        dt, result, inverse = self.dt, self.result, self.inverse.ravel()
+        dt = self.dt
+        result = self.result
+        inverse = self.inverse.ravel()
         jacobian = np.zeros((3 * self.count, 3 * len(self.q) + 3))
         gap, matrix = self.corners.linearise(self.q)
         jacobian[self.rows, self.corners.columns[:, None]] = matrix
         moving = jacobian[:, :-3]
-        free = (self.velocity - dt * np.array([acceleration, STANDARD_GRAVITY, 0.0])).ravel()
+        free = (
+            self.velocity - dt * np.array([acceleration, STANDARD_GRAVITY, 0.0])
+        ).ravel()
         velocity = moving @ free
         velocity[2::3] += np.maximum(gap[:, 0], 0.0) / dt
         delassus = (moving * inverse) @ moving.T
@@ -79,7 +91,8 @@ def _solver_settings() -> pin.ADMMSolverSettings:
         setattr(chosen, f"absolute_{kind}_tol", TOLERANCE)
         setattr(chosen, f"relative_{kind}_tol", 0.0)
     chosen.admm_update_rule = pin.ADMMUpdateRule.LINEAR
-    chosen.mu_prox, chosen.tau = PROXIMAL, TAU
+    chosen.mu_prox = PROXIMAL
+    chosen.tau = TAU
     chosen.warmstart_rho_with_previous_result = True
     return chosen
 

@@ -10,9 +10,12 @@ from archbench.adapters.corners import Corners
 from archbench.scene import STANDARD_GRAVITY, Array, Scene
 
 VERSION = f"siconos {version('siconos')}"
-TOLERANCE, SWEEPS = 1e-6, 10000  # stops far short where the default cap of 1,000 holds
+TOLERANCE = 1e-6  # stops far short where the default cap of 1,000 holds
+SWEEPS = 10000
 THETA = 0.5
-ACTIVATION = 1e-7  # corners so near touch: else rounding opens closed joints for a step [m]
+ACTIVATION = (
+    1e-7  # corners so near touch: else rounding opens closed joints for a step [m]
+)
 SPARSE_FROM = 12  # voussoirs; dense blocks are faster below, four times slower at 27
 
 
@@ -27,11 +30,15 @@ class SiconosStepper:
     def __init__(self, scene: Scene, dt: float) -> None:
         self.unconverged = 0
         bodies, (shift, velocity) = scene.bodies(), scene.initial_state()
-        self.start, self.mass = bodies.centroid, bodies.mass
+        self.start = bodies.centroid
+        self.mass = bodies.mass
         self.system = sk.NonSmoothDynamicalSystem(0.0, scene.duration + 10.0 * dt)
-        self.bodies, self.forces = [], []
+        self.bodies = []
+        self.forces = []
         for i, (mass, inertia) in enumerate(zip(bodies.mass, bodies.inertia)):
-            body = sk.LagrangianLinearTIDS(shift[i], velocity[i], np.diag([mass, mass, inertia]))
+            body = sk.LagrangianLinearTIDS(
+                shift[i], velocity[i], np.diag([mass, mass, inertia])
+            )
             body.setFExtPtr(np.array([0.0, -STANDARD_GRAVITY * mass, 0.0]))
             self.system.insertDynamicalSystem(body)
             self.bodies.append(body)
@@ -48,20 +55,28 @@ class SiconosStepper:
             self.problem.setMStorageType(sn.NM_SPARSE_BLOCK)
         self.problem.setKeepLambdaAndYState(True)
         self.clock = sk.TimeDiscretisation(0.0, dt)
-        self.simulation = sk.TimeStepping(self.system, self.clock, self.integrator, self.problem)
+        self.simulation = sk.TimeStepping(
+            self.system, self.clock, self.integrator, self.problem
+        )
         self.simulation.setNewtonOptions(sk.SICONOS_TS_LINEAR)
         self.simulation.setWarnOnNonConvergence(False)
         self.simulation.setDisplayNewtonConvergence(False)
 
     def _link(self, corners: Corners) -> None:
         """A relation for each corner, with the columns of the bodies that it touches."""
-        count, self.corners, self.kept = corners.count, corners, []
-        self.columns, self.jacobians, self.offsets = [], [], []
+        count = corners.count
+        self.corners = corners
+        self.kept = []
+        self.columns = []
+        self.jacobians = []
+        self.offsets = []
         for before, after in zip(corners.before.tolist(), corners.after.tolist()):
             touching = [self.bodies[i] for i in (before, after) if i < count]
             zeros = np.zeros((2, 3 * len(touching)), order="F")
             relation = sk.LagrangianLinearTIR(zeros, np.zeros(2))
-            self.columns.append(slice(0 if before < count else 3, 6 if after < count else 3))
+            self.columns.append(
+                slice(0 if before < count else 3, 6 if after < count else 3)
+            )
             # Siconos copies what it is given, but what it gives is its own memory.
             self.jacobians.append(relation.jachq())
             self.offsets.append(relation.e())

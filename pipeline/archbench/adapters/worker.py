@@ -34,8 +34,11 @@ def main() -> None:
     for line in sys.stdin:
         try:
             request = json.loads(line)
-            scene, dt = Scene(**request["scene"]), request["dt"]
-            reply = asdict(drive(adapter.build(scene, dt), scene, dt, request["history"]))
+            scene = Scene(**request["scene"])
+            dt = request["dt"]
+            reply = asdict(
+                drive(adapter.build(scene, dt), scene, dt, request["history"])
+            )
         except Exception as error:
             reply = {"error": f"{type(error).__name__}: {error}"}
         channel.write(json.dumps(reply) + "\n")

@@ -19,6 +19,10 @@ _ROWS = json.loads(Path(__file__).with_name("methods.json").read_text(encoding="
 BASELINES = []
 for _row in _ROWS:
     _listed = _row.pop("parameters")
-    _parameters = tuple(FOLLOW if each == "follow" else Parameter(*each) for each in _listed)
-    BASELINES.append(MethodInfo(parameters=_parameters, load=_from(_row["name"]), **_row))
+    _parameters = tuple(
+        FOLLOW if each == "follow" else Parameter(*each) for each in _listed
+    )
+    BASELINES.append(
+        MethodInfo(parameters=_parameters, load=_from(_row["name"]), **_row)
+    )
 register(*BASELINES)

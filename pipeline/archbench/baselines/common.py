@@ -34,9 +34,14 @@ class Case(NamedTuple):
 
 
 def case_of(
-    chain: Chain, grounds: Grounds, factor: float, from_rest: bool, options: Options,
-    frames: Frames, log: MechanismLog,
-) -> Case:  # fmt: skip
+    chain: Chain,
+    grounds: Grounds,
+    factor: float,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Case:
     """A case that has not been started; its range of rest is known where it begins at rest."""
     model = model_of(chain)
     rest = stepper.rest_of(model) if from_rest else stepper.UNKNOWN
@@ -44,16 +49,21 @@ def case_of(
     state, work, path = stepper.new_one(model)[:3]
     state.clock[Clock.FACTOR] = factor
     output = shared.output_to(frames, log, options.frame_interval)
-    return Case(model, grounds, state, work, path, options, output, shared.new_results(1))
+    return Case(
+        model, grounds, state, work, path, options, output, shared.new_results(1)
+    )
 
 
-def start(case: Case, position: np.ndarray, velocity: np.ndarray, from_rest: bool) -> None:
+def start(
+    case: Case, position: np.ndarray, velocity: np.ndarray, from_rest: bool
+) -> None:
     """Start a run at rest in the chain's own geometry, or with given positions and velocities."""
     model, grounds, state, work, path, options, output, _ = case
     if from_rest and not np.isnan(options.rest_plus):
         stepper.start_at_rest(model, grounds, state, work, path, options, output)
         return
-    state.position[1:-1], state.velocity[1:-1] = position, velocity
+    state.position[1:-1] = position
+    state.velocity[1:-1] = velocity
     stepper.start_given(model, state, work, options, output)
 
 
@@ -61,15 +71,19 @@ def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Outcomes:
     """End a run; its final state goes into `position` and `velocity`."""
     model, _, state, work, _, options, output, results = case
     shared.end_run(model, state, work, options, output, results, 0)
-    position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
+    position[:] = state.position[1:-1]
+    velocity[:] = state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
     return results
 
 
 def integrate(
-    case: Case, advance: Callable[[], object], position: np.ndarray, velocity: np.ndarray,
+    case: Case,
+    advance: Callable[[], object],
+    position: np.ndarray,
+    velocity: np.ndarray,
     from_rest: bool,
-) -> Outcomes:  # fmt: skip
+) -> Outcomes:
     """Move a case to its end."""
     start(case, position, velocity, from_rest)
     while case.state.clock[Clock.CODE] == shared.GO:
@@ -83,10 +97,14 @@ def integrate(
 def write_rows(j, nx, ny, px, py, position, row):
     """Parting and tangential velocity at a point by the coordinates of the bodies of joint j."""
     for side in range(2):
-        sign, at = 2.0 * side - 1.0, 3 * side
-        x, y = px - position[j + side, 0], py - position[j + side, 1]
-        row[0, at], row[0, at + 1] = sign * nx, sign * ny
-        row[1, at], row[1, at + 1] = -sign * ny, sign * nx
+        sign = 2.0 * side - 1.0
+        at = 3 * side
+        x = px - position[j + side, 0]
+        y = py - position[j + side, 1]
+        row[0, at] = sign * nx
+        row[0, at + 1] = sign * ny
+        row[1, at] = -sign * ny
+        row[1, at + 1] = sign * nx
         row[0, at + 2] = sign * (x * ny - y * nx)
         row[1, at + 2] = sign * (x * nx + y * ny)
 
@@ -105,4 +123,6 @@ def end_at_rest(state, output):
     """End a run that stands."""
     state.count[Count.RESTS] += 1.0
     state.clock[Clock.CODE] = shared.IDLE
-    shared.log_change(state, state.clock[Clock.TIME], BY_REST, -1, shared.AT_REST, output)
+    shared.log_change(
+        state, state.clock[Clock.TIME], BY_REST, -1, shared.AT_REST, output
+    )

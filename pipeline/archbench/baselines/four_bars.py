@@ -30,11 +30,15 @@ OPENS = 1e-9
 class Linkage(NamedTuple):
     """One mechanism of a chain."""
 
-    joint: np.ndarray  # (n_bar + 1,) int64 joint of each pin; of a free chain, behind the end
+    joint: (
+        np.ndarray
+    )  # (n_bar + 1,) int64 joint of each pin; of a free chain, behind the end
     sense: float  # sign of the first body's rotation that opens the joints
     rest: np.ndarray  # (n_bar + 1,) complex: pins at rest [m]
     sine: np.ndarray  # (n_bar - 1,) of the angles at the inner pins at rest, signed
-    contact: np.ndarray  # (n_joint, 2) one where a corner is in contact while it moves, else zero
+    contact: (
+        np.ndarray
+    )  # (n_joint, 2) one where a corner is in contact while it moves, else zero
 
 
 @inlined
@@ -49,7 +53,8 @@ def linkage_of(model: Model, mechanism: np.ndarray) -> Linkage | None:
     None if a joint slides, an arch has not four hinges, a free chain not one, or a joint would
     have to open about the side it closes on.
     """
-    n_body, joint = model.mass.size - 2, np.flatnonzero(mechanism)
+    n_body = model.mass.size - 2
+    joint = np.flatnonzero(mechanism)
     free_end = model.friction.size == n_body
     intrados = mechanism[joint] == HINGE_INTRADOS
     hinges = intrados | (mechanism[joint] == HINGE_EXTRADOS)
@@ -79,7 +84,8 @@ def linkage_of(model: Model, mechanism: np.ndarray) -> Linkage | None:
 @kernel
 def inner_sine(linkage, state, k):
     """Sine of the angle between the bars before and after pin k, signed (k = 1, 2)."""
-    rest, joint = linkage.rest, linkage.joint
+    rest = linkage.rest
+    joint = linkage.joint
     a = (rest[k] - rest[k - 1]) * cmath.exp(1j * state.position[joint[k - 1] + 1, 2])
     b = (rest[k + 1] - rest[k]) * cmath.exp(1j * state.position[joint[k] + 1, 2])
     return cross(a, b) / (abs(a) * abs(b))
@@ -91,10 +97,14 @@ def _propagate(model, linkage, k, pin, moves, angle, spin, state):
     rotated = cmath.exp(1j * angle)
     for i in range(linkage.joint[k] + 1, linkage.joint[k + 1] + 1):
         arm = complex(model.centroid[i, 0], model.centroid[i, 1]) - linkage.rest[k]
-        place, speed = pin + rotated * arm, moves + 1j * spin * rotated * arm
-        state.position[i, 0], state.position[i, 1] = place.real, place.imag
-        state.velocity[i, 0], state.velocity[i, 1] = speed.real, speed.imag
-        state.position[i, 2], state.velocity[i, 2] = angle, spin
+        place = pin + rotated * arm
+        speed = moves + 1j * spin * rotated * arm
+        state.position[i, 0] = place.real
+        state.position[i, 1] = place.imag
+        state.velocity[i, 0] = speed.real
+        state.velocity[i, 1] = speed.imag
+        state.position[i, 2] = angle
+        state.velocity[i, 2] = spin
     bar = rotated * (linkage.rest[k + 1] - linkage.rest[k])
     return pin + bar, moves + 1j * spin * bar
 
@@ -105,7 +115,8 @@ def place_linkage(model, linkage, q, speed, state):
 
     Returns False where the bars do not reach: the linkage has been stretched straight before.
     """
-    rest, sense = linkage.rest, linkage.sense
+    rest = linkage.rest
+    sense = linkage.sense
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
             state.position[i, c] = model.centroid[i, c] if c < 2 else 0.0
@@ -114,7 +125,10 @@ def place_linkage(model, linkage, q, speed, state):
     pin, moves = _propagate(model, linkage, 0, rest[0], 0j, sense * q, spin, state)
     if rest.size == 2:
         return True
-    a, b, c, d = pin - rest[0], rest[2] - rest[1], rest[3] - rest[2], rest[3] - pin
+    a = pin - rest[0]
+    b = rest[2] - rest[1]
+    c = rest[3] - rest[2]
+    d = rest[3] - pin
     square = abs(d) ** 2
     along = 0.5 * (abs(b) ** 2 - abs(c) ** 2 + square) / square
     aside = abs(b) ** 2 / square - along * along
@@ -125,9 +139,11 @@ def place_linkage(model, linkage, q, speed, state):
     third = d - second
     # The bars close: the sum of spin times bar vanishes.
     wide = spin / cross(second, third)
-    angle, rate = cmath.phase(second / b), wide * cross(third, a)
+    angle = cmath.phase(second / b)
+    rate = wide * cross(third, a)
     pin, moves = _propagate(model, linkage, 1, pin, moves, angle, rate, state)
-    angle, rate = cmath.phase(third / c), wide * cross(a, second)
+    angle = cmath.phase(third / c)
+    rate = wide * cross(a, second)
     _propagate(model, linkage, 2, pin, moves, angle, rate, state)
     return True
 

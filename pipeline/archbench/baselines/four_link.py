@@ -56,10 +56,14 @@ from archfrag.physics.status import Cause, CollapseMode, Count, Energy, Level, S
 from archfrag.physics.steps.service import dominant_change, measure_state
 from archfrag.physics.steps.step import count_changes, record_motion
 
-HINGING, OVERTURNING = int(CollapseMode.HINGING), int(CollapseMode.OVERTURNING)
-AT_REST, FOUR_HINGES = int(Level.REST), int(Level.FOUR_HINGES)
-BY_START, BY_REST = int(Cause.START), int(Cause.REST)
-NOT_APPLICABLE, CLOSED = -1, -2
+HINGING = int(CollapseMode.HINGING)
+OVERTURNING = int(CollapseMode.OVERTURNING)
+AT_REST = int(Level.REST)
+FOUR_HINGES = int(Level.FOUR_HINGES)
+BY_START = int(Cause.START)
+BY_REST = int(Cause.REST)
+NOT_APPLICABLE = -1
+CLOSED = -2
 
 # Slower than this part of a fall through a joint's length is no motion.
 STILL = 1e-7
@@ -70,9 +74,12 @@ MATCHES = 1e-6
 STRAIGHT = 0.05
 # Steps over the time of a fall through a joint's length: times the fourth root of the tolerance,
 # and the largest.
-STEP, LONGEST = 1.8, 0.1
+STEP = 1.8
+LONGEST = 0.1
 # What a root is sought of, and how closely, over the step.
-OF_CLOSING, OF_ROTATION, OF_COLLAPSE = 0, 1, 2
+OF_CLOSING = 0
+OF_ROTATION = 1
+OF_COLLAPSE = 2
 ROOT = 1e-13
 
 
@@ -80,7 +87,9 @@ ROOT = 1e-13
 class Motion(NamedTuple):
     """The one coordinate of a linkage."""
 
-    now: np.ndarray  # (3,) angle [rad], speed [rad/s], work of the ground since `now` [J]
+    now: (
+        np.ndarray
+    )  # (3,) angle [rad], speed [rad/s], work of the ground since `now` [J]
     then: np.ndarray  # (3,) at the end of the step taken last
     shake: np.ndarray  # (2, 2) ground acceleration `now`, and its rate: x, y
     tensile: np.ndarray  # (1,) one where a pin is in tension
@@ -91,8 +100,10 @@ class Motion(NamedTuple):
 def shake_at(grounds, time, shake):
     """Acceleration and its rate at an instant, into `shake`; until when they hold [s]."""
     segment = segment_at(time, grounds)
-    shake[0, 0], shake[1, 0] = segment.x, segment.slope_x
-    shake[0, 1], shake[1, 1] = segment.y, segment.slope_y
+    shake[0, 0] = segment.x
+    shake[1, 0] = segment.slope_x
+    shake[0, 1] = segment.y
+    shake[1, 1] = segment.slope_y
     return segment.end
 
 
@@ -103,7 +114,9 @@ def accelerate(case, linkage, motion, q, speed, late):
     The contact problem with the linkage's modes; what rotation takes from the relative
     accelerations of the corners (the centripetal terms of Eqs 17 and 18) is its bias.
     """
-    model, state, work = case.model, case.state, case.work
+    model = case.model
+    state = case.state
+    work = case.work
     if not place_linkage(model, linkage, q, speed, state):
         return np.nan, np.nan
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
@@ -117,7 +130,8 @@ def accelerate(case, linkage, motion, q, speed, late):
         work.free[i, 2] = 0.0
     for j in range(work.slide.size):
         work.slide[j] = 0.0
-        before, after = state.velocity[j, 2] ** 2, state.velocity[j + 1, 2] ** 2
+        before = state.velocity[j, 2] ** 2
+        after = state.velocity[j + 1, 2] ** 2
         for k in range(2):
             work.contact[j, k] = linkage.contact[j, k]
             for c in range(2):
@@ -131,13 +145,16 @@ def accelerate(case, linkage, motion, q, speed, late):
 @kernel
 def take_step(case, linkage, motion, step):
     """One step of Runge and Kutta from ``motion.now`` into ``motion.then``."""
-    now, then = motion.now, motion.then
+    now = motion.now
+    then = motion.then
     for c in range(3):
         then[c] = now[c]
     speed = acceleration = 0.0
     for part, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
-        late, weight = part * step, weight * step / 6.0
-        q, speed = now[0] + late * speed, now[1] + late * acceleration
+        late = part * step
+        weight = weight * step / 6.0
+        q = now[0] + late * speed
+        speed = now[1] + late * acceleration
         acceleration, power = accelerate(case, linkage, motion, q, speed, late)
         then[0] += weight * speed
         then[1] += weight * acceleration
@@ -154,13 +171,15 @@ def _go_to(case, linkage, motion, step):
 @kernel
 def _weakest_pin(case, linkage):
     """The joint with the least compression, and its value by the mean normal [N]."""
-    weakest, least = -1, np.inf
+    weakest = -1
+    least = np.inf
     for j in range(case.work.slide.size):
         if linkage.contact[j, 0] + linkage.contact[j, 1] < 2.0:
             press = case.work.reaction[j, 0] * case.work.normal[j, 0]
             press += case.work.reaction[j, 1] * case.work.normal[j, 1]
             if press < least:
-                weakest, least = j, press
+                weakest = j
+                least = press
     return weakest, least
 
 
@@ -170,23 +189,30 @@ def fall_margin(case, linkage, motion):
 
     The joint that is nearest to it, and the mode of collapse, go into ``motion.collapse``.
     """
-    model, state = case.model, case.state
+    model = case.model
+    state = case.state
     weight = rise = 0.0
     for i in range(1, state.position.shape[0] - 1):
         weight += model.mass[i] * model.gravity
         rise += model.mass[i] * model.gravity * state.velocity[i, 1]
     joint, press = _weakest_pin(case, linkage)
     # Tension that the linkage may still return from: it rises in opening, or it closes.
-    margin, mode = max(press / weight, rise / weight, -motion.then[1]), HINGING
+    margin = max(press / weight, rise / weight, -motion.then[1])
+    mode = HINGING
     for j in range(linkage.contact.shape[0]):
         left = 0.5 * np.pi - abs(state.position[j + 1, 2] - state.position[j, 2])
         if left < margin:
-            margin, joint, mode = left, j, OVERTURNING
+            margin = left
+            joint = j
+            mode = OVERTURNING
     for k in range(1, linkage.joint.size - 2):
         left = inner_sine(linkage, state, k) / linkage.sine[k - 1] - STRAIGHT
         if left < margin:
-            margin, joint, mode = left, linkage.joint[k], HINGING
-    motion.collapse[0], motion.collapse[1] = joint, mode
+            margin = left
+            joint = linkage.joint[k]
+            mode = HINGING
+    motion.collapse[0] = joint
+    motion.collapse[1] = mode
     return margin
 
 
@@ -206,10 +232,19 @@ def _left(case, linkage, motion, kind, step):
 @kernel
 def locate(case, linkage, motion, kind, step):
     """Size of the step that ends at an event, by regula falsi; ``motion.then`` is there."""
-    low, high, at_low, at_high = 0.0, step, 1.0, _left(case, linkage, motion, kind, step)
+    low = 0.0
+    high = step
+    at_low = 1.0
+    at_high = _left(case, linkage, motion, kind, step)
     if kind != OF_COLLAPSE:
-        at_low = motion.now[1] if kind == OF_ROTATION or motion.now[0] == 0.0 else motion.now[0]
-    here, last, size = step, 0.0, max(at_low, -at_high)
+        at_low = (
+            motion.now[1]
+            if kind == OF_ROTATION or motion.now[0] == 0.0
+            else motion.now[0]
+        )
+    here = step
+    last = 0.0
+    size = max(at_low, -at_high)
     while high - low > ROOT * step:
         here = (low * at_high - high * at_low) / (at_high - at_low)
         if not low < here < high:
@@ -218,10 +253,12 @@ def locate(case, linkage, motion, kind, step):
         if abs(left) <= ROOT * size:
             break
         if left < 0.0:
-            high, at_high = here, left
+            high = here
+            at_high = left
             at_low *= 0.5 if last < 0.0 else 1.0
         else:
-            low, at_low = here, left
+            low = here
+            at_low = left
             at_high *= 0.5 if last > 0.0 else 1.0
         last = left
     return here
@@ -248,7 +285,8 @@ def end_of_step(case, linkage, motion, step):
 @kernel
 def write_due(case, linkage, motion, step):
     """Frames that are due in a step; ``motion.then`` is that of the full step again."""
-    clock, output = case.state.clock, case.output
+    clock = case.state.clock
+    output = case.output
     time = clock[Clock.TIME]
     if output.frames.time.size == 0 or output.due[0] > time + step:
         return
@@ -265,10 +303,14 @@ def write_due(case, linkage, motion, step):
 def _accept(case, linkage, motion, step):
     """Take the end of a step over; peaks, energies and tension there, now and then the
     residual."""
-    state, now, then = case.state, motion.now, motion.then
+    state = case.state
+    now = motion.now
+    then = motion.then
     state.clock[Clock.TIME] += step
     state.energy[Energy.GROUND] += then[2]
-    now[0], now[1], now[2] = then[0], then[1], 0.0
+    now[0] = then[0]
+    now[1] = then[1]
+    now[2] = 0.0
     record_motion(case.model, state, True)
     balance_energy(case.model, case.state)
     tensile = 1.0 if _weakest_pin(case, linkage)[1] < 0.0 else 0.0
@@ -282,7 +324,8 @@ def _accept(case, linkage, motion, step):
 @kernel
 def move(case, linkage, motion, grounds, largest, stop, most):
     """Integrate a linkage until it closes, collapses or time is up; returns the code."""
-    clock, motion.tensile[0] = case.state.clock, 0.0
+    clock = case.state.clock
+    motion.tensile[0] = 0.0
     while clock[Clock.TIME] < stop:
         if case.state.count[Count.STEPS] >= most:
             return EXHAUSTED
@@ -302,15 +345,20 @@ def move(case, linkage, motion, grounds, largest, stop, most):
 @kernel
 def change_modes(case, contact, cause, level):
     """Take over which corners touch, count what joints did, and note it in the log."""
-    state, work = case.state, case.work
+    state = case.state
+    work = case.work
     for j in range(work.slide.size):
-        work.slide[j], work.contact[j, 0], work.contact[j, 1] = 0.0, contact[j, 0], contact[j, 1]
+        work.slide[j] = 0.0
+        work.contact[j, 0] = contact[j, 0]
+        work.contact[j, 1] = contact[j, 1]
     by, joint = dominant_change(state, work)
     count_changes(case.model, state, work, True)
     for j in range(work.slide.size):
-        state.contact[j, 0], state.contact[j, 1] = contact[j, 0], contact[j, 1]
+        state.contact[j, 0] = contact[j, 0]
+        state.contact[j, 1] = contact[j, 1]
     if cause >= 0:
-        by, joint = cause, -1
+        by = cause
+        joint = -1
     state.count[Count.EVENTS] += 1.0
     log_change(state, state.clock[Clock.TIME], by, joint, level, case.output)
 
@@ -319,14 +367,20 @@ class Run:
     """One run on the two linkages of a chain, for a ground that accelerates towards +x and -x."""
 
     def __init__(self, case: Case, factor: float, options: Options) -> None:
-        self.case, self.state, self.clock = case, case.state, case.state.clock
+        self.case = case
+        self.state = case.state
+        self.clock = case.state.clock
         grounds = case.grounds
-        self.side, self.dt = -1, float(grounds.time_step[0])
+        self.side = -1
+        self.dt = float(grounds.time_step[0])
         self.now = np.zeros(3)
-        self.motion = Motion(self.now, np.zeros(3), np.zeros((2, 2)), np.zeros(1), np.zeros(2))
+        self.motion = Motion(
+            self.now, np.zeros(3), np.zeros((2, 2)), np.zeros(1), np.zeros(2)
+        )
         self.stop = (grounds.horizontal.size - 1) * self.dt + options.follow
         self.ground = one_of(grounds, 0, factor)
-        model, work = case.model, case.work
+        model = case.model
+        work = case.work
         self.unit = float(np.sqrt(model.length.min() / model.gravity))
         self.step = min(STEP * options.tolerance**0.25, LONGEST) * self.unit
         self.most = options.max_steps + 2.0 * self.stop / self.step
@@ -347,7 +401,9 @@ class Run:
         for side, linkage in enumerate(self.linkages):
             if linkage is None:
                 continue
-            q, speed = (linkage.sense * x[linkage.joint[0], 2] for x in (position, velocity))
+            q, speed = (
+                linkage.sense * x[linkage.joint[0], 2] for x in (position, velocity)
+            )
             if q < 0.0 or (q == 0.0 and speed < 0.0):
                 continue
             if not place_linkage(self.case.model, linkage, q, speed, self.state):
@@ -355,7 +411,8 @@ class Run:
             away = np.abs((self.state.position[1:-1] - position) / size).max()
             aside = np.abs((self.state.velocity[1:-1] - velocity) / size).max()
             if away <= MATCHES and aside <= MATCHES / self.unit:
-                self.side, self.now[:2] = side, (q, speed)
+                self.side = side
+                self.now[:2] = (q, speed)
                 return True
         return False
 
@@ -367,7 +424,8 @@ class Run:
 
     def rest(self) -> int:
         """Rest until the ground moves the chain; returns the code."""
-        time, model = float(self.clock[Clock.TIME]), self.case.model
+        time = float(self.clock[Clock.TIME])
+        model = self.case.model
         leave, for_good = end_rest(model, self.case.grounds, self.clock, *self.limits)
         self.clock[Clock.RESTING] += leave - time
         self.clock[Clock.TIME] = leave
@@ -388,11 +446,18 @@ class Run:
 
     def move(self) -> int:
         """Move on one linkage, with the impact that ends it; returns the code."""
-        began, linkage = float(self.clock[Clock.TIME]), self.linkages[self.side]
+        began = float(self.clock[Clock.TIME])
+        linkage = self.linkages[self.side]
         assert linkage is not None
         code = move(
-            self.case, linkage, self.motion, self.ground, self.step, self.stop, self.most
-        )  # fmt: skip
+            self.case,
+            linkage,
+            self.motion,
+            self.ground,
+            self.step,
+            self.stop,
+            self.most,
+        )
         if code != CLOSED:
             return code
         if self.clock[Clock.TIME] - began <= ROOT * self.step:
@@ -407,7 +472,9 @@ class Run:
 
     def impact(self, old: Linkage, new: Linkage) -> None:
         """All joints close and the other linkage takes over, at a speed that may be zero."""
-        model, state, now = self.case.model, self.state, self.now
+        model = self.case.model
+        state = self.state
+        now = self.now
         place_linkage(model, old, 0.0, now[1], state)
         before = state.velocity[1:-1].copy()
         place_linkage(model, new, 0.0, 1.0, state)
@@ -432,7 +499,9 @@ class Run:
         results = finish(self.case, position, velocity)
         balance_energy(self.case.model, self.state)
         results.energy[0] = self.state.energy
-        results.model_time[0, FOUR_HINGES] = results.end_time[0] - self.clock[Clock.RESTING]
+        results.model_time[0, FOUR_HINGES] = (
+            results.end_time[0] - self.clock[Clock.RESTING]
+        )
         if code == NOT_APPLICABLE:
             results.status[0] = int(Status.NOT_APPLICABLE)
         elif code == COLLAPSES:
@@ -443,9 +512,16 @@ class Run:
 
 
 def run(
-    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
-    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-) -> Outcomes:  # fmt: skip
+    chain: Chain,
+    grounds: Grounds,
+    factor: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Outcomes:
     """Move a chain on four hinges; as `archfrag.physics.steps.run.run`.
 
     Frames at rest have no reactions.
@@ -454,10 +530,12 @@ def run(
     still = np.column_stack([chain.centroid, np.zeros(chain.mass.size)])
     start(case, still, np.zeros_like(still), False)
     case.output.written[1] = 0
-    this, code = Run(case, factor, options), GO
+    this = Run(case, factor, options)
+    code = GO
     if not from_rest and not this.match(position, velocity):
         code = NOT_APPLICABLE
-    case.state.position[1:-1], case.state.velocity[1:-1] = position, velocity
+    case.state.position[1:-1] = position
+    case.state.velocity[1:-1] = velocity
     kinetic, case.state.clock[Clock.START] = energies_of(case.model, case.state)
     case.state.energy[Energy.START_KINETIC] = kinetic
     this.write()

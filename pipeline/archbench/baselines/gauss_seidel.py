@@ -13,7 +13,12 @@ import math
 import numpy as np
 
 from archbench.baselines.common import integrate
-from archbench.baselines.corners import accept_corners, corner_case, new_corners, pose_corners
+from archbench.baselines.corners import (
+    accept_corners,
+    corner_case,
+    new_corners,
+    pose_corners,
+)
 from archfrag.physics.ground import Grounds
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
@@ -61,7 +66,11 @@ def solve_corner(w_nn, w_nt, w_tt, free_n, free_t, friction):
 def _velocity(j, row, solved):
     """Relative velocity along a row of joint j."""
     before = row[0] * solved[j, 0] + row[1] * solved[j, 1] + row[2] * solved[j, 2]
-    after = row[3] * solved[j + 1, 0] + row[4] * solved[j + 1, 1] + row[5] * solved[j + 1, 2]
+    after = (
+        row[3] * solved[j + 1, 0]
+        + row[4] * solved[j + 1, 1]
+        + row[5] * solved[j + 1, 2]
+    )
     return before + after
 
 
@@ -83,7 +92,9 @@ def prepare_sweeps(case, corners, delassus):
     for j in range(delassus.shape[0]):
         inverse = corners.inverse[j]
         for k in range(2):
-            normal, tangential, w = corners.row[j, k, 0], corners.row[j, k, 1], delassus[j, k]
+            normal = corners.row[j, k, 0]
+            tangential = corners.row[j, k, 1]
+            w = delassus[j, k]
             w[0] = w[1] = w[2] = 0.0
             for c in range(6):
                 w[0] += inverse[c] * normal[c] * normal[c]
@@ -96,25 +107,36 @@ def prepare_sweeps(case, corners, delassus):
 @kernel
 def sweep(case, corners, delassus, backward):
     """Solve every contact once, in the order of the joints or against it; change, total."""
-    work, solved = case.work, case.work.solved
+    work = case.work
+    solved = case.work.solved
     n_contact = 2 * delassus.shape[0]
     change = total = 0.0
     for place in range(n_contact):
         contact = n_contact - 1 - place if backward else place
-        j, k = contact // 2, contact % 2
-        w_nn, w_nt, w_tt = delassus[j, k, 0], delassus[j, k, 1], delassus[j, k, 2]
-        normal, tangential, impulse = corners.row[j, k, 0], corners.row[j, k, 1], corners.impulse
-        old_n, old_t = impulse[j, k, 0], impulse[j, k, 1]
-        u_n, u_t = _velocity(j, normal, solved), _velocity(j, tangential, solved)
+        j = contact // 2
+        k = contact % 2
+        w_nn = delassus[j, k, 0]
+        w_nt = delassus[j, k, 1]
+        w_tt = delassus[j, k, 2]
+        normal = corners.row[j, k, 0]
+        tangential = corners.row[j, k, 1]
+        impulse = corners.impulse
+        old_n = impulse[j, k, 0]
+        old_t = impulse[j, k, 1]
+        u_n = _velocity(j, normal, solved)
+        u_t = _velocity(j, tangential, solved)
         free_n = u_n + corners.bias[j, k] - w_nn * old_n - w_nt * old_t
         free_t = u_t - w_nt * old_n - w_tt * old_t
         r_n, r_t, touches, slide = solve_corner(
             w_nn, w_nt, w_tt, free_n, free_t, case.model.friction[j]
         )
-        more_n, more_t = r_n - old_n, r_t - old_t
-        work.contact[j, k], corners.slide[j, k] = 1.0 if touches else 0.0, slide
+        more_n = r_n - old_n
+        more_t = r_t - old_t
+        work.contact[j, k] = 1.0 if touches else 0.0
+        corners.slide[j, k] = slide
         if more_n != 0.0 or more_t != 0.0:
-            impulse[j, k, 0], impulse[j, k, 1] = r_n, r_t
+            impulse[j, k, 0] = r_n
+            impulse[j, k, 1] = r_t
             _push(j, normal, corners.inverse[j], more_n, solved)
             _push(j, tangential, corners.inverse[j], more_t, solved)
         change += w_nn * more_n**2 + 2.0 * w_nt * more_n * more_t + w_tt * more_t**2
@@ -129,7 +151,8 @@ def make_steps(case, corners, delassus, sweep_tolerance, sweeps):
     while clock[Clock.CODE] == GO:
         impulse = pose_corners(case, corners)
         prepare_sweeps(case, corners, delassus)
-        done, converged = 0, False
+        done = 0
+        converged = False
         while done < sweeps and not converged:
             done += 1
             change, total = sweep(case, corners, delassus, done % 2 == 0)
@@ -139,13 +162,22 @@ def make_steps(case, corners, delassus, sweep_tolerance, sweeps):
 
 
 def run(
-    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
-    from_rest: bool, options: Options, frames: Frames, log: MechanismLog, sweep_tolerance: float,
+    chain: Chain,
+    grounds: Grounds,
+    factor: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+    sweep_tolerance: float,
     sweeps: float,
-) -> Outcomes:  # fmt: skip
+) -> Outcomes:
     """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`."""
     case = corner_case(chain, grounds, factor, from_rest, options, frames, log)
-    corners, delassus = new_corners(case.model), np.zeros((chain.friction.size, 2, 3))
+    corners = new_corners(case.model)
+    delassus = np.zeros((chain.friction.size, 2, 3))
 
     def advance() -> None:
         make_steps(case, corners, delassus, sweep_tolerance, int(sweeps))

@@ -69,8 +69,11 @@ OPEN_STIFFNESS = 0.02
 @kernel
 def pose_springs(case, springs):
     """Forces in the middle of the next step, and the velocities after it."""
-    model, state, work = case.model, case.state, case.work
-    time, step = state.clock[Clock.TIME], state.clock[Clock.STEP]
+    model = case.model
+    state = case.state
+    work = case.work
+    time = state.clock[Clock.TIME]
+    step = state.clock[Clock.STEP]
     impulse = impulse_between(case.grounds, state.clock, time, time + step)
     go_to_middle(model, state, work, step)
     press_joints(model, state, work, springs, step)
@@ -87,13 +90,15 @@ def pose_springs(case, springs):
 @kernel
 def gather_reactions(case, springs, span):
     """Impulses of the joints over a time `span` [s], about their pivots."""
-    work, reaction = case.work, case.work.reaction
+    work = case.work
+    reaction = case.work.reaction
     place_contacts(case.model, case.state.slip, work.face, work.tangent, work)
     reaction[:, :] = 0.0
     for j in range(work.slide.size):
         for k in range(2):
             if work.contact[j, k] > 0.5:
-                fx, fy = span * springs.force[j, k, 0], span * springs.force[j, k, 1]
+                fx = span * springs.force[j, k, 0]
+                fy = span * springs.force[j, k, 1]
                 px = springs.point[j, k, 0] - work.pivot[j, 0]
                 py = springs.point[j, k, 1] - work.pivot[j, 1]
                 reaction[j, 0] += fx
@@ -108,15 +113,22 @@ def balance_energy(case, springs, impulse):
     The kinetic energy is that which central differences conserve with the elastic one: half the
     mass times the velocities before and after.
     """
-    model, state, sums, energy = case.model, case.state, springs.sums, case.state.energy
-    if sums[Sum.FRICTION] + sums[Sum.DAMPING] <= 0.0:  # what both gave in sum stays an error
+    model = case.model
+    state = case.state
+    sums = springs.sums
+    energy = case.state.energy
+    if (
+        sums[Sum.FRICTION] + sums[Sum.DAMPING] <= 0.0
+    ):  # what both gave in sum stays an error
         energy[Energy.FRICTION] += sums[Sum.FRICTION]
         energy[Energy.IMPACT] += sums[Sum.DAMPING]
     sums[Sum.FRICTION] = sums[Sum.DAMPING] = 0.0
     has = sums[Sum.ELASTIC] - state.clock[Clock.START] - energy[Energy.START_KINETIC]
     weight = 0.0
     for i in range(1, state.position.shape[0] - 1):
-        old, new, m = state.velocity[i], case.work.solved[i], model.mass[i]
+        old = state.velocity[i]
+        new = case.work.solved[i]
+        m = model.mass[i]
         has += 0.5 * m * (old[0] * new[0] + old[1] * new[1])
         has += 0.5 * model.inertia[i] * old[2] * new[2]
         has += m * model.gravity * (case.work.position[i, 1] - model.centroid[i, 1])
@@ -125,10 +137,15 @@ def balance_energy(case, springs, impulse):
         weight += m * model.gravity
     given = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
     energy[Energy.BALANCE_ERROR] = has - given
-    balance_error, scale = abs(has - given), weight * model.length[0]
+    balance_error = abs(has - given)
+    scale = weight * model.length[0]
     if balance_error > ROUNDING * scale:
-        energy[Energy.BALANCE_ERROR_PEAK] = max(energy[Energy.BALANCE_ERROR_PEAK], balance_error)
-    return balance_error <= max(DIVERGED * energy[Energy.LARGEST_KINETIC], SLIGHT * scale)
+        energy[Energy.BALANCE_ERROR_PEAK] = max(
+            energy[Energy.BALANCE_ERROR_PEAK], balance_error
+        )
+    return balance_error <= max(
+        DIVERGED * energy[Energy.LARGEST_KINETIC], SLIGHT * scale
+    )
 
 
 @inlined
@@ -143,11 +160,16 @@ def _largest_slip(model, state):
 @kernel
 def make_steps(case, springs, most, shifted):
     """Step until the critical step has to be asked for again, or the run is over."""
-    model, state, work, output = case.model, case.state, case.work, case.output
-    clock, options = state.clock, case.options
+    model = case.model
+    state = case.state
+    work = case.work
+    output = case.output
+    clock = state.clock
+    options = case.options
     until = end_of_motion(case.grounds, clock, options.follow)
     while clock[Clock.CODE] == GO:
-        impulse, time = pose_springs(case, springs), clock[Clock.TIME]
+        impulse = pose_springs(case, springs)
+        time = clock[Clock.TIME]
         checks = int(state.count[Count.STEPS]) % options.check_interval == 0
         if checks and not balance_energy(case, springs, impulse):
             clock[Clock.CODE] = BROKEN
@@ -157,7 +179,9 @@ def make_steps(case, springs, most, shifted):
         write_if_due(model, state, work, output)
         cause, joint = dominant_change(state, work)
         count_changes(model, state, work, True)
-        collapsed, broken = make_step(model, state, work, impulse, True, options.loss_limit)
+        collapsed, broken = make_step(
+            model, state, work, impulse, True, options.loss_limit
+        )
         if checks:
             measure_state(model, state, work)
         if cause >= 0:
@@ -177,12 +201,16 @@ def make_steps(case, springs, most, shifted):
 @kernel
 def end_steps(case, springs):
     """Bring the energy balance up to the end."""
-    model, state, work, clock = case.model, case.state, case.work, case.state.clock
+    model = case.model
+    state = case.state
+    work = case.work
+    clock = case.state.clock
     if int(clock[Clock.CODE]) not in (COLLAPSES, AT_END, IDLE):
         return
     for i in range(state.position.shape[0]):
         for c in range(3):
-            work.position[i, c], work.solved[i, c] = state.position[i, c], state.velocity[i, c]
+            work.position[i, c] = state.position[i, c]
+            work.solved[i, c] = state.velocity[i, c]
     press_joints(model, state, work, springs, 0.5 * clock[Clock.STEP])
     if not balance_energy(case, springs, Impulse(*(8 * (0.0,)))):
         clock[Clock.CODE] = BROKEN
@@ -197,10 +225,15 @@ def damp(case: Case, springs: Springs) -> None:
     By Newton's iteration, with some stiffness left to open corners. Where it does not converge,
     soft springs do not bear the chain; it is left where it was.
     """
-    model, state, work = case.model, case.state, case.work
-    weight = model.gravity * np.stack([0.0 * model.mass, model.mass, 0.0 * model.mass], axis=1)
+    model = case.model
+    state = case.state
+    work = case.work
+    weight = model.gravity * np.stack(
+        [0.0 * model.mass, model.mass, 0.0 * model.mass], axis=1
+    )
     rounding = springs.normal_stiffness.max() * model.rounding
-    undamped, start = springs._replace(damping=0.0), state.position.copy()
+    undamped = springs._replace(damping=0.0)
+    start = state.position.copy()
     for number in range(NEWTON_ITERATIONS):
         work.contact[:] *= number > 0
         work.position[:] = state.position
@@ -234,51 +267,73 @@ def critical_step(frequency: float, damping: float) -> float:
 
 def _start(case: Case, springs: Springs, from_rest: bool) -> float:
     """Load the springs; returns their elastic energy, where the energy balance starts [J]."""
-    model, state, work = case.model, case.state, case.work
+    model = case.model
+    state = case.state
+    work = case.work
     if from_rest:
         damp(case, springs)
-    work.contact[:], work.slide[:] = state.contact, state.slide
+    work.contact[:] = state.contact
+    work.slide[:] = state.slide
     work.position[:] = state.position
     press_joints(model, state, work, springs, 0.0)
-    state.contact[:], state.slide[:] = work.contact, work.slide
-    elastic, springs.sums[:] = float(springs.sums[Sum.ELASTIC]), 0.0
+    state.contact[:] = work.contact
+    state.slide[:] = work.slide
+    elastic = float(springs.sums[Sum.ELASTIC])
+    springs.sums[:] = 0.0
     height = (state.position[1:-1, 1] - model.centroid[1:-1, 1]) @ model.mass[1:-1]
     state.clock[Clock.START] = elastic + model.gravity * height
     return elastic
 
 
 def run(
-    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
-    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-    stiffness: float, shear_ratio: float, damping_stiffness: float, step_fraction: float,
+    chain: Chain,
+    grounds: Grounds,
+    factor: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+    stiffness: float,
+    shear_ratio: float,
+    damping_stiffness: float,
+    step_fraction: float,
     rounding: float,
-) -> Outcomes:  # fmt: skip
+) -> Outcomes:
     """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`.
 
     ``options.max_steps`` counts steps of its size; smaller ones are allowed as many more.
     """
     case = case_of(chain, grounds, factor, False, options, frames, log)
-    model, state, work = case.model, case.state, case.work
+    model = case.model
+    state = case.state
+    work = case.work
     still = STILL * float(np.sqrt(model.gravity * model.length[0]))
     case = case._replace(options=case.options._replace(still=still))
     start(case, position, velocity, False)
     springs = new_springs(model, stiffness, shear_ratio, rounding)
     frequency = highest_frequency(model, state, work, springs)
     springs = springs._replace(damping=2.0 * damping_stiffness / frequency)
-    clock, nominal = state.clock, options.time_step
+    clock = state.clock
+    nominal = options.time_step
     until = (grounds.horizontal.size - 1) * grounds.time_step[0] + options.follow
     elastic = np.nan
     while clock[Clock.CODE] == GO:
         critical = critical_step(frequency, springs.damping)
         parts = max(np.ceil(nominal / (step_fraction * critical)), 1.0)
         clock[Clock.STEP] = nominal / parts
-        most = state.count[Count.STEPS] + parts * (options.max_steps - clock[Clock.TIME] / nominal)
+        most = state.count[Count.STEPS] + parts * (
+            options.max_steps - clock[Clock.TIME] / nominal
+        )
         if not until * parts < MOST_STEPS * nominal:
             clock[Clock.CODE] = EXHAUSTED
             break
         if np.isnan(elastic):
             elastic = _start(case, springs, from_rest)
-        make_steps(case, springs, float(most), float((abs(state.slip) / model.length).max()))
+        make_steps(
+            case, springs, float(most), float((abs(state.slip) / model.length).max())
+        )
         if clock[Clock.CODE] == PAUSE:
             clock[Clock.CODE] = GO
             frequency = highest_frequency(model, state, work, springs)

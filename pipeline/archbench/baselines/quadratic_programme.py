@@ -23,7 +23,12 @@ from typing import Any
 import numpy as np
 
 from archbench.baselines.common import Case, integrate
-from archbench.baselines.corners import accept_corners, corner_case, new_corners, pose_corners
+from archbench.baselines.corners import (
+    accept_corners,
+    corner_case,
+    new_corners,
+    pose_corners,
+)
 from archfrag.physics.ground import Grounds, Impulse
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.shared import GO, UNSOLVED
@@ -45,15 +50,19 @@ class Programme:
         import piqp
         from scipy.sparse import csc_matrix
 
-        self._solver_of, self._matrix = piqp.SparseSolver, csc_matrix
-        self._solved, self._unfinished = piqp.PIQP_SOLVED, piqp.PIQP_MAX_ITER_REACHED
+        self._solver_of = piqp.SparseSolver
+        self._matrix = csc_matrix
+        self._solved = piqp.PIQP_SOLVED
+        self._unfinished = piqp.PIQP_MAX_ITER_REACHED
         self._tolerance = tolerance
-        self.case, self.corners = case, new_corners(case.model)
+        self.case = case
+        self.corners = new_corners(case.model)
         model = case.model
         self._root = np.sqrt(
             np.stack([model.mass, model.mass, model.inertia], axis=1)[1:-1]
         ).ravel()
-        n_joint, self._size = model.friction.size, self._root.size
+        n_joint = model.friction.size
+        self._size = self._root.size
         place = 3 * np.arange(n_joint)[:, None] - 3 + np.arange(6)
         self._column = np.repeat(place, 4, axis=0).reshape(-1, 6)
         self._inside = (self._column >= 0) & (self._column < self._size)
@@ -75,11 +84,14 @@ class Programme:
 
     def pose(self) -> Impulse:
         """Write the programme of the next step."""
-        case, corners = self.case, self.corners
+        case = self.case
+        corners = self.corners
         impulse = Impulse(*pose_corners(case, corners))
         self.unit = case.model.gravity * float(case.state.clock[Clock.STEP])
-        normal, tangential = corners.row[:, :, 0], corners.row[:, :, 1]
-        mu, rough = self._mu[..., None], self.rough[:, None]
+        normal = corners.row[:, :, 0]
+        tangential = corners.row[:, :, 1]
+        mu = self._mu[..., None]
+        rough = self.rough[:, None]
         second = np.where(rough[..., None], tangential, normal - mu * tangential)
         row = np.stack([normal + mu * tangential, second], axis=2)
         row *= np.sqrt(corners.inverse)[:, None, None]
@@ -88,7 +100,9 @@ class Programme:
         self.low = -corners.bias[..., None] / (self.unit * self.norm)
         self.low[self.rough, :, 1] = -np.inf
         self.sticks = np.zeros(self.low.shape, bool)
-        self.sticks[..., 1] = rough & (corners.gap <= TOUCHING * case.model.length[:, None])
+        self.sticks[..., 1] = rough & (
+            corners.gap <= TOUCHING * case.model.length[:, None]
+        )
         self.linear = -self._root * case.work.free[1:-1].ravel() / self.unit
         return impulse
 
@@ -107,30 +121,37 @@ class Programme:
 
     def solve(self) -> tuple[int, bool, bool]:
         """Solve the programme as it stands; iterations, solved, usable."""
-        fresh = self._set_up_for is None or not np.array_equal(self._set_up_for, self.sticks)
+        fresh = self._set_up_for is None or not np.array_equal(
+            self._set_up_for, self.sticks
+        )
         if fresh:
             self._set_up()
-        values, low = self.row.ravel(), self.low.ravel()[self._above]
+        values = self.row.ravel()
+        low = self.low.ravel()[self._above]
         self._above_matrix.data = values[self._above_source]
         self._equal_matrix.data = values[self._equal_source]
         equal: Any = (self._equal_matrix, np.zeros(self._equal.size))
         if not self._equal.size:
             equal = (None, None)
         if fresh:
-            ones, n = np.ones(self._size), np.arange(self._size + 1)
+            ones = np.ones(self._size)
+            n = np.arange(self._size + 1)
             metric = self._matrix((ones, n[:-1], n), shape=(self._size, self._size))
             self._solver.setup(metric, self.linear, *equal, self._above_matrix, low)
         else:
             self._solver.update(
                 c=self.linear, A=equal[0], b=equal[1], G=self._above_matrix, h_l=low
             )
-        status, result = self._solver.solve(), self._solver.result
+        status = self._solver.solve()
+        result = self._solver.result
         self.solution = np.array(result.x)
         self.multiplier[:] = 0.0
         self.multiplier.ravel()[self._above] = result.z_l
         self.multiplier.ravel()[self._equal] = -result.y
         solved = status == self._solved
-        usable = (solved or status == self._unfinished) and np.isfinite(self.solution).all()
+        usable = (solved or status == self._unfinished) and np.isfinite(
+            self.solution
+        ).all()
         return int(result.info.iter), solved, bool(usable)
 
     def close_rough(self) -> bool:
@@ -138,7 +159,9 @@ class Programme:
 
         Returns whether there are any, and the programme has to be solved again.
         """
-        compressive = self.multiplier[..., 0] > NEGLIGIBLE * max(self.multiplier.max(), 0.0)
+        compressive = self.multiplier[..., 0] > NEGLIGIBLE * max(
+            self.multiplier.max(), 0.0
+        )
         closes = compressive & self.rough[:, None] & ~self.sticks[..., 1]
         self.sticks = self.sticks.copy()
         self.sticks[..., 1] |= closes
@@ -146,14 +169,21 @@ class Programme:
 
     def take_solution(self) -> None:
         """Velocities, impulses and what each contact does, from a solved programme."""
-        case, corners, unit = self.case, self.corners, self.unit
-        work, mu, rough = case.work, self._mu, self.rough[:, None]
+        case = self.case
+        corners = self.corners
+        unit = self.unit
+        work = case.work
+        mu = self._mu
+        rough = self.rough[:, None]
         work.solved[1:-1] = (unit * self.solution / self._root).reshape(-1, 3)
         both = np.hstack([work.solved[: rough.size], work.solved[1 : rough.size + 1]])
         impulse = self.multiplier * unit / self.norm
         # In flight no multiplier means anything: what the lightest body weighs in a step counts.
-        least = NEGLIGIBLE * max(unit * float(case.model.mass[1:-1].min()), impulse.max())
-        first, second = impulse[..., 0], impulse[..., 1]
+        least = NEGLIGIBLE * max(
+            unit * float(case.model.mass[1:-1].min()), impulse.max()
+        )
+        first = impulse[..., 0]
+        second = impulse[..., 1]
         normal = np.where(rough, first, first + second)
         tangential = np.where(rough, second, mu * (first - second))
         speed = np.einsum("jkc,jc->jk", corners.row[:, :, 1], both)
@@ -181,9 +211,17 @@ class Programme:
 
 
 def run(
-    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
-    from_rest: bool, options: Options, frames: Frames, log: MechanismLog, solver_tolerance: float,
-) -> Outcomes:  # fmt: skip
+    chain: Chain,
+    grounds: Grounds,
+    factor: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+    solver_tolerance: float,
+) -> Outcomes:
     """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`."""
     case = corner_case(chain, grounds, factor, from_rest, options, frames, log)
     programme = Programme(case, solver_tolerance)

@@ -44,37 +44,56 @@ class Springs(NamedTuple):
     moved: np.ndarray  # (1,) when a body was too fast for rest last [s]
 
 
-def new_springs(model: Model, stiffness: float, shear_ratio: float, rounding: float) -> Springs:
+def new_springs(
+    model: Model, stiffness: float, shear_ratio: float, rounding: float
+) -> Springs:
     """Joints whose springs bear nothing yet, without damping."""
     n_joint = model.length.size
     normal = 0.5 * stiffness * model.length
     dashpot, force, point = np.zeros((3, n_joint, 2, 2))
     return Springs(
-        normal_stiffness=normal, shear_stiffness=shear_ratio * normal,
-        rounding=rounding * model.length, damping=0.0, shear=np.zeros((n_joint, 2)),
-        dashpot=dashpot, force=force, point=point, total=np.zeros((model.mass.size, 3)),
-        sums=np.zeros(len(Sum)), moved=np.zeros(1),
-    )  # fmt: skip
+        normal_stiffness=normal,
+        shear_stiffness=shear_ratio * normal,
+        rounding=rounding * model.length,
+        damping=0.0,
+        shear=np.zeros((n_joint, 2)),
+        dashpot=dashpot,
+        force=force,
+        point=point,
+        total=np.zeros((model.mass.size, 3)),
+        sums=np.zeros(len(Sum)),
+        moved=np.zeros(1),
+    )
 
 
 @inlined
 def _contact_frame(j, k, work, rounding):
     """Tangent of a contact, its gap, and where it acts; tx, ty, gap, px, py."""
-    ax, ay = work.tangent[j, BEFORE, 0], work.tangent[j, BEFORE, 1]
-    bx, by = work.tangent[j, AFTER, 0], work.tangent[j, AFTER, 1]
-    ex, ey = work.face[j, BEFORE, k, 0], work.face[j, BEFORE, k, 1]
-    dx, dy = work.face[j, AFTER, k, 0] - ex, work.face[j, AFTER, k, 1] - ey
-    mx, my = ax + bx, ay + by
+    ax = work.tangent[j, BEFORE, 0]
+    ay = work.tangent[j, BEFORE, 1]
+    bx = work.tangent[j, AFTER, 0]
+    by = work.tangent[j, AFTER, 1]
+    ex = work.face[j, BEFORE, k, 0]
+    ey = work.face[j, BEFORE, k, 1]
+    dx = work.face[j, AFTER, k, 0] - ex
+    dy = work.face[j, AFTER, k, 1] - ey
+    mx = ax + bx
+    my = ay + by
     square = mx * mx + my * my
     if square < 1e-12:
-        mx, my, square = ax, ay, 1.0
+        mx = ax
+        my = ay
+        square = 1.0
     norm = 1.0 / math.sqrt(square)
-    mx, my = mx * norm, my * norm
+    mx = mx * norm
+    my = my * norm
     passed = min(max((mx * dx + my * dy) / rounding, -1.0), 1.0)
     weight = 0.5 + (0.5 - k) * passed
-    tx, ty = weight * ax + (1.0 - weight) * bx, weight * ay + (1.0 - weight) * by
+    tx = weight * ax + (1.0 - weight) * bx
+    ty = weight * ay + (1.0 - weight) * by
     norm = 1.0 / math.sqrt(tx * tx + ty * ty)
-    tx, ty = tx * norm, ty * norm
+    tx = tx * norm
+    ty = ty * norm
     # What makes the normal the gradient of the gap, in both slip and rotation.
     arc = (0.5 - k) * 0.5 * rounding * (1.0 - passed * passed)
     gap = ty * dx - tx * dy + arc * ((ay - by) * mx - (ax - bx) * my)
@@ -84,7 +103,8 @@ def _contact_frame(j, k, work, rounding):
 @inlined
 def _corner_rates(j, tx, ty, px, py, position, state):
     """Parting and tangential velocity of the faces of joint j at a point."""
-    x, v = position, state.velocity
+    x = position
+    v = state.velocity
     ux = v[j + 1, 0] - v[j + 1, 2] * (py - x[j + 1, 1])
     ux -= v[j, 0] - v[j, 2] * (py - x[j, 1])
     uy = v[j + 1, 1] + v[j + 1, 2] * (px - x[j + 1, 0])
@@ -112,9 +132,11 @@ def _law(kn, ks, friction, damping, gap, corner_rate, sliding, shear):
 @inlined
 def _add_force(j, k, fx, fy, position, springs):
     """Put the force of a contact on the bodies on either side."""
-    springs.force[j, k, 0], springs.force[j, k, 1] = fx, fy
+    springs.force[j, k, 0] = fx
+    springs.force[j, k, 1] = fy
     for side in range(2):
-        sign, total = 2.0 * side - 1.0, springs.total[j + side]
+        sign = 2.0 * side - 1.0
+        total = springs.total[j + side]
         px = springs.point[j, k, 0] - position[j + side, 0]
         py = springs.point[j, k, 1] - position[j + side, 1]
         total[0] += sign * fx
@@ -125,37 +147,56 @@ def _add_force(j, k, fx, fy, position, springs):
 @kernel
 def press_joints(model, state, work, springs, step):
     """Forces of all joints at the end of a step, into `springs`; modes into `work`."""
-    sums, contact = springs.sums, work.contact
+    sums = springs.sums
+    contact = work.contact
     springs.total[:, :] = 0.0
     sums[Sum.ELASTIC] = 0.0
     for j in range(contact.shape[0]):
-        kn, ks, slides = springs.normal_stiffness[j], springs.shear_stiffness[j], (0.0, 0.0)
+        kn = springs.normal_stiffness[j]
+        ks = springs.shear_stiffness[j]
+        slides = (0.0, 0.0)
         for k in range(2):
             tx, ty, gap, px, py = _contact_frame(j, k, work, springs.rounding[j])
             normal = tangential = shear = slide = spring = 0.0
             if gap >= 0.0 and contact[j, k] == 0.0:
                 continue
-            springs.point[j, k, 0], springs.point[j, k, 1] = px, py
-            corner_rate, sliding = _corner_rates(j, tx, ty, px, py, work.position, state)
-            before, dashpot = springs.shear[j, k], springs.dashpot[j, k]
+            springs.point[j, k, 0] = px
+            springs.point[j, k, 1] = py
+            corner_rate, sliding = _corner_rates(
+                j, tx, ty, px, py, work.position, state
+            )
+            before = springs.shear[j, k]
+            dashpot = springs.dashpot[j, k]
             contact[j, k] = 1.0 if gap < 0.0 else 0.0
             if gap < 0.0:
                 spring = -kn * gap
                 normal, tangential, shear, slide = _law(
-                    kn, ks, model.friction[j], springs.damping, gap, corner_rate, sliding,
+                    kn,
+                    ks,
+                    model.friction[j],
+                    springs.damping,
+                    gap,
+                    corner_rate,
+                    sliding,
                     before - ks * sliding * step,
-                )  # fmt: skip
+                )
                 sums[Sum.ELASTIC] += 0.5 * (kn * gap * gap + shear * shear / ks)
             slides = (slide, slides[1]) if k == 0 else (slides[0], slide)
-            fx, fy = normal * ty + tangential * tx, tangential * ty - normal * tx
+            fx = normal * ty + tangential * tx
+            fy = tangential * ty - normal * tx
             _add_force(j, k, fx, fy, work.position, springs)
             # By the trapezoidal rule, with which central differences balance energy.
             slip = sliding * step + (shear - before) / ks
             sums[Sum.FRICTION] += 0.5 * (shear + before) * slip
-            sums[Sum.DAMPING] += 0.5 * (dashpot[0] + normal - spring) * corner_rate * step
-            sums[Sum.DAMPING] += 0.5 * (dashpot[1] + tangential - shear) * sliding * step
+            sums[Sum.DAMPING] += (
+                0.5 * (dashpot[0] + normal - spring) * corner_rate * step
+            )
+            sums[Sum.DAMPING] += (
+                0.5 * (dashpot[1] + tangential - shear) * sliding * step
+            )
             springs.shear[j, k] = shear
-            dashpot[0], dashpot[1] = normal - spring, tangential - shear
+            dashpot[0] = normal - spring
+            dashpot[1] = tangential - shear
         first = slides[0] if contact[j, 0] > 0.5 else slides[1]
         second = slides[1] if contact[j, 1] > 0.5 else first
         work.slide[j] = first if first == second else 0.0
@@ -186,11 +227,17 @@ def stiffness_matrix(
     return stiffness[3:-3, 3:-3]
 
 
-def highest_frequency(model: Model, state: State, work: Work, springs: Springs) -> float:
+def highest_frequency(
+    model: Model, state: State, work: Work, springs: Springs
+) -> float:
     """Highest circular frequency of a chain with all its corners touching [rad/s].
 
     Fewer contacts only lower it (Rayleigh).
     """
-    root = np.sqrt(np.stack([model.mass, model.mass, model.inertia], axis=1)[1:-1]).ravel()
-    stiffness = stiffness_matrix(model, state, work, springs, np.ones(work.contact.shape))
+    root = np.sqrt(
+        np.stack([model.mass, model.mass, model.inertia], axis=1)[1:-1]
+    ).ravel()
+    stiffness = stiffness_matrix(
+        model, state, work, springs, np.ones(work.contact.shape)
+    )
     return float(np.sqrt(np.linalg.eigvalsh(stiffness / np.outer(root, root))[-1]))

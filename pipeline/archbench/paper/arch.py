@@ -21,7 +21,9 @@ def rotated(a: Array) -> Array:
     return np.stack([-a[..., 1], a[..., 0]], axis=-1)
 
 
-def relative_velocity(point: Array, before: tuple[Array, Array], after: tuple[Array, Array]):
+def relative_velocity(
+    point: Array, before: tuple[Array, Array], after: tuple[Array, Array]
+):
     """Velocity at a point of the body after a joint relative to the one before it (Eq 22).
 
     Bodies are (centroid, velocity).
@@ -43,7 +45,12 @@ def gaps(before: Array, after: Array, corner: int) -> Array:
 
 
 def full_motion(
-    inverse: Array, row: Array, column: Array, bias: Array, free: Array, ease: float = 1e-10
+    inverse: Array,
+    row: Array,
+    column: Array,
+    bias: Array,
+    free: Array,
+    ease: float = 1e-10,
 ) -> tuple[Array, Array]:
     """Motion of all voussoirs, and multipliers, for given contact modes (Eqs 26, 27).
 
@@ -103,7 +110,12 @@ def hinged_motion(
 
 
 def middle_reactions(
-    mass: float, inertia: float, centroid: Array, hinge: Array, acceleration: Array, free: Array
+    mass: float,
+    inertia: float,
+    centroid: Array,
+    hinge: Array,
+    acceleration: Array,
+    free: Array,
 ) -> tuple[Array, float]:
     """R^(1,2) and R^(3,2) on the middle body, and what of its balance they leave (Eqs 29 to 33).
 
@@ -134,7 +146,12 @@ def contact_centre(wrench: Array, face: Array) -> float:
 
 
 def next_reaction(
-    wrench: Array, mass: float, inertia: float, centroid: Array, acceleration: Array, free: Array
+    wrench: Array,
+    mass: float,
+    inertia: float,
+    centroid: Array,
+    acceleration: Array,
+    free: Array,
 ) -> Array:
     """Reaction behind a voussoir from the one before it, by its balance (Eq 35).
 

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.floating]
-CORNER_A, CORNER_B = -1, 1  # also minus the sense of a rotation about them
+CORNER_A = -1  # also minus the sense of a rotation about them
+CORNER_B = 1
 NO_PROJECTIONS = np.zeros(2)
 SAME = 1e-9
 
@@ -74,7 +75,8 @@ def reach(block: RigidBlock, side: int) -> float:
 
 def arm_to(along: float, up: float, rotation: float) -> Array:
     """Place relative to G, (t, n), of a point given in the block's own axes [m]."""
-    c, s = math.cos(rotation), math.sin(rotation)
+    c = math.cos(rotation)
+    s = math.sin(rotation)
     return np.array([c * along - s * up, s * along + c * up])
 
 
@@ -88,7 +90,9 @@ def metric(block: RigidBlock) -> Array:
     return np.sqrt([block.mass, block.mass, block.inertia])
 
 
-def active_force(block: RigidBlock, ground_x: float, ground_y: float, gravity: float) -> Array:
+def active_force(
+    block: RigidBlock, ground_x: float, ground_y: float, gravity: float
+) -> Array:
     """S of weight and a ground acceleration, k_s along +t and k_v upwards [g]."""
     return metric(block) * [-ground_x * gravity, -(1.0 + ground_y) * gravity, 0.0]
 
@@ -100,7 +104,10 @@ def gradient(block: RigidBlock, arm: Array) -> Array:
 
 def gradient_rate(block: RigidBlock, arm: Array, angular_velocity: float) -> Array:
     """Time derivatives of N_t and N_n while the block rotates (Eq 17)."""
-    rates = [[0.0, 0.0, -angular_velocity * arm[0]], [0.0, 0.0, -angular_velocity * arm[1]]]
+    rates = [
+        [0.0, 0.0, -angular_velocity * arm[0]],
+        [0.0, 0.0, -angular_velocity * arm[1]],
+    ]
     return np.array(rates) / metric(block)
 
 
@@ -115,7 +122,9 @@ def least_normal_velocity(block: RigidBlock, velocity: Array) -> float:
     A velocity is admissible where it is not negative; one of the corners has the least.
     """
     sides = (CORNER_A, CORNER_B)
-    return min(gradient(block, corner_arm(block, side, 0.0))[1] @ velocity for side in sides)
+    return min(
+        gradient(block, corner_arm(block, side, 0.0))[1] @ velocity for side in sides
+    )
 
 
 def generalised_reaction(n: Array, force: Array) -> Array:
@@ -134,7 +143,9 @@ def coulomb(slip: float, tangential: float, normal: float, friction: float) -> f
     return abs(tangential - min(max(tangential - slip, -bound), bound))
 
 
-def dissipation_excess(slip: float, tangential: float, normal: float, friction: float) -> float:
+def dissipation_excess(
+    slip: float, tangential: float, normal: float, friction: float
+) -> float:
     """Least value of Eq 7 over Coulomb's interval [W]; zero where the law holds."""
     return -friction * normal * abs(slip) - tangential * slip
 
@@ -157,7 +168,8 @@ def power(active: Array, velocity: Array) -> float:
 def least_load(block: RigidBlock, side: int, friction: float) -> float:
     """Least k_s / (1 + k_v) at which a motion starts (Eq 13): Eq 12 of rocking, or sliding."""
     rocking = rocking_mechanism(block, corner_arm(block, side, 0.0), 1.0)
-    weight, push = active_force(block, 0.0, 0.0, 1.0), active_force(block, 1.0, -1.0, 1.0)
+    weight = active_force(block, 0.0, 0.0, 1.0)
+    push = active_force(block, 1.0, -1.0, 1.0)
     return min(friction, abs(power(weight, rocking) / power(push, rocking)))
 
 
@@ -171,7 +183,9 @@ def rocking_mechanism(block: RigidBlock, arm: Array, angular_velocity: float) ->
     return metric(block) * angular_velocity * [arm[1], -arm[0], 1.0]
 
 
-def contact_acceleration(n: Array, rate: Array, velocity: Array, acceleration: Array) -> Array:
+def contact_acceleration(
+    n: Array, rate: Array, velocity: Array, acceleration: Array
+) -> Array:
     """Acceleration of a contact point along t and n (Eq 17) [m/s2]."""
     return n @ acceleration + rate @ velocity
 
@@ -191,7 +205,9 @@ def part_in_plane(vector: Array, mechanism: Array) -> Array:
     return vector - (vector @ mechanism) / (mechanism @ mechanism) * mechanism
 
 
-def sticking_reaction(n: Array, active: Array, projections: Array = NO_PROJECTIONS) -> Array:
+def sticking_reaction(
+    n: Array, active: Array, projections: Array = NO_PROJECTIONS
+) -> Array:
     """R_t and R_n that hold a contact point, from the balance in plane pi (Eq 19) [N].
 
     `active` is S, for an impact the velocity before it (Eq 21); `projections` are what N_t and
@@ -207,10 +223,14 @@ def cone(n: Array, friction: float) -> Array:
 
 def inside_cone(tangential: float, normal: float, friction: float) -> bool:
     """Whether a reaction is compressive and lies in Coulomb's cone (Eqs 5, 6, 20)."""
-    return normal >= 0.0 and (math.isinf(friction) or abs(tangential) <= friction * normal)
+    return normal >= 0.0 and (
+        math.isinf(friction) or abs(tangential) <= friction * normal
+    )
 
 
-def _sliding_reaction(n: Array, free: float, friction: float, sense: int) -> Array | None:
+def _sliding_reaction(
+    n: Array, free: float, friction: float, sense: int
+) -> Array | None:
     """R_t and R_n of a point that slides, on the cone; None in Painleve's paradox."""
     ray = np.array([-sense, 0.0] if math.isinf(friction) else [-friction * sense, 1.0])
     stiffness = ray @ n @ n[1]
@@ -240,9 +260,15 @@ def _flat(
 
 
 def _corner(
-    block: RigidBlock, side: int, rotation: float, active: Array, projections: Array,
-    friction: float, sense: int, sliding: bool,
-) -> BlockMotion | None:  # fmt: skip
+    block: RigidBlock,
+    side: int,
+    rotation: float,
+    active: Array,
+    projections: Array,
+    friction: float,
+    sense: int,
+    sliding: bool,
+) -> BlockMotion | None:
     """Contact at one corner that sticks (sense 0) or slides, where the laws admit it."""
     n = gradient(block, corner_arm(block, side, rotation))
     if sense == 0:
@@ -265,9 +291,14 @@ def _corner(
 
 
 def contact_problem(
-    block: RigidBlock, active: Array, friction: float, slip: float, side: int = 0,
-    rotation: float = 0.0, projections: Array = NO_PROJECTIONS,
-) -> BlockMotion:  # fmt: skip
+    block: RigidBlock,
+    active: Array,
+    friction: float,
+    slip: float,
+    side: int = 0,
+    rotation: float = 0.0,
+    projections: Array = NO_PROJECTIONS,
+) -> BlockMotion:
     """The motion that obeys all laws, of a block on its base or about a corner (Eqs 12 to 21).
 
     Starting motion, motion and impact are one problem: S, or the velocity before an impact
@@ -276,7 +307,10 @@ def contact_problem(
     corner in contact, 0 for the base; `projections` are as for `sticking_reaction`.
     """
     corners = (side,) if side else (CORNER_A, CORNER_B)
-    gaps = [gradient(block, corner_arm(block, each, rotation))[1] @ active for each in corners]
+    gaps = [
+        gradient(block, corner_arm(block, each, rotation))[1] @ active
+        for each in corners
+    ]
     found: list[BlockMotion | None] = []
     if min(gaps) - projections[1] >= 0.0:
         found.append(_without_reaction(block, active, 1))
@@ -296,7 +330,10 @@ def contact_problem(
         return _without_reaction(block, active, 0)
     first = answers[0]
     speed = math.sqrt(active @ active / block.mass) + np.abs(projections).sum()
-    apart = [abs(a.x - first.x) + abs(a.y - first.y) + abs(a.slip - first.slip) for a in answers]
+    apart = [
+        abs(a.x - first.x) + abs(a.y - first.y) + abs(a.slip - first.slip)
+        for a in answers
+    ]
     return first._replace(solutions=2 if max(apart) > SAME * speed else 1)
 
 
@@ -324,13 +361,20 @@ def starting_motion(
     SLIDE_ROCK 0.0
     ROCK 1.0
     """
-    return contact_problem(block, active_force(block, ground_x, ground_y, gravity), friction, 0.0)
+    return contact_problem(
+        block, active_force(block, ground_x, ground_y, gravity), friction, 0.0
+    )
 
 
 def corner_motion(
-    block: RigidBlock, side: int, rotation: float, angular_velocity: float, slip: float,
-    active: Array, friction: float,
-) -> BlockMotion:  # fmt: skip
+    block: RigidBlock,
+    side: int,
+    rotation: float,
+    angular_velocity: float,
+    slip: float,
+    active: Array,
+    friction: float,
+) -> BlockMotion:
     """Accelerations and reactions while a block rotates about a corner (Eqs 15 to 20).
 
     The rotation is positive about A and negative about B [rad].
@@ -349,10 +393,14 @@ def rocking_impact(
     before it. ROCK, SLIDE_ROCK: the block goes on about one corner. REST, SLIDE: both stay.
     """
     before = rocking_mechanism(block, corner_arm(block, side, 0.0), angular_velocity)
-    return contact_problem(block, before + metric(block) * [slip, 0.0, 0.0], friction, 0.0)
+    return contact_problem(
+        block, before + metric(block) * [slip, 0.0, 0.0], friction, 0.0
+    )
 
 
-def rocking_acceleration(block: RigidBlock, side: int, rotation: float, active: Array) -> float:
+def rocking_acceleration(
+    block: RigidBlock, side: int, rotation: float, active: Array
+) -> float:
     """Angular acceleration about a corner that sticks: Eq 15 along the mechanism [rad/s2]."""
     rotating = rocking_mechanism(block, corner_arm(block, side, rotation), 1.0)
     return power(active, rotating) / float(rotating @ rotating)

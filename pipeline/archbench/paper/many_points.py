@@ -16,13 +16,17 @@ from archfrag.physics.status import Joint
 
 # Of the critical step; damping of the mass while the weight is put on, over that of a mode as
 # slow as the first one can be; time of that, in periods of the first mode.
-FRACTION, RELAXING, PERIODS = 0.5, 1.4, 20.0
+FRACTION = 0.5
+RELAXING = 1.4
+PERIODS = 20.0
 
 
 class Springs(NamedTuple):
     """Points of all joints: from the centroids of both bodies, and what each of them bears."""
 
-    arm: np.ndarray  # (2, n_joint, n_point, 2) before and after, in the frames of the bodies [m]
+    arm: (
+        np.ndarray
+    )  # (2, n_joint, n_point, 2) before and after, in the frames of the bodies [m]
     tangent: np.ndarray  # (n_joint, 2)
     normal: np.ndarray  # (n_joint, n_point) stiffness [N/m]
     shear: np.ndarray  # (n_joint, n_point) [N/m]
@@ -52,7 +56,10 @@ def frequencies(chain: Chain, springs: Springs) -> np.ndarray:
     root = np.sqrt(np.stack([chain.mass, chain.mass, chain.inertia], axis=1))
     total = np.zeros((3 * n_body, 3 * n_body))
     for j, p in np.ndindex(springs.normal.shape):
-        for (dx, dy), k in (((ty[j], -tx[j]), springs.normal), ((tx[j], ty[j]), springs.shear)):
+        for (dx, dy), k in (
+            ((ty[j], -tx[j]), springs.normal),
+            ((tx[j], ty[j]), springs.shear),
+        ):
             row = np.zeros((n_body + 2, 3))
             for side, sign in enumerate((-1.0, 1.0)):
                 x, y = springs.arm[side, j, p]
@@ -66,10 +73,14 @@ class ManyPoints:
     """A chain on its springs, brought to rest under its weight."""
 
     def __init__(self, chain: Chain, n_point: int, delay: float) -> None:
-        self.chain, self.springs, self.delay = chain, springs_of(chain, n_point), delay
+        self.chain = chain
+        self.springs = springs_of(chain, n_point)
+        self.delay = delay
         self.own = frequencies(chain, self.springs)
         ratio = 0.5 * delay * self.own[-1]
-        self.step = FRACTION * 2.0 / self.own[-1] * (math.sqrt(1.0 + ratio * ratio) - ratio)
+        self.step = (
+            FRACTION * 2.0 / self.own[-1] * (math.sqrt(1.0 + ratio * ratio) - ratio)
+        )
         self.mass = np.stack([chain.mass, chain.mass, chain.inertia], axis=1)
         self.position = np.zeros((chain.mass.size + 2, 3))
         self.position[1:-1, :2] = chain.centroid
@@ -82,19 +93,26 @@ class ManyPoints:
 
     def _forces(self) -> np.ndarray:
         """Return the forces and moments of all joints on the bodies, (n_body, 3)."""
-        x, v, of = self.position, self.velocity, self.springs
-        cosine, sine = np.cos(x[:, 2]), np.sin(x[:, 2])
-        points, rates = [], []
+        x = self.position
+        v = self.velocity
+        of = self.springs
+        cosine = np.cos(x[:, 2])
+        sine = np.sin(x[:, 2])
+        points = []
+        rates = []
         n_joint = len(of.tangent)
         half = 0.5 * (x[:n_joint, 2] + x[1 : n_joint + 1, 2])
         tx = np.cos(half) * of.tangent[:, 0] - np.sin(half) * of.tangent[:, 1]
         ty = np.sin(half) * of.tangent[:, 0] + np.cos(half) * of.tangent[:, 1]
         for side in range(2):
             rows = slice(side, n_joint + side)
-            c, s = cosine[rows, None], sine[rows, None]
-            ax, ay = of.arm[side, ..., 0], of.arm[side, ..., 1]
+            c = cosine[rows, None]
+            s = sine[rows, None]
+            ax = of.arm[side, ..., 0]
+            ay = of.arm[side, ..., 1]
             points.append(
-                np.stack([c * ax - s * ay, s * ax + c * ay], axis=-1) + x[rows, None, :2]
+                np.stack([c * ax - s * ay, s * ax + c * ay], axis=-1)
+                + x[rows, None, :2]
             )
         where = 0.5 * (points[0] + points[1])
         for side in range(2):
@@ -102,26 +120,38 @@ class ManyPoints:
             arm = where - x[rows, None, :2]
             turned = np.stack([-arm[..., 1], arm[..., 0]], axis=-1) * v[rows, None, 2:]
             rates.append(v[rows, None, :2] + turned)
-        apart, rate = points[1] - points[0], rates[1] - rates[0]
+        apart = points[1] - points[0]
+        rate = rates[1] - rates[0]
         gap = apart[..., 0] * ty[:, None] - apart[..., 1] * tx[:, None]
         opens = rate[..., 0] * ty[:, None] - rate[..., 1] * tx[:, None]
         slides = rate[..., 0] * tx[:, None] + rate[..., 1] * ty[:, None]
         friction = np.minimum(self.chain.friction, 1e6)[:, None]
-        press = np.where(gap < 0.0, np.maximum(-of.normal * (gap + self.delay * opens), 0.0), 0.0)
+        press = np.where(
+            gap < 0.0, np.maximum(-of.normal * (gap + self.delay * opens), 0.0), 0.0
+        )
         spring = np.where(gap < 0.0, -of.normal * gap, 0.0)
         slip = self.slip + self.step * slides
         along = np.clip(
-            -of.shear * (slip + self.delay * slides), -friction * press, friction * press
+            -of.shear * (slip + self.delay * slides),
+            -friction * press,
+            friction * press,
         )
         most = friction * spring / of.shear
         self.slip = np.where(gap < 0.0, np.clip(slip, -most, most), 0.0)
-        force = np.stack([press * ty[:, None] + along * tx[:, None],
-                          along * ty[:, None] - press * tx[:, None]], axis=-1)  # fmt: skip
+        force = np.stack(
+            [
+                press * ty[:, None] + along * tx[:, None],
+                along * ty[:, None] - press * tx[:, None],
+            ],
+            axis=-1,
+        )
         total = np.zeros_like(x)
         for side, sign in enumerate((-1.0, 1.0)):
             rows = slice(side, n_joint + side)
             arm = where - x[rows, None, :2]
-            moment = (arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]).sum(axis=1)
+            moment = (arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]).sum(
+                axis=1
+            )
             total[rows, :2] += sign * force.sum(axis=1)
             total[rows, 2] += sign * moment
         return total[1:-1]
@@ -136,9 +166,12 @@ class ManyPoints:
         ] + self.step * change
         self.position += self.step * self.velocity
 
-    def shake(self, ground: Callable[[float], float], duration: float, apart: float) -> np.ndarray:
+    def shake(
+        self, ground: Callable[[float], float], duration: float, apart: float
+    ) -> np.ndarray:
         """Return positions every `apart` [s] under a ground acceleration, (n, n_body, 3)."""
-        found, steps = [self.position[1:-1].copy()], math.ceil(duration / self.step)
+        found = [self.position[1:-1].copy()]
+        steps = math.ceil(duration / self.step)
         for k in range(steps):
             self._advance(ground((k + 0.5) * self.step))
             if (k + 1) * self.step >= len(found) * apart:

@@ -39,16 +39,24 @@ def rocking_friction(block: RigidBlock, side: int, load: float) -> float:
     Shenton's condition (1996, *J. Eng. Mech.* 122(7)), here for any distribution of mass, by the
     load abs(k_s)/(1 + k_v).
     """
-    along, up, gyration = reach(block, side), block.rise, block.inertia / block.mass
+    along = reach(block, side)
+    up = block.rise
+    gyration = block.inertia / block.mass
     square = gyration + up * up + load * along * up
     return (load * (gyration + along * along) + along * up) / square
 
 
 def sliding_load(block: RigidBlock, side: int, friction: float) -> float:
     """Load beyond which a block that tips slides too: `rocking_friction` inverted; inf if none."""
-    along, up, gyration = reach(block, side), block.rise, block.inertia / block.mass
+    along = reach(block, side)
+    up = block.rise
+    gyration = block.inertia / block.mass
     rest = gyration + along * along - friction * along * up
-    return (friction * (gyration + up * up) - along * up) / rest if rest > 0.0 else math.inf
+    return (
+        (friction * (gyration + up * up) - along * up) / rest
+        if rest > 0.0
+        else math.inf
+    )
 
 
 def painleve_friction(block: RigidBlock, side: int, rotation: float) -> float:
@@ -68,7 +76,8 @@ def starting_region(
     vertical = 1.0 + ground_y
     if vertical <= 0.0:
         return LIFT_OFF
-    load, side = abs(ground_x) / vertical, CORNER_A if ground_x > 0.0 else CORNER_B
+    load = abs(ground_x) / vertical
+    side = CORNER_A if ground_x > 0.0 else CORNER_B
     slenderness = reach(block, side) / block.rise
     if load <= min(friction, slenderness):
         return REST

@@ -24,12 +24,16 @@ def end_of(middle: Array, velocity: Array, step: float) -> Array:
     return middle + 0.5 * step * velocity
 
 
-def free_velocity(velocity: Array, ground: tuple[float, float], step: float, g: float) -> Array:
+def free_velocity(
+    velocity: Array, ground: tuple[float, float], step: float, g: float
+) -> Array:
     """Return the velocities after a step without reactions; `ground` is its change of velocity."""
     return velocity - np.array([ground[0], ground[1] + step * g, 0.0])
 
 
-def offset_at(time: float, earlier: tuple[Array, Array], later: tuple[Array, Array]) -> Array:
+def offset_at(
+    time: float, earlier: tuple[Array, Array], later: tuple[Array, Array]
+) -> Array:
     """Return where a corner of the later body is from that of the earlier one (2,) [m].
 
     Bodies are (corner, velocity), a corner from the centroid (2,); `time` after the middle they
@@ -38,16 +42,20 @@ def offset_at(time: float, earlier: tuple[Array, Array], later: tuple[Array, Arr
     (before, motion), (after, later_motion) = earlier, later
 
     def moved(arm: Array, velocity: Array) -> Array:
-        c, s = math.cos(velocity[2] * time), math.sin(velocity[2] * time)
+        c = math.cos(velocity[2] * time)
+        s = math.sin(velocity[2] * time)
         return velocity[:2] * time + (c - 1.0) * arm + s * rotated(arm)
 
     return moved(after, later_motion) - moved(before, motion)
 
 
 def contact_bias(
-    offset: Array, step: float, beyond: float, earlier: tuple[Array, Array],
+    offset: Array,
+    step: float,
+    beyond: float,
+    earlier: tuple[Array, Array],
     later: tuple[Array, Array],
-) -> Array:  # fmt: skip
+) -> Array:
     """Return what a corner's velocity after the step has to undo in its offset [m/s].
 
     The law holds where the offset of the middle has gone on for half a step h at the velocities
@@ -60,7 +68,11 @@ def contact_bias(
 
 
 def tie_impulse(
-    stretch: float, stiffness: float, strength: float, step: float, rates: tuple[float, float]
+    stretch: float,
+    stiffness: float,
+    strength: float,
+    step: float,
+    rates: tuple[float, float],
 ) -> float:
     """Return the impulse of a tie over a step [N s].
 
@@ -73,26 +85,38 @@ def tie_impulse(
 
 
 def tie_impulses(
-    free: Array, answer: Array, before: Array, stretch: Array, stiffness: Array, strength: Array,
+    free: Array,
+    answer: Array,
+    before: Array,
+    stretch: Array,
+    stiffness: Array,
+    strength: Array,
     step: float,
-) -> Array:  # fmt: skip
+) -> Array:
     """Return the impulses of all ties of a chain over a step, by trying all their modes (k,).
 
     The rates after the step are ``free + answer @ impulses``: `free` (k,) without ties, `answer`
     (k, k) those that unit impulses add.
     """
     gain = 0.25 * step**2 * stiffness
-    known, most = step * stiffness * stretch - gain * before, step * strength
+    known = step * stiffness * stretch - gain * before
+    most = step * strength
     for modes in product(("slack", "taut", "yields"), repeat=len(free)):
         taut = np.array([mode == "taut" for mode in modes])
-        held = np.array([most[t] if mode == "yields" else 0.0 for t, mode in enumerate(modes)])
+        held = np.array(
+            [most[t] if mode == "yields" else 0.0 for t, mode in enumerate(modes)]
+        )
         matrix = np.eye(len(free)) - np.where(taut, gain, 0.0)[:, None] * answer
         impulses = np.linalg.solve(matrix, np.where(taut, known + gain * free, held))
         rates = free + answer @ impulses
         law = [
-            tie_impulse(stretch[t], stiffness[t], strength[t], step, (before[t], rates[t]))
+            tie_impulse(
+                stretch[t], stiffness[t], strength[t], step, (before[t], rates[t])
+            )
             for t in range(len(free))
         ]
-        if np.allclose(impulses, law, rtol=1e-9, atol=1e-9 * step * np.abs(stiffness).max()):
+        if np.allclose(
+            impulses, law, rtol=1e-9, atol=1e-9 * step * np.abs(stiffness).max()
+        ):
             return impulses
     raise ValueError("no modes of the ties agree with their laws")

@@ -9,10 +9,14 @@ from archfrag.study.answer.outside import read_runs
 
 
 def fit(
-    table: Any, columns: Mapping[str, str] | None = None, measure: str | None = None,
-    unit: str | None = None, states: Sequence[str] = (), confidence: float = 0.9,
+    table: Any,
+    columns: Mapping[str, str] | None = None,
+    measure: str | None = None,
+    unit: str | None = None,
+    states: Sequence[str] = (),
+    confidence: float = 0.9,
     output: PathLike | None = None,
-) -> Results:  # fmt: skip
+) -> Results:
     """Fit fragility curves to verdicts of any program or experiment, as a study's are fitted.
 
     Parameters

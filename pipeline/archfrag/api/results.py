@@ -47,8 +47,15 @@ if TYPE_CHECKING:
 
 PathLike = str | os.PathLike[str]
 Hazards = Any  # PathLike, sequence of PathLike, or a table (n, 2)
-_RISK = ["rate", "rate_lower", "rate_upper", "return_period", "probability", "probability_lower",
-         "probability_upper"]  # fmt: skip
+_RISK = [
+    "rate",
+    "rate_lower",
+    "rate_upper",
+    "return_period",
+    "probability",
+    "probability_lower",
+    "probability_upper",
+]
 
 
 def open(path: PathLike) -> Results:
@@ -76,7 +83,9 @@ def open(path: PathLike) -> Results:
     """
     file = given = Path(path)
     if given.suffix == ".nc":
-        raise InputError(f"{given}: is a cube; give its folder {given.parent}, or the study file")
+        raise InputError(
+            f"{given}: is a cube; give its folder {given.parent}, or the study file"
+        )
     if given.is_dir():
         if "file" not in (owner := read_state(given / WORK / OWNER)):
             what = "is not a folder with the results of a study"
@@ -103,19 +112,26 @@ class Results:
     """
 
     def __init__(self, study: StudyKeys, table: Fitted | None = None) -> None:
-        self._study, self._table, self.folder = study, table, study.folder
+        self._study = study
+        self._table = table
+        self.folder = study.folder
         self._made = read_stamp(study, "cube")
         self._fitted = table or finished(study)
         self.curves = {
             name: in_unit(curve, name, study.intensity)
-            for name, curve in self._fitted.curves.items() if curve.fitted
-        }  # fmt: skip
+            for name, curve in self._fitted.curves.items()
+            if curve.fitted
+        }
 
     @property
     def cautions(self) -> list[str]:
         """Reasons for caution, and why there is no curve of an arch, as commands print them."""
         quoted = self._fitted.quoted().items()
-        none = [f"{name}: no curve: {curve.reason}" for name, curve in quoted if not curve.fitted]
+        none = [
+            f"{name}: no curve: {curve.reason}"
+            for name, curve in quoted
+            if not curve.fitted
+        ]
         return none + answer_lines(self._study, self._fitted)[1]
 
     @property
@@ -124,7 +140,9 @@ class Results:
         (name, curve), *others = self._fitted.quoted().items()
         if others:
             names = ", ".join(self._fitted.quoted())
-            raise InputError(f"the study has several curves; take one of .curves by name: {names}")
+            raise InputError(
+                f"the study has several curves; take one of .curves by name: {names}"
+            )
         if not curve.fitted:
             raise FitError(f"{name}: there is no curve: {curve.reason}")
         return self.curves[name]
@@ -141,7 +159,9 @@ class Results:
         self._check_there()
         cube = self._table.cube if self._table else stored_cube(self._study)
         decided = cube["verdict"].isin(DECIDED)
-        return cube.assign(collapsed=(cube["verdict"] == Verdict.COLLAPSED).where(decided))
+        return cube.assign(
+            collapsed=(cube["verdict"] == Verdict.COLLAPSED).where(decided)
+        )
 
     @property
     def fractions(self) -> pd.DataFrame:
@@ -151,14 +171,19 @@ class Results:
         records whose capacity lies below the level, as in the report. nan where nothing is known.
         InputError if runs have intensities of their own, as in a cloud.
         """
-        fitted, intensity = self._fitted, self._study.intensity
+        fitted = self._fitted
+        intensity = self._study.intensity
         if not self._study.design.on_levels:
             rule = "so that no level has a fraction; see the curve"
             raise InputError(f"fractions: runs have intensities of their own, {rule}")
         index = pd.Index(intensity.given, name=intensity.measure)
-        return pd.DataFrame({
-            name: count_verdicts(fitted.runs[name].filled)["fraction"] for name in fitted.arches
-        }, index=index)  # fmt: skip
+        return pd.DataFrame(
+            {
+                name: count_verdicts(fitted.runs[name].filled)["fraction"]
+                for name in fitted.arches
+            },
+            index=index,
+        )
 
     @property
     def capacities(self) -> pd.DataFrame:
@@ -170,9 +195,13 @@ class Results:
         return self._fitted.capacities(1.0 / self._study.intensity.factor)
 
     def risk(
-        self, hazard: Hazards | None = None, *, years: float | None = None,
-        unit: str | None = None, site: Sequence[float] | None = None,
-    ) -> pd.DataFrame:  # fmt: skip
+        self,
+        hazard: Hazards | None = None,
+        *,
+        years: float | None = None,
+        unit: str | None = None,
+        site: Sequence[float] | None = None,
+    ) -> pd.DataFrame:
         """Find the annual rate of collapse at a site, for each class and each arch of none.
 
         Parameters
@@ -193,15 +222,25 @@ class Results:
         pandas.DataFrame
             Rates in 1/year, periods in years; in ``attrs`` what `archfrag risk --json` prints.
         """
-        study, fitted = self._study, self._fitted
+        study = self._study
+        fitted = self._fitted
         curve, years = self._hazard(hazard, years=years, unit=unit, site=site)
-        rates = risk_of(fitted.cube, fitted.quoted(), curve, years, study.report.confidence)
+        rates = risk_of(
+            fitted.cube, fitted.quoted(), curve, years, study.report.confidence
+        )
         facts = risk_facts(rates, study)
-        columns = ("rate", "rate_band", "return_period", "probability", "probability_band")
+        columns = (
+            "rate",
+            "rate_band",
+            "return_period",
+            "probability",
+            "probability_band",
+        )
         rows = {
             name: np.hstack([each[key] for key in columns])
-            for name, each in facts["arches"].items() if "none" not in each
-        }  # fmt: skip
+            for name, each in facts["arches"].items()
+            if "none" not in each
+        }
         if not rows:
             raise FitError("no arch has a curve, so there is no rate")
         table = pd.DataFrame.from_dict(rows, orient="index", columns=_RISK, dtype=float)
@@ -209,9 +248,13 @@ class Results:
         return table
 
     def losses(
-        self, hazard: Hazards | None = None, *, consequence: Mapping[str, float],
-        path: PathLike | None = None, **given: Any,
-    ) -> pd.DataFrame:  # fmt: skip
+        self,
+        hazard: Hazards | None = None,
+        *,
+        consequence: Mapping[str, float],
+        path: PathLike | None = None,
+        **given: Any,
+    ) -> pd.DataFrame:
         """Find the average annual loss at a site, as a part of the value of each arch or class.
 
         `consequence` has by limit state, collapse among them, what it costs as a part of the
@@ -219,14 +262,18 @@ class Results:
         aal_upper in 1/year, and aal_is_lower_bound; ``attrs["vulnerability"]`` has the mean loss
         ratio against intensity, which is written to `path`, .csv or .xml for OpenQuake.
         """
-        study, fitted = self._study, self._fitted
-        site, confidence = self._hazard(hazard, **given)[0], study.report.confidence
+        study = self._study
+        fitted = self._fitted
+        site = self._hazard(hazard, **given)[0]
+        confidence = study.report.confidence
         losses = losses_of(fitted.cube, fitted.quoted(), site, consequence, confidence)
         points = vulnerability_table(losses, study)
         if path is not None:
             write_vulnerability(Path(path), losses, study)
         known = {name: each for name, each in losses.items() if "none" not in each}
-        table = pd.DataFrame.from_dict(known, orient="index").drop(columns="vulnerability")
+        table = pd.DataFrame.from_dict(known, orient="index").drop(
+            columns="vulnerability"
+        )
         table.attrs["vulnerability"] = points
         return table
 
@@ -240,9 +287,14 @@ class Results:
         return plane_of(self._fitted, self._study.intensity, second, arch)
 
     def compare(
-        self, before: str, after: str, hazard: Hazards | None = None, *,
-        other: Results | None = None, **given: Any,
-    ) -> pd.DataFrame:  # fmt: skip
+        self,
+        before: str,
+        after: str,
+        hazard: Hazards | None = None,
+        *,
+        other: Results | None = None,
+        **given: Any,
+    ) -> pd.DataFrame:
         """Compare an arch, or a class, as it is with one that has a tie or another remedy.
 
         Both met the same motions, so the interval of a ratio is narrower than those of the two
@@ -274,15 +326,24 @@ class Results:
         return table
 
     def _hazard(
-        self, hazard: Hazards | None, *, years: float | None = None,
-        unit: str | None = None, site: Sequence[float] | None = None,
-    ) -> tuple[Hazard, float]:  # fmt: skip
+        self,
+        hazard: Hazards | None,
+        *,
+        years: float | None = None,
+        unit: str | None = None,
+        site: Sequence[float] | None = None,
+    ) -> tuple[Hazard, float]:
         """Return the given hazard curve, or the study's, and the years of its probabilities."""
-        study, period = self._study, 50.0 if years is None else years
+        study = self._study
+        period = 50.0 if years is None else years
         if hazard is None and (unit or site):
-            raise InputError("unit and site are of a hazard; give it too, or leave them out")
+            raise InputError(
+                "unit and site are of a hazard; give it too, or leave them out"
+            )
         if (given := study.risk) is not None and hazard is None:
-            hazard, unit, site = given.hazard, given.unit, given.site
+            hazard = given.hazard
+            unit = given.unit
+            site = given.site
             period = given.years if years is None else years
         if hazard is None:
             raise InputError("the study has no hazard; give the file of a hazard curve")
@@ -290,8 +351,12 @@ class Results:
         if not files or not all(isinstance(each, str | os.PathLike) for each in files):
             intensity = study.intensity
             if site is not None:
-                raise InputError("a table has no sites, so site cannot choose one; leave it out")
-            return hazard_of_table(hazard, intensity.measure, unit or intensity.unit), period
+                raise InputError(
+                    "a table has no sites, so site cannot choose one; leave it out"
+                )
+            return hazard_of_table(
+                hazard, intensity.measure, unit or intensity.unit
+            ), period
         paths = [Path(each) for each in files]
         return load_hazard(paths, study.intensity.measure, unit, site), period
 
@@ -314,10 +379,14 @@ class Results:
         """
         self._check_there()
         if self._table:
-            raise InputError("a table has no arch and no motions, so no run can be shown")
+            raise InputError(
+                "a table has no arch and no motions, so no run can be shown"
+            )
         if not isinstance(arch, str | None) or not isinstance(run, str):
             what = f"run {run!r} and arch {arch!r}; a run is a text such as 'syn-m75-r015@0.5'"
-            raise InputError(f"response: cannot use {what}, and an arch is given by its name")
+            raise InputError(
+                f"response: cannot use {what}, and an arch is given by its name"
+            )
         return example_of(self._study, run, arch).response
 
     def film(self, run: str = "median", arch: str | None = None) -> Film:
@@ -333,9 +402,13 @@ class Results:
         return self.folder / "report.html"
 
     def to_nrml(
-        self, path: PathLike, discrete: bool = False, members: bool = False,
-        limit_states: Sequence[str] = (), curve: str = "median",
-    ) -> Path:  # fmt: skip
+        self,
+        path: PathLike,
+        discrete: bool = False,
+        members: bool = False,
+        limit_states: Sequence[str] = (),
+        curve: str = "median",
+    ) -> Path:
         """Write the curves for OpenQuake as a fragility model in NRML, and return its path.
 
         Lognormal curves, or probabilities at levels if `discrete`. A class has one curve, with
@@ -349,46 +422,68 @@ class Results:
         return Path(path)
 
     def to_pelicun(
-        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = (),
+        self,
+        path: PathLike,
+        members: bool = False,
+        limit_states: Sequence[str] = (),
         curve: str = "median",
-    ) -> list[Path]:  # fmt: skip
+    ) -> list[Path]:
         """Write the curves into a folder as a damage database of pelicun: a CSV and a JSON."""
         return self._export("pelicun", path, members, limit_states, curve)
 
     def to_incore(
-        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = (),
+        self,
+        path: PathLike,
+        members: bool = False,
+        limit_states: Sequence[str] = (),
         curve: str = "median",
-    ) -> list[Path]:  # fmt: skip
+    ) -> list[Path]:
         """Write the curves for IN-CORE into a folder: a DFR3 set in JSON for each arch."""
         return self._export("in-core", path, members, limit_states, curve)
 
     def to_csv(
-        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = (),
+        self,
+        path: PathLike,
+        members: bool = False,
+        limit_states: Sequence[str] = (),
         curve: str = "median",
-    ) -> list[Path]:  # fmt: skip
+    ) -> list[Path]:
         """Write tables of curves, parameters, runs, records and arches into a folder."""
         return self._export("csv", path, members, limit_states, curve)
 
     def _export(
-        self, kind: str, path: PathLike, members: bool, limit_states: Sequence[str], curve: str
+        self,
+        kind: str,
+        path: PathLike,
+        members: bool,
+        limit_states: Sequence[str],
+        curve: str,
     ) -> list[Path]:
         """Export to a folder, or a single file to the path of a file."""
         self._check_there()
-        path, single = Path(path), kind.startswith("nrml")
+        path = Path(path)
+        single = kind.startswith("nrml")
         weights = path.with_name(f"{path.stem}-branches.csv")
         check_targets([path, weights] if single else [])
         if not single and path.suffix in (".csv", ".json") and not path.is_dir():
             how = f"such as {path.stem}; the files in it are named after the study"
-            raise InputError(f"{path}: {kind} is written into a folder; give the folder, {how}")
+            raise InputError(
+                f"{path}: {kind} is written into a folder; give the folder, {how}"
+            )
         with tempfile.TemporaryDirectory() as temporary:
             to = Path(temporary) if single else path
-            made = export_study(self._study, [kind], to, members, limit_states, curve, self._table)
+            made = export_study(
+                self._study, [kind], to, members, limit_states, curve, self._table
+            )
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)
                 for target, file in zip((path, weights), files):
                     write_text(target, file.read_text("utf-8"))
-        left = [f"no curve of {arch} is exported: {why}" for arch, why in made["left_out"].items()]
+        left = [
+            f"no curve of {arch} is exported: {why}"
+            for arch, why in made["left_out"].items()
+        ]
         if messages := [*left, *made["notes"]]:
             warnings.warn("; ".join(messages), stacklevel=3)
         return files
@@ -404,11 +499,15 @@ class Results:
         return ax
 
     def __repr__(self) -> str:
-        texts = [repr(curve).removeprefix("<Curve ")[:-1] for curve in self.curves.values()]
+        texts = [
+            repr(curve).removeprefix("<Curve ")[:-1] for curve in self.curves.values()
+        ]
         more = f"\nand {len(texts) - 1} more" if texts[1:] else ""
         return f"<Results of {self._study.id!r}: {texts[0] if texts else 'no curve'}{more}>"
 
     def _repr_html_(self) -> str:
         from archfrag.plots import html_of
 
-        return html_of(self) + "".join(f"<p>{escape(each)}</p>" for each in self.cautions)
+        return html_of(self) + "".join(
+            f"<p>{escape(each)}</p>" for each in self.cautions
+        )

@@ -36,9 +36,19 @@ Arches = Arch | Mapping[str, Any] | Sequence[Arch]
 Motions = Motion | str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
 Levels = ArrayLike | Mapping[str, float]
 # Facts of a motion that its row of an index keeps, with other names they may have.
-_FACTS = {"event": "event_id", "station": "", "component": "", "Mw": "magnitude",
-          "distance_km": "", "Vs30_mps": "vs30_mps", "level": "", "unit_in_file": "",
-          "start_time": "", "origin_time": "", "source_sha256": "file_sha256"}  # fmt: skip
+_FACTS = {
+    "event": "event_id",
+    "station": "",
+    "component": "",
+    "Mw": "magnitude",
+    "distance_km": "",
+    "Vs30_mps": "vs30_mps",
+    "level": "",
+    "unit_in_file": "",
+    "start_time": "",
+    "origin_time": "",
+    "source_sha256": "file_sha256",
+}
 _COLUMNS = ("", "acceleration=1", "acceleration=1 vertical=2")  # by their number
 _CONTENT = "# Content: "
 _NAMED = 3  # arches in a heading
@@ -96,17 +106,30 @@ class Study:
     """
 
     def __init__(
-        self, arch: Arches, motions: Motions, measure: str = "PGA", *, levels: Levels,
-        unit: str | None = None, design: str | Mapping[str, Any] = "stripes",
-        vary: Mapping[str, Any] | None = None, hazard: Any = None,
-        id: str | None = None, title: str | None = None, **keys: Any,
-    ) -> None:  # fmt: skip
+        self,
+        arch: Arches,
+        motions: Motions,
+        measure: str = "PGA",
+        *,
+        levels: Levels,
+        unit: str | None = None,
+        design: str | Mapping[str, Any] = "stripes",
+        vary: Mapping[str, Any] | None = None,
+        hazard: Any = None,
+        id: str | None = None,
+        title: str | None = None,
+        **keys: Any,
+    ) -> None:
         for key, own in (("arches", "arch"), ("intensity", "measure, levels and unit")):
             if key in keys:
                 raise InputError(f"Study: {key} cannot be given; give {own}")
         self._motions, found = _motions(motions)
         if isinstance(levels, np.ndarray):  # as a person would have typed them
-            if levels.dtype.kind not in "iuf" or levels.ndim > 1 or np.ma.is_masked(levels):
+            if (
+                levels.dtype.kind not in "iuf"
+                or levels.ndim > 1
+                or np.ma.is_masked(levels)
+            ):
                 raise InputError(f"Study: levels = {levels!r} must be a row of numbers")
             levels = [float(f"{level:.12g}") for level in levels.ravel().tolist()]
         if vary is not None and not isinstance(vary, Mapping):
@@ -114,7 +137,9 @@ class Study:
             raise InputError(f"Study: vary is {type(vary).__name__}; it must be {rule}")
         if unit is None:
             unit = "g"
-            with contextlib.suppress(InputError):  # which the schema words, with the key
+            with contextlib.suppress(
+                InputError
+            ):  # which the schema words, with the key
                 unit = next(iter(schema.LEVEL_UNITS.get(measure_unit(measure), "g")))
         arches = _arches(arch, id or "arch", vary)
         heading = "Fragility of the arch"
@@ -123,12 +148,17 @@ class Study:
             more = len(arches) - _NAMED
             heading = f"Fragility of {names}" + f" and {more} more" * (more > 0)
         given = {
-            "title": title or id or heading, "arches": arches, "motions": found,
+            "title": title or id or heading,
+            "arches": arches,
+            "motions": found,
             "intensity": {"measure": measure, "unit": unit, "levels": levels},
-            "design": {"kind": design} if isinstance(design, str) else design, **keys,
-        }  # fmt: skip
+            "design": {"kind": design} if isinstance(design, str) else design,
+            **keys,
+        }
         if hazard is not None:
-            given["risk"] = hazard if isinstance(hazard, Mapping) else {"hazard": hazard}
+            given["risk"] = (
+                hazard if isinstance(hazard, Mapping) else {"hazard": hazard}
+            )
         plain = json.loads(json.dumps(given, default=_plain))
         self._content = digest_of([plain, list(map(_digest_of_motion, self._motions))])
         plain["id"] = f"study-{self._content[:8]}" if id is None else id
@@ -143,7 +173,9 @@ class Study:
     def from_file(cls, path: str | os.PathLike[str]) -> Study:
         """Read a study file in YAML; InputError names the key that is wrong."""
         study = cls.__new__(cls)
-        study._file, study._motions, study._content = Path(path), (), ""
+        study._file = Path(path)
+        study._motions = ()
+        study._content = ""
         study._keys = schema.load_study(Path(path))
         return study
 
@@ -164,7 +196,8 @@ class Study:
         Other files stay where they are, and their paths are relative to the new file. Its results
         will be in results/ID beside it. OutputError if a file cannot be written.
         """
-        path, keys = Path(path), self._keys.model_dump(exclude_unset=True)
+        path = Path(path)
+        keys = self._keys.model_dump(exclude_unset=True)
         place = path.parent.resolve() / f"{path.stem}-motions"
         made = [place / f"motion{n + 1}.txt" for n in range(len(self._motions))]
         check_targets([path, place / INDEX_NAME if made else None, *made])
@@ -176,13 +209,19 @@ class Study:
             keys["motions"]["index"] = str(_write_motions(self._motions, place))
         text = yaml_of(relative(keys, folder))
         head = _HEAD.format(version=__version__, name=path.name)
-        write_text(path, head + f"{_CONTENT}{self._content}\n" * bool(self._content) + text)
+        write_text(
+            path, head + f"{_CONTENT}{self._content}\n" * bool(self._content) + text
+        )
         return path
 
     def run(
-        self, progress: bool = True, cores: int | None = None, *, workers: int | None = None,
+        self,
+        progress: bool = True,
+        cores: int | None = None,
+        *,
+        workers: int | None = None,
         replace: bool = False,
-    ) -> Results:  # fmt: skip
+    ) -> Results:
         """Do all of the study that is not done yet, as `archfrag run` does, and open its results.
 
         The workers of the dask client that is current make the runs, if there is one and no
@@ -209,7 +248,9 @@ class Study:
             Of the step that failed. What is finished is kept: call `run` again to continue.
         """
         if None not in (cores, workers) and cores != workers:
-            raise InputError(f"cores = {cores} and workers = {workers} are one number; give one")
+            raise InputError(
+                f"cores = {cores} and workers = {workers} are one number; give one"
+            )
         path = self._file
         if path is None:
             path = self.folder / "study.yaml"
@@ -219,7 +260,8 @@ class Study:
                     "give this one another id, or replace them by .run(replace=True)"
                 )
             self.to_file(path)
-        study, cores = schema.load_study(path), workers if cores is None else cores
+        study = schema.load_study(path)
+        cores = workers if cores is None else cores
         run_study(study, path, lambda: None, make_report, cores, quiet=not progress)
         return Results(study)
 
@@ -233,12 +275,20 @@ class Study:
         )
 
     def _repr_html_(self) -> str:
-        keys, asked = self._keys, self._keys.motions
-        named = [each.id for each in self._motions] or [each.path for each in asked.files]
-        lists = {"arches": [entry.id for entry in keys.arches], "motions": named,
-                 "index": [] if self._motions or not asked.index else [asked.index],
-                 "results": [str(self.folder)]}  # fmt: skip
-        lines = (f"<br>{name}: {escape(', '.join(of))}" for name, of in lists.items() if of)
+        keys = self._keys
+        asked = self._keys.motions
+        named = [each.id for each in self._motions] or [
+            each.path for each in asked.files
+        ]
+        lists = {
+            "arches": [entry.id for entry in keys.arches],
+            "motions": named,
+            "index": [] if self._motions or not asked.index else [asked.index],
+            "results": [str(self.folder)],
+        }
+        lines = (
+            f"<br>{name}: {escape(', '.join(of))}" for name, of in lists.items() if of
+        )
         return f"<p><b>{escape(repr(self)[1:-1])}</b>{''.join(lines)}</p>"
 
 
@@ -246,24 +296,34 @@ def _named(arch: Any, name: str) -> Mapping[str, Any]:
     """Return arches by name; a single one has this name if it has none."""
     if isinstance(arch, list | tuple):
         arch = {f"arch{number}": each for number, each in enumerate(arch, start=1)}
-    several = isinstance(arch, Mapping) and not {"profile", "drawing", "table"} & arch.keys()
+    several = (
+        isinstance(arch, Mapping) and not {"profile", "drawing", "table"} & arch.keys()
+    )
     return arch if several else {name: arch}
 
 
 def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
     """Return the entries of a study file for arches."""
-    arch, entries = _named(arch, name), []
+    arch = _named(arch, name)
+    entries = []
     for name, each in arch.items():
         if not isinstance(each, Arch | Mapping):
-            rule = "an Arch, a mapping of names to arches, or a mapping of an arch's keys"
+            rule = (
+                "an Arch, a mapping of names to arches, or a mapping of an arch's keys"
+            )
             raise InputError(f"Study: arch is {type(each).__name__}; it must be {rule}")
         given = each.parameters if isinstance(each, Arch) else each
         entries.append({"id": name} | {k: v for k, v in given.items() if v is not None})
         if vary is not None:
-            of = {key: law for key, law in vary.items()
-                  if key in VARIABLE and (key != "joints" or "distribution" in law)}  # fmt: skip
+            of = {
+                key: law
+                for key, law in vary.items()
+                if key in VARIABLE and (key != "joints" or "distribution" in law)
+            }
             others = {key: value for key, value in vary.items() if key not in of}
-            entries[-1]["vary"] = others | ({"of": {**others.get("of", {}), **of}} if of else {})
+            entries[-1]["vary"] = others | (
+                {"of": {**others.get("of", {}), **of}} if of else {}
+            )
     return entries
 
 
@@ -286,17 +346,24 @@ def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:
         index = not isinstance(each[0], Mapping) and Path(each[0]).name == INDEX_NAME
         return (), {"index": each[0]} if index and len(each) == 1 else {"files": each}
     if len(objects) < len(each) or not each:
-        found = ", ".join(dict.fromkeys(type(one).__name__ for one in each)) or "nothing"
+        found = (
+            ", ".join(dict.fromkeys(type(one).__name__ for one in each)) or "nothing"
+        )
         rule = "Motion objects, or paths, or a mapping"
         raise InputError(f"Study: motions hold {found}; they must be {rule}")
     names = Counter(one.id for one in objects if one.id)
     if twice := [name for name, times in names.items() if times > 1]:
-        raise InputError(f"Study: several motions have the id {twice[0]!r}; each needs its own")
+        raise InputError(
+            f"Study: several motions have the id {twice[0]!r}; each needs its own"
+        )
     count = sum(one.vertical is not None for one in objects)
     if 0 < count < len(each):
         rule = "have a vertical component; all of them must have one, or none"
         raise InputError(f"Study: {count} of {len(each)} motions {rule}")
-    return tuple(objects), {"index": INDEX_NAME, "vertical": count > 0}  # which `to_file` writes
+    return tuple(objects), {
+        "index": INDEX_NAME,
+        "vertical": count > 0,
+    }  # which `to_file` writes
 
 
 def _write_motions(motions: Sequence[Motion], folder: Path) -> Path:
@@ -304,18 +371,27 @@ def _write_motions(motions: Sequence[Motion], folder: Path) -> Path:
     rows = []
     for number, motion in enumerate(motions, start=1):
         path = folder / f"motion{number}.txt"
-        parts = [each for each in (motion.acceleration, motion.vertical) if each is not None]
+        parts = [
+            each for each in (motion.acceleration, motion.vertical) if each is not None
+        ]
         lines = (" ".join(map(repr, row)) for row in np.column_stack(parts).tolist())
         write_text(path, "\n".join(lines) + "\n")
         about = motion.metadata
-        facts = {key: about.get(key) or about.get(other) for key, other in _FACTS.items()}
-        rows.append({
-            **{key: fact for key, fact in facts.items() if fact},
-            "id": motion.id or path.stem, "file": path.name, "unit": "m/s2",
-            "sha256": sha256_of(path), "columns": f"{_COLUMNS[len(parts)]} dt={motion.dt!r}",
-            # Who made the object has seen its numbers.
-            "accept": "pga time_step",
-        })  # fmt: skip
+        facts = {
+            key: about.get(key) or about.get(other) for key, other in _FACTS.items()
+        }
+        rows.append(
+            {
+                **{key: fact for key, fact in facts.items() if fact},
+                "id": motion.id or path.stem,
+                "file": path.name,
+                "unit": "m/s2",
+                "sha256": sha256_of(path),
+                "columns": f"{_COLUMNS[len(parts)]} dt={motion.dt!r}",
+                # Who made the object has seen its numbers.
+                "accept": "pga time_step",
+            }
+        )
     return write_index(folder, rows)
 
 
@@ -334,7 +410,9 @@ def _digest_of_motion(motion: Motion) -> str:
         None if part is None else sha256(part.tobytes()).hexdigest()
         for part in motion.components.values()
     ]
-    facts = {name: str(motion.metadata.get(name)) for pair in _FACTS.items() for name in pair}
+    facts = {
+        name: str(motion.metadata.get(name)) for pair in _FACTS.items() for name in pair
+    }
     return digest_of([motion.id, motion.dt, parts, facts])
 
 

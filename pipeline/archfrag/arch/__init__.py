@@ -12,6 +12,9 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("Arch", "Block"):  # whoever reads a study file needs neither numba nor scipy
+    if name in (
+        "Arch",
+        "Block",
+    ):  # whoever reads a study file needs neither numba nor scipy
         return getattr(import_module("archfrag.arch.model"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

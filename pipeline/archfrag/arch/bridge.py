@@ -7,7 +7,12 @@ import numpy as np
 
 from archfrag.arch import checks
 from archfrag.arch.checks import FloatArray
-from archfrag.arch.geometry import cut_sides, height_at, outline_section, polygon_section
+from archfrag.arch.geometry import (
+    cut_sides,
+    height_at,
+    outline_section,
+    polygon_section,
+)
 from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
 
@@ -19,32 +24,52 @@ def check_upright(ring: Ring, free_end: bool) -> None:
     """Refuse a chain on which piers or fill have no meaning."""
     if free_end or ring.sense < 0 or ring.intrados[0, 0] >= ring.intrados[-1, 0]:
         listed = "its joints listed from the left one and its intrados below"
-        raise GeometryError(f"piers and fill need an arch between two springings, {listed}")
+        raise GeometryError(
+            f"piers and fill need an arch between two springings, {listed}"
+        )
 
 
 def checked_piers(
-    height: Any, width: Any, base_width: Any = None, courses: Any = 1, above: Any = 0.0,
-    friction: Any = None, density: Any = None, depth: Any = None,
-) -> Piers:  # fmt: skip
+    height: Any,
+    width: Any,
+    base_width: Any = None,
+    courses: Any = 1,
+    above: Any = 0.0,
+    friction: Any = None,
+    density: Any = None,
+    depth: Any = None,
+) -> Piers:
     """Return the values of the left and the right pier by key; None for what the ring gives."""
     base_width = width if base_width is None else base_width
     rows = (
-        ("height", height, "m", checks.SMALLEST), ("width", width, "m", checks.SMALLEST),
-        ("base_width", base_width, "m", checks.SMALLEST), ("above", above, "m", 0.0),
-        ("friction", friction, "", 0.0), ("density", density, "kg/m3", checks.SMALLEST),
+        ("height", height, "m", checks.SMALLEST),
+        ("width", width, "m", checks.SMALLEST),
+        ("base_width", base_width, "m", checks.SMALLEST),
+        ("above", above, "m", 0.0),
+        ("friction", friction, "", 0.0),
+        ("density", density, "kg/m3", checks.SMALLEST),
         ("depth", depth, "m", checks.SMALLEST),
-    )  # fmt: skip
+    )
     found: Piers = {
-        name: value if value is None else checks.shared_or_each(
-            f"piers.{name}", value, 2, "pier", unit, least=least,
+        name: value
+        if value is None
+        else checks.shared_or_each(
+            f"piers.{name}",
+            value,
+            2,
+            "pier",
+            unit,
+            least=least,
             infinite=checks.ROUGH if name == "friction" else "",
         ).tolist()
         for name, value, unit, least in rows
-    }  # fmt: skip
+    }
     count = checks.shared_or_each("piers.courses", courses, 2, "pier", least=1.0)
     if (count % 1.0).any() or count.sum() > checks.MOST_VOUSSOIRS:
         most = f"integers, together at most {checks.MOST_VOUSSOIRS}"
-        raise GeometryError(f"piers.courses = {count.tolist()} is impossible; it must be {most}")
+        raise GeometryError(
+            f"piers.courses = {count.tolist()} is impossible; it must be {most}"
+        )
     return found | {"courses": count.astype(int).tolist()}
 
 
@@ -60,8 +85,9 @@ def on_piers(ring: Ring, piers: Piers) -> Ring:
     left, right = (_pier(ring, place, piers) for place in (0, 1))
     rows: dict[str, Any] = {
         name: [*getattr(left, name), *getattr(ring, name), *getattr(right, name)[::-1]]
-        for name in Ring._fields if name != "sense"
-    }  # fmt: skip
+        for name in Ring._fields
+        if name != "sense"
+    }
     rows |= {name: np.array(rows[name]) for name in ("intrados", "extrados")}
     return Ring(**rows, sense=ring.sense)
 
@@ -71,11 +97,18 @@ def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
     (side, name), end = _SIDES[place], -place
     keys = ("height", "width", "base_width", "above")
     height, width, base_width, above = (piers[key][place] for key in keys)
-    inner, outer, courses = ring.intrados[end], ring.extrados[end], piers["courses"][place]
-    base, top, reach = inner[1] - height, outer[1] + above, side * (outer[0] - inner[0])
-    level, slip = base + height * np.arange(courses) / courses, 1e-9 * width
+    inner = ring.intrados[end]
+    outer = ring.extrados[end]
+    courses = piers["courses"][place]
+    base = inner[1] - height
+    top = outer[1] + above
+    reach = side * (outer[0] - inner[0])
+    level = base + height * np.arange(courses) / courses
+    slip = 1e-9 * width
     if level[-1] >= outer[1]:
-        below = f"reaches down to {outer[1]:.6g} m, below the last bed at {level[-1]:.6g} m"
+        below = (
+            f"reaches down to {outer[1]:.6g} m, below the last bed at {level[-1]:.6g} m"
+        )
         remedy = "the pier must have fewer courses or more height"
         raise GeometryError(f"piers: the {name} springing joint {below}; {remedy}")
 
@@ -85,14 +118,23 @@ def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
     if not -slip <= reach <= min(width, out(outer[1])) + slip:
         outwards = f"the {name} springing joint reaches {reach:.6g} m outwards"
         within = "which must be from 0 to the width of the pier there"
-        raise GeometryError(f"piers.width = {width:g} m is impossible; {outwards}, {within}")
-    if above > 0.0 and (side * np.concatenate(ring.outlines)[:, 0]).max() > side * outer[0] + slip:
-        raise GeometryError(f"piers.above must be 0 on the {name}, where the ring bulges outwards")
+        raise GeometryError(
+            f"piers.width = {width:g} m is impossible; {outwards}, {within}"
+        )
+    if (
+        above > 0.0
+        and (side * np.concatenate(ring.outlines)[:, 0]).max() > side * outer[0] + slip
+    ):
+        raise GeometryError(
+            f"piers.above must be 0 on the {name}, where the ring bulges outwards"
+        )
     inside = np.column_stack([np.full(courses, inner[0]), level])
     outside = np.column_stack([inner[0] + side * out(level), level])
     upper = np.array([[outer[0], top], [inner[0] + side * width, top]])
     upper = upper[[above > 0.0, width - reach > slip]]
-    outlines = [np.vstack([inside[i : i + 2], outside[i : i + 2][::-1]]) for i in range(courses)]
+    outlines = [
+        np.vstack([inside[i : i + 2], outside[i : i + 2][::-1]]) for i in range(courses)
+    ]
     outlines[-1] = np.vstack([inside[-1], inner, outer, upper, outside[-1]])
     sections = [polygon_section(each) for each in outlines]
     backs = [centroid for _, centroid, _ in sections]
@@ -102,24 +144,34 @@ def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
 
 
 def checked_fill(
-    height_over_crown: Any, unit_weight: Any, backing_height: Any = 0.0,
-    backing_unit_weight: Any = None, inertia: Any = 1.0,
-) -> dict[str, float]:  # fmt: skip
+    height_over_crown: Any,
+    unit_weight: Any,
+    backing_height: Any = 0.0,
+    backing_unit_weight: Any = None,
+    inertia: Any = 1.0,
+) -> dict[str, float]:
     """Return the keys of fill with their values."""
     if backing_unit_weight is None:
         if backing_height != 0.0:
-            raise GeometryError("fill.backing_unit_weight must be given with a backing_height")
+            raise GeometryError(
+                "fill.backing_unit_weight must be given with a backing_height"
+            )
         backing_unit_weight = unit_weight
     if inertia != 1.0:
         why = "a voussoir has one mass, and what weighs on it also moves with it"
-        raise GeometryError(f"fill.inertia = {inertia} is impossible; it must be 1: {why}")
+        raise GeometryError(
+            f"fill.inertia = {inertia} is impossible; it must be 1: {why}"
+        )
     found = {
         "height_over_crown": (height_over_crown, "m over the crown"),
         "unit_weight": (unit_weight, "N/m3"),
         "backing_height": (backing_height, "m over the springing"),
         "backing_unit_weight": (backing_unit_weight, "N/m3"),
     }
-    numbers = {key: checks.number(f"fill.{key}", *each, most=1e6) for key, each in found.items()}
+    numbers = {
+        key: checks.number(f"fill.{key}", *each, most=1e6)
+        for key, each in found.items()
+    }
     return numbers | {"inertia": 1.0}
 
 
@@ -148,13 +200,15 @@ def weight_of_fill(
     sides = (side for line in ring.surfaces[first:last] for side in cut_sides(line))
     crown = max(point[1] for side in sides for point in side)
     springing = float(0.5 * (ring.intrados + ring.extrados)[[first, last], 1].min())
-    level, backed = crown + fill["height_over_crown"], springing + fill["backing_height"]
+    level = crown + fill["height_over_crown"]
+    backed = springing + fill["backing_height"]
     if backed > level and fill["backing_height"] > 0.0:
         most = f"it must be at most {level - springing:.6g} m"
         height = f"fill.backing_height = {fill['backing_height']:g} m"
         raise GeometryError(f"{height} reaches above the fill; {most}")
     more = fill["backing_unit_weight"] - fill["unit_weight"]
-    weight, place = np.zeros(len(depth)), np.array(ring.backs)
+    weight = np.zeros(len(depth))
+    place = np.array(ring.backs)
     for body, line in enumerate(ring.surfaces):
         both = fill["unit_weight"] * _column(line, level) + more * _column(line, backed)
         if both[0] > 0.0:

@@ -34,13 +34,18 @@ def fields_of(given: Given) -> dict[str, Any]:
     load = 0.0 if given.dead_load is None else given.dead_load
     weight = checks.shared_or_each("dead_load", load, count, "voussoir", "N")
     density, depth = (
-        checks.shared_or_each(name, value, count, "voussoir", unit, least=checks.SMALLEST)
-        for name, value, unit in (
-            ("density", given.density, "kg/m3"), ("depth", given.depth, "m"),
+        checks.shared_or_each(
+            name, value, count, "voussoir", unit, least=checks.SMALLEST
         )
-    )  # fmt: skip
+        for name, value, unit in (
+            ("density", given.density, "kg/m3"),
+            ("depth", given.depth, "m"),
+        )
+    )
     more: dict[str, Any] = {}
-    ring, springings, joints = given.ring, (0, count), count + (not given.free_end)
+    ring = given.ring
+    springings = (0, count)
+    joints = count + (not given.free_end)
     if given.piers is None:
         friction = checks.shared_or_each(
             "friction", given.friction, joints, "joint", infinite=checks.ROUGH
@@ -48,7 +53,8 @@ def fields_of(given: Given) -> dict[str, Any]:
     else:
         piers = bridge.checked_piers(**given.piers)
         left, right = piers["courses"]
-        ring, springings = bridge.on_piers(ring, piers), (left, left + count)
+        ring = bridge.on_piers(ring, piers)
+        springings = (left, left + count)
         friction = _friction_on_piers(given.friction, joints, piers)
         weight = np.pad(weight, (left, right))
         density = bridge.extended(density, piers, "density")
@@ -62,13 +68,19 @@ def fields_of(given: Given) -> dict[str, Any]:
     if given.profile != "block":
         # With fill, none would say that nothing lies on the ring.
         more["dead_load"] = plain(given.dead_load if given.fill is None else load)
-    matter = {name: plain(getattr(given, name)) for name in ("friction", "density", "depth")}
+    matter = {
+        name: plain(getattr(given, name)) for name in ("friction", "density", "depth")
+    }
     return {
         "chain": rings.chain_of(ring, friction, density * depth, loads),
-        "intrados": ring.intrados, "extrados": ring.extrados, "outlines": tuple(ring.outlines),
-        "free_end": given.free_end, "flipped": ring.sense < 0, "given": given,
+        "intrados": ring.intrados,
+        "extrados": ring.extrados,
+        "outlines": tuple(ring.outlines),
+        "free_end": given.free_end,
+        "flipped": ring.sense < 0,
+        "given": given,
         "parameters": {"profile": given.profile, **given.shape, **matter, **more},
-    }  # fmt: skip
+    }
 
 
 def _friction_on_piers(
@@ -79,12 +91,16 @@ def _friction_on_piers(
     if np.shape(friction) != (every,):
         return bridge.extended(_coefficients(friction, joints), piers, "friction")
     if piers["friction"] is not None:
-        raise GeometryError("piers.friction is given, and friction for each of their joints")
+        raise GeometryError(
+            "piers.friction is given, and friction for each of their joints"
+        )
     return _coefficients(friction, every)
 
 
 def _coefficients(friction: ArrayLike, count: int) -> NDArray[np.float64]:
-    return checks.shared_or_each("friction", friction, count, "joint", infinite=checks.ROUGH)
+    return checks.shared_or_each(
+        "friction", friction, count, "joint", infinite=checks.ROUGH
+    )
 
 
 def plain(value: ArrayLike | None) -> Any:

@@ -12,7 +12,8 @@ from archfrag.errors import GeometryError
 
 FloatArray = NDArray[np.float64]
 # Lengths [m] between which nothing overflows; beyond them units were mistaken.
-SMALLEST, LARGEST = 1e-6, 1e6
+SMALLEST = 1e-6
+LARGEST = 1e6
 MOST = {"m": LARGEST, "Pa/m": 1e15}  # by unit
 ROUGH = "the limit of large friction"
 # Of an arch: beyond it even the onset takes longer than a check of a study should.
@@ -20,9 +21,12 @@ MOST_VOUSSOIRS = 2000
 
 
 def _floats(
-    name: str, value: Any, allowed: str, fits: Callable[[Any], Any],
+    name: str,
+    value: Any,
+    allowed: str,
+    fits: Callable[[Any], Any],
     shape_fits: Callable[[tuple[int, ...]], bool] = lambda shape: shape == (),
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Return an array of floats whose shape and entries fit; neither text, booleans nor ragged
     lists.
     """
@@ -43,16 +47,26 @@ def _floats(
 
 
 def number(
-    name: str, value: Any, unit: str = "m", *, least: float = 0.0, most: float = math.inf,
-    closed: bool = True, meaning: str = "",
-) -> float:  # fmt: skip
+    name: str,
+    value: Any,
+    unit: str = "m",
+    *,
+    least: float = 0.0,
+    most: float = math.inf,
+    closed: bool = True,
+    meaning: str = "",
+) -> float:
     """Return one number between bounds, which are allowed if `closed`; lengths have bounds
     anyway.
     """
     if unit == "m":
-        least, most = max(least, SMALLEST), min(most, LARGEST)
+        least = max(least, SMALLEST)
+        most = min(most, LARGEST)
     words = ("at least", "at most") if closed else ("greater than", "less than")
-    limits = [f"{word} {bound:.9g} {unit}".rstrip() for word, bound in zip(words, (least, most))]
+    limits = [
+        f"{word} {bound:.9g} {unit}".rstrip()
+        for word, bound in zip(words, (least, most))
+    ]
     allowed = f"a number {' and '.join(limits)}" + (f" ({meaning})" if meaning else "")
     ends = (least, most) if closed else ()
     return float(_floats(name, value, allowed, lambda x: least < x < most or x in ends))
@@ -61,36 +75,59 @@ def number(
 def count(name: str, value: Any) -> int:
     """Number of voussoirs of an arch: an integer from 2 to `MOST_VOUSSOIRS`."""
     allowed = f"an integer from 2 to {MOST_VOUSSOIRS} (a single body is a Block)"
-    return int(_floats(name, value, allowed, lambda x: x in range(2, MOST_VOUSSOIRS + 1)))
+    return int(
+        _floats(name, value, allowed, lambda x: x in range(2, MOST_VOUSSOIRS + 1))
+    )
 
 
 def flag(name: str, value: object) -> bool:
     """Return True or False; nothing else is taken."""
     if not isinstance(value, bool | np.bool_):
-        raise GeometryError(f"{name} = {reprlib.repr(value)} is impossible; it must be a boolean")
+        raise GeometryError(
+            f"{name} = {reprlib.repr(value)} is impossible; it must be a boolean"
+        )
     return bool(value)
 
 
 def shared_or_each(
-    name: str, value: Any, size: int, each: str, unit: str = "", *, infinite: str = "",
+    name: str,
+    value: Any,
+    size: int,
+    each: str,
+    unit: str = "",
+    *,
+    infinite: str = "",
     least: float = 0.0,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Return one number for all, or one for each; none below `least`, and all within the bounds
     of their unit. `infinite` is what inf stands for; it is not allowed if that is empty.
     """
     most = MOST.get(unit, math.inf)
     allowed = f"one number or one for each of the {size} {each}s, all at least {least:g} {unit}"
-    end = f" and at most {most:g} {unit}" if unit in MOST else "" if infinite else " and finite"
+    end = (
+        f" and at most {most:g} {unit}"
+        if unit in MOST
+        else ""
+        if infinite
+        else " and finite"
+    )
     end += f" (inf: {infinite})" if infinite else ""
     array = _floats(
-        name, value, allowed.rstrip() + end,
-        lambda x: (x >= least) & ((x <= most) & np.isfinite(x) | (x == math.inf) & bool(infinite)),
+        name,
+        value,
+        allowed.rstrip() + end,
+        lambda x: (
+            (x >= least)
+            & ((x <= most) & np.isfinite(x) | (x == math.inf) & bool(infinite))
+        ),
         lambda shape: shape in ((), (size,)),
-    )  # fmt: skip
+    )
     return np.broadcast_to(array, size).copy()
 
 
-def joint_positions(value: ArrayLike | None, voussoirs: int, end: float, unit: str) -> FloatArray:
+def joint_positions(
+    value: ArrayLike | None, voussoirs: int, end: float, unit: str
+) -> FloatArray:
     """Return positions of joints from the middle of the ring, from minus to plus half `end`."""
     if value is None:
         # Integer numerators make mirrored joints equal to the last bit.
@@ -104,9 +141,12 @@ def joint_positions(value: ArrayLike | None, voussoirs: int, end: float, unit: s
         good[[0, -1]] &= np.abs(x[[0, -1]] - [0.0, end]) <= 1e-9 * end
         return good
 
-    array = _floats("joints", value, allowed, fits, lambda shape: shape == (voussoirs + 1,))
+    array = _floats(
+        "joints", value, allowed, fits, lambda shape: shape == (voussoirs + 1,)
+    )
     position = array - 0.5 * end
-    position[0], position[-1] = -0.5 * end, 0.5 * end
+    position[0] = -0.5 * end
+    position[-1] = 0.5 * end
     return position
 
 
@@ -116,6 +156,9 @@ def points(name: str, value: Any, least: int, why: str, widest: int = 2) -> Floa
     """
     allowed = f"an (n, 2) table of coordinates within {LARGEST:g} m, n at least {least} ({why})"
     return _floats(
-        name, value, allowed, lambda x: np.abs(x) <= LARGEST,
+        name,
+        value,
+        allowed,
+        lambda x: np.abs(x) <= LARGEST,
         lambda shape: len(shape) == 2 and shape[0] >= least and 2 <= shape[1] <= widest,
-    )  # fmt: skip
+    )

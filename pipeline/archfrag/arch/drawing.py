@@ -18,18 +18,38 @@ from archfrag.files import read_bytes
 # Units that a drawing may be in [m], and their codes in $INSUNITS.
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 _CODES = {6: "m", 14: "dm", 5: "cm", 4: "mm", 1: "in", 2: "ft"}
-SMALLEST, LARGEST = 0.05, 300.0  # drawing of an arch [m]; beyond them the unit was mistaken
-LARGEST_FILE, MOST_CORNERS = 20_000_000, 20_000  # [bytes], of all blocks together
-MOST_ENTITIES, DEEPEST = 50_000, 16  # of exploded references to blocks, which may be nested
+SMALLEST = 0.05  # drawing of an arch [m]; beyond them the unit was mistaken
+LARGEST = 300.0
+LARGEST_FILE = 20_000_000  # [bytes], of all blocks together
+MOST_CORNERS = 20_000
+MOST_ENTITIES = 50_000  # of exploded references to blocks, which may be nested
+DEEPEST = 16
 MOST_COVERED = 0.5  # of a block, by a WIPEOUT
 _MOST_LISTED = 8  # kinds of entities in a message
 _POLYLINES = ("LWPOLYLINE", "POLYLINE")
 # Entities that say something about the drawing; any other might be a block.
 _ANNOTATIONS = {
-    "TEXT", "MTEXT", "ATTDEF", "ATTRIB", "DIMENSION", "ARC_DIMENSION", "LEADER", "MLEADER",
-    "MULTILEADER", "POINT", "IMAGE", "XLINE", "RAY", "VIEWPORT",
-}  # fmt: skip
-_COUNTED = ("HATCH", "WIPEOUT", "ARCALIGNEDTEXT", "RTEXT")  # never a block; the last two are text
+    "TEXT",
+    "MTEXT",
+    "ATTDEF",
+    "ATTRIB",
+    "DIMENSION",
+    "ARC_DIMENSION",
+    "LEADER",
+    "MLEADER",
+    "MULTILEADER",
+    "POINT",
+    "IMAGE",
+    "XLINE",
+    "RAY",
+    "VIEWPORT",
+}
+_COUNTED = (
+    "HATCH",
+    "WIPEOUT",
+    "ARCALIGNEDTEXT",
+    "RTEXT",
+)  # never a block; the last two are text
 _WHAT_TO_DRAW = (
     "draw one closed polyline for each voussoir, all on one layer (in AutoCAD: BOUNDARY and a "
     "click into each voussoir, or PLINE with its option Close)"
@@ -67,9 +87,13 @@ def read_drawing(
     unit = unit or stated
     if unit not in UNITS:
         known = ", ".join(UNITS)
-        raise GeometryError(f"{path}: unit = {unit} ($INSUNITS = {code}) must be one of {known}")
-    scale, left = UNITS[unit], list[_Part]()
-    found, places = Blocks([], [], [], [], ", ".join(layers.values()), unit), list[int]()
+        raise GeometryError(
+            f"{path}: unit = {unit} ($INSUNITS = {code}) must be one of {known}"
+        )
+    scale = UNITS[unit]
+    left = list[_Part]()
+    found = Blocks([], [], [], [], ", ".join(layers.values()), unit)
+    places = list[int]()
     for place, part in enumerate(parts):
         name = f"{path}, layer {part.layer}: {part.name}"
         if part.layer.casefold() not in layers or part.kind in _COUNTED:
@@ -92,14 +116,18 @@ def read_drawing(
             f"{size:.4g} m; an arch has at most {MOST_CORNERS} and takes {SMALLEST:g} to "
             f"{LARGEST:g} m: give the drawing's unit, one of {', '.join(UNITS)}"
         )
-    whole = [shapely.Polygon(sampled(outline)[:, :2] / scale) for outline in found.outlines]
+    whole = [
+        shapely.Polygon(sampled(outline)[:, :2] / scale) for outline in found.outlines
+    ]
     _refuse_covered(document, parts, dict(zip(places, whole)), str(path))
     left = [
         part
         for part in left
-        if part.kind != "WIPEOUT" and (part.kind != "HATCH" or not _fills(part.entity, whole))
+        if part.kind != "WIPEOUT"
+        and (part.kind != "HATCH" or not _fills(part.entity, whole))
     ]
-    cautions, frozen = list[str](), _frozen_in_viewports(document) & layers.keys()
+    cautions = list[str]()
+    frozen = _frozen_in_viewports(document) & layers.keys()
     if left:
         used = {id(part.reference) for part in parts if part.layer.casefold() in layers}
         what = f"{_counted(left, used)} {'are' if len(left) > 1 else 'is'} not part of the arch"
@@ -118,10 +146,14 @@ def read_drawing(
 def _frozen_in_viewports(document: Any) -> set[str]:
     """Return the layers that viewports of layouts hide, though model space shows them."""
     viewports = document.query("VIEWPORT")
-    return {name.casefold() for viewport in viewports for name in viewport.frozen_layers}
+    return {
+        name.casefold() for viewport in viewports for name in viewport.frozen_layers
+    }
 
 
-def _refuse_covered(document: Any, parts: list[_Part], blocks: dict[int, Any], path: str) -> None:
+def _refuse_covered(
+    document: Any, parts: list[_Part], blocks: dict[int, Any], path: str
+) -> None:
     """Refuse blocks (their shapes by their place in `parts`) that a later WIPEOUT hides."""
     covers = [place for place, part in enumerate(parts) if part.kind == "WIPEOUT"]
     drawn = document.modelspace().entities_in_redraw_order() if covers else ()
@@ -146,15 +178,21 @@ def _refuse_covered(document: Any, parts: list[_Part], blocks: dict[int, Any], p
 
 def drawing_text(lines: Iterable[tuple[str, FloatArray]]) -> str:
     """Write lines of layers as DXF in metres: two points are a LINE, more a closed polyline."""
-    ezdxf, stream = _library(), io.StringIO()
+    ezdxf = _library()
+    stream = io.StringIO()
     before = ezdxf.options.write_fixed_meta_data_for_testing
     ezdxf.options.write_fixed_meta_data_for_testing = True  # no date
     try:
         document = ezdxf.new("R2010", units=ezdxf.units.M)
         space = document.modelspace()
         for layer, points in lines:
-            corners, line = points.tolist(), len(points) == 2
-            part = space.add_line(*corners) if line else space.add_lwpolyline(corners, close=True)
+            corners = points.tolist()
+            line = len(points) == 2
+            part = (
+                space.add_line(*corners)
+                if line
+                else space.add_lwpolyline(corners, close=True)
+            )
             part.dxf.layer = layer
         document.write(stream)
     finally:
@@ -171,7 +209,9 @@ def _library() -> Any:
 def _document(path: Path) -> Any:
     """Return the file as ezdxf reads it."""
     ezdxf = _library()
-    read_bytes(path, LARGEST_FILE, GeometryError, "the drawing")  # small enough, no device
+    read_bytes(
+        path, LARGEST_FILE, GeometryError, "the drawing"
+    )  # small enough, no device
     try:
         return ezdxf.readfile(path)
     except Exception as error:  # ezdxf raises of all kinds for damaged files
@@ -188,13 +228,24 @@ def _layer(entity: Any) -> str:
 
 def _fault(reference: Any) -> str:
     """Return why what a reference to a block shows cannot be told; empty if it can."""
-    original = reference if reference.dxf.handle else reference.source_of_copy or reference
+    original = (
+        reference if reference.dxf.handle else reference.source_of_copy or reference
+    )
     if _library().xclip.XClip(original).is_clipping_enabled:
         return (
-            "is clipped (XCLIP), so that not all of it is seen; draw what is seen, without a clip"
+            "is clipped (XCLIP), so that not all of it is seen; draw what is "
+            "seen, without a clip"
         )
-    flat = [name for name in ("xscale", "yscale", "zscale") if reference.dxf.get(name, 1.0) == 0.0]
-    return f"has {flat[0]} = 0, which leaves no area; give it another scale" if flat else ""
+    flat = [
+        name
+        for name in ("xscale", "yscale", "zscale")
+        if reference.dxf.get(name, 1.0) == 0.0
+    ]
+    return (
+        f"has {flat[0]} = 0, which leaves no area; give it another scale"
+        if flat
+        else ""
+    )
 
 
 def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
@@ -202,10 +253,15 @@ def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
     layers = {layer.dxf.name.casefold(): layer for layer in document.layers}
     frozen = {name for name, layer in layers.items() if layer.is_frozen()}
     off = {name for name, layer in layers.items() if layer.is_off()}
-    parts, hidden, inside = list[_Part](), Counter[str](), [0]
+    parts = list[_Part]()
+    hidden = Counter[str]()
+    inside = [0]
 
-    def look(entity: Any, layer: str, reference: Any, depth: int, fault: str = "") -> None:
-        kind, name = entity.dxftype(), layer.casefold()
+    def look(
+        entity: Any, layer: str, reference: Any, depth: int, fault: str = ""
+    ) -> None:
+        kind = entity.dxftype()
+        name = layer.casefold()
         stored = entity.graphic_properties() if hasattr(entity, "xtags") else entity.dxf
         if stored.get("invisible") or kind in _ANNOTATIONS:
             return
@@ -218,14 +274,18 @@ def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
             source = entity if entity.dxf.handle else entity.source_of_copy or entity
             told = f"{kind} {source.dxf.handle or ''}".rstrip()
             if reference is not None:
-                told += f" of INSERT {reference.dxf.handle} (block {reference.dxf.name})"
+                told += (
+                    f" of INSERT {reference.dxf.handle} (block {reference.dxf.name})"
+                )
             parts.append(_Part(entity, layer, told, reference, fault))
             return
         inside[0] += entity.mcount * len(block)
         if inside[0] > MOST_ENTITIES or depth > DEEPEST:
             most = f"{MOST_ENTITIES} entities, or blocks more than {DEEPEST} deep"
             remedy = "save a drawing that has only the arch"
-            raise GeometryError(f"{path}: its blocks (INSERT) hold more than {most}; {remedy}")
+            raise GeometryError(
+                f"{path}: its blocks (INSERT) hold more than {most}; {remedy}"
+            )
         outer = entity if reference is None else reference
         fault = fault or _fault(entity)
         for each in block if fault else _exploded(entity):
@@ -247,7 +307,10 @@ def _exploded(reference: Any) -> Iterator[Any]:
 
 
 def _chosen(
-    given: str | Sequence[str] | None, parts: list[_Part], hidden: Counter[str], path: str
+    given: str | Sequence[str] | None,
+    parts: list[_Part],
+    hidden: Counter[str],
+    path: str,
 ) -> dict[str, str]:
     """Return layers of the blocks: their names in small letters, and as the drawing has them."""
     shown = {part.layer.casefold(): part.layer for part in parts}
@@ -260,29 +323,43 @@ def _chosen(
         others += f"; frozen or off, and not read: {', '.join(hiding)}"
     for name in names:
         if name.casefold() in map(str.casefold, hiding):
-            raise GeometryError(f"{path}: layer {name} is frozen or off; thaw it and turn it on")
+            raise GeometryError(
+                f"{path}: layer {name} is frozen or off; thaw it and turn it on"
+            )
     lost = next((name for name in names if name.casefold() not in shown), None)
     if lost is not None:
         raise GeometryError(f"{path}: layer {lost} has nothing that is seen{others}")
     layers = {name.casefold(): shown[name.casefold()] for name in names}
     if not names and closed:
         remedy = "give the layer of the blocks, or the layers: [A, B]"
-        raise GeometryError(f"{path}: several layers have polylines: {listed}; {remedy}")
+        raise GeometryError(
+            f"{path}: several layers have polylines: {listed}; {remedy}"
+        )
     if not set(closed) & set(layers.values()):
-        there = [part for part in parts if not layers or part.layer.casefold() in layers]
+        there = [
+            part for part in parts if not layers or part.layer.casefold() in layers
+        ]
         texts = _counted(there, {id(part.reference) for part in there}) or "nothing"
-        raise GeometryError(f"{path}: no polyline is seen, but {texts}; {_WHAT_TO_DRAW}{others}")
+        raise GeometryError(
+            f"{path}: no polyline is seen, but {texts}; {_WHAT_TO_DRAW}{others}"
+        )
     return layers
 
 
 def _counted(parts: list[_Part], used: set[int]) -> str:
     """Count entities by kind and layer, and references to blocks of which nothing is used."""
     whole = {id(p.reference): p.reference for p in parts if id(p.reference) not in used}
-    kinds = Counter((p.kind, p.layer) for p in parts if not p.reference or id(p.reference) in used)
+    kinds = Counter(
+        (p.kind, p.layer) for p in parts if not p.reference or id(p.reference) in used
+    )
     blocks = Counter((r.dxf.name, r.dxf.layer) for r in whole.values() if r is not None)
-    texts = [f"{n} block{'s' * (n > 1)} (INSERT of {name}) on layer {layer}"
-             for (name, layer), n in sorted(blocks.items())]  # fmt: skip
-    texts += [f"{n} {kind} on layer {layer}" for (kind, layer), n in sorted(kinds.items())]
+    texts = [
+        f"{n} block{'s' * (n > 1)} (INSERT of {name}) on layer {layer}"
+        for (name, layer), n in sorted(blocks.items())
+    ]
+    texts += [
+        f"{n} {kind} on layer {layer}" for (kind, layer), n in sorted(kinds.items())
+    ]
     more = len(texts) - _MOST_LISTED
     return ", ".join(texts[:_MOST_LISTED]) + f" and {more} more kinds" * (more > 0)
 
@@ -293,18 +370,23 @@ def _fills(hatch: Any, blocks: list[Any]) -> bool:
         paths = list(_library().path.from_hatch(hatch))
     except Exception:  # ezdxf raises of all kinds for damaged boundaries
         return False
-    middles = [np.mean([(p.x, p.y) for p in path.control_vertices()], axis=0) for path in paths]
+    middles = [
+        np.mean([(p.x, p.y) for p in path.control_vertices()], axis=0) for path in paths
+    ]
     points = shapely.points(np.reshape(middles, (-1, 2)))
     return all(shapely.covers(blocks, point).any() for point in points)
 
 
 def _outline(entity: Any, name: str) -> FloatArray:
     """Return the corners (m, 3) of a closed polyline, in the unit of the drawing."""
-    kind, rows = entity.dxftype(), []
+    kind = entity.dxftype()
+    rows = []
     if kind == "LWPOLYLINE":
         rows = entity.get_points("xyb")
     elif kind == "POLYLINE" and entity.is_2d_polyline and not entity.dxf.flags & 0b110:
-        rows = [vertex.format("xyb") for vertex in entity.vertices]  # of no fitted curve
+        rows = [
+            vertex.format("xyb") for vertex in entity.vertices
+        ]  # of no fitted curve
     points = np.array(rows, dtype=float).reshape(-1, 3)
     flat = len(points) > 1 and abs(abs(entity.dxf.extrusion.z) - 1.0) <= 1e-9
     if not flat or not np.isfinite(points).all():

@@ -37,35 +37,59 @@ def facts_of(arch: Shape) -> dict[str, Any]:
     if arch.chain.start is not None:  # where they have moved to
         lines = arch.intrados[first : last + 1], arch.extrados[first : last + 1]
     joints = np.stack(lines, axis=1)
-    gravity, given = arch.chain.gravity, arch.parameters
-    fill, masonry = 0.0, arch.chain.mass * gravity
+    gravity = arch.chain.gravity
+    given = arch.parameters
+    fill = 0.0
+    masonry = arch.chain.mass * gravity
     if "fill" in given:
         without = fields_of(arch.given._replace(fill=None))["chain"].mass * gravity
-        fill, masonry = float((masonry - without).sum()), without
+        fill = float((masonry - without).sum())
+        masonry = without
     load = given.get("dead_load") or 0.0
     dead = float(np.broadcast_to(load, last - first).sum())
     ring = float(masonry[first:last].sum()) - dead
     piers = float(masonry[:first].sum() + masonry[last:].sum())
     weights = {"ring": ring, "piers": piers, "fill": fill, "dead_load": dead}
-    ties = [{"ends": ends.tolist(), "strength": tie.get("strength"),
-             "prestress": tie.get("prestress", 0.0)}
-            for tie, ends in zip(given.get("ties", ()), tie_lines(arch))]  # fmt: skip
+    ties = [
+        {
+            "ends": ends.tolist(),
+            "strength": tie.get("strength"),
+            "prestress": tie.get("prestress", 0.0),
+        }
+        for tie, ends in zip(given.get("ties", ()), tie_lines(arch))
+    ]
     return {
-        "span": span, "rise": rise, "thickness": thickness,
+        "span": span,
+        "rise": rise,
+        "thickness": thickness,
         "springings": joints[[0] if arch.free_end else [0, -1]].tolist(),
-        "weights": weights, "ties": ties,
-    }  # fmt: skip
+        "weights": weights,
+        "ties": ties,
+    }
 
 
 def facts_text(arch: Shape) -> str:
     """Write weights, forces of ties and places of springings in one line."""
-    facts, free = facts_of(arch), arch.free_end
-    names = {"ring": "the blocks weigh" if free else "the ring weighs", "dead_load": "dead load"}
-    texts = [", ".join(f"{names.get(name, name)} {force_text(weight)}"
-                       for name, weight in facts["weights"].items() if weight > 0.0)]  # fmt: skip
+    facts = facts_of(arch)
+    free = arch.free_end
+    names = {
+        "ring": "the blocks weigh" if free else "the ring weighs",
+        "dead_load": "dead load",
+    }
+    texts = [
+        ", ".join(
+            f"{names.get(name, name)} {force_text(weight)}"
+            for name, weight in facts["weights"].items()
+            if weight > 0.0
+        )
+    ]
     for number, tie in enumerate(facts["ties"], 1):
         name = f"tie {number}" if len(facts["ties"]) > 1 else "the tie"
-        limit = "" if (most := tie["strength"]) is None else f" and yields at {force_text(most)}"
+        limit = (
+            ""
+            if (most := tie["strength"]) is None
+            else f" and yields at {force_text(most)}"
+        )
         pull = tie["prestress"]
         force = f"pulls with {force_text(pull)}" if pull else "is not tight"
         texts.append(f"{name} {force}{limit}")
@@ -77,7 +101,9 @@ def facts_text(arch: Shape) -> str:
 
 def force_text(force: float) -> str:
     """Write a force in N below 1 kN, in kN up to 10 MN, else in MN."""
-    scale, unit = (1.0, "N") if force < 1e3 else (1e3, "kN") if force < 1e7 else (1e6, "MN")
+    scale, unit = (
+        (1.0, "N") if force < 1e3 else (1e3, "kN") if force < 1e7 else (1e6, "MN")
+    )
     return f"{force / scale:.3g} {unit}"
 
 
@@ -96,7 +122,9 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
     values: dict[str, Any] = {"thickness": thickness, "span": span}
     if arch.free_end:
         values = {"height": float(np.ptp(np.concatenate(arch.outlines)[:, 1]))}
-    values |= {key: given[key] for key in ("density", "depth", "strength") if key in given}
+    values |= {
+        key: given[key] for key in ("density", "depth", "strength") if key in given
+    }
     if stiffness := arch.joint_keys.get("stiffness"):
         known = np.array(stiffness, dtype=float)
         values["joints.stiffness"] = known[np.isfinite(known)]
@@ -105,7 +133,9 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
     if not values.get("fill.backing_height"):
         values.pop("fill.backing_unit_weight", None)
     friction = arch.chain.friction
-    values["friction"] = friction[np.isfinite(friction)]  # infinite: the limit of large friction
+    values["friction"] = friction[
+        np.isfinite(friction)
+    ]  # infinite: the limit of large friction
     for key, value in values.items():
         yield from ((key, text) for text in unusual(key, value))
     if load := np.sum(given.get("dead_load") or 0.0):
@@ -118,11 +148,16 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
         place = f"ties[{number}]"
         for key in ("area", "modulus"):
             name = f"{place}.{key}"
-            yield from ((name, text) for text in unusual(f"ties.{key}", tie.get(key), name))
+            yield from (
+                (name, text) for text in unusual(f"ties.{key}", tie.get(key), name)
+            )
         for key, (least, most) in STRESSES.items():
-            if (force := tie.get(key)) and not least <= (stress := force / tie["area"]) <= most:
+            if (force := tie.get(key)) and not least <= (
+                stress := force / tie["area"]
+            ) <= most:
                 text = (
-                    f"{place}.{key} = {force:g} N on an area of {tie['area']:g} m2 is a stress of"
+                    f"{place}.{key} = {force:g} N on an area of "
+                    f"{tie['area']:g} m2 is a stress of"
                 )
                 usual = f"usual are {least:g} to {most:g}: are they in N and m2?"
                 yield f"{place}.{key}", f"{text} {stress:.3g} N/m2; {usual}"
@@ -146,8 +181,10 @@ def warn_of_units(arch: Shape, *keys: str, texts: Iterable[str] = ()) -> None:
     """Warn of values that are probably in another unit, of some keys or of all, and by `texts`."""
     if _quiet.get():
         return
-    level, frame = 1, sys._getframe()  # the line to blame is the first one outside archfrag
+    level = 1  # the line to blame is the first one outside archfrag
+    frame = sys._getframe()
     while frame.f_back and str(frame.f_globals.get("__name__")).startswith("archfrag."):
-        level, frame = level + 1, frame.f_back
+        level = level + 1
+        frame = frame.f_back
     for text in [*unit_cautions(arch, *keys), *texts]:
         warnings.warn(text, UnitWarning, stacklevel=level)

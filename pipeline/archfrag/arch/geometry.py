@@ -16,7 +16,9 @@ _SLIP = 1e-12  # part of a side within which a cut is at its end
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(24)
 # Of a plane figure: area [m2], centroid (2,) [m], polar second moment about the centroid [m4].
 Section = tuple[float, FloatArray, float]
-Side = tuple[FloatArray, FloatArray]  # (3,) each: start x, y [m] and bulge; end, its bulge unused
+Side = tuple[
+    FloatArray, FloatArray
+]  # (3,) each: start x, y [m] and bulge; end, its bulge unused
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -45,7 +47,8 @@ def polygon_section(corners: FloatArray) -> Section:
     twice = cross(here, there)
     area = 0.5 * math.fsum(twice)
     shift = twice @ (here + there) / (6.0 * area)
-    here, there = here - shift, there - shift
+    here = here - shift
+    there = there - shift
     twice = cross(here, there)
     squares = (here * here + here * there + there * there).sum(axis=1)
     polar = math.fsum(twice * squares) / 12.0
@@ -80,7 +83,9 @@ def _one_minus_sinc(angle: float) -> float:
     """Return 1 − sin(x)/x without cancellation at small x: x²/3! − x⁴/5! + …"""
     if angle > 1.0:
         return 1.0 - math.sin(angle) / angle
-    term, total, order = angle**2 / 6.0, 0.0, 3
+    term = angle**2 / 6.0
+    total = 0.0
+    order = 3
     while abs(term) > 1e-18 * abs(total):
         total += term
         term *= -(angle**2) / ((order + 1) * (order + 2))
@@ -141,24 +146,39 @@ def cut_sides(line: FloatArray, levels: Iterable[float] = ()) -> list[Side]:
     """
     sides = []
     for start, end in pairwise(line):
-        turn, chord = 4.0 * math.atan(start[2]), (end - start)[:2]
+        turn = 4.0 * math.atan(start[2])
+        chord = (end - start)[:2]
         if turn == 0.0:
-            cuts = [(level - start[1]) / chord[1] for level in levels if chord[1] != 0.0]
+            cuts = [
+                (level - start[1]) / chord[1] for level in levels if chord[1] != 0.0
+            ]
         else:
-            away = (1.0 - start[2] ** 2) / (4.0 * start[2]) * np.array([-chord[1], chord[0]])
+            away = (
+                (1.0 - start[2] ** 2)
+                / (4.0 * start[2])
+                * np.array([-chord[1], chord[0]])
+            )
             centre = 0.5 * (start + end)[:2] + away
             radius = math.hypot(*(start[:2] - centre))
             first = math.atan2(*(start[:2] - centre)[::-1])
             sines = [(level - centre[1]) / radius for level in levels]
             rise = [math.asin(sine) for sine in sines if abs(sine) < 1.0]
-            angles = [*(0.5 * math.pi * k for k in range(4)), *rise, *(math.pi - a for a in rise)]
+            angles = [
+                *(0.5 * math.pi * k for k in range(4)),
+                *rise,
+                *(math.pi - a for a in rise),
+            ]
             whole = math.copysign(2.0 * math.pi, turn)
             cuts = [(angle - first) % whole / turn for angle in angles]
-        parts = np.array([0.0, *sorted(p for p in cuts if _SLIP < p < 1.0 - _SLIP), 1.0])
+        parts = np.array(
+            [0.0, *sorted(p for p in cuts if _SLIP < p < 1.0 - _SLIP), 1.0]
+        )
         points = start[:2] + parts[:, None] * chord
         if turn != 0.0:
             angle = first + parts[1:-1] * turn
-            points[1:-1] = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+            points[1:-1] = centre + radius * np.column_stack(
+                [np.cos(angle), np.sin(angle)]
+            )
         bulges = np.append(np.tan(0.25 * turn * np.diff(parts)), 0.0)
         sides += list(pairwise(np.column_stack([points, bulges])))
     return sides
@@ -166,15 +186,21 @@ def cut_sides(line: FloatArray, levels: Iterable[float] = ()) -> list[Side]:
 
 def height_at(line: FloatArray, x: float) -> float:
     """Return the greatest height of a line ``(m, 3)`` at an x within its reach [m]."""
-    exchanged = line[:, [1, 0, 2]] * [1.0, 1.0, -1.0]  # a reflection, which turns arcs round
+    exchanged = line[:, [1, 0, 2]] * [
+        1.0,
+        1.0,
+        -1.0,
+    ]  # a reflection, which turns arcs round
     points = np.concatenate(cut_sides(exchanged, (x,)))
     return float(points[np.isclose(points[:, 1], x, rtol=0.0, atol=1e-9), 0].max())
 
 
 def rotated(vector: FloatArray, angle: FloatArray) -> FloatArray:
     """Return the vectors ``(m, 2)`` rotated by angles ``(m, k)``, ``(m, k, 2)``."""
-    x, y = vector[:, :1], vector[:, 1:]
-    cosine, sine = np.cos(angle), np.sin(angle)
+    x = vector[:, :1]
+    y = vector[:, 1:]
+    cosine = np.cos(angle)
+    sine = np.sin(angle)
     return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)
 
 
@@ -187,5 +213,7 @@ def sampled(outline: FloatArray) -> FloatArray:
         part = np.arange(steps) / steps
         length = part if half == 0.0 else np.sin(half * part) / math.sin(half)
         chord = (end - start)[None, :2]
-        points.append(start[:2] + length[:, None] * rotated(chord, half * (part - 1.0)[None])[0])
+        points.append(
+            start[:2] + length[:, None] * rotated(chord, half * (part - 1.0)[None])[0]
+        )
     return np.concatenate(points)

@@ -25,9 +25,13 @@ class Mark(NamedTuple):
     #: weight and at onset), sliding, hinge.
     role: str
     points: FloatArray  #: (n_point, 2) [m]
-    bodies: Sequence[int] = (GROUND,)  #: voussoir that carries each point, or all of them
+    bodies: Sequence[int] = (
+        GROUND,
+    )  #: voussoir that carries each point, or all of them
 
-    def moved(self, centroids: FloatArray, place: FloatArray, rotation: FloatArray) -> FloatArray:
+    def moved(
+        self, centroids: FloatArray, place: FloatArray, rotation: FloatArray
+    ) -> FloatArray:
         """Return the points in motion, (n_time, n_point, 2) [m].
 
         Voussoirs with `centroids` (n_voussoir, 2) at rest have them at `place` (n_time,
@@ -39,7 +43,8 @@ class Mark(NamedTuple):
         carried = (bodies >= 0) & (bodies < len(centroids))
         body = bodies[carried]
         x, y = (self.points[carried] - centroids[body]).T
-        sine, cosine = np.sin(rotation[:, body]), np.cos(rotation[:, body])
+        sine = np.sin(rotation[:, body])
+        cosine = np.cos(rotation[:, body])
         turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
         points[:, carried] = turned + place[:, body]
         return points
@@ -54,7 +59,8 @@ def arch_marks(arch: Shape) -> list[Mark]:
     marks += [Mark("tie", line, bodies) for line, bodies in ties]
     size = np.ptp(np.concatenate([mark.points for mark in marks]), axis=0).max()
     for joint in (0,) if arch.free_end else (0, arch.n_joint - 1):
-        inner, outer = arch.intrados[joint], arch.extrados[joint]
+        inner = arch.intrados[joint]
+        outer = arch.extrados[joint]
         reach = _OVERHANG * size * (outer - inner) / np.linalg.norm(outer - inner)
         marks.append(Mark("ground", np.array([inner - reach, outer + reach])))
     return marks
@@ -64,9 +70,13 @@ def mechanism_marks(
     arch: Shape, hinges: Sequence[tuple[int, str]], sliding: Sequence[int]
 ) -> list[Mark]:
     """Return the faces of sliding joints, and the points of hinges by joint and side."""
-    faces = [np.array([arch.intrados[joint], arch.extrados[joint]]) for joint in sliding]
+    faces = [
+        np.array([arch.intrados[joint], arch.extrados[joint]]) for joint in sliding
+    ]
     corners = [getattr(arch, side)[[joint]] for joint, side in hinges]
-    return [Mark("sliding", face) for face in faces] + [Mark("hinge", p) for p in corners]
+    return [Mark("sliding", face) for face in faces] + [
+        Mark("hinge", p) for p in corners
+    ]
 
 
 def frame(
@@ -81,10 +91,13 @@ def frame(
     points = [stone.moved(arch.centroids, place, rotation) for stone in stones]
     seen = np.concatenate([each.reshape(-1, 2) for each in points])
     rest = np.concatenate(arch.outlines)
-    low, high = rest.min(axis=0), rest.max(axis=0)
+    low = rest.min(axis=0)
+    high = rest.max(axis=0)
     size = float((high - low).max())
     first = np.maximum(np.minimum(low, seen.min(axis=0)), low - size) - margin * size
-    return first, np.minimum(np.maximum(high, seen.max(axis=0)), high + size) + margin * size
+    return first, np.minimum(
+        np.maximum(high, seen.max(axis=0)), high + size
+    ) + margin * size
 
 
 def _fill_outlines(arch: Shape) -> list[FloatArray]:
@@ -102,11 +115,17 @@ def _fill_outlines(arch: Shape) -> list[FloatArray]:
         for outline in (arch.outlines[first - 1], arch.outlines[last]):
             high = outline[outline[:, 1] > outline[:, 1].max() - 1e-9 * np.ptp(outline)]
             tops.append(high[high[:, 0].argsort()])  # from left to right
-        left, right = tops[0][:, 0] < below[0, 0], tops[1][:, 0] > below[-1, 0]
+        left = tops[0][:, 0] < below[0, 0]
+        right = tops[1][:, 0] > below[-1, 0]
         below = np.concatenate([tops[0][left], below, tops[1][right]])
-    level = np.concatenate(arch.outlines[first:last])[:, 1].max() + fill["height_over_crown"]
+    level = (
+        np.concatenate(arch.outlines[first:last])[:, 1].max()
+        + fill["height_over_crown"]
+    )
     middle = 0.5 * (arch.intrados + arch.extrados)[[first, last], 1].min()
-    levels = [level] + [middle + fill["backing_height"]] * (fill.get("backing_height", 0.0) > 0.0)
+    levels = [level] + [middle + fill["backing_height"]] * (
+        fill.get("backing_height", 0.0) > 0.0
+    )
     outlines = []
     for top in np.minimum(levels, level):
         line = np.column_stack([below[:, 0], np.minimum(below[:, 1], top)])

@@ -98,12 +98,19 @@ class Arch(Shape):
         return ("intrados", "extrados")[corner != self.flipped]
 
     def __repr__(self) -> str:
-        given, (width, height) = self.parameters, np.ptp(np.concatenate(self.outlines), axis=0)
+        given, (width, height) = (
+            self.parameters,
+            np.ptp(np.concatenate(self.outlines), axis=0),
+        )
         facts = [f"{key} {given[key]:g} m" for key in _SHOWN if key in given]
         facts = facts or [f"{width:.3g} m wide", f"{height:.3g} m high"]
         weight = self.chain.mass.sum() * self.chain.gravity / 1e3
-        counts = f"{counted(self.n_voussoir, 'voussoir')}, {counted(self.n_joint, 'joint')}"
-        return f"<Arch {given['profile']}: {counts}; {', '.join(facts)}; {weight:.3g} kN>"
+        counts = (
+            f"{counted(self.n_voussoir, 'voussoir')}, {counted(self.n_joint, 'joint')}"
+        )
+        return (
+            f"<Arch {given['profile']}: {counts}; {', '.join(facts)}; {weight:.3g} kN>"
+        )
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the arch to scale with the numbers of its joints, in `ax` or in new axes."""
@@ -118,10 +125,17 @@ class Arch(Shape):
 
     @classmethod
     def circular(
-        cls, radius: float, thickness: float, embrace: float, voussoirs: int,
-        friction: ArrayLike, *, sector: bool = True, joints: ArrayLike | None = None,
+        cls,
+        radius: float,
+        thickness: float,
+        embrace: float,
+        voussoirs: int,
+        friction: ArrayLike,
+        *,
+        sector: bool = True,
+        joints: ArrayLike | None = None,
         **material: Any,
-    ) -> Arch:  # fmt: skip
+    ) -> Arch:
         """Build a circular arch, symmetric about the vertical through its centre, the origin.
 
         Parameters
@@ -145,18 +159,33 @@ class Arch(Shape):
         radius = checks.number("radius", radius)
         thickness = checks.number("thickness", thickness)
         embrace = checks.number("embrace", embrace, "degrees", most=360.0, closed=False)
-        voussoirs, sector = checks.count("voussoirs", voussoirs), checks.flag("sector", sector)
-        angle = np.radians(checks.joint_positions(joints, voussoirs, embrace, "degrees"))
+        voussoirs = checks.count("voussoirs", voussoirs)
+        sector = checks.flag("sector", sector)
+        angle = np.radians(
+            checks.joint_positions(joints, voussoirs, embrace, "degrees")
+        )
         ring = rings.circular_ring(np.zeros(2), radius, thickness, angle, sector)
         shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
-        given = {**shape, "voussoirs": voussoirs, "sector": sector, "joints": plain(joints)}
+        given = {
+            **shape,
+            "voussoirs": voussoirs,
+            "sector": sector,
+            "joints": plain(joints),
+        }
         return cls._built_of("circular", given, ring, friction, **material)
 
     @classmethod
     def segmental(
-        cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
-        *, sector: bool = True, **more: Any,
-    ) -> Arch:  # fmt: skip
+        cls,
+        span: float,
+        rise: float,
+        thickness: float,
+        voussoirs: int,
+        friction: ArrayLike,
+        *,
+        sector: bool = True,
+        **more: Any,
+    ) -> Arch:
         """Build a circular arch of at most a semicircle from its span and rise.
 
         Parameters
@@ -169,69 +198,115 @@ class Arch(Shape):
             See `Arch`.
         """
         more["sector"] = checks.flag("sector", sector)
-        return cls._over_span("segmental", span, rise, thickness, voussoirs, friction, **more)
+        return cls._over_span(
+            "segmental", span, rise, thickness, voussoirs, friction, **more
+        )
 
     @classmethod
     def pointed(
-        cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
+        cls,
+        span: float,
+        rise: float,
+        thickness: float,
+        voussoirs: int,
+        friction: ArrayLike,
         **more: Any,
-    ) -> Arch:  # fmt: skip
+    ) -> Arch:
         """Build a pointed arch: two circular arcs with horizontal springings meet at the crown.
 
         Joints are radial to their arc. A joint at the crown is vertical and longer than the
         thickness; without one the keystone keeps the points of both arcs. Sides are straight.
         The parameters are those of `segmental`; the rise is at least half the span.
         """
-        return cls._over_span("pointed", span, rise, thickness, voussoirs, friction, **more)
+        return cls._over_span(
+            "pointed", span, rise, thickness, voussoirs, friction, **more
+        )
 
     @classmethod
     def elliptic(
-        cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
+        cls,
+        span: float,
+        rise: float,
+        thickness: float,
+        voussoirs: int,
+        friction: ArrayLike,
         **more: Any,
-    ) -> Arch:  # fmt: skip
+    ) -> Arch:
         """Build the upper half of an ellipse, flat or tall, with straight sides.
 
         Joints are perpendicular to the centre line and must not cross. The parameters are those
         of `segmental`; span and rise are the horizontal axis and half the vertical one.
         """
-        return cls._over_span("elliptic", span, rise, thickness, voussoirs, friction, **more)
+        return cls._over_span(
+            "elliptic", span, rise, thickness, voussoirs, friction, **more
+        )
 
     @classmethod
     def catenary(
-        cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
+        cls,
+        span: float,
+        rise: float,
+        thickness: float,
+        voussoirs: int,
+        friction: ArrayLike,
         **more: Any,
-    ) -> Arch:  # fmt: skip
+    ) -> Arch:
         """Build a hanging chain upside down, with straight sides.
 
         Joints are perpendicular to the centre line and must not cross. The parameters are those
         of `segmental`.
         """
-        return cls._over_span("catenary", span, rise, thickness, voussoirs, friction, **more)
+        return cls._over_span(
+            "catenary", span, rise, thickness, voussoirs, friction, **more
+        )
 
     @classmethod
     def _over_span(
-        cls, profile: str, span: float, rise: float, thickness: float, voussoirs: int,
-        friction: ArrayLike, *, joints: ArrayLike | None = None, sector: bool | None = None,
+        cls,
+        profile: str,
+        span: float,
+        rise: float,
+        thickness: float,
+        voussoirs: int,
+        friction: ArrayLike,
+        *,
+        joints: ArrayLike | None = None,
+        sector: bool | None = None,
         **material: Any,
-    ) -> Arch:  # fmt: skip
+    ) -> Arch:
         """Check what profiles over a span have in common, and build one of them."""
         least, most, ring_of = _OVER_SPAN[profile]
-        span, meaning = checks.number("span", span), f"{least:g} to {most:g} x span"
-        rise = checks.number("rise", rise, least=least * span, most=most * span, meaning=meaning)
+        span = checks.number("span", span)
+        meaning = f"{least:g} to {most:g} x span"
+        rise = checks.number(
+            "rise", rise, least=least * span, most=most * span, meaning=meaning
+        )
         thickness = checks.number("thickness", thickness)
         voussoirs = checks.count("voussoirs", voussoirs)
-        position = checks.joint_positions(joints, voussoirs, 1.0, "(the centre line's length)")
+        position = checks.joint_positions(
+            joints, voussoirs, 1.0, "(the centre line's length)"
+        )
         own = {} if sector is None else {"sector": sector}
         ring = ring_of(span, rise, thickness, position, **own)
-        shape = {"span": span, "rise": rise, "thickness": thickness, "voussoirs": voussoirs}
+        shape = {
+            "span": span,
+            "rise": rise,
+            "thickness": thickness,
+            "voussoirs": voussoirs,
+        }
         shape |= own | {"joints": plain(joints)}
         return cls._built_of(profile, shape, ring, friction, **material)
 
     @classmethod
     def from_joints(
-        cls, intrados: ArrayLike, extrados: ArrayLike, friction: ArrayLike, *,
-        free_end: bool = False, **material: Any,
-    ) -> Arch:  # fmt: skip
+        cls,
+        intrados: ArrayLike,
+        extrados: ArrayLike,
+        friction: ArrayLike,
+        *,
+        free_end: bool = False,
+        **material: Any,
+    ) -> Arch:
         """Build a straight-sided chain of any profile from the ends of its joints.
 
         You may list the joints from either end and take either side for the intrados: the names
@@ -265,16 +340,25 @@ class Arch(Shape):
         if inner.shape != outer.shape:
             counts = f"intrados has {len(inner)} points and extrados {len(outer)}"
             raise GeometryError(f"{counts}; they must be equal")
-        shape = {"intrados": inner.tolist(), "extrados": outer.tolist(), "free_end": free_end}
+        shape = {
+            "intrados": inner.tolist(),
+            "extrados": outer.tolist(),
+            "free_end": free_end,
+        }
         ring = rings.straight_ring(inner, outer)
         return cls._built_of("from_joints", shape, ring, friction, free_end, **material)
 
     @classmethod
     def from_polygons(
-        cls, outlines: Sequence[ArrayLike], friction: ArrayLike, *,
-        ground: Sequence[ArrayLike] = (), thickness_factor: float = 1.0,
-        tolerance: float | None = None, **material: Any,
-    ) -> Arch:  # fmt: skip
+        cls,
+        outlines: Sequence[ArrayLike],
+        friction: ArrayLike,
+        *,
+        ground: Sequence[ArrayLike] = (),
+        thickness_factor: float = 1.0,
+        tolerance: float | None = None,
+        **material: Any,
+    ) -> Arch:
         """Build a chain of simple polygons in any order; edges that two share become joints.
 
         Outlines must neither cross themselves nor overlap.
@@ -309,10 +393,16 @@ class Arch(Shape):
 
     @classmethod
     def from_dxf(
-        cls, path: str | Path, friction: ArrayLike, *, layer: str | Sequence[str] | None = None,
-        unit: str | None = None, thickness_factor: float = 1.0, tolerance: float | None = None,
+        cls,
+        path: str | Path,
+        friction: ArrayLike,
+        *,
+        layer: str | Sequence[str] | None = None,
+        unit: str | None = None,
+        thickness_factor: float = 1.0,
+        tolerance: float | None = None,
         **material: Any,
-    ) -> Arch:  # fmt: skip
+    ) -> Arch:
         """Build a chain from the blocks of a DXF drawing.
 
         `GeometryError` names file, layer and handle of what is no block or does not fit. A warning
@@ -338,10 +428,16 @@ class Arch(Shape):
         return cls._of_blocks(drawn, tolerance, thickness_factor, friction, material)
 
     def tied(
-        self, level: float | None = None, *, area: float, modulus: float = 2.0e11,
-        prestress: float = 0.0, strength: float = math.inf, rupture: float = math.inf,
+        self,
+        level: float | None = None,
+        *,
+        area: float,
+        modulus: float = 2.0e11,
+        prestress: float = 0.0,
+        strength: float = math.inf,
+        rupture: float = math.inf,
         ends: Sequence[tuple[int, float, float]] | None = None,
-    ) -> Arch:  # fmt: skip
+    ) -> Arch:
         """Return the arch with one more tie: a bar that only pulls.
 
         It is elastic up to its strength, then it yields. It is slack where it is shorter than
@@ -372,17 +468,26 @@ class Arch(Shape):
         True
         """
         given = {
-            "level": level, "area": area, "modulus": modulus, "prestress": prestress,
-            "strength": strength, "rupture": rupture, "ends": ends,
-        }  # fmt: skip
+            "level": level,
+            "area": area,
+            "modulus": modulus,
+            "prestress": prestress,
+            "strength": strength,
+            "rupture": rupture,
+            "ends": ends,
+        }
         if self.chain.joint is not None:
             raise GeometryError("a tie needs rigid joints: joints.model inset")
         row = tie_row(self, **given)  # type: ignore[arg-type]
         ties = [row] if self.chain.tie is None else [*self.chain.tie, row]
-        told = {key: value for key, value in given.items() if value not in (None, math.inf)}
+        told = {
+            key: value for key, value in given.items() if value not in (None, math.inf)
+        }
         ties_told = [*self.parameters.get("ties", ()), told]
         chain = self.chain._replace(tie=np.array(ties))
-        tied = self.changed(chain=chain, parameters={**self.parameters, "ties": ties_told})
+        tied = self.changed(
+            chain=chain, parameters={**self.parameters, "ties": ties_told}
+        )
         tied = tied._warned(f"ties[{len(ties) - 1}]")
         if self.chain.start is None or prestress == 0.0:
             return tied
@@ -411,10 +516,15 @@ class Arch(Shape):
         if self.chain.start is not None:
             raise GeometryError("a springing has moved already; recessed comes before")
         if self.joint_keys:
-            raise GeometryError("the arch has joints that give already; recessed comes before")
-        n_joint, depths = self.n_joint, []
+            raise GeometryError(
+                "the arch has joints that give already; recessed comes before"
+            )
+        n_joint = self.n_joint
+        depths = []
         for name, value in (("intrados", intrados), ("extrados", extrados)):
-            depths.append(checks.shared_or_each(f"recess.{name}", value, n_joint, "joint", "m"))
+            depths.append(
+                checks.shared_or_each(f"recess.{name}", value, n_joint, "joint", "m")
+            )
         face = self.extrados[:n_joint] - self.intrados[:n_joint]
         length = np.hypot(*face.T)
         left = length - depths[0] - depths[1]
@@ -429,7 +539,8 @@ class Arch(Shape):
         for line, step in zip(ends.values(), moved):
             line[:n_joint] += step
         corner = np.stack(moved[::-1] if self.flipped else moved, axis=1)
-        before, after = self.chain.face_before + corner, self.chain.face_after + corner
+        before = self.chain.face_before + corner
+        after = self.chain.face_after + corner
         chain = self.chain._replace(face_before=before, face_after=after)
         recess = {"intrados": plain(intrados), "extrados": plain(extrados)}
         for side, lost in self.parameters.get("recess", {}).items():
@@ -502,7 +613,9 @@ class Arch(Shape):
         later = {"recess", "strength", "springings", "ties"} & set(self.parameters)
         if later := later | ({"joints"} if self.joint_keys else set()):
             names = ", ".join(sorted(later))
-            raise GeometryError(f"the arch has {names} already; on_piers and filled come before")
+            raise GeometryError(
+                f"the arch has {names} already; on_piers and filled come before"
+            )
         return self.rebuilt(**more)._warned(*more)
 
     def rebuilt(self, **more: Any) -> Arch:
@@ -525,7 +638,9 @@ class Arch(Shape):
         """Return the arch of polygons, see `from_polygons`, after warnings of unusual values."""
         shape, ring, free = polygon_shape(drawn, tolerance, factor)
         given = Given("polygons", shape, ring, friction, free, **material)
-        return cls(**fields_of(given))._warned(texts=unusual("thickness_factor", factor))
+        return cls(**fields_of(given))._warned(
+            texts=unusual("thickness_factor", factor)
+        )
 
     def _warned(self, *keys: str, texts: Iterable[str] = ()) -> Self:
         """Return the arch after warnings of values that are probably in another unit."""
@@ -554,12 +669,19 @@ class Block(Arch):
     """
 
     def __init__(
-        self, width: float, height: float, friction: ArrayLike, density: float = 2000.0,
+        self,
+        width: float,
+        height: float,
+        friction: ArrayLike,
+        density: float = 2000.0,
         depth: float = 1.0,
-    ) -> None:  # fmt: skip
-        width, height = checks.number("width", width), checks.number("height", height)
+    ) -> None:
+        width = checks.number("width", width)
+        height = checks.number("height", height)
         right = np.array([[0.5 * width, 0.0], [0.5 * width, height]])
         ring = rings.straight_ring(right, right * [-1.0, 1.0])
         shape = {"width": width, "height": height}
-        super().__init__(**fields_of(Given("block", shape, ring, friction, True, density, depth)))
+        super().__init__(
+            **fields_of(Given("block", shape, ring, friction, True, density, depth))
+        )
         self._warned()

@@ -10,7 +10,13 @@ import shapely
 
 from archfrag.arch import checks
 from archfrag.arch.checks import FloatArray
-from archfrag.arch.geometry import cross, middle_of, outline_section, place_text, sampled
+from archfrag.arch.geometry import (
+    cross,
+    middle_of,
+    outline_section,
+    place_text,
+    sampled,
+)
 from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
 
@@ -27,7 +33,9 @@ class Blocks:
     ground: list[_Segment]  # none where ends stand opposite to their joints
     names: list[str]  # of the blocks
     ground_names: list[str]
-    layer: str = ""  # or layers of a drawing, its unit, and what it shows besides the blocks
+    layer: str = (
+        ""  # or layers of a drawing, its unit, and what it shows besides the blocks
+    )
     unit: str = ""
     caution: str = ""
     tolerance: float = 0.0  # within which corners and edges are the same [m]
@@ -41,9 +49,16 @@ class Blocks:
         why = "points (x, y), or (x, y, bulge) for a side that is an arc"
         names = [f"outlines[{i}]" for i in range(len(outlines))]
         lines = [f"ground[{i}]" for i in range(len(ground))]
-        corners = [checks.points(name, rows, 2, why, 3) for name, rows in zip(names, outlines)]
-        ends = [checks.points(name, rows, 2, "its ends")[:2] for name, rows in zip(lines, ground)]
-        straight = [np.column_stack([rows, np.zeros(len(rows))])[:, :3] for rows in corners]
+        corners = [
+            checks.points(name, rows, 2, why, 3) for name, rows in zip(names, outlines)
+        ]
+        ends = [
+            checks.points(name, rows, 2, "its ends")[:2]
+            for name, rows in zip(lines, ground)
+        ]
+        straight = [
+            np.column_stack([rows, np.zeros(len(rows))])[:, :3] for rows in corners
+        ]
         return cls([without_repeated(rows) for rows in straight], ends, names, lines)
 
     def refuse(self, block: int, text: str) -> NoReturn:
@@ -54,7 +69,9 @@ def without_repeated(corners: FloatArray, tolerance: float = 0.0) -> FloatArray:
     """Return the corners ``(m, 3)`` of an outline that differ from the next one, or all if fewer
     than two.
     """
-    kept = corners[np.hypot(*(np.roll(corners, -1, axis=0) - corners)[:, :2].T) > tolerance]
+    kept = corners[
+        np.hypot(*(np.roll(corners, -1, axis=0) - corners)[:, :2].T) > tolerance
+    ]
     return kept if len(kept) > 1 else corners
 
 
@@ -65,17 +82,24 @@ def polygon_shape(
     factor = checks.number("thickness_factor", thickness_factor, "", closed=False)
     ring, placed = polygon_ring(drawn, tolerance)
     if factor != 1.0:
-        lines = [line.mean(axis=0) + factor * (line - line.mean(axis=0)) for line in placed.ground]
+        lines = [
+            line.mean(axis=0) + factor * (line - line.mean(axis=0))
+            for line in placed.ground
+        ]
         drawn = Blocks.from_points(_stretched(placed.outlines, ring, factor), lines)
         ring, placed = polygon_ring(drawn, tolerance)
     # As drawn: what is placed already would give other last bits.
-    shape: dict[str, Any] = {name: [rows.tolist() for rows in getattr(drawn, name)]
-                             for name in ("outlines", "ground")}  # fmt: skip
+    shape: dict[str, Any] = {
+        name: [rows.tolist() for rows in getattr(drawn, name)]
+        for name in ("outlines", "ground")
+    }
     own = {} if tolerance is None else {"tolerance": tolerance}
     return shape | own, ring, len(placed.ground) == 1
 
 
-def _stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> list[FloatArray]:
+def _stretched(
+    outlines: Sequence[FloatArray], ring: Ring, factor: float
+) -> list[FloatArray]:
     """Return the outlines whose joints are longer by a factor about their middles; sides follow
     evenly.
 
@@ -86,12 +110,17 @@ def _stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> lis
     moves = (factor - 1.0) * (lines - 0.5 * (ring.intrados + ring.extrados)[:, None])
     result = []
     for i, outline in enumerate(outlines):
-        ends, moved = np.concatenate(lines[i : i + 2]), outline.copy()
-        apart = np.hypot(*(ends[:, None] - outline[None, :, :2]).transpose(2, 0, 1)).min(axis=1)
+        ends = np.concatenate(lines[i : i + 2])
+        moved = outline.copy()
+        apart = np.hypot(
+            *(ends[:, None] - outline[None, :, :2]).transpose(2, 0, 1)
+        ).min(axis=1)
         if apart.max() > tolerance:
             wide = f"voussoir {i} is wider than one of its joints"
             whole = "every joint must reach across both of its voussoirs"
-            raise GeometryError(f"thickness_factor = {factor:g} is impossible: {wide}; {whole}")
+            raise GeometryError(
+                f"thickness_factor = {factor:g} is impossible: {wide}; {whole}"
+            )
         along, places, total = _places_along(outline, ends)
         for axis, move in enumerate(np.concatenate(moves[i : i + 2]).T):
             moved[:, axis] += np.interp(along, places, move, period=total)
@@ -132,8 +161,11 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     # Along the first edge of an anticlockwise block one comes from its extrados to its intrados.
     ends = [segment[::-1] for segment in segments]
     last = order[-1]
-    if free:  # the edge that is farthest from the line of the last joint, intrados first
-        first, joint = outlines[last][:, :2], ends[-1]
+    if (
+        free
+    ):  # the edge that is farthest from the line of the last joint, intrados first
+        first = outlines[last][:, :2]
+        joint = ends[-1]
         edges = np.stack([first, np.roll(first, -1, axis=0)], axis=1)
         away = np.abs(cross(edges.mean(axis=1) - joint[0], joint[1] - joint[0]))
         ends.append(edges[int(np.argmax(away))])
@@ -143,12 +175,18 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     for place, block in enumerate(order[: len(order) - free]):
         for side in (intrados, extrados):
             if np.hypot(*(side[place + 1] - side[place])) <= given.tolerance:
-                given.refuse(block, f"has two joints that meet at {place_text(side[place])}")
+                given.refuse(
+                    block, f"has two joints that meet at {place_text(side[place])}"
+                )
     placed = [outlines[block] for block in order]
-    surfaces = [_back(placed[i], *ends, tolerance) for i, ends in enumerate(pairwise(extrados))]
+    surfaces = [
+        _back(placed[i], *ends, tolerance) for i, ends in enumerate(pairwise(extrados))
+    ]
     backs = [middle_of(sampled(line)) for line in surfaces]
     sections = [outline_section(outline) for outline in placed]
-    ring = Ring(intrados, extrados, 1, sections, list(map(sampled, placed)), backs, surfaces)
+    ring = Ring(
+        intrados, extrados, 1, sections, list(map(sampled, placed)), backs, surfaces
+    )
     ground = list(np.stack([intrados, extrados], axis=1)[[0] if free else [0, -1]])
     return ring, replace(given, outlines=placed, ground=ground)
 
@@ -161,7 +199,9 @@ def _back(
     """
     # Anticlockwise the back runs from the second joint to the first.
     along, (start, end), total = _places_along(outline, [second, first])
-    slip = 2.0 * tolerance  # a joint may end at a corner, whose arc then belongs to the back
+    slip = (
+        2.0 * tolerance
+    )  # a joint may end at a corner, whose arc then belongs to the back
     offset = (along - start + slip) % total
     inside = offset < (end - start) % total - slip
     inner = outline[inside][np.argsort(offset[inside])]
@@ -192,16 +232,22 @@ def _places_along(
 def _check_simple(given: Blocks) -> None:
     """Refuse outlines that cross themselves, have no area, or overlap."""
     points = [sampled(outline) for outline in given.outlines]
-    shapes = np.array([shapely.Polygon(p) if len(p) > 2 else shapely.Polygon() for p in points])
+    shapes = np.array(
+        [shapely.Polygon(p) if len(p) > 2 else shapely.Polygon() for p in points]
+    )
     least = given.tolerance
     for block, shape in enumerate(shapes):
         if not shape.is_valid:
-            given.refuse(block, f"must not cross itself: {shapely.is_valid_reason(shape)}")
+            given.refuse(
+                block, f"must not cross itself: {shapely.is_valid_reason(shape)}"
+            )
     # A block without its rim: overlaps of a tolerance leave nothing in common.
     cores = shapely.buffer(shapes, -least, join_style="mitre")
     for block, core in enumerate(cores):
         if core.is_empty:
-            given.refuse(block, f"has no area: nowhere is it wider than {2.0 * least:.3g} m")
+            given.refuse(
+                block, f"has no area: nowhere is it wider than {2.0 * least:.3g} m"
+            )
     for one, other in shapely.STRtree(cores).query(cores, predicate="intersects").T:
         if one < other:
             common = shapely.intersection(shapes[one], shapes[other]).area
@@ -212,7 +258,8 @@ def _find_joints(given: Blocks) -> None:
     """Find the joints of blocks with each other and with the ground, whose lines count after
     blocks.
     """
-    count, names = len(given.outlines), given.names + given.ground_names
+    count = len(given.outlines)
+    names = given.names + given.ground_names
     edges: list[_Segment] = []
     owner: list[int] = []
     for block, outline in enumerate(given.outlines):
@@ -234,7 +281,9 @@ def _find_joints(given: Blocks) -> None:
     for (block, neighbour), parts in shared.items():
         segment = _one_line(parts, given.tolerance)
         if segment is None:
-            meet = f"and {names[neighbour]} meet along {len(parts)} edges not on one line"
+            meet = (
+                f"and {names[neighbour]} meet along {len(parts)} edges not on one line"
+            )
             given.refuse(block, f"{meet}; a joint must be straight")
         given.joints[neighbour][block] = segment[::-1]
         if neighbour < count:
@@ -246,7 +295,9 @@ def _find_joints(given: Blocks) -> None:
             raise GeometryError(f"{name} {edge}; it is on edges of: {found}")
         ((block, segment),) = joints.items()
         if block in given.standing:
-            given.refuse(block, f"stands on two lines, {name} the second; it must be one")
+            given.refuse(
+                block, f"stands on two lines, {name} the second; it must be one"
+            )
         given.standing[block] = segment[::-1]
     del given.joints[count:]
 
@@ -257,11 +308,14 @@ def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment 
     place = (other - edge[0]) @ ((edge[1] - edge[0]) / length)
     if min(length, place[1]) - max(0.0, place[0]) < _SHORTEST * tolerance:
         return None
-    ours, theirs = edge.copy(), other.copy()
+    ours = edge.copy()
+    theirs = other.copy()
     # How far each end of the other lies inside the edge; the one inside has its foot on the other.
     for k, inside in enumerate((place[0], length - place[1])):
         if abs(inside) > tolerance:
-            line, ends, point = (edge, ours, other) if inside > 0.0 else (other, theirs, edge)
+            line, ends, point = (
+                (edge, ours, other) if inside > 0.0 else (other, theirs, edge)
+            )
             step = line[1] - line[0]
             ends[k] = line[0] + ((point[k] - line[0]) @ step) / (step @ step) * step
     apart = np.hypot(*(ours - theirs).T).max()
@@ -275,7 +329,9 @@ def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
     unit /= np.hypot(*unit)
     place = (points - points[0]) @ unit
     ends = points[[int(np.argmin(place)), int(np.argmax(place))]]
-    off = np.abs(cross(points - ends[0], (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))))
+    off = np.abs(
+        cross(points - ends[0], (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0])))
+    )
     return ends if off.max() <= 2.0 * tolerance else None
 
 
@@ -287,19 +343,27 @@ def _walk(given: Blocks) -> list[int]:
     for block, joints in enumerate(given.joints):
         if len(joints) > 2:
             others = ", ".join(names[other] for other in joints)
-            given.refuse(block, f"has {len(joints)} joints, with {others}; it may have two")
+            given.refuse(
+                block, f"has {len(joints)} joints, with {others}; it may have two"
+            )
     ends = [block for block, joints in enumerate(given.joints) if len(joints) < 2]
     if not ends:
         given.refuse(0, "and all others form a closed ring; a chain must have two ends")
     for block in given.standing:
         if block not in ends:
-            given.refuse(block, "stands on the ground between two joints; only ends may")
+            given.refuse(
+                block, "stands on the ground between two joints; only ends may"
+            )
     order = [ends[0]]
-    while ahead := [other for other in given.joints[order[-1]] if other not in order[-2:]]:
+    while ahead := [
+        other for other in given.joints[order[-1]] if other not in order[-2:]
+    ]:
         order.append(ahead[0])
     if apart := set(range(len(names))) - set(order):
         shapes = [shapely.Polygon(sampled(outline)) for outline in given.outlines]
-        gap, one, near = min((shapes[a].distance(shapes[b]), a, b) for a in order for b in apart)
+        gap, one, near = min(
+            (shapes[a].distance(shapes[b]), a, b) for a in order for b in apart
+        )
         rule = f"one chain, and edges of neighbours agree to {given.tolerance:.3g} m"
         away = f"has no edge in common with {names[near]}, {gap:.3g} m away"
         given.refuse(one, f"{away}; all must form {rule}")
@@ -308,7 +372,9 @@ def _walk(given: Blocks) -> list[int]:
             given.refuse(0, "is the only block; a LINE must show the edge it stands on")
         for end, near in ((order[0], order[1]), (order[-1], order[-2])):
             given.standing[end] = _opposite(given, end, given.joints[end][near])
-    left_first = sorted(given.standing, key=lambda block: (*given.standing[block].mean(axis=0),))
+    left_first = sorted(
+        given.standing, key=lambda block: (*given.standing[block].mean(axis=0),)
+    )
     return order if order[0] == left_first[0] else order[::-1]
 
 
@@ -323,5 +389,7 @@ def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:
     if len(outline) != 4 or side[0, 2] != 0.0:
         four = "they must be four, that opposite to its joint straight"
         line = f"without a LINE that shows the edge it stands on {four}"
-        given.refuse(block, f"is an end of the chain and has {len(outline)} sides; {line}")
+        given.refuse(
+            block, f"is an end of the chain and has {len(outline)} sides; {line}"
+        )
     return side[:, :2]

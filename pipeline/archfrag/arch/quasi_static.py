@@ -22,15 +22,21 @@ from archfrag.physics.steps.service import rest_range
 LOST_GAP = 0.5  # gap at both corners of a joint, over its length, of an arch that has fallen [1]
 # Step of a movement over the shortest joint, or as a rotation [rad]; the step in time makes
 # inertia small beside weight. At the end, steps until nothing moves any more.
-STEP, LONGEST, SETTLING = 1e-4, 0.2, 200
+STEP = 1e-4
+LONGEST = 0.2
+SETTLING = 200
 # Displacement, over the shortest joint, below which nothing moves, and beyond which an arch falls.
-STILL, FALLS = 1e-10, 0.05
+STILL = 1e-10
+FALLS = 0.05
 # Load over gravity below which forces that are not in equilibrium are rounding.
 HOLDS = 1e-9
 # Part of a prestress that a tie gets at once, and the least to which this is halved; steps until
 # the arch rests again. The tie is soft then, with an elongation of so many times its length, so
 # that it pulls as much wherever the arch goes.
-PULL, LEAST_PULL, FOLLOWING, SOFT = 0.02, 1e-4, 2000, 1e6
+PULL = 0.02
+LEAST_PULL = 1e-4
+FOLLOWING = 2000
+SOFT = 1e6
 
 
 Kind = TypeVar("Kind", bound=Shape)
@@ -46,11 +52,15 @@ class SlowArch(Generic[Kind]):
         self._path = new_path(self.model)
         begin(self.model, self._state, self._work, 0, 0.0)
         self.length = float(self.model.length.min())
-        self._time = min(LONGEST, 50.0 * math.sqrt(STEP * self.length / self.model.gravity))
+        self._time = min(
+            LONGEST, 50.0 * math.sqrt(STEP * self.length / self.model.gravity)
+        )
 
     def rest_range(self) -> tuple[float, float]:
         """Return range of rest in the present geometry [g]; negative numbers if there is none."""
-        found, plus, minus = rest_range(self.model, self._state, self._work, self._path.rest)
+        found, plus, minus = rest_range(
+            self.model, self._state, self._work, self._path.rest
+        )
         return (plus, minus) if found else (-math.inf, -math.inf)
 
     def step(self) -> tuple[bool, float]:
@@ -74,26 +84,33 @@ class SlowArch(Generic[Kind]):
 
     def arch(self) -> Kind:
         """Return the arch at rest where the bodies are."""
-        arch, model = self._built, self.model
+        arch = self._built
+        model = self.model
         start = self._state.position[1:-1].copy()
-        face_before, face_after = arch.chain.face_before.copy(), arch.chain.face_after.copy()
+        face_before = arch.chain.face_before.copy()
+        face_after = arch.chain.face_after.copy()
         face_before[0] = model.corner[0, 0]
         if not arch.free_end:
             face_after[-1] = model.corner[-1, 1]
-        chain = arch.chain._replace(start=start, face_before=face_before, face_after=face_after)
+        chain = arch.chain._replace(
+            start=start, face_before=face_before, face_after=face_after
+        )
         if len(model.tie):
             tie = model.tie.copy()
             tie[:, Tie.LENGTH] += self._state.tie[:, TieState.SET]
             chain = chain._replace(tie=tie)
-        angle, centroid = start[:, 2].copy(), arch.centroids
+        angle = start[:, 2].copy()
+        centroid = arch.centroids
         if arch.chain.start is not None:  # its outlines have rotated so far already
             angle -= arch.chain.start[:, 2]
-        cosine, sine = np.cos(angle), np.sin(angle)
+        cosine = np.cos(angle)
+        sine = np.sin(angle)
 
         def placed(body: int, points: NDArray) -> NDArray:
             """Return the points that moved with a body; those of the ground stay."""
             x, y = (points - centroid[body]).T
-            c, s = cosine[body], sine[body]
+            c = cosine[body]
+            s = sine[body]
             return start[body, :2] + np.column_stack([c * x - s * y, s * x + c * y])
 
         outlines = tuple(placed(body, each) for body, each in enumerate(arch.outlines))
@@ -110,7 +127,9 @@ class SlowArch(Generic[Kind]):
 
         The arch follows, and comes to rest at the end.
         """
-        row, part, more = self.model.tie[tie], 0.0, PULL
+        row = self.model.tie[tie]
+        part = 0.0
+        more = PULL
         given = row.copy()
         while part < 1.0:
             kept = [array.copy() for array in self._state]
@@ -134,7 +153,8 @@ class SlowArch(Generic[Kind]):
         """Let a tie pull with a force [N], wherever its ends go."""
         row = self.model.tie[tie]
         length = row[Tie.LENGTH] + tie_stretch(self.model, tie, self._state.position)
-        row[Tie.STIFFNESS], row[Tie.LENGTH] = force / (SOFT * length), (1.0 - SOFT) * length
+        row[Tie.STIFFNESS] = force / (SOFT * length)
+        row[Tie.LENGTH] = (1.0 - SOFT) * length
         row[Tie.STRENGTH] = row[Tie.RUPTURE] = math.inf
         self._state.tie[tie] = TAUT, 0.0
 
@@ -150,13 +170,16 @@ def follow_tie(arch: Kind) -> Kind:
     StabilityError
         If the arch falls before; it names the tie and the prestress at which the arch falls.
     """
-    tie, slow = len(arch.parameters["ties"]) - 1, SlowArch(arch)
+    tie = len(arch.parameters["ties"]) - 1
+    slow = SlowArch(arch)
     prestress = arch.parameters["ties"][tie]["prestress"]
     if prestress == 0.0 or min(slow.rest_range()) >= 0.0:
         return arch
     part = slow.tension(tie, prestress)
     if math.isfinite(part):
-        falls = f"falls when its {tie_name(arch, tie)} gets a prestress of {prestress:g} N"
+        falls = (
+            f"falls when its {tie_name(arch, tie)} gets a prestress of {prestress:g} N"
+        )
         most = f"it stands with up to {part * prestress:.4g} N"
         raise StabilityError(f"{arch!r}: the arch {falls}; {most}")
     return slow.arch()

@@ -34,9 +34,15 @@ class Ring(NamedTuple):
     extrados: FloatArray  # (n_voussoir + 1, 2) [m]
     sense: int  # +1: intrados to the right from joint 0 to the last, -1: to the left
     sections: list[Section]
-    outlines: list[FloatArray]  # (m, 2) each: intrados, then extrados backwards; not closed [m]
-    backs: list[FloatArray]  # (2,) each: middle of the back, where its dead load sits [m]
-    surfaces: list[FloatArray]  # (m, 3) each: the back from joint to joint with bulges, for fill
+    outlines: list[
+        FloatArray
+    ]  # (m, 2) each: intrados, then extrados backwards; not closed [m]
+    backs: list[
+        FloatArray
+    ]  # (2,) each: middle of the back, where its dead load sits [m]
+    surfaces: list[
+        FloatArray
+    ]  # (m, 3) each: the back from joint to joint with bulges, for fill
 
 
 def _root(*given: Any, **tolerances: float) -> Any:
@@ -52,17 +58,30 @@ def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     With a = span/2, b = rise and the point (a sin u, b cos u), the length from the crown is
     a E(u | 1 − b²/a²), the incomplete elliptic integral of the second kind.
     """
-    a, b, right = 0.5 * span, rise, 0.5 * math.pi
+    a = 0.5 * span
+    b = rise
+    right = 0.5 * math.pi
     parameter = 1.0 - (b / a) ** 2
     length = 2.0 * np.abs(fraction) * float(ellipeinc(right, parameter))
     roots = [
-        _root(lambda u, s: float(ellipeinc(u, parameter)) - s, 0.0, right, (s,), 1e-15, 1e-15)
+        _root(
+            lambda u, s: float(ellipeinc(u, parameter)) - s,
+            0.0,
+            right,
+            (s,),
+            1e-15,
+            1e-15,
+        )
         for s in length.tolist()
     ]
     u = np.copysign(roots, fraction)
-    sine, cosine = np.sin(u), np.cos(u)
+    sine = np.sin(u)
+    cosine = np.cos(u)
     # The springings are exact, where cos(pi/2) is not quite zero.
-    sine[0], cosine[0], sine[-1], cosine[-1] = -1.0, 0.0, 1.0, 0.0
+    sine[0] = -1.0
+    cosine[0] = 0.0
+    sine[-1] = 1.0
+    cosine[-1] = 0.0
     outward = np.column_stack([b * sine, a * cosine])
     outward /= np.hypot(outward[:, :1], outward[:, 1:])
     return np.column_stack([a * sine, b * cosine]), outward
@@ -80,29 +99,40 @@ def catenary(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     above *= 1.0 + 1e-12
     w = _root(
         lambda w: 2.0 * math.sinh(0.5 * w) ** 2 / w - slenderness,
-        0.5 * min(above, 1e-9), above, xtol=1e-300, rtol=1e-15,
-    )  # fmt: skip
+        0.5 * min(above, 1e-9),
+        above,
+        xtol=1e-300,
+        rtol=1e-15,
+    )
     c = 0.5 * span / w
     slope = 2.0 * fraction * math.sinh(w)
     x = c * np.arcsinh(slope)
     secant = np.hypot(1.0, slope)
     # cosh − 1 without cancellation: slope²/(1 + secant).
     y = rise - c * slope**2 / (1.0 + secant)
-    x[0], x[-1], y[0], y[-1] = -0.5 * span, 0.5 * span, 0.0, 0.0
+    x[0] = -0.5 * span
+    x[-1] = 0.5 * span
+    y[0] = 0.0
+    y[-1] = 0.0
     return np.column_stack([x, y]), np.column_stack([slope / secant, 1.0 / secant])
 
 
 def normal_ring(
     curve: Callable[[float, float, FloatArray], CentreLine],
-    span: float, rise: float, thickness: float, fraction: FloatArray,
-) -> Ring:  # fmt: skip
+    span: float,
+    rise: float,
+    thickness: float,
+    fraction: FloatArray,
+) -> Ring:
     """Return straight-sided voussoirs between joints perpendicular to a curve."""
     point, outward = curve(span, rise, fraction)
     offset = 0.5 * thickness * outward
     return straight_ring(point - offset, point + offset)
 
 
-def pointed_ring(span: float, rise: float, thickness: float, fraction: FloatArray) -> Ring:
+def pointed_ring(
+    span: float, rise: float, thickness: float, fraction: FloatArray
+) -> Ring:
     """Return straight-sided voussoirs between joints radial to two arcs that meet at the crown.
 
     The left arc has its centre on the springing line at x = d = (rise² − span²/4)/span and the
@@ -121,13 +151,20 @@ def pointed_ring(span: float, rise: float, thickness: float, fraction: FloatArra
     centre = np.column_stack([-sign * reach, np.zeros_like(side)])
     right = int(np.flatnonzero(sign < 0.0)[-1]) + 1
     intrados, extrados = (
-        np.insert(centre + r * outward, right, [0.0, math.sqrt(max(r**2 - reach**2, 0.0))], axis=0)
+        np.insert(
+            centre + r * outward,
+            right,
+            [0.0, math.sqrt(max(r**2 - reach**2, 0.0))],
+            axis=0,
+        )
         for r in (radius - 0.5 * thickness, radius + 0.5 * thickness)
     )
     return straight_ring(intrados, extrados, None if at_crown else right)
 
 
-def straight_ring(intrados: FloatArray, extrados: FloatArray, apex: int | None = None) -> Ring:
+def straight_ring(
+    intrados: FloatArray, extrados: FloatArray, apex: int | None = None
+) -> Ring:
     """Return straight-sided voussoirs between lines, of which that at an apex is no joint."""
     sense = _travel_sense(intrados, extrados)
     ends = np.delete(np.arange(len(intrados)), [] if apex is None else apex)
@@ -136,7 +173,9 @@ def straight_ring(intrados: FloatArray, extrados: FloatArray, apex: int | None =
     backs = [geometry.middle_of(extrados[s]) for s in spans]
     surfaces = [np.pad(extrados[s], ((0, 0), (0, 1))) for s in spans]
     sections = [geometry.polygon_section(each) for each in outlines]
-    return Ring(intrados[ends], extrados[ends], sense, sections, outlines, backs, surfaces)
+    return Ring(
+        intrados[ends], extrados[ends], sense, sections, outlines, backs, surfaces
+    )
 
 
 def circular_ring(
@@ -146,20 +185,28 @@ def circular_ring(
 
     `angle` of the joints is clockwise from the upward vertical [rad].
     """
-    inner, outer = radius - 0.5 * thickness, radius + 0.5 * thickness
+    inner = radius - 0.5 * thickness
+    outer = radius + 0.5 * thickness
     direction = np.column_stack([np.sin(angle), np.cos(angle)])
-    intrados, extrados = centre + inner * direction, centre + outer * direction
+    intrados = centre + inner * direction
+    extrados = centre + outer * direction
     if thickness >= 2.0 * radius:
         most = f"{2.0 * radius:.9g} m, twice the radius of the centre line"
-        raise GeometryError(f"thickness = {thickness} is impossible; it must be less than {most}")
+        raise GeometryError(
+            f"thickness = {thickness} is impossible; it must be less than {most}"
+        )
     if not sector:
         return straight_ring(intrados, extrados)
     ring = Ring(intrados, extrados, 1, [], [], [], [])
     for i, (start, end) in enumerate(pairwise(angle)):
         middle = 0.5 * (start + end)
         back = arc(centre, outer, start, end)
-        ring.sections.append(geometry.sector_section(centre, radius, thickness, start, end))
-        ring.outlines.append(np.concatenate([arc(centre, inner, start, end), back[::-1]]))
+        ring.sections.append(
+            geometry.sector_section(centre, radius, thickness, start, end)
+        )
+        ring.outlines.append(
+            np.concatenate([arc(centre, inner, start, end), back[::-1]])
+        )
         ring.backs.append(centre + outer * np.array([np.sin(middle), np.cos(middle)]))
         bulge = -math.tan(0.25 * (end - start))  # clockwise
         ring.surfaces.append(np.column_stack([extrados[i : i + 2], [bulge, 0.0]]))
@@ -172,7 +219,9 @@ def segmental_ring(
     """Return the ring of `circular_ring` over a span, with a rise of at most half of it."""
     radius = (0.25 * span**2 + rise**2) / (2.0 * rise)
     angle = 4.0 * math.atan2(2.0 * rise, span) * fraction
-    return circular_ring(np.array([0.0, rise - radius]), radius, thickness, angle, sector)
+    return circular_ring(
+        np.array([0.0, rise - radius]), radius, thickness, angle, sector
+    )
 
 
 def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
@@ -182,7 +231,9 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
     with np.errstate(invalid="ignore"):  # corners that coincide are refused below
         side /= np.hypot(side[..., 0], side[..., 1])[..., None]
     bend = cross(side, np.roll(side, -1, axis=1))
-    sense = np.where((bend > _TOLERANCE).all(1), 1, np.where((bend < -_TOLERANCE).all(1), -1, 0))
+    sense = np.where(
+        (bend > _TOLERANCE).all(1), 1, np.where((bend < -_TOLERANCE).all(1), -1, 0)
+    )
     if not sense.all():
         body = int(np.argmin(np.abs(sense)))
         corners = ", ".join(map(geometry.place_text, quads[body]))
@@ -198,14 +249,20 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
         raise GeometryError(f"voussoir {body} {same}: {rule}")
     # Neighbours lie on either side of the line of their joint and cannot overlap. Two other
     # convex quadrilaterals overlap if no side of theirs separates them.
-    low, high = quads.min(axis=1), quads.max(axis=1)
+    low = quads.min(axis=1)
+    high = quads.max(axis=1)
     near = (low[:, None] < high[None]).all(axis=2)
     first, second = np.nonzero(np.triu(near & near.T, 2))
     pairs = quads[np.stack([first, second])]  # (2, n_pair, 4, 2)
-    normal = np.concatenate([side[first], side[second]], axis=1)[..., ::-1] * [1.0, -1.0]
+    normal = np.concatenate([side[first], side[second]], axis=1)[..., ::-1] * [
+        1.0,
+        -1.0,
+    ]
     along = np.einsum("pnci,nki->pnkc", pairs, normal)
     depth = along.max(axis=3).min(axis=0) - along.min(axis=3).max(axis=0)
-    overlaps = np.flatnonzero(depth.min(axis=1) > _TOLERANCE * np.hypot(*np.ptp(quads, (0, 1))))
+    overlaps = np.flatnonzero(
+        depth.min(axis=1) > _TOLERANCE * np.hypot(*np.ptp(quads, (0, 1)))
+    )
     if overlaps.size:
         pair = overlaps[0]
         both = f"voussoirs {first[pair]} and {second[pair]} overlap by {depth[pair].min():.3g} m"
@@ -214,9 +271,11 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
 
 
 def chain_of(
-    ring: Ring, friction: FloatArray, surface_density: FloatArray,
+    ring: Ring,
+    friction: FloatArray,
+    surface_density: FloatArray,
     loads: Iterable[tuple[FloatArray, FloatArray]],
-) -> Chain:  # fmt: skip
+) -> Chain:
     """Return the chain of rigid bodies of a ring's voussoirs, as many joints as there is friction.
 
     Each load is a point mass on each body: its weights ``(n,)`` [N] and places ``(n, 2)`` [m]. A
@@ -226,23 +285,35 @@ def chain_of(
     area, centroid, polar = (np.array(each) for each in zip(*ring.sections))
     # Whatever overflows here is refused below.
     with np.errstate(all="ignore"):
-        mass, inertia = surface_density * area, surface_density * polar
+        mass = surface_density * area
+        inertia = surface_density * polar
         for weight, place in loads:
-            added, own = weight / STANDARD_GRAVITY, mass
+            added = weight / STANDARD_GRAVITY
+            own = mass
             mass = own + added
             lever = place - centroid
             inertia = inertia + own * (added / mass) * (lever**2).sum(axis=1)
             centroid = centroid + (added / mass)[:, None] * lever
-        good = (mass > 0.0) & (inertia > 0.0) & np.isfinite(mass + inertia + centroid.sum(axis=1))
+        good = (
+            (mass > 0.0)
+            & (inertia > 0.0)
+            & np.isfinite(mass + inertia + centroid.sum(axis=1))
+        )
     if not good.all():
         body = int(np.argmin(good))
-        has = f"a mass of {mass[body]:.6g} kg and an inertia of {inertia[body]:.6g} kg m2"
+        has = (
+            f"a mass of {mass[body]:.6g} kg and an inertia of {inertia[body]:.6g} kg m2"
+        )
         rule = "both must be finite and greater than 0. Check its size, density, depth and loads"
         raise GeometryError(f"voussoir {body} has {has}; {rule}")
-    n_voussoir, n_joint = mass.size, friction.size
+    n_voussoir = mass.size
+    n_joint = friction.size
     corners = np.stack([ring.intrados, ring.extrados][:: ring.sense], axis=1)
-    face_before, face_after = corners[:n_joint].copy(), corners[:n_joint].copy()
+    face_before = corners[:n_joint].copy()
+    face_after = corners[:n_joint].copy()
     face_before[1:] -= centroid[: n_joint - 1, None]
     face_after[:n_voussoir] -= centroid[:, None]
     centroid = np.ascontiguousarray(centroid)
-    return Chain(mass, inertia, centroid, face_before, face_after, friction, STANDARD_GRAVITY)
+    return Chain(
+        mass, inertia, centroid, face_before, face_after, friction, STANDARD_GRAVITY
+    )

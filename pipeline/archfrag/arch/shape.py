@@ -60,7 +60,9 @@ class Shape:
         """Depth of each body across the plane, (n_voussoir,) [m]."""
         given, (first, last) = self.parameters, self.springings
         ring = np.broadcast_to(np.asarray(given["depth"], float), last - first)
-        return bridge.extended(ring, given["piers"], "depth") if "piers" in given else ring
+        return (
+            bridge.extended(ring, given["piers"], "depth") if "piers" in given else ring
+        )
 
     @property
     def joint_depths(self) -> NDArray[np.float64]:
@@ -71,7 +73,9 @@ class Shape:
     @property
     def joint_keys(self) -> dict[str, Any]:
         """What was given of joints that give; empty of rigid ones."""
-        given = self.parameters.get("joints")  # a list: positions of the joints of a ring
+        given = self.parameters.get(
+            "joints"
+        )  # a list: positions of the joints of a ring
         return given if isinstance(given, dict) else {}
 
     @property
@@ -87,7 +91,8 @@ class Shape:
         """Clear span, rise at the joints' intrados and mean thickness of the ring [m]."""
         inner, outer = self.ring_lines
         ends = inner[[0, -1]]
-        span, rise = abs(ends[1, 0] - ends[0, 0]), inner[:, 1].max() - ends[:, 1].min()
+        span = abs(ends[1, 0] - ends[0, 0])
+        rise = inner[:, 1].max() - ends[:, 1].min()
         thickness = np.linalg.norm(outer - inner, axis=1).mean()
         return float(span), float(rise), float(thickness)
 

@@ -16,9 +16,15 @@ End = tuple[int, float, float]  # voussoir, x and y [m]
 
 
 def tie_row(
-    arch: Shape, level: float | None, area: float, modulus: float, prestress: float,
-    strength: float, rupture: float, ends: Sequence[End] | None,
-) -> list[float]:  # fmt: skip
+    arch: Shape,
+    level: float | None,
+    area: float,
+    modulus: float,
+    prestress: float,
+    strength: float,
+    rupture: float,
+    ends: Sequence[End] | None,
+) -> list[float]:
     """Return the row of ``Chain.tie`` of a tie; arguments are those of `Arch.tied`."""
     if (level is None) == (ends is None):
         raise GeometryError("a tie needs either its level or its ends")
@@ -26,14 +32,18 @@ def tie_row(
     stiff *= checks.number("modulus", modulus, "N/m2", closed=False)
     for name, value, unit in (("strength", strength, "N"), ("rupture", rupture, "m")):
         if not value > 0.0:
-            raise GeometryError(f"{name} = {value} is impossible; it must exceed 0 {unit}")
+            raise GeometryError(
+                f"{name} = {value} is impossible; it must exceed 0 {unit}"
+            )
     checks.number("prestress", prestress, "N", most=strength)
     both = _given(arch, ends) if level is None else _at_level(arch, float(level))
     points = np.array([end[1:] for end in both], dtype=float)
     length = float(np.hypot(*(points[1] - points[0])))
     if not length > checks.SMALLEST:
         raise GeometryError(f"the ends of the tie are {length:g} m apart")
-    for (body, *_), point in zip(both, points):  # in the frame of a body, or of the ground
+    for (body, *_), point in zip(
+        both, points
+    ):  # in the frame of a body, or of the ground
         if 0 <= body < arch.n_voussoir:
             point[:] = _turn(arch, body) @ (point - arch.centroids[body])
     stiffness = stiff / length
@@ -44,7 +54,8 @@ def tie_row(
             f"by its prestress of {prestress:g} N, and rupture must exceed that (it is an "
             "elongation in m, not a strain)"
         )
-    bodies, limits = [float(body + 1) for body, *_ in both], [float(strength), float(rupture)]
+    bodies = [float(body + 1) for body, *_ in both]
+    limits = [float(strength), float(rupture)]
     return [*bodies, *points.ravel().tolist(), stiffness, length - stretched, *limits]
 
 
@@ -52,7 +63,9 @@ def _at_level(arch: Shape, level: float) -> list[End]:
     """Return the outermost points of the voussoirs at a height, left and right."""
     found: list[End] = []
     for body, outline in enumerate(arch.outlines):
-        for (x, y), (u, v) in zip(outline.tolist(), np.roll(outline, -1, axis=0).tolist()):
+        for (x, y), (u, v) in zip(
+            outline.tolist(), np.roll(outline, -1, axis=0).tolist()
+        ):
             if (y - level) * (v - level) <= 0.0 and y != v:
                 found.append((body, x + (level - y) / (v - y) * (u - x), level))
     left, right = (end(found, key=itemgetter(1), default=None) for end in (min, max))
@@ -69,14 +82,20 @@ def _given(arch: Shape, ends: Sequence[End] | None) -> list[End]:
     both = [(int(body), float(x), float(y)) for body, x, y in ends or ()]
     bodies = [body for body, *_ in both]
     last = arch.n_voussoir - 1 + (not arch.free_end)
-    fits = len(both) == 2 and bodies[0] != bodies[1] and -1 <= min(bodies) <= max(bodies) <= last
+    fits = (
+        len(both) == 2
+        and bodies[0] != bodies[1]
+        and -1 <= min(bodies) <= max(bodies) <= last
+    )
     if not fits or not any(0 <= body < arch.n_voussoir for body in bodies):
         raise GeometryError(
             f"ends = {ends} is impossible for a tie; it must be two of (voussoir, x, y) with "
             f"different voussoirs from -1 (the left springing) to {last}, not both springings"
         )
     if not np.isfinite([end[1:] for end in both]).all():
-        raise GeometryError(f"ends = {ends} is impossible for a tie; places must be finite")
+        raise GeometryError(
+            f"ends = {ends} is impossible for a tie; places must be finite"
+        )
     return both
 
 
@@ -84,7 +103,9 @@ def _turn(arch: Shape, body: int) -> np.ndarray:
     """Return the rotation of a body at rest: its axes as rows, (2, 2)."""
     start = arch.chain.start
     angle = 0.0 if start is None else float(start[body, 2])
-    return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    return np.array(
+        [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]
+    )
 
 
 def tie_name(arch: Shape, tie: int) -> str:

@@ -45,9 +45,12 @@ class Marginal:
 
 
 def sample(
-    marginals: Mapping[str, Marginal], count: int, *, scheme: Scheme = "sobol",
+    marginals: Mapping[str, Marginal],
+    count: int,
+    *,
+    scheme: Scheme = "sobol",
     seed: int | Sequence[int] = 1,
-) -> dict[str, FloatArray]:  # fmt: skip
+) -> dict[str, FloatArray]:
     """Sample parameters with given distributions, `count` values of each.
 
     `scheme` is Sobol's sequence, scrambled (Owen 1998): the first samples of a longer design are
@@ -55,7 +58,8 @@ def sample(
     power of two. Or it is the Latin hypercube (McKay, Beckman and Conover 1979), for any `count`:
     one sample in each of `count` slices of every parameter.
     """
-    names, generator = list(marginals), np.random.default_rng(seed)
+    names = list(marginals)
+    generator = np.random.default_rng(seed)
     if not names:
         return {}
     if scheme == "sobol":
@@ -65,10 +69,14 @@ def sample(
     else:
         points = qmc.LatinHypercube(len(names), seed=generator).random(count)
     points = np.clip(points, _EDGE, 1.0 - _EDGE)
-    return {name: to_digits(marginals[name].quantile(x)) for name, x in zip(names, points.T)}
+    return {
+        name: to_digits(marginals[name].quantile(x)) for name, x in zip(names, points.T)
+    }
 
 
 def to_digits(values: ArrayLike) -> FloatArray:
     """Return the values to `DIGITS` significant digits, same shape."""
     array = np.asarray(values, dtype=float)
-    return np.array([float(f"{v:.{DIGITS}g}") for v in array.ravel()]).reshape(array.shape)
+    return np.array([float(f"{v:.{DIGITS}g}") for v in array.ravel()]).reshape(
+        array.shape
+    )

@@ -16,7 +16,10 @@ from archfrag.version import __version__
 # Module, and the first line of the help.
 COMMANDS = {
     "init": ("setting_up", "Write a commented study into FOLDER (.), to start from."),
-    "warmup": ("setting_up", "Compile the kernels now, so that later commands start at once."),
+    "warmup": (
+        "setting_up",
+        "Compile the kernels now, so that later commands start at once.",
+    ),
     "validate": ("study", "Check a study file and all files that it names."),
     "run": ("run_study", "Run a study, or continue it, from records to report."),
     "motions": ("study", "Read the study's records and store them for the workers."),
@@ -31,9 +34,18 @@ COMMANDS = {
     "risk": ("answers", "Find the rate of collapse of a finished STUDY at a site."),
     "info": ("answers", "Describe FILE: a cube, a study file or a folder of results."),
     "open": ("answers", "Open the report of STUDY in the browser."),
-    "onset": ("arch", "Find the steady ground acceleration that starts to move an arch."),
-    "simulate": ("arch", "Simulate one arch under one record, until it rests or collapses."),
-    "records": ("records", "Inspect, measure, select, convert, fetch and make records."),
+    "onset": (
+        "arch",
+        "Find the steady ground acceleration that starts to move an arch.",
+    ),
+    "simulate": (
+        "arch",
+        "Simulate one arch under one record, until it rests or collapses.",
+    ),
+    "records": (
+        "records",
+        "Inspect, measure, select, convert, fetch and make records.",
+    ),
 }
 
 
@@ -52,12 +64,14 @@ class _Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         module = import_module(f"archfrag.cli.{COMMANDS[cmd_name][0]}")
-        command: click.Command = getattr(module, f"{cmd_name}_command", None) or getattr(
-            module, cmd_name
-        )
+        command: click.Command = getattr(
+            module, f"{cmd_name}_command", None
+        ) or getattr(module, cmd_name)
         return command
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+    def format_commands(
+        self, ctx: click.Context, formatter: click.HelpFormatter
+    ) -> None:
         """Write the names of all commands with the first lines of their help."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, COMMANDS[name][1]) for name in sorted(COMMANDS)])
@@ -70,14 +84,17 @@ class _Commands(click.Group):
             warn("stopped by SIGINT")
             ctx.exit(130)
         except MemoryError:
-            text, code = "the memory of this machine does not suffice", 1
+            text = "the memory of this machine does not suffice"
+            code = 1
         except ArchfragError as error:
-            text, code = str(error), error.exit_code
+            text = str(error)
+            code = error.exit_code
         except OSError as error:
             if not error.strerror or error.errno == errno.EPIPE:
                 raise
             place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
-            text, code = f"{place}{error.strerror}", 1
+            text = f"{place}{error.strerror}"
+            code = 1
         warn(f"error: {text}")
         ctx.exit(code)
 
@@ -89,8 +106,14 @@ def _version(ctx: click.Context, parameter: click.Parameter, requested: bool) ->
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_version,
-              help="Show version and commit, and end.")  # fmt: skip
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_version,
+    help="Show version and commit, and end.",
+)
 def main() -> None:
     """From earthquake records to collapse probabilities of masonry arches.
 

@@ -36,30 +36,57 @@ from archfrag.study.products import REPORT_FILES
 from archfrag.study.provenance import CUBE, finite
 from archfrag.study.steps import finished
 
-members_option = click.option("--members", is_flag=True,
-                              help="Include the arches of classes as well.")  # fmt: skip
+members_option = click.option(
+    "--members", is_flag=True, help="Include the arches of classes as well."
+)
 _USES = {name: about for name, (about, _, _) in FORMATS.items()} | OF_ARCHES
 _FORMATS = (f"{name:15}  {about}" for name, about in _USES.items())
 
 
 @click.command(cls=Once, epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
 @with_study(
-    click.option("--format", "formats", multiple=True, required=True, type=click.Choice(_USES),
-                 help="Format to write. Repeatable."),
-    click.option("--limit-state", "limit_states", multiple=True, metavar="NAME",
-                 help="Limit state to write besides collapse: motion, impact, residual, "
-                 "rotation or contact_lost; all if not given. Repeatable."),
-    click.option("--curve", type=click.Choice(CURVES), default="median", show_default=True,
-                 help="Curve of the medians of theta and beta; predictive: its mean over what "
-                 "they may be; branches: 15 weighted curves for a logic tree."),
-    click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
-                 help="Folder to write to; `export` in the results folder if not given."),
-    members_option, json_option,
-)  # fmt: skip
+    click.option(
+        "--format",
+        "formats",
+        multiple=True,
+        required=True,
+        type=click.Choice(_USES),
+        help="Format to write. Repeatable.",
+    ),
+    click.option(
+        "--limit-state",
+        "limit_states",
+        multiple=True,
+        metavar="NAME",
+        help="Limit state to write besides collapse: motion, impact, residual, "
+        "rotation or contact_lost; all if not given. Repeatable.",
+    ),
+    click.option(
+        "--curve",
+        type=click.Choice(CURVES),
+        default="median",
+        show_default=True,
+        help="Curve of the medians of theta and beta; predictive: its mean over what "
+        "they may be; branches: 15 weighted curves for a logic tree.",
+    ),
+    click.option(
+        "--out",
+        type=click.Path(path_type=Path, file_okay=False),
+        metavar="FOLDER",
+        help="Folder to write to; `export` in the results folder if not given.",
+    ),
+    members_option,
+    json_option,
+)
 def export(
-    study: Any, formats: tuple[str, ...], limit_states: tuple[str, ...], curve: str,
-    out: Path | None, members: bool, as_json: bool,
-) -> None:  # fmt: skip
+    study: Any,
+    formats: tuple[str, ...],
+    limit_states: tuple[str, ...],
+    curve: str,
+    out: Path | None,
+    members: bool,
+    as_json: bool,
+) -> None:
     """Export a finished study in the formats of other programs.
 
     The formats scene and dxf need no runs; scene needs the motions, by `archfrag motions`.
@@ -72,7 +99,9 @@ def export(
     curve of a state lies below that of a severer one by more than 0.01 in probability, it takes up
     that one's dispersion as far as needed, and a note states it. The files hold these notes too.
     """
-    of_curves, of_arches = ([n for n in formats if n in known] for known in (FORMATS, OF_ARCHES))
+    of_curves, of_arches = (
+        [n for n in formats if n in known] for known in (FORMATS, OF_ARCHES)
+    )
     if not of_curves:
         refuse_given("scene and dxf have no curves", "curve", "limit_states")
     made: dict[str, Any] = {"left_out": {}, "notes": [], "files": []}
@@ -88,20 +117,36 @@ def export(
     lines = [f"{each['format']}: {each['file']}" for each in made["files"]]
     if of_curves:
         states = made["limit_states"]
-        lines.append(f"limit states written: {len(states)} ({', '.join(states) or 'no curve'})")
+        lines.append(
+            f"limit states written: {len(states)} ({', '.join(states) or 'no curve'})"
+        )
     show(made, "\n".join(lines), as_json)
 
 
 @click.command(cls=Once)
 @with_study(
-    click.option("--run", "run_name", default="median", show_default=True,
-                 metavar="RECORD@LEVEL",
-                 help="Run to show, its level in the study's unit; or median: the record with "
-                 "the capacity nearest the median."),
-    click.option("--arch", metavar="ID", help="Id of the arch; the first one if not given."),
-    click.option("--to", "path", type=PATH, default="film.gif", show_default=True,
-                 metavar="FILE", help="File to write: .gif, .mp4 or .svg."),
-)  # fmt: skip
+    click.option(
+        "--run",
+        "run_name",
+        default="median",
+        show_default=True,
+        metavar="RECORD@LEVEL",
+        help="Run to show, its level in the study's unit; or median: the record with "
+        "the capacity nearest the median.",
+    ),
+    click.option(
+        "--arch", metavar="ID", help="Id of the arch; the first one if not given."
+    ),
+    click.option(
+        "--to",
+        "path",
+        type=PATH,
+        default="film.gif",
+        show_default=True,
+        metavar="FILE",
+        help="File to write: .gif, .mp4 or .svg.",
+    ),
+)
 def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
     """Film one run of a finished study, simulated again.
 
@@ -127,7 +172,9 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
     return (lon, lat) if text else None
 
 
-def _ratios(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
+def _ratios(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> Any:
     try:
         pairs = [each.split("=") for each in text.split(",")] if text else []
         ratios = {name.strip(): number(ratio) for name, ratio in pairs}
@@ -141,25 +188,59 @@ def _ratios(context: click.Context, parameter: click.Parameter, text: str | None
 
 @click.command(cls=Once)
 @with_study(
-    click.option("--hazard", "hazards", type=PATH, required=True, multiple=True, metavar="FILE",
-                 help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles."),
-    click.option("--unit", help="Unit of the intensities of a CSV whose header has none."),
-    click.option("--years", type=float, default=50.0, show_default=True,
-                 help="Period for the probability of collapse [years]."),
-    click.option("--site", callback=_site, metavar="LON,LAT",
-                 help="Place: the nearest site of OpenQuake's file within 10 km."),
-    click.option("--confidence", type=float, default=0.9, show_default=True, help="Of all bands."),
-    click.option("--consequence", callback=_ratios, metavar="NAME=RATIO,...",
-                 help="Cost of limit states as parts of the arch's value, 0 to 1: the average "
-                 "annual loss is given too."),
-    click.option("--vulnerability", type=PATH, metavar="FILE",
-                 help="File for mean loss against intensity: .csv, or .xml for OpenQuake."),
-    members_option, json_option,
-)  # fmt: skip
+    click.option(
+        "--hazard",
+        "hazards",
+        type=PATH,
+        required=True,
+        multiple=True,
+        metavar="FILE",
+        help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles.",
+    ),
+    click.option(
+        "--unit", help="Unit of the intensities of a CSV whose header has none."
+    ),
+    click.option(
+        "--years",
+        type=float,
+        default=50.0,
+        show_default=True,
+        help="Period for the probability of collapse [years].",
+    ),
+    click.option(
+        "--site",
+        callback=_site,
+        metavar="LON,LAT",
+        help="Place: the nearest site of OpenQuake's file within 10 km.",
+    ),
+    click.option(
+        "--confidence", type=float, default=0.9, show_default=True, help="Of all bands."
+    ),
+    click.option(
+        "--consequence",
+        callback=_ratios,
+        metavar="NAME=RATIO,...",
+        help="Cost of limit states as parts of the arch's value, 0 to 1: the average "
+        "annual loss is given too.",
+    ),
+    click.option(
+        "--vulnerability",
+        type=PATH,
+        metavar="FILE",
+        help="File for mean loss against intensity: .csv, or .xml for OpenQuake.",
+    ),
+    members_option,
+    json_option,
+)
 def risk(
-    study: Any, hazards: tuple[Path, ...], members: bool, as_json: bool,
-    consequence: dict[str, float], vulnerability: Path | None, **given: Any,
-) -> None:  # fmt: skip
+    study: Any,
+    hazards: tuple[Path, ...],
+    members: bool,
+    as_json: bool,
+    consequence: dict[str, float],
+    vulnerability: Path | None,
+    **given: Any,
+) -> None:
     """Find the rate of collapse of a finished STUDY at a site.
 
     A class of arches has one rate, the mean of those of its arches.
@@ -176,7 +257,9 @@ def risk(
       archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
     """
     if vulnerability and not consequence:
-        raise InputError("--vulnerability needs --consequence, such as rotation=0.1,collapse=1")
+        raise InputError(
+            "--vulnerability needs --consequence, such as rotation=0.1,collapse=1"
+        )
     check_written(vulnerability)
     confidence = given["confidence"]
     hazard = load_hazard(hazards, study.intensity.measure, given["unit"], given["site"])
@@ -214,16 +297,24 @@ def info(file: Path, as_json: bool) -> None:
     made.
     """
     facts = _facts(file if file.suffix == ".nc" else _folder(file) / CUBE)
-    lines = [line for name, value in facts.items()
-             for line in wrapped(f"{name.replace('_', ' '):18}  {_text(value)}", 20)]  # fmt: skip
+    lines = [
+        line
+        for name, value in facts.items()
+        for line in wrapped(f"{name.replace('_', ' '):18}  {_text(value)}", 20)
+    ]
     show(facts, "\n".join(lines), as_json)
 
 
 def _text(value: Any) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{name} {entry}" for name, entry in value.items() if entry != 0)
+        return ", ".join(
+            f"{name} {entry}" for name, entry in value.items() if entry != 0
+        )
     if isinstance(value, list):
-        named = [each if isinstance(each, str) else f"{each:.4g}" for each in value[:_MOST_NAMED]]
+        named = [
+            each if isinstance(each, str) else f"{each:.4g}"
+            for each in value[:_MOST_NAMED]
+        ]
         return f"{len(value)}: {', '.join(named)}{', …' * (len(value) > _MOST_NAMED)}"
     return str(value)
 
@@ -234,25 +325,36 @@ def _facts(path: Path) -> dict[str, Any]:
     """
     try:
         with opened(path), xr.open_dataset(path) as cube:  # a pipe would be waited for
-            stated, level, verdict = cube.attrs, cube["intensity"], cube["verdict"]
+            stated = cube.attrs
+            level = cube["intensity"]
+            verdict = cube["verdict"]
             names = verdict.attrs["flag_meanings"].split()
-            counts = [int((verdict == code).sum()) for code in verdict.attrs["flag_values"]]
-            names, counts = [*names, "not_run"], [*counts, int(verdict.isnull().sum())]
+            counts = [
+                int((verdict == code).sum()) for code in verdict.attrs["flag_values"]
+            ]
+            names = [*names, "not_run"]
+            counts = [*counts, int(verdict.isnull().sum())]
             return {
-                "file": str(path), "study": stated["archfrag_study"], "title": stated["title"],
+                "file": str(path),
+                "study": stated["archfrag_study"],
+                "title": stated["title"],
                 "dimensions": {str(name): size for name, size in cube.sizes.items()},
                 "arches": cube["arch"].values.astype(str).tolist(),
                 "records": cube["record"].values.astype(str).tolist(),
                 "vertical_component": stated["vertical_component"],
-                "measure": level.attrs["measure"], "unit": level.attrs["unit"],
+                "measure": level.attrs["measure"],
+                "unit": level.attrs["unit"],
                 "levels": np.unique(level.values[np.isfinite(level.values)]).tolist(),
                 "design": json.loads(stated["archfrag_design"])["kind"],
                 "verdicts": dict(zip(names, counts)),
-                "source": stated["source"], "commit": stated["archfrag_commit"],
+                "source": stated["source"],
+                "commit": stated["archfrag_commit"],
                 "versions": json.loads(stated["archfrag_versions"]),
-            }  # fmt: skip
+            }
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: is missing, damaged or no cube of archfrag") from error
+        raise InputError(
+            f"{path}: is missing, damaged or no cube of archfrag"
+        ) from error
 
 
 @click.command("open", cls=Once)
@@ -265,16 +367,23 @@ def open_command(study: Path) -> None:
     """
     report = _folder(study) / REPORT_FILES[0]
     if not report.is_file():
-        raise InputError(f"{report}: is missing; `archfrag run` on the study file makes it")
+        raise InputError(
+            f"{report}: is missing; `archfrag run` on the study file makes it"
+        )
     if not webbrowser.open(report.resolve().as_uri()):
         echo(str(report))
 
 
 @click.command(cls=Once)
 @with_study(
-    click.option("--to", "folder", type=PATH, metavar="DIR",
-                 help="Folder to write to; `figures` in the results folder by default."),
-)  # fmt: skip
+    click.option(
+        "--to",
+        "folder",
+        type=PATH,
+        metavar="DIR",
+        help="Folder to write to; `figures` in the results folder by default.",
+    ),
+)
 def figures(study: Any, folder: Path | None) -> None:
     """Draw a finished study for a paper, as PDF and PNG.
 

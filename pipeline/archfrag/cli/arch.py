@@ -80,7 +80,9 @@ def _takes_arch(command: Callable) -> Callable:
         if entry.drawing is not None:
             warn("\narchfrag: caution: ".join(read_from_drawing(entry)))
         if entry.vary is not None:
-            samples = f"its {entry.vary.samples} samples are --arch {entry.id}-0001 and so on"
+            samples = (
+                f"its {entry.vary.samples} samples are --arch {entry.id}-0001 and so on"
+            )
             warn(f"{entry.id} as given, without vary; {samples}")
         arch = entry.build()
         for caution in unit_cautions(arch):
@@ -88,18 +90,36 @@ def _takes_arch(command: Callable) -> Callable:
         command(arch, **options)
 
     return takes(
-        click.option("--study", type=PATH, metavar="STUDY", help="Study file with the arch."),
-        click.option("--arch", "arch_id", metavar="ID",
-                     help="Id of the arch in the study; ID-0001 is the first sample of one that "
-                     "varies, ID the arch as given."),
-        click.option("--profile", type=click.Choice(_PROFILES), default="circular",
-                     show_default=True),
-        *(click.option(f"--{name.replace('_', '-')}", type=_TYPES.get(name, float), help=text)
-          for name, text in _OPTIONS.items()),
-        click.option("--layer", multiple=True, metavar="NAME,...",
-                     help="Layer of the drawing; the only one with polylines if not given. "
-                     "Repeatable."),
-    )(wrapped)  # fmt: skip
+        click.option(
+            "--study", type=PATH, metavar="STUDY", help="Study file with the arch."
+        ),
+        click.option(
+            "--arch",
+            "arch_id",
+            metavar="ID",
+            help="Id of the arch in the study; ID-0001 is the first sample of one that "
+            "varies, ID the arch as given.",
+        ),
+        click.option(
+            "--profile",
+            type=click.Choice(_PROFILES),
+            default="circular",
+            show_default=True,
+        ),
+        *(
+            click.option(
+                f"--{name.replace('_', '-')}", type=_TYPES.get(name, float), help=text
+            )
+            for name, text in _OPTIONS.items()
+        ),
+        click.option(
+            "--layer",
+            multiple=True,
+            metavar="NAME,...",
+            help="Layer of the drawing; the only one with polylines if not given. "
+            "Repeatable.",
+        ),
+    )(wrapped)
 
 
 def _of_study(path: Path, name: str | None) -> ArchEntry:
@@ -113,7 +133,11 @@ def _of_study(path: Path, name: str | None) -> ArchEntry:
     if name is None and (single or len(entries) == 1):
         name = next(iter(entries))
     if name not in entries:
-        wrong = "--arch is missing" if name is None else f"--arch {name}: there is no such arch"
+        wrong = (
+            "--arch is missing"
+            if name is None
+            else f"--arch {name}: there is no such arch"
+        )
         some = ", ".join(list(entries)[:_NAMES]) + ", ..." * (len(entries) > _NAMES)
         raise InputError(f"{path}: {wrong}; the study has {some}")
     return entries[name]
@@ -122,7 +146,9 @@ def _of_study(path: Path, name: str | None) -> ArchEntry:
 def _by_numbers(options: dict[str, Any]) -> ArchEntry:
     """Return an arch from the options of the command line, None where not given."""
 
-    given = {"id": "arch"} | {key: value for key, value in options.items() if value is not None}
+    given = {"id": "arch"} | {
+        key: value for key, value in options.items() if value is not None
+    }
     if "drawing" in given:
         del given["profile"]
     try:
@@ -130,7 +156,9 @@ def _by_numbers(options: dict[str, Any]) -> ArchEntry:
     except ValidationError as error:
         names = {"unit": "drawing_unit"}
         message = first_message(
-            error, given, lambda at: "--" + names.get(at[0], str(at[0])).replace("_", "-")
+            error,
+            given,
+            lambda at: "--" + names.get(at[0], str(at[0])).replace("_", "-"),
         )
         how = "or take an arch of a study by --study STUDY --arch ID"
         what = f"--profile {given['profile']}" if "profile" in given else "--drawing"
@@ -154,7 +182,15 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
 
     check_written(figure)
     start = find_onset(arch)
-    names = ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus", "sliding_minus")
+    names = (
+        "stands",
+        "plus",
+        "minus",
+        "hinges",
+        "sliding",
+        "hinges_minus",
+        "sliding_minus",
+    )
     lines = []
     for sense, value, hinges, sliding in (
         ("+x", start.plus, start.hinges, start.sliding),
@@ -165,7 +201,8 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         how = f": {', '.join(parts)}" if parts else ""
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
         lines.append(f"ground towards {sense}: {moves}{how}")
-    loss, cautions = standing.inset_loss(arch), standing.arch_cautions(arch, start)
+    loss = standing.inset_loss(arch)
+    cautions = standing.arch_cautions(arch, start)
     lines += filter(None, [standing.inset_text(arch, loss), standing.joints_text(arch)])
     text = "\n".join(lines)
     if not start.stands:
@@ -179,11 +216,17 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         kept = [*range(0, last, max(1, last // _SPREADS)), last]
         columns = spread * path.part[kept], path.plus[kept], path.minus[kept]
         text += "\nspread [m]  onset +x [g]  onset -x [g]"
-        text += "".join("\n{:10.4f}  {:12.4f}  {:12.4f}".format(*row) for row in zip(*columns))
+        text += "".join(
+            "\n{:10.4f}  {:12.4f}  {:12.4f}".format(*row) for row in zip(*columns)
+        )
         falls = spread * path.limit
         text += "" if math.isinf(falls) else f"\nfalls at a spread of {falls:.4g} m"
-        facts |= {"spread": columns[0], "plus_at": columns[1], "minus_at": columns[2],
-                  "falls_at": falls}  # fmt: skip
+        facts |= {
+            "spread": columns[0],
+            "plus_at": columns[1],
+            "minus_at": columns[2],
+            "falls_at": falls,
+        }
     if figure is not None:
         write_text(figure, svg_of(start.plot().figure) + "\n")
     show(finite(facts), text, as_json)
@@ -197,19 +240,42 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
 @takes_record
 @takes(
     click.option("--component", help="Horizontal component to use, e.g. E."),
-    click.option("--scale", type=float, default=1.0, show_default=True,
-                 help="Factor on the record."),
-    click.option("--pga", type=float, help="Peak to scale the record to [g], instead of --scale."),
+    click.option(
+        "--scale",
+        type=float,
+        default=1.0,
+        show_default=True,
+        help="Factor on the record.",
+    ),
+    click.option(
+        "--pga", type=float, help="Peak to scale the record to [g], instead of --scale."
+    ),
     method_option("auto", "Method of integration."),
-    click.option("--dt", type=float, help="Time step [s]; the method's default if not given."),
-    click.option("--rtol", type=float, help="Relative error; the method's default if not given."),
-    click.option("--follow", type=float, default=20.0, show_default=True,
-                 help="Longest time to simulate after the record while the arch moves [s]."),
-    click.option("--mechanism", "history", is_flag=True, help="Show how the mechanism changed."),
+    click.option(
+        "--dt", type=float, help="Time step [s]; the method's default if not given."
+    ),
+    click.option(
+        "--rtol", type=float, help="Relative error; the method's default if not given."
+    ),
+    click.option(
+        "--follow",
+        type=float,
+        default=20.0,
+        show_default=True,
+        help="Longest time to simulate after the record while the arch moves [s].",
+    ),
+    click.option(
+        "--mechanism", "history", is_flag=True, help="Show how the mechanism changed."
+    ),
     json_option,
-)  # fmt: skip
+)
 def simulate(
-    arch: Any, record: Path, scale: float, pga: float | None, as_json: bool, **options: Any
+    arch: Any,
+    record: Path,
+    scale: float,
+    pga: float | None,
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Simulate one arch under one record, until it rests or collapses."""
 
@@ -224,7 +290,9 @@ def simulate(
         del facts[name]
     if response.mechanism is not None:
         facts["mechanism"] = [asdict(change) for change in response.mechanism]
-    facts = finite(facts | {"status": response.status.name.lower(), "scale": scale}, None)
+    facts = finite(
+        facts | {"status": response.status.name.lower(), "scale": scale}, None
+    )
     show(facts, _text(response, facts), as_json)
 
 
@@ -234,11 +302,19 @@ def _text(response: Response, facts: dict[str, Any]) -> str:
     for key, value in facts.items():
         unit = UNITS.get(key.split("_")[-1], "")
         if isinstance(value, dict):
-            known = (f"{name} {each:.4g} {unit}" for name, each in value.items() if each)
-            value = ", ".join(each.strip().replace("_", " ") for each in known) or "none"
+            known = (
+                f"{name} {each:.4g} {unit}" for name, each in value.items() if each
+            )
+            value = (
+                ", ".join(each.strip().replace("_", " ") for each in known) or "none"
+            )
         elif isinstance(value, float):
             value = f"{value:.4g} {unit}"
-        if key not in ("status", "collapsed", "mechanism") and value not in (None, -1, "none"):
+        if key not in ("status", "collapsed", "mechanism") and value not in (
+            None,
+            -1,
+            "none",
+        ):
             lines.append(f"{key.replace('_', ' ')}: {value}".rstrip())
     if response.mechanism is not None:
         lines.append(summary(response.mechanism))

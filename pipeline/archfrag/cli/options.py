@@ -29,46 +29,71 @@ def takes(*options: Callable) -> Callable:
     return decorate
 
 
-def _columns(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
+def _columns(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> Any:
     from archfrag.motions.formats.columns import parse_columns
 
     return None if text is None else parse_columns(text)
 
 
-def _accept(context: click.Context, parameter: click.Parameter, words: tuple[str, ...]) -> Any:
+def _accept(
+    context: click.Context, parameter: click.Parameter, words: tuple[str, ...]
+) -> Any:
     from archfrag.motions.calibrate import accepted_words
 
     return accepted_words(words, "--accept")
 
 
-cores_option = click.option("--cores", "--workers", type=click.IntRange(min=1),
-                            help="Number of cores to use; all by default.")  # fmt: skip
+cores_option = click.option(
+    "--cores",
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Number of cores to use; all by default.",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 takes_study = takes(
     click.argument("study_file", metavar="STUDY", type=PATH),
-    click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
-                 help="Override a key of the study file, e.g. --set method.dt=0.0005; "
-                 "paths are relative to the study file. Repeatable."),
-)  # fmt: skip
+    click.option(
+        "--set",
+        "overrides",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Override a key of the study file, e.g. --set method.dt=0.0005; "
+        "paths are relative to the study file. Repeatable.",
+    ),
+)
 
 
 takes_format = takes(
     click.option("--unit", help="Unit of the samples if the file does not state it."),
-    click.option("--inventory", type=PATH,
-                 help="StationXML of a record in counts, if it is not NAME.xml in its folder."),
-    click.option("--columns", callback=_columns, metavar="KEY=N,...",
-                 help="Columns of plain text files: time=1,acceleration=2, or "
-                 "acceleration=1,dt=0.01; dt=0.01 alone takes all numbers, row after row; also "
-                 "vertical=COLUMN and skip=LINES."),
-)  # fmt: skip
+    click.option(
+        "--inventory",
+        type=PATH,
+        help="StationXML of a record in counts, if it is not NAME.xml in its folder.",
+    ),
+    click.option(
+        "--columns",
+        callback=_columns,
+        metavar="KEY=N,...",
+        help="Columns of plain text files: time=1,acceleration=2, or "
+        "acceleration=1,dt=0.01; dt=0.01 alone takes all numbers, row after row; also "
+        "vertical=COLUMN and skip=LINES.",
+    ),
+)
 takes_record = takes(
     takes_format,
-    click.option("--accept", multiple=True, callback=_accept, metavar="WORD,...",
-                 help="Let pass a peak outside 1e-5 to 5 g (pga), a time step outside 1e-4 to "
-                 "0.1 s (time_step), another number of samples than announced (samples), another "
-                 "peak than the header states (header), a sensor in a borehole or a structure "
-                 "(sensor)."),
-)  # fmt: skip
+    click.option(
+        "--accept",
+        multiple=True,
+        callback=_accept,
+        metavar="WORD,...",
+        help="Let pass a peak outside 1e-5 to 5 g (pga), a time step outside 1e-4 to "
+        "0.1 s (time_step), another number of samples than announced (samples), another "
+        "peak than the header states (header), a sensor in a borehole or a structure "
+        "(sensor).",
+    ),
+)
 
 
 class Once(click.Command):
@@ -81,9 +106,15 @@ class Once(click.Command):
         """Parse options; an error for one given twice, whose first value would be lost."""
         values, _, order = self.make_parser(ctx).parse_args(list(args))
         for each in {*order}:
-            if isinstance(each, click.Option) and not each.multiple and order.count(each) > 1:
+            if (
+                isinstance(each, click.Option)
+                and not each.multiple
+                and order.count(each) > 1
+            ):
                 raise InputError(f"{each.opts[0]} is given twice; give it once")
-            if isinstance(each.type, click.types.FloatParamType | click.types.IntParamType):
+            if isinstance(
+                each.type, click.types.FloatParamType | click.types.IntParamType
+            ):
                 try:
                     number(str(values[str(each.name)]))
                 except ValueError as error:
@@ -97,7 +128,9 @@ def refuse_given(why: str, *names: str) -> None:
     for each in context.command.params:
         source = context.get_parameter_source(str(each.name))
         if each.name in names and source not in (None, ParameterSource.DEFAULT):
-            raise InputError(f"{each.opts[0]} is given, but {why}; leave one of them out")
+            raise InputError(
+                f"{each.opts[0]} is given, but {why}; leave one of them out"
+            )
 
 
 _WRITTEN = ("out", "figure", "path", "folder", "vulnerability", "output")  # parameters
@@ -115,7 +148,9 @@ def check_written(*targets: Path | None) -> None:
 def method_option(default: str | None, text: str) -> Callable:
     """Return the option of a method of integration."""
     choices = click.Choice([*METHODS])
-    return click.option("--method", type=choices, default=default, show_default=True, help=text)
+    return click.option(
+        "--method", type=choices, default=default, show_default=True, help=text
+    )
 
 
 def echo(text: str, err: bool = False) -> None:
@@ -130,8 +165,13 @@ def warn(message: str) -> None:
 def wrapped(text: str, indent: int) -> list[str]:
     """Return the lines of a text, broken between words at the width of the terminal."""
     width = max(shutil.get_terminal_size().columns, indent + 20)
-    return textwrap.wrap(text, width, subsequent_indent=" " * indent,
-                         break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    return textwrap.wrap(
+        text,
+        width,
+        subsequent_indent=" " * indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def show(facts: Any, text: str, as_json: bool) -> None:
@@ -151,9 +191,12 @@ def point_to_report(folder: Path, named: Path, anything: bool) -> None:
 def _svg(context: click.Context, parameter: click.Parameter, path: Path | None) -> Any:
     """Check that a figure is an SVG file before anything is done."""
     if path is not None and path.suffix.lower() != ".svg":
-        raise InputError(f"--figure {path}: figures are written as SVG; name a FILE.svg")
+        raise InputError(
+            f"--figure {path}: figures are written as SVG; name a FILE.svg"
+        )
     return path
 
 
-figure_option = click.option("--figure", type=PATH, metavar="FILE.svg", callback=_svg,
-                       help="Draw a figure.")  # fmt: skip
+figure_option = click.option(
+    "--figure", type=PATH, metavar="FILE.svg", callback=_svg, help="Draw a figure."
+)

@@ -45,7 +45,9 @@ _out = click.option("--out", type=PATH, required=True, help="Folder to write to.
 def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
     """Return a callback for numbers within limits, which tells whether they are two ends."""
 
-    def numbers(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
+    def numbers(
+        context: click.Context, parameter: click.Parameter, text: str | None
+    ) -> Any:
         if text is None:
             return None
         ends = ":" in text
@@ -69,7 +71,11 @@ def _reading(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
         return reading
     with opened(file) as content:
         binary = b"\0" in content.read(512)
-    return {**reading, "columns": None} if binary or recognise(str(file), TEXT) else reading
+    return (
+        {**reading, "columns": None}
+        if binary or recognise(str(file), TEXT)
+        else reading
+    )
 
 
 @click.group()
@@ -116,30 +122,51 @@ def _inspection(facts: dict[str, Any]) -> str:
     """Return a line for each channel that `inspect_record` lists, and for each error."""
     magnitude = None if facts["magnitude"] is None else f"M {facts['magnitude']:g}"
     stations = dict.fromkeys(channel["station"] for channel in facts["channels"])
-    head = (*(facts[key] for key in ("format", "event", "date")), magnitude, *list(stations)[:3])
+    head = (
+        *(facts[key] for key in ("format", "event", "date")),
+        magnitude,
+        *list(stations)[:3],
+    )
     lines = [f"{facts['file']}: {', '.join(filter(None, head))}"]
     for channel in facts["channels"]:
-        parts = [f"{channel['count']} samples at {channel['dt']:g} s",
-                 f"{channel['duration']:.2f} s", channel["unit"] or "unit unknown"]  # fmt: skip
+        parts = [
+            f"{channel['count']} samples at {channel['dt']:g} s",
+            f"{channel['duration']:.2f} s",
+            channel["unit"] or "unit unknown",
+        ]
         if channel["PGA"] is not None:
             parts.append(f"PGA {channel['PGA'] / STANDARD_GRAVITY:.4g} g")
-        parts += [channel["level"], "vertical" if channel["vertical"] else "", channel["start"]]
-        lines.append(f"  {channel['code'] or '(no code)':9s} {', '.join(filter(None, parts))}")
+        parts += [
+            channel["level"],
+            "vertical" if channel["vertical"] else "",
+            channel["start"],
+        ]
+        lines.append(
+            f"  {channel['code'] or '(no code)':9s} {', '.join(filter(None, parts))}"
+        )
         lines += [f"    ! {error}" for error in channel["errors"]]
     return "\n".join([*lines, *(f"  ! {error}" for error in facts["errors"])])
 
 
 @records.command(cls=Once)
 @_files
-@click.option("--out", type=PATH, required=True, metavar="FLATFILE.csv", help="Table to write.")
-@click.option("--periods", metavar="T,T,...", help="Periods of Sa [s], besides 0.01 to 10 s.")
+@click.option(
+    "--out", type=PATH, required=True, metavar="FLATFILE.csv", help="Table to write."
+)
+@click.option(
+    "--periods", metavar="T,T,...", help="Periods of Sa [s], besides 0.01 to 10 s."
+)
 @takes_record
 @figure_option
 @json_option
 def measure(
-    files: tuple[Path, ...], out: Path, figure: Path | None, periods: str | None, as_json: bool,
+    files: tuple[Path, ...],
+    out: Path,
+    figure: Path | None,
+    periods: str | None,
+    as_json: bool,
     **reading: Any,
-) -> None:  # fmt: skip
+) -> None:
     """Measure record FILES and write a flatfile.
 
     Each horizontal component has a row; files with the vertical component of another file are
@@ -168,54 +195,95 @@ def _measured(
     low, high = PERIODS
     try:
         more = [number(part) for part in text.split(",")] if text else []
-        if not all(low <= period <= high and round(period, 3) == period for period in more):
+        if not all(
+            low <= period <= high and round(period, 3) == period for period in more
+        ):
             raise ValueError
     except ValueError:
-        needed = f"numbers from {low:g} to {high:g} s, of at most three decimals, are needed"
+        needed = (
+            f"numbers from {low:g} to {high:g} s, of at most three decimals, are needed"
+        )
         raise InputError(f"--periods {text}: {needed}") from None
-    verticals, tables = vertical_files(sorted(files)), []
+    verticals = vertical_files(sorted(files))
+    tables = []
     with one_reader():
         for file in (file for file in dict.fromkeys(files) if file not in verticals):
-            options, name = _reading(file, reading), os.path.relpath(file, out.parent)
-            motions = [replace(motion, metadata={**motion.metadata, "file": name})
-                       for motion in read_horizontals(file, **options)]  # fmt: skip
-            how = {"unit": options["unit"], "accept": " ".join(options["accept"]),
-                   "columns": str(options["columns"] or "")}  # fmt: skip
-            table = selection.measure_records(motions, sorted({*selection.PERIODS, *more}))
-            tables.append(table.assign(**{key: value for key, value in how.items() if value}))
+            options = _reading(file, reading)
+            name = os.path.relpath(file, out.parent)
+            motions = [
+                replace(motion, metadata={**motion.metadata, "file": name})
+                for motion in read_horizontals(file, **options)
+            ]
+            how = {
+                "unit": options["unit"],
+                "accept": " ".join(options["accept"]),
+                "columns": str(options["columns"] or ""),
+            }
+            table = selection.measure_records(
+                motions, sorted({*selection.PERIODS, *more})
+            )
+            tables.append(
+                table.assign(**{key: value for key, value in how.items() if value})
+            )
     return pd.concat(tables, ignore_index=True)
 
 
-def _draw(figure: Path, periods: Sequence[float], spectra: Any, bands: dict[str, Any]) -> None:
+def _draw(
+    figure: Path, periods: Sequence[float], spectra: Any, bands: dict[str, Any]
+) -> None:
     """Write response spectra [g] as SVG; of each band there are rows low, median and high."""
     from archfrag import plots  # start-up: matplotlib
 
     colours = (plots.VERMILION, plots.BLUE)[-len(bands) :]
-    drawn = [(rows, colour, label) for (label, rows), colour in zip(bands.items(), colours)]
+    drawn = [
+        (rows, colour, label) for (label, rows), colour in zip(bands.items(), colours)
+    ]
     write_text(figure, plots.svg_of(plots.plot_spectra(periods, spectra, drawn).figure))
 
 
 @records.command(cls=Once)
 @click.argument("flatfile", type=PATH)
 @takes(
-    click.option("--out", type=PATH, required=True, metavar="INDEX.csv", help="Index to write."),
+    click.option(
+        "--out", type=PATH, required=True, metavar="INDEX.csv", help="Index to write."
+    ),
     click.option("--count", type=int, required=True, help="Number of records."),
-    click.option("--target", type=PATH, metavar="FILE.csv",
-                 help="Target spectrum: columns period_s, Sa_g and, for its scatter, sd."),
-    click.option("--magnitude", type=float, help="Moment magnitude of a conditional spectrum."),
+    click.option(
+        "--target",
+        type=PATH,
+        metavar="FILE.csv",
+        help="Target spectrum: columns period_s, Sa_g and, for its scatter, sd.",
+    ),
+    click.option(
+        "--magnitude", type=float, help="Moment magnitude of a conditional spectrum."
+    ),
     click.option("--distance", type=float, help="Its distance to the rupture [km]."),
     click.option("--vs30", type=float, help="Its Vs30 [m/s]."),
     click.option("--period", type=float, help="Its conditioning period [s]."),
     click.option("--sa", type=float, help="Sa at that period [g], or --epsilon."),
-    click.option("--epsilon", type=float, help="Standard deviations of Sa above the median."),
-    click.option("--model", default="CY14", show_default=True, help="Ground-motion model."),
-    click.option("--max-scale", type=float, default=4.0, show_default=True,
-                 help="Largest scale factor; its inverse is the smallest."),
-    click.option("--per-event", type=int, help="Largest number of records of one event."),
+    click.option(
+        "--epsilon", type=float, help="Standard deviations of Sa above the median."
+    ),
+    click.option(
+        "--model", default="CY14", show_default=True, help="Ground-motion model."
+    ),
+    click.option(
+        "--max-scale",
+        type=float,
+        default=4.0,
+        show_default=True,
+        help="Largest scale factor; its inverse is the smallest.",
+    ),
+    click.option(
+        "--per-event", type=int, help="Largest number of records of one event."
+    ),
     click.option("--seed", type=int, default=1, show_default=True),
-    figure_option, json_option,
-)  # fmt: skip
-def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **options: Any) -> None:
+    figure_option,
+    json_option,
+)
+def select(
+    flatfile: Path, out: Path, figure: Path | None, as_json: bool, **options: Any
+) -> None:
     """Select records of a FLATFILE for a target.
 
     The scaled spectra of the records have the mean and the scatter of the target. The target is
@@ -228,21 +296,29 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
         --magnitude 6.5 --distance 15 --vs30 500 --period 0.5 --epsilon 1 --figure selected.svg
     """
     check_written(out, selection.target_file(out), figure)
-    table, names = selection.read_flatfile(flatfile), ("count", "seed", "max_scale", "per_event")
+    table = selection.read_flatfile(flatfile)
+    names = ("count", "seed", "max_scale", "per_event")
     target = _target(options, sorted(selection.spectrum_columns(table)))
-    chosen = selection.select_records(table, target, **{name: options[name] for name in names})
+    chosen = selection.select_records(
+        table, target, **{name: options[name] for name in names}
+    )
     chosen.write(out, folder=flatfile.parent)
     if figure is not None:
         away = 1.96 * np.array([[-1.0], [0.0], [1.0]])
-        bands = {"selected": chosen.ln_sa.mean(axis=0) + away * np.nan_to_num(chosen.sd),
-                 "target": target.ln_mean + away * target.sd}  # fmt: skip
+        bands = {
+            "selected": chosen.ln_sa.mean(axis=0) + away * np.nan_to_num(chosen.sd),
+            "target": target.ln_mean + away * target.sd,
+        }
         bands = {f"{name}, 2.5 to 97.5 %": np.exp(rows) for name, rows in bands.items()}
         _draw(figure, target.periods.tolist(), np.exp(chosen.ln_sa), bands)
     for caution in chosen.cautions:
         warn(f"caution: {caution}")
-    facts, count = chosen.facts(), counted(len(chosen.table), "record")
-    median, sd = (max(abs(error or 0.0) for error in facts[key])
-                  for key in ("median_error", "sd_error"))  # fmt: skip
+    facts = chosen.facts()
+    count = counted(len(chosen.table), "record")
+    median, sd = (
+        max(abs(error or 0.0) for error in facts[key])
+        for key in ("median_error", "sd_error")
+    )
     near = f"median within {100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %"
     show(facts, f"{count} selected of {chosen.candidates}: {near}: {out}", as_json)
 
@@ -253,30 +329,54 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
     named = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]
     if options["target"] is not None:
         if named:
-            raise InputError(f"--target and --{named[0]}: a target is a file or a scenario")
+            raise InputError(
+                f"--target and --{named[0]}: a target is a file or a scenario"
+            )
         refuse_given("a target of a file has no model", "model")
         return selection.read_target(options["target"])
     missing = [f"--{name}" for name in scenario if name not in named]
     if missing or ("sa" in named) == ("epsilon" in named):
         lacking = ", ".join(missing) or "one of --sa and --epsilon"
-        raise InputError(f"a target is --target FILE.csv or a scenario; {lacking} is needed")
+        raise InputError(
+            f"a target is --target FILE.csv or a scenario; {lacking} is needed"
+        )
     rupture = options["magnitude"], options["distance"], options["vs30"]
     level = options["sa"], options["epsilon"]
-    return scenario_target(rupture, options["period"], level, measured, options["model"])
+    return scenario_target(
+        rupture, options["period"], level, measured, options["model"]
+    )
 
 
 @records.command(cls=Once)
 @_files
 @takes(
     _out,
-    click.option("--to", "form", type=click.Choice(["mseed", "text"]), default="mseed",
-                 show_default=True, help="miniSEED, or columns of text."),
-    click.option("--in", "requested", type=click.Choice(["m/s2", "g"]), default="m/s2",
-                 show_default=True, help="Unit to write."),
-    takes_record, json_option,
-)  # fmt: skip
+    click.option(
+        "--to",
+        "form",
+        type=click.Choice(["mseed", "text"]),
+        default="mseed",
+        show_default=True,
+        help="miniSEED, or columns of text.",
+    ),
+    click.option(
+        "--in",
+        "requested",
+        type=click.Choice(["m/s2", "g"]),
+        default="m/s2",
+        show_default=True,
+        help="Unit to write.",
+    ),
+    takes_record,
+    json_option,
+)
 def convert(
-    files: tuple[Path, ...], out: Path, form: str, requested: str, as_json: bool, **reading: Any
+    files: tuple[Path, ...],
+    out: Path,
+    form: str,
+    requested: str,
+    as_json: bool,
+    **reading: Any,
 ) -> None:
     """Write record FILES in another format.
 
@@ -287,9 +387,12 @@ def convert(
       archfrag records convert CE23837.V1C --to text --in g --out converted
     """
     written = [
-        {"file": str(path), "source": str(file)} for file in files
-        for path in convert_record(file, out, form, requested, **_reading(file, reading))
-    ]  # fmt: skip
+        {"file": str(path), "source": str(file)}
+        for file in files
+        for path in convert_record(
+            file, out, form, requested, **_reading(file, reading)
+        )
+    ]
     show(written, "\n".join(entry["file"] for entry in written), as_json)
 
 
@@ -297,22 +400,58 @@ def convert(
 @click.argument("events", nargs=-1, required=True, metavar="EVENT_ID...")
 @takes(
     _out,
-    click.option("--from", "stations_from", required=True, metavar="SERVICE",
-                 help="Service of stations and waveforms: NCEDC, SCEDC, INGV, ... or https://..."),
-    click.option("--events-from", default="USGS", show_default=True, metavar="SERVICE",
-                 help="Service that knows the given event identifiers."),
-    click.option("--radius", type=click.FloatRange(0.0, 2000.0), default=100.0, show_default=True,
-                 help="Largest epicentral distance [km]."),
-    click.option("--channels", default="HN,EN,BN", show_default=True, metavar="KINDS",
-                 help="Accelerometers, the best first; each station gives one kind."),
-    click.option("--before", type=click.FloatRange(0.0, 3600.0), default=30.0, show_default=True,
-                 help="Begin before the origin time [s]."),
-    click.option("--after", type=click.FloatRange(1.0, 7200.0), default=180.0, show_default=True,
-                 help="End after the origin time [s]."),
-    click.option("--stations", "most", type=click.IntRange(1), default=100, show_default=True,
-                 help="Largest number of stations of an event, the nearest first."),
+    click.option(
+        "--from",
+        "stations_from",
+        required=True,
+        metavar="SERVICE",
+        help="Service of stations and waveforms: NCEDC, SCEDC, INGV, ... or https://...",
+    ),
+    click.option(
+        "--events-from",
+        default="USGS",
+        show_default=True,
+        metavar="SERVICE",
+        help="Service that knows the given event identifiers.",
+    ),
+    click.option(
+        "--radius",
+        type=click.FloatRange(0.0, 2000.0),
+        default=100.0,
+        show_default=True,
+        help="Largest epicentral distance [km].",
+    ),
+    click.option(
+        "--channels",
+        default="HN,EN,BN",
+        show_default=True,
+        metavar="KINDS",
+        help="Accelerometers, the best first; each station gives one kind.",
+    ),
+    click.option(
+        "--before",
+        type=click.FloatRange(0.0, 3600.0),
+        default=30.0,
+        show_default=True,
+        help="Begin before the origin time [s].",
+    ),
+    click.option(
+        "--after",
+        type=click.FloatRange(1.0, 7200.0),
+        default=180.0,
+        show_default=True,
+        help="End after the origin time [s].",
+    ),
+    click.option(
+        "--stations",
+        "most",
+        type=click.IntRange(1),
+        default=100,
+        show_default=True,
+        help="Largest number of stations of an event, the nearest first.",
+    ),
     json_option,
-)  # fmt: skip
+)
 def fetch(
     events: tuple[str, ...], out: Path, channels: str, as_json: bool, **options: Any
 ) -> None:
@@ -339,7 +478,9 @@ def fetch(
     show({"folder": str(out), **fetched}, text, as_json)
     if passing := sum(failure["kind"] == "service" for failure in failures):
         count = counted(passing, "request")
-        raise ServiceError(f"{count} failed; try again later: the same command continues")
+        raise ServiceError(
+            f"{count} failed; try again later: the same command continues"
+        )
     if not new and not kept:
         raise InputError("no record was fetched, for the reasons stated above")
 
@@ -348,20 +489,40 @@ def fetch(
 @takes(
     _out,
     click.option("--events", type=click.IntRange(1, 100_000), help="Earthquakes."),
-    click.option("--records-per-event", type=click.IntRange(1, 100_000), help="Of each (1)."),
-    click.option("--magnitude", metavar="M,...|M:M", callback=_list_or_ends(3.0, 8.0),
-                 help="Moment magnitudes: a list that the earthquakes take in turn, or two ends "
-                 "between which they are drawn."),
-    click.option("--distance-km", metavar="D,...|D:D", callback=_list_or_ends(0.0, 300.0),
-                 help="Distances to the rupture [km]: a list that the records take in turn, or "
-                 "two ends."),
-    click.option("--sites", type=click.IntRange(1), help="Number of sites (one a record)."),
-    click.option("--vs30", type=click.FloatRange(450.0, 1000.0), help="Of sites [m/s] (760)."),
-    click.option("--vertical", is_flag=True, default=None, help="Also make vertical components."),
-    click.option("--pulses", type=click.FloatRange(0.0, 1.0), help="Fraction with a pulse."),
-    click.option("--seed", type=click.IntRange(0, 10**9), help="Of the random numbers (1)."),
+    click.option(
+        "--records-per-event", type=click.IntRange(1, 100_000), help="Of each (1)."
+    ),
+    click.option(
+        "--magnitude",
+        metavar="M,...|M:M",
+        callback=_list_or_ends(3.0, 8.0),
+        help="Moment magnitudes: a list that the earthquakes take in turn, or two ends "
+        "between which they are drawn.",
+    ),
+    click.option(
+        "--distance-km",
+        metavar="D,...|D:D",
+        callback=_list_or_ends(0.0, 300.0),
+        help="Distances to the rupture [km]: a list that the records take in turn, or "
+        "two ends.",
+    ),
+    click.option(
+        "--sites", type=click.IntRange(1), help="Number of sites (one a record)."
+    ),
+    click.option(
+        "--vs30", type=click.FloatRange(450.0, 1000.0), help="Of sites [m/s] (760)."
+    ),
+    click.option(
+        "--vertical", is_flag=True, default=None, help="Also make vertical components."
+    ),
+    click.option(
+        "--pulses", type=click.FloatRange(0.0, 1.0), help="Fraction with a pulse."
+    ),
+    click.option(
+        "--seed", type=click.IntRange(0, 10**9), help="Of the random numbers (1)."
+    ),
     json_option,
-)  # fmt: skip
+)
 def make(out: Path, as_json: bool, **requested: Any) -> None:
     """Make synthetic motions with their index.
 
@@ -379,7 +540,11 @@ def make(out: Path, as_json: bool, **requested: Any) -> None:
         raise InputError(f"--out {out}: {listed}; name another folder")
     paths = synthetic.make_suite(out, _recipes(requested))
     facts = {"folder": str(out), "files": [str(path) for path in paths]}
-    show(facts, f"{counted(len(paths), 'record')} and index.csv written to {out}", as_json)
+    show(
+        facts,
+        f"{counted(len(paths), 'record')} and index.csv written to {out}",
+        as_json,
+    )
 
 
 def _recipes(requested: dict[str, Any]) -> list[synthetic.Recipe] | None:
@@ -387,7 +552,11 @@ def _recipes(requested: dict[str, Any]) -> list[synthetic.Recipe] | None:
     given = {key: value for key, value in requested.items() if value is not None}
     if not given:
         return None
-    needed = {"--events": "events", "--magnitude": "magnitude", "--distance-km": "distance_km"}
+    needed = {
+        "--events": "events",
+        "--magnitude": "magnitude",
+        "--distance-km": "distance_km",
+    }
     if missing := [option for option, key in needed.items() if key not in given]:
         raise InputError(f"{', '.join(missing)}: needed with the other options")
     given["magnitude"], given["drawn_magnitude"] = given["magnitude"]

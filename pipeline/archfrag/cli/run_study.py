@@ -4,19 +4,33 @@ from pathlib import Path
 
 import click
 
-from archfrag.cli.options import Once, cores_option, point_to_report, takes, takes_study, warn
+from archfrag.cli.options import (
+    Once,
+    cores_option,
+    point_to_report,
+    takes,
+    takes_study,
+    warn,
+)
 
 
 @click.command(cls=Once)
 @takes_study
 @takes(
-    click.option("--resume", is_flag=True,
-                 help="Continue a stopped run; the command also does so without it."),
+    click.option(
+        "--resume",
+        is_flag=True,
+        help="Continue a stopped run; the command also does so without it.",
+    ),
     cores_option,
     click.option("--quiet", is_flag=True, help="Print errors only."),
-)  # fmt: skip
+)
 def run(
-    study_file: Path, overrides: tuple[str, ...], quiet: bool, resume: bool, cores: int | None
+    study_file: Path,
+    overrides: tuple[str, ...],
+    quiet: bool,
+    resume: bool,
+    cores: int | None,
 ) -> None:
     """Run a study, or continue it, from records to report.
 
@@ -29,7 +43,9 @@ def run(
 
     folder = finished_folder(study_file, overrides)
     if folder is None:
-        from archfrag.cli.study import run_all  # what has nothing to do imports none of this
+        from archfrag.cli.study import (
+            run_all,
+        )  # what has nothing to do imports none of this
 
         run_all(study_file, overrides, cores, quiet)
     elif not quiet:

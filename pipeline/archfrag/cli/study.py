@@ -54,27 +54,45 @@ def validate(study: Any, as_json: bool) -> None:
     Arches, records, hazard and output folder are checked; nothing is run. If there are very many
     arches, only some of them are checked here, and all of them at the start of a run.
     """
-    path, found = click.get_current_context().params["study_file"], check_study(study)
+    path = click.get_current_context().params["study_file"]
+    found = check_study(study)
     nouns = {"arches": "arch", "records": "record", "levels": "level"}
     parts = ", ".join(counted(found[key], noun) for key, noun in nouns.items())
     runs = f"{found['extent']} {counted(found['runs'], 'run')}".removeprefix("exactly ")
     text = f"{path}: in order; {parts}, {runs} by design {found['design']}"
-    texts = text, *found["drawings"], *found["facts"], *found["classes"], *found["partners"]
+    texts = (
+        text,
+        *found["drawings"],
+        *found["facts"],
+        *found["classes"],
+        *found["partners"],
+    )
     show(found, "\n  ".join(texts), as_json)
     for caution in () if as_json else found["cautions"]:
         warn(f"caution: {caution}")
 
 
-def run_all(study_file: Path, overrides: tuple[str, ...], cores: int | None, quiet: bool) -> None:
+def run_all(
+    study_file: Path, overrides: tuple[str, ...], cores: int | None, quiet: bool
+) -> None:
     """Make what is missing of a study, and print its answers."""
-    words = ["archfrag", "run", str(study_file), *(f"--set={each}" for each in overrides)]
+    words = [
+        "archfrag",
+        "run",
+        str(study_file),
+        *(f"--set={each}" for each in overrides),
+    ]
     with _stoppable(f"continue with `{shlex.join(words)} --resume`") as check:
         study = load_study(study_file, overrides)
-        anything = run_study(study, study_file, check, make_report, cores, quiet, overrides)
+        anything = run_study(
+            study, study_file, check, make_report, cores, quiet, overrides
+        )
         if not quiet:
             if anything:
                 _summary(study, load_fits(study))
-            point_to_report(study.folder, study.folder if overrides else study_file, anything)
+            point_to_report(
+                study.folder, study.folder if overrides else study_file, anything
+            )
 
 
 @contextlib.contextmanager
@@ -86,7 +104,10 @@ def _stoppable(again: str) -> Iterator[Callable[[], None]]:
     except SystemExit as stopped:
         by = signal.Signals(int(stopped.code or 0) - 128).name
         warn(f"stopped by {by}; what is finished is kept; {again}")
-        if threading.active_count() == sum(each.daemon for each in threading.enumerate()) + 1:
+        if (
+            threading.active_count()
+            == sum(each.daemon for each in threading.enumerate()) + 1
+        ):
             raise
         sys.stdout.flush()
         os._exit(int(stopped.code or 0))  # a thread in a kernel cannot be stopped
@@ -125,7 +146,9 @@ def clean(study: Any, yes: bool) -> None:
 def _step(name: str, help_: str, *options: Callable) -> click.Command:
     """Make the command of a step, which also renews the dates of its files for Snakemake."""
 
-    def command(study: Any, batch: int = 0, as_json: bool = False, **given: Any) -> None:
+    def command(
+        study: Any, batch: int = 0, as_json: bool = False, **given: Any
+    ) -> None:
         check_own(study)
         if name == "motions":  # the first step, of one process
             claim(study, click.get_current_context().params["study_file"])
@@ -144,18 +167,33 @@ def _step(name: str, help_: str, *options: Callable) -> click.Command:
 
 
 motions_command = _step("motions", COMMANDS["motions"][1])
-batch_command = _step("batch", COMMANDS["batch"][1],
-      click.option("--batch", type=int, default=0, show_default=True,
-                   help="Its number, from 0."), cores_option,
-      click.option("--quiet", is_flag=True, help="No progress bar."))  # fmt: skip
+batch_command = _step(
+    "batch",
+    COMMANDS["batch"][1],
+    click.option(
+        "--batch", type=int, default=0, show_default=True, help="Its number, from 0."
+    ),
+    cores_option,
+    click.option("--quiet", is_flag=True, help="No progress bar."),
+)
 cube_command = _step("cube", COMMANDS["cube"][1])
 _fit_study: Any = _step("fit", COMMANDS["fit"][1], json_option).callback
-report_command = _step("report", COMMANDS["report"][1],
-      click.option("--compare", "compared", type=PATH, metavar="OTHER_STUDY",
-                   help="Compare the arches with those of another, finished study."))  # fmt: skip
+report_command = _step(
+    "report",
+    COMMANDS["report"][1],
+    click.option(
+        "--compare",
+        "compared",
+        type=PATH,
+        metavar="OTHER_STUDY",
+        help="Compare the arches with those of another, finished study.",
+    ),
+)
 
 
-def _mapping(context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]) -> Any:
+def _mapping(
+    context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]
+) -> Any:
     pairs = [pair.partition("=") for text in texts for pair in text.split(",")]
     for wrong in ("".join(pair) for pair in pairs if not all(pair)):
         raise InputError(f"--columns {wrong}: write it as intensity=PGA")
@@ -167,19 +205,43 @@ def _mapping(context: click.Context, parameter: click.Parameter, texts: tuple[st
 
 @click.command("fit", cls=Once)
 @takes_study
-@click.option("--columns", multiple=True, callback=_mapping, metavar="WHAT=NAME,...",
-              help="Names of columns by what they hold: intensity=PGA,verdict=fell.")  # fmt: skip
-@click.option("--measure", help="Measure of the intensity, if its column does not state it.")
+@click.option(
+    "--columns",
+    multiple=True,
+    callback=_mapping,
+    metavar="WHAT=NAME,...",
+    help="Names of columns by what they hold: intensity=PGA,verdict=fell.",
+)
+@click.option(
+    "--measure", help="Measure of the intensity, if its column does not state it."
+)
 @click.option("--unit", help="Unit of the intensity, if its column does not state it.")
-@click.option("--states", metavar="NAME,...", default="",
-              help="Damage states of a column, in order, from none to collapse.")  # fmt: skip
-@click.option("--confidence", type=float, default=0.9, show_default=True, help="Of all bands.")
-@click.option("--hazard", type=PATH, help="Hazard curve of a site, for the rate of collapse.")
-@click.option("--output", type=PATH, help="Folder to write to; results/NAME if not given.")
-@click.option("--format", "formats", multiple=True, type=click.Choice(FORMATS),
-              help="Format to export to, as `archfrag export` does. Repeatable.")  # fmt: skip
+@click.option(
+    "--states",
+    metavar="NAME,...",
+    default="",
+    help="Damage states of a column, in order, from none to collapse.",
+)
+@click.option(
+    "--confidence", type=float, default=0.9, show_default=True, help="Of all bands."
+)
+@click.option(
+    "--hazard", type=PATH, help="Hazard curve of a site, for the rate of collapse."
+)
+@click.option(
+    "--output", type=PATH, help="Folder to write to; results/NAME if not given."
+)
+@click.option(
+    "--format",
+    "formats",
+    multiple=True,
+    type=click.Choice(FORMATS),
+    help="Format to export to, as `archfrag export` does. Repeatable.",
+)
 @json_option
-def fit_command(study_file: Path, overrides: tuple[str, ...], as_json: bool, **given: Any) -> None:
+def fit_command(
+    study_file: Path, overrides: tuple[str, ...], as_json: bool, **given: Any
+) -> None:
     """Fit fragility curves to a table of verdicts, or to a study.
 
     STUDY is a CSV file of verdicts of any program or experiment: a row for each run, with columns
@@ -194,12 +256,15 @@ def fit_command(study_file: Path, overrides: tuple[str, ...], as_json: bool, **g
         refuse_given(f"{study_file} is no table of verdicts", *given)
         return _fit_study(study_file, overrides, as_json=as_json)
     refuse_given(f"{study_file} is no study file", "overrides")
-    hazard, formats = given.pop("hazard"), given.pop("formats")
+    hazard = given.pop("hazard")
+    formats = given.pop("formats")
     states = [name.strip() for name in given.pop("states").split(",") if name.strip()]
     study, cube = read_runs(study_file, states=states, **given)
     if hazard is not None:
         load_hazard([hazard], study.intensity.measure)  # before anything is written
-        study = study.model_copy(update={"risk": RiskKeys.model_construct(hazard=str(hazard))})
+        study = study.model_copy(
+            update={"risk": RiskKeys.model_construct(hazard=str(hazard))}
+        )
     fitted = fit_runs(study, cube)
     report = make_report(study, None, fitted)
     files = export_study(study, formats, fitted=fitted)["files"] if formats else ()

@@ -14,7 +14,14 @@ import xarray as xr
 from archfrag.errors import FitError, InputError, from_extra
 from archfrag.export import CURVES, FORMATS, writers
 from archfrag.export.writers import CurveSet, named_measure
-from archfrag.files import check_targets, counted, make_folder, replacing, sha256_of, write_csv
+from archfrag.files import (
+    check_targets,
+    counted,
+    make_folder,
+    replacing,
+    sha256_of,
+    write_csv,
+)
 from archfrag.fragility.branches import branches_of, predictive
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import HazardCurve, collapse_rate
@@ -51,9 +58,14 @@ _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=
 
 
 def export_study(
-    study: StudyKeys, formats: Sequence[str], folder: Path | None = None, members: bool = False,
-    limit_states: Sequence[str] = (), curve: str = "median", fitted: Fitted | None = None,
-) -> dict[str, Any]:  # fmt: skip
+    study: StudyKeys,
+    formats: Sequence[str],
+    folder: Path | None = None,
+    members: bool = False,
+    limit_states: Sequence[str] = (),
+    curve: str = "median",
+    fitted: Fitted | None = None,
+) -> dict[str, Any]:
     """Write curves and runs of a study whose results are up to date, or of a table if `fitted`.
 
     `formats` are of `archfrag.export.FORMATS`; `folder` is ``export`` in the study's folder if not
@@ -72,30 +84,44 @@ def export_study(
     fitted = fitted or finished(study)
     answers = fitted.quoted(members)
     with fitted.cube as cube:
-        levels, number = cube["intensity"].values, Counter(arch_classes(cube).values())
+        levels = cube["intensity"].values
+        number = Counter(arch_classes(cube).values())
         made = {
-            "study": study.id, "title": study.title,
-            "archfrag": __version__, "archfrag_commit": commit(),
+            "study": study.id,
+            "title": study.title,
+            "archfrag": __version__,
+            "archfrag_commit": commit(),
             "cube_archfrag_commit": str(cube.attrs.get("archfrag_commit", "unknown")),
-            "cube_sha256": cube.attrs.get("table_sha256") or sha256_of(study.folder / CUBE),
-        }  # fmt: skip
+            "cube_sha256": cube.attrs.get("table_sha256")
+            or sha256_of(study.folder / CUBE),
+        }
         ends = float(np.nanmin(levels)), float(np.nanmax(levels))
         classes = {name: number[name] for name in answers if number[name] > 1}
         states, messages = _limit_states(study, cube, answers, limit_states)
         states, branches = _with_uncertainty(states, curve)
         if curve == "median":
             messages += _uncertain(answers)
-        if curve == "predictive" and {"nrml-continuous", "pelicun", "in-core"} & set(formats):
+        if curve == "predictive" and {"nrml-continuous", "pelicun", "in-core"} & set(
+            formats
+        ):
             messages.append(_LOGNORMAL)
         curves = CurveSet(
-            states, study.intensity.measure, ends, made, classes, tuple(messages), branches
+            states,
+            study.intensity.measure,
+            ends,
+            made,
+            classes,
+            tuple(messages),
+            branches,
         )
         texts = _texts(curves, formats, messages)
         if "parquet" in formats:
             from_extra("pyarrow", "parquet")  # before anything is written
         folder = folder or study.folder / "export"
         files = [(name, folder / f"{study.id}-{ending}") for name, ending, _ in texts]
-        tabled = [f"{name}.{end}" for name in TABLES for end in formats if not FORMATS[end][1]]
+        tabled = [
+            f"{name}.{end}" for name in TABLES for end in formats if not FORMATS[end][1]
+        ]
         tabled += ["tables.json"] * ("csv" in formats)
         tables = [folder / f"{study.id}-{end}" for end in tabled]
         check_targets([*(path for _, path in files), *tables])
@@ -106,10 +132,12 @@ def export_study(
             paths = _write_tables(study, cube, curves, answers, folder, name)
             files += [(name, path) for path in paths]
     return {
-        "folder": str(folder), "left_out": curves.left_out, "notes": messages,
+        "folder": str(folder),
+        "left_out": curves.left_out,
+        "notes": messages,
         "limit_states": list(curves.limit_states if curves.complete else ()),
         "files": [{"format": name, "file": str(path)} for name, path in files],
-    }  # fmt: skip
+    }
 
 
 def _texts(
@@ -120,13 +148,17 @@ def _texts(
     for name in dict.fromkeys(formats):
         _, receiver, functions = FORMATS[name]
         if functions and not curves.complete:
-            reasons = "; ".join(f"{arch}: {why}" for arch, why in curves.left_out.items())
+            reasons = "; ".join(
+                f"{arch}: {why}" for arch, why in curves.left_out.items()
+            )
             raise FitError(f"there is no curve to export for {receiver}: {reasons}")
         if functions and (message := named_measure(receiver, curves.measure).condition):
             messages.append(f"{name}: {message}")
         for ending, function in functions.items():
             text = getattr(writers, function)(curves)
-            each = {"": text} if isinstance(text, str) else text  # one file, or one an arch
+            each = (
+                {"": text} if isinstance(text, str) else text
+            )  # one file, or one an arch
             texts += [(name, ending.format(arch), text) for arch, text in each.items()]
     if curves.branches:
         texts.append(("branches", "branches.csv", writers.branch_weights(curves)))
@@ -134,7 +166,10 @@ def _texts(
 
 
 def _limit_states(
-    study: StudyKeys, cube: xr.Dataset, answers: Mapping[str, Curve], requested: Sequence[str]
+    study: StudyKeys,
+    cube: xr.Dataset,
+    answers: Mapping[str, Curve],
+    requested: Sequence[str],
 ) -> tuple[dict[str, dict[str, Curve]], list[str]]:
     """Return the curves of the limit states from mild to collapse, and notes on them.
 
@@ -143,35 +178,54 @@ def _limit_states(
     none of it, and a curve that crosses a severer one is moved (`above`). A note names each.
     """
     requested = [name.strip().casefold().replace(" ", "_") for name in requested]
-    requested = ["residual" if name == "residual_displacement" else name for name in requested]
+    requested = [
+        "residual" if name == "residual_displacement" else name for name in requested
+    ]
     every: Sequence[str] = LIMIT_STATES
     if "table_sha256" in cube.attrs:  # runs of another program
-        names = json.loads(cube["damage"].attrs["states"])[1:-1] if "damage" in cube else ()
+        names = (
+            json.loads(cube["damage"].attrs["states"])[1:-1] if "damage" in cube else ()
+        )
         every = [*(name.replace(" ", "_") for name in names), "collapse"]
     for name in sorted(set(requested) - set(every)):
-        raise InputError(f"there is no limit state {name!r}; they are {', '.join(every)}")
+        raise InputError(
+            f"there is no limit state {name!r}; they are {', '.join(every)}"
+        )
     own = dict[str, dict[str, Curve]]()
     for arch, answer in answers.items():
         own[arch] = {each.state.replace(" ", "_"): each for each in answer.states}
         own[arch]["collapse"] = answer
     # Curves of the next severer state, by arch with a curve of collapse.
     severe = {arch: curve for arch, curve in answers.items() if curve.fitted}
-    kept, messages, left = ["collapse"], list[str](), dict[tuple[str, str], list[str]]()
+    kept = ["collapse"]
+    messages = list[str]()
+    left = dict[tuple[str, str], list[str]]()
     place = dict[str, float]()  # mean of ln theta; -inf where there is no curve
     for name in every[:-1]:
         fits = [own[a][name] for a in severe if name in own[a] and own[a][name].fitted]
-        place[name] = float(np.mean([np.log(fit.theta) for fit in fits])) if fits else -np.inf
+        place[name] = (
+            float(np.mean([np.log(fit.theta) for fit in fits])) if fits else -np.inf
+        )
     ordered = [*sorted(place, key=lambda name: place[name]), "collapse"]
     for name in (name for name in reversed(ordered) if name in (requested or every)):
         found = {arch: own[arch].get(name) for arch in severe}
-        curves = {arch: fit for arch, fit in found.items() if fit is not None and fit.fitted}
+        curves = {
+            arch: fit for arch, fit in found.items() if fit is not None and fit.fitted
+        }
         if lacking := [arch for arch in found if arch not in curves]:
             without = found[lacking[0]]
             why = without.reason if without else _not_fitted(cube, lacking[0], name)
-            remedy = f"a larger limit_states.{name}" if name in ("residual", "rotation") else ""
+            remedy = (
+                f"a larger limit_states.{name}"
+                if name in ("residual", "rotation")
+                else ""
+            )
             remedy = "design: {kind: stripes}" if study.design.adaptive else remedy
             help_ = f"; try {remedy}" * bool(remedy and without)
-            others = f"; {len(curves)} of {len(found)} arches or classes have one" * bool(curves)
+            others = (
+                f"; {len(curves)} of {len(found)} arches or classes have one"
+                * bool(curves)
+            )
             left.setdefault((lacking[0], f"{why}{help_}{others}"), []).append(name)
             if requested:
                 raise FitError(_left_out(*left.popitem()))
@@ -179,7 +233,8 @@ def _limit_states(
             kept.insert(0, name)
             severe = {arch: above(fit, severe[arch]) for arch, fit in curves.items()}
             if moved := [arch for arch in curves if severe[arch] is not curves[arch]]:
-                old, new = curves[moved[0]], severe[moved[0]]
+                old = curves[moved[0]]
+                new = severe[moved[0]]
                 messages.append(
                     f"limit state {name!r}: {counted(len(moved), 'curve')} lay below that of a "
                     f"severer state by more than {MOST_CROSSING:g} and took up its dispersion as "
@@ -190,7 +245,9 @@ def _limit_states(
                 own[arch][name] = fit
     messages += itertools.starmap(_left_out, left.items())
     none = Curve(reason="none")
-    return {arch: {k: each.get(k, none) for k in kept} for arch, each in own.items()}, messages
+    return {
+        arch: {k: each.get(k, none) for k in kept} for arch, each in own.items()
+    }, messages
 
 
 def _left_out(of: tuple[str, str], names: Sequence[str]) -> str:
@@ -209,16 +266,19 @@ def _with_uncertainty(
     The draws are those of the mean rate of collapse. All states of a branch are at the same node,
     and are moved where they cross.
     """
-    found, branches = dict[str, dict[str, Curve]](), dict[str, tuple[str, float]]()
+    found = dict[str, dict[str, Curve]]()
+    branches = dict[str, tuple[str, float]]()
     for arch, each in states.items():
         if kind == "median" or not each["collapse"].fitted:
             found[arch] = dict(each)
             continue
         if kind == "predictive":
-            nodes, names = [[predictive(f, f.draws(SEED))] for f in each.values()], [arch]
+            nodes = [[predictive(f, f.draws(SEED))] for f in each.values()]
+            names = [arch]
         else:
             pairs = [branches_of(fit, fit.draws(SEED)) for fit in each.values()]
-            nodes, weights = [curves for curves, _ in pairs], pairs[-1][1].tolist()
+            nodes = [curves for curves, _ in pairs]
+            weights = pairs[-1][1].tolist()
             names = [f"{arch}-b{n + 1}" for n in range(len(weights))]
             branches |= {name: (arch, weight) for name, weight in zip(names, weights)}
         for name, *curves in zip(names, *nodes):
@@ -250,7 +310,11 @@ def _uncertain(answers: Mapping[str, Curve]) -> list[str]:
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
     """Say why an arch or a class has no fit of a limit state."""
     own = [arch in names for names in arch_classes(cube).items()]
-    sliding = np.isnan(cube["static_limit"].values[own]) if name == "rotation" else np.zeros(0)
+    sliding = (
+        np.isnan(cube["static_limit"].values[own])
+        if name == "rotation"
+        else np.zeros(0)
+    )
     if not sliding.any():
         return f"archfrag fits limit states to all of up to {SHOWN} arches, and to three of more"
     whose = f"of {sliding.sum()} of its {sliding.size} arches " * (sliding.size > 1)
@@ -259,19 +323,30 @@ def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
 
 
 def _write_tables(
-    study: StudyKeys, cube: xr.Dataset, curves: CurveSet, answers: Mapping[str, Curve],
-    folder: Path, ending: str,
-) -> list[Path]:  # fmt: skip
+    study: StudyKeys,
+    cube: xr.Dataset,
+    curves: CurveSet,
+    answers: Mapping[str, Curve],
+    folder: Path,
+    ending: str,
+) -> list[Path]:
     """Write all tables as CSV with a JSON file on columns, or as Parquet; return the files."""
     about = {name: curves.described(name) for name in curves.classes}
-    facts = {"made": curves.made, "classes": about, "left_out": curves.left_out,
-             "notes": curves.remarks}  # fmt: skip
+    facts = {
+        "made": curves.made,
+        "classes": about,
+        "left_out": curves.left_out,
+        "notes": curves.remarks,
+    }
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
     every = {
         **curve_tables(curves, answers, *units, study.intensity.factor),
-        "runs": runs_table(cube.drop_vars([*BLANK]) if "table_sha256" in cube.attrs else cube),
-        "records": facts_table(cube, "record"), "arches": facts_table(cube, "arch"),
-    }  # fmt: skip
+        "runs": runs_table(
+            cube.drop_vars([*BLANK]) if "table_sha256" in cube.attrs else cube
+        ),
+        "records": facts_table(cube, "record"),
+        "arches": facts_table(cube, "arch"),
+    }
     paths = [folder / f"{study.id}-{name}.{ending}" for name in TABLES]
     for name, path in zip(TABLES, paths):
         columns, pieces = every[name]
@@ -281,23 +356,35 @@ def _write_tables(
             write_parquet(path, pieces, facts | {"columns": columns})
     if ending == "csv":
         paths.append(folder / f"{study.id}-tables.json")
-        content = facts | {"tables": {name: columns for name, (columns, _) in every.items()}}
+        content = facts | {
+            "tables": {name: columns for name, (columns, _) in every.items()}
+        }
         write_text(paths[-1], json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return paths
 
 
-def write_parquet(path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, Any]) -> None:
+def write_parquet(
+    path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, Any]
+) -> None:
     """Write a table as Parquet, a row group for each piece; completely or not at all."""
-    arrow, parquet = (from_extra(name, "parquet") for name in ("pyarrow", "pyarrow.parquet"))
+    arrow, parquet = (
+        from_extra(name, "parquet") for name in ("pyarrow", "pyarrow.parquet")
+    )
     tables = (arrow.Table.from_pandas(each, preserve_index=False) for each in pieces)
-    first, about = next(tables), json.dumps(facts, ensure_ascii=False)
+    first = next(tables)
+    about = json.dumps(facts, ensure_ascii=False)
     schema = first.schema.with_metadata({"archfrag": about})
-    with replacing(path) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
+    with (
+        replacing(path) as temporary,
+        parquet.ParquetWriter(temporary, schema) as writer,
+    ):
         for table in itertools.chain([first], tables):
             writer.write_table(table.cast(schema))
 
 
-def write_vulnerability(path: Path, losses: Mapping[str, Any], study: StudyKeys) -> None:
+def write_vulnerability(
+    path: Path, losses: Mapping[str, Any], study: StudyKeys
+) -> None:
     """Write the mean loss of `losses_of` as CSV or NRML, by the ending of the path."""
     table = vulnerability_table(losses, study)
     if path.suffix not in (".csv", ".xml"):
@@ -319,40 +406,73 @@ def curve_tables(
     """
     levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
     confidence = next(iter(answers.values())).confidence
-    units, points, parameters = {"given": unit, "si": si}, [], []
+    units = {"given": unit, "si": si}
+    points = []
+    parameters = []
     for arch, states in curves.curves.items():
         for state, fit in states.items():
             if not fit.fitted:
                 continue
-            labels = {"arch": arch, "limit_state": state, "measure": curves.measure, "unit": unit}
+            labels = {
+                "arch": arch,
+                "limit_state": state,
+                "measure": curves.measure,
+                "unit": unit,
+            }
             found = answers.get(arch, fit)  # a branch has no band
             if state != "collapse" and found is not fit:
-                found = next(s for s in found.states if s.state == state.replace("_", " "))
+                found = next(
+                    s for s in found.states if s.state == state.replace("_", " ")
+                )
             ends = (found.lower, found.upper)
-            lower, upper = (np.interp(levels, found.im or [0.0], end or [np.nan]) for end in ends)
-            points.append(pd.DataFrame(labels | {
-                "im": levels / factor, "intensity": levels, "lower": lower, "upper": upper,
-                "probability": fit.probability(levels),
-            }))  # fmt: skip
+            lower, upper = (
+                np.interp(levels, found.im or [0.0], end or [np.nan]) for end in ends
+            )
+            points.append(
+                pd.DataFrame(
+                    labels
+                    | {
+                        "im": levels / factor,
+                        "intensity": levels,
+                        "lower": lower,
+                        "upper": upper,
+                        "probability": fit.probability(levels),
+                    }
+                )
+            )
             likelihood = found.likelihood
-            parameters.append(labels | {
-                "theta": fit.theta / factor, "theta_si": fit.theta, "beta": fit.beta,
-                "theta_lower": found.theta_interval[0] / factor,
-                "theta_upper": found.theta_interval[1] / factor,
-                "beta_lower": found.beta_interval[0], "beta_upper": found.beta_interval[1],
-                "theta_maximum_likelihood": getattr(likelihood, "theta", np.nan) / factor,
-                "beta_maximum_likelihood": getattr(likelihood, "beta", np.nan),
-                "standard_error_ln_theta": fit.standard_errors[0],
-                "standard_error_beta": fit.standard_errors[1],
-                "correlation_ln_theta_beta": fit.correlation, "runs": fit.n_total,
-                "kind": fit.kind, "band": found.method,
-            })  # fmt: skip
+            parameters.append(
+                labels
+                | {
+                    "theta": fit.theta / factor,
+                    "theta_si": fit.theta,
+                    "beta": fit.beta,
+                    "theta_lower": found.theta_interval[0] / factor,
+                    "theta_upper": found.theta_interval[1] / factor,
+                    "beta_lower": found.beta_interval[0],
+                    "beta_upper": found.beta_interval[1],
+                    "theta_maximum_likelihood": getattr(likelihood, "theta", np.nan)
+                    / factor,
+                    "beta_maximum_likelihood": getattr(likelihood, "beta", np.nan),
+                    "standard_error_ln_theta": fit.standard_errors[0],
+                    "standard_error_beta": fit.standard_errors[1],
+                    "correlation_ln_theta_beta": fit.correlation,
+                    "runs": fit.n_total,
+                    "kind": fit.kind,
+                    "band": found.method,
+                }
+            )
     tables: dict[str, Pieces] = {}
-    for name, frames in (("curves", points), ("parameters", [pd.DataFrame(parameters)])):
+    for name, frames in (
+        ("curves", points),
+        ("parameters", [pd.DataFrame(parameters)]),
+    ):
         about = Columns()
         for row in _COLUMNS[_COLUMNS["table"].isin(["", name])].to_dict("records"):
             text = row["about"].format(percent=f"{100 * confidence:g} %")
             about[row["name"]] = about_column(text, units.get(row["unit"], row["unit"]))
-        pieces = [frame.reindex(columns=list(about)) for frame in frames or [pd.DataFrame()]]
+        pieces = [
+            frame.reindex(columns=list(about)) for frame in frames or [pd.DataFrame()]
+        ]
         tables[name] = about, pieces
     return tables

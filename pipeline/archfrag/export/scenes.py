@@ -33,30 +33,49 @@ _LISTS = re.compile(r"\[\n\s*[^][{}]*?\n\s*\]")  # of numbers, indented
 
 
 def export_arches(
-    study: StudyKeys, formats: Sequence[str], folder: Path | None = None, members: bool = False
+    study: StudyKeys,
+    formats: Sequence[str],
+    folder: Path | None = None,
+    members: bool = False,
 ) -> dict[str, Any]:
     """Write arches of a study, and with a scene its motions, in formats of `export.OF_ARCHES`.
 
     Of a class there is its first arch, with `members` all. Returned are ``files`` and ``notes`` as
     of `export_study`. Nothing is written after an InputError: too many arches, or no motions yet.
     """
-    own = [each for each in study.members if not each.shock]  # whose joints are as given
+    own = [
+        each for each in study.members if not each.shock
+    ]  # whose joints are as given
     sizes = Counter(each.arch_class for each in own)
     found = {each.id if members else each.arch_class: each for each in reversed(own)}
     if len(found) > MOST_ARCHES:
         remedy = f"scene and dxf take at most {MOST_ARCHES}; leave out --members"
         raise InputError(f"study {study.id} has {len(found)} arches; {remedy}")
-    messages = [f"scene and dxf have {found[name].id} of {size} arches of {name}; --members: all"
-             for name, size in sizes.items() if size > 1 and not members]  # fmt: skip
+    messages = [
+        f"scene and dxf have {found[name].id} of {size} arches of {name}; --members: all"
+        for name, size in sizes.items()
+        if size > 1 and not members
+    ]
     if study.motions.before is not None:
-        messages.append("scene and dxf have the intact arches and the records, no first shocks")
-    chosen, texts = list(reversed(found.values())), dict[str, str]()
+        messages.append(
+            "scene and dxf have the intact arches and the records, no first shocks"
+        )
+    chosen = list(reversed(found.values()))
+    texts = dict[str, str]()
     if "scene" in formats:
         text = json.dumps(_scene(study, chosen), indent=1, allow_nan=False)
-        texts["scene.json"] = _LISTS.sub(lambda one: re.sub(r"\n\s*", " ", one[0]), text) + "\n"
+        texts["scene.json"] = (
+            _LISTS.sub(lambda one: re.sub(r"\n\s*", " ", one[0]), text) + "\n"
+        )
     if "dxf" in formats:
-        texts |= {f"{each.id}.dxf": drawing_text(_lines(each.entry.build())) for each in chosen}
-    paths = [make_folder(folder or study.folder / "export") / f"{study.id}-{end}" for end in texts]
+        texts |= {
+            f"{each.id}.dxf": drawing_text(_lines(each.entry.build()))
+            for each in chosen
+        }
+    paths = [
+        make_folder(folder or study.folder / "export") / f"{study.id}-{end}"
+        for end in texts
+    ]
     check_targets(paths)
     for path, text in zip(paths, texts.values()):
         write_text(path, text)
@@ -68,46 +87,84 @@ def export_arches(
 def _scene(study: StudyKeys, chosen: Sequence[Member]) -> Any:
     """Return arches, levels, and motions at factor 1 with their factors, for strict JSON."""
     require(study, "motions")
-    plan, levels, motions = make_plan(study), study.intensity, []
+    plan = make_plan(study)
+    levels = study.intensity
+    motions = []
     for number, record in enumerate(plan.records):
-        motion, factors = plan.motion(number), plan.unscaled[number] * plan.levels**plan.power
+        motion = plan.motion(number)
+        factors = plan.unscaled[number] * plan.levels**plan.power
         own = {"id": record.id, "event": record.event, "dt": motion.dt}
-        rows = {"horizontal": motion.acceleration, "vertical": motion.vertical, "factors": factors}
-        motions.append(own | {key: row.tolist() for key, row in rows.items() if row is not None})
+        rows = {
+            "horizontal": motion.acceleration,
+            "vertical": motion.vertical,
+            "factors": factors,
+        }
+        motions.append(
+            own | {key: row.tolist() for key, row in rows.items() if row is not None}
+        )
     made = {"study": study.id, "title": study.title}
     made |= {"archfrag": __version__, "archfrag_commit": commit()}
     about = json.loads(SCHEMA.read_text())["properties"]
-    return finite({
-        "schema": about["schema"]["const"], "units": about["units"]["const"], "made": made,
-        "arches": [_arch(each) for each in chosen], "delay": study.method.delay or 0.0,
-        "intensity": {"measure": levels.measure, "unit": levels.unit,
-                      "levels": list(levels.given), "power": plan.power},
-        "motions": motions,
-    })  # fmt: skip
+    return finite(
+        {
+            "schema": about["schema"]["const"],
+            "units": about["units"]["const"],
+            "made": made,
+            "arches": [_arch(each) for each in chosen],
+            "delay": study.method.delay or 0.0,
+            "intensity": {
+                "measure": levels.measure,
+                "unit": levels.unit,
+                "levels": list(levels.given),
+                "power": plan.power,
+            },
+            "motions": motions,
+        }
+    )
 
 
 def _arch(member: Member) -> dict[str, Any]:
     """Return bodies at rest, those of the ground last, and what joins them."""
     arch: Arch = member.entry.build()
     chain, n, (first, last) = arch.chain, arch.n_voussoir, arch.springings
-    depth, k, lines = arch.depths, arch.n_joint, tie_lines(arch)
-    outlines = [(each if shapely.is_ccw(shapely.linearrings(each)) else each[::-1]).tolist()
-                for each in (*arch.outlines, *(block for _, block in _ground(arch)))]  # fmt: skip
+    depth = arch.depths
+    k = arch.n_joint
+    lines = tie_lines(arch)
+    outlines = [
+        (each if shapely.is_ccw(shapely.linearrings(each)) else each[::-1]).tolist()
+        for each in (*arch.outlines, *(block for _, block in _ground(arch)))
+    ]
     bodies = {
-        "kind": ["pier"] * first + ["voussoir"] * (last - first) + ["pier"] * (n - last),
-        "outline": outlines[:n], "centroid": arch.centroids.tolist(),
-        "depth": depth, "mass": chain.mass, "inertia": chain.inertia,
-        "density": chain.mass / ([polygon_section(each)[0] for each in arch.outlines] * depth),
-    }  # fmt: skip
+        "kind": ["pier"] * first
+        + ["voussoir"] * (last - first)
+        + ["pier"] * (n - last),
+        "outline": outlines[:n],
+        "centroid": arch.centroids.tolist(),
+        "depth": depth,
+        "mass": chain.mass,
+        "inertia": chain.inertia,
+        "density": chain.mass
+        / ([polygon_section(each)[0] for each in arch.outlines] * depth),
+    }
     ground = [{"kind": "ground", "outline": each} for each in outlines[n:]]
-    joints = {"bodies": list(pairwise([n, *range(n), n + 1]))[:k], "friction": chain.friction,
-              "ends": np.stack([arch.intrados, arch.extrados], axis=1)[:k].tolist()}  # fmt: skip
-    if gives := {key: each for key, each in arch.joint_keys.items() if key != "positions"}:
+    joints = {
+        "bodies": list(pairwise([n, *range(n), n + 1]))[:k],
+        "friction": chain.friction,
+        "ends": np.stack([arch.intrados, arch.extrados], axis=1)[:k].tolist(),
+    }
+    if gives := {
+        key: each for key, each in arch.joint_keys.items() if key != "positions"
+    }:
         kn = gives["stiffness"]  # of each joint or of all, as "inf" if rigid
-        joints |= {"kn": np.full(k, kn, float), "ks": np.full(k, gives.get("shear", kn), float)}
+        joints |= {
+            "kn": np.full(k, kn, float),
+            "ks": np.full(k, gives.get("shear", kn), float),
+        }
     rows = np.zeros((0, len(Tie))) if chain.tie is None else chain.tie
-    ties = {"bodies": np.append(range(n), [n + 1, n])[arch.tie_bodies].tolist(),
-            "ends": lines.tolist()}  # fmt: skip
+    ties = {
+        "bodies": np.append(range(n), [n + 1, n])[arch.tie_bodies].tolist(),
+        "ends": lines.tolist(),
+    }
     ties |= {each.name.lower(): rows[:, each] for each in list(Tie)[Tie.STIFFNESS :]}
     length = np.hypot(*(lines[:, 1] - lines[:, 0]).T)
     ties["prestress"] = ties["stiffness"] * (length - ties["length"])
@@ -122,14 +179,19 @@ def _ground(arch: Arch) -> Iterator[tuple[FloatArray, FloatArray]]:
     joints = np.stack([arch.intrados, arch.extrados], axis=1)
     clear = np.inf if arch.free_end else np.hypot(*(joints[-1, 0] - joints[0, 0]))
     for end in (0, -1)[: 1 if arch.free_end else 2]:
-        outline, along = arch.outlines[end], joints[end, 1] - joints[end, 0]
+        outline = arch.outlines[end]
+        along = joints[end, 1] - joints[end, 0]
         on = np.abs(cross(outline - joints[end, 0], along)) < 1e-9 * along @ along
-        points = np.vstack([joints[end], outline[on]])  # a joint may bear on a part of the side
+        points = np.vstack(
+            [joints[end], outline[on]]
+        )  # a joint may bear on a part of the side
         side = points[[np.argmin(points @ along), np.argmax(points @ along)]]
         along = side[1] - side[0]
         away = 2.0 * np.array([-along[1], along[0]])
         away *= -np.sign(away @ (arch.centroids[end] - side[0]))
-        near = side[0] - min(1.0, 0.4 * clear / np.hypot(*along)) * along  # both do not meet
+        near = (
+            side[0] - min(1.0, 0.4 * clear / np.hypot(*along)) * along
+        )  # both do not meet
         far = side[1] + along
         yield side, np.array([near, far, far + away, near + away])
 
@@ -137,6 +199,7 @@ def _ground(arch: Arch) -> Iterator[tuple[FloatArray, FloatArray]]:
 def _lines(arch: Arch) -> Iterator[tuple[str, FloatArray]]:
     """Yield layers and lines of a drawing; `read_drawing` takes VOUSSOIRS."""
     sides, ground = zip(*_ground(arch))
-    stones, ties = [*arch.outlines, *sides], tie_lines(arch)
+    stones = [*arch.outlines, *sides]
+    ties = tie_lines(arch)
     for layer, shapes in (("VOUSSOIRS", stones), ("GROUND", ground), ("TIES", ties)):
         yield from ((layer, points) for points in shapes)

@@ -40,12 +40,22 @@ class CurveSet:
     # By arch and limit state, from the mildest to the severest, theta in the SI unit of the
     # measure; with a reason where there is no curve.
     curves: Mapping[str, Mapping[str, Curve]]
-    measure: str  # intensity measure, as `archfrag.motions.measures.parse_measure` reads it
+    measure: (
+        str  # intensity measure, as `archfrag.motions.measures.parse_measure` reads it
+    )
     levels: tuple[float, float]  # lowest and highest intensity that was simulated [SI]
-    made: Mapping[str, str]  # study, title, versions and commits of archfrag, SHA-256 of the cube
-    classes: Mapping[str, int] = field(default_factory=dict)  # of those, number of arches
-    remarks: Sequence[str] = ()  # on limit states that are left out or were made consistent
-    branches: Mapping[str, tuple[str, float]] = field(default_factory=dict)  # arch and weight
+    made: Mapping[
+        str, str
+    ]  # study, title, versions and commits of archfrag, SHA-256 of the cube
+    classes: Mapping[str, int] = field(
+        default_factory=dict
+    )  # of those, number of arches
+    remarks: Sequence[
+        str
+    ] = ()  # on limit states that are left out or were made consistent
+    branches: Mapping[str, tuple[str, float]] = field(
+        default_factory=dict
+    )  # arch and weight
 
     def described(self, name: str) -> str:
         """Describe what a curve is of."""
@@ -61,12 +71,16 @@ class CurveSet:
 
     def origin(self, condition: str) -> str:
         """Describe how the curves were made, without characters that XML forbids."""
-        title = "".join(c if c.isprintable() else " " for c in self.made["title"]).rstrip(".")
+        title = "".join(
+            c if c.isprintable() else " " for c in self.made["title"]
+        ).rstrip(".")
         text = (
             "{title}. Study {study}, exported by archfrag {archfrag} (commit {archfrag_commit}) "
             "from the cube with SHA-256 {cube_sha256} (commit {cube_archfrag_commit})."
         )
-        remarks = "".join(f" Note: {each}." for each in (condition, *self.remarks) if each)
+        remarks = "".join(
+            f" Note: {each}." for each in (condition, *self.remarks) if each
+        )
         return text.format(**{**self.made, "title": title}) + remarks
 
     @property
@@ -87,7 +101,9 @@ class CurveSet:
     @property
     def left_out(self) -> dict[str, str]:
         """Return by arch why it has no curve of collapse, the last limit state."""
-        last = {arch: states[self.limit_states[-1]] for arch, states in self.curves.items()}
+        last = {
+            arch: states[self.limit_states[-1]] for arch, states in self.curves.items()
+        }
         return {arch: curve.reason for arch, curve in last.items() if not curve.fitted}
 
 
@@ -97,15 +113,22 @@ class Named(NamedTuple):
     name: str
     unit: str
     factor: float  # times a value in SI gives one in `unit`
-    condition: str  # what the receiver's measure must be for the curve to hold, or empty
+    condition: (
+        str  # what the receiver's measure must be for the curve to hold, or empty
+    )
 
 
 def named_measure(receiver: str, measure: str) -> Named:
     """Name and unit of a measure in ``"OpenQuake"``, ``"pelicun"`` or ``"IN-CORE"``."""
-    parsed, rows = parse_measure(measure), _KNOWN[_KNOWN["receiver"] == receiver]
+    parsed = parse_measure(measure)
+    rows = _KNOWN[_KNOWN["receiver"] == receiver]
     known = {kind: (name, unit) for _, kind, name, unit in rows.itertuples(index=False)}
     if parsed.kind not in known:
-        permanent = " (its PGD is permanent ground deformation)" if receiver == "pelicun" else ""
+        permanent = (
+            " (its PGD is permanent ground deformation)"
+            if receiver == "pelicun"
+            else ""
+        )
         raise InputError(
             f"{receiver} has no name for the intensity measure {measure}; it knows "
             f"{', '.join(known)}{permanent}; csv and parquet take any"
@@ -120,8 +143,12 @@ def named_measure(receiver: str, measure: str) -> Named:
             "ground-motion model"
         )
     if parsed.rotated:
-        messages.append(f"{parsed.kind} must be {parsed.rotated} of two horizontal components")
-    return Named(name.format(*parsed.periods), unit, _FACTORS[unit], "; ".join(messages))
+        messages.append(
+            f"{parsed.kind} must be {parsed.rotated} of two horizontal components"
+        )
+    return Named(
+        name.format(*parsed.periods), unit, _FACTORS[unit], "; ".join(messages)
+    )
 
 
 def nrml_continuous(curves: CurveSet) -> str:
@@ -133,8 +160,17 @@ def nrml_continuous(curves: CurveSet) -> str:
     """
     imt, root, functions = _nrml(curves, "", format="continuous", shape="logncdf")
     for function, states in functions:
-        top = imt.factor * max(fit.theta * np.exp(_REACH * fit.beta) for fit in states.values())
-        _add(function, "imls", imt=imt.name, noDamageLimit="0.0", minIML="0.0", maxIML=_row([top]))
+        top = imt.factor * max(
+            fit.theta * np.exp(_REACH * fit.beta) for fit in states.values()
+        )
+        _add(
+            function,
+            "imls",
+            imt=imt.name,
+            noDamageLimit="0.0",
+            minIML="0.0",
+            maxIML=_row([top]),
+        )
         for state, fit in states.items():
             mean = imt.factor * fit.theta * np.exp(0.5 * fit.beta**2)
             stddev = mean * np.sqrt(np.expm1(fit.beta**2))
@@ -162,11 +198,21 @@ def nrml_discrete(curves: CurveSet) -> str:
 
 def nrml_vulnerability(points: pd.DataFrame, study: StudyKeys) -> str:
     """Write mean loss ratios as NRML; coefficients of variation are 0: it has the mean alone."""
-    measure, factor, name = study.intensity.measure, study.intensity.factor, study.id
-    imt, root = named_measure("OpenQuake", measure), Element("nrml", {"xmlns": NAMESPACE})
-    about = {"id": re.sub(r"[^A-Za-z0-9_:-]", "_", name)[:75], "lossCategory": "structural"}
+    measure = study.intensity.measure
+    factor = study.intensity.factor
+    name = study.id
+    imt = named_measure("OpenQuake", measure)
+    root = Element("nrml", {"xmlns": NAMESPACE})
+    about = {
+        "id": re.sub(r"[^A-Za-z0-9_:-]", "_", name)[:75],
+        "lossCategory": "structural",
+    }
     model = _add(root, "vulnerabilityModel", assetCategory="masonry arches", **about)
-    _add(model, "description", f"Mean loss ratio against {measure} in {imt.unit}; study {name}.")
+    _add(
+        model,
+        "description",
+        f"Mean loss ratio against {measure} in {imt.unit}; study {name}.",
+    )
     for arch, rows in points[points["im"] > 0.0].groupby("arch", sort=False):
         function = _add(model, "vulnerabilityFunction", id=str(arch), dist="LN")
         _add(function, "imls", _row(rows["im"] * factor * imt.factor), imt=imt.name)
@@ -180,22 +226,34 @@ def _nrml(
 ) -> tuple[Named, Element, list[tuple[Element, dict[str, Curve]]]]:
     """Return the measure, the root of a file, and the function of each arch with its curves."""
     imt = named_measure("OpenQuake", curves.measure)
-    root = Element("nrml", {"xmlns": NAMESPACE, "xmlns:gml": "http://www.opengis.net/gml"})
+    root = Element(
+        "nrml", {"xmlns": NAMESPACE, "xmlns:gml": "http://www.opengis.net/gml"}
+    )
     name = re.sub(r"[^A-Za-z0-9_:-]", "_", curves.made["study"])[:75]
-    about = {"id": name, "assetCategory": "masonry arches", "lossCategory": "structural"}
+    about = {
+        "id": name,
+        "assetCategory": "masonry arches",
+        "lossCategory": "structural",
+    }
     model = _add(root, "fragilityModel", **about)
     of = "".join(f" {curves.described(name)}." for name in curves.classes)
     of += "".join(f" {name}: {curves.described(name)}." for name in curves.branches)
-    left = "".join(f" No curve for {arch}: {why}." for arch, why in curves.left_out.items())
+    left = "".join(
+        f" No curve for {arch}: {why}." for arch, why in curves.left_out.items()
+    )
     text = f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. "
     _add(model, "description", f"{text}{more}{curves.origin(imt.condition)}{of}{left}")
     _add(model, "limitStates", " ".join(curves.limit_states))
     known = curves.complete.items()
-    functions = [(_add(model, "fragilityFunction", id=a, **kind), states) for a, states in known]
+    functions = [
+        (_add(model, "fragilityFunction", id=a, **kind), states) for a, states in known
+    ]
     return imt, root, functions
 
 
-def _add(parent: Element, tag: str, text: str | None = None, **attributes: str) -> Element:
+def _add(
+    parent: Element, tag: str, text: str | None = None, **attributes: str
+) -> Element:
     element = SubElement(parent, tag, attributes)
     element.text = text
     return element
@@ -228,39 +286,53 @@ def pelicun_table(curves: CurveSet) -> str:
     ``Theta_0`` is the median in ``Demand-Unit`` (g or cmps), ``Theta_1`` the dispersion.
     ``Demand-Directional`` is 1: with 0 pelicun would multiply the demand by 1.2.
     """
-    demand, rows = named_measure("pelicun", curves.measure), []
+    demand = named_measure("pelicun", curves.measure)
+    rows = []
     for name, states in zip(_ids(curves), curves.complete.values(), strict=True):
-        rows.append({
-            "ID": name, "Incomplete": 0, "Demand-Type": demand.name, "Demand-Unit": demand.unit,
-            "Demand-Offset": 0, "Demand-Directional": 1,
-        })  # fmt: skip
+        rows.append(
+            {
+                "ID": name,
+                "Incomplete": 0,
+                "Demand-Type": demand.name,
+                "Demand-Unit": demand.unit,
+                "Demand-Offset": 0,
+                "Demand-Directional": 1,
+            }
+        )
         for n, fit in enumerate(states.values(), start=1):
             rows[-1] |= {
-                f"LS{n}-Family": "lognormal", f"LS{n}-Theta_0": float(demand.factor * fit.theta),
+                f"LS{n}-Family": "lognormal",
+                f"LS{n}-Theta_0": float(demand.factor * fit.theta),
                 f"LS{n}-Theta_1": float(fit.beta),
-            }  # fmt: skip
+            }
     return pd.DataFrame(rows).to_csv(index=False, lineterminator="\n")
 
 
 def pelicun_description(curves: CurveSet) -> str:
     """Describe the table in JSON, in the layout of pelicun's own databases."""
-    made, condition = curves.made, named_measure("pelicun", curves.measure).condition
+    made = curves.made
+    condition = named_measure("pelicun", curves.measure).condition
     general = {
-        "ShortName": made["study"], "Description": curves.origin(condition),
-        "Version": made["archfrag"], "ComponentGroups": ["Masonry arches"],
-        "archfrag": made, "LeftOut": curves.left_out,
-    }  # fmt: skip
+        "ShortName": made["study"],
+        "Description": curves.origin(condition),
+        "Version": made["archfrag"],
+        "ComponentGroups": ["Masonry arches"],
+        "archfrag": made,
+        "LeftOut": curves.left_out,
+    }
     states = {
         f"LS{n}": {f"DS{n}": {"Description": state}}
         for n, state in enumerate(curves.limit_states, start=1)
     }
     components = {
         name: {
-            "Description": curves.described(arch), "SuggestedComponentBlockSize": "1 EA",
-            "RoundUpToIntegerQuantity": "True", "LimitStates": states,
+            "Description": curves.described(arch),
+            "SuggestedComponentBlockSize": "1 EA",
+            "RoundUpToIntegerQuantity": "True",
+            "LimitStates": states,
         }
         for arch, name in zip(curves.complete, _ids(curves), strict=True)
-    }  # fmt: skip
+    }
     return _text({"_GeneralInformation": general, **components})
 
 
@@ -288,29 +360,50 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
     lognormal = "scipy.stats.norm.cdf((math.log({}) - math.log({!r})) / {!r})"
     sets = {}
     for arch, states in curves.complete.items():
-        kept, rules = list(states.items())[-_MOST:], []
+        kept = list(states.items())[-_MOST:]
+        rules = []
         last, severest = kept[-1]
         repeated = f"{last}, repeated since IN-CORE takes {_MOST} limit states"
-        for n, (state, fit) in enumerate(kept + [(repeated, severest)] * (_MOST - len(kept))):
-            theta, beta = float(demand.factor * fit.theta), float(fit.beta)
+        for n, (state, fit) in enumerate(
+            kept + [(repeated, severest)] * (_MOST - len(kept))
+        ):
+            theta = float(demand.factor * fit.theta)
+            beta = float(fit.beta)
             expression = lognormal.format(variable, theta, beta)
-            rules.append({
-                "description": f"LS_{n}: {state}",
-                "curveParameters": None,
-                "returnType": {"type": "Limit State", "unit": "", "description": f"LS_{n}"},
-                "rules": [{"condition": [f"{variable} > 0"], "expression": expression}],
-            })  # fmt: skip
-        sets[arch] = _text({
-            "description": f"{curves.described(arch)}. {curves.origin(demand.condition)}",
-            "creator": f"archfrag {curves.made['archfrag']}",
-            "demandTypes": [demand.name], "demandUnits": [demand.unit],
-            "resultType": "Limit State", "resultUnit": "",
-            "hazardType": "earthquake", "inventoryType": "bridge",
-            "curveParameters": [{
-                "name": variable, "unit": demand.unit,
-                "description": f"{curves.measure} as {demand.name}",
-                "fullName": demand.name, "expression": None,
-            }],
-            "fragilityCurves": rules,
-        })  # fmt: skip
+            rules.append(
+                {
+                    "description": f"LS_{n}: {state}",
+                    "curveParameters": None,
+                    "returnType": {
+                        "type": "Limit State",
+                        "unit": "",
+                        "description": f"LS_{n}",
+                    },
+                    "rules": [
+                        {"condition": [f"{variable} > 0"], "expression": expression}
+                    ],
+                }
+            )
+        sets[arch] = _text(
+            {
+                "description": f"{curves.described(arch)}. {curves.origin(demand.condition)}",
+                "creator": f"archfrag {curves.made['archfrag']}",
+                "demandTypes": [demand.name],
+                "demandUnits": [demand.unit],
+                "resultType": "Limit State",
+                "resultUnit": "",
+                "hazardType": "earthquake",
+                "inventoryType": "bridge",
+                "curveParameters": [
+                    {
+                        "name": variable,
+                        "unit": demand.unit,
+                        "description": f"{curves.measure} as {demand.name}",
+                        "fullName": demand.name,
+                        "expression": None,
+                    }
+                ],
+                "fragilityCurves": rules,
+            }
+        )
     return sets

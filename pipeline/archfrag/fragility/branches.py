@@ -16,7 +16,9 @@ Draws = tuple[FloatArray, FloatArray]
 _BETAS = np.array([0.3, 0.3, 0.25, 0.12, 0.03])
 _THETAS = np.array([0.25, 0.5, 0.25])
 _TRIED = 200  # values of beta
-_MOST_PARTS = 40000  # of the mean of the curve of a class: of more, fewer draws are taken
+_MOST_PARTS = (
+    40000  # of the mean of the curve of a class: of more, fewer draws are taken
+)
 
 
 def branches_of(curve: Curve, draws: Draws) -> tuple[list[Curve], FloatArray]:
@@ -29,7 +31,9 @@ def branches_of(curve: Curve, draws: Draws) -> tuple[list[Curve], FloatArray]:
     """
     middle = np.median(draws[0]) * np.array([0.01, 0.05, 10.0])
     usual = HazardCurve(middle, np.array([0.05, 0.05, 10.0]) ** -2.5)
-    rates, curves, weights = lognormal_rates(usual, *draws), list[Curve](), list[float]()
+    rates = lognormal_rates(usual, *draws)
+    curves = list[Curve]()
+    weights = list[float]()
     tried = np.geomspace(draws[1].min(), draws[1].max(), _TRIED)
     for of_beta in _parted(np.argsort(draws[1], kind="stable"), _BETAS):
         order = of_beta[np.argsort(draws[0][of_beta], kind="stable")]
@@ -39,7 +43,9 @@ def branches_of(curve: Curve, draws: Draws) -> tuple[list[Curve], FloatArray]:
             rising = rising[: rising.argmax() + 1]
             b = float(np.interp(rates[part].mean(), rising, tried[: rising.size]))
             members = None if curve.members is None else _parts(curve, t, b)
-            curves.append(Curve(t, b, n_total=curve.n_total, kind="branch", members=members))
+            curves.append(
+                Curve(t, b, n_total=curve.n_total, kind="branch", members=members)
+            )
             weights.append(part.size / rates.size)
     return curves, np.array(weights)
 
@@ -59,8 +65,11 @@ def predictive(curve: Curve, draws: Draws) -> Curve:
     step = 1 + (len(curve.parts) * len(draws[0]) - 1) // _MOST_PARTS
     parts = _parts(curve, draws[0][::step], draws[1][::step])
     logs = np.log(parts[:, 0])
-    theta, beta = np.exp(logs.mean()), np.sqrt((parts[:, 1] ** 2).mean() + logs.var())
-    return replace(curve, theta=float(theta), beta=float(beta), members=parts, kind="predictive")
+    theta = np.exp(logs.mean())
+    beta = np.sqrt((parts[:, 1] ** 2).mean() + logs.var())
+    return replace(
+        curve, theta=float(theta), beta=float(beta), members=parts, kind="predictive"
+    )
 
 
 def _parts(curve: Curve, theta: ArrayLike, beta: ArrayLike) -> FloatArray:

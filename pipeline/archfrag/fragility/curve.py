@@ -22,8 +22,17 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 _FIT = ("theta", "beta", "log_likelihood", "n_levels", "n_total", "kind")
-_BAND = ("im", "lower", "upper", "confidence", "method", "assumptions", "n_independent",
-         "n_non_monotone", "more")  # fmt: skip
+_BAND = (
+    "im",
+    "lower",
+    "upper",
+    "confidence",
+    "method",
+    "assumptions",
+    "n_independent",
+    "n_non_monotone",
+    "more",
+)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -62,8 +71,12 @@ class Curve:
     beta: float = np.nan
     #: (2, 2), of (ln theta, beta): inverse of the observed information, or as `kind` implies
     covariance: FloatArray = field(default_factory=lambda: np.full((2, 2), np.nan))
-    log_likelihood: float = np.nan  #: with binomial coefficients, or the density of ln capacity
-    n_levels: int = 0  #: levels, distinct observed capacities or ends of brackets that were used
+    log_likelihood: float = (
+        np.nan
+    )  #: with binomial coefficients, or the density of ln capacity
+    n_levels: int = (
+        0  #: levels, distinct observed capacities or ends of brackets that were used
+    )
     n_total: int = 0  #: runs (stripes) or records that were used
     #: stripes, ida, ida_truncated, brackets, adjusted, posterior, mixture; empty without a curve
     kind: str = ""
@@ -75,7 +88,9 @@ class Curve:
     intervals: tuple[tuple[float, float], tuple[float, float]] | None = None
     #: Of theta and beta by a posterior, of a class that of all its runs.
     density: Density | None = None
-    im: Sequence[float] = ()  #: intensities of the band up to 1.05 times the highest level
+    im: Sequence[
+        float
+    ] = ()  #: intensities of the band up to 1.05 times the highest level
     lower: Sequence[float] = ()  #: ends of the band
     upper: Sequence[float] = ()
     confidence: float = 0.9  #: of band and intervals
@@ -83,7 +98,9 @@ class Curve:
     assumptions: str = ""  #: of the band
     n_independent: float = 0.0  #: effective number of records or runs
     n_non_monotone: int = 0  #: runs against the capacity of their record
-    more: dict[str, Any] = field(default_factory=dict)  #: further results by name, plain, in SI
+    more: dict[str, Any] = field(
+        default_factory=dict
+    )  #: further results by name, plain, in SI
     name: str = ""
     state: str = "collapse"
     meaning: str = ""  #: of the limit state
@@ -100,7 +117,11 @@ class Curve:
     @property
     def parts(self) -> FloatArray:
         """theta and beta of the lognormal curves whose mean this curve is, (n, 2)."""
-        return np.array([[self.theta, self.beta]]) if self.members is None else self.members
+        return (
+            np.array([[self.theta, self.beta]])
+            if self.members is None
+            else self.members
+        )
 
     @property
     def standard_errors(self) -> FloatArray:
@@ -115,12 +136,18 @@ class Curve:
     @property
     def theta_interval(self) -> tuple[float, float]:
         """Interval of the median; without a posterior normal in ln theta."""
-        return self.intervals[0] if self.intervals else self._interval(self.theta, 0, 1.0)
+        return (
+            self.intervals[0] if self.intervals else self._interval(self.theta, 0, 1.0)
+        )
 
     @property
     def beta_interval(self) -> tuple[float, float]:
         """Interval of the dispersion; without a posterior normal in ln beta."""
-        return self.intervals[1] if self.intervals else self._interval(self.beta, 1, self.beta)
+        return (
+            self.intervals[1]
+            if self.intervals
+            else self._interval(self.beta, 1, self.beta)
+        )
 
     def _interval(self, value: float, place: int, scale: float) -> tuple[float, float]:
         """Return an interval by the standard error of one parameter."""
@@ -147,8 +174,13 @@ class Curve:
 
         def root(one: float) -> float:
             ends = np.log(theta) + beta * scipy.special.ndtri(one)
-            low, high = ends.min() - 1e-9, ends.max() + 1e-9
-            return float(np.exp(scipy.optimize.brentq(lambda x: self(np.exp(x)) - one, low, high)))
+            low = ends.min() - 1e-9
+            high = ends.max() + 1e-9
+            return float(
+                np.exp(
+                    scipy.optimize.brentq(lambda x: self(np.exp(x)) - one, low, high)
+                )
+            )
 
         return np.vectorize(root, otypes=[float])(p)
 
@@ -174,7 +206,11 @@ class Curve:
         # var z = g C g with g = -(1, z) / beta.
         (var_theta, cov), (_, var_beta) = self.covariance
         with np.errstate(invalid="ignore"):
-            reach = quantile * np.sqrt(var_theta + 2.0 * cov * z + var_beta * z * z) / self.beta
+            reach = (
+                quantile
+                * np.sqrt(var_theta + 2.0 * cov * z + var_beta * z * z)
+                / self.beta
+            )
             ends = scipy.special.ndtr([z - reach, z + reach])
             lower, upper = np.where(np.isneginf(z), 0.0, ends)
         return lower, upper
@@ -192,7 +228,9 @@ class Curve:
         jacobian = np.diag([1.0, 1.0 / self.beta])
         covariance = jacobian @ self.covariance @ jacobian
         generator = np.random.default_rng(seed)
-        shift = generator.multivariate_normal(np.zeros(2), covariance, number, method="eigh")
+        shift = generator.multivariate_normal(
+            np.zeros(2), covariance, number, method="eigh"
+        )
         return self.theta * np.exp(shift[:, 0]), self.beta * np.exp(shift[:, 1])
 
     def at(self, im: float) -> tuple[float, float, float]:
@@ -224,11 +262,17 @@ class Curve:
             low_high = (low / si, high / si), beta
         members = None if self.members is None else self.members / [si, 1.0]
         return replace(
-            self, theta=self.theta / si, members=members, intervals=low_high, si=si,
+            self,
+            theta=self.theta / si,
+            members=members,
+            intervals=low_high,
+            si=si,
             density=self.density and self.density.moved(-np.log(si)),
             likelihood=self.likelihood and self.likelihood.in_unit(si, measure, unit),
-            im=[each / si for each in self.im], measure=measure, unit=unit,
-        )  # fmt: skip
+            im=[each / si for each in self.im],
+            measure=measure,
+            unit=unit,
+        )
 
     def to_dataframe(self, im: ArrayLike | None = None) -> pd.DataFrame:
         """Tabulate intensities, (n,), with the probability and the ends of the band at each.
@@ -238,7 +282,9 @@ class Curve:
         import pandas as pd  # which takes a third of a second
 
         if im is None and not self.levels:
-            raise InputError("im must be given: intensities at which the curve is wanted")
+            raise InputError(
+                "im must be given: intensities at which the curve is wanted"
+            )
         at = np.asarray(self.levels if im is None else im, float)
         heads = self._axis(), "probability", "lower", "upper"
         return pd.DataFrame(dict(zip(heads, (at, self(at), *self.band(at)))))
@@ -248,10 +294,13 @@ class Curve:
 
         `style` is handed to the line, such as color or label.
         """
-        ax, end = plots().axes_of(ax), self.im[-1] if self.im else float(self.quantile(0.99))
+        ax = plots().axes_of(ax)
+        end = self.im[-1] if self.im else float(self.quantile(0.99))
         im = np.linspace(0.0, end, 200)
         (line,) = ax.plot(im, self(im), **{"label": self.name, **style})
-        ax.fill_between(im, *self.band(im), color=line.get_color(), alpha=0.2, linewidth=0.0)
+        ax.fill_between(
+            im, *self.band(im), color=line.get_color(), alpha=0.2, linewidth=0.0
+        )
         ax.set(xlabel=self._axis(), ylabel=f"probability of {self.state}")
         ax.set(xlim=(0.0, end), ylim=(0, 1))
         return ax
@@ -273,7 +322,9 @@ class Curve:
     def dispersion_words(self) -> list[str]:
         """Write the dispersion and the ends of its interval, none of which is 0."""
         values = self.beta, *self.beta_interval
-        return [f"{value:.2f}" if value >= 0.005 else f"{value:.1g}" for value in values]
+        return [
+            f"{value:.2f}" if value >= 0.005 else f"{value:.1g}" for value in values
+        ]
 
     def undecided(self, text: Callable[[float], str] | None = None) -> str:
         """Write what the runs without a verdict could change; empty if there are none.
@@ -290,8 +341,11 @@ class Curve:
         return f"{runs} no verdict: the median is {low} if all collapse, {high} if all survive"
 
     def __repr__(self) -> str:
-        name = ", ".join(filter(None, (self.name, self.state * (self.state != "collapse"))))
-        words, lost = ", ".join(filter(None, self.words())), self.undecided()
+        name = ", ".join(
+            filter(None, (self.name, self.state * (self.state != "collapse")))
+        )
+        words = ", ".join(filter(None, self.words()))
+        lost = self.undecided()
         return f"<Curve {name}{': ' * bool(name)}{words}{'; ' * bool(lost)}{lost}>"
 
     def _repr_html_(self) -> str:
@@ -303,11 +357,17 @@ class Curve:
             return {"none": self.reason}
         plain = {name: getattr(self, name) for name in _FIT}
         plain["covariance_ln_theta_beta"] = self.covariance.tolist()
-        return plain if self.members is None else plain | {"members": self.members.tolist()}
+        return (
+            plain
+            if self.members is None
+            else plain | {"members": self.members.tolist()}
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return all in SI units as plain values, for JSON."""
-        likelihood = {"none": ""} if self.likelihood is None else self.likelihood.fit_dict()
+        likelihood = (
+            {"none": ""} if self.likelihood is None else self.likelihood.fit_dict()
+        )
         theta, beta = self.intervals or [(np.nan, np.nan)] * 2
         plain = {
             "curve": self.fit_dict(),
@@ -321,15 +381,22 @@ class Curve:
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Curve:
         """Return the curve that `to_dict` wrote, or a part of what it wrote."""
-        own = _fit_of(plain["curve"]) | {name: plain[name] for name in _BAND if name in plain}
+        own = _fit_of(plain["curve"]) | {
+            name: plain[name] for name in _BAND if name in plain
+        }
         if "likelihood" in plain:
             own["likelihood"] = cls(**_fit_of(plain["likelihood"]))
         if (density := plain.get("density")) is not None:
             own["density"] = Density.from_plain(density)
         ends = [plain.get(name, (None, None)) for name in ("theta", "beta")]
         if None not in ends[0]:
-            own["intervals"] = tuple(tuple(float(each) for each in pair) for pair in ends)
-        labels = {"state": plain.get("name", "collapse"), "meaning": plain.get("meaning", "")}
+            own["intervals"] = tuple(
+                tuple(float(each) for each in pair) for pair in ends
+            )
+        labels = {
+            "state": plain.get("name", "collapse"),
+            "meaning": plain.get("meaning", ""),
+        }
         return cls(**own, **labels)
 
 
@@ -347,7 +414,9 @@ def _fit_of(plain: Mapping[str, Any]) -> dict[str, Any]:
     own = {name: plain[name] for name in _FIT}
     own["covariance"] = np.array(plain["covariance_ln_theta_beta"], dtype=float)
     members = plain.get("members")
-    return own | {"members": None if members is None else np.array(members, dtype=float)}
+    return own | {
+        "members": None if members is None else np.array(members, dtype=float)
+    }
 
 
 def credible_band(
@@ -366,7 +435,9 @@ def log_intensity(im: ArrayLike) -> FloatArray:
     im = np.asarray(im, dtype=float)
     bad = im[~(im >= 0.0)]
     if bad.size:
-        raise InputError(f"im holds {bad[0]:g}; an intensity is a number from 0 upwards")
+        raise InputError(
+            f"im holds {bad[0]:g}; an intensity is a number from 0 upwards"
+        )
     with np.errstate(divide="ignore"):
         return np.log(im)
 
@@ -376,7 +447,9 @@ def positive(values: ArrayLike, name: str) -> FloatArray:
     given = np.asarray(values, dtype=float)
     bad = given[~((given > 0.0) & np.isfinite(given))]
     if bad.size:
-        raise InputError(f"{name} holds {bad[0]:g}; only positive finite numbers are allowed")
+        raise InputError(
+            f"{name} holds {bad[0]:g}; only positive finite numbers are allowed"
+        )
     return given
 
 
@@ -384,12 +457,16 @@ def rising(values: ArrayLike, name: str) -> FloatArray:
     """Return positive finite numbers as floats; InputError unless they increase."""
     given = positive(values, name)
     for i in np.flatnonzero(np.diff(given) <= 0.0)[:1]:
-        raise InputError(f"{name} has {given[i + 1]:g} after {given[i]:g}; it must increase")
+        raise InputError(
+            f"{name} has {given[i + 1]:g} after {given[i]:g}; it must increase"
+        )
     return given
 
 
 def tails(confidence: float) -> list[float]:
     """Return the probabilities below both ends of a central interval of `confidence`."""
     if not isinstance(confidence, Real) or not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence is {confidence!r}; it lies between 0 and 1, such as 0.9")
+        raise InputError(
+            f"confidence is {confidence!r}; it lies between 0 and 1, such as 0.9"
+        )
     return [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence]

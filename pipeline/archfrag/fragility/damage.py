@@ -19,15 +19,21 @@ from archfrag.fragility.verdicts import Brackets
 LEAST_BELOW = 0.3  # fraction of the records that have a run below the state
 # Prior of the correlation r, (1 + r)^6, and standard deviation of ln of the ratio of both betas:
 # in the shipped study by stripes r is 0.97 or more, and the betas differ by up to 6 %.
-_ALIKE, _UNLIKE = 6.0, 0.5
+_ALIKE = 6.0
+_UNLIKE = 0.5
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_POINTS, _ITERATIONS, _FREEDOM = 1024, 7, 5.0  # of importance sampling by Student's t
+_POINTS = 1024  # of importance sampling by Student's t
+_ITERATIONS = 7
+_FREEDOM = 5.0
 _LEAST_SHARE = 0.05  # of the points that count in an iteration
 _KERNEL = 0.15  # standard deviation of a point's kernel, over that of all points
-_SIZE, _REACH = (72, 96), 6.0  # of the grid, and its half width in standard deviations
+_SIZE = (72, 96)  # of the grid, and its half width in standard deviations
+_REACH = 6.0
 
 
-def fit_state_posterior(collapse: Brackets, state: Brackets, number: float) -> Posterior:
+def fit_state_posterior(
+    collapse: Brackets, state: Brackets, number: float
+) -> Posterior:
     """Return the posterior of the curve of a state that collapse exceeds too.
 
     `state` are brackets from the runs that did not collapse, in which a collapse stands for
@@ -41,7 +47,11 @@ def fit_state_posterior(collapse: Brackets, state: Brackets, number: float) -> P
     if (share := float((state.lower[known] > 0.0).mean())) < LEAST_BELOW:
         why = f"only {100.0 * share:.0f} % of the records have a run below it"
         raise FitError(f"{why}, and {100.0 * LEAST_BELOW:.0f} % are needed")
-    ends = [getattr(own, end)[known] for own in (collapse, state) for end in ("lower", "upper")]
+    ends = [
+        getattr(own, end)[known]
+        for own in (collapse, state)
+        for end in ("lower", "upper")
+    ]
     with np.errstate(divide="ignore"):
         rows, count = np.unique(np.log(ends), axis=1, return_counts=True)
     levels = [np.unique(pair[np.isfinite(pair)]) for pair in (rows[:2], rows[2:])]
@@ -51,7 +61,8 @@ def fit_state_posterior(collapse: Brackets, state: Brackets, number: float) -> P
 
     def density(points: FloatArray) -> FloatArray:
         """Return ln of the posterior at points, as `_both` describes them."""
-        logs, r = points[:, [1, 3]], np.clip(np.tanh(points[:, 4]), -1.0 + 1e-12, 1.0 - 1e-12)
+        logs = points[:, [1, 3]]
+        r = np.clip(np.tanh(points[:, 4]), -1.0 + 1e-12, 1.0 - 1e-12)
         prior = sum(map(capacity_prior, np.exp(logs).T, steps, levels))
         prior += np.log1p(-r * r) + _ALIKE * np.log1p(r)
         prior -= 0.5 * (np.diff(logs)[:, 0] / _UNLIKE) ** 2
@@ -60,7 +71,8 @@ def fit_state_posterior(collapse: Brackets, state: Brackets, number: float) -> P
     points, weight = _sampled(density, *map(np.median, levels))
     log_theta, beta = _of_lesser(points)
     logs = np.stack([np.log(beta), log_theta])
-    centre, spread = logs @ weight, np.sqrt(np.diag(np.cov(logs, aweights=weight)))
+    centre = logs @ weight
+    spread = np.sqrt(np.diag(np.cov(logs, aweights=weight)))
     axes = [np.linspace(-_REACH, _REACH, size) for size in _SIZE]
     kernels = [
         np.exp(-0.5 * ((axis[:, None] - z) / _KERNEL) ** 2)
@@ -68,9 +80,11 @@ def fit_state_posterior(collapse: Brackets, state: Brackets, number: float) -> P
     ]
     rise, run = (c + s * axis for c, s, axis in zip(centre, spread, axes))
     return gridded(
-        np.exp(rise), np.tile(run, (rise.size, 1)), (kernels[0] * weight) @ kernels[1].T,
+        np.exp(rise),
+        np.tile(run, (rise.size, 1)),
+        (kernels[0] * weight) @ kernels[1].T,
         (levels[1].size, max(1, round(number))),
-    )  # fmt: skip
+    )
 
 
 def _sampled(
@@ -80,15 +94,20 @@ def _sampled(
     uniform = np.clip(qmc.Sobol(6, seed=1).random(_POINTS), 1e-9, 1.0 - 1e-9)
     t = ndtri(uniform[:, :5]) * np.sqrt(_FREEDOM / chdtri(_FREEDOM, uniform[:, 5:]))
     log_t = -0.5 * (_FREEDOM + 5.0) * np.log1p((t * t).sum(axis=1) / _FREEDOM)
-    centre, spread = np.array([collapse, -1.0, state, -1.0, 1.0]), 0.16 * np.eye(5)
+    centre = np.array([collapse, -1.0, state, -1.0, 1.0])
+    spread = 0.16 * np.eye(5)
     for _ in range(_ITERATIONS):
         points = centre + t @ np.linalg.cholesky(spread).T
-        logs, power = density(points) - log_t, 1.0
+        logs = density(points) - log_t
+        power = 1.0
         weight = softmax(logs)
-        while (weight**2).sum() * _LEAST_SHARE * _POINTS > 1.0:  # the first iterations are far off
+        while (
+            weight**2
+        ).sum() * _LEAST_SHARE * _POINTS > 1.0:  # the first iterations are far off
             power *= 0.7
             weight = softmax(power * logs)
-        centre, spread = weight @ points, np.cov(points.T, aweights=weight) + 1e-8 * np.eye(5)
+        centre = weight @ points
+        spread = np.cov(points.T, aweights=weight) + 1e-8 * np.eye(5)
     return points, weight
 
 
@@ -99,7 +118,8 @@ def _both(points: FloatArray, rows: FloatArray) -> FloatArray:
     their correlation, (n_point, 5); `rows` ln of the ends of both brackets, (4, n_row).
     """
     mean_c, log_c, mean_s, log_s, fisher = points.T[:, :, None]
-    r, chance = np.tanh(fisher), 0.0
+    r = np.tanh(fisher)
+    chance = 0.0
     low, high = ndtr((rows[:2, None] - mean_c) * np.exp(-log_c))
     ends = (rows[2:, None] - mean_s) * np.exp(-log_s)
     for node, weight in zip(_NODES, _WEIGHTS):  # of Gauss, in the probability of C
@@ -113,11 +133,18 @@ def _both(points: FloatArray, rows: FloatArray) -> FloatArray:
 def _of_lesser(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return mean and standard deviation of ln min(S, C) at points as `_both` describes them."""
     mean_c, log_c, mean_s, log_s, fisher = points.T
-    beta_c, beta_s = np.exp(log_c), np.exp(log_s)
-    apart = np.sqrt(beta_c**2 + beta_s**2 - 2.0 * np.tanh(fisher) * beta_c * beta_s) + 1e-9
+    beta_c = np.exp(log_c)
+    beta_s = np.exp(log_s)
+    apart = (
+        np.sqrt(beta_c**2 + beta_s**2 - 2.0 * np.tanh(fisher) * beta_c * beta_s) + 1e-9
+    )
     z = (mean_c - mean_s) / apart
-    first, both = ndtr(z), apart * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
+    first = ndtr(z)
+    both = apart * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
     mean = mean_s * first + mean_c * (1.0 - first) - both
-    s, c = mean_s - mean, mean_c - mean
-    square = (s**2 + beta_s**2) * first + (c**2 + beta_c**2) * (1.0 - first) - (s + c) * both
+    s = mean_s - mean
+    c = mean_c - mean
+    square = (
+        (s**2 + beta_s**2) * first + (c**2 + beta_c**2) * (1.0 - first) - (s + c) * both
+    )
     return mean, np.sqrt(np.maximum(square, 1e-12))

@@ -20,18 +20,27 @@ class Density:
 
     beta: FloatArray  #: (n_row,), rising, evenly spaced in ln
     log_theta: FloatArray  #: (n_row, n_node), evenly spaced in each row
-    density: FloatArray  #: (n_row, n_node), probability of one step of ln theta at each node
+    density: (
+        FloatArray  #: (n_row, n_node), probability of one step of ln theta at each node
+    )
 
     def deviations(self, x: FloatArray, level: FloatArray) -> FloatArray:
         """Return quantiles of (x - ln theta) / beta at ln intensities, `level` broadcast to x."""
         z = (x[..., None, None] - self.log_theta[:, [0, -1]]) / self.beta[:, None]
-        ends, at = (z.min(axis=(-1, -2)), z.max(axis=(-1, -2))), x[..., None]
-        return _root(lambda z: 1.0 - self._below(at - z[..., None] * self.beta) - level, *ends)
+        ends = (z.min(axis=(-1, -2)), z.max(axis=(-1, -2)))
+        at = x[..., None]
+        return _root(
+            lambda z: 1.0 - self._below(at - z[..., None] * self.beta) - level, *ends
+        )
 
     def log_thetas(self, level: ArrayLike) -> FloatArray:
         """Return quantiles of ln theta, of the shape of `level`."""
-        level, ones = np.asarray(level), np.ones(self.beta.size)
-        ends = (np.full(level.shape, end) for end in (self.log_theta.min(), self.log_theta.max()))
+        level = np.asarray(level)
+        ones = np.ones(self.beta.size)
+        ends = (
+            np.full(level.shape, end)
+            for end in (self.log_theta.min(), self.log_theta.max())
+        )
         return _root(lambda t: self._below(t[..., None] * ones) - level, *ends)
 
     def betas(self, level: Sequence[float]) -> FloatArray:
@@ -89,13 +98,18 @@ class Density:
 
     def _below(self, limit: FloatArray) -> FloatArray:
         """Return P(ln theta <= limit) with a limit for each row, (..., n_row)."""
-        first, step = self.log_theta[:, 0], self.log_theta[:, 1] - self.log_theta[:, 0]
+        first = self.log_theta[:, 0]
+        step = self.log_theta[:, 1] - self.log_theta[:, 0]
         last = self.density.shape[1] - 1
         place = np.clip((limit - first) / step, 0.0, last)
         node = np.minimum(place.astype(np.int64), last - 1)
-        t, row = place - node, np.arange(first.size)
-        low, high = self.density[row, node], self.density[row, node + 1]
-        return (self._cumulative[row, node] + t * (low + 0.5 * t * (high - low))).sum(axis=-1)
+        t = place - node
+        row = np.arange(first.size)
+        low = self.density[row, node]
+        high = self.density[row, node + 1]
+        return (self._cumulative[row, node] + t * (low + 0.5 * t * (high - low))).sum(
+            axis=-1
+        )
 
 
 def _root(
@@ -105,5 +119,6 @@ def _root(
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         less = function(middle) < 0.0
-        low, high = np.where(less, middle, low), np.where(less, high, middle)
+        low = np.where(less, middle, low)
+        high = np.where(less, high, middle)
     return 0.5 * (low + high)

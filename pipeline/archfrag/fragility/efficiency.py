@@ -18,7 +18,14 @@ from archfrag.fragility.verdicts import Brackets
 
 SIGNIFICANCE = 0.05
 _LEAST = 5  # earthquakes (of magnitude) or records (of distance) that a test needs
-_COLUMNS = "theta", "beta", "slope_magnitude", "slope_distance", "p_magnitude", "p_distance"
+_COLUMNS = (
+    "theta",
+    "beta",
+    "slope_magnitude",
+    "slope_distance",
+    "p_magnitude",
+    "p_distance",
+)
 # Which records have a covariate, their values, and the group of each of these.
 _Covariates = dict[str, tuple[NDArray, FloatArray, IntArray]]
 _OF = {
@@ -29,10 +36,15 @@ _OF = {
 
 
 def compare_measures(
-    brackets: Brackets, values: Mapping[str, ArrayLike], exponent: Mapping[str, float], own: str,
-    *, magnitude: ArrayLike | None = None, distance: ArrayLike | None = None,
+    brackets: Brackets,
+    values: Mapping[str, ArrayLike],
+    exponent: Mapping[str, float],
+    own: str,
+    *,
+    magnitude: ArrayLike | None = None,
+    distance: ArrayLike | None = None,
     event: ArrayLike | None = None,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Return curve and qualities of each measure, from the runs of one arch.
 
     Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)): by
@@ -53,8 +65,11 @@ def compare_measures(
     """
     names = list(values)
     if brackets.verdict.shape[1] == 1:
-        raise FitError("measures are compared by capacities, which single runs do not show")
-    mine, keep = names.index(own), brackets.run
+        raise FitError(
+            "measures are compared by capacities, which single runs do not show"
+        )
+    mine = names.index(own)
+    keep = brackets.run
     known = brackets.of_records()
     log_value = np.log([np.asarray(each)[keep] for each in values.values()])
     power = np.array([[exponent[name]] for name in names], dtype=float)
@@ -86,12 +101,22 @@ def compare_measures(
         row = {key: float(columns[key][i]) for key in _COLUMNS}
         tests = [p for p in (row["p_magnitude"], row["p_distance"]) if np.isfinite(p)]
         why = "" if np.isfinite(row["beta"]) else "fewer than two different capacities"
-        rows.append({
-            "measure": name, **row, "efficiency": row["beta"] / each, "none": why,
-            "sufficient": min(tests) >= SIGNIFICANCE if tests and not why else None,
-            "n_records": int(keep.sum()), "n_bracketed": int(known.bracketed.sum()),
-        })  # fmt: skip
-    return {"rows": rows, "own": own, **_best(rows, rows[mine], expected / power, group)}
+        rows.append(
+            {
+                "measure": name,
+                **row,
+                "efficiency": row["beta"] / each,
+                "none": why,
+                "sufficient": min(tests) >= SIGNIFICANCE if tests and not why else None,
+                "n_records": int(keep.sum()),
+                "n_bracketed": int(known.bracketed.sum()),
+            }
+        )
+    return {
+        "rows": rows,
+        "own": own,
+        **_best(rows, rows[mine], expected / power, group),
+    }
 
 
 def _best(
@@ -101,14 +126,17 @@ def _best(
 
     `logs` are ln capacity / exponent, (n_measure, n_record).
     """
-    mine, efficiency = rows.index(own), [row["efficiency"] for row in rows]
+    mine = rows.index(own)
+    efficiency = [row["efficiency"] for row in rows]
     known = [i for i, row in enumerate(rows) if not row["none"]]
     if not known:
         raise FitError("no measure has a curve from these runs: " + own["none"])
     sufficient = [i for i in known if rows[i]["sufficient"]]
     chosen = sufficient or [i for i in known if rows[i]["sufficient"] is None] or known
     place = min(chosen, key=efficiency.__getitem__)
-    best, p_value, ratio = rows[place], 1.0, 1.0
+    best = rows[place]
+    p_value = 1.0
+    ratio = 1.0
     start = f"Of {_OF[best['sufficient']]} {best['measure']} is the most efficient"
     message = f"{start} (beta {best['beta']:.2f})"
     if best is own:
@@ -124,9 +152,16 @@ def _best(
             can = "more than chance and the choice among them explain"
         times = f"{ratio:.2f} times that of {own['measure']}"
         message += f": its dispersion is {times}, {can} (p = {p_value:.2g})."
-    n_test = int(np.isfinite([(row["p_magnitude"], row["p_distance"]) for row in rows]).sum())
-    return {"best": best["measure"], "p_value": p_value, "ratio": ratio, "n_test": n_test,
-            "message": message}  # fmt: skip
+    n_test = int(
+        np.isfinite([(row["p_magnitude"], row["p_distance"]) for row in rows]).sum()
+    )
+    return {
+        "best": best["measure"],
+        "p_value": p_value,
+        "ratio": ratio,
+        "n_test": n_test,
+        "message": message,
+    }
 
 
 def _sums(values: FloatArray, place: IntArray) -> FloatArray:
@@ -144,46 +179,65 @@ def _compare_records(
     """
     low, high = bounds
     exact = low[0] == high[0]
-    n, n_exact = exact.size, int(exact.sum())
+    n = exact.size
+    n_exact = int(exact.sum())
     mean, square = np.full((2, len(low)), np.nan)
     # Where known values do not differ the likelihood has no maximum.
-    sound = np.flatnonzero(low[:, exact].var(axis=1) > 1e-18) if n_exact > 1 else np.empty(0, int)
+    sound = (
+        np.flatnonzero(low[:, exact].var(axis=1) > 1e-18)
+        if n_exact > 1
+        else np.empty(0, int)
+    )
     if n_exact == n:
         mean[sound], square[sound] = low[sound].mean(axis=1), low[sound].var(axis=1)
     elif sound.size:
         found = normal_lines(np.ones((n, 1)), low[sound], high[sound])
-        mean[sound], square[sound] = found[0][:, 0], found[1] ** 2
+        mean[sound] = found[0][:, 0]
+        square[sound] = found[1] ** 2
     with np.errstate(invalid="ignore"):
         square = square * n / max(n - 1.0, 1.0)
         added = rounding.sum(axis=1) / max(n_exact, 1)
         deviation = np.sqrt(np.where(square > added, square - added, square))
         # In the place of a bound what is expected beyond it.
         below, above = ((end - mean[:, None]) / deviation[:, None] for end in bounds)
-        beyond = np.where(np.isfinite(low), inverse_mills(-below), -inverse_mills(above))
+        beyond = np.where(
+            np.isfinite(low), inverse_mills(-below), -inverse_mills(above)
+        )
         expected = np.where(exact, low, mean[:, None] + deviation[:, None] * beyond)
     columns = dict.fromkeys(_COLUMNS, np.full(len(low), np.nan))
     columns |= {"theta": np.exp(mean), "beta": deviation}
     for name, (used, value, place) in covariates.items():
         if exact[used].sum() >= 4:
             part = low[:, used], high[:, used], expected[:, used]
-            columns[f"slope_{name}"], columns[f"p_{name}"] = _slope_test(*part, value, place)
+            columns[f"slope_{name}"], columns[f"p_{name}"] = _slope_test(
+                *part, value, place
+            )
     return columns, expected
 
 
 def _slope_test(
-    low: FloatArray, high: FloatArray, expected: FloatArray, covariate: FloatArray, place: IntArray
+    low: FloatArray,
+    high: FloatArray,
+    expected: FloatArray,
+    covariate: FloatArray,
+    place: IntArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the slope of ln capacity on a covariate, and the p-value of a t test of means."""
     count = np.bincount(place)
-    off, y = _sums(covariate, place) / count, _sums(expected, place) / count
-    off, y = off - off.mean(), y - y.mean(axis=1, keepdims=True)
-    slope, freedom = y @ off / (off @ off), off.size - 2
+    off = _sums(covariate, place) / count
+    y = _sums(expected, place) / count
+    off = off - off.mean()
+    y = y - y.mean(axis=1, keepdims=True)
+    slope = y @ off / (off @ off)
+    freedom = off.size - 2
     residual = ((y - slope[:, None] * off) ** 2).sum(axis=1) / freedom
     with np.errstate(divide="ignore", invalid="ignore"):
         p_value = 2.0 * stdtr(freedom, -np.abs(slope) / np.sqrt(residual / (off @ off)))
     sound = np.flatnonzero(np.isfinite(slope))
     if sound.size and not np.array_equal(low, high):
-        design = np.column_stack([np.ones(covariate.size), covariate - covariate.mean()])
+        design = np.column_stack(
+            [np.ones(covariate.size), covariate - covariate.mean()]
+        )
         slope[sound] = normal_lines(design, low[sound], high[sound])[0][:, 1]
     return slope, p_value
 
@@ -195,12 +249,17 @@ def scatter_by_chance(one: FloatArray, other: FloatArray, place: IntArray) -> fl
     difference are then not correlated (Pitman 1939, Morgan 1939, Biometrika 31).
     """
     difference, total = (part - part.mean() for part in (one - other, one + other))
-    squares, n = (difference @ difference) * (total @ total), one.size
+    squares = (difference @ difference) * (total @ total)
+    n = one.size
     pairs = max(int((np.bincount(place) ** 2).sum()) - n, 1)
-    alike = [max(0.0, (_sums(x, place) ** 2).sum() / (x @ x or 1.0) - 1.0)
-             for x in (difference, total)]  # fmt: skip
+    alike = [
+        max(0.0, (_sums(x, place) ** 2).sum() / (x @ x or 1.0) - 1.0)
+        for x in (difference, total)
+    ]
     freedom = n / (1.0 + alike[0] * alike[1] * n / pairs) - 2.0
     if squares == 0.0 or freedom <= 0.0:
         return 1.0
     correlation = difference @ total / np.sqrt(squares)
-    return float(stdtr(freedom, -correlation * np.sqrt(freedom / (1.0 - correlation**2))))
+    return float(
+        stdtr(freedom, -correlation * np.sqrt(freedom / (1.0 - correlation**2)))
+    )

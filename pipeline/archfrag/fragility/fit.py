@@ -54,7 +54,9 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Curve:
     return Curve(*known, likelihood, int(np.unique(im).size), int(n.sum()), "stripes")
 
 
-def _parameters(a: float, b: float, information: FloatArray) -> tuple[float, float, FloatArray]:
+def _parameters(
+    a: float, b: float, information: FloatArray
+) -> tuple[float, float, FloatArray]:
     """Return theta, beta and covariance of (ln theta, beta) of the line a + b ln im."""
     beta = 1.0 / b
     jacobian = np.array([[-beta, beta * a / b], [0.0, -beta / b]])
@@ -79,7 +81,9 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Curve:
     """
     values = np.asarray(capacities, dtype=float)
     if values.ndim != 1 or values.size == 0:
-        raise InputError(f"capacities has shape {values.shape}; a list of one number per record")
+        raise InputError(
+            f"capacities has shape {values.shape}; a list of one number per record"
+        )
     if truncate_at is None:
         return _fit_moments(positive(values, "capacities"))
     limit = float(positive(truncate_at, "truncate_at"))
@@ -88,20 +92,28 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Curve:
     if known.all():
         return _fit_moments(values)
     fit = fit_brackets(np.where(known, values, limit), np.where(known, values, np.inf))
-    return replace(fit, n_levels=int(np.unique(values[known]).size), kind="ida_truncated")
+    return replace(
+        fit, n_levels=int(np.unique(values[known]).size), kind="ida_truncated"
+    )
 
 
 def _fit_moments(values: FloatArray) -> Curve:
     """Fit by mean and standard deviation of ln capacity."""
-    logs, n = np.log(values), values.size
+    logs = np.log(values)
+    n = values.size
     distinct = int(np.unique(logs).size)
     if distinct < 2:
-        raise FitError(f"all {n} capacities are {values[0]:g}, so beta tends to 0; add records")
-    mean, deviation = float(logs.mean()), float(logs.std(ddof=1))
+        raise FitError(
+            f"all {n} capacities are {values[0]:g}, so beta tends to 0; add records"
+        )
+    mean = float(logs.mean())
+    deviation = float(logs.std(ddof=1))
     z = (logs - mean) / deviation
     covariance = deviation**2 * np.diag([1.0 / n, 0.5 / (n - 1)])
     likelihood = float(-0.5 * z @ z - n * (np.log(deviation) + LOG_ROOT_TWO_PI))
-    return Curve(float(np.exp(mean)), deviation, covariance, likelihood, distinct, n, "ida")
+    return Curve(
+        float(np.exp(mean)), deviation, covariance, likelihood, distinct, n, "ida"
+    )
 
 
 def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Curve:
@@ -110,19 +122,30 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Curve:
     Maximum likelihood of interval-censored data. `lower` may be 0 or else `upper` inf; equal
     values are a capacity known exactly. FitError if there is no maximum with beta > 0.
     """
-    lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
-    last, first = lower.max(), upper.min()
+    lower = np.asarray(lower, dtype=float)
+    upper = np.asarray(upper, dtype=float)
+    last = lower.max()
+    first = upper.min()
     if last <= first:
-        why = f"one capacity between {{}} and {{}} agrees with all {lower.size} brackets"
-        raise FitError(f"{why}, so beta tends to 0; add levels there, or records", last, first)
+        why = (
+            f"one capacity between {{}} and {{}} agrees with all {lower.size} brackets"
+        )
+        raise FitError(
+            f"{why}, so beta tends to 0; add levels there, or records", last, first
+        )
     if not np.any((lower > 0.0) & np.isfinite(upper)):
         why = "no capacity is bracketed from both sides, which does not separate theta from beta"
         raise FitError(f"{why}; add levels below and above")
     with np.errstate(divide="ignore"):
-        low, high = np.log(lower), np.log(upper)
-    mean, deviation, loss, information = normal_lines(np.ones((lower.size, 1)), low, high)
+        low = np.log(lower)
+        high = np.log(upper)
+    mean, deviation, loss, information = normal_lines(
+        np.ones((lower.size, 1)), low, high
+    )
     a, b = np.array([-mean[0, 0], 1.0]) / deviation[0]
-    sign = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the intercept is minus the first parameter
+    sign = np.array(
+        [[1.0, -1.0], [-1.0, 1.0]]
+    )  # the intercept is minus the first parameter
     known = _parameters(a, b, information[0] * sign)
     ends = np.concatenate([low, high])
     n_ends = int(np.unique(ends[np.isfinite(ends)]).size)
@@ -132,30 +155,59 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Curve:
 def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> None:
     """Raise FitError, with what to add, unless the likelihood has a maximum."""
     if im.size == 0:
-        raise FitError("no level has a run that collapsed or survived, so there is nothing to fit")
-    low, high, collapsed, survived = im.min(), im.max(), im[collapses > 0], im[collapses < n]
-    first, last = collapsed.min(initial=np.inf), survived.max(initial=0.0)
+        raise FitError(
+            "no level has a run that collapsed or survived, so there is nothing to fit"
+        )
+    low = im.min()
+    high = im.max()
+    collapsed = im[collapses > 0]
+    survived = im[collapses < n]
+    first = collapsed.min(initial=np.inf)
+    last = survived.max(initial=0.0)
     separated = "(perfect separation), so beta tends to 0"
     for holds, why, levels in (
-        (not collapsed.size, "no run collapsed at any level: theta lies above {}; add higher "
-         "levels", (high,)),
-        (not survived.size, "every run collapsed at every level: theta lies below {}; add lower "
-         "levels", (low,)),
-        (low == high, "all runs are at one level, im = {}, which cannot separate theta from beta; "
-         "add levels", (low,)),
-        (first > last, f"all runs survive up to {{0}} and all collapse from {{1}} {separated}: "
-         "theta lies between {0} and {1}; add levels between them", (last, first)),
-        (first == last, f"only the level {{0}} has collapses and survivals {separated} and "
-         "theta to {0}; add levels close to it", (first,)),
-    ):  # fmt: skip
+        (
+            not collapsed.size,
+            "no run collapsed at any level: theta lies above {}; add higher levels",
+            (high,),
+        ),
+        (
+            not survived.size,
+            "every run collapsed at every level: theta lies below {}; add lower levels",
+            (low,),
+        ),
+        (
+            low == high,
+            "all runs are at one level, im = {}, which cannot separate theta from beta; "
+            "add levels",
+            (low,),
+        ),
+        (
+            first > last,
+            f"all runs survive up to {{0}} and all collapse from {{1}} {separated}: "
+            "theta lies between {0} and {1}; add levels between them",
+            (last, first),
+        ),
+        (
+            first == last,
+            f"only the level {{0}} has collapses and survivals {separated} and "
+            "theta to {0}; add levels close to it",
+            (first,),
+        ),
+    ):
         if holds:
             raise FitError(why, *levels)
 
 
 def fit_cloud(
-    im: ArrayLike, collapsed: ArrayLike, event: ArrayLike | None = None, *,
-    seed: int = 1, resamples: int = 1000, confidence: float = 0.9,
-) -> dict[str, Any]:  # fmt: skip
+    im: ArrayLike,
+    collapsed: ArrayLike,
+    event: ArrayLike | None = None,
+    *,
+    seed: int = 1,
+    resamples: int = 1000,
+    confidence: float = 0.9,
+) -> dict[str, Any]:
     """Fit collapse by logistic regression on ln im, one run a record (a cloud).
 
     `im` is the intensity of each record, any unit, > 0, `collapsed` 1 or 0, `event` its
@@ -175,11 +227,16 @@ def fit_cloud(
         raise FitError(_LEVEL, values.min(), values.max())
     if kept.sum() < 2:
         raise FitError("no resample of the cloud determines a curve; add records")
-    a, b = a[kept], b[kept]
+    a = a[kept]
+    b = b[kept]
     points = np.stack([np.exp(-a / b), logit(ndtr(1.0)) / b])
     ends = np.quantile(points[:, 1:], tails(confidence), axis=1, method="inverted_cdf")
     theta, beta = points[:, 0].tolist()
     return {
-        "intercept": float(a[0]), "slope": float(b[0]), "theta": theta, "beta": beta,
-        "theta_interval": tuple(ends[:, 0].tolist()), "beta_interval": tuple(ends[:, 1].tolist()),
-    }  # fmt: skip
+        "intercept": float(a[0]),
+        "slope": float(b[0]),
+        "theta": theta,
+        "beta": beta,
+        "theta_interval": tuple(ends[:, 0].tolist()),
+        "beta_interval": tuple(ends[:, 1].tolist()),
+    }

@@ -15,7 +15,11 @@ from scipy.special import log_ndtr, ndtr, softmax, stdtr
 
 from archfrag.errors import FitError
 from archfrag.fragility.curve import FloatArray, log_intensity, plots, tails
-from archfrag.fragility.posterior import capacity_prior, fit_capacity_posterior, likely_beta
+from archfrag.fragility.posterior import (
+    capacity_prior,
+    fit_capacity_posterior,
+    likely_beta,
+)
 from archfrag.fragility.probit import log_between, normal_lines
 from archfrag.fragility.quoted import independent_records
 from archfrag.fragility.several import parts_of
@@ -24,8 +28,13 @@ from archfrag.fragility.verdicts import Brackets
 SIGNIFICANCE = 0.05
 FEWEST = 8  # events, or records of no event
 MOST_ALIKE = 0.99  # correlation of ln x1 and ln x2 over the runs
-_DRAWS, _FITS, _FREEDOM, _SEED = 4000, 3, 5.0, 11
-_SEPARATED = 0.01  # of the log-likelihood: a plane without scatter agrees with all verdicts
+_DRAWS = 4000
+_FITS = 3
+_FREEDOM = 5.0
+_SEED = 11
+_SEPARATED = (
+    0.01  # of the log-likelihood: a plane without scatter agrees with all verdicts
+)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -47,7 +56,9 @@ class Plane:
     coefficients: FloatArray  #: (3,): a, b1, b2 by maximum likelihood
     draws: FloatArray  #: (3, n): those of the posterior, equally probable
     gain: float  #: mean ln probability of a record held back, less that by the curve in x1
-    p_value: float  #: that chance, and the choice among `tests` measures, make such a gain
+    p_value: (
+        float  #: that chance, and the choice among `tests` measures, make such a gain
+    )
     runs: FloatArray  #: (n_run, 3): both intensities, and 1 if the run collapsed
     power: float  #: k
     measures: tuple[str, str] = ("x1", "x2")
@@ -63,7 +74,9 @@ class Plane:
         (one, two), factor = self.measures, f"{np.exp(self.gain):.3g}"
         best = f" (best of {self.tests})" * (self.tests > 1)
         how = "more than chance explains" if self.gains else "which chance can explain"
-        what = f"runs of records held back are {factor} times as likely as by {one} alone"
+        what = (
+            f"runs of records held back are {factor} times as likely as by {one} alone"
+        )
         return f"by {one} and {two}{best}, {what}, {how} (p = {self.p_value:.2g})"
 
     def at(self, x1: ArrayLike, x2: ArrayLike, confidence: float = 0.9) -> FloatArray:
@@ -81,8 +94,12 @@ class Plane:
         s = logs[:, 1] - self.power * logs[:, 0]
         kept = np.abs(y - self.power * x - 0.5 * (s.min() + s.max())) <= 0.5 * np.ptp(s)
         at = np.exp([x[kept], y[kept]])
-        heads = [f"{measure} [{unit}]" for measure, unit in zip(self.measures, self.units)]
-        return pd.DataFrame([*at, *self.at(*at)], [*heads, "probability", "lower", "upper"]).T
+        heads = [
+            f"{measure} [{unit}]" for measure, unit in zip(self.measures, self.units)
+        ]
+        return pd.DataFrame(
+            [*at, *self.at(*at)], [*heads, "probability", "lower", "upper"]
+        ).T
 
     def plot(self, ax: Any = None) -> Any:
         """Draw contours of the probability, and the runs; FitError without a gain."""
@@ -101,18 +118,23 @@ def fit_plane(
     of the mean over events held back of the sum of p_plane / p_curve - 1 of records, which is 0 if
     the curve is true. FitError if there is no plane, or none can be tested.
     """
-    known, s = brackets.of_records(), np.log(np.asarray(ratio, dtype=float)[brackets.run])
+    known = brackets.of_records()
+    s = np.log(np.asarray(ratio, dtype=float)[brackets.run])
     label = np.arange(s.size) if groups is None else np.asarray(groups)[brackets.run]
     level, collapsed = known.single_runs()
     second = s[np.nonzero(known.decided)[0]] + power * np.log(level)
     if (events := np.unique(label).size) < FEWEST:
         rule = f"a test of two measures holds some back and needs {FEWEST}"
-        raise FitError(f"the records are of {events} independent earthquakes or records; {rule}")
+        raise FitError(
+            f"the records are of {events} independent earthquakes or records; {rule}"
+        )
     alike = np.corrcoef(np.log(level), second)[0, 1] if np.ptp(second) else 1.0
     if abs(alike) > MOST_ALIKE or not s.std():
         what = f"the two measures say the same (correlation of their logarithms {alike:.3f})"
         raise FitError(f"{what}; choose another second one")
-    parts, scores, each = parts_of(label), [], (known, known.without_scatter())
+    parts = parts_of(label)
+    scores = []
+    each = (known, known.without_scatter())
     whole, between = (fit_capacity_posterior(some).curve.beta ** 2 for some in each)
     for u in (np.empty((s.size, 0)), (s[:, None] - s.mean()) / s.std()):
         start, p, logs, weight, share = _weighted(each[1], u, label)
@@ -121,7 +143,9 @@ def fit_plane(
     gains = scores[1] - scores[0]
     by_part = parts @ np.expm1(gains)
     t = np.sqrt(len(parts)) * by_part.mean() / by_part.std(ddof=1)
-    place = np.searchsorted(np.cumsum(softmax(weight)), (np.arange(_DRAWS) + 0.5) / _DRAWS)
+    place = np.searchsorted(
+        np.cumsum(softmax(weight)), (np.arange(_DRAWS) + 0.5) / _DRAWS
+    )
     alpha, gamma, one = np.vstack([start, p[place.clip(max=_DRAWS - 1)]]).T
     gamma /= s.std()
     lines = np.stack([gamma * s.mean() - alpha, one + gamma * power, -gamma])
@@ -140,38 +164,52 @@ def _weighted(
     (n,), and the effective number of records over the actual one.
     """
     with np.errstate(divide="ignore"):
-        low, high = np.log(known.lower)[:, None], np.log(known.upper)[:, None]
+        low = np.log(known.lower)[:, None]
+        high = np.log(known.upper)[:, None]
     design = np.column_stack([np.ones(len(u)), u])
-    (start,), (deviation,), (loss,), (information,) = normal_lines(design, low[:, 0], high[:, 0])
+    (start,), (deviation,), (loss,), (information,) = normal_lines(
+        design, low[:, 0], high[:, 0]
+    )
     if not loss > _SEPARATED:
-        raise FitError("a plane without scatter agrees with all runs; add records or levels")
+        raise FitError(
+            "a plane without scatter agrees with all runs; add records or levels"
+        )
     shift = np.exp(-u @ start[1:])
     moved = replace(known, lower=known.lower * shift, upper=known.upper * shift)
     share = independent_records(moved, label) / len(u)
-    ends, width = np.sort(np.log(known.single_runs()[0])), (high - low)[known.bracketed]
-    resolved, span = float(np.median(width)) if width.size else 0.0, np.ptp(ends)
-    generator, q = np.random.default_rng(_SEED), len(information)
+    ends = np.sort(np.log(known.single_runs()[0]))
+    width = (high - low)[known.bracketed]
+    resolved = float(np.median(width)) if width.size else 0.0
+    span = np.ptp(ends)
+    generator = np.random.default_rng(_SEED)
+    q = len(information)
     mean = start = np.append(start, 1.0) / deviation
     covariance = np.linalg.inv(information) / share
     for _ in range(_FITS):
         e = generator.standard_normal((_DRAWS, q))
         e *= np.sqrt(_FREEDOM / generator.chisquare(_FREEDOM, (_DRAWS, 1)))
         p = mean + e @ np.linalg.cholesky(covariance).T
-        one, shifts = np.abs(p[:, -1]), design @ p[:, :-1].T
+        one = np.abs(p[:, -1])
+        shifts = design @ p[:, :-1].T
         logs = np.maximum(log_between(low * one - shifts, high * one - shifts), -700.0)
         weight = share * logs.sum(axis=0)
         weight += 0.5 * (_FREEDOM + q) * np.log1p((e**2).sum(axis=1) / _FREEDOM)
-        if known.verdict.shape[1] > 1:  # in (alpha, gamma, ln beta), of which p has one^q
+        if (
+            known.verdict.shape[1] > 1
+        ):  # in (alpha, gamma, ln beta), of which p has one^q
             weight += capacity_prior(1.0 / one, resolved, ends) - q * np.log(one)
             weight -= np.log1p((p[:, 1:-1].T / one / span) ** 2).sum(axis=0)
         else:
             z = np.log(known.levels) * one - shifts
             each = np.exp(-z * z - log_ndtr(z) - log_ndtr(-z))
             rows = np.column_stack([design, np.log(known.levels)])
-            root = np.linalg.det(np.einsum("rn,ri,rj->nij", each, rows, rows, optimize=True))
+            root = np.linalg.det(
+                np.einsum("rn,ri,rj->nij", each, rows, rows, optimize=True)
+            )
             weight += 0.5 * np.log(np.maximum(root, 1e-250)) - np.log(one)
             weight -= np.log1p((one * likely_beta(span)) ** -2.0)
         weight[p[:, -1] <= 0.0] = -np.inf
         probability = softmax(weight)
-        mean, covariance = probability @ p, np.cov(p, rowvar=False, aweights=probability)
+        mean = probability @ p
+        covariance = np.cov(p, rowvar=False, aweights=probability)
     return start, p, logs, weight, share

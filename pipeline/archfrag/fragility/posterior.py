@@ -23,16 +23,20 @@ from archfrag.fragility.verdicts import Brackets, checked_stripes
 Summands = tuple[FloatArray, FloatArray]
 Terms = Callable[[FloatArray, FloatArray], Summands]
 
-_ROWS, _NODES = 72, 96  # of the grid: values of beta, and of ln theta for each
+_ROWS = 72  # of the grid: values of beta, and of ln theta for each
+_NODES = 96
 _SEARCH = 25  # of the grids that find where the posterior is, each way
 _DEPTH = 14.0  # of the log-density below its greatest value, at the ends of the grid
 # Over the span of ln levels, as from 5 to 95 % a curve spans 3.3 beta; but at least a usual beta:
 # levels close together do not show that beta is small.
-_LIKELY_BETA, _LEAST_LIKELY = 0.3, 0.35
+_LIKELY_BETA = 0.3
+_LEAST_LIKELY = 0.35
 _MOST_LEVELS = 150  # of runs that each have a level of their own
 # Standard deviations between runs: tried at the likeliest curve, and summed over; the fall of the
 # log-likelihood below its greatest value at the first and last of the latter.
-_TRIED, _SCATTERS, _FALL = 16, 8, 8.0
+_TRIED = 16
+_SCATTERS = 8
+_FALL = 8.0
 ONE_LEVEL = "runs that collapsed or survived are at 1 level; a posterior needs two"
 # Quantiles: of cuts, of one standard deviation each way, and the median.
 _LEVELS = (0.01, 0.15865525393145707, 0.5, 0.8413447460685429, 0.99)
@@ -51,14 +55,23 @@ class Posterior(Density):
     def with_band(self, im: ArrayLike, confidence: float = 0.9) -> Curve:
         """Return the curve with central credible intervals, and its band at `im`, (n,)."""
         ends = tails(confidence)
-        theta, beta = np.exp(self.log_thetas(ends)).tolist(), self.betas(ends).tolist()
-        at, lower, upper = (np.asarray(x).tolist() for x in (im, *self.band(im, confidence)))
+        theta = np.exp(self.log_thetas(ends)).tolist()
+        beta = self.betas(ends).tolist()
+        at, lower, upper = (
+            np.asarray(x).tolist() for x in (im, *self.band(im, confidence))
+        )
         return replace(
-            self.curve, intervals=(tuple(theta), tuple(beta)), im=at, lower=lower, upper=upper,
+            self.curve,
+            intervals=(tuple(theta), tuple(beta)),
+            im=at,
+            lower=lower,
+            upper=upper,
             confidence=confidence,
-        )  # fmt: skip
+        )
 
-    def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
+    def band(
+        self, im: ArrayLike, confidence: float = 0.9
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the central credible interval of the probability of collapse at each `im`."""
         return credible_band(self, im, confidence)
 
@@ -94,7 +107,8 @@ def fit_posterior(
     x, place = np.unique(np.log(im[n > 0]), return_inverse=True)
     if x.size > _MOST_LEVELS:  # neighbours together, at their mean
         group = np.arange(x.size) * _MOST_LEVELS // x.size
-        x, place = np.bincount(group, x) / np.bincount(group), group[place]
+        x = np.bincount(group, x) / np.bincount(group)
+        place = group[place]
     if x.size < 2:
         raise FitError(ONE_LEVEL)
     k, m = (share * np.bincount(place, part[n > 0], x.size) for part in (collapses, n))
@@ -110,14 +124,20 @@ def fit_posterior(
         collapse, survival = np.where(z > 0.0, (large, small), (small, large))
         likelihood = collapse @ k + survival @ (m - k)
         weight = m * np.exp(-z * z - small - large)
-        total, first, second = weight.sum(axis=-1), weight @ x, weight @ (x * x)
+        total = weight.sum(axis=-1)
+        first = weight @ x
+        second = weight @ (x * x)
         determinant = np.maximum(total * second - first**2, 1e-250)
-        return likelihood, 0.5 * np.log(determinant) - np.log(beta + beta * (beta / likely) ** 2)
+        return likelihood, 0.5 * np.log(determinant) - np.log(
+            beta + beta * (beta / likely) ** 2
+        )
 
     return _summed(terms, x, start, max(1, round(m.sum())))
 
 
-def fit_capacity_posterior(brackets: Brackets, n_effective: float | None = None) -> Posterior:
+def fit_capacity_posterior(
+    brackets: Brackets, n_effective: float | None = None
+) -> Posterior:
     """Return the posterior of the curve of records that have independent capacities.
 
     Prior: the right Haar measure 1 / beta of (ln theta, beta), under which the intervals of a
@@ -130,11 +150,14 @@ def fit_capacity_posterior(brackets: Brackets, n_effective: float | None = None)
     its record, normal about ln theta, and an error of the run, normal with standard deviation s:
     beta^2 is the sum of both variances, and s / beta is uniform from 0 to 1.
     """
-    low, high = brackets.lower, brackets.upper
+    low = brackets.lower
+    high = brackets.upper
     _require_both_sides(low[low > 0.0], high[np.isfinite(high)])
     share = float(n_effective or low.size) / low.size
     if brackets.single:
-        return fit_posterior(np.where(low > 0.0, low, high), high < np.inf, 1, share=share)
+        return fit_posterior(
+            np.where(low > 0.0, low, high), high < np.inf, 1, share=share
+        )
     if brackets.contradictions.any():
         return _with_scatter(brackets, share)
     with np.errstate(divide="ignore"):
@@ -148,7 +171,8 @@ def fit_capacity_posterior(brackets: Brackets, n_effective: float | None = None)
     width = np.repeat(high - low, number)
     width = width[np.isfinite(width)]
     resolved = float(max(np.median(width) if width.size else 0.0, np.diff(x).min()))
-    start, power = (float(np.median(x)), resolved), share * number.astype(float)
+    start = (float(np.median(x)), resolved)
+    power = share * number.astype(float)
 
     def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
         prior = capacity_prior(beta, resolved, x)
@@ -172,7 +196,9 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
     x = np.log(levels)
     if x.size < 2:
         raise FitError(ONE_LEVEL)
-    runs, number = np.unique(np.stack([collapses, n - collapses]), axis=1, return_counts=True)
+    runs, number = np.unique(
+        np.stack([collapses, n - collapses]), axis=1, return_counts=True
+    )
     power = share * number.astype(float)
     try:
         line = fit_brackets(brackets.lower, brackets.upper)
@@ -180,7 +206,9 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
         line = fit_capacity_posterior(brackets.without_scatter()).curve
     middle = np.nanmedian(brackets.middle) if brackets.bracketed.any() else line.theta
     start = float(np.log(middle)), float(np.median(np.diff(x)))
-    tried = np.geomspace(0.2 * min(np.diff(x).min(), line.beta), 1.5 * line.beta, _TRIED)
+    tried = np.geomspace(
+        0.2 * min(np.diff(x).min(), line.beta), 1.5 * line.beta, _TRIED
+    )
     at = np.array([[np.log(line.theta)]]), np.array([[line.beta]])
     fits = np.array([_of_cells(*_chances(x, runs, s), power, *at)[0, 0] for s in tried])
     good = np.flatnonzero(fits > fits.max() - _FALL)
@@ -192,7 +220,8 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
     def by_scatter(log_theta: FloatArray, beta: FloatArray) -> FloatArray:
         logs = []
         for s, own in zip(scatter, cells):
-            each, some = np.full(log_theta.shape, -np.inf), beta[:, 0] > s
+            each = np.full(log_theta.shape, -np.inf)
+            some = beta[:, 0] > s
             of_records = np.sqrt(np.maximum(beta[some] ** 2 - s**2, (1e-6 * s) ** 2))
             each[some] = _of_cells(*own, power, log_theta[some], of_records)
             each[some] += np.log(step * s / beta[some])
@@ -200,37 +229,52 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
         return np.array(logs)
 
     def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
-        return logsumexp(by_scatter(log_theta, beta), axis=0), capacity_prior(beta, start[1], x)
+        return logsumexp(by_scatter(log_theta, beta), axis=0), capacity_prior(
+            beta, start[1], x
+        )
 
     known = _summed(terms, x, start, max(1, round(power.sum())))
     curve = known.curve
-    weight = softmax(by_scatter(np.log([[curve.theta]]), np.array([[curve.beta]]))[:, 0, 0])
+    weight = softmax(
+        by_scatter(np.log([[curve.theta]]), np.array([[curve.beta]]))[:, 0, 0]
+    )
     return replace(known, scatter=float(np.exp(weight @ np.log(scatter))))
 
 
-def _chances(x: FloatArray, runs: FloatArray, scatter: float) -> tuple[FloatArray, FloatArray]:
+def _chances(
+    x: FloatArray, runs: FloatArray, scatter: float
+) -> tuple[FloatArray, FloatArray]:
     """Return ends of cells of ln capacity, and the probability of the runs of each record.
 
     They are (n_cell + 1,) and (n_record, n_cell), the latter if the capacity lies in the cell.
     """
     parts = np.ceil(np.diff(x) / (0.5 * scatter)).astype(int)
-    within = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(x[:-1], x[1:], parts)]
+    within = [
+        np.linspace(a, b, n, endpoint=False) for a, b, n in zip(x[:-1], x[1:], parts)
+    ]
     beyond = scatter * np.arange(0.5, 3.1, 0.5)
     ends = np.concatenate([x[0] - beyond[::-1], *within, x[-1:], x[-1] + beyond])
     step = 0.25 * scatter
-    middle = np.concatenate([[ends[0] - step], 0.5 * (ends[1:] + ends[:-1]), [ends[-1] + step]])
+    middle = np.concatenate(
+        [[ends[0] - step], 0.5 * (ends[1:] + ends[:-1]), [ends[-1] + step]]
+    )
     z = (x[:, None] - middle) / scatter
     chance = np.exp(runs[0] @ log_ndtr(z) + runs[1] @ log_ndtr(-z))
     return np.concatenate([[-np.inf], ends, [np.inf]]), chance
 
 
 def _of_cells(
-    ends: FloatArray, chance: FloatArray, power: FloatArray, log_theta: FloatArray,
+    ends: FloatArray,
+    chance: FloatArray,
+    power: FloatArray,
+    log_theta: FloatArray,
     beta: FloatArray,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Return the log-likelihood of records from the probability of runs in cells."""
     logs = np.empty(log_theta.shape)
-    for row, t, b in zip(logs, log_theta, beta):  # one beta at a time stays in the cache
+    for row, t, b in zip(
+        logs, log_theta, beta
+    ):  # one beta at a time stays in the cache
         likelihood = np.diff(ndtr((ends - t[:, None]) / b), axis=1) @ chance.T
         np.log(np.maximum(likelihood, 1e-300, out=likelihood), out=likelihood)
         row[:] = likelihood @ power
@@ -239,10 +283,14 @@ def _of_cells(
 
 def capacity_prior(beta: FloatArray, resolved: float, x: FloatArray) -> FloatArray:
     """Return the log-prior of capacities in (ln theta, ln beta), for ln levels `x`."""
-    return -np.log1p((resolved / beta) ** 2 / 12.0) - np.log1p((beta / (x[-1] - x[0])) ** 2)
+    return -np.log1p((resolved / beta) ** 2 / 12.0) - np.log1p(
+        (beta / (x[-1] - x[0])) ** 2
+    )
 
 
-def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> Posterior:
+def _summed(
+    terms: Terms, x: FloatArray, start: tuple[float, float], n: int
+) -> Posterior:
     """Sum a posterior on a grid about the ln levels `x` and take its medians."""
     (middle, width), span = start, x[-1] - x[0]
 
@@ -263,9 +311,13 @@ def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> 
         box = [(axis[first], axis[last]) for axis, (first, last) in zip(axes, wider)]
         if min(at.size for at in held) > _SEARCH // 2:
             break
-    beta, log_theta, value = density(np.linspace(*box[0], _ROWS), np.linspace(*box[1], _NODES))
+    beta, log_theta, value = density(
+        np.linspace(*box[0], _ROWS), np.linspace(*box[1], _NODES)
+    )
     known = gridded(beta, log_theta, np.exp(value), (x.size, n))
-    likelihood = float(terms(known.log_thetas([[0.5]]), known.betas([0.5])[:, None])[0][0, 0])
+    likelihood = float(
+        terms(known.log_thetas([[0.5]]), known.betas([0.5])[:, None])[0][0, 0]
+    )
     return replace(known, curve=replace(known.curve, log_likelihood=likelihood))
 
 
@@ -278,9 +330,13 @@ def gridded(
     """
     weight = weight / (weight.sum(axis=1) - 0.5 * (weight[:, 0] + weight[:, -1])).sum()
     known = Density(beta, log_theta, weight)
-    t, b = known.log_thetas(_LEVELS), known.betas(_LEVELS)
+    t = known.log_thetas(_LEVELS)
+    b = known.betas(_LEVELS)
     # The correlation is of values cut at their 1 and 99 % quantiles.
-    pair = np.clip(log_theta, t[0], t[4]), np.clip(beta, b[0], b[4])[:, None] + 0.0 * log_theta
+    pair = (
+        np.clip(log_theta, t[0], t[4]),
+        np.clip(beta, b[0], b[4])[:, None] + 0.0 * log_theta,
+    )
     errors = 0.5 * np.array([t[3] - t[1], b[3] - b[1]])
     covariance = np.cov(np.reshape(pair, (2, -1)), aweights=weight.ravel())
     covariance *= np.outer(*[errors / np.sqrt(np.diag(covariance))] * 2)

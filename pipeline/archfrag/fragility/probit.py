@@ -13,8 +13,12 @@ from archfrag.fragility.curve import FloatArray, IntArray
 # Loss (n_fit,), gradient (n_fit, q) and second derivatives (n_fit, q, q).
 Terms = tuple[FloatArray, FloatArray, FloatArray]
 LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
-_STEPS, _HALVINGS, _CLOSE = 200, 60, 1e-11
-_EXACT = 1e-5  # width, in deviations of all values, of the bounds about one known exactly
+_STEPS = 200
+_HALVINGS = 60
+_CLOSE = 1e-11
+_EXACT = (
+    1e-5  # width, in deviations of all values, of the bounds about one known exactly
+)
 
 
 def least(
@@ -46,13 +50,16 @@ def least(
     return p, terms(p, np.arange(len(p)))
 
 
-def interval_terms(p: FloatArray, low: FloatArray, high: FloatArray, weight: FloatArray) -> Terms:
+def interval_terms(
+    p: FloatArray, low: FloatArray, high: FloatArray, weight: FloatArray
+) -> Terms:
     """Return the terms of -sum weight ln(Phi(high @ p) - Phi(low @ p)), convex in `p`, (n_fit, q).
 
     `low` and `high` are (n_fit or 1, n_point, q), nan where there is no bound; `weight` is
     (n_fit or 1, n_point). Pratt 1981, J. Am. Stat. Assoc. 76.
     """
-    z, rows = [], []
+    z = []
+    rows = []
     for side, none in ((low, -np.inf), (high, np.inf)):
         bounded = ~np.isnan(side[..., 0])
         rows.append(np.where(bounded[..., None], side, 0.0))
@@ -79,42 +86,67 @@ def binomial_lines(
     without binomial coefficients, (n_fit,) each, and observed information, (n_fit, 2, 2); nan
     without a maximum with slope > 0.
     """
-    k, n = np.atleast_2d(collapses), np.atleast_2d(n)
+    k = np.atleast_2d(collapses)
+    n = np.atleast_2d(n)
     x = np.broadcast_to(x, k.shape)
     # There is a maximum unless the data are separated (Albert and Anderson 1984).
-    overlap = np.where(k > 0, x, np.inf).min(axis=1) < np.where(n > k, x, -np.inf).max(axis=1)
-    rises = np.where(k > 0, x, -np.inf).max(axis=1) > np.where(n > k, x, np.inf).min(axis=1)
+    overlap = np.where(k > 0, x, np.inf).min(axis=1) < np.where(n > k, x, -np.inf).max(
+        axis=1
+    )
+    rises = np.where(k > 0, x, -np.inf).max(axis=1) > np.where(n > k, x, np.inf).min(
+        axis=1
+    )
     todo = np.flatnonzero(overlap & rises)
     intercept, steepness, least_loss = np.full((3, len(k)), np.nan)
     lines = intercept, steepness, least_loss, np.full((len(k), 2, 2), np.nan)
-    x, k, n = x[todo], k[todo], n[todo]
+    x = x[todo]
+    k = k[todo]
+    n = n[todo]
     total = n.sum(axis=1)
     centre = (n * x).sum(axis=1) / total
     width = np.sqrt((n * (x - centre[:, None]) ** 2).sum(axis=1) / total)
     scaled = (x - centre[:, None]) / width[:, None]
 
     def terms(p: FloatArray, fit: IntArray) -> Terms:
-        u, collapsed, survived = scaled[fit], k[fit], n[fit] - k[fit]
+        u = scaled[fit]
+        collapsed = k[fit]
+        survived = n[fit] - k[fit]
         z = p[:, :1] + p[:, 1:] * u
         if link == "probit":
-            up, down = inverse_mills(z), inverse_mills(-z)
+            up = inverse_mills(z)
+            down = inverse_mills(-z)
             first = survived * down - collapsed * up
             second = collapsed * up * (z + up) + survived * down * (down - z)
             loss = -(collapsed * log_ndtr(z) + survived * log_ndtr(-z))
         else:
             chance = expit(z)
-            first, second = n[fit] * chance - collapsed, n[fit] * chance * (1.0 - chance)
+            first = n[fit] * chance - collapsed
+            second = n[fit] * chance * (1.0 - chance)
             loss = collapsed * np.logaddexp(0.0, -z) + survived * np.logaddexp(0.0, z)
-        a, b, c = second.sum(1), (second * u).sum(1), (second * u * u).sum(1)
+        a = second.sum(1)
+        b = (second * u).sum(1)
+        c = (second * u * u).sum(1)
         gradient = np.stack([first.sum(1), (first * u).sum(1)], axis=1)
-        return loss.sum(axis=1), gradient, np.stack([a, b, b, c], axis=1).reshape(-1, 2, 2)
+        return (
+            loss.sum(axis=1),
+            gradient,
+            np.stack([a, b, b, c], axis=1).reshape(-1, 2, 2),
+        )
 
     line, (loss, _, found) = least(terms, np.zeros((todo.size, 2)))
     # (a, b) of the scaled line are linear in those of the line itself.
     scaling = np.zeros((todo.size, 2, 2))
-    scaling[:, 0, 0], scaling[:, 0, 1], scaling[:, 1, 1] = 1.0, centre, width
-    slope, rising = line[:, 1] / width, line[:, 1] > 1e-9
-    known = line[:, 0] - slope * centre, slope, loss, scaling.transpose(0, 2, 1) @ found @ scaling
+    scaling[:, 0, 0] = 1.0
+    scaling[:, 0, 1] = centre
+    scaling[:, 1, 1] = width
+    slope = line[:, 1] / width
+    rising = line[:, 1] > 1e-9
+    known = (
+        line[:, 0] - slope * centre,
+        slope,
+        loss,
+        scaling.transpose(0, 2, 1) @ found @ scaling,
+    )
     for part, values in zip(lines, known, strict=True):
         part[todo[rising]] = values[rising]
     return lines
@@ -131,17 +163,21 @@ def normal_lines(
     observed information in (coefficients, 1) / deviation, (n_fit, q + 1, q + 1), in which the
     loss is convex (Olsen 1978, Econometrica 46).
     """
-    low, high = np.atleast_2d(lower), np.atleast_2d(upper)
+    low = np.atleast_2d(lower)
+    high = np.atleast_2d(upper)
     known = np.where(np.isfinite(low), low, high)
     known = 0.5 * (known + np.where(np.isfinite(high), high, low))
-    centre, scale = known.mean(axis=1, keepdims=True), known.std(axis=1, keepdims=True)
+    centre = known.mean(axis=1, keepdims=True)
+    scale = known.std(axis=1, keepdims=True)
     scale = np.where(scale > 0.0, scale, 1.0)
-    low, high = (low - centre) / scale, (high - centre) / scale
+    low = (low - centre) / scale
+    high = (high - centre) / scale
     exact = np.where(np.isfinite(high - low), high - low, 1.0) < _EXACT
     # A value known exactly counts by its density, one in narrow bounds by density times width.
     width = np.where(exact & (high > low), (high - low) * scale, 1.0)
     density = np.where(exact, np.log(scale * _EXACT / width), 0.0).sum(axis=1)
-    middle, q = 0.5 * (low + high), design.shape[1]
+    middle = 0.5 * (low + high)
+    q = design.shape[1]
     bounds = []
     for end, sign in ((low, -1.0), (high, 1.0)):
         end = np.where(exact, middle + sign * 0.5 * _EXACT, end)[..., None]
@@ -149,13 +185,18 @@ def normal_lines(
         bounds.append(np.where(np.isfinite(end), rows, np.nan))
 
     def terms(p: FloatArray, fit: IntArray) -> Terms:
-        return interval_terms(p, bounds[0][fit], bounds[1][fit], np.ones((1, len(design))))
+        return interval_terms(
+            p, bounds[0][fit], bounds[1][fit], np.ones((1, len(design)))
+        )
 
-    p, (loss, _, found) = least(terms, np.tile(np.append(np.zeros(q), 1.0), (len(low), 1)))
+    p, (loss, _, found) = least(
+        terms, np.tile(np.append(np.zeros(q), 1.0), (len(low), 1))
+    )
     coefficients = p[:, :-1] / p[:, -1:] * scale
     coefficients[:, :1] += centre
     back = np.tile(np.eye(q + 1), (len(low), 1, 1))
-    back[:, 0, q], back[:, q, q] = -centre[:, 0], scale[:, 0]
+    back[:, 0, q] = -centre[:, 0]
+    back[:, q, q] = scale[:, 0]
     information = back.transpose(0, 2, 1) @ found @ back
     return coefficients, scale[:, 0] / p[:, -1], loss + density, information
 
@@ -168,7 +209,8 @@ def inverse_mills(z: FloatArray) -> FloatArray:
 def log_between(low: FloatArray, high: FloatArray) -> FloatArray:
     """Return ln(Phi(high) - Phi(low)), precise in both tails; -inf unless low < high."""
     flip = low + high > 0.0
-    near, far = np.where(flip, -low, high), np.where(flip, -high, low)
+    near = np.where(flip, -low, high)
+    far = np.where(flip, -high, low)
     top = log_ndtr(near)
     with np.errstate(divide="ignore", invalid="ignore"):
         inside = top + np.log(-np.expm1(log_ndtr(far) - top))

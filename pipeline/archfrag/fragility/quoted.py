@@ -25,9 +25,13 @@ from archfrag.fragility.verdicts import (
 
 
 def quoted_band(
-    brackets: Brackets, im: ArrayLike, *,
-    confidence: float = 0.9, groups: ArrayLike | None = None, unit: str = "event",
-) -> Curve:  # fmt: skip
+    brackets: Brackets,
+    im: ArrayLike,
+    *,
+    confidence: float = 0.9,
+    groups: ArrayLike | None = None,
+    unit: str = "event",
+) -> Curve:
     """Return the curve of records that were run at several levels, with band and intervals.
 
     Rows with one label in `groups`, (n_record,), such as the event of each record, count as fewer,
@@ -35,12 +39,15 @@ def quoted_band(
     `im` >= 0, (n,). FitError if there is one group only, or nothing bounds theta from one side.
     """
     posterior, number = capacity_posterior(brackets, groups)
-    method, what = "capacities, right Haar prior", "records and their capacities are independent"
-    alike, rows = "Capacities", "rows of runs"
+    method = "capacities, right Haar prior"
+    what = "records and their capacities are independent"
+    alike = "Capacities"
+    rows = "rows of runs"
     if brackets.single:
         method = "independent runs, Jeffreys prior"
         what = "runs are independent, each with a motion of its own"
-        alike, rows = "Verdicts", "single runs"
+        alike = "Verdicts"
+        rows = "single runs"
     if groups is not None:
         count = f"{brackets.run.sum()} {rows} count as {number:.3g}"
         what = f"{unit}s are independent. {alike} within {unit}s resemble each other, so {count}"
@@ -48,10 +55,12 @@ def quoted_band(
         scatter = f"{posterior.scatter:.2g} in natural logarithms, which beta includes"
         what += f"; single runs of a record scatter about its capacity by {scatter}"
     return replace(
-        posterior.with_band(im, confidence), method=f"posterior of {method}",
-        assumptions=f"Capacity is lognormal, and {what}.", n_independent=number,
+        posterior.with_band(im, confidence),
+        method=f"posterior of {method}",
+        assumptions=f"Capacity is lognormal, and {what}.",
+        n_independent=number,
         n_non_monotone=int(brackets.contradictions.sum()),
-    )  # fmt: skip
+    )
 
 
 def quoted_runs(
@@ -118,7 +127,9 @@ def _standardised(brackets: Brackets) -> FloatArray:
     with np.errstate(divide="ignore"):
         low, high = (np.log(end / curve.theta) / curve.beta for end in ends)
     mass = np.maximum(ndtr(high) - ndtr(low), 1e-12)
-    inside = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (np.sqrt(2.0 * np.pi) * mass)
+    inside = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (
+        np.sqrt(2.0 * np.pi) * mass
+    )
     return np.clip(inside, low, high)
 
 
@@ -133,29 +144,41 @@ def _crossed_records(values: FloatArray, groups: NDArray) -> float:
     labels = np.array([np.unique(each, return_inverse=True)[1] for each in groups])
     for name in groups[labels.max(axis=1) == 0, 0]:
         raise FitError(f"all rows belong to one group, {name!s}; two are needed")
-    n, ways, alike = values.size, range(len(labels)), 0.0
-    every, own = dict[tuple[int, ...], FloatArray](), dict[tuple[int, ...], FloatArray]()
-    for shared in chain.from_iterable(combinations(ways, k) for k in range(len(ways), -1, -1)):
+    n = values.size
+    ways = range(len(labels))
+    alike = 0.0
+    every = dict[tuple[int, ...], FloatArray]()
+    own = dict[tuple[int, ...], FloatArray]()
+    for shared in chain.from_iterable(
+        combinations(ways, k) for k in range(len(ways), -1, -1)
+    ):
         place, size = np.unique(
             labels[[*shared]].T, axis=0, return_inverse=True, return_counts=True
         )[1:]
         first, second = (np.bincount(place.ravel(), values**power) for power in (1, 2))
         every[shared] = 0.5 * np.array([size @ second - first @ first, size @ size - n])
-        own[shared] = every[shared] - sum(own[more] for more in own if {*shared} < {*more})
+        own[shared] = every[shared] - sum(
+            own[more] for more in own if {*shared} < {*more}
+        )
     apart, number = own.pop(())
     if not number * apart:
         return 1.0
     for shared, (squares, pairs) in own.items():
-        count, rho = every[shared][1], max(1.0 - squares / max(pairs, 1.0) * number / apart, 0.0)
+        count = every[shared][1]
+        rho = max(1.0 - squares / max(pairs, 1.0) * number / apart, 0.0)
         error = (1.0 - rho) * (1.0 + 2.0 * count / n * rho) / np.sqrt(max(count, 1.0))
         alike += pairs * min(rho + 0.5 * error, 1.0)
     return float(n / (1.0 + 2.0 * alike / n))
 
 
 def isotonic_curve(
-    brackets: Brackets, event: ArrayLike | None = None, *,
-    seed: int = 1, resamples: int = 1000, confidence: float = 0.9,
-) -> dict[str, FloatArray]:  # fmt: skip
+    brackets: Brackets,
+    event: ArrayLike | None = None,
+    *,
+    seed: int = 1,
+    resamples: int = 1000,
+    confidence: float = 0.9,
+) -> dict[str, FloatArray]:
     """Return the likeliest curve that never falls, and its band, (n_level,) each by name.
 
     Pool adjacent violators is the maximum of the binomial likelihood under that condition alone
@@ -170,9 +193,12 @@ def isotonic_curve(
         why = "all runs are at one level, {}, which gives no curve"
         raise FitError(f"{why}; add levels", levels[0])
     times = draws_of_records(event, len(n), seed, resamples).astype(float)
-    every, draws = np.arange(levels.size), []
+    every = np.arange(levels.size)
+    draws = []
     for k, count in zip(times @ collapses, times @ n):
-        at = np.flatnonzero(count > 0.0)  # a level without runs lies between its neighbours
+        at = np.flatnonzero(
+            count > 0.0
+        )  # a level without runs lies between its neighbours
         draws.append(np.interp(every, at, _pooled(k[at], count[at])))
     lower, upper = np.quantile(draws, tails(confidence), axis=0)
     value = _pooled(collapses.sum(axis=0), n.sum(axis=0))
@@ -197,13 +223,18 @@ def check_lognormal(
     record serves once. FitError if the runs have no lognormal curve.
     """
     levels, collapses, made = brackets.at_levels(filled=True)
-    x, total, n = np.log(levels), collapses.sum(axis=0), made.sum(axis=0)
+    x = np.log(levels)
+    total = collapses.sum(axis=0)
+    n = made.sum(axis=0)
     (a,), (b,), loss, _ = binomial_lines(x, total, n)
     if np.isnan(b):
-        raise FitError("these runs have no lognormal curve, so there is nothing to test")
+        raise FitError(
+            "these runs have no lognormal curve, so there is nothing to test"
+        )
     deviance = _deviances(loss, total[None], n)[0]
     generator = np.random.default_rng(seed)
-    z, rho = a + b * x, np.nan
+    z = a + b * x
+    rho = np.nan
     if np.any(made.sum(axis=1) > 1.0):
         rho = 1.0
         if brackets.contradictions.any():
@@ -215,7 +246,9 @@ def check_lognormal(
             capacity = np.sqrt(rho) * shared + np.sqrt(1.0 - rho) * own
             row[:] = np.bincount(level, z[level] >= capacity, x.size)
     else:
-        drawn = generator.binomial(n.astype(int), ndtr(z), (resamples, x.size)).astype(float)
+        drawn = generator.binomial(n.astype(int), ndtr(z), (resamples, x.size)).astype(
+            float
+        )
     _, slopes, losses, _ = binomial_lines(x, drawn, np.broadcast_to(n, drawn.shape))
     values = _deviances(losses, drawn, n)[~np.isnan(slopes)]
     p_value = (1.0 + np.count_nonzero(values >= deviance)) / (1.0 + values.size)

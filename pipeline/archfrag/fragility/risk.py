@@ -27,9 +27,13 @@ from archfrag.fragility.curve import (
 from archfrag.fragility.probit import log_between
 from archfrag.fragility.verdicts import independent_number, wilson
 
-MOST_OUTSIDE = 0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
+MOST_OUTSIDE = (
+    0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
+)
 LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
-_LARGEST_LOG = 600.0  # of a rate: a steep first slope of the hazard and a wide curve overflow
+_LARGEST_LOG = (
+    600.0  # of a rate: a steep first slope of the hazard and a wide curve overflow
+)
 
 
 @dataclass(frozen=True)
@@ -44,12 +48,17 @@ class HazardCurve:
     rate: FloatArray
 
     def __post_init__(self) -> None:
-        im, rate = np.asarray(self.im, dtype=float), np.asarray(self.rate, dtype=float)
+        im = np.asarray(self.im, dtype=float)
+        rate = np.asarray(self.rate, dtype=float)
         if im.shape != rate.shape:
-            raise InputError(f"the hazard curve has {im.size} intensities and {rate.size} rates")
+            raise InputError(
+                f"the hazard curve has {im.size} intensities and {rate.size} rates"
+            )
         known = ~((rate == 0.0) | (rate == np.inf))
         if known.sum() < 2:
-            few = f"{known.sum()} of {rate.size} points with a rate above 0 that is known"
+            few = (
+                f"{known.sum()} of {rate.size} points with a rate above 0 that is known"
+            )
             raise InputError(f"the hazard curve has {few}; at least two are needed")
         im = rising(im[known], "the hazard curve's im")
         rate = positive(rate[known], "the hazard curve's rate")
@@ -60,10 +69,14 @@ class HazardCurve:
             rule = "it never rises with intensity"
             raise InputError(f"the hazard curve's rate of exceedance {rises}; {rule}")
         if rate[0] == rate[-1]:
-            raise InputError(f"the hazard curve's rate is {rate[0]:g} at all its points")
+            raise InputError(
+                f"the hazard curve's rate is {rate[0]:g} at all its points"
+            )
 
     @classmethod
-    def from_exceedance(cls, im: ArrayLike, probability: ArrayLike, years: float) -> "HazardCurve":
+    def from_exceedance(
+        cls, im: ArrayLike, probability: ArrayLike, years: float
+    ) -> "HazardCurve":
         """Return the curve of probabilities of exceedance: rate = -ln(1 - probability) / years.
 
         Points with a probability of 1 or 0, whose rate is not known, are left out.
@@ -71,9 +84,13 @@ class HazardCurve:
         probability = np.asarray(probability, dtype=float)
         bad = probability[~((probability >= 0.0) & (probability <= 1.0))]
         if bad.size:
-            raise InputError(f"the hazard curve's probability holds {bad[0]:g}; from 0 to 1")
+            raise InputError(
+                f"the hazard curve's probability holds {bad[0]:g}; from 0 to 1"
+            )
         if not 0.0 < years < np.inf:
-            raise InputError(f"the hazard curve is for {years:g} years; a positive time is needed")
+            raise InputError(
+                f"the hazard curve is for {years:g} years; a positive time is needed"
+            )
         with np.errstate(divide="ignore"):
             return cls(np.asarray(im, dtype=float), -np.log1p(-probability) / years)
 
@@ -107,22 +124,31 @@ class CollapseRate:
     confidence: float
     below: float  #: fractions of `rate` from below and above the hazard curve, which is extended
     above: float
-    below_onset: float  #: what a curve has below the onset of motion, not in `rate` [1/year]
+    below_onset: (
+        float  #: what a curve has below the onset of motion, not in `rate` [1/year]
+    )
     is_bound: bool  #: whether most of the rate is from outside the hazard curve
     quoted: float  #: the rate, of a bound its part within the hazard curve [1/year]
-    return_period: float  #: of the quoted rate [year]; of a bound the longest possible one
+    return_period: (
+        float  #: of the quoted rate [year]; of a bound the longest possible one
+    )
 
     def probability_in(self, years: float) -> tuple[float, float, float]:
         """Return the probability of a collapse in some years, and the ends of its band."""
         positive(years, "years")
-        value, low, high = -np.expm1(-years * np.array([self.quoted, self.lower, self.upper]))
+        value, low, high = -np.expm1(
+            -years * np.array([self.quoted, self.lower, self.upper])
+        )
         return float(value), float(low), float(high)
 
 
 def collapse_rate(
-    hazard: HazardCurve, curve: Curve, draws: tuple[ArrayLike, ArrayLike] | None = None,
-    confidence: float = 0.9, onset: ArrayLike = 0.0,
-) -> CollapseRate:  # fmt: skip
+    hazard: HazardCurve,
+    curve: Curve,
+    draws: tuple[ArrayLike, ArrayLike] | None = None,
+    confidence: float = 0.9,
+    onset: ArrayLike = 0.0,
+) -> CollapseRate:
     """Return the mean annual frequency of collapse.
 
     `draws` are theta and beta, (n_draw,) each, from `Curve.draws`, of a class those of its
@@ -130,11 +156,15 @@ def collapse_rate(
     hazard's extension below its first point adds to each is at most its rate at this point. Below
     `onset`, one intensity or one for each of the curve's parts, nothing collapses.
     """
-    at, ends = np.log(hazard.im), tails(confidence)
+    at = np.log(hazard.im)
+    ends = tails(confidence)
     parts = rate_by_level(hazard, curve, hazard.im[[0, -1]], onset)
     rate = float(parts.sum())
     below, _, above = (parts / rate if rate > 0.0 else np.zeros(3)).tolist()
-    is_bound, mean, lower, upper = below + above > MOST_OUTSIDE, np.nan, np.nan, np.nan
+    is_bound = below + above > MOST_OUTSIDE
+    mean = np.nan
+    lower = np.nan
+    upper = np.nan
     if draws is not None and not is_bound:
         least = np.min(onset)
         each = _lognormal(hazard, at, *draws, least)
@@ -184,31 +214,42 @@ def rate_by_level(
 
 
 def _lognormal(
-    hazard: HazardCurve, cuts: FloatArray, theta: ArrayLike, beta: ArrayLike,
+    hazard: HazardCurve,
+    cuts: FloatArray,
+    theta: ArrayLike,
+    beta: ArrayLike,
     onset: ArrayLike = 0.0,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Return rates of lognormal curves (...) from `onset` on, cut at ln im, (..., n_cut + 1).
 
     By parts: [-Phi lambda] + integral of lambda dPhi, and the latter with lambda = c e^(-k x) is
     lambda(theta) e^(k^2 beta^2 / 2) [Phi(z + k beta)], z = (x - ln theta) / beta.
     """
-    theta, beta = (positive(v, n)[..., None] for v, n in ((theta, "theta"), (beta, "beta")))
-    log_theta, least = np.log(theta), log_intensity(onset)[..., None]
-    left, right = np.append(-np.inf, cuts), np.append(cuts, np.inf)
+    theta, beta = (
+        positive(v, n)[..., None] for v, n in ((theta, "theta"), (beta, "beta"))
+    )
+    log_theta = np.log(theta)
+    least = log_intensity(onset)[..., None]
+    left = np.append(-np.inf, cuts)
+    right = np.append(cuts, np.inf)
     anchor, log_rate, k = hazard.pieces(left)
     low, high = ends = [np.maximum(end, least) for end in (left, right)]
     a, b = z = [(end - log_theta) / beta for end in ends]
     # Phi lambda, which is 0 at both ends of all pieces.
     within = [np.isfinite(x) for x in ends]
     lower, upper = (
-        np.where(inside, ndtr(each) * hazard.rate_at(np.exp(np.where(inside, x, 0.0))), 0.0)
+        np.where(
+            inside, ndtr(each) * hazard.rate_at(np.exp(np.where(inside, x, 0.0))), 0.0
+        )
         for inside, x, each in zip(within, ends, z)
     )
     log_centre = log_rate - k * (log_theta - anchor) + 0.5 * (k * beta) ** 2
     log_moved = log_centre + log_between(a + k * beta, b + k * beta)
     moved = np.exp(np.minimum(log_moved, _LARGEST_LOG))
     # A piece without a fall of the rate has no motions; elsewhere rounding must not go below 0.
-    return np.where((k > 0.0) & (low < high), np.maximum(lower - upper + moved, 0.0), 0.0)
+    return np.where(
+        (k > 0.0) & (low < high), np.maximum(lower - upper + moved, 0.0), 0.0
+    )
 
 
 @dataclass(frozen=True)
@@ -219,7 +260,9 @@ class Contributions:
     counts: IntArray  #: (n_category, n_level), collapses
     rate: FloatArray  #: (n_category, n_level), of collapse [1/year], or `counts`
     unassigned: FloatArray  #: (n_level,), rate of levels with no collapse seen [1/year]
-    fraction: FloatArray  #: (n_category,), of the rate that is assigned [1]; nan if none is
+    fraction: (
+        FloatArray  #: (n_category,), of the rate that is assigned [1]; nan if none is
+    )
     lower: FloatArray  #: (n_category,), ends of the interval of `fraction`, of collapses only
     upper: FloatArray
     n_effective: float  #: independent collapses that the interval supposes
@@ -228,15 +271,20 @@ class Contributions:
     def shown(self) -> BoolArray:
         """Categories with a part of the rate, (n_category,); none if hardly any is assigned."""
         assigned = float(self.rate.sum())
-        enough = np.bool_(assigned > LEAST_ASSIGNED * (assigned + float(self.unassigned.sum())))
+        enough = np.bool_(
+            assigned > LEAST_ASSIGNED * (assigned + float(self.unassigned.sum()))
+        )
         return np.logical_and(self.rate.any(axis=1), enough)
 
 
 def contributions(
-    collapsed: ArrayLike, category: ArrayLike, categories: Sequence[str],
-    level_rate: ArrayLike | None = None, confidence: float = 0.9,
+    collapsed: ArrayLike,
+    category: ArrayLike,
+    categories: Sequence[str],
+    level_rate: ArrayLike | None = None,
+    confidence: float = 0.9,
     groups: ArrayLike | None = None,
-) -> Contributions:  # fmt: skip
+) -> Contributions:
     """Divide the collapses of each level by category, and its rate as they are divided.
 
     `collapsed` and `category`, (n_record, n_level), are whether a run collapsed and its position
@@ -246,10 +294,14 @@ def contributions(
     (Kish 1965, *Survey Sampling*). Records with one label in `groups`, (n_record,), such as their
     event, count as fewer, by how alike the categories of their collapses are.
     """
-    collapse, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
-    counts = np.array([(collapse & (kind == i)).sum(axis=0) for i in range(len(categories))])
+    collapse = np.asarray(collapsed, dtype=bool)
+    kind = np.asarray(category)
+    counts = np.array(
+        [(collapse & (kind == i)).sum(axis=0) for i in range(len(categories))]
+    )
     given = collapse.sum(axis=0) if level_rate is None else level_rate
-    rates, total = np.asarray(given, dtype=float), counts.sum(axis=0)
+    rates = np.asarray(given, dtype=float)
+    total = counts.sum(axis=0)
     rate = rates * counts / np.maximum(total, 1)
     unassigned = np.where(total > 0, 0.0, rates)
     fraction = rate.sum(axis=1) / (rate.sum() or np.nan)
@@ -257,11 +309,15 @@ def contributions(
     effective = float(of_record.sum() ** 2 / max(of_record @ of_record, 1.0))
     some = of_record > 0.0
     if groups is not None and np.unique(label := np.asarray(groups)[some]).size > 1:
-        of_kind = [(collapse & (kind == i)).sum(axis=1)[some] for i in range(len(categories))]
+        of_kind = [
+            (collapse & (kind == i)).sum(axis=1)[some] for i in range(len(categories))
+        ]
         parts = np.transpose(of_kind / of_record[some])
         effective *= independent_number(parts, label) / label.size
     ends = wilson(fraction * effective, np.full(len(categories), effective), confidence)
-    return Contributions(tuple(categories), counts, rate, unassigned, fraction, *ends, effective)
+    return Contributions(
+        tuple(categories), counts, rate, unassigned, fraction, *ends, effective
+    )
 
 
 def level_edges(levels: ArrayLike) -> FloatArray:

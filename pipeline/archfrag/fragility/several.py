@@ -22,7 +22,8 @@ from archfrag.fragility.verdicts import Brackets
 
 FEWEST_GROUPS = 3
 MOST_PARTS = 40  # that are left out one by one; of more groups several together
-_DRAWS, _SEED = 4000, 3
+_DRAWS = 4000
+_SEED = 3
 _LARGEST_LOG = 20.0  # of theta and of 1 / beta in draws
 _LARGEST_BETA = 4.0
 _ROWS = ("before", "after", "ratio", "lower", "upper")
@@ -38,8 +39,11 @@ def mixture(pooled: Curve, curves: Sequence[Curve]) -> Curve:
     """
     members = np.array([[fit.theta, fit.beta] for fit in curves])
     logs = np.log(members[:, 0])
-    theta, beta = float(np.exp(logs.mean())), np.sqrt((members[:, 1] ** 2).mean() + logs.var())
-    return replace(pooled, theta=theta, beta=float(beta), kind="mixture", members=members)
+    theta = float(np.exp(logs.mean()))
+    beta = np.sqrt((members[:, 1] ** 2).mean() + logs.var())
+    return replace(
+        pooled, theta=theta, beta=float(beta), kind="mixture", members=members
+    )
 
 
 def crossing_words(curves: Sequence[Curve]) -> str:
@@ -66,7 +70,9 @@ def above(mild: Curve, severe: Curve) -> Curve:
         return mild
     theta = min(mild.theta, severe.theta)
     for beta in np.linspace(mild.beta, severe.beta, 101):
-        moved = replace(mild, theta=theta, beta=float(beta), kind="adjusted", members=None)
+        moved = replace(
+            mild, theta=theta, beta=float(beta), kind="adjusted", members=None
+        )
         if crossing(moved, severe) <= MOST_CROSSING:
             return moved
     return severe  # a mean of curves, which no lognormal one of this dispersion comes close to
@@ -77,7 +83,11 @@ def crossing(mild: Curve, severe: Curve) -> float:
 
     Programs that subtract the two curves would get a negative probability.
     """
-    ends = [fit.theta * np.exp(s * 4.0 * fit.beta) for fit in (mild, severe) for s in (-1, 1)]
+    ends = [
+        fit.theta * np.exp(s * 4.0 * fit.beta)
+        for fit in (mild, severe)
+        for s in (-1, 1)
+    ]
     im = np.geomspace(min(ends), max(ends), 400)
     return float((severe(im) - mild(im)).max())
 
@@ -96,8 +106,11 @@ def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
     a, r = logs.shape
     if a < 2 or r < 2:
         known = f"{a} arches with {r} records of known capacity remain"
-        raise FitError(f"{known}; two of each are needed to separate modelling from records")
-    arch, record = logs.mean(axis=1), logs.mean(axis=0)
+        raise FitError(
+            f"{known}; two of each are needed to separate modelling from records"
+        )
+    arch = logs.mean(axis=1)
+    record = logs.mean(axis=0)
     residual = logs - arch[:, None] - record + logs.mean()
     interaction = float((residual**2).sum()) / ((a - 1) * (r - 1))
     # var(ln C | arch) is that of the records and of the interaction together.
@@ -162,10 +175,12 @@ def crossing_groups(groups: Sequence[ArrayLike]) -> list[IntArray]:
 
 
 def ratios(
-    curves: tuple[Curve, Curve], without: Sequence[tuple[FloatArray, FloatArray]],
-    hazard: HazardCurve | None = None, onsets: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
+    curves: tuple[Curve, Curve],
+    without: Sequence[tuple[FloatArray, FloatArray]],
+    hazard: HazardCurve | None = None,
+    onsets: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
     confidence: float = 0.9,
-) -> dict[str, dict[str, float]]:  # fmt: skip
+) -> dict[str, dict[str, float]]:
     """Return the ratio of two curves, the second over the first, with its interval.
 
     `without` is `left_out` of both with the same parts, for each of `crossing_groups`. Variances
@@ -181,11 +196,16 @@ def ratios(
         apart = np.hstack([each - each.mean(axis=0) for each in pair])
         every.append(apart * np.sqrt((m - 1) / m))
     errors = [float(np.linalg.norm(away[:, 2] - away[:, 0])) for away in every]
-    n, thetas = min(map(len, every)), (curves[0].theta, curves[1].theta)
-    away, error = every[0], errors[0]
+    n = min(map(len, every))
+    thetas = (curves[0].theta, curves[1].theta)
+    away = every[0]
+    error = errors[0]
     if len(every) > 1:
-        crossed, ways = np.square(errors[:-1]), len(every) - 1
-        error = np.sqrt(max(crossed.max(), crossed.sum() - (ways - 1) * errors[-1] ** 2))
+        crossed = np.square(errors[:-1])
+        ways = len(every) - 1
+        error = np.sqrt(
+            max(crossed.max(), crossed.sum() - (ways - 1) * errors[-1] ** 2)
+        )
         away = np.vstack(every[:-1]) * (error / max(np.sqrt(crossed.sum()), 1e-300))
     reach = float(scipy.special.stdtrit(n - 1, tails(confidence)[1]))
     ratio = thetas[1] / thetas[0]
@@ -196,15 +216,24 @@ def ratios(
     generator = np.random.default_rng(_SEED)
     scale = np.sqrt((n - 1) / generator.chisquare(n - 1, (_DRAWS, 1)))
     shift = scale * (generator.standard_normal((_DRAWS, len(away))) @ away)
-    rates, logs = [], []
+    rates = []
+    logs = []
     for i, (curve, onset) in enumerate(zip(curves, onsets)):
         rates.append(collapse_rate(hazard, curve, onset=onset).rate)
-        theta, beta = np.clip(shift[:, 2 * i : 2 * i + 2], -_LARGEST_LOG, _LARGEST_LOG).T
+        theta, beta = np.clip(
+            shift[:, 2 * i : 2 * i + 2], -_LARGEST_LOG, _LARGEST_LOG
+        ).T
         beta = np.clip(curve.beta * np.exp(beta), np.exp(-_LARGEST_LOG), _LARGEST_BETA)
-        drawn = lognormal_rates(hazard, curve.theta * np.exp(theta), beta, np.min(onset))
+        drawn = lognormal_rates(
+            hazard, curve.theta * np.exp(theta), beta, np.min(onset)
+        )
         whole = lognormal_rates(hazard, curve.theta, curve.beta, np.min(onset))
         # Those of the lognormal curve of a class, in proportion.
-        logs.append(np.log(np.maximum(drawn, 1e-300)) - np.log(np.maximum(whole, 1e-300)))
+        logs.append(
+            np.log(np.maximum(drawn, 1e-300)) - np.log(np.maximum(whole, 1e-300))
+        )
     ratio = rates[1] / rates[0] if rates[0] > 0.0 else np.nan
     ends = ratio * np.exp(np.quantile(logs[1] - logs[0], tails(confidence)))
-    return rows | {"rate": dict(zip(_ROWS, (*rates, ratio, *ends.tolist()), strict=True))}
+    return rows | {
+        "rate": dict(zip(_ROWS, (*rates, ratio, *ends.tolist()), strict=True))
+    }

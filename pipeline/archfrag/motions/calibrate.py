@@ -33,7 +33,15 @@ from archfrag.motions.channel import (
 from archfrag.motions.measures import odd_samples
 
 Inventory = Any  # obspy's, whose import takes time
-_ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
+_ACCELERATION_UNITS = {
+    "M/S**2",
+    "M/S^2",
+    "M/S2",
+    "M/S/S",
+    "M/(S**2)",
+    "M/SEC**2",
+    "M/SEC/SEC",
+}
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
 _BOREHOLE = re.compile(r"(EW|NS|UD)1")  # of KiK-net, whose surface is 2
 LARGEST_INVENTORY = 50_000_000  # [bytes]
@@ -65,49 +73,82 @@ _STRUCTURE = re.compile(
     re.IGNORECASE,
 )
 _QUANTITIES = {
-    "a velocity": r"([nuµmck]?m|in|ft)/s|kine", "a displacement": r"([nuµmck]?m|in|ft)",
+    "a velocity": r"([nuµmck]?m|in|ft)/s|kine",
+    "a displacement": r"([nuµmck]?m|in|ft)",
     "an acceleration in another unit": r"([nuµk]?m|in|ft)/s2|m?g?gal|[mu]g|%g",
-}  # fmt: skip
+}
 _UNSTATED = {"", "unknown", "none", "na", "n/a", "-", "1", "integer", "float", "ascii"}
-_COUNTS = {"count", "counts", "cnt", "cnts", "digital_counts", "digitalcounts", "du", "digits"}
+_COUNTS = {
+    "count",
+    "counts",
+    "cnt",
+    "cnts",
+    "digital_counts",
+    "digitalcounts",
+    "du",
+    "digits",
+}
 
 
 def accepted_words(words: Iterable[str], place: str) -> tuple[Acceptable, ...]:
     """Return the words of an `accept`, separated by commas or blanks; RecordError for others."""
-    chosen = (words if isinstance(words, str) else " ".join(words)).replace(",", " ").split()
+    chosen = (
+        (words if isinstance(words, str) else " ".join(words)).replace(",", " ").split()
+    )
     for word in chosen:
         if word not in ACCEPTABLE:
-            raise RecordError(f"{place}: accept {word!r} is not one of {', '.join(ACCEPTABLE)}")
+            raise RecordError(
+                f"{place}: accept {word!r} is not one of {', '.join(ACCEPTABLE)}"
+            )
     return tuple(word for word in ACCEPTABLE if word in chosen)
 
 
 def impossible(trace: Trace) -> Iterator[Warned]:
     """List what is impossible in a channel, or contradicts its header."""
-    channel, delta, data = trace.stats.record, trace.stats.delta, trace.data
-    code, announced, held = channel.code or trace.id, channel.announced, channel.held
+    channel = trace.stats.record
+    delta = trace.stats.delta
+    data = trace.data
+    code = channel.code or trace.id
+    announced = channel.announced
+    held = channel.held
     if not 0.0 < delta < np.inf:
-        yield None, f"time step {delta} s of channel {trace.id} must be a positive number of s"
+        yield (
+            None,
+            f"time step {delta} s of channel {trace.id} must be a positive number of s",
+        )
     if announced != held:
         stated = f"the header announces {announced} samples of channel {code}"
-        yield "samples", f"{stated}, the file holds {'only ' if held < announced else ''}{held}"
+        yield (
+            "samples",
+            f"{stated}, the file holds {'only ' if held < announced else ''}{held}",
+        )
     elif channel.contradicted:
         yield "header", f"channel {code}: {channel.contradicted}"
     if min(held, len(data)) < 2:
         yield None, f"channel {trace.id} holds less than 2 samples"
     if np.iscomplexobj(data):
-        yield None, f"channel {trace.id} has complex samples; accelerations are real numbers"
+        yield (
+            None,
+            f"channel {trace.id} has complex samples; accelerations are real numbers",
+        )
     if np.ma.isMaskedArray(data):
         yield None, f"channel {trace.id} has gaps; a record must be without gaps"
     if (bad := np.flatnonzero(~np.isfinite(data))).size:
-        yield None, f"channel {trace.id} is not finite, the first time at index {bad[0]}"
+        yield (
+            None,
+            f"channel {trace.id} is not finite, the first time at index {bad[0]}",
+        )
 
 
 def implausible(trace: Trace) -> Iterator[Warned]:
     """List what is implausible about a channel in m/s2."""
-    channel, dt = trace.stats.record, float(trace.stats.delta)
+    channel = trace.stats.record
+    dt = float(trace.stats.delta)
     # A rate such as 10 Hz need not give 0.1 s to the last digit.
     if not 1e-4 * (1.0 - 1e-9) <= dt <= 0.1 * (1.0 + 1e-9):
-        text = f"time step of channel {channel.code} is {dt:g} s, outside 0.0001 to 0.1 s"
+        text = (
+            f"time step of channel {channel.code} is {dt:g} s, outside 0.0001 to 0.1 s"
+        )
         yield "time_step", text
     peak = float(np.abs(trace.data).max()) / STANDARD_GRAVITY
     if not 1e-5 <= peak <= 5.0:
@@ -123,7 +164,9 @@ def accept_or_refuse(
     for word, fact in warnings:
         if word not in accept:
             how = f"give `accept` with {word} (--accept {word} on the command line)"
-            raise RecordError(f"{place}: {fact}{f'; to use it as it is {how}' if word else ''}")
+            raise RecordError(
+                f"{place}: {fact}{f'; to use it as it is {how}' if word else ''}"
+            )
         lines += (f"Accepted: {fact}.",)
     return lines
 
@@ -136,8 +179,10 @@ def plain_unit(text: str) -> str:
 
 def _add_stated(trace: Trace) -> None:
     """Add what a header of one of obspy's formats states; warn if it is no acceleration."""
-    stats, channel = trace.stats, trace.stats.record
-    sac, text = stats.get("sac", {}), stats.get("ascii", {})
+    stats = trace.stats
+    channel = trace.stats.record
+    sac = stats.get("sac", {})
+    text = stats.get("ascii", {})
     gse = stats.get("gse2") or stats.get("gse1") or {}
     unit = plain_unit(str(text.get("unit") or "").rstrip(", "))
     quantity = _SAC_FILES.get(_number(sac.get("iftype"), -1))
@@ -163,20 +208,27 @@ def _add_stated(trace: Trace) -> None:
     # Zeros and -1 are what writers put where they know nothing.
     if 0.0 <= tilt <= 180.0 and (azimuth or tilt or VERTICAL.fullmatch(channel.code)):
         _add_direction(channel, azimuth, tilt - 90.0, f"{stats._format} header")
-    for depth in channel.depth, _number(sac.get("stdp"), 0.0), 1e3 * _number(gse.get("edepth"), 0):
+    for depth in (
+        channel.depth,
+        _number(sac.get("stdp"), 0.0),
+        1e3 * _number(gse.get("edepth"), 0),
+    ):
         _add_depth(channel, depth or 0.0, f"{stats._format} header")
     length = _number(sac.get("e"), math.nan) - _number(sac.get("b"), 0.0)
     peak = max(abs(_number(sac.get(key), 0.0)) for key in ("depmin", "depmax"))
     held = float(np.abs(trace.data).max())
     if peak and abs(peak - held) > 0.1 * peak:
         text = (
-            f"the header of {_named(channel)} states a peak of {peak:g}, the samples have {held:g}"
+            f"the header of {_named(channel)} states a peak of {peak:g}, the "
+            f"samples have {held:g}"
         )
         channel.warnings.append(("header", text))
     if text := wrong_length(length, channel.held, float(stats.delta)):
         channel.warnings.append(("header", f"{_named(channel)}: {text}"))
     if flaw := _SAC_FLAWS.get(_number(sac.get("iqual"), -1)):
-        channel.cautions.append(f"the header of {_named(channel)} states {flaw} (IQUAL)")
+        channel.cautions.append(
+            f"the header of {_named(channel)} states {flaw} (IQUAL)"
+        )
     origin = _number(sac.get("o"), math.nan)
     if math.isfinite(origin):
         channel.origin_time = str(stats.starttime - _number(sac.get("b"), 0.0) + origin)
@@ -196,7 +248,8 @@ def _add_direction(channel: Channel, azimuth: float, dip: float, source: str) ->
     code = channel.code
     if not (math.isfinite(azimuth) and math.isfinite(dip)):
         return
-    stated, vertical = f"the {source} states a dip of {dip:g} degrees", abs(dip) > 90.0 - TOLERANCE
+    stated = f"the {source} states a dip of {dip:g} degrees"
+    vertical = abs(dip) > 90.0 - TOLERANCE
     if not vertical and abs(dip) > TOLERANCE:
         text = f"channel {code} is neither vertical nor horizontal: {stated}"
         channel.warnings.append(("header", text))
@@ -206,7 +259,8 @@ def _add_direction(channel: Channel, azimuth: float, dip: float, source: str) ->
         text = f"channel {code} is {kind} by its code, but {stated}"
         channel.warnings.append(("header", text))
         return
-    before, channel.vertical = channel.azimuth, vertical
+    before = channel.azimuth
+    channel.vertical = vertical
     if vertical:
         channel.downwards = dip > 0.0
     if vertical or azimuth < 0.0:
@@ -217,7 +271,11 @@ def _add_direction(channel: Channel, azimuth: float, dip: float, source: str) ->
     channel.azimuth = azimuth % 360.0
     by_code = azimuth_of_code(code)
     if by_code is not None and (off := turned_by(by_code, azimuth)) > TOLERANCE:
-        sense = "its polarity is reversed" if off > 180.0 - TOLERANCE else "this azimuth counts"
+        sense = (
+            "its polarity is reversed"
+            if off > 180.0 - TOLERANCE
+            else "this azimuth counts"
+        )
         differ = f"azimuth {by_code:g} by its code, {azimuth:g} by the {source}"
         channel.cautions.append(f"channel {code} has {differ}; {sense}")
 
@@ -230,18 +288,25 @@ def _add_depth(channel: Channel, depth: float, source: str) -> None:
 
 def _add_place(trace: Trace, path: Path) -> None:
     """Note a sensor that is in a structure or, of KiK-net, in a borehole."""
-    channel, code = trace.stats.record, trace.stats.record.code.upper()
+    channel = trace.stats.record
+    code = trace.stats.record.code.upper()
     station = f"{trace.stats.station} {channel.station} {path.name}".upper()
     kik_net = trace.stats._format == "KNET" or re.search(r"\b[A-Z]{3}H\d\d", station)
-    if _BOREHOLE.fullmatch(path.suffix[1:].upper()) or (kik_net and _BOREHOLE.fullmatch(code)):
-        channel.sensor = "is in the borehole of a KiK-net station, whose surface is EW2, NS2, UD2"
+    if _BOREHOLE.fullmatch(path.suffix[1:].upper()) or (
+        kik_net and _BOREHOLE.fullmatch(code)
+    ):
+        channel.sensor = (
+            "is in the borehole of a KiK-net station, whose surface is EW2, NS2, UD2"
+        )
     elif place := _STRUCTURE.search(f"{channel.place} {trace.stats.location}"):
         channel.sensor = f"is in a structure by its header ({place[0]})"
 
 
 def _add_station(trace: Trace, inventory: Any) -> None:
     """Add direction and depth of a channel by StationXML; compare its sensitivity and stages."""
-    channel, time, facts = trace.stats.record, trace.stats.starttime, dict[str, Any]()
+    channel = trace.stats.record
+    time = trace.stats.starttime
+    facts = dict[str, Any]()
     with contextlib.suppress(Exception):  # obspy's, of a channel that is not in it
         facts = inventory.get_channel_metadata(trace.id, time)
     azimuth, dip = (facts.get(key) for key in ("azimuth", "dip"))
@@ -258,7 +323,9 @@ def _add_station(trace: Trace, inventory: Any) -> None:
     if any(gains) and not abs(product / total - 1.0) <= UNEQUAL:
         numbers = f"a total sensitivity of {total:.6g} and stages whose product is {product:.6g}"
         use = "reading uses the total, the step `response` the stages; find out which is right"
-        channel.cautions.append(f"channel {channel.code}: its StationXML states {numbers}; {use}")
+        channel.cautions.append(
+            f"channel {channel.code}: its StationXML states {numbers}; {use}"
+        )
     units = str(response.instrument_sensitivity.input_units).upper()
     if (other := _instrument(channel.code)) and "S**2" in units:
         both = f"is of {other} by its code, of an accelerometer by its StationXML"
@@ -277,7 +344,9 @@ def _instrument(code: str) -> str:
 
 def _compare_with_the_user(trace: Trace, unit: str) -> None:
     """Warn if the header contradicts that the samples are in a unit of acceleration."""
-    stats, channel, user = trace.stats, trace.stats.record, f"and the unit {unit} was given"
+    stats = trace.stats
+    channel = trace.stats.record
+    user = f"and the unit {unit} was given"
     text = ""
     if channel.unit == "counts":
         text = f"the header of {_named(channel)} states counts, {user}"
@@ -295,7 +364,9 @@ def to_si(trace: Trace, path: Path, asked: str | None, listed: str, table: Any) 
 
     `asked` is the user's unit, `listed` that of an index, `table` the user's StationXML.
     """
-    channel, values, inventory = trace.stats.record, trace.data, None
+    channel = trace.stats.record
+    values = trace.data
+    inventory = None
     if any(word is None for word, _ in channel.warnings):
         return
     _add_stated(trace)
@@ -323,15 +394,24 @@ def to_si(trace: Trace, path: Path, asked: str | None, listed: str, table: Any) 
     channel.cautions += [f"{_named(channel)}: {text}" for text in odd]
     if channel.sensor:
         channel.warnings.append(("sensor", f"{_named(channel)} {channel.sensor}"))
-    down = code.upper().lstrip("+").startswith(("DWN", "DOWN", "-UP")) and inventory is None
-    if channel.is_vertical and (down if channel.downwards is None else channel.downwards):
+    down = (
+        code.upper().lstrip("+").startswith(("DWN", "DOWN", "-UP"))
+        and inventory is None
+    )
+    if channel.is_vertical and (
+        down if channel.downwards is None else channel.downwards
+    ):
         trace.data = -trace.data
         channel.log.append(f"Sign of {code} changed: it counts downwards.")
 
 
 def _scale(
-    trace: Trace, path: Path, asked: str | None, listed: str, inventory: Inventory | None
-) -> None:  # fmt: skip
+    trace: Trace,
+    path: Path,
+    asked: str | None,
+    listed: str,
+    inventory: Inventory | None,
+) -> None:
     """Multiply the samples so that they are in m/s2.
 
     The first source that states a unit counts: the file's header; the index that lists the file;
@@ -339,7 +419,8 @@ def _scale(
     sensitivities in a COSMOS header; the user. The mean of counts and uncorrected volumes is
     removed: it is the instrument's offset, which can exceed the motion.
     """
-    channel, form = trace.stats.record, trace.stats._format
+    channel = trace.stats.record
+    form = trace.stats._format
     if asked is not None:
         unit_factor(asked, str(path))
     by_header = channel.unit not in ("", "counts")
@@ -347,14 +428,19 @@ def _scale(
     raw = "Uncorrected: mean removed" if channel.level == "raw" else ""
     if unit:
         factor = unit_factor(unit, source)
-        same, stated = METRES_PER_SECOND_SQUARED.get(asked or unit) == factor, f"states {unit!r}"
+        same = METRES_PER_SECOND_SQUARED.get(asked or unit) == factor
+        stated = f"states {unit!r}"
         done = f"Converted to m/s2: unit {unit} from the {source}, factor {factor:g}."
     elif sensitivity := _of_counts(trace, path, inventory):
         (factor, source), unit, raw = sensitivity, "counts", "Mean removed"
-        same, stated = not asked or (asked == "m/s2" and form == "KNET"), "converts its counts"
+        same = not asked or (asked == "m/s2" and form == "KNET")
+        stated = "converts its counts"
         done = f"Converted from counts to m/s2 by the {source}, factor {factor:.9g}."
     elif asked:
-        unit, factor, same, stated = asked, METRES_PER_SECOND_SQUARED[asked], True, ""
+        unit = asked
+        factor = METRES_PER_SECOND_SQUARED[asked]
+        same = True
+        stated = ""
         done = f"Converted to m/s2: unit {unit} as asked for, factor {factor:g}."
     else:
         units = f"one of {', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command line)"
@@ -376,7 +462,9 @@ def _scale(
         trace.data = trace.data - trace.data.mean()
 
 
-def _of_counts(trace: Trace, path: Path, inventory: Inventory | None) -> tuple[float, str] | None:
+def _of_counts(
+    trace: Trace, path: Path, inventory: Inventory | None
+) -> tuple[float, str] | None:
     """Return the factor from counts to m/s2 and its source; None if nothing states one."""
     if trace.stats._format == "KNET":
         return float(trace.stats.calib), "file's scale factor"
@@ -384,14 +472,19 @@ def _of_counts(trace: Trace, path: Path, inventory: Inventory | None) -> tuple[f
         try:
             response = inventory.get_response(trace.id, trace.stats.starttime)
             overall = response.instrument_sensitivity
-            unit, value = (overall.input_units or "").upper(), float(overall.value)
+            unit = (overall.input_units or "").upper()
+            value = float(overall.value)
             out = (overall.output_units or "COUNTS").upper()
         except Exception:
             lacking = f"the StationXML has no response for channel {trace.id}"
             raise RecordError(f"{path}: {lacking} at {trace.stats.starttime}") from None
         counts = re.search("COUNT|CNT|DIGIT", out) is not None
-        if unit not in _ACCELERATION_UNITS or not (counts and value and np.isfinite(value)):
-            what = f"channel {trace.id} has {value:g} {out.lower()}/({unit}) in StationXML"
+        if unit not in _ACCELERATION_UNITS or not (
+            counts and value and np.isfinite(value)
+        ):
+            what = (
+                f"channel {trace.id} has {value:g} {out.lower()}/({unit}) in StationXML"
+            )
             raise RecordError(f"{path}: {what}; counts/(M/S**2) are needed")
         return 1.0 / value, f"sensitivity {value:.6g} counts/(m/s2) of its StationXML"
     if per_count := trace.stats.record.g_per_count:
@@ -413,9 +506,13 @@ def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
     near = (path.with_name(f"{name}.xml") for name in names)
     if not (file := given or next(filter(Path.is_file, near), None)):
         return None
-    content = read_bytes(Path(file), LARGEST_INVENTORY, RecordError, "the StationXML file")
+    content = read_bytes(
+        Path(file), LARGEST_INVENTORY, RecordError, "the StationXML file"
+    )
     try:
         # From memory: obspy takes a path for a pattern or an address, and unpacks archives.
         return read_inventory(io.BytesIO(content), format="STATIONXML")
     except Exception as error:
-        raise RecordError(f"{file}: cannot be read as StationXML ({reason_of(error)})") from None
+        raise RecordError(
+            f"{file}: cannot be read as StationXML ({reason_of(error)})"
+        ) from None

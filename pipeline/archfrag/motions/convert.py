@@ -31,19 +31,25 @@ def convert_record(
     acceleration), in the unit `to`; `options` are those of `read_motion`. Files of the same name
     are replaced, but not the source.
     """
-    file, factor = Path(path), unit_factor(to, str(path))
+    file = Path(path)
+    factor = unit_factor(to, str(path))
     channels, _ = read_channels(file, **options)
     for channel in channels:
         accept_or_refuse(file, channel.stats.record.accept, implausible(channel))
-    place, digest, written = make_folder(Path(folder)), sha256_of(file), list[Path]()
+    place = make_folder(Path(folder))
+    digest = sha256_of(file)
+    written = list[Path]()
     rows: dict[str, dict[str, Any]] = dict(index_table(place))
     groups = [channels] if form == "mseed" else [[channel] for channel in channels]
-    targets, end = list[Path](), "mseed" if form == "mseed" else "txt"
+    targets = list[Path]()
+    end = "mseed" if form == "mseed" else "txt"
     for number, group in enumerate(groups, start=1):
         code = _plain(group[0].stats.record.code) or number
         middle = "" if len(groups) == 1 else f".{code}"
         targets.append(place / f"{record_name(file)}{middle}.{end}")
-        of_another = rows.get(targets[-1].stem, {}).get("source", file.name) != file.name
+        of_another = (
+            rows.get(targets[-1].stem, {}).get("source", file.name) != file.name
+        )
         if of_another or targets[-1] in targets[:-1]:
             what = "would replace another channel or a record of another file"
             raise InputError(f"{targets[-1]}: {what}; name another folder")
@@ -59,56 +65,88 @@ def convert_record(
         written.append(target)
         if all(channel.stats.record.is_vertical for channel in group):
             continue
-        first, facts = group[0].stats, group[0].stats.record.facts
+        first = group[0].stats
+        facts = group[0].stats.record.facts
         rows[target.stem] = {
-            "id": target.stem, "file": target.name, "sha256": sha256_of(target),
+            "id": target.stem,
+            "file": target.name,
+            "sha256": sha256_of(target),
             "event": first.record.event,
             **{key: facts[key] for key in _HEADER if key in facts},
-            "dt_s": float(first.delta), "unit": to,
+            "dt_s": float(first.delta),
+            "unit": to,
             "columns": "" if form == "mseed" else "time=1 acceleration=2",
             "channels": " ".join(channel.stats.record.code for channel in group),
-            "source": file.name, "source_sha256": digest,
-            "steps": " ".join(first.record.log), "accept": " ".join(first.record.accept),
-        }  # fmt: skip
+            "source": file.name,
+            "source_sha256": digest,
+            "steps": " ".join(first.record.log),
+            "accept": " ".join(first.record.accept),
+        }
     write_index(place, rows.values())
     return written
 
 
 def _for_seed(group: Sequence[Trace], factor: float) -> list[Trace]:
     """Return channels with their own codes if SEED can hold them, or else new ones."""
-    codes = [(_plain(channel.stats.network)[:2] or "XX", _plain(channel.stats.station)[:5],
-              str(channel.stats.location).strip(), channel.stats.record.code)
-             for channel in group]  # fmt: skip
-    held = all(re.fullmatch(r"[A-Z0-9]{0,2}:[A-Z0-9]{1,3}", f"{c[2]}:{c[3]}") for c in codes)
+    codes = [
+        (
+            _plain(channel.stats.network)[:2] or "XX",
+            _plain(channel.stats.station)[:5],
+            str(channel.stats.location).strip(),
+            channel.stats.record.code,
+        )
+        for channel in group
+    ]
+    held = all(
+        re.fullmatch(r"[A-Z0-9]{0,2}:[A-Z0-9]{1,3}", f"{c[2]}:{c[3]}") for c in codes
+    )
     if not held or len(set(codes)) < len(codes):
         horizontals = dict.fromkeys(map(instrument, group), 0)
         for number, (channel, sensor) in enumerate(zip(group, map(instrument, group))):
             vertical = channel.stats.record.is_vertical
             horizontals[sensor] += not vertical
-            place = f"{list(horizontals).index(sensor):02d}" if len(horizontals) > 1 else ""
+            place = (
+                f"{list(horizontals).index(sensor):02d}" if len(horizontals) > 1 else ""
+            )
             kind = "HNZ" if vertical else f"HN{horizontals[sensor]}"
             codes[number] = (*codes[number][:2], place, kind)
-        if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(horizontals) > 99:
-            raise InputError(f"miniSEED has no codes for {len(group)} channels; write text")
+        if (
+            len(set(codes)) < len(codes)
+            or max(horizontals.values()) > 9
+            or len(horizontals) > 99
+        ):
+            raise InputError(
+                f"miniSEED has no codes for {len(group)} channels; write text"
+            )
     keys = ("network", "station", "location", "channel")
     return [
-        Trace(np.ascontiguousarray(channel.data / factor, dtype=np.float64),
-              {**dict(zip(keys, names)), "delta": channel.stats.delta,
-               "starttime": channel.stats.starttime})
+        Trace(
+            np.ascontiguousarray(channel.data / factor, dtype=np.float64),
+            {
+                **dict(zip(keys, names)),
+                "delta": channel.stats.delta,
+                "starttime": channel.stats.starttime,
+            },
+        )
         for names, channel in zip(codes, group, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def _text(channel: Trace, factor: float, unit: str, origin: str) -> str:
     """Return columns of time and acceleration below a header, all in ASCII."""
-    record, dt = channel.stats.record, float(channel.stats.delta)
+    record = channel.stats.record
+    dt = float(channel.stats.delta)
     header = [
-        f"two columns: time [s], acceleration [{unit}]", origin,
-        *(f"{name}: {record.facts[name]}" for name in ("event", "date", "station")
-          if name in record.facts),
+        f"two columns: time [s], acceleration [{unit}]",
+        origin,
+        *(
+            f"{name}: {record.facts[name]}"
+            for name in ("event", "date", "station")
+            if name in record.facts
+        ),
         f"component: {record.code}; dt = {dt!r} s; {channel.data.size} samples",
         *(f"step: {step}" for step in record.log),
-    ]  # fmt: skip
+    ]
     times = (np.arange(channel.data.size) * dt).tolist()
     rows = [f"{t:.10g} {v!r}" for t, v in zip(times, (channel.data / factor).tolist())]
     plain = (" ".join(f"# {line}".split())[:1000] for line in header)

@@ -32,30 +32,48 @@ _KINDS = {ServiceError: "service", RecordError: "unusable", InputError: "no data
 # What obspy raises and what it means here: no data, refused, or a service that fails for now.
 _ERRORS: tuple[tuple[Any, type[ArchfragError]], ...] = (
     (fdsn.FDSNNoDataException, InputError),
-    ((fdsn.FDSNBadRequestException, fdsn.FDSNUnauthorizedException, fdsn.FDSNForbiddenException,
-      fdsn.FDSNNotImplementedException, fdsn.FDSNRequestTooLargeException), RecordError),
+    (
+        (
+            fdsn.FDSNBadRequestException,
+            fdsn.FDSNUnauthorizedException,
+            fdsn.FDSNForbiddenException,
+            fdsn.FDSNNotImplementedException,
+            fdsn.FDSNRequestTooLargeException,
+        ),
+        RecordError,
+    ),
     ((fdsn.FDSNException, HTTPException, OSError), ServiceError),
-)  # fmt: skip
+)
 
 
 def fetch_records(
-    folder: str | Path, events: Sequence[str], stations_from: str, *, events_from: str,
-    most: int, timeout: float = 60.0, **where: Any,
-) -> Iterator[tuple[str, str]]:  # fmt: skip
+    folder: str | Path,
+    events: Sequence[str],
+    stations_from: str,
+    *,
+    events_from: str,
+    most: int,
+    timeout: float = 60.0,
+    **where: Any,
+) -> Iterator[tuple[str, str]]:
     """Fetch records of events into a folder; a station that is complete is not asked for again.
 
     The arguments are those of ``archfrag records fetch``. Yields ``new`` or ``kept`` and the id
     of a record, or the kind of a failure and a message. InputError if a service is unknown.
     """
     try:
-        quakes, archive = (Client(name, timeout=timeout, _discover_services=False)
-                           for name in (events_from, stations_from))  # fmt: skip
+        quakes, archive = (
+            Client(name, timeout=timeout, _discover_services=False)
+            for name in (events_from, stations_from)
+        )
     except ValueError as error:
         raise InputError(str(error)) from None
     check_targets([Path(folder, INDEX_NAME)])
-    root, rows = make_folder(Path(folder)), dict[str, dict[str, Any]](index_table(folder))
+    root = make_folder(Path(folder))
+    rows = dict[str, dict[str, Any]](index_table(folder))
     for event in events:
-        place, failed = make_folder(root / re.sub(r"[^A-Za-z0-9_-]+", "-", event)[:60]), 0
+        place = make_folder(root / re.sub(r"[^A-Za-z0-9_-]+", "-", event)[:60])
+        failed = 0
         sweep(place)
         try:
             sites = _sites(quakes, archive, event, place, **where)[:most]
@@ -64,9 +82,13 @@ def fetch_records(
             continue
         for site in sites:
             same = {key: site[key] for key in ("event", "station", "window_s")}
-            row = next((row for row in rows.values() if same.items() <= row.items()), {})
+            row = next(
+                (row for row in rows.values() if same.items() <= row.items()), {}
+            )
             file = root / row.get("file", "")
-            there = file.is_file() and file.with_name(f"{site['station']}.xml").is_file()
+            there = (
+                file.is_file() and file.with_name(f"{site['station']}.xml").is_file()
+            )
             if there and sha256_of(file) == row["sha256"]:
                 yield "kept", row["id"]
                 continue
@@ -79,7 +101,8 @@ def fetch_records(
                 if rest:
                     break
                 continue
-            failed, rows[row["id"]] = 0, row
+            failed = 0
+            rows[row["id"]] = row
             write_index(root, [rows[key] for key in sorted(rows)])
             yield "new", row["id"]
 
@@ -94,9 +117,16 @@ def _ask(client: Client, method: str, **query: Any) -> Any:
 
 
 def _sites(
-    quakes: Client, archive: Client, id: str, place: Path, *, radius: float,
-    channels: Sequence[str], before: float, after: float,
-) -> list[dict[str, Any]]:  # fmt: skip
+    quakes: Client,
+    archive: Client,
+    id: str,
+    place: Path,
+    *,
+    radius: float,
+    channels: Sequence[str],
+    before: float,
+    after: float,
+) -> list[dict[str, Any]]:
     """Return the stations within a `radius` [km], nearest first: index columns and queries."""
     quake = _ask(quakes, "get_events", eventid=id)[0]
     check_targets([place / "event.xml"])
@@ -109,41 +139,73 @@ def _sites(
     window = {"starttime": origin.time - before, "endtime": origin.time + after}
     epicentre = float(origin.latitude), float(origin.longitude)
     inventory = _ask(
-        archive, "get_stations", level="channel", latitude=epicentre[0], longitude=epicentre[1],
+        archive,
+        "get_stations",
+        level="channel",
+        latitude=epicentre[0],
+        longitude=epicentre[1],
         # Degrees of a sphere; the distance on the ellipsoid decides.
-        maxradius=kilometers2degrees(1.01 * radius), **window,
+        maxradius=kilometers2degrees(1.01 * radius),
+        **window,
         channel=",".join(f"{kind[:2]}?" for kind in channels),
-    )  # fmt: skip
+    )
     sites: dict[str, dict[str, Any]] = {}
     for network, station in [(net, station) for net in inventory for station in net]:
-        km = gps2dist_azimuth(*epicentre, station.latitude, station.longitude)[0] / 1000.0
-        kinds = [(number, channel.location_code) for number, kind in enumerate(channels)
-                 for channel in station if channel.code[:2] == kind[:2]]  # fmt: skip
+        km = (
+            gps2dist_azimuth(*epicentre, station.latitude, station.longitude)[0]
+            / 1000.0
+        )
+        kinds = [
+            (number, channel.location_code)
+            for number, kind in enumerate(channels)
+            for channel in station
+            if channel.code[:2] == kind[:2]
+        ]
         if km > radius or not kinds:
             continue
         number, location = min(kinds)
         deep = np.nan if origin.depth is None else origin.depth / 1000.0
         name = f"{network.code}.{station.code}"
-        sites.setdefault(name, {
-            "event": id, "origin_time": str(origin.time), "station": name,
-            "Mw": next((m.mag for m in sizes if str(m.magnitude_type).lower()[:2] == "mw"), None),
-            "magnitude": sizes[0].mag if sizes else None, "window_s": f"-{before:g} {after:g}",
-            "epicentral_km": round(km, 3), "distance_km": round(float(np.hypot(km, deep)), 3),
-            "terms": f"those of network {network.code}, fetched from {archive.base_url}",
-            "query": {"network": network.code, "station": station.code, **window,
-                      "location": location or "--", "channel": f"{channels[number][:2]}?"},
-        })  # fmt: skip
-    return sorted(sites.values(), key=lambda site: (site["epicentral_km"], site["station"]))
+        sites.setdefault(
+            name,
+            {
+                "event": id,
+                "origin_time": str(origin.time),
+                "station": name,
+                "Mw": next(
+                    (m.mag for m in sizes if str(m.magnitude_type).lower()[:2] == "mw"),
+                    None,
+                ),
+                "magnitude": sizes[0].mag if sizes else None,
+                "window_s": f"-{before:g} {after:g}",
+                "epicentral_km": round(km, 3),
+                "distance_km": round(float(np.hypot(km, deep)), 3),
+                "terms": f"those of network {network.code}, fetched from {archive.base_url}",
+                "query": {
+                    "network": network.code,
+                    "station": station.code,
+                    **window,
+                    "location": location or "--",
+                    "channel": f"{channels[number][:2]}?",
+                },
+            },
+        )
+    return sorted(
+        sites.values(), key=lambda site: (site["epicentral_km"], site["station"])
+    )
 
 
-def _fetched(archive: Client, site: dict[str, Any], place: Path, again: bool) -> dict[str, Any]:
+def _fetched(
+    archive: Client, site: dict[str, Any], place: Path, again: bool
+) -> dict[str, Any]:
     """Fetch what one station recorded, `again` if the index has it, and return its row there."""
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,16}\.[A-Za-z0-9_-]{1,16}", site["station"]):
         raise RecordError("the codes of this station cannot name a file")
     query = site.pop("query")
     id = f"{place.name}_{site['station']}.{query['location'].strip('-')}.{query['channel'][:2]}"
     with temporary_folder(place) as part:
-        xml, record = Path(part) / f"{site['station']}.xml", Path(part) / f"{id}.mseed"
+        xml = Path(part) / f"{site['station']}.xml"
+        record = Path(part) / f"{id}.mseed"
         _ask(archive, "get_waveforms", filename=str(record), **query)
         _ask(archive, "get_stations", filename=str(xml), level="response", **query)
         try:
@@ -154,10 +216,17 @@ def _fetched(archive: Client, site: dict[str, Any], place: Path, again: bool) ->
         for path in (xml, record):
             register(place / path.name, path)
             path.replace(place / path.name)
-    codes = dict.fromkeys(motion.metadata[key] for key in ("component", "vertical_component")
-                          for motion in motions)  # fmt: skip
+    codes = dict.fromkeys(
+        motion.metadata[key]
+        for key in ("component", "vertical_component")
+        for motion in motions
+    )
     return site | {
-        "id": id, "file": f"{place.name}/{id}.mseed", "sha256": sha256_of(place / record.name),
-        "channels": " ".join(filter(None, codes)), "dt_s": motions[0].dt, "unit": "",
+        "id": id,
+        "file": f"{place.name}/{id}.mseed",
+        "sha256": sha256_of(place / record.name),
+        "channels": " ".join(filter(None, codes)),
+        "dt_s": motions[0].dt,
+        "unit": "",
         "start_time": motions[0].metadata.get("start_time", ""),
-    }  # fmt: skip
+    }

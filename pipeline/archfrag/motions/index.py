@@ -29,10 +29,24 @@ from archfrag.usual import unusual
 
 INDEX_NAME = "index.csv"
 COLUMNS = (
-    "id", "file", "sha256", "event", "Mw", "distance_km", "Vs30_mps", "component", "dt_s", "unit",
-    "terms", "seed", "event_seed", "site_seed", "model",
-)  # fmt: skip
-LARGEST_INDEX, LONGEST_ID = 50_000_000, 255  # [bytes], [characters]
+    "id",
+    "file",
+    "sha256",
+    "event",
+    "Mw",
+    "distance_km",
+    "Vs30_mps",
+    "component",
+    "dt_s",
+    "unit",
+    "terms",
+    "seed",
+    "event_seed",
+    "site_seed",
+    "model",
+)
+LARGEST_INDEX = 50_000_000  # [bytes], [characters]
+LONGEST_ID = 255
 _NEEDED = ("id", "file", "unit")
 # Type of a number, and the least and largest that is possible.
 _NUMBERS: dict[str, tuple[Any, float, float]] = {
@@ -88,34 +102,46 @@ def load_index(path: str | Path) -> list[IndexEntry]:
     entries: dict[str, IndexEntry] = {}
     files: dict[Any, str] = {}
     for line, values in rows:
-        place, name = f"{source}, line {line}", values["id"]
+        place = f"{source}, line {line}"
+        name = values["id"]
         if not name or not values["file"]:
             raise RecordError(f"{place}: {'file' if name else 'id'} is empty")
         if name in entries:
             raise RecordError(f"{place}: id {name!r} occurs twice")
         if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
-            raise RecordError(f"{place}: id {name[:40]!r} is too long, or has a / or line breaks")
+            raise RecordError(
+                f"{place}: id {name[:40]!r} is too long, or has a / or line breaks"
+            )
         if values["unit"]:
             unit_factor(values["unit"], place)
-        metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
+        metadata: dict[str, Any] = {
+            k: value for k, value in values.items() if k not in _APART
+        }
         cautions = list[str]()
         for column in filter(metadata.__contains__, _NUMBERS):
             text = metadata[column]
             metadata[column] = _number(column, text, place) if text else None
             cautions += unusual(column, metadata[column])
         try:
-            columns = parse_columns(values["columns"]) if values.get("columns") else None
+            columns = (
+                parse_columns(values["columns"]) if values.get("columns") else None
+            )
         except InputError as error:
             raise RecordError(f"{place}: {error}") from None
         accept = accepted_words(values.get("accept", ""), place)
-        path, digest = source.parent / values["file"], values.get("sha256", "")
+        path = source.parent / values["file"]
+        digest = values.get("sha256", "")
         if not path.exists():  # of Windows
             path = source.parent / values["file"].replace("\\", "/")
         what = (os.path.realpath(path), str(metadata.get("component") or ""), columns)
         if (other := files.setdefault(what, name)) != name:
             both = f"ids {other!r} and {name!r} are of one file, {values['file']}"
-            raise RecordError(f"{place}: {both}, and one component; each record counts once")
-        entry = IndexEntry(name, path, values["unit"], digest, metadata, accept, columns)
+            raise RecordError(
+                f"{place}: {both}, and one component; each record counts once"
+            )
+        entry = IndexEntry(
+            name, path, values["unit"], digest, metadata, accept, columns
+        )
         entries[name] = replace(entry, cautions=tuple(cautions))
     return list(entries.values())
 
@@ -144,15 +170,21 @@ def _table(source: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
         check_decimals((line, cell) for line, cells in rows for cell in cells)
     except InputError as error:
         raise RecordError(f"{source}: {error}") from None
-    return names, [(line, dict(zip(names, map(unquoted, cells)))) for line, cells in rows]
+    return names, [
+        (line, dict(zip(names, map(unquoted, cells)))) for line, cells in rows
+    ]
 
 
 def find_entry(path: str | Path) -> IndexEntry | None:
     """Return the row of a file in the index of its folder or the one above, or None."""
     record = Path(os.path.realpath(path))  # which takes links that form a circle
-    for index in (folder / INDEX_NAME for folder in (record.parent, record.parent.parent)):
+    for index in (
+        folder / INDEX_NAME for folder in (record.parent, record.parent.parent)
+    ):
         state = index.stat() if index.is_file() else None
-        if state and (entry := _by_path(index, state.st_mtime_ns, state.st_size).get(record)):
+        if state and (
+            entry := _by_path(index, state.st_mtime_ns, state.st_size).get(record)
+        ):
             return entry
     return None
 
@@ -183,8 +215,11 @@ def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
     """Write the index of a folder; columns beyond ``COLUMNS`` come last."""
     import pandas as pd  # start-up: studies read indices without it
 
-    table, path = list(rows), Path(folder) / INDEX_NAME
-    columns = list(dict.fromkeys((*COLUMNS, *(column for row in table for column in row))))
+    table = list(rows)
+    path = Path(folder) / INDEX_NAME
+    columns = list(
+        dict.fromkeys((*COLUMNS, *(column for row in table for column in row)))
+    )
     write_csv(path, [pd.DataFrame(table, columns=columns, dtype=object)])
     return path
 
@@ -194,7 +229,11 @@ def check_sha256(entry: IndexEntry) -> None:
     try:
         digest = sha256_of(entry.path) if entry.sha256 else ""
     except OSError as error:
-        raise RecordError(f"{entry.path}: listed, but cannot be read ({error.strerror})") from None
+        raise RecordError(
+            f"{entry.path}: listed, but cannot be read ({error.strerror})"
+        ) from None
     if not digest.startswith(entry.sha256.lower()):
         differ = f"sha256 is {digest[:16]}…, the index lists {entry.sha256[:16]}…"
-        raise RecordError(f"{entry.path}: {differ}; the file has changed since it was listed")
+        raise RecordError(
+            f"{entry.path}: {differ}; the file has changed since it was listed"
+        )

@@ -56,8 +56,10 @@ SHAKING = 0.25  # of the peak in the last second to that of the record
 # A sample stands alone if it is so many times those 2 to 5 places away; without such samples the
 # peak of real records falls by a factor of 1.2 at most. At their peaks at most 2 samples are
 # equal, and between samples of a tenth of the peak at most 33 (0.17 s, a weak raw record).
-ALONE, SPIKE = 2.5, 1.8
-FLAT, STUCK = 3, 0.5  # [samples] at the peak, [s]
+ALONE = 2.5
+SPIKE = 1.8
+FLAT = 3  # [samples] at the peak, [s]
+STUCK = 0.5
 _NEAR = np.array([-5, -4, -3, -2, 2, 3, 4, 5])
 
 
@@ -79,15 +81,20 @@ def integral(samples: Samples, dt: float) -> Samples:
 
 
 def arias_times(
-    acceleration: Samples, transverse: Samples | None, dt: float, fractions: Sequence[float]
+    acceleration: Samples,
+    transverse: Samples | None,
+    dt: float,
+    fractions: Sequence[float],
 ) -> list[float]:
     """Return the times [s] at which the Arias intensity of both horizontals reaches fractions."""
     squares = acceleration**2 + (0.0 if transverse is None else transverse**2)
     husid = _HUSID * integral(squares, dt)
     time = np.arange(husid.size, dtype=np.float64) * np.float64(dt)
     moved = husid[-1] != 0.0
-    return [float(np.interp(part * husid[-1], husid, time)) if moved else 0.0
-            for part in fractions]  # fmt: skip
+    return [
+        float(np.interp(part * husid[-1], husid, time)) if moved else 0.0
+        for part in fractions
+    ]
 
 
 def _peak(values: Samples) -> float:
@@ -96,17 +103,25 @@ def _peak(values: Samples) -> float:
 
 def _cav(motion: Shaking, count: int = 2**16, least: float = 0.0) -> float:
     """Return CAV, summed over the windows of `count` steps whose peak reaches `least`."""
-    record, total = motion.acceleration, []
+    record = motion.acceleration
+    total = []
     for start in range(0, record.size - 1, count):
         part = record[start : start + count + 1]
         if _peak(part) >= least:
-            before, after = np.abs(part[:-1]), np.abs(part[1:])
+            before = np.abs(part[:-1])
+            after = np.abs(part[1:])
             together = before + after
             # Integral of |a| over each step, a linear in it.
             crossing = part[:-1] * part[1:] < 0.0
-            squares = np.divide(before**2 + after**2, together, out=np.zeros_like(together),
-                                where=crossing)  # fmt: skip
-            total.append((0.5 * motion.dt * np.where(crossing, squares, together)).sum())
+            squares = np.divide(
+                before**2 + after**2,
+                together,
+                out=np.zeros_like(together),
+                where=crossing,
+            )
+            total.append(
+                (0.5 * motion.dt * np.where(crossing, squares, together)).sum()
+            )
     return float(sum(total))
 
 
@@ -122,16 +137,40 @@ _KINDS: dict[str, tuple[str, int, int, Callable[..., float]]] = {
     "PGA": ("m/s2", 1, 0, lambda m: _peak(m.acceleration)),
     "PGV": ("m/s", 1, 0, lambda m: _peak(integral(m.acceleration, m.dt))),
     "PGD": ("m", 1, 0, lambda m: _peak(integral(integral(m.acceleration, m.dt), m.dt))),
-    "Arias": ("m/s", 2, 0, lambda m: float(_HUSID * integral(m.acceleration**2, m.dt)[-1])),
+    "Arias": (
+        "m/s",
+        2,
+        0,
+        lambda m: float(_HUSID * integral(m.acceleration**2, m.dt)[-1]),
+    ),
     "CAV": ("m/s", 1, 0, _cav),
-    "CAVstd": ("m/s", 0, 0, lambda m: _cav(m, round(1.0 / m.dt) or 1, 0.025 * STANDARD_GRAVITY)),
-    "D5_95": ("s", 0, 0, lambda m: float(np.diff(
-        arias_times(m.acceleration, None, m.dt, (0.05, 0.95)))[0])),
-    "HI": ("m", 1, 0, lambda m: float(np.trapezoid(
-        spectral_acceleration(m, _HOUSNER) * _HOUSNER / (2.0 * np.pi), _HOUSNER))),
+    "CAVstd": (
+        "m/s",
+        0,
+        0,
+        lambda m: _cav(m, round(1.0 / m.dt) or 1, 0.025 * STANDARD_GRAVITY),
+    ),
+    "D5_95": (
+        "s",
+        0,
+        0,
+        lambda m: float(
+            np.diff(arias_times(m.acceleration, None, m.dt, (0.05, 0.95)))[0]
+        ),
+    ),
+    "HI": (
+        "m",
+        1,
+        0,
+        lambda m: float(
+            np.trapezoid(
+                spectral_acceleration(m, _HOUSNER) * _HOUSNER / (2.0 * np.pi), _HOUSNER
+            )
+        ),
+    ),
     "Sa": ("m/s2", 1, 1, lambda m, period: float(spectral_acceleration(m, period)[0])),
     "AvgSA": ("m/s2", 1, 2, _average),
-}  # fmt: skip
+}
 PLAIN = [name for name, (_, _, count, _) in _KINDS.items() if not count]
 _ALLOWED = f"{', '.join(PLAIN)}, Sa(T), AvgSA(T1,T2), RotD50() or RotD100() of PGA, PGV or Sa(T)"
 
@@ -161,7 +200,9 @@ def parse_measure(name: str) -> Measure:
     except ValueError:
         periods = ()
     if len(periods) != count or not all(0.0 < period < np.inf for period in periods):
-        raise InputError(f"intensity measure {name!r} needs {count} period(s), each above 0 s")
+        raise InputError(
+            f"intensity measure {name!r} needs {count} period(s), each above 0 s"
+        )
     if periods != tuple(sorted(set(periods))):
         raise InputError(f"intensity measure {name!r} needs its shorter period first")
     return Measure(kind, periods, unit)
@@ -179,11 +220,15 @@ def scaling_exponent(name: str) -> int:
 
 def measure(motion: Shaking, name: str) -> float:
     """Return an intensity measure in its SI unit; InputError for an unknown name or component."""
-    asked, one, other = parse_measure(name), motion.acceleration, motion.transverse
+    asked = parse_measure(name)
+    one = motion.acceleration
+    other = motion.transverse
     if not asked.rotated:
         return _KINDS[asked.kind][3](motion, *asked.periods)
     if other is None:
-        raise InputError(f"{motion.id or 'motion'}: {name} needs two horizontal components")
+        raise InputError(
+            f"{motion.id or 'motion'}: {name} needs two horizontal components"
+        )
     remedy = "; rotate them to an azimuth first"
     check_right_angle(motion.metadata, f"{motion.id or 'motion'}: {name}", remedy)
     if asked.kind == "Sa":
@@ -191,7 +236,9 @@ def measure(motion: Shaking, name: str) -> float:
     else:
         if asked.kind == "PGV":
             one, other = (integral(part, 1.0) * motion.dt for part in (one, other))
-        peaks = np.array([np.abs(one * np.cos(a) + other * np.sin(a)).max() for a in _ANGLES])
+        peaks = np.array(
+            [np.abs(one * np.cos(a) + other * np.sin(a)).max() for a in _ANGLES]
+        )
     return float(np.percentile(peaks, float(asked.rotated[4:])))
 
 
@@ -215,11 +262,17 @@ def scale_factor(
     by a power of the factor, RecordError if the motion is zero.
     """
     if not scaling_exponent(measure_name):
-        scaled = ", ".join(name for name, (_, exponent, _, _) in _KINDS.items() if exponent)
-        raise InputError(f"measure {measure_name!r} does not grow with scaling; use {scaled}")
+        scaled = ", ".join(
+            name for name, (_, exponent, _, _) in _KINDS.items() if exponent
+        )
+        raise InputError(
+            f"measure {measure_name!r} does not grow with scaling; use {scaled}"
+        )
     if not 0.0 < level < np.inf:
         unit = measure_unit(measure_name)
-        raise InputError(f"level {level} {unit} of {measure_name} must be a number above 0")
+        raise InputError(
+            f"level {level} {unit} of {measure_name} must be a number above 0"
+        )
     value = measure(motion, measure_name) if value is None else value
     if value == 0.0:
         raise RecordError(f"{motion.id or 'motion'}: {measure_name} of the record is 0")
@@ -228,11 +281,13 @@ def scale_factor(
 
 def sample_cautions(samples: Samples, dt: float) -> list[str]:
     """List what is suspicious about accelerations [m/s2]: an offset, a drift, an early end."""
-    peak, cautions = _peak(samples), list[str]()
+    peak = _peak(samples)
+    cautions = list[str]()
     if not peak > 0.0:
         return cautions
     velocity = integral(samples, dt)
-    offset, slow = abs(float(samples.mean())) / peak, abs(float(velocity[-1]))
+    offset = abs(float(samples.mean())) / peak
+    slow = abs(float(velocity[-1]))
     if samples.size * dt > SHORT:  # the mean of a pulse is not that of a drift
         slow = max(slow, abs(float(velocity.mean())))
     drift = slow / (_peak(velocity) or 1.0)
@@ -266,7 +321,8 @@ def _spikes(samples: Samples, dt: float) -> Iterator[str]:
     near = np.pad(size, _NEAR.max())[strong[:, None] + _NEAR + _NEAR.max()].max(axis=1)
     alone = strong[size[strong] > ALONE * near]
     others = np.delete(size, np.clip(alone[:, None] + [-1, 0, 1], 0, size.size - 1))
-    peak, rest = size.max(), others.max(initial=0.0)
+    peak = size.max()
+    rest = others.max(initial=0.0)
     if alone.size and 0.0 < SPIKE * rest < peak:
         where = f"{peak:.4g} m/s2 at {alone[size[alone].argmax()] * dt:.6g} s"
         usual = f"without {alone.size} such sample(s) the peak is {rest:.4g} m/s2"
@@ -275,14 +331,19 @@ def _spikes(samples: Samples, dt: float) -> Iterator[str]:
 
 def _flat_parts(samples: Samples, dt: float) -> Iterator[str]:
     """Ask about tops that are cut off, and a stretch in the motion without any change."""
-    size, peak = np.abs(samples), _peak(samples)
+    size = np.abs(samples)
+    peak = _peak(samples)
     ends = np.flatnonzero(np.diff(samples, append=np.inf))
     lengths = np.diff(ends, prepend=-1)
-    extreme = np.isin(samples[ends], [samples.max(), samples.min()]) & (size[ends] >= 0.5 * peak)
+    extreme = np.isin(samples[ends], [samples.max(), samples.min()]) & (
+        size[ends] >= 0.5 * peak
+    )
     tops = lengths[(lengths >= FLAT) & extreme]
     strong = np.flatnonzero(size >= 0.1 * peak)
     part = tops.sum() / np.count_nonzero(size >= 0.5 * peak)
-    if (tops.size > 1 or tops.max(initial=0) > FLAT + 1) and (tops.size > 1 or part < 0.5):
+    if (tops.size > 1 or tops.max(initial=0) > FLAT + 1) and (
+        tops.size > 1 or part < 0.5
+    ):
         where = f"{tops.size} time(s) it stays at its largest value for {FLAT} samples or more"
         yield f"{where}: did the instrument clip?"
     inside = (ends > strong[0]) & (ends - lengths < strong[-1]) & ~extreme
@@ -292,17 +353,24 @@ def _flat_parts(samples: Samples, dt: float) -> Iterator[str]:
         yield f"it is constant for {span:.4g} s from {start:.6g} s on: is a part of it missing?"
 
 
-def _spectrum(ground: NDArray[Any], dt: float, periods: ArrayLike, angles: Samples) -> Samples:
+def _spectrum(
+    ground: NDArray[Any], dt: float, periods: ArrayLike, angles: Samples
+) -> Samples:
     """Return Sa by angle, (n_period, n_angle); `ground` has the second component as imaginary."""
     chosen = np.atleast_1d(np.asarray(periods, dtype=np.float64))
     if not (np.isfinite(chosen).all() and (chosen > 0.0).all()):
-        raise InputError(f"periods {chosen.tolist()} must be positive numbers of seconds")
+        raise InputError(
+            f"periods {chosen.tolist()} must be positive numbers of seconds"
+        )
     # A period after the record, in which it falls to zero within one step.
     after = np.ceil(chosen / dt).astype(int) + 2
     padded = np.pad(ground, (0, after.max(initial=0)))
     largest = np.zeros((chosen.size, angles.size))
-    directions, rates = np.exp(1j * angles), (2.0 * np.pi / chosen).tolist()
+    directions = np.exp(1j * angles)
+    rates = (2.0 * np.pi / chosen).tolist()
     for rate, count, row in zip(rates, after + ground.size, largest):
         largest_response(padded[:count], float(dt), rate, _DAMPING, directions, row)
-    scale = 10.0 ** (_DIGITS - 1 - np.floor(np.log10(np.where(largest > 0.0, largest, 1.0))))
+    scale = 10.0 ** (
+        _DIGITS - 1 - np.floor(np.log10(np.where(largest > 0.0, largest, 1.0)))
+    )
     return np.round(largest * scale) / scale

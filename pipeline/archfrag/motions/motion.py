@@ -79,43 +79,66 @@ class Motion:
     transverse: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        name, components = self.id or "motion", self.components
+        name = self.id or "motion"
+        components = self.components
         try:
             for key, samples in components.items():
                 masked = np.ma.is_masked(samples)
                 if masked or np.asanyarray(samples).dtype.kind == "c":
                     what = f"{key} has {'masked' if masked else 'complex'} samples"
                     raise RecordError(f"{name}: {what}; all must be real numbers")
-            arrays = {key: np.array(samples, dtype=np.float64)
-                      for key, samples in components.items() if samples is not None}  # fmt: skip
+            arrays = {
+                key: np.array(samples, dtype=np.float64)
+                for key, samples in components.items()
+                if samples is not None
+            }
             step = float(self.dt)
         except (TypeError, ValueError):
-            raise RecordError(f"{name}: dt and samples of acceleration must be numbers") from None
+            raise RecordError(
+                f"{name}: dt and samples of acceleration must be numbers"
+            ) from None
         if not 0.0 < step < np.inf:
-            raise RecordError(f"{name}: time step dt = {step} s must be a positive number")
+            raise RecordError(
+                f"{name}: time step dt = {step} s must be a positive number"
+            )
         for key, samples in arrays.items():
             size = max(2, np.size(self.acceleration))
             if samples.shape != (size,):
-                raise RecordError(f"{name}: {key} must be a row of {size}, not {samples.shape}")
+                raise RecordError(
+                    f"{name}: {key} must be a row of {size}, not {samples.shape}"
+                )
             if (bad := np.flatnonzero(~np.isfinite(samples))).size:
-                raise RecordError(f"{name}: {key} is not finite, the first time at index {bad[0]}")
-        about = {"dt": step, "metadata": dict(self.metadata or {}), "log": tuple(self.log)}
+                raise RecordError(
+                    f"{name}: {key} is not finite, the first time at index {bad[0]}"
+                )
+        about = {
+            "dt": step,
+            "metadata": dict(self.metadata or {}),
+            "log": tuple(self.log),
+        }
         for key, value in (arrays | about).items():
             object.__setattr__(self, key, value)
 
     def changed(
-        self, change: Callable[[NDArray[np.float64]], NDArray[np.float64]], done: str,
+        self,
+        change: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+        done: str,
         **fields: Any,
-    ) -> Motion:  # fmt: skip
+    ) -> Motion:
         """Return the motion with each component changed, and a line about it in the log."""
-        changed: dict[str, Any] = {key: None if samples is None else change(samples)
-                                   for key, samples in self.components.items()}  # fmt: skip
+        changed: dict[str, Any] = {
+            key: None if samples is None else change(samples)
+            for key, samples in self.components.items()
+        }
         return replace(self, **changed, log=(*self.log, done), **fields)
 
     @property
     def components(self) -> dict[str, NDArray[np.float64] | None]:
         """Acceleration, vertical and transverse by name; None if a component is missing."""
-        return {key: getattr(self, key) for key in ("acceleration", "vertical", "transverse")}
+        return {
+            key: getattr(self, key)
+            for key in ("acceleration", "vertical", "transverse")
+        }
 
     @property
     def duration(self) -> float:
@@ -132,7 +155,9 @@ class Motion:
         if not np.isfinite(factor):
             name = self.id or "motion"
             raise InputError(f"{name}: scale factor {factor} must be a finite number")
-        return self.changed(lambda samples: samples * factor, f"Multiplied by {factor:.9g}.")
+        return self.changed(
+            lambda samples: samples * factor, f"Multiplied by {factor:.9g}."
+        )
 
     def then(self, second: Motion, gap: float = 20.0) -> Motion:
         """Return one motion: this one, `gap` >= 0 [s] for an arch to come to rest, and another.
@@ -151,18 +176,26 @@ class Motion:
         """
         if not 0.0 <= gap < np.inf:
             raise InputError(f"gap = {gap} s must be a time from 0 upwards")
-        step, both, waves = min(self.dt, second.dt), (self, second), dict[str, Any]()
-        times = [np.arange(int(each.duration / step + 1e-6) + 1) * step for each in both]
+        step = min(self.dt, second.dt)
+        both = (self, second)
+        waves = dict[str, Any]()
+        times = [
+            np.arange(int(each.duration / step + 1e-6) + 1) * step for each in both
+        ]
         rest = np.zeros(round(gap / step))
         for key in self.components:
             parts = [each.components[key] for each in both]
             if any(part is not None for part in parts):
-                one, two = (0.0 * time if part is None else np.interp(time, each.time, part)
-                            for time, each, part in zip(times, both, parts))  # fmt: skip
+                one, two = (
+                    0.0 * time if part is None else np.interp(time, each.time, part)
+                    for time, each, part in zip(times, both, parts)
+                )
                 waves[key] = np.concatenate([one, rest, two])
         about = {**second.metadata, "begins": (times[0].size + rest.size) * step}
         log = (*second.log, f"Put {gap:g} s after {self.id}.")
-        return Motion(**waves, dt=step, id=f"{self.id}+{second.id}", metadata=about, log=log)
+        return Motion(
+            **waves, dt=step, id=f"{self.id}+{second.id}", metadata=about, log=log
+        )
 
     def __mul__(self, factor: float) -> Motion:
         if not isinstance(factor, float | int | np.number):
@@ -190,9 +223,12 @@ class Motion:
 
     @classmethod
     def from_obspy(
-        cls, stream: Any, unit: str = "m/s2", component: str | None = None,
+        cls,
+        stream: Any,
+        unit: str = "m/s2",
+        component: str | None = None,
         accept: Sequence[str] = (),
-    ) -> Motion:  # fmt: skip
+    ) -> Motion:
         """Take one horizontal component of an obspy Stream, and the vertical if it has one.
 
         Parameters
@@ -204,21 +240,31 @@ class Motion:
         component, accept
             As of `archfrag.read_motion`.
         """
-        traces = [trace.copy() for trace in ([stream] if hasattr(stream, "stats") else stream)]
+        traces = [
+            trace.copy() for trace in ([stream] if hasattr(stream, "stats") else stream)
+        ]
         if not traces:
             raise RecordError("the stream has no trace")
-        stats, names = traces[0].stats, [trace.id for trace in traces]
+        stats = traces[0].stats
+        names = [trace.id for trace in traces]
         place = ".".join(filter(None, (stats.network, stats.station))) or "stream"
         if twice := next((name for name in names if names.count(name) > 1), None):
-            raise RecordError(f"{twice}: has several pieces; join them by `stream.merge()`")
-        factor, words = unit_factor(unit, place), calibrate.accepted_words(accept, place)
+            raise RecordError(
+                f"{twice}: has several pieces; join them by `stream.merge()`"
+            )
+        factor = unit_factor(unit, place)
+        words = calibrate.accepted_words(accept, place)
         for trace in traces:
-            count, trace.stats._format = len(trace.data), "obspy"
+            count = len(trace.data)
+            trace.stats._format = "obspy"
             trace.stats.record = channel = Channel(
-                str(trace.stats.channel).strip(), announced=count, held=count, unit_in_file=unit,
+                str(trace.stats.channel).strip(),
+                announced=count,
+                held=count,
+                unit_in_file=unit,
                 accept=words,
                 log=[f"Converted to m/s2: unit {unit} as stated, factor {factor:g}."],
-            )  # fmt: skip
+            )
             warnings = calibrate.impossible(trace)
             channel.accepted = calibrate.accept_or_refuse(place, words, warnings)
             trace.data = np.asarray(trace.data, dtype=np.float64) * factor
@@ -232,8 +278,11 @@ class Motion:
         return plot_motion(self, ax)
 
     def __repr__(self) -> str:
-        parts = [key.replace("acceleration", "horizontal")
-                 for key, samples in self.components.items() if samples is not None]  # fmt: skip
+        parts = [
+            key.replace("acceleration", "horizontal")
+            for key, samples in self.components.items()
+            if samples is not None
+        ]
         peak = f"PGA {self.pga / STANDARD_GRAVITY:.3g} g"
         size = f"{self.duration:g} s at {self.dt:g} s"
         return f"<Motion {self.id or '(no id)'}: {peak}, {size}, {' and '.join(parts)}>"
@@ -245,28 +294,44 @@ class Motion:
 
 
 def motion_of_trace(
-    trace: Trace, path: Path, name: str, verticals: Iterable[Trace] = (),
+    trace: Trace,
+    path: Path,
+    name: str,
+    verticals: Iterable[Trace] = (),
     listed: Mapping[str, Any] | None = None,
-) -> Motion:  # fmt: skip
+) -> Motion:
     """Return the motion of a trace in m/s2, with the vertical of its instrument if that is there.
 
     `listed` are the facts of an index, which come before those of the header. RecordError if the
     samples are implausible, or the vertical does not fit.
     """
-    stats, channel = trace.stats, trace.stats.record
+    stats = trace.stats
+    channel = trace.stats.record
     implausible = calibrate.implausible(trace)
-    accepted = channel.accepted + calibrate.accept_or_refuse(path, channel.accept, implausible)
+    accepted = channel.accepted + calibrate.accept_or_refuse(
+        path, channel.accept, implausible
+    )
     metadata: dict[str, Any] = {
-        "file": path.name, "format": stats._format, "unit_in_file": channel.unit_in_file,
-        "event": "", "date": "", "station": stats.station, **channel.facts,
-        "component": channel.code, "vertical_component": "",
-    }  # fmt: skip
+        "file": path.name,
+        "format": stats._format,
+        "unit_in_file": channel.unit_in_file,
+        "event": "",
+        "date": "",
+        "station": stats.station,
+        **channel.facts,
+        "component": channel.code,
+        "vertical_component": "",
+    }
     if stats.network or stats.station:
         metadata |= {"trace": trace.id, "vertical_trace": ""}
     if stats.starttime.timestamp != 0.0:
         metadata["start_time"] = str(stats.starttime)
     metadata |= filled(listed or {})
-    remarks = {"errors": channel.errors, "cautions": channel.cautions, "accepted": accepted}
+    remarks = {
+        "errors": channel.errors,
+        "cautions": channel.cautions,
+        "accepted": accepted,
+    }
     metadata |= {key: list(lines) for key, lines in remarks.items() if lines}
     kind = " ".join(filter(None, (stats._format, channel.level)))
     log = (f"Read from {path.name} ({kind}).", *channel.log, *accepted)
@@ -286,13 +351,18 @@ def with_component(motion: Motion, other: Motion, kind: str) -> Motion:
 
     RecordError if they do not belong together or have no time in common.
     """
-    one, two, code = motion.metadata, other.metadata, other.metadata.get("component", "")
-    file, one_file = two.get("file") or other.id, one.get("file") == two.get("file")
+    one = motion.metadata
+    two = other.metadata
+    code = other.metadata.get("component", "")
+    file = two.get("file") or other.id
+    one_file = one.get("file") == two.get("file")
     if kind == "vertical":
         keys = ("component", "trace") if one_file else ("component", "trace", "file")
         labels = {f"vertical_{key}": two.get(key, "") for key in keys}
     else:
-        facts = filled({key: two.get(key) for key in ("component", "azimuth", "trace", "file")})
+        facts = filled(
+            {key: two.get(key) for key in ("component", "azimuth", "trace", "file")}
+        )
         labels = {f"{key}_transverse": fact for key, fact in facts.items()}
         labels["id_transverse"] = other.id
     name = f"{motion.id} and {file} ({code})"
@@ -302,16 +372,21 @@ def with_component(motion: Motion, other: Motion, kind: str) -> Motion:
             differ = f"{key} is {first_is!r} and {second_is!r}"
             raise RecordError(f"{name} do not belong together: {differ}")
     if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
-        raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
+        raise RecordError(
+            f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal"
+        )
     late = (seconds(two.get("start_time")) - seconds(one.get("start_time"))) / motion.dt
     later = 0 if np.isnan(late) else round(late)
-    first, other_first = max(0, later), max(0, -later)
+    first = max(0, later)
+    other_first = max(0, -later)
     count = min(motion.acceleration.size - first, other.acceleration.size - other_first)
     if count < 2:
         raise RecordError(f"{name} have no time in common")
     word = "Vertical" if kind == "vertical" else "Other horizontal"
-    steps = (step if step in two.get("accepted", ()) else f"{word} {code}: {step}"
-             for step in (other.log[1:] if one_file else other.log))  # fmt: skip
+    steps = (
+        step if step in two.get("accepted", ()) else f"{word} {code}: {step}"
+        for step in (other.log[1:] if one_file else other.log)
+    )
     log = (*motion.log, *steps)
     if count < max(motion.acceleration.size, other.acceleration.size):
         log = (*log, f"Cut to the {count} samples in common with {file} ({code}).")
@@ -336,7 +411,9 @@ def store(path: Path, motion: Motion) -> None:
     """Write a motion to a numpy archive, complete or not at all; equal motions, equal bytes."""
     names = ("id", "dt", "log", "metadata")
     try:
-        facts = json.dumps({name: getattr(motion, name) for name in names}, sort_keys=True)
+        facts = json.dumps(
+            {name: getattr(motion, name) for name in names}, sort_keys=True
+        )
     except (TypeError, ValueError) as error:
         text = f"{motion.id}: metadata cannot be stored as JSON ({error})"
         raise InputError(text) from None
@@ -357,7 +434,9 @@ def load_stored(path: Path) -> Motion:
             if header["format"] != _FORMAT:
                 raise ValueError(f"format {header['format']!r}")
             (facts,) = map(json.loads, header["motions"])
-            return Motion(archive["horizontal_0"], vertical=archive.get("vertical_0"), **facts)
+            return Motion(
+                archive["horizontal_0"], vertical=archive.get("vertical_0"), **facts
+            )
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
         what = "not a motion stored by archfrag, or damaged"
         raise InputError(f"{path}: {what} ({error})") from None

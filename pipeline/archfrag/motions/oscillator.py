@@ -16,20 +16,31 @@ def largest_response(ground, dt, w, z, directions, largest):
     Writes: largest.
     """
     points = max(1, int(np.ceil(200.0 * dt * w / (2.0 * np.pi))))
-    step, root = dt / points, np.sqrt(1.0 - z * z)
+    step = dt / points
+    root = np.sqrt(1.0 - z * z)
     decay = np.exp(-z * w * step)
-    cosine, sine = decay * np.cos(root * w * step), decay * np.sin(root * w * step) / root
-    f, g, slope, least = ground[0], 0.0 * ground[0], 0.0 * ground[0], 0.0  # y = y' = 0
+    cosine = decay * np.cos(root * w * step)
+    sine = decay * np.sin(root * w * step) / root
+    f = ground[0]  # y = y' = 0
+    g = 0.0 * ground[0]
+    slope = 0.0 * ground[0]
+    least = 0.0
     for n in range(ground.size - 1):
         change = (ground[n + 1] - ground[n]) / dt - slope
         slope += change
-        f, g = f - 2.0 * z / w * change, g + change / w
+        f = f - 2.0 * z / w * change
+        g = g + change / w
         for k in range(points):
             y = f - ground[n] + slope * (2.0 * z / w - k * step)
             if y.real**2 + y.imag**2 > least**2:
                 least = np.inf
                 for i in range(directions.size):
-                    here = abs(y.real * directions[i].real + y.imag * directions[i].imag)
+                    here = abs(
+                        y.real * directions[i].real + y.imag * directions[i].imag
+                    )
                     largest[i] = max(largest[i], here)
                     least = min(least, largest[i])
-            f, g = (cosine + z * sine) * f + sine * g, (cosine - z * sine) * g - sine * f
+            f, g = (
+                (cosine + z * sine) * f + sine * g,
+                (cosine - z * sine) * g - sine * f,
+            )

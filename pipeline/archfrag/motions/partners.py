@@ -19,11 +19,18 @@ _CODE = re.compile(
     r"|(?:EW|WE|NS|[ENSWXYRTL]|(?<![A-Za-z])(?:ew|we|ns|[enswxyrtl]))(?=\d?(?![A-Za-z\d]))"
     r"|\d{3}(?!\d)|(?<!\d)\d{1,2}(?!\d)"
 )
-_ANGLES = (AZIMUTHS, {"X": 0.0, "Y": 90.0}, {"R": 0.0, "L": 0.0, "T": 90.0},
-           {"H1": 0.0, "H2": 90.0})  # fmt: skip
+_ANGLES = (
+    AZIMUTHS,
+    {"X": 0.0, "Y": 90.0},
+    {"R": 0.0, "L": 0.0, "T": 90.0},
+    {"H1": 0.0, "H2": 90.0},
+)
 APART = 60.0  # [s] between origin times, or starts of records, of one earthquake
-_VERTICALS = [sign + code for sign in ("", "-", "+") for code in (
-    "u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")]  # fmt: skip
+_VERTICALS = [
+    sign + code
+    for sign in ("", "-", "+")
+    for code in ("u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")
+]
 
 
 def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
@@ -43,7 +50,11 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
             word = ("H" if code["sensor"] else "") + code[0].upper()
             azimuth = float(word) if word.isdecimal() else quadrant(word)
             plain = None if azimuth is None or azimuth > 360.0 else (name, 0, azimuth)
-            kinds = ((name, i, angle[word]) for i, angle in enumerate(_ANGLES) if word in angle)
+            kinds = (
+                (name, i, angle[word])
+                for i, angle in enumerate(_ANGLES)
+                if word in angle
+            )
             if direction := next(kinds, plain):
                 frames.setdefault(_frame(name, code), []).append(direction)
     by_lower_case = {name.lower(): name for name in names}
@@ -57,9 +68,15 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
         paths = (f"{before}{code}{after}" for code in _VERTICALS)
         vertical = [by_lower_case[path] for path in paths if path in by_lower_case]
         if len(vertical) == 1 and (paired or len(members) == 1):
-            verticals |= {name: vertical[0] for name, *_ in members if name != vertical[0]}
-    single = {one: next(iter(others)) for one, others in pairs.items() if len(others) == 1}
-    return {one: other for one, other in single.items() if single.get(other) == one}, verticals
+            verticals |= {
+                name: vertical[0] for name, *_ in members if name != vertical[0]
+            }
+    single = {
+        one: next(iter(others)) for one, others in pairs.items() if len(others) == 1
+    }
+    return {
+        one: other for one, other in single.items() if single.get(other) == one
+    }, verticals
 
 
 def vertical_files(paths: Sequence[Path]) -> set[Path]:
@@ -67,8 +84,11 @@ def vertical_files(paths: Sequence[Path]) -> set[Path]:
     folders: dict[Path, list[str]] = {}
     for path in paths:
         folders.setdefault(path.parent, []).append(path.name)
-    return {folder / name for folder, names in folders.items()
-            for name in partners(names)[1].values()}  # fmt: skip
+    return {
+        folder / name
+        for folder, names in folders.items()
+        for name in partners(names)[1].values()
+    }
 
 
 def folder_names(folder: Path) -> list[str]:
@@ -82,8 +102,10 @@ def folder_names(folder: Path) -> list[str]:
 def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
     """Return the other horizontal of the motion's instrument, of those of one file, if clear."""
     others = [other for other in motions if other is not motion]
-    family, *families = (str(one.metadata.get("trace") or one.metadata.get("component", ""))[:-1]
-                         for one in (motion, *others))  # fmt: skip
+    family, *families = (
+        str(one.metadata.get("trace") or one.metadata.get("component", ""))[:-1]
+        for one in (motion, *others)
+    )
     alike = [other for other, name in zip(others, families) if name == family] or others
     return alike[0] if len(alike) == 1 else None
 
@@ -103,8 +125,10 @@ def belong_together(one: Motion, other: Motion) -> bool:
     starts = [seconds(about.get("start_time")) for about in both]
     if not np.isnan(starts).any():
         return abs(starts[0] - starts[1]) <= max(one.duration, other.duration)
-    sites = [tuple(str(about.get(key) or "").casefold() for key in ("event", "station"))
-             for about in both]  # fmt: skip
+    sites = [
+        tuple(str(about.get(key) or "").casefold() for key in ("event", "station"))
+        for about in both
+    ]
     if all(sites[0]) and sites[0] == sites[1]:
         return True
     equal = one.acceleration.size == other.acceleration.size
@@ -113,7 +137,8 @@ def belong_together(one: Motion, other: Motion) -> bool:
 
 def identity_of(motion: Motion) -> dict[str, Any]:
     """Return the facts by which `are_one` recognises copies and versions of one component."""
-    about, start = motion.metadata, seconds(motion.metadata.get("start_time"))
+    about = motion.metadata
+    start = seconds(motion.metadata.get("start_time"))
     azimuth = azimuth_of(about)
     location = (str(about.get("trace") or "").split(".") + [""] * 3)[2]
     station = str(about.get("station") or "").casefold()
@@ -147,10 +172,19 @@ def are_one(one: dict[str, Any], other: dict[str, Any]) -> bool:
 
 def numbered(one: str, other: str) -> bool:
     """Tell whether two names differ in numbers that need not be azimuths, as 10 and 100 do."""
-    codes = ((a, b) for a in _CODE.finditer(one) for b in _CODE.finditer(other)
-             if _frame(one, a) == _frame(other, b))  # fmt: skip
-    return any(a[0].isdecimal() and b[0].isdecimal() and not a["sensor"]
-               and not len(a[0]) == len(b[0]) == 3 for a, b in codes)  # fmt: skip
+    codes = (
+        (a, b)
+        for a in _CODE.finditer(one)
+        for b in _CODE.finditer(other)
+        if _frame(one, a) == _frame(other, b)
+    )
+    return any(
+        a[0].isdecimal()
+        and b[0].isdecimal()
+        and not a["sensor"]
+        and not len(a[0]) == len(b[0]) == 3
+        for a, b in codes
+    )
 
 
 def recording_of(motion: Motion) -> dict[str, Any]:
@@ -161,9 +195,11 @@ def recording_of(motion: Motion) -> dict[str, Any]:
     return {
         "id": motion.id.removesuffix(REVERSED),
         "event": str(about.get("event") or about.get("event_id") or ""),
-        "origin": seconds(about.get("origin_time")), "start": start,
-        "end": start + motion.duration, "files": [about[key] for key in keys if about.get(key)],
-    }  # fmt: skip
+        "origin": seconds(about.get("origin_time")),
+        "start": start,
+        "end": start + motion.duration,
+        "files": [about[key] for key in keys if about.get(key)],
+    }
 
 
 def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
@@ -180,7 +216,9 @@ def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
             group[np.isin(group, ends)] = ends[0]
 
     def names(members: Sequence[int]) -> list[str]:
-        return list(dict.fromkeys(records[i]["event"] for i in members if records[i]["event"]))
+        return list(
+            dict.fromkeys(records[i]["event"] for i in members if records[i]["event"])
+        )
 
     by_file: dict[str, list[int]] = {}
     for i, record in enumerate(records):
@@ -189,11 +227,17 @@ def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
     for members in by_file.values():
         join(members)
     for first, last in (("origin", "origin"), ("start", "end")):
-        start, end = (np.array([record[key] for record in records]) for key in (first, last))
-        order = np.argsort(start, kind="stable")[: np.count_nonzero(~np.isnan(start))]  # nan last
+        start, end = (
+            np.array([record[key] for record in records]) for key in (first, last)
+        )
+        order = np.argsort(start, kind="stable")[
+            : np.count_nonzero(~np.isnan(start))
+        ]  # nan last
         ends = np.maximum.accumulate(np.fmax(end[order], start[order] + APART))
         for near in np.split(order, np.flatnonzero(start[order[1:]] > ends[:-1]) + 1):
-            if len(names(near.tolist())) < 2:  # else the times are not those of earthquakes
+            if (
+                len(names(near.tolist())) < 2
+            ):  # else the times are not those of earthquakes
                 join(near.tolist())
     together: dict[int, list[int]] = {}
     for i, number in enumerate(group.tolist()):

@@ -41,13 +41,17 @@ def baseline(motion: Motion, order: int = 2) -> Motion:
     The polynomial, of an `order` from 1 to 5, is zero at the first sample, where the record is at
     rest. Order 2 is that of Graizer (1979); see Boore (2001), BSSA 91(5).
     """
-    done, powers = f"Baseline removed, velocity polynomial of order {order}.", range(1, order + 1)
-    return motion.changed(lambda a: a - _fitted(integral(a, 1.0), powers, slope=True), done)
+    done = f"Baseline removed, velocity polynomial of order {order}."
+    powers = range(1, order + 1)
+    return motion.changed(
+        lambda a: a - _fitted(integral(a, 1.0), powers, slope=True), done
+    )
 
 
 def _fitted(values: Samples, powers: Sequence[int], slope: bool = False) -> Samples:
     """Return the least-squares polynomial with these powers at the samples, or its slope."""
-    unit, exponents = np.arange(values.size) / (values.size - 1), np.array(powers)
+    unit = np.arange(values.size) / (values.size - 1)
+    exponents = np.array(powers)
     rows = unit ** exponents[:, None]
     coefficients = np.zeros(exponents[-1] + 1)
     coefficients[exponents] = np.linalg.solve(rows @ rows.T, rows @ values)
@@ -56,10 +60,13 @@ def _fitted(values: Samples, powers: Sequence[int], slope: bool = False) -> Samp
 
 
 def taper(
-    motion: Motion, fraction: float = 0.05, side: Literal["both", "left", "right"] = "both"
+    motion: Motion,
+    fraction: float = 0.05,
+    side: Literal["both", "left", "right"] = "both",
 ) -> Motion:
     """Bring ends to zero by half a cosine wave, each over a `fraction` (to 0.5) of the record."""
-    count, factor = max(1, int(fraction * motion.acceleration.size)), np.ones_like(motion.time)
+    count = max(1, int(fraction * motion.acceleration.size))
+    factor = np.ones_like(motion.time)
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
     if side != "right":
         factor[:count] *= rise
@@ -70,9 +77,12 @@ def taper(
 
 
 def bandpass(
-    motion: Motion, lowest: float | None, highest: float | None, order: int = 4,
+    motion: Motion,
+    lowest: float | None,
+    highest: float | None,
+    order: int = 4,
     causal: bool = False,
-) -> Motion:  # fmt: skip
+) -> Motion:
     """Filter with a Butterworth band-pass, forwards and backwards (no phase shift) or causal.
 
     Without a corner [Hz] it is a low-pass or a high-pass. Both passes halve the amplitude at a
@@ -83,22 +93,33 @@ def bandpass(
     and after the record first, and stay: what the filter spreads into them is part of the motion.
     Without it displacements are wrong by factors. Boore (2005), BSSA 95(2), 745-750.
     """
-    nyquist, corners = 0.5 / motion.dt, [f for f in (lowest, highest) if f is not None]
+    nyquist = 0.5 / motion.dt
+    corners = [f for f in (lowest, highest) if f is not None]
     if not corners or not (np.diff([0.0, *corners, nyquist]) > 0.0).all():
         needed = f"must satisfy 0 < lowest < highest < {nyquist:g} Hz"
-        raise InputError(f"{motion.id or 'motion'}: corners {lowest} and {highest} Hz {needed}")
-    kind = "bandpass" if len(corners) == 2 else "lowpass" if lowest is None else "highpass"
-    butter, sosfilt = scipy.signal.butter, scipy.signal.sosfilt
-    sections = butter(order, np.squeeze(corners), kind, fs=1.0 / motion.dt, output="sos")
+        raise InputError(
+            f"{motion.id or 'motion'}: corners {lowest} and {highest} Hz {needed}"
+        )
+    kind = (
+        "bandpass" if len(corners) == 2 else "lowpass" if lowest is None else "highpass"
+    )
+    butter = scipy.signal.butter
+    sosfilt = scipy.signal.sosfilt
+    sections = butter(
+        order, np.squeeze(corners), kind, fs=1.0 / motion.dt, output="sos"
+    )
     band = f"{lowest or 0.0:g} to {'the highest' if highest is None else f'{highest:g}'} Hz"
     passes = "forwards only (causal)" if causal else "forwards and backwards"
     done = f"Band-pass {band}, Butterworth of order {order}, {passes}."
     taps = 2 * len(sections) + 1 - min((sections[:, [2, 5]] == 0.0).sum(axis=0))
-    edge = min(3 * taps, motion.acceleration.size - 1)  # scipy's own but for short records
+    edge = min(
+        3 * taps, motion.acceleration.size - 1
+    )  # scipy's own but for short records
     if causal:
         return motion.changed(lambda a: sosfilt(sections, a), done)
     pad = math.ceil(0.75 * order / (lowest * motion.dt)) if lowest else 0
-    about, start = dict(motion.metadata), motion.metadata.get("start_time")
+    about = dict(motion.metadata)
+    start = motion.metadata.get("start_time")
     if pad:
         done += f" {pad * motion.dt:g} s of zeros put before and after it first."
         edge = 0
@@ -112,16 +133,20 @@ def bandpass(
 
 
 def trim(
-    motion: Motion, arias: Sequence[float] | None = None, threshold_g: float | None = None,
-    times: Sequence[float] | None = None, margin: float = 0.0,
-) -> Motion:  # fmt: skip
+    motion: Motion,
+    arias: Sequence[float] | None = None,
+    threshold_g: float | None = None,
+    times: Sequence[float] | None = None,
+    margin: float = 0.0,
+) -> Motion:
     """Keep the samples from one time to another [s]; InputError unless two samples remain.
 
     They are `times`, or those at which the Arias intensity reaches two fractions (`arias`; 0 and
     1 are the ends), or the first and the last at which a horizontal component reaches
     `threshold_g` [g]; these two with a `margin` [s].
     """
-    name, length = motion.id or "motion", motion.duration
+    name = motion.id or "motion"
+    length = motion.duration
     if [arias, threshold_g, times].count(None) != 2:
         raise InputError("one of arias, threshold_g and times is needed")
     if times is not None:
@@ -132,12 +157,15 @@ def trim(
         end = reached[1] + margin if arias[1] < 1.0 else length
     else:
         least = float(threshold_g or 0.0) * STANDARD_GRAVITY
-        rows = [row for row in (motion.acceleration, motion.transverse) if row is not None]
+        rows = [
+            row for row in (motion.acceleration, motion.transverse) if row is not None
+        ]
         strong = motion.dt * np.flatnonzero((np.abs(rows) >= least).any(axis=0))
         if not strong.size:
             needed = f"the threshold {least:g} m/s2 ({threshold_g:.4g} g)"
             raise InputError(f"{name}: no sample reaches {needed} of the trim")
-        start, end = max(0.0, strong[0] - margin), strong[-1] + margin
+        start = max(0.0, strong[0] - margin)
+        end = strong[-1] + margin
     first = int(np.ceil(start / motion.dt - 1e-9)) if start >= 0.0 else -1
     last = int(np.floor(min(end, length) / motion.dt + 1e-9))
     if first < 0 or last <= first:
@@ -157,19 +185,26 @@ def resample(motion: Motion, dt: float) -> Motion:
     ratio = motion.dt / dt if dt > 0.0 else 0.0
     up, down = Fraction(ratio).limit_denominator(1000).as_integer_ratio()
     if not 0 < up <= 1000 or abs(up / down - ratio) > 1e-9 * ratio:
-        raise InputError(f"{motion.id}: {motion.dt:g} to {dt:g} s is no ratio of integers to 1000")
+        raise InputError(
+            f"{motion.id}: {motion.dt:g} to {dt:g} s is no ratio of integers to 1000"
+        )
     if up == down:
         return motion
     widest = max(up, down)
-    window = scipy.signal.firwin(2 * 64 * widest + 1, 1.0 / widest, window=("kaiser", 10.0))
+    window = scipy.signal.firwin(
+        2 * 64 * widest + 1, 1.0 / widest, window=("kaiser", 10.0)
+    )
     done = f"Resampled from {motion.dt:g} to {dt:g} s, band-limited ({up}:{down})."
     return motion.changed(
-        lambda a: scipy.signal.resample_poly(a, up, down, window=window), done,
+        lambda a: scipy.signal.resample_poly(a, up, down, window=window),
+        done,
         dt=motion.dt * down / up,
-    )  # fmt: skip
+    )
 
 
-def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = None) -> Motion:
+def rotate(
+    motion: Motion, azimuth: float | None = None, angle: float | None = None
+) -> Motion:
     """Turn the motion of the ground into another vertical plane, and the one transverse to it.
 
     The plane of the arch is given by the `azimuth` of its +x [degrees clockwise from north], or
@@ -177,25 +212,35 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
     be perpendicular. RecordError if there is one component only, an azimuth is not known, or both
     are nearly parallel.
     """
-    name, about = motion.id or "motion", dict(motion.metadata)
+    name = motion.id or "motion"
+    about = dict(motion.metadata)
     if (azimuth is None) == (angle is None):
         raise InputError("rotate: one of azimuth and angle is needed")
     if motion.transverse is None:
-        raise RecordError(f"{name}: rotate needs two horizontal components, and there is one")
+        raise RecordError(
+            f"{name}: rotate needs two horizontal components, and there is one"
+        )
     codes = [str(about.get(key, "")) for key in ("component", "component_transverse")]
-    azimuths, turned = [0.0, 90.0], float(angle or 0.0) if azimuth is None else azimuth
+    azimuths = [0.0, 90.0]
+    turned = float(angle or 0.0) if azimuth is None else azimuth
     for place, code in enumerate(codes if azimuth is not None else ()):
         value = azimuth_of(about, ("", "_transverse")[place])
         if value is None:
-            raise RecordError(f"{name}: the azimuth of {code!r} is not known; give an angle")
+            raise RecordError(
+                f"{name}: the azimuth of {code!r} is not known; give an angle"
+            )
         azimuths[place] = value
     if azimuth is None:
-        check_right_angle(about, f"{name}: rotate by an angle", "; give an azimuth instead")
+        check_right_angle(
+            about, f"{name}: rotate by an angle", "; give an azimuth instead"
+        )
     one, other = np.deg2rad(azimuths)
     sine = np.sin(other - one)
     if abs(sine) < 0.5:
         near = f"azimuths {azimuths[0]:g} and {azimuths[1]:g} degrees, too close to each other"
-        raise RecordError(f"{name}: components {' and '.join(codes)} have {near} to be rotated")
+        raise RecordError(
+            f"{name}: components {' and '.join(codes)} have {near} to be rotated"
+        )
     along = np.deg2rad(turned)
     # a(azimuth) = N cos + E sin holds for both components; solved for the direction.
     first, second = (
@@ -205,19 +250,27 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
     )
     words = f"to azimuth {turned:g} degrees (from {azimuths[0]:g} and {azimuths[1]:g})"
     for which, degrees in (("", turned), ("_transverse", turned + 90.0)):
-        about |= {f"component{which}": f"{degrees:g}", f"azimuth{which}": degrees % 360.0}
+        about |= {
+            f"component{which}": f"{degrees:g}",
+            f"azimuth{which}": degrees % 360.0,
+        }
         if azimuth is None:  # angles from a component are no azimuths
             words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
             label = f"{codes[0]} turned by {degrees:g}".strip()
             about |= {f"component{which}": label, f"azimuth{which}": ""}
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
-    return replace(motion, acceleration=first, transverse=second, metadata=about, log=log)
+    return replace(
+        motion, acceleration=first, transverse=second, metadata=about, log=log
+    )
 
 
 def remove_response(
-    motion: Motion, record: str | Path, inventory: str | Path | Inventory | None = None,
-    water_level: float = 60.0, band: tuple[float, float, float, float] | None = None,
-) -> Motion:  # fmt: skip
+    motion: Motion,
+    record: str | Path,
+    inventory: str | Path | Inventory | None = None,
+    water_level: float = 60.0,
+    band: tuple[float, float, float, float] | None = None,
+) -> Motion:
     """Divide the spectrum of each component by its instrument's response (obspy).
 
     `motion` is as read from the file `record` by the sensitivity of its StationXML (see
@@ -225,7 +278,8 @@ def remove_response(
     below its largest value. `band` (f1, f2, f3, f4) [Hz] is what to keep: cosine tapers from f1 to
     f2 and from f3 to f4. RecordError if a StationXML is missing.
     """
-    table, changed = None, dict[str, Any]()
+    table = None
+    changed = dict[str, Any]()
     names = ("trace", "vertical_trace", "trace_transverse")
     for (key, samples), name in zip(motion.components.items(), names):
         if samples is None:
@@ -233,28 +287,43 @@ def remove_response(
         codes = (str(motion.metadata.get(name, "")).split(".") + [""] * 4)[:4]
         header = dict(zip(("network", "station", "location", "channel"), codes))
         start = UTCDateTime(motion.metadata.get("start_time") or 0)
-        trace = Trace(samples.copy(), {**header, "delta": motion.dt, "starttime": start})
+        trace = Trace(
+            samples.copy(), {**header, "delta": motion.dt, "starttime": start}
+        )
         table = table or find_inventory(Path(record), trace, inventory)
         if table is None:
-            lacking = "has no StationXML by which to remove its response; give `inventory`"
+            lacking = (
+                "has no StationXML by which to remove its response; give `inventory`"
+            )
             raise RecordError(f"{record}: {lacking}")
         try:
             response = table.get_response(trace.id, trace.stats.starttime)
             trace.data *= response.instrument_sensitivity.value
-            trace.remove_response(table, output="ACC", water_level=water_level, pre_filt=band,
-                                  zero_mean=False, taper=False)  # fmt: skip
+            trace.remove_response(
+                table,
+                output="ACC",
+                water_level=water_level,
+                pre_filt=band,
+                zero_mean=False,
+                taper=False,
+            )
         except Exception as error:
             failed = f"the response of channel {trace.id} cannot be removed"
             raise RecordError(f"{record}: {failed} ({reason_of(error)})") from None
         changed[key] = np.asarray(trace.data, dtype=np.float64)
     kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
-    done = f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."
+    done = (
+        f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."
+    )
     return replace(motion, **changed, log=(*motion.log, done))
 
 
 def both_senses(motion: Motion) -> list[Motion]:
     """Return a motion, and the same with its horizontal components reversed."""
-    flipped: dict[str, Any] = {key: -samples for key, samples in motion.components.items()
-                               if samples is not None and key != "vertical"}  # fmt: skip
+    flipped: dict[str, Any] = {
+        key: -samples
+        for key, samples in motion.components.items()
+        if samples is not None and key != "vertical"
+    }
     log = (*motion.log, "Horizontal components reversed.")
     return [motion, replace(motion, id=motion.id + REVERSED, log=log, **flipped)]

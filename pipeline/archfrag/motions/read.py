@@ -30,21 +30,30 @@ def check_file(path: Path) -> None:
             size = os.fstat(file.fileno()).st_size
     except UnicodeEncodeError:
         shown = os.fsencode(path).decode("utf-8", "backslashreplace")
-        raise RecordError(f"{shown}: the name of the file is not in UTF-8; rename it") from None
+        raise RecordError(
+            f"{shown}: the name of the file is not in UTF-8; rename it"
+        ) from None
     except FileNotFoundError:
         raise RecordError(f"{path}: there is no such file") from None
     except OSError as error:
-        raise RecordError(f"{path}: the file cannot be read: {error.strerror}") from None
+        raise RecordError(
+            f"{path}: the file cannot be read: {error.strerror}"
+        ) from None
     if not 0 < size <= LARGEST_RECORD:
         many = f"has {size} bytes; a record may have at most {LARGEST_RECORD}"
         raise RecordError(f"{path}: the file {many if size else 'is empty'}")
 
 
 def read_motion(
-    path: str | Path, unit: str | None = None, component: str | None = None, *,
-    vertical: str | Path | None = None, inventory: str | Path | Inventory | None = None,
-    accept: Iterable[str] = (), columns: Columns | None = None,
-) -> Motion:  # fmt: skip
+    path: str | Path,
+    unit: str | None = None,
+    component: str | None = None,
+    *,
+    vertical: str | Path | None = None,
+    inventory: str | Path | Inventory | None = None,
+    accept: Iterable[str] = (),
+    columns: Columns | None = None,
+) -> Motion:
     """Read one horizontal component of a record, and the vertical if there is one.
 
     Parameters
@@ -90,7 +99,12 @@ def read_motion(
     >>> float(round(abs(motion.acceleration).max(), 4)), motion.dt
     (1.9613, 0.01)
     """
-    options: Any = {"unit": unit, "inventory": inventory, "accept": accept, "columns": columns}
+    options: Any = {
+        "unit": unit,
+        "inventory": inventory,
+        "accept": accept,
+        "columns": columns,
+    }
     motion = _read_one(Path(path), options, component, own_vertical=vertical is None)
     if vertical is None:
         return motion
@@ -98,9 +112,12 @@ def read_motion(
 
 
 def _read_one(
-    path: Path, options: dict[str, Any], component: str | None, listed: str | None = None,
+    path: Path,
+    options: dict[str, Any],
+    component: str | None,
+    listed: str | None = None,
     own_vertical: bool = True,
-) -> Motion:  # fmt: skip
+) -> Motion:
     """See `read_motion`; `listed` names the component in a file with several horizontals."""
     traces, entry = read_channels(path, **options)
     chosen, verticals = choose_horizontal(traces, path, component, listed)
@@ -109,7 +126,11 @@ def _read_one(
 
 
 def read_horizontals(
-    path: str | Path, unit: str | None = None, *, name: str | None = None, **options: Any
+    path: str | Path,
+    unit: str | None = None,
+    *,
+    name: str | None = None,
+    **options: Any,
 ) -> list[Motion]:
     """Read each horizontal of a file with its vertical, as `read_motion` does.
 
@@ -119,7 +140,8 @@ def read_horizontals(
     traces, entry = read_channels(path, unit, **options)
     facts = entry.metadata if entry else {}
     horizontals, verticals = split_by_direction(traces, path)
-    alone, codes = len(horizontals) == 1, [trace.stats.record.code for trace in horizontals]
+    alone = len(horizontals) == 1
+    codes = [trace.stats.record.code for trace in horizontals]
     base = entry.id if entry and alone else name or record_name(path)
     motions = []
     for trace, code in zip(horizontals, codes):
@@ -137,7 +159,9 @@ def read_vertical(path: str | Path, unit: str | None = None, **options: Any) -> 
         verticals = traces
     if len(verticals) != 1:
         names = ", ".join(repr(trace.stats.record.code) for trace in traces)
-        raise RecordError(f"{path}: one vertical channel is needed, the file holds {names}")
+        raise RecordError(
+            f"{path}: one vertical channel is needed, the file holds {names}"
+        )
     return motion_of_trace(verticals[0], Path(path), record_name(Path(path)))
 
 
@@ -149,11 +173,17 @@ def record_name(path: Path) -> str:
 def load_motion(entry: IndexEntry) -> Motion:
     """Read the record of a row of an index; RecordError if it is not as the row states."""
     check_sha256(entry)
-    options = {"unit": entry.unit or None, "accept": entry.accept, "columns": entry.columns}
+    options = {
+        "unit": entry.unit or None,
+        "accept": entry.accept,
+        "columns": entry.columns,
+    }
     motion = _read_one(entry.path, options, None, entry.metadata.get("component"))
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
-        raise RecordError(f"{entry.path}: dt is {motion.dt} s, the index lists dt_s = {step} s")
+        raise RecordError(
+            f"{entry.path}: dt is {motion.dt} s, the index lists dt_s = {step} s"
+        )
     about = {**motion.metadata, **filled(entry.metadata)}
     if cautions := (*about.get("cautions", ()), *entry.cautions):
         about["cautions"] = list(cautions)
@@ -164,7 +194,8 @@ def read_channels(
     path: Path, unit: str | None = None, *, accept: Iterable[str] = (), **options: Any
 ) -> tuple[list[Trace], IndexEntry | None]:
     """Return the channels of a file in m/s2, and the row of an index that lists it."""
-    words, entry = calibrate.accepted_words(accept, str(path)), find_entry(path)
+    words = calibrate.accepted_words(accept, str(path))
+    entry = find_entry(path)
     if entry is not None and path.is_file():
         check_sha256(entry)
     traces, gap = _examine(path, entry, unit, **options)
@@ -174,7 +205,9 @@ def read_channels(
     for trace in traces:
         channel = trace.stats.record
         channel.accept = accepted
-        channel.accepted = calibrate.accept_or_refuse(path, channel.accept, channel.warnings)
+        channel.accepted = calibrate.accept_or_refuse(
+            path, channel.accept, channel.warnings
+        )
         errors = (f"Error in the file: {error}." for error in channel.errors)
         cautions = (f"Caution: {caution}." for caution in channel.cautions)
         channel.log = [*channel.messages, *channel.log, *errors, *cautions]
@@ -197,17 +230,23 @@ def _on_the_ground(traces: list[Trace]) -> list[Trace]:
 
 
 def _examine(
-    path: Path, entry: IndexEntry | None, unit: str | None,
-    inventory: str | Path | Inventory | None = None, columns: Columns | None = None,
-) -> tuple[list[Trace], str]:  # fmt: skip
+    path: Path,
+    entry: IndexEntry | None,
+    unit: str | None,
+    inventory: str | Path | Inventory | None = None,
+    columns: Columns | None = None,
+) -> tuple[list[Trace], str]:
     """Return the channels of a file whatever is wrong, and why its pieces cannot be joined."""
     check_file(path)
     if columns := columns or (entry.columns if entry else None):
         traces = read_columns(path, columns)
     else:
         # AT2 by its name alone, so that a damaged header is judged by the reader that knows it.
-        traces = read_traces(str(path), "AT2" if path.suffix.lower() == ".at2" else None)
-    form, gap = traces[0].stats._format, ""
+        traces = read_traces(
+            str(path), "AT2" if path.suffix.lower() == ".at2" else None
+        )
+    form = traces[0].stats._format
+    gap = ""
     if len({trace.id for trace in traces}) < len(traces):
         traces, gap = _join_pieces(path, traces)
     counts = [trace.stats.record.held for trace in traces]
@@ -218,11 +257,17 @@ def _examine(
         channel = trace.stats.record
         channel.warnings = list(calibrate.impossible(trace))
         if channel.code and len(places[channel.code]) > 1:
-            several = f"of sensors at locations {' and '.join(sorted(places[channel.code]))}"
-            text = f"channel {channel.code} is there {several}; one may be in a borehole"
+            several = (
+                f"of sensors at locations {' and '.join(sorted(places[channel.code]))}"
+            )
+            text = (
+                f"channel {channel.code} is there {several}; one may be in a borehole"
+            )
             channel.cautions.append(text)
         # If a text ends within its last line, digits may be missing.
-        cut_off = trace is traces[-1] and form in TEXT and channel.held < channel.announced
+        cut_off = (
+            trace is traces[-1] and form in TEXT and channel.held < channel.announced
+        )
         if cut_off and not path.read_bytes()[-1:].isspace():
             trace.data = trace.data[:-1]
             left = "the last sample is left out, since the file ends within its line"
@@ -242,44 +287,72 @@ def _join_pieces(path: Path, traces: Sequence[Trace]) -> tuple[list[Trace], str]
         stream = Stream(traces).merge(method=-1)
         gaps = stream.get_gaps()
     except Exception as error:  # obspy's, of time steps that differ
-        raise RecordError(f"{path}: pieces of a channel cannot be joined ({error})") from None
+        raise RecordError(
+            f"{path}: pieces of a channel cannot be joined ({error})"
+        ) from None
     for trace in stream:
         trace.stats.record.announced = trace.stats.record.held = trace.stats.npts
     if not gaps:
         return list(stream), ""
     *codes, start, _, length, _ = gaps[0]
-    kind = f"{'a gap' if length > 0 else 'an overlap'} of {abs(length):g} s after {start}"
+    kind = (
+        f"{'a gap' if length > 0 else 'an overlap'} of {abs(length):g} s after {start}"
+    )
     text = f"channel {'.'.join(codes)} has {kind}; a record must be without gaps"
     return list(stream), text
 
 
-def inspect_record(path: str | Path, unit: str | None = None, **options: Any) -> dict[str, Any]:
+def inspect_record(
+    path: str | Path, unit: str | None = None, **options: Any
+) -> dict[str, Any]:
     """List what is in a record file and what is wrong with it; arguments are as in `read_motion`.
 
     Times are in s (``start`` in UTC), ``PGA`` in m/s2, ``count`` is the number of samples held.
     What is unknown is empty or None. RecordError if the file cannot be read.
     """
     traces, gap = _examine(Path(path), find_entry(path), unit, **options)
-    channels, first = [], traces[0].stats.record
+    channels = []
+    first = traces[0].stats.record
     for trace in traces:
-        stats, channel, dt = trace.stats, trace.stats.record, float(trace.stats.delta)
+        stats = trace.stats
+        channel = trace.stats.record
+        dt = float(trace.stats.delta)
         unit = channel.unit_in_file
-        names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
-        errors = [*(text for _, text in channel.warnings), *channel.errors, *channel.cautions]
+        names = [
+            str(stats[key]) for key in ("network", "station", "location") if stats[key]
+        ]
+        errors = [
+            *(text for _, text in channel.warnings),
+            *channel.errors,
+            *channel.cautions,
+        ]
         if unit:
             errors += [text for _, text in calibrate.implausible(trace)]
             errors += sample_cautions(trace.data, dt)
-        channels.append({
-            "code": channel.code, "station": channel.station or ".".join(names),
-            "start": str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
-            "dt": dt, "announced": channel.announced, "count": channel.held, "unit": unit,
-            "level": channel.level or ("raw" if unit == "counts" else ""),
-            "vertical": channel.is_vertical, "errors": list(dict.fromkeys(errors)),
-            "duration": (channel.held - 1) * dt,
-            "PGA": float(abs(trace.data).max()) if unit else None,
-        })  # fmt: skip
+        channels.append(
+            {
+                "code": channel.code,
+                "station": channel.station or ".".join(names),
+                "start": str(stats.starttime)
+                if stats.starttime.timestamp != 0.0
+                else "",
+                "dt": dt,
+                "announced": channel.announced,
+                "count": channel.held,
+                "unit": unit,
+                "level": channel.level or ("raw" if unit == "counts" else ""),
+                "vertical": channel.is_vertical,
+                "errors": list(dict.fromkeys(errors)),
+                "duration": (channel.held - 1) * dt,
+                "PGA": float(abs(trace.data).max()) if unit else None,
+            }
+        )
     return {
-        "file": str(path), "format": traces[0].stats._format, "event": first.event,
-        "date": first.date, "magnitude": first.magnitude, "channels": channels,
+        "file": str(path),
+        "format": traces[0].stats._format,
+        "event": first.event,
+        "date": first.date,
+        "magnitude": first.magnitude,
+        "channels": channels,
         "errors": [*first.messages, *filter(None, (gap,))],
-    }  # fmt: skip
+    }

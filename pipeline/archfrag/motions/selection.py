@@ -33,34 +33,86 @@ from archfrag.motions.motion import Motion
 from archfrag.motions.target import Array, Target, spectrum_target
 
 LARGEST_TABLE = 200_000_000  # [bytes]
-_FIXED = re.compile(r"T[0-9.]+S|period_s|Sa_g|sd|scale")  # columns whose name states a unit
+_FIXED = re.compile(
+    r"T[0-9.]+S|period_s|Sa_g|sd|scale"
+)  # columns whose name states a unit
 _LEADING_ZERO = re.compile(r"[-+]?0[0-9]")  # which pandas passes over
 PERIODS = (
-    0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0,
-    4.0, 5.0, 7.5, 10.0,
-)  # fmt: skip
+    0.01,
+    0.02,
+    0.03,
+    0.05,
+    0.075,
+    0.1,
+    0.15,
+    0.2,
+    0.25,
+    0.3,
+    0.4,
+    0.5,
+    0.75,
+    1.0,
+    1.5,
+    2.0,
+    3.0,
+    4.0,
+    5.0,
+    7.5,
+    10.0,
+)
 # Column, measure, and what a value in its unit is in SI.
-_PEAKS = (("PGA_g", "PGA", STANDARD_GRAVITY), ("PGV_cms", "PGV", 0.01), ("PGD_cm", "PGD", 0.01))
-_INTEGRALS = (("arias_mps", "Arias", 1.0), ("CAV_mps", "CAV", 1.0), ("CAVstd_mps", "CAVstd", 1.0),
-              ("D5_95_s", "D5_95", 1.0), ("HI_cm", "HI", 0.01))  # fmt: skip
+_PEAKS = (
+    ("PGA_g", "PGA", STANDARD_GRAVITY),
+    ("PGV_cms", "PGV", 0.01),
+    ("PGD_cm", "PGD", 0.01),
+)
+_INTEGRALS = (
+    ("arias_mps", "Arias", 1.0),
+    ("CAV_mps", "CAV", 1.0),
+    ("CAVstd_mps", "CAVstd", 1.0),
+    ("D5_95_s", "D5_95", 1.0),
+    ("HI_cm", "HI", 0.01),
+)
 # Column, its type, and the keys of a motion's metadata; the first one that is there counts.
 _FACTS: dict[str, tuple[Any, ...]] = {
-    "file": ("string", "file"), "event": ("string", "event"), "station": ("string", "station"),
+    "file": ("string", "file"),
+    "event": ("string", "event"),
+    "station": ("string", "station"),
     "magnitude": (float, "Mw", "magnitude"),
     "distance_km": (float, "distance_km", "epicentral_km"),
-    "vs30_mps": (float, "Vs30_mps", "vs30_mps"), "component": ("string", "component"),
-}  # fmt: skip
+    "vs30_mps": (float, "Vs30_mps", "vs30_mps"),
+    "component": ("string", "component"),
+}
 _TYPES = {"record": "string", **{name: kind for name, (kind, *_) in _FACTS.items()}}
-STARTS = 5  # sets of 20 simulated, nearest to the target: each is improved, the best kept
+STARTS = (
+    5  # sets of 20 simulated, nearest to the target: each is improved, the best kept
+)
 # Columns of an index of records, and those that have other names in a flatfile.
 _RENAMED = {"record": "id", "magnitude": "Mw", "vs30_mps": "Vs30_mps"}
-_INDEX = ("id", "file", "sha256", "event", "Mw", "distance_km", "Vs30_mps", "component", "dt_s",
-          "unit", "station", "accept", "columns")  # fmt: skip
+_INDEX = (
+    "id",
+    "file",
+    "sha256",
+    "event",
+    "Mw",
+    "distance_km",
+    "Vs30_mps",
+    "component",
+    "dt_s",
+    "unit",
+    "station",
+    "accept",
+    "columns",
+)
 Rows = NDArray[np.int64]
-Groups = list[tuple[Rows, int]]  # for each rule the group of each record, how many may be of one
+Groups = list[
+    tuple[Rows, int]
+]  # for each rule the group of each record, how many may be of one
 
 
-def measure_records(motions: Iterable[Motion], periods: Sequence[float] = PERIODS) -> pd.DataFrame:
+def measure_records(
+    motions: Iterable[Motion], periods: Sequence[float] = PERIODS
+) -> pd.DataFrame:
     """Measure records, one row each: ``record``, facts, ``scale``, ``dt_s`` and measures.
 
     Sa at `periods` [s] of no more than three decimals is in ``T0.100S`` and so on [g]. InputError
@@ -68,10 +120,14 @@ def measure_records(motions: Iterable[Motion], periods: Sequence[float] = PERIOD
     """
     if wrong := [t for t in periods if round(t, 3) != t]:
         raise InputError(f"period {wrong[0]:g} s must have no more than three decimals")
-    spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
+    spectrum = [
+        (f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)
+    ]
     rows = []
     for motion in motions:
-        about = {key: fact for key, fact in motion.metadata.items() if fact not in (None, "")}
+        about = {
+            key: fact for key, fact in motion.metadata.items() if fact not in (None, "")
+        }
         row: dict[str, Any] = {"record": motion.id}
         for column, (_, *keys) in _FACTS.items():
             row[column] = next((about[key] for key in keys if key in about), None)
@@ -89,7 +145,9 @@ def read_flatfile(path: str | Path) -> pd.DataFrame:
     for name in table.columns[table.dtypes == "string"]:
         table[name] = table[name].map(unquoted, na_action="ignore")
     if "record" not in table:
-        raise InputError(f"{path}: has no column 'record', by which a flatfile names its records")
+        raise InputError(
+            f"{path}: has no column 'record', by which a flatfile names its records"
+        )
     return table
 
 
@@ -103,14 +161,20 @@ def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
             if unit is not None and _FIXED.fullmatch(name):
                 rule = "is in g, periods in s and sd of ln Sa; write its name without a unit"
                 raise InputError(f"column {head!r}: Sa {rule}")
-        table = pd.read_csv(io.StringIO(text), sep=separator, skipinitialspace=True, **form)
-        for place in (place for place, kind in enumerate(table.dtypes) if kind.kind in "iuf"):
+        table = pd.read_csv(
+            io.StringIO(text), sep=separator, skipinitialspace=True, **form
+        )
+        for place in (
+            place for place, kind in enumerate(table.dtypes) if kind.kind in "iuf"
+        ):
             for _, cells in rows:
                 if cells[place : place + 1] and _LEADING_ZERO.match(cells[place]):
                     number(cells[place])
         return table
     except (InputError, ValueError) as error:
-        raise InputError(f"{path}: {what} cannot be read as CSV ({reason_of(error)})") from None
+        raise InputError(
+            f"{path}: {what} cannot be read as CSV ({reason_of(error)})"
+        ) from None
 
 
 def numbers(table: pd.DataFrame, column: str, source: str) -> NDArray[np.float64]:
@@ -125,7 +189,9 @@ def numbers(table: pd.DataFrame, column: str, source: str) -> NDArray[np.float64
 
 def spectrum_columns(table: pd.DataFrame) -> dict[float, str]:
     """Return the columns of Sa in a flatfile by their periods [s]."""
-    matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
+    matches = (
+        re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns
+    )
     return {float(match[1]): match[0] for match in matches if match}
 
 
@@ -136,9 +202,12 @@ def read_target(path: str | Path) -> Target:
 
 def _spectrum(path: str | Path) -> tuple[Array, Array, Array]:
     """Read periods [s], median [g] and standard deviation of ln Sa (0 without such a column)."""
-    rows, source = read_table(path, "the target"), str(path)
+    rows = read_table(path, "the target")
+    source = str(path)
     rows["sd"] = rows.get("sd", 0.0)
-    periods, median, sd = (numbers(rows, name, source) for name in ("period_s", "Sa_g", "sd"))
+    periods, median, sd = (
+        numbers(rows, name, source) for name in ("period_s", "Sa_g", "sd")
+    )
     return periods, median, sd
 
 
@@ -160,7 +229,8 @@ class Selection:
     @property
     def cautions(self) -> tuple[str, ...]:
         """Return what users of the selection should know."""
-        count, events = len(self.table), self.table.get("event", pd.Series(dtype=str))
+        count = len(self.table)
+        events = self.table.get("event", pd.Series(dtype=str))
         most = events[events.fillna("").astype(str).str.strip() != ""].value_counts()
         if not most.max() > max(0.25 * count, 1):
             return self.target.messages
@@ -172,17 +242,28 @@ class Selection:
 
         Errors are median and sd over those of the target, less 1; None if the target's sd is 0.
         """
-        target, median = self.target, np.exp(self.ln_sa.mean(axis=0))
-        ratios = median / target.median, self.sd / np.where(target.sd > 0.0, target.sd, np.nan)
-        mean, sd = ([None if np.isnan(e) else float(e) for e in ratio - 1.0] for ratio in ratios)
+        target = self.target
+        median = np.exp(self.ln_sa.mean(axis=0))
+        ratios = (
+            median / target.median,
+            self.sd / np.where(target.sd > 0.0, target.sd, np.nan),
+        )
+        mean, sd = (
+            [None if np.isnan(e) else float(e) for e in ratio - 1.0] for ratio in ratios
+        )
         return {
             "records": self.table["record"].astype(str).tolist(),
-            "scale": self.table["scale"].tolist(), "seed": self.seed,
-            "candidates": self.candidates, "conditioning_s": target.conditioning,
-            "period_s": target.periods.tolist(), "target_median_g": target.median.tolist(),
-            "target_sd": target.sd.tolist(), "median_error": mean, "sd_error": sd,
+            "scale": self.table["scale"].tolist(),
+            "seed": self.seed,
+            "candidates": self.candidates,
+            "conditioning_s": target.conditioning,
+            "period_s": target.periods.tolist(),
+            "target_median_g": target.median.tolist(),
+            "target_sd": target.sd.tolist(),
+            "median_error": mean,
+            "sd_error": sd,
             "cautions": list(self.cautions),
-        }  # fmt: skip
+        }
 
     def write(self, path: str | Path, folder: str | Path = ".") -> None:
         """Write the records as an index that a study reads (``motions: index: PATH``).
@@ -202,10 +283,16 @@ class Selection:
         rows["scale"] = [f"{factor:.9g}" for factor in self.table["scale"]]
         kind = "spectrum" if self.target.sd.any() else "mean spectrum"
         if (star := self.target.given) is not None:
-            kind = f"Sa({self.target.conditioning:g}) = {self.target.median[star]:.6g} g"
+            kind = (
+                f"Sa({self.target.conditioning:g}) = {self.target.median[star]:.6g} g"
+            )
         rows["selection"] = f"seed {self.seed}, {kind}"
         write_csv(place, [rows])
-        shown = {"period_s": self.target.periods, "Sa_g": self.target.median, "sd": self.target.sd}
+        shown = {
+            "period_s": self.target.periods,
+            "Sa_g": self.target.median,
+            "sd": self.target.sd,
+        }
         write_csv(target_file(place), [pd.DataFrame(shown)], float_format="%.6g")
 
 
@@ -222,14 +309,21 @@ def target_of_index(index: str | Path | None) -> tuple[Array, dict[str, float]] 
     """
     if index is None or not (path := target_file(index)).is_file():
         return None
-    factors = {row.id: float(row.metadata.get("scale") or np.nan) for row in load_index(index)}
+    factors = {
+        row.id: float(row.metadata.get("scale") or np.nan) for row in load_index(index)
+    }
     return np.array(_spectrum(path)), factors
 
 
 def select_records(
-    table: pd.DataFrame, target: Target, count: int, seed: int, *, max_scale: float = 4.0,
+    table: pd.DataFrame,
+    target: Target,
+    count: int,
+    seed: int,
+    *,
+    max_scale: float = 4.0,
     per_event: int | None = None,
-) -> Selection:  # fmt: skip
+) -> Selection:
     """Select records whose scaled spectra are distributed as the target's.
 
     Spectra are drawn from the target, the nearest record is matched to each, and then one record
@@ -243,7 +337,12 @@ def select_records(
     same table, in any order, and seed give the same set. RecordError if a column or period is
     missing or too few records may be selected, InputError for another argument.
     """
-    limits = {"count": count, "max_scale": max_scale, "per_event": per_event, "seed + 1": seed + 1}
+    limits = {
+        "count": count,
+        "max_scale": max_scale,
+        "per_event": per_event,
+        "seed + 1": seed + 1,
+    }
     for name, value in limits.items():
         if value is not None and not value >= 1:
             raise InputError(f"{name} = {value} must be at least 1")
@@ -263,7 +362,8 @@ def select_records(
     normal = np.random.default_rng(seed).standard_normal((20, count, values.size))
     drawn = target.ln_mean + normal @ root
     sd = drawn.std(axis=1, ddof=1) if count > 1 else np.zeros_like(drawn[:, 0])
-    sets, order = [], np.argsort(_error(target, drawn.mean(axis=1), sd))
+    sets = []
+    order = np.argsort(_error(target, drawn.mean(axis=1), sd))
     for spectra in drawn[order[:STARTS]]:
         chosen = np.empty(0, dtype=np.int64)
         for spectrum in spectra:
@@ -271,8 +371,12 @@ def select_records(
             apart[_excluded(groups, chosen)] = np.inf
             chosen = np.append(chosen, int(apart.argmin()))
         _improve(chosen, spectra, scaled, target, groups)
-        factors = np.array([_factors(ln_sa[[record]], target, spectrum, limit)[0]
-                            for record, spectrum in zip(chosen, spectra)])  # fmt: skip
+        factors = np.array(
+            [
+                _factors(ln_sa[[record]], target, spectrum, limit)[0]
+                for record, spectrum in zip(chosen, spectra)
+            ]
+        )
         held = ln_sa[chosen] + factors[:, None]
         error = _error(target, held.mean(axis=0), _deviation(held, target.sd))
         sets.append((float(error), chosen, factors, held))
@@ -290,7 +394,9 @@ def _deviation(ln_sa: Array, of_one: Array) -> Array:
 
 def _error(target: Target, mean: Array, sd: Array) -> Array:
     """Return weighted squared errors of mean and sd of ln Sa, summed over periods."""
-    weight = 2.0 if target.sd.any() else 0.1  # the scatter about a mean only is kept small
+    weight = (
+        2.0 if target.sd.any() else 0.1
+    )  # the scatter about a mean only is kept small
     errors = (mean - target.ln_mean) ** 2, (sd - target.sd) ** 2
     return errors[0].sum(-1) + weight * errors[1].sum(-1)
 
@@ -304,16 +410,27 @@ def _factors(ln_sa: Array, target: Target, spectrum: Array, limit: float) -> Arr
 
 def _excluded(groups: Groups, chosen: Rows) -> NDArray[np.bool_]:
     """Tell which records may not join those chosen, shape (n_record,)."""
-    return np.any([np.bincount(group[chosen], minlength=group.max() + 1)[group] >= most
-                   for group, most in groups], axis=0)  # fmt: skip
+    return np.any(
+        [
+            np.bincount(group[chosen], minlength=group.max() + 1)[group] >= most
+            for group, most in groups
+        ],
+        axis=0,
+    )
 
 
 def _improve(
-    chosen: Rows, spectra: Array, scaled: Callable[[Array], Array], target: Target, groups: Groups
+    chosen: Rows,
+    spectra: Array,
+    scaled: Callable[[Array], Array],
+    target: Target,
+    groups: Groups,
 ) -> None:
     """Replace chosen records one by one until none improves the set: Jayaram et al. (2011)."""
     count = len(chosen)
-    held = np.array([scaled(spectrum)[record] for spectrum, record in zip(spectra, chosen)])
+    held = np.array(
+        [scaled(spectrum)[record] for spectrum, record in zip(spectra, chosen)]
+    )
     held -= target.ln_mean
     for _ in range(50 if count > 1 else 0):
         before = chosen.copy()
@@ -327,7 +444,8 @@ def _improve(
             error[_excluded(groups, np.delete(chosen, place))] = np.inf
             best = int(error.argmin())
             if error[best] < error[chosen[place]]:
-                chosen[place], held[place] = best, candidates[best]
+                chosen[place] = best
+                held[place] = candidates[best]
         if (chosen == before).all():
             break
 
@@ -340,7 +458,8 @@ def _candidates(
     if (twice := ids[ids.duplicated()]).size:
         raise RecordError(f"the flatfile: record {twice.iloc[0]!r} is there twice")
     records = table.iloc[np.argsort(ids.to_numpy(dtype=str))].reset_index(drop=True)
-    have, columns = spectrum_columns(table), []
+    have = spectrum_columns(table)
+    columns = []
     for period in target.periods:
         near = min(have, key=lambda measured: abs(measured - period), default=np.inf)
         if abs(near - period) > 2e-3 * period:
@@ -348,17 +467,23 @@ def _candidates(
             raise RecordError(f"the flatfile: {lacking}; measure at that period too")
         columns.append(numbers(records, have[near], "the flatfile"))
     sa = np.column_stack(columns)
-    with np.errstate(invalid="ignore"):  # nan where Sa is missing or not positive (-999)
+    with np.errstate(
+        invalid="ignore"
+    ):  # nan where Sa is missing or not positive (-999)
         ln_sa = np.log(np.where(sa > 0.0, sa, np.nan))
     usable = np.isfinite(ln_sa).all(axis=1)
     story = f"of {len(records)} candidates {usable.sum()} have Sa at all periods of the target"
     if target.given is not None:
         # Rounding must not put a record that needs no factor beyond a limit of 1.
-        usable &= np.abs(_factors(ln_sa, target, target.ln_mean, limit)) <= limit + 1e-12
+        usable &= (
+            np.abs(_factors(ln_sa, target, target.ln_mean, limit)) <= limit + 1e-12
+        )
         story += f", {usable.sum()} of them with a factor within the limit"
-    records, ln_sa = records.iloc[np.flatnonzero(usable)].reset_index(drop=True), ln_sa[usable]
+    records = records.iloc[np.flatnonzero(usable)].reset_index(drop=True)
+    ln_sa = ln_sa[usable]
     recording = _groups(records, ["event", "station"])
-    groups, most = [(recording, 1)], len(set(recording))
+    groups = [(recording, 1)]
+    most = len(set(recording))
     story += f"; {most} are different recordings"
     if per_event is not None:
         event = _groups(records, ["event"])
@@ -374,6 +499,13 @@ def _candidates(
 
 def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
     """Return a number for each row, equal if all columns agree; unique if any cell is empty."""
-    facts = table.reindex(columns=columns).astype("string").replace(r"^\s*$", pd.NA, regex=True)
-    same, alone = facts.groupby(columns, sort=False).ngroup(), -1 - np.arange(len(table))
-    return np.unique(np.where(facts.isna().any(axis=1), alone, same), return_inverse=True)[1]
+    facts = (
+        table.reindex(columns=columns)
+        .astype("string")
+        .replace(r"^\s*$", pd.NA, regex=True)
+    )
+    same = facts.groupby(columns, sort=False).ngroup()
+    alone = -1 - np.arange(len(table))
+    return np.unique(
+        np.where(facts.isna().any(axis=1), alone, same), return_inverse=True
+    )[1]

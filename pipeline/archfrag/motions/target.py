@@ -10,12 +10,17 @@ from numpy.typing import ArrayLike, NDArray
 from archfrag.errors import InputError, from_extra
 
 Array = NDArray[np.float64]
-Rupture = tuple[float, float, float]  # moment magnitude, closest distance [km], Vs30 [m/s]
+Rupture = tuple[
+    float, float, float
+]  # moment magnitude, closest distance [km], Vs30 [m/s]
 MODELS = {
-    "ASK14": "AbrahamsonSilvaKamai2014", "BSSA14": "BooreStewartSeyhanAtkinson2014",
-    "CB14": "CampbellBozorgnia2014", "CY14": "ChiouYoungs2014", "I14": "Idriss2014",
+    "ASK14": "AbrahamsonSilvaKamai2014",
+    "BSSA14": "BooreStewartSeyhanAtkinson2014",
+    "CB14": "CampbellBozorgnia2014",
+    "CY14": "ChiouYoungs2014",
+    "I14": "Idriss2014",
     "ASB14": "AkkarSandikkayaBommer2014",
-}  # fmt: skip
+}
 PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
 SAME = 1e-6  # relative difference of periods that are the same
 _WORDS = {"mag": "magnitude", "dist_rup": "distance [km]", "v_s30": "Vs30 [m/s]"}
@@ -34,21 +39,35 @@ def predict(
     a number is not positive, or a period [s] is outside the model's.
     """
     if model not in MODELS:
-        raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
+        raise InputError(
+            f"ground-motion model {model!r} must be one of {', '.join(MODELS)}"
+        )
     magnitude, distance, vs30 = rupture
     if not all(0.0 < value < np.inf for value in rupture):
-        raise InputError(f"magnitude, distance and Vs30 {rupture} must be numbers above 0")
+        raise InputError(
+            f"magnitude, distance and Vs30 {rupture} must be numbers above 0"
+        )
     # Chiou and Youngs (2014), Eq 5: mean depth to the top.
     top = min(max(2.673 - 1.136 * max(magnitude - 4.970, 0.0), 0.0) ** 2, distance)
     surface = float(np.sqrt(distance**2 - top**2))
-    facts = {"mag": magnitude, "dist_rup": distance, "dist_jb": surface, "dist_x": -surface,
-             "v_s30": vs30, "dip": 90.0, "depth_tor": top, "mechanism": "SS",
-             "on_hanging_wall": False}  # fmt: skip
+    facts = {
+        "mag": magnitude,
+        "dist_rup": distance,
+        "dist_jb": surface,
+        "dist_x": -surface,
+        "v_s30": vs30,
+        "dip": 90.0,
+        "depth_tor": top,
+        "mechanism": "SS",
+        "on_hanging_wall": False,
+    }
     pygmm = from_extra("pygmm", "select")
-    kind, messages = getattr(pygmm, MODELS[model]), []
+    kind = getattr(pygmm, MODELS[model])
+    messages = []
     parameters = [parameter for parameter in kind.PARAMS if parameter.name in facts]
     for parameter in parameters:
-        word, value = _WORDS.get(parameter.name, parameter.name), facts[parameter.name]
+        word = _WORDS.get(parameter.name, parameter.name)
+        value = facts[parameter.name]
         low, high = (getattr(parameter, end, None) for end in ("min", "max"))
         if (low is not None and value < low) or (high is not None and value > high):
             limits = f"{low or 0} to {high or 'any'}, not {value:g}"
@@ -57,12 +76,14 @@ def predict(
         warnings.simplefilter("ignore")  # in whose place are the messages
         scenario = pygmm.Scenario(**{p.name: facts[p.name] for p in parameters})
         prediction = kind(scenario)
-    first, last = prediction.periods.min(), prediction.periods.max()
+    first = prediction.periods.min()
+    last = prediction.periods.max()
     # A period of the table's end may differ from the one typed by rounding.
     asked = np.atleast_1d(np.asarray(periods, dtype=float))
     _check_within(asked, first * (1 - 1e-9), last * (1 + 1e-9), f"of the model {model}")
     inside = np.clip(asked, first, last)
-    ln_median, sd = prediction.interp_ln_spec_accels(inside), prediction.interp_ln_stds(inside)
+    ln_median = prediction.interp_ln_spec_accels(inside)
+    sd = prediction.interp_ln_stds(inside)
     return ln_median, sd, tuple(messages)
 
 
@@ -75,14 +96,18 @@ def correlation(first: ArrayLike, second: ArrayLike) -> Array:
     calc_correls = from_extra("pygmm.baker_jayaram_2008", "select").calc_correls
     both = [np.asarray(periods, dtype=np.float64) for periods in (first, second)]
     for periods in both:
-        _check_within(periods, 0.01, 10.0, "of the correlations of Baker and Jayaram (2008)")
+        _check_within(
+            periods, 0.01, 10.0, "of the correlations of Baker and Jayaram (2008)"
+        )
     return np.asarray(calc_correls(*both), dtype=np.float64)
 
 
 def _check_within(periods: Array, low: float, high: float, what: str) -> None:
     outside = periods[~((periods >= low) & (periods <= high))]
     if outside.size:
-        raise InputError(f"period {outside[0]:g} s is outside {low:g} to {high:g} s {what}")
+        raise InputError(
+            f"period {outside[0]:g} s is outside {low:g} to {high:g} s {what}"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +117,9 @@ class Target:
     periods: Array  # rising, (n_period,) [s]
     ln_mean: Array
     covariance: Array  # (n_period, n_period), zero for a spectrum that is a mean only
-    conditioning: float | None = None  # period [s] at which Sa is given, to scale every record to
+    conditioning: float | None = (
+        None  # period [s] at which Sa is given, to scale every record to
+    )
     messages: tuple[str, ...] = ()  # what users of the target should know
 
     @property
@@ -114,9 +141,12 @@ class Target:
 
 
 def conditional_spectrum(
-    rupture: Rupture, level: float, conditioning: float, periods: ArrayLike = PERIODS,
+    rupture: Rupture,
+    level: float,
+    conditioning: float,
+    periods: ArrayLike = PERIODS,
     model: str = "CY14",
-) -> Target:  # fmt: skip
+) -> Target:
     """Return mean and covariance of ln Sa, given Sa at one period.
 
     With median exp(mu), standard deviation sigma and correlation rho, and epsilon =
@@ -130,7 +160,9 @@ def conditional_spectrum(
     InputError for numbers that are not positive and periods that are twice or out of range.
     """
     if not 0.0 < level < np.inf or not 0.0 < conditioning < np.inf:
-        raise InputError(f"level = {level} g of Sa({conditioning} s): both must be above 0")
+        raise InputError(
+            f"level = {level} g of Sa({conditioning} s): both must be above 0"
+        )
     grid = _rising(periods, "periods")
     others = grid[np.abs(np.log(grid / conditioning)) >= SAME]
     star = int(np.searchsorted(others, conditioning))
@@ -145,9 +177,12 @@ def conditional_spectrum(
 
 
 def scenario_target(
-    rupture: Rupture, period: float, level: tuple[float | None, float | None],
-    measured: Sequence[float], model: str,
-) -> Target:  # fmt: skip
+    rupture: Rupture,
+    period: float,
+    level: tuple[float | None, float | None],
+    measured: Sequence[float],
+    model: str,
+) -> Target:
     """Return the conditional spectrum of a scenario at those `measured` periods near ``PERIODS``.
 
     `level` is Sa at the conditioning `period` [g], or the standard deviations above its median.
@@ -157,7 +192,10 @@ def scenario_target(
     if sa is None:
         ln_median, sd, _ = predict(rupture, model, [period])
         sa = float(np.exp(ln_median[0] + epsilon * sd[0]))
-    near = {min(measured, key=lambda have: abs(np.log(have / t)), default=t) for t in PERIODS}
+    near = {
+        min(measured, key=lambda have: abs(np.log(have / t)), default=t)
+        for t in PERIODS
+    }
     return conditional_spectrum(rupture, sa, period, sorted(near), model)
 
 
@@ -173,16 +211,19 @@ def spectrum_target(periods: Array, median: Array, sd: Array, source: str) -> Ta
         if not np.isfinite(row).all() or low.any():
             allowed = f"needs {row.size} finite numbers above 0 (sd may be 0)"
             raise InputError(f"{source}: {name} {row.tolist()} {allowed}")
-    sa, scatter = median[np.argsort(periods)], sd[np.argsort(periods)]
+    sa = median[np.argsort(periods)]
+    scatter = sd[np.argsort(periods)]
     zero = np.flatnonzero(scatter == 0.0)
     if zero.size == scatter.size:
         return Target(rising, np.log(sa), np.zeros((sa.size, sa.size)))
     if zero.size > 1:
         allowed = "it may be at one, which then is the conditioning period, or at all"
         raise InputError(f"{source}: sd is 0 at {zero.size} periods; {allowed}")
-    rho, conditioning = correlation(rising[:, None], rising), None
+    rho = correlation(rising[:, None], rising)
+    conditioning = None
     if zero.size:
-        conditioning, star = float(rising[zero[0]]), rho[zero[0]]
+        conditioning = float(rising[zero[0]])
+        star = rho[zero[0]]
         rest = np.sqrt(np.where(star < 1.0, 1.0 - star**2, 1.0))
         rho = (rho - np.outer(star, star)) / np.outer(rest, rest)
         np.fill_diagonal(rho, 1.0)
@@ -192,7 +233,9 @@ def spectrum_target(periods: Array, median: Array, sd: Array, source: str) -> Ta
 def _rising(periods: ArrayLike, name: str) -> Array:
     values = np.sort(np.asarray(periods, dtype=np.float64).ravel())
     if not (values.size and np.isfinite(values).all() and values[0] > 0.0):
-        raise InputError(f"{name} {values.tolist()} must be positive numbers of seconds")
+        raise InputError(
+            f"{name} {values.tolist()} must be positive numbers of seconds"
+        )
     twice = np.flatnonzero(np.diff(np.log(values)) < SAME)
     if twice.size:
         raise InputError(f"{name}: {values[twice[0]]:g} s is there twice")

@@ -20,9 +20,11 @@ SMALL = 0.02
 # below it joints part and meet again many times as they rock.
 NOTED_GAP = 0.02
 RIGHT_ANGLE = 0.5 * math.pi
-HINGING, SLIDING = float(CollapseMode.HINGING), float(CollapseMode.SLIDING)
+HINGING = float(CollapseMode.HINGING)
+SLIDING = float(CollapseMode.SLIDING)
 LIFT_OFF = float(CollapseMode.LIFT_OFF)
-NO_MODE, OVERTURNING = int(CollapseMode.NONE), int(CollapseMode.OVERTURNING)
+NO_MODE = int(CollapseMode.NONE)
+OVERTURNING = int(CollapseMode.OVERTURNING)
 SLID = int(CollapseMode.SLIDING)
 
 
@@ -38,7 +40,8 @@ def _record_loss(j, model, state, lost, rotation, time):
 @inlined
 def loss_mode(j, state):
     """Return the CollapseMode of joint j: how it moved when it lost contact."""
-    slip, rotation = state.lost_slip[j], state.lost_rotation[j]
+    slip = state.lost_slip[j]
+    rotation = state.lost_rotation[j]
     little = (larger(slip, rotation) < SMALL) & (state.bore_face[j] > 0.5)
     return select(little, LIFT_OFF, select(slip > rotation, SLIDING, HINGING))
 
@@ -47,7 +50,9 @@ def loss_mode(j, state):
 def record_gap(j, state, gap, where):
     """Record the gap of joint j, over its length, if it is open at both corners."""
     loss = state.loss
-    loss[Loss.WIDEST] = select(where & (gap > loss[Loss.WIDEST]), gap, loss[Loss.WIDEST])
+    loss[Loss.WIDEST] = select(
+        where & (gap > loss[Loss.WIDEST]), gap, loss[Loss.WIDEST]
+    )
     first = where & (gap > NOTED_GAP) & (loss[Loss.TIME] != loss[Loss.TIME])
     if some(first):
         loss[Loss.TIME] = select(first, state.lost_since[j], loss[Loss.TIME])
@@ -69,7 +74,8 @@ def follow_joints(model, state, work, where, loss_limit):
     time = state.clock[Clock.TIME]
     collapsed = False
     for j in range(state.slip.shape[0]):
-        is_0, is_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
+        is_0 = work.contact[j, 0] > 0.5
+        is_1 = work.contact[j, 1] > 0.5
         none = where & opposite(is_0 | is_1)
         slides = where & (work.slide[j] != 0.0)
         rotation = state.position[j + 1, 2] - state.position[j, 2]
@@ -99,7 +105,9 @@ def collapse_of(model, state, work, loss_limit):
     Reads: model.length, state, work (face, tangent).
     Writes: nothing.
     """
-    found, how, since = -1, NO_MODE, math.nan
+    found = -1
+    how = NO_MODE
+    since = math.nan
     for j in range(state.slip.size):
         slip = abs(state.slip[j]) / model.length[j]
         rotation = state.position[j + 1, 2] - state.position[j, 2]
@@ -109,9 +117,12 @@ def collapse_of(model, state, work, loss_limit):
             first = clearance(j, 0, work.face, work.tangent)
             gap = min(first, clearance(j, 1, work.face, work.tangent)) / model.length[j]
         if slip >= 1.0 or abs(rotation) >= RIGHT_ANGLE or (none and gap > loss_limit):
-            found, how, since = j, OVERTURNING, state.clock[Clock.TIME]
+            found = j
+            how = OVERTURNING
+            since = state.clock[Clock.TIME]
             if none:
-                how, since = int(loss_mode(j, state)), state.lost_since[j]
+                how = int(loss_mode(j, state))
+                since = state.lost_since[j]
             elif slip >= 1.0:
                 how = SLID
     return found, how, since

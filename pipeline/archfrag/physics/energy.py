@@ -30,19 +30,24 @@ def contact_works(state, work):
     friction = impact = balance_error = 0.0
     hits = False
     for j in range(state.slip.shape[0]):
-        fx, fy, moment = work.reaction[j, 0], work.reaction[j, 1], work.reaction[j, 2]
+        fx = work.reaction[j, 0]
+        fy = work.reaction[j, 1]
+        moment = work.reaction[j, 2]
         ux = 0.5 * (work.earlier[j, 0] + work.relative[j, 0])
         uy = 0.5 * (work.earlier[j, 1] + work.relative[j, 1])
         u = 0.5 * (work.earlier[j, 2] + work.relative[j, 2])
-        now, before = work.contact, state.contact
+        now = work.contact
+        before = state.contact
         made = (now[j, 0] > before[j, 0]) | (now[j, 1] > before[j, 1])
-        done, fresh = fx * ux + fy * uy + moment * u, made | (state.impact[j] > 0.0)
+        done = fx * ux + fy * uy + moment * u
+        fresh = made | (state.impact[j] > 0.0)
         hits = hits | fresh
         impact += select(fresh, done, 0.0)
         slides = opposite(fresh) & ((work.slide[j] != 0.0) | (state.slide[j] != 0.0))
         if some(slides):
             nx, ny, px, py = contact_of(j, work)
-            px, py = px - work.pivot[j, 0], py - work.pivot[j, 1]
+            px = px - work.pivot[j, 0]
+            py = py - work.pivot[j, 1]
             ax, ay = at_point(ux, uy, u, px, py)
             rubbed = select(slides, (fy * nx - fx * ny) * (ay * nx - ax * ny), 0.0)
             friction += rubbed
@@ -66,7 +71,9 @@ def unexplained_work(friction, impact, balance_error):
 def _record_error(unexplained, where, energy):
     energy[Energy.BALANCE_ERROR] += select(where, unexplained, 0.0)
     most = larger(energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR]))
-    energy[Energy.BALANCE_ERROR_PEAK] = select(where, most, energy[Energy.BALANCE_ERROR_PEAK])
+    energy[Energy.BALANCE_ERROR_PEAK] = select(
+        where, most, energy[Energy.BALANCE_ERROR_PEAK]
+    )
 
 
 @inlined
@@ -112,8 +119,12 @@ def kinetic_energy(model, velocity):
     """Return the kinetic energy of all bodies [J]."""
     kinetic = 0.0
     for i in range(1, velocity.shape[0] - 1):
-        ux, uy, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-        kinetic += 0.5 * (model.mass[i] * (ux * ux + uy * uy) + model.inertia[i] * (w * w))
+        ux = velocity[i, 0]
+        uy = velocity[i, 1]
+        w = velocity[i, 2]
+        kinetic += 0.5 * (
+            model.mass[i] * (ux * ux + uy * uy) + model.inertia[i] * (w * w)
+        )
     return kinetic
 
 
@@ -134,10 +145,12 @@ def record_calm(model, state, kinetic, where):
     """Record when a chain with ties has more kinetic energy than a sway in rest, and whether any
     has just before the motion after a first shock begins.
     """
-    clock, tied = state.clock, model.tie.shape[0] > 0
+    clock = state.clock
+    tied = model.tie.shape[0] > 0
     left = clock[Clock.BEGINS] - clock[Clock.TIME]
     if tied or some(left > 0.0):
-        weight, length = 0.0, model.length[0]
+        weight = 0.0
+        length = model.length[0]
         for i in range(1, model.mass.shape[0] - 1):
             weight += model.gravity * model.mass[i]
         for j in range(1, model.length.shape[0]):
@@ -146,7 +159,8 @@ def record_calm(model, state, kinetic, where):
         if tied:
             clock[Clock.LIVELY] = select(lively, clock[Clock.TIME], clock[Clock.LIVELY])
         recent = RECENT * math.sqrt(length / model.gravity)
-        moves, peak = lively & (left > 0.0) & (left <= recent), state.peak
+        moves = lively & (left > 0.0) & (left <= recent)
+        peak = state.peak
         peak[Peak.MOVED_BEFORE] = select(moves, 1.0, peak[Peak.MOVED_BEFORE])
 
 
@@ -159,7 +173,9 @@ def balance_energy(model, state):
     """
     energy = state.energy
     kinetic, potential = energies_of(model, state)
-    change = kinetic - energy[Energy.START_KINETIC] + potential - state.clock[Clock.START]
+    change = (
+        kinetic - energy[Energy.START_KINETIC] + potential - state.clock[Clock.START]
+    )
     explained = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
     energy[Energy.BALANCE_ERROR] = change - explained
     energy[Energy.BALANCE_ERROR_PEAK] = max(

@@ -58,10 +58,14 @@ class Grounds(NamedTuple):
     # (n_sample, 2, 3) x, y: acceleration, velocity and displacement of the far springing relative
     # to the other; of length zero where both move alike
     far: np.ndarray
-    next_break: np.ndarray  # (n_sample,) int64: the next of its motion at which the slope changes
+    next_break: (
+        np.ndarray
+    )  # (n_sample,) int64: the next of its motion at which the slope changes
     first: np.ndarray  # (n_motion + 1,) int64: where each motion begins
     time_step: np.ndarray  # (n_motion,) [s]
-    begins: np.ndarray  # (n_motion,) of a motion after a first shock: when it begins; else 0 [s]
+    begins: (
+        np.ndarray
+    )  # (n_motion,) of a motion after a first shock: when it begins; else 0 [s]
 
 
 def _integral(wave: np.ndarray, dt: float) -> np.ndarray:
@@ -76,13 +80,16 @@ def _integral(wave: np.ndarray, dt: float) -> np.ndarray:
 def _far(acceleration: np.ndarray, dt: float) -> np.ndarray:
     """Return acceleration (n, 2) that is linear between samples, its velocity and displacement."""
     velocity = np.column_stack([_integral(wave, dt) for wave in acceleration.T])
-    rise = dt * velocity[:-1] + dt**2 / 6.0 * (2.0 * acceleration[:-1] + acceleration[1:])
+    rise = dt * velocity[:-1] + dt**2 / 6.0 * (
+        2.0 * acceleration[:-1] + acceleration[1:]
+    )
     displacement = np.concatenate([np.zeros((1, 2)), np.cumsum(rise, axis=0)])
     return np.stack([acceleration, velocity, displacement], axis=2)
 
 
 def _breaks(*waves: np.ndarray) -> np.ndarray:
-    x, largest = waves[0], max(np.abs(wave).max() for wave in waves)
+    x = waves[0]
+    largest = max(np.abs(wave).max() for wave in waves)
     last = x.size - 1
     following = np.full(x.size, last)
     bend = sum(np.abs(part[:-2] - 2.0 * part[1:-1] + part[2:]) for part in waves)
@@ -100,20 +107,28 @@ def grounds_of(motions: Sequence[tuple[Any, ...]], begins: Any = ()) -> Grounds:
     x = [np.ascontiguousarray(given[0], float) for given in motions]
     # Zeros that are only read take no memory.
     y = [
-        np.zeros(wave.shape) if given is None or not np.any(given) else np.asarray(given, float)
+        np.zeros(wave.shape)
+        if given is None or not np.any(given)
+        else np.asarray(given, float)
         for wave, (_, given, *_) in zip(x, motions)
     ]
     step = np.array([float(each[2]) for each in motions])
-    apart = [each[3] if len(each) > 3 and each[3] is not None else None for each in motions]
+    apart = [
+        each[3] if len(each) > 3 and each[3] is not None else None for each in motions
+    ]
     far = np.zeros((0, 2, 3))
     if any(each is not None for each in apart):
         given = (np.zeros((w.size, 2)) if a is None else a for w, a in zip(x, apart))
-        far = np.concatenate([_far(np.asarray(a, float), dt) for a, dt in zip(given, step)])
+        far = np.concatenate(
+            [_far(np.asarray(a, float), dt) for a, dt in zip(given, step)]
+        )
 
     def joined(waves: Sequence[np.ndarray]) -> np.ndarray:
         return waves[0] if len(waves) == 1 else np.concatenate(waves)
 
-    of_x, of_y = (joined([_integral(w, dt) for w, dt in zip(waves, step)]) for waves in (x, y))
+    of_x, of_y = (
+        joined([_integral(w, dt) for w, dt in zip(waves, step)]) for waves in (x, y)
+    )
     first = np.cumsum([0, *(wave.size for wave in x)])
     parts = [far[a:b, :, 0].T for a, b in pairwise(first.tolist())]
     breaks = joined(
@@ -152,13 +167,16 @@ def _far_at(grounds, c, motion, time):
 
     Behind the last sample it stands where it is.
     """
-    first, last = grounds.first[motion], grounds.first[motion + 1] - 1
+    first = grounds.first[motion]
+    last = grounds.first[motion + 1] - 1
     dt = grounds.time_step[motion]
     place = max(time, 0.0) / dt
     i = first + int(place)
     if i >= last:
         return 0.0, 0.0, grounds.far[last, c, 2], 0.0
-    a, v, u = grounds.far[i, c, 0], grounds.far[i, c, 1], grounds.far[i, c, 2]
+    a = grounds.far[i, c, 0]
+    v = grounds.far[i, c, 1]
+    u = grounds.far[i, c, 2]
     jerk = (grounds.far[i + 1, c, 0] - a) / dt
     s = (place - (i - first)) * dt
     u += s * (v + s * (0.5 * a + s * jerk / 6.0))
@@ -177,7 +195,8 @@ def _far_between(grounds, clock, c, start, end):
     for k in range(width(clock[Clock.TIME])):
         motion = int(lane(clock[Clock.MOTION], k))
         factor = lane(clock[Clock.FACTOR], k)
-        a, b = lane(start, k), lane(end, k)
+        a = lane(start, k)
+        b = lane(end, k)
         first = factor * _far_at(grounds, c, motion, a)[2]
         half = factor * _far_at(grounds, c, motion, 0.5 * (a + b))[2]
         last = factor * _far_at(grounds, c, motion, b)[2]
@@ -205,16 +224,24 @@ def impulse_between(grounds, clock, start, end):
     for k in range(width(clock[Clock.TIME])):
         motion = int(lane(clock[Clock.MOTION], k))
         factor = lane(clock[Clock.FACTOR], k)
-        a, b = lane(start, k), lane(end, k)
-        first, last = grounds.first[motion], grounds.first[motion + 1] - 1
+        a = lane(start, k)
+        b = lane(end, k)
+        first = grounds.first[motion]
+        last = grounds.first[motion + 1] - 1
         dt = grounds.time_step[motion]
         per = 1.0 / dt
-        wave, total = grounds.horizontal, grounds.impulse_x
+        wave = grounds.horizontal
+        total = grounds.impulse_x
         late = _impulse_until(b, wave, total, first, last, per, dt)
-        x = with_lane(x, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt)))
-        wave, total = grounds.vertical, grounds.impulse_y
+        x = with_lane(
+            x, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt))
+        )
+        wave = grounds.vertical
+        total = grounds.impulse_y
         late = _impulse_until(b, wave, total, first, last, per, dt)
-        y = with_lane(y, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt)))
+        y = with_lane(
+            y, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt))
+        )
     return Impulse(x, y, far_x, far_y, before_x, before_y, after_x, after_y)
 
 
@@ -246,15 +273,21 @@ def segment_at(time, grounds):
     Reads: grounds (far, first, horizontal, next_break, time_step, vertical).
     Writes: nothing.
     """
-    dt, x, y = grounds.time_step[0], grounds.horizontal, grounds.vertical
+    dt = grounds.time_step[0]
+    x = grounds.horizontal
+    y = grounds.vertical
     i = int(np.floor(time / dt + BARELY))
-    far_x, far_y = far_of(time, grounds, 0), far_of(time, grounds, 1)
+    far_x = far_of(time, grounds, 0)
+    far_y = far_of(time, grounds, 1)
     if i >= grounds.first[1] - 1:
         return Segment(np.inf, 0.0, 0.0, 0.0, 0.0, far_x, far_y)
     part = time - i * dt
-    rate_x, rate_y = (x[i + 1] - x[i]) / dt, (y[i + 1] - y[i]) / dt
+    rate_x = (x[i + 1] - x[i]) / dt
+    rate_y = (y[i + 1] - y[i]) / dt
     end = grounds.next_break[i] * dt
-    return Segment(end, x[i] + rate_x * part, rate_x, y[i] + rate_y * part, rate_y, far_x, far_y)
+    return Segment(
+        end, x[i] + rate_x * part, rate_x, y[i] + rate_y * part, rate_y, far_x, far_y
+    )
 
 
 @inlined
@@ -263,8 +296,10 @@ def ground_after(ground, time):
 
     x, y, and those of the far springing relative to it.
     """
-    x, y = ground.x + ground.slope_x * time, ground.y + ground.slope_y * time
-    far_x, far_y = ground.far_x, ground.far_y
+    x = ground.x + ground.slope_x * time
+    y = ground.y + ground.slope_y * time
+    far_x = ground.far_x
+    far_y = ground.far_y
     return x, y, far_x[0] + far_x[3] * time, far_y[0] + far_y[3] * time
 
 
@@ -304,9 +339,14 @@ def end_rest(model, grounds, clock, plus, minus):
     Reads: model.gravity, grounds (far, first, horizontal, time_step, vertical), clock.
     Writes: nothing.
     """
-    m, factor = int(clock[Clock.MOTION]), clock[Clock.FACTOR]
-    first, last, dt = grounds.first[m], grounds.first[m + 1] - 1, grounds.time_step[m]
-    wave, rise, g = grounds.horizontal, grounds.vertical, model.gravity
+    m = int(clock[Clock.MOTION])
+    factor = clock[Clock.FACTOR]
+    first = grounds.first[m]
+    last = grounds.first[m + 1] - 1
+    dt = grounds.time_step[m]
+    wave = grounds.horizontal
+    rise = grounds.vertical
+    g = model.gravity
     time = clock[Clock.TIME]
     i = first + int(time / dt)
     if i < last:
@@ -326,6 +366,7 @@ def end_rest(model, grounds, clock, plus, minus):
             here = (i - first) * dt
             if following < 0.0:
                 return time + (here - time) * margin / (margin - following), False
-            time, margin = here, following
+            time = here
+            margin = following
     for_good = rest_margin(0.0, 0.0, g, plus, minus) >= 0.0
     return max(clock[Clock.TIME], (last - first) * dt), for_good

@@ -24,7 +24,9 @@ class Chain(NamedTuple):
     centroid: np.ndarray  # (n_body, 2) at rest, ground frame [m]
     face_before: np.ndarray  # (n_joint, 2, 2) corner, xy: face on body j - 1 [m]
     face_after: np.ndarray  # (n_joint, 2, 2) corner, xy: face on body j [m]
-    friction: np.ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
+    friction: (
+        np.ndarray
+    )  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
     gravity: float  # [m/s2]
     # (n_body, 3) where a run begins: centroids [m] and rotations; None: as built
     start: np.ndarray | None = None
@@ -39,18 +41,30 @@ class Options(NamedTuple):
 
     time_step: float  # the shortest: at impacts, where steps grow between them [s]
     tolerance: float  # relative error allowed by methods with step control [1]
-    accuracy: float  # relative error beyond which a run is refused, by its own measures [1]
+    accuracy: (
+        float  # relative error beyond which a run is refused, by its own measures [1]
+    )
     follow: float  # how long to go on past the end of the ground motion [s]
     max_steps: int  # bound on the work of one run
-    loss_limit: float  # gap at both corners, over joint length, that cannot be undone [1]
+    loss_limit: (
+        float  # gap at both corners, over joint length, that cannot be undone [1]
+    )
     check_interval: int  # steps between measurements of the contact residual
     frame_interval: float  # least time between frames of the history [s]
-    crowding: float  # mean time between events below which all voussoirs are stepped [s]
-    largest_step: float = 0.0  # between impacts [s]; not above the shortest: all are equal
+    crowding: (
+        float  # mean time between events below which all voussoirs are stepped [s]
+    )
+    largest_step: float = (
+        0.0  # between impacts [s]; not above the shortest: all are equal
+    )
     # What follows from these and the arch; see `archfrag.physics.shared.ready`.
     still: float = 0.0  # speed below which the chain may be at rest [m/s]
-    held: float = -1.0  # below which a chain that never rests stands; -1: it rests [m/s]
-    rest_plus: float = np.nan  # range of rest of the chain in its own geometry [g]; nan: not known
+    held: float = (
+        -1.0
+    )  # below which a chain that never rests stands; -1: it rests [m/s]
+    rest_plus: float = (
+        np.nan
+    )  # range of rest of the chain in its own geometry [g]; nan: not known
     rest_minus: float = np.nan
     rests: bool = True  # whether a chain rests wherever admissible reactions exist
     first_steps: float = 1000.0  # allowed beyond those for as long as a run lasts
@@ -61,9 +75,13 @@ class Frames(NamedTuple):
     """Buffers for a history; empty arrays where none is wanted."""
 
     time: np.ndarray  # (n_frame,) [s]
-    position: np.ndarray  # (n_frame, n_body, 3) displacement from rest: x, y [m], rotation [rad]
+    position: (
+        np.ndarray
+    )  # (n_frame, n_body, 3) displacement from rest: x, y [m], rotation [rad]
     velocity: np.ndarray  # (n_frame, n_body, 3) relative to the ground [m/s], [rad/s]
-    reaction: np.ndarray  # (n_frame, n_joint, 3) force [N]; moment about the pivot [N m]
+    reaction: (
+        np.ndarray
+    )  # (n_frame, n_joint, 3) force [N]; moment about the pivot [N m]
     mode: np.ndarray  # (n_frame, n_joint) contact mode from then on
 
 

@@ -60,7 +60,12 @@ def sine_cosine(angle):
     and `k_cos.c`.
     """
     quarters = nearest(angle * _PER_QUARTER)
-    x = angle - quarters * _QUARTER_HIGH - quarters * _QUARTER_MIDDLE - quarters * _QUARTER_LOW
+    x = (
+        angle
+        - quarters * _QUARTER_HIGH
+        - quarters * _QUARTER_MIDDLE
+        - quarters * _QUARTER_LOW
+    )
     z = x * x
     sine = -2.50507602534068634195e-8 + z * 1.58969099521155010221e-10
     sine = 2.75573137070700676789e-6 + z * sine
@@ -82,4 +87,6 @@ def sine_cosine(angle):
     second = select(crossed, sine, cosine)
     negative_sine = (abs(part) == 2.0) | (part == -1.0)
     negative_cosine = (abs(part) == 2.0) | (part == 1.0)
-    return select(negative_sine, -first, first), select(negative_cosine, -second, second)
+    return select(negative_sine, -first, first), select(
+        negative_cosine, -second, second
+    )

@@ -31,30 +31,49 @@ class RestLimit(NamedTuple):
 
     found: bool  # False: no admissible reactions for any load factor
     load_factor: float  # signed largest k in the direction asked for [g]; inf: no limit
-    mechanism: np.ndarray  # (n_joint,) int8: bits HINGE_INTRADOS, HINGE_EXTRADOS, SLIDING
-    reaction: np.ndarray  # (n_joint, 3) on the body after each joint, about the origin, at k
+    mechanism: (
+        np.ndarray
+    )  # (n_joint,) int8: bits HINGE_INTRADOS, HINGE_EXTRADOS, SLIDING
+    reaction: (
+        np.ndarray
+    )  # (n_joint, 3) on the body after each joint, about the origin, at k
     iterations: int
 
 
 @struct(
-    centroid=(2,), pull=(3,), candidate=(2,), part=(3, 5), row=(5,), bound=(4,), basis=(4,),
-    inverse=(4,), reaction=(3,),
-)  # fmt: skip
+    centroid=(2,),
+    pull=(3,),
+    candidate=(2,),
+    part=(3, 5),
+    row=(5,),
+    bound=(4,),
+    basis=(4,),
+    inverse=(4,),
+    reaction=(3,),
+)
 class RestProblem(NamedTuple):
     """Workspace for the range of rest of a chain."""
 
     centroid: np.ndarray  # (n_body + 2, 2) in the configuration [m]
-    pull: np.ndarray  # (n_body + 2, 3) forces of ties [N] and moments about the centroids [N m]
-    candidate: np.ndarray  # (n_joint, 2) int8: zero where a corner is open, which bears nothing
+    pull: (
+        np.ndarray
+    )  # (n_body + 2, 3) forces of ties [N] and moments about the centroids [N m]
+    candidate: (
+        np.ndarray
+    )  # (n_joint, 2) int8: zero where a corner is open, which bears nothing
     # (n_joint, 3, 5) force and moment about the origin at each joint: x, y, moment, by the force
     # and the moment at joint 0 (of a chain with a free end not used), by the load factor, constant
     part: np.ndarray
     row: np.ndarray  # (3, 5) of forces at corners and tangential, of one joint
-    bound: np.ndarray  # (8 n_joint, 4) left sides of the inequalities ``bound x <= level`` of rest
+    bound: (
+        np.ndarray
+    )  # (8 n_joint, 4) left sides of the inequalities ``bound x <= level`` of rest
     level: np.ndarray  # (8 n_joint,)
     joint: np.ndarray  # (8 n_joint,) int64: joint of each
     kind: np.ndarray  # (8 n_joint,) int8: bit of a mechanism of each
-    active: np.ndarray  # (4,) int64: rows that are tight; beyond those there are, the box's sides
+    active: (
+        np.ndarray
+    )  # (4,) int64: rows that are tight; beyond those there are, the box's sides
     basis: np.ndarray  # (4, 4) their left sides
     inverse: np.ndarray  # (4, 4)
     # (5, 4) their levels, the unknowns, multipliers, weights of what enters, what is left
@@ -68,16 +87,26 @@ LEVEL, UNKNOWN, MULTIPLIER, WEIGHT, LEFT = range(5)
 
 def new_rest_problem(model: Model) -> RestProblem:
     """Allocate the workspace for a chain's range of rest."""
-    zeros, n_row, n_joint = np.zeros, model.mass.size, model.friction.size
+    zeros = np.zeros
+    n_row = model.mass.size
+    n_joint = model.friction.size
     return RestProblem(
-        centroid=zeros((n_row, 2)), pull=zeros((n_row, 3)),
-        candidate=np.ones((n_joint, 2), np.int8), part=zeros((n_joint, 3, 5)),
-        row=zeros((3, 5)), bound=zeros((8 * n_joint, N_UNKNOWN)), level=zeros(8 * n_joint),
-        joint=zeros(8 * n_joint, np.int64), kind=zeros(8 * n_joint, np.int8),
-        active=zeros(N_UNKNOWN, np.int64), basis=zeros((N_UNKNOWN, N_UNKNOWN)),
-        inverse=zeros((N_UNKNOWN, N_UNKNOWN)), vertex=zeros((5, N_UNKNOWN)),
-        mechanism=zeros(n_joint, np.int8), reaction=zeros((n_joint, 3)),
-    )  # fmt: skip
+        centroid=zeros((n_row, 2)),
+        pull=zeros((n_row, 3)),
+        candidate=np.ones((n_joint, 2), np.int8),
+        part=zeros((n_joint, 3, 5)),
+        row=zeros((3, 5)),
+        bound=zeros((8 * n_joint, N_UNKNOWN)),
+        level=zeros(8 * n_joint),
+        joint=zeros(8 * n_joint, np.int64),
+        kind=zeros(8 * n_joint, np.int8),
+        active=zeros(N_UNKNOWN, np.int64),
+        basis=zeros((N_UNKNOWN, N_UNKNOWN)),
+        inverse=zeros((N_UNKNOWN, N_UNKNOWN)),
+        vertex=zeros((5, N_UNKNOWN)),
+        mechanism=zeros(n_joint, np.int8),
+        reaction=zeros((n_joint, 3)),
+    )
 
 
 @kernel
@@ -87,7 +116,9 @@ def _add_body(problem, j, i, gravity, mass, weight, size, sense):
     Reads: problem (centroid, part, pull).
     Writes: problem.part.
     """
-    part, centroid, pull = problem.part, problem.centroid, problem.pull
+    part = problem.part
+    centroid = problem.centroid
+    pull = problem.pull
     w = mass * gravity / weight
     part[j, 0, 3] += sense * w
     part[j, 1, 4] += sense * w
@@ -107,7 +138,9 @@ def set_resultants(model, problem, weight, size):
     Reads: model.mass, problem (centroid, part, pull).
     Writes: problem.part.
     """
-    part, n_joint, n_body = problem.part, problem.part.shape[0], model.mass.shape[0] - 2
+    part = problem.part
+    n_joint = problem.part.shape[0]
+    n_body = model.mass.shape[0] - 2
     for c in range(3):
         for k in range(5):
             part[0, c, k] = 0.0
@@ -133,7 +166,8 @@ def _add_inequality(problem, count, k, sense, joint, kind):
     for i in range(N_UNKNOWN):
         problem.bound[count, i] = sense * problem.row[k, i]
     problem.level[count] = -sense * problem.row[k, N_UNKNOWN]
-    problem.joint[count], problem.kind[count] = joint, kind
+    problem.joint[count] = joint
+    problem.kind[count] = kind
     return count + 1
 
 
@@ -144,14 +178,22 @@ def set_inequalities(model, work, problem, size):
     Reads: model.friction, work (normal, point), problem (bound, candidate, part, row).
     Writes: problem (bound, joint, kind, level, row).
     """
-    part, row, point, count = problem.part, problem.row, work.point, 0
+    part = problem.part
+    row = problem.row
+    point = work.point
+    count = 0
     for j in range(part.shape[0]):
-        nx, ny = work.normal[j, 0], work.normal[j, 1]
-        x0, y0 = point[j, 0, 0] / size, point[j, 0, 1] / size
-        x1, y1 = point[j, 1, 0] / size, point[j, 1, 1] / size
+        nx = work.normal[j, 0]
+        ny = work.normal[j, 1]
+        x0 = point[j, 0, 0] / size
+        y0 = point[j, 0, 1] / size
+        x1 = point[j, 1, 0] / size
+        y1 = point[j, 1, 1] / size
         length = (y1 - y0) * nx - (x1 - x0) * ny
         for k in range(5):
-            fx, fy, moment = part[j, 0, k], part[j, 1, k], part[j, 2, k]
+            fx = part[j, 0, k]
+            fy = part[j, 1, k]
+            moment = part[j, 2, k]
             row[0, k] = (moment - (x1 * fy - y1 * fx)) / length
             row[1, k] = -(moment - (x0 * fy - y0 * fx)) / length
         for c in range(2):
@@ -185,10 +227,15 @@ def largest_load_factor(problem, n_row, sense):
     Reads: problem (active, basis, bound, inverse, level, vertex).
     Writes: problem (active, basis, inverse, vertex).
     """
-    bound, level, active = problem.bound, problem.level, problem.active
-    basis, inverse, vertex = problem.basis, problem.inverse, problem.vertex
+    bound = problem.bound
+    level = problem.level
+    active = problem.active
+    basis = problem.basis
+    inverse = problem.inverse
+    vertex = problem.vertex
     for i in range(N_UNKNOWN):
-        active[i], vertex[LEVEL, i] = n_row + i, BOX
+        active[i] = n_row + i
+        vertex[LEVEL, i] = BOX
         for k in range(N_UNKNOWN):
             basis[i, k] = inverse[i, k] = 1.0 if i == k else 0.0
     basis[3, 3] = inverse[3, 3] = sense
@@ -204,19 +251,24 @@ def largest_load_factor(problem, n_row, sense):
         for k in range(N_UNKNOWN):
             vertex[MULTIPLIER, k] = sense * inverse[3, k]
             largest = max(largest, abs(vertex[UNKNOWN, k]))
-        entering, worst = -1, FEASIBLE * max(1.0, largest)
+        entering = -1
+        worst = FEASIBLE * max(1.0, largest)
         for q in range(n_row):
-            violation = bound[q, 0] * vertex[UNKNOWN, 0] + bound[q, 1] * vertex[UNKNOWN, 1]
+            violation = (
+                bound[q, 0] * vertex[UNKNOWN, 0] + bound[q, 1] * vertex[UNKNOWN, 1]
+            )
             violation = violation + bound[q, 2] * vertex[UNKNOWN, 2]
             violation = violation + bound[q, 3] * vertex[UNKNOWN, 3] - level[q]
             if violation > worst:
-                worst, entering = violation, q
+                worst = violation
+                entering = q
         if entering < 0:
             return True, iteration
         leaving = _leaving(problem, entering)
         if leaving < 0:
             return False, iteration
-        active[leaving], vertex[LEVEL, leaving] = entering, level[entering]
+        active[leaving] = entering
+        vertex[LEVEL, leaving] = level[entering]
         for i in range(N_UNKNOWN):
             basis[leaving, i] = bound[entering, i]
             inverse[i, leaving] /= vertex[WEIGHT, leaving]
@@ -233,18 +285,23 @@ def _leaving(problem, entering):
     Reads: problem (bound, inverse, vertex).
     Writes: problem.vertex.
     """
-    vertex, inverse = problem.vertex, problem.inverse
+    vertex = problem.vertex
+    inverse = problem.inverse
     for k in range(N_UNKNOWN):
         vertex[WEIGHT, k] = 0.0
         for i in range(N_UNKNOWN):
             vertex[WEIGHT, k] += problem.bound[entering, i] * inverse[i, k]
-    leaving, best, size = -1, np.inf, 0.0
+    leaving = -1
+    best = np.inf
+    size = 0.0
     for k in range(N_UNKNOWN):
         weight = vertex[WEIGHT, k]
         if weight > 1e-11:
             ratio = max(vertex[MULTIPLIER, k], 0.0) / weight
             if ratio < best - 1e-13 or (ratio <= best + 1e-13 and weight > size):
-                best, leaving, size = min(ratio, best), k, weight
+                best = min(ratio, best)
+                leaving = k
+                size = weight
     return leaving
 
 
@@ -255,9 +312,12 @@ def _set_vertex(problem):
     Reads: problem (basis, inverse, vertex).
     Writes: problem.vertex.
     """
-    vertex, basis, inverse = problem.vertex, problem.basis, problem.inverse
+    vertex = problem.vertex
+    basis = problem.basis
+    inverse = problem.inverse
     for i in range(N_UNKNOWN):
-        vertex[LEFT, i], vertex[UNKNOWN, i] = vertex[LEVEL, i], 0.0
+        vertex[LEFT, i] = vertex[LEVEL, i]
+        vertex[UNKNOWN, i] = 0.0
     for _ in range(2):
         for i in range(N_UNKNOWN):
             for k in range(N_UNKNOWN):
@@ -280,7 +340,10 @@ def find_rest_limit(model, work, problem, sense):
     Reads: model (friction, gravity, mass), work (normal, point), problem.
     Writes: problem.
     """
-    n_joint, n_body, size, weight = problem.part.shape[0], model.mass.shape[0] - 2, 0.0, 0.0
+    n_joint = problem.part.shape[0]
+    n_body = model.mass.shape[0] - 2
+    size = 0.0
+    weight = 0.0
     for j in range(n_joint):
         for c in range(2):
             size = max(size, abs(work.point[j, c, 0]), abs(work.point[j, c, 1]))
@@ -292,7 +355,8 @@ def find_rest_limit(model, work, problem, sense):
         for q in range(n_row):
             problem.bound[q, 0] = problem.bound[q, 1] = problem.bound[q, 2] = 0.0
     found, iterations = largest_load_factor(problem, n_row, sense)
-    vertex, part = problem.vertex, problem.part
+    vertex = problem.vertex
+    part = problem.part
     for j in range(n_joint):
         problem.mechanism[j] = 0
         for c in range(3):
@@ -308,7 +372,9 @@ def find_rest_limit(model, work, problem, sense):
     return found, np.inf * sense if abs(factor) > NO_LIMIT else factor, iterations
 
 
-def rest_limit(model: Model, work: Work, problem: RestProblem, sense: float) -> RestLimit:
+def rest_limit(
+    model: Model, work: Work, problem: RestProblem, sense: float
+) -> RestLimit:
     """Return what `find_rest_limit` finds, with arrays of its own."""
     found, factor, iterations = find_rest_limit(model, work, problem, sense)
     arrays = problem.mechanism.copy(), problem.reaction.copy()

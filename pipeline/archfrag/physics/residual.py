@@ -9,7 +9,13 @@ smallest violation over the modes in which a joint can obey Signorini and Coulom
 import math
 
 from archfrag.physics.contact import placing
-from archfrag.physics.contact.laws import MINUS, PLUS, closed_forces, cone_rays, opening_rate
+from archfrag.physics.contact.laws import (
+    MINUS,
+    PLUS,
+    closed_forces,
+    cone_rays,
+    opening_rate,
+)
 from archfrag.physics.kernels.kernel import inlined, kernel
 
 # Corners closer than this, over the joint's length, touch.
@@ -21,13 +27,17 @@ def _approach(j, k, work, scale):
     """Return the rate at which a corner that may touch closes, by the law that is kept more nearly
     (Eq 5).
     """
-    rate = opening_rate(j, k, work.corner_rate[j, k, 0], work.corner_rate[j, k, 1], work)
+    rate = opening_rate(
+        j, k, work.corner_rate[j, k, 0], work.corner_rate[j, k, 1], work
+    )
     return max(0.0, -rate) / scale if work.candidate[j, k] > 0.5 else 0.0
 
 
 @inlined
 def _arm(j, k, work):
-    return work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
+    return work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[
+        j, 1
+    ]
 
 
 @kernel
@@ -40,17 +50,24 @@ def _if_corner(j, k, model, work, scale, force):
     px, py = _arm(j, k, work)
     qx, qy = _arm(j, 1 - k, work)
     length = math.sqrt((qx - px) ** 2 + (qy - py) ** 2)
-    fx, fy = work.reaction[j, 0] / force, work.reaction[j, 1] / force
+    fx = work.reaction[j, 0] / force
+    fy = work.reaction[j, 1] / force
     moment = work.reaction[j, 2] / force
-    common = max(abs(moment - (px * fy - py * fx)) / length, _approach(j, 1 - k, work, scale))
-    ux, uy = work.corner_rate[j, k, 0] / scale, work.corner_rate[j, k, 1] / scale
+    common = max(
+        abs(moment - (px * fy - py * fx)) / length, _approach(j, 1 - k, work, scale)
+    )
+    ux = work.corner_rate[j, k, 0] / scale
+    uy = work.corner_rate[j, k, 1] / scale
     size = 1.0 / math.sqrt(model.ray[j, 0] ** 2 + model.ray[j, 1] ** 2)
-    n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
+    n = work.side_normal[j, k, PLUS]
+    m = work.side_normal[j, k, MINUS]
     hx, hy, lx, ly = cone_rays(j, model, n[0], n[1], m[0], m[1])
-    best, outside = math.inf, 0.0
+    best = math.inf
+    outside = 0.0
     for side in range(2):
         sense = 1.0 - 2.0 * side
-        nx, ny = work.side_normal[j, k, side, 0], work.side_normal[j, k, side, 1]
+        nx = work.side_normal[j, k, side, 0]
+        ny = work.side_normal[j, k, side, 1]
         rx, ry = (hx * size, hy * size) if side == PLUS else (lx * size, ly * size)
         beyond = rx * fy - ry * fx
         outside = max(outside, sense * beyond)
@@ -58,7 +75,9 @@ def _if_corner(j, k, model, work, scale, force):
             continue
         wrong = 0.0 if work.known[j] == sense else max(0.0, sense * (nx * uy - ny * ux))
         tension = max(0.0, -(rx * fx + ry * fy))
-        best = min(best, max(common, abs(beyond), tension, abs(nx * ux + ny * uy), wrong))
+        best = min(
+            best, max(common, abs(beyond), tension, abs(nx * ux + ny * uy), wrong)
+        )
     if work.known[j] == 0.0:
         best = min(best, max(common, outside, abs(ux), abs(uy)))
     return best
@@ -71,15 +90,22 @@ def _if_closed(j, model, work, scale, force):
     Reads: model.friction, work (corner_rate, known, normal, pivot, point, reaction).
     Writes: nothing.
     """
-    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    nx = work.normal[j, 0]
+    ny = work.normal[j, 1]
     force_0, force_1, normal, tangential = closed_forces(j, work)
-    normal, tangential = normal / force, tangential / force
+    normal = normal / force
+    tangential = tangential / force
     tension = max(0.0, -force_0 / force, -force_1 / force)
     parts = work.corner_rate[j]
-    rate = max(abs(nx * parts[0, 0] + ny * parts[0, 1]), abs(nx * parts[1, 0] + ny * parts[1, 1]))
+    rate = max(
+        abs(nx * parts[0, 0] + ny * parts[0, 1]),
+        abs(nx * parts[1, 0] + ny * parts[1, 1]),
+    )
     slip = nx * (parts[0, 1] + parts[1, 1]) - ny * (parts[0, 0] + parts[1, 0])
-    common, slip = max(tension, rate / scale), 0.5 * slip / scale
-    best, mu = math.inf, model.friction[j]
+    common = max(tension, rate / scale)
+    slip = 0.5 * slip / scale
+    best = math.inf
+    mu = model.friction[j]
     rough = math.isinf(mu)
     if work.known[j] == 0.0:
         outside = 0.0 if rough else max(0.0, abs(tangential) - mu * max(normal, 0.0))
@@ -105,12 +131,15 @@ def contact_residual(model, work, scale, force):
     """
     largest = 0.0
     for j in range(work.slide.size):
-        fx, fy = work.reaction[j, 0] / force, work.reaction[j, 1] / force
+        fx = work.reaction[j, 0] / force
+        fy = work.reaction[j, 1] / force
         px, py = _arm(j, 0, work)
         moment = work.reaction[j, 2] / force / (2.0 * math.sqrt(px * px + py * py))
-        first, second = _approach(j, 0, work, scale), _approach(j, 1, work, scale)
+        first = _approach(j, 0, work, scale)
+        second = _approach(j, 1, work, scale)
         best = max(abs(fx), abs(fy), abs(moment), first, second)
-        at_0, at_1 = work.candidate[j, 0] > 0.5, work.candidate[j, 1] > 0.5
+        at_0 = work.candidate[j, 0] > 0.5
+        at_1 = work.candidate[j, 1] > 0.5
         if at_0:
             best = min(best, _if_corner(j, 0, model, work, scale, force))
         if at_1:
@@ -125,7 +154,8 @@ def contact_residual(model, work, scale, force):
 def _move_moments(work, sense):
     """Move the moments of reactions from the pivots to the origin, or back."""
     for j in range(work.slide.size):
-        fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+        fx = work.reaction[j, 0]
+        fy = work.reaction[j, 1]
         work.reaction[j, 2] += sense * (work.pivot[j, 0] * fy - work.pivot[j, 1] * fx)
 
 
@@ -148,16 +178,19 @@ def state_residual(model, state, work):
     for i in range(model.mass.size):
         force += model.gravity * model.mass[i]
     for j in range(length.size):
-        fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+        fx = work.reaction[j, 0]
+        fy = work.reaction[j, 1]
         force = max(force, abs(fx), abs(fy))
-        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        nx = work.normal[j, 0]
+        ny = work.normal[j, 1]
         work.known[j] = 0.0
         for k in range(2):
             work.candidate[j, k] = 1.0
             gap = placing.clearance(j, k, work.face, work.tangent) / length[j]
             if gap > TOUCHING or (fx == 0.0 and fy == 0.0):
                 # Only the gap counts; how the faces slide past each other does not.
-                work.corner_rate[j, k, 0], work.corner_rate[j, k, 1] = gap * nx, gap * ny
+                work.corner_rate[j, k, 0] = gap * nx
+                work.corner_rate[j, k, 1] = gap * ny
                 continue
             ux, uy = placing.corner_velocity(j, k, work.relative, work)
             rate = (nx * uy - ny * ux) / math.sqrt(model.gravity * length[j])

@@ -16,10 +16,14 @@ from archfrag.physics.state import Clock, Model, model_of
 from archfrag.physics.status import Count, Energy, Level, Loss, Peak, Status, Wait
 
 GO, UNSOLVED, PAUSE, COLLAPSES, AT_END, EXHAUSTED, BROKEN, IDLE = map(int, Wait)
-STANDING, COLLAPSED = int(Status.STANDING), int(Status.COLLAPSED)
-UNFINISHED, NO_SOLUTION = int(Status.UNFINISHED), int(Status.NO_CONTACT_SOLUTION)
-NOT_FINITE, WORK_BOUND = int(Status.NOT_FINITE), int(Status.WORK_BOUND)
-AT_REST, ALL = int(Level.REST), int(Level.ALL_VOUSSOIRS)
+STANDING = int(Status.STANDING)
+COLLAPSED = int(Status.COLLAPSED)
+UNFINISHED = int(Status.UNFINISHED)
+NO_SOLUTION = int(Status.NO_CONTACT_SOLUTION)
+NOT_FINITE = int(Status.NOT_FINITE)
+WORK_BOUND = int(Status.WORK_BOUND)
+AT_REST = int(Level.REST)
+ALL = int(Level.ALL_VOUSSOIRS)
 # Gap over joint length below which a corner is closed in a chain at rest [1].
 CLOSED_GAP = 1e-7
 # Speed over that of a fall through the longest joint below which a chain may be at rest [1].
@@ -32,8 +36,10 @@ NEGLIGIBLE = 1e-12
 # A run is refused that makes or loses more energy than this many times its accuracy, over the
 # largest kinetic energy, or whose bodies overlap by more than this many times it, over a joint's
 # length; an accuracy finer than the default counts as the default.
-ENERGY_ALLOWED, LEAST_ENERGY = 10.0, 1e-2
-OVERLAP_ALLOWED, LEAST_OVERLAP = 0.1, 1e-4
+ENERGY_ALLOWED = 10.0
+LEAST_ENERGY = 1e-2
+OVERLAP_ALLOWED = 0.1
+LEAST_OVERLAP = 1e-4
 
 
 def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
@@ -42,9 +48,14 @@ def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
     still = float(STILL * np.sqrt(model.gravity * model.length.max()))
     held = -1.0
     if not options.rests:
-        held, rest = still, (np.nan, np.nan)
+        held = still
+        rest = (np.nan, np.nan)
     return options._replace(
-        largest_step=largest, still=still, held=held, rest_plus=rest[0], rest_minus=rest[1]
+        largest_step=largest,
+        still=still,
+        held=held,
+        rest_plus=rest[0],
+        rest_minus=rest[1],
     )
 
 
@@ -81,16 +92,25 @@ def output_to(frames: Frames, log: MechanismLog, interval: float) -> Output:
     """Make an empty output into given frames and log."""
     forces = np.zeros(frames.reaction.shape[1:])
     return Output(
-        frames, log, np.zeros(2, np.int64), np.zeros(1), float(interval), forces, np.zeros(1)
+        frames,
+        log,
+        np.zeros(2, np.int64),
+        np.zeros(1),
+        float(interval),
+        forces,
+        np.zeros(1),
     )
 
 
 def no_output(n_body: int, n_joint: int) -> Output:
     """Make an output for runs without history."""
     frames = Frames(
-        np.zeros(0), np.zeros((0, n_body, 3)), np.zeros((0, n_body, 3)),
-        np.zeros((0, n_joint, 3)), np.zeros((0, n_joint), np.int8),
-    )  # fmt: skip
+        np.zeros(0),
+        np.zeros((0, n_body, 3)),
+        np.zeros((0, n_body, 3)),
+        np.zeros((0, n_joint, 3)),
+        np.zeros((0, n_joint), np.int8),
+    )
     entries = np.zeros(0, np.int8), np.zeros(0, np.int32), np.zeros(0, np.int8)
     log = MechanismLog(np.zeros(0), *entries, np.zeros((0, n_joint), np.int8))
     return output_to(frames, log, np.inf)
@@ -103,7 +123,8 @@ def write_frame(model, state, work, output):
     Reads: model, state, work, output.
     Writes: output.
     """
-    frames, n = output.frames, output.written[0]
+    frames = output.frames
+    n = output.written[0]
     if frames.time.size == 0 or n >= frames.time.size:
         return
     output.written[0] += 1
@@ -115,7 +136,9 @@ def write_frame(model, state, work, output):
     for j in range(state.slip.size):
         for c in range(3):
             frames.reaction[n, j, c] = work.reaction[j, c]
-        frames.mode[n, j] = mode_number(work.contact[j, 0], work.contact[j, 1], work.slide[j])
+        frames.mode[n, j] = mode_number(
+            work.contact[j, 0], work.contact[j, 1], work.slide[j]
+        )
 
 
 @kernel
@@ -125,7 +148,8 @@ def log_change(state, time, cause, joint, level, output):
     Reads: state (contact, slide, slip), output (log, log.time, written).
     Writes: output (log.cause, log.joint, log.mode, log.model, log.time, written).
     """
-    log, entry = output.log, output.written[1]
+    log = output.log
+    entry = output.written[1]
     output.written[1] += 1
     if entry >= log.time.size:
         return
@@ -134,7 +158,9 @@ def log_change(state, time, cause, joint, level, output):
     log.joint[entry] = joint
     log.model[entry] = level
     for j in range(state.slip.size):
-        log.mode[entry, j] = mode_number(state.contact[j, 0], state.contact[j, 1], state.slide[j])
+        log.mode[entry, j] = mode_number(
+            state.contact[j, 0], state.contact[j, 1], state.slide[j]
+        )
 
 
 @kernel
@@ -151,8 +177,11 @@ def clear(state):
         state.lost_slip[j] = state.lost_rotation[j] = 0.0
         for c in range(3):
             state.force[j, c] = 0.0
-    state.loss[:] = state.clock[:] = state.count[:] = state.energy[:] = state.peak[:] = 0.0
-    state.loss[Loss.TIME], state.loss[Loss.JOINT] = np.nan, -1.0
+    state.loss[:] = state.clock[:] = state.count[:] = state.energy[:] = state.peak[
+        :
+    ] = 0.0
+    state.loss[Loss.TIME] = np.nan
+    state.loss[Loss.JOINT] = -1.0
 
 
 @kernel
@@ -165,7 +194,10 @@ def read_joints(model, state, work):
     Writes: state.
     """
     for j in range(state.slip.size):
-        gaps = clearance(j, 0, work.face, work.tangent), clearance(j, 1, work.face, work.tangent)
+        gaps = (
+            clearance(j, 0, work.face, work.tangent),
+            clearance(j, 1, work.face, work.tangent),
+        )
         length = model.length[j]
         k = 1 if gaps[1] < gaps[0] else 0
         slip, _ = slip_and_gap(j, False, False, work.face, work.tangent)
@@ -178,11 +210,14 @@ def read_joints(model, state, work):
             state.bore_face[j] = 1.0
             state.lost_since[j] = 0.0
             state.lost_slip[j] = abs(state.slip[j]) / length
-            state.lost_rotation[j] = abs(state.position[j + 1, 2] - state.position[j, 2])
+            state.lost_rotation[j] = abs(
+                state.position[j + 1, 2] - state.position[j, 2]
+            )
             gap = min(gaps) / length
             state.loss[Loss.WIDEST] = max(state.loss[Loss.WIDEST], gap)
             if gap > NOTED_GAP and np.isnan(state.loss[Loss.TIME]):
-                state.loss[Loss.TIME], state.loss[Loss.JOINT] = 0.0, j
+                state.loss[Loss.TIME] = 0.0
+                state.loss[Loss.JOINT] = j
                 state.loss[Loss.MODE] = loss_mode(j, state)
 
 
@@ -193,7 +228,9 @@ def read_state(model, state, work):
     Reads: model, state, work (face, rotated, tangent).
     Writes: state, work (face, rotated, tangent, tie).
     """
-    factor, clock, energy = state.clock[Clock.FACTOR], state.clock, state.energy
+    factor = state.clock[Clock.FACTOR]
+    clock = state.clock
+    energy = state.energy
     clear(state)
     set_ties(model, state, work)
     clock[Clock.FACTOR] = factor
@@ -217,7 +254,8 @@ def begin(model, state, work, motion, factor):
     clear(state)
     set_ties(model, state, work)
     clock = state.clock
-    clock[Clock.MOTION], clock[Clock.FACTOR] = motion, factor
+    clock[Clock.MOTION] = motion
+    clock[Clock.FACTOR] = factor
     _, clock[Clock.START] = energies_of(model, state)
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     read_joints(model, state, work)
@@ -269,8 +307,10 @@ def end_run(model, state, work, options, output, results, row):
     Reads: model, state, work, options, output.
     Writes: state, output, results.
     """
-    clock, energy = state.clock, state.energy
-    code, status = int(clock[Clock.CODE]), NO_SOLUTION
+    clock = state.clock
+    energy = state.energy
+    code = int(clock[Clock.CODE])
+    status = NO_SOLUTION
     if code == IDLE:
         status = STANDING
     elif code == BROKEN:
@@ -284,7 +324,8 @@ def end_run(model, state, work, options, output, results, row):
         joint, how, since = collapse_of(model, state, work, limit)
         if joint >= 0:
             status = COLLAPSED
-            results.collapse_joint[row], results.collapse_mode[row] = joint, how
+            results.collapse_joint[row] = joint
+            results.collapse_mode[row] = how
             results.collapse_time[row] = since
         elif code == AT_END and (
             clock[Clock.FASTEST] < options.still or sways_in_rest(model, state, options)
@@ -297,9 +338,13 @@ def end_run(model, state, work, options, output, results, row):
     negligible = 0.0
     for i in range(model.mass.size):
         negligible += NEGLIGIBLE * model.mass[i] * (options.still / STILL) ** 2
-    if max(energy[Energy.BALANCE_ERROR_PEAK], energy[Energy.LARGEST_KINETIC]) <= negligible:
+    if (
+        max(energy[Energy.BALANCE_ERROR_PEAK], energy[Energy.LARGEST_KINETIC])
+        <= negligible
+    ):
         energy[Energy.BALANCE_ERROR_PEAK] = 0.0
-    results.status[row], results.end_time[row] = status, clock[Clock.TIME]
+    results.status[row] = status
+    results.end_time[row] = clock[Clock.TIME]
     record_end(model, state)
     _copy_row(state.loss, results.loss, row)
     _copy_row(state.count, results.count, row)
@@ -314,9 +359,12 @@ def is_accurate(chain: Chain, options: Options, results: Outcomes) -> np.ndarray
 
     True for runs that have not ended.
     """
-    energy, overlap = results.energy, results.peak[:, Peak.OVERLAP]
+    energy = results.energy
+    overlap = results.peak[:, Peak.OVERLAP]
     allowed = max(ENERGY_ALLOWED * options.accuracy, LEAST_ENERGY)
-    largest = np.maximum(energy[:, Energy.LARGEST_KINETIC], energy[:, Energy.START_KINETIC])
+    largest = np.maximum(
+        energy[:, Energy.LARGEST_KINETIC], energy[:, Energy.START_KINETIC]
+    )
     weight = chain.gravity * float(np.sum(chain.mass))
     tiny = NEGLIGIBLE * weight * float(model_of(chain).length.max())
     deepest = max(OVERLAP_ALLOWED * options.accuracy, LEAST_OVERLAP)

@@ -27,22 +27,49 @@ ROUNDING = 64 * 2.2e-16
 
 # Shapes of arrays behind their first dimension.
 OF_JOINTS = {
-    "face": (2, 2, 2), "tangent": (2, 2), "slip": (),
-    "point": (2, 2), "pivot": (2,), "normal": (2,), "side_normal": (2, 2, 2),
-    "candidate": (2,), "known": (), "bias": (2, 2), "contact": (2,), "slide": (),
-    "asked_contact": (2,), "asked_slide": (), "row": (3, 4), "column": (3, 4),
-    "block": (3, 3), "lower": (3, 3), "upper": (3, 3), "unknown": (3,), "residual": (3,),
-    "reaction": (3,), "relative": (3,), "earlier": (3,), "corner_rate": (2, 2),
-}  # fmt: skip
+    "face": (2, 2, 2),
+    "tangent": (2, 2),
+    "slip": (),
+    "point": (2, 2),
+    "pivot": (2,),
+    "normal": (2,),
+    "side_normal": (2, 2, 2),
+    "candidate": (2,),
+    "known": (),
+    "bias": (2, 2),
+    "contact": (2,),
+    "slide": (),
+    "asked_contact": (2,),
+    "asked_slide": (),
+    "row": (3, 4),
+    "column": (3, 4),
+    "block": (3, 3),
+    "lower": (3, 3),
+    "upper": (3, 3),
+    "unknown": (3,),
+    "residual": (3,),
+    "reaction": (3,),
+    "relative": (3,),
+    "earlier": (3,),
+    "corner_rate": (2, 2),
+}
 OF_BODIES = {"rotated": (2,), "free": (3,), "solved": (3,), "position": (3,)}
 OF_WORK = {**OF_JOINTS, **OF_BODIES, "tie": (len(TieWork),)}
 OF_STATE = {
-    "position": (3,), "velocity": (3,), "contact": (2,), "force": (3,), "tie": (len(TieState),)
-}  # fmt: skip
+    "position": (3,),
+    "velocity": (3,),
+    "contact": (2,),
+    "force": (3,),
+    "tie": (len(TieState),),
+}
 OF_MODEL = {
-    "centroid": (2,), "corner": (2, 2, 2), "tangent": (2, 2), "ray": (2,), "start": (3,),
+    "centroid": (2,),
+    "corner": (2, 2, 2),
+    "tangent": (2, 2),
+    "ray": (2,),
+    "start": (3,),
     "tie": (len(Tie),),
-}  # fmt: skip
+}
 
 
 @struct(**OF_MODEL)
@@ -54,10 +81,16 @@ class Model(NamedTuple):
     inverse_mass: np.ndarray  # (n_body + 2,) [1/kg]; zero for the ground
     inverse_inertia: np.ndarray  # (n_body + 2,) [1/(kg m2)]; zero for the ground
     centroid: np.ndarray  # (n_body + 2, 2) at rest [m]; zero for the ground
-    corner: np.ndarray  # (n_joint, 2, 2, 2) side, corner, xy: faces in the bodies' frames [m]
-    tangent: np.ndarray  # (n_joint, 2, 2) side, xy: unit tangents in the bodies' frames [1]
+    corner: (
+        np.ndarray
+    )  # (n_joint, 2, 2, 2) side, corner, xy: faces in the bodies' frames [m]
+    tangent: (
+        np.ndarray
+    )  # (n_joint, 2, 2) side, xy: unit tangents in the bodies' frames [1]
     length: np.ndarray  # (n_joint,) the shorter face [m]
-    friction: np.ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
+    friction: (
+        np.ndarray
+    )  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
     ray: np.ndarray  # (n_joint, 2) normal and tangential part of a sliding reaction [1]
     start: np.ndarray  # (n_body + 2, 3) where a run begins: centroid [m] and rotation
     tie: np.ndarray  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
@@ -72,9 +105,13 @@ class State(NamedTuple):
     position: np.ndarray  # (n_body + 2, 3) centroid [m] and rotation [rad]
     velocity: np.ndarray  # (n_body + 2, 3) relative to the ground [m/s], [rad/s]
     contact: np.ndarray  # (n_joint, 2) one where a corner is in contact, else zero
-    force: np.ndarray  # (n_joint, 3) mean reactions of the last step; zero if it held an impact
+    force: (
+        np.ndarray
+    )  # (n_joint, 3) mean reactions of the last step; zero if it held an impact
     tie: np.ndarray  # (n_tie, len(TieState)) by archfrag.physics.status.TieState
-    slide: np.ndarray  # (n_joint,) sense of the friction force along the tangent, zero: sticks
+    slide: (
+        np.ndarray
+    )  # (n_joint,) sense of the friction force along the tangent, zero: sticks
     slip: np.ndarray  # (n_joint,) along the tangent, where last in contact [m]
     bore_face: np.ndarray  # (n_joint,) one where the last contact was at both corners
     lost_since: np.ndarray  # (n_joint,) when contact was lost last [s]; nan before
@@ -103,7 +140,9 @@ class Clock(IntEnum):
     CODE = 8  # why the run waits; zero: it goes on
     START = 9  # potential energy of the initial state [J]
     ITERATIONS = 10  # linear problems solved so far for a step whose modes still change
-    LIVELY = 11  # when a chain with ties was last not calm, see `energy.record_calm` [s]
+    LIVELY = (
+        11  # when a chain with ties was last not calm, see `energy.record_calm` [s]
+    )
     BEGINS = 12  # when the motion after a first shock begins; zero without [s]
 
 
@@ -118,9 +157,13 @@ class Work(NamedTuple):
     point: np.ndarray  # (n_joint, 2, 2) corner, xy: contact points [m]
     pivot: np.ndarray  # (n_joint, 2) in the middle between them [m]
     normal: np.ndarray  # (n_joint, 2) common normal of a closed joint
-    side_normal: np.ndarray  # (n_joint, 2, 2, 2) corner, PLUS or MINUS, xy: Eqs 23a and 23b
+    side_normal: (
+        np.ndarray
+    )  # (n_joint, 2, 2, 2) corner, PLUS or MINUS, xy: Eqs 23a and 23b
     candidate: np.ndarray  # (n_joint, 2) one where the corner may touch in this step
-    known: np.ndarray  # (n_joint,) sense of the friction of a slip in progress; zero: not known
+    known: (
+        np.ndarray
+    )  # (n_joint,) sense of the friction of a slip in progress; zero: not known
     bias: np.ndarray  # (n_joint, 2, 2) corner, xy: added to the relative velocity [m/s]
     free: np.ndarray  # (n_body + 2, 3) velocities without reactions
     solved: np.ndarray  # (n_body + 2, 3) velocities that the contact problem gives
@@ -128,13 +171,19 @@ class Work(NamedTuple):
     slide: np.ndarray  # (n_joint,)
     asked_contact: np.ndarray  # (n_joint, 2) modes that the solution asks for
     asked_slide: np.ndarray  # (n_joint,)
-    row: np.ndarray  # (n_joint, 3, 4) constrained directions: x, y, arms on after, before
+    row: (
+        np.ndarray
+    )  # (n_joint, 3, 4) constrained directions: x, y, arms on after, before
     column: np.ndarray  # (n_joint, 3, 4) the same of the reactions
-    block: np.ndarray  # (n_joint, 3, 3) eliminated diagonal blocks, reciprocals on the diagonal
+    block: (
+        np.ndarray
+    )  # (n_joint, 3, 3) eliminated diagonal blocks, reciprocals on the diagonal
     lower: np.ndarray  # (n_joint, 3, 3) coupling with the joint before
     upper: np.ndarray  # (n_joint, 3, 3) eliminated coupling with the next joint
     unknown: np.ndarray  # (n_joint, 3) multipliers
-    residual: np.ndarray  # (n_joint, 3) velocities left along the constrained directions
+    residual: (
+        np.ndarray
+    )  # (n_joint, 3) velocities left along the constrained directions
     # (n_joint, 3) on the body after: x, y, moment about the pivot; impulses until a step is made,
     # then forces
     reaction: np.ndarray
@@ -164,16 +213,21 @@ def model_of(chain: Chain) -> Model:
 
 def new_model(chain: Chain) -> Model:
     """Make a model of a chain, which nothing else holds."""
-    n_body, n_joint = chain.mass.size, chain.friction.size
+    n_body = chain.mass.size
+    n_joint = chain.friction.size
 
     def framed(values: np.ndarray) -> np.ndarray:
         return np.pad(values, [(1, 1)] + [(0, 0)] * (values.ndim - 1))
 
-    corner = np.ascontiguousarray(np.stack([chain.face_before, chain.face_after], axis=1))
+    corner = np.ascontiguousarray(
+        np.stack([chain.face_before, chain.face_after], axis=1)
+    )
     along = corner[:, :, 1] - corner[:, :, 0]
     sizes = np.hypot(along[..., 0], along[..., 1])
     rough = np.isinf(chain.friction)
-    ray = np.stack([np.where(rough, 0.0, 1.0), np.where(rough, 1.0, chain.friction)], axis=1)
+    ray = np.stack(
+        [np.where(rough, 0.0, 1.0), np.where(rough, 1.0, chain.friction)], axis=1
+    )
     assert n_joint in (n_body, n_body + 1)
     start = chain.start
     if start is None:
@@ -190,31 +244,49 @@ def new_model(chain: Chain) -> Model:
         friction=np.array(chain.friction, float),
         ray=ray,
         start=framed(start),
-        tie=np.zeros((0, len(Tie))) if chain.tie is None else np.array(chain.tie, float),
+        tie=np.zeros((0, len(Tie)))
+        if chain.tie is None
+        else np.array(chain.tie, float),
         gravity=float(chain.gravity),
         rounding=ROUNDING * float(np.abs(chain.centroid).max()),
     )
 
 
-def new_state(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> State:
+def new_state(
+    model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros
+) -> State:
     """Allocate the state of one run, or of four with `lane_array` as `zeros`."""
-    n_row, n_joint = model.mass.size, model.friction.size
-    first = {"position": n_row, "velocity": n_row, "loss": len(Loss), "clock": len(Clock)}
+    n_row = model.mass.size
+    n_joint = model.friction.size
+    first = {
+        "position": n_row,
+        "velocity": n_row,
+        "loss": len(Loss),
+        "clock": len(Clock),
+    }
     first |= {"count": len(Count), "energy": len(Energy), "peak": len(Peak)}
     first |= {"tie": len(model.tie)}
     shapes = {name: OF_STATE.get(name, ()) for name in State._fields}
-    return State(*(zeros((first.get(name, n_joint), *shape)) for name, shape in shapes.items()))
+    return State(
+        *(zeros((first.get(name, n_joint), *shape)) for name, shape in shapes.items())
+    )
 
 
 def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> Work:
     """Allocate the workspace of one run, or of four with `lane_array` as `zeros`."""
-    n_row, n_joint = model.mass.size, model.friction.size
+    n_row = model.mass.size
+    n_joint = model.friction.size
     arrays = {name: zeros((n_joint, *shape)) for name, shape in OF_JOINTS.items()}
     arrays |= {name: zeros((n_row, *shape)) for name, shape in OF_BODIES.items()}
     n_tie = len(model.tie)
-    arrays["tie"], arrays["tie_system"] = zeros((n_tie, len(TieWork))), zeros((n_tie, n_tie + 1))
+    arrays["tie"], arrays["tie_system"] = (
+        zeros((n_tie, len(TieWork))),
+        zeros((n_tie, n_tie + 1)),
+    )
     answers = n_tie + 1 if n_tie else 0
     work = Work(**arrays, tie_answer=zeros((answers, n_row + n_joint, 3)))
-    runs = runs_of(work.rotated) if isinstance(work.rotated, LaneArray) else work.rotated
+    runs = (
+        runs_of(work.rotated) if isinstance(work.rotated, LaneArray) else work.rotated
+    )
     runs[:, 0] = 1.0
     return work

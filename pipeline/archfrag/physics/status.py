@@ -97,7 +97,9 @@ class Count(IntEnum):
     FRAMES = 15  # frames of the history written
     LOG_ENTRIES = 16  # changes of the mechanism
     SWEEPS = 17  # passes over all contacts, by methods that relax them one by one
-    UNCONVERGED = 18  # steps taken with contact problems that the method's solver left unsolved
+    UNCONVERGED = (
+        18  # steps taken with contact problems that the method's solver left unsolved
+    )
     REFUSED = 19  # states refused, since bringing them onto their contacts moves bodies too far
     REFINED = 20  # times that a run was made again with a tighter tolerance
 
@@ -122,10 +124,14 @@ class Peak(IntEnum):
     ROTATION = 0  # of any body [rad]
     DISPLACEMENT = 1  # of any centroid [m]
     RESIDUAL = 2  # largest contact residual measured [1]
-    OVERLAP = 3  # deepest overlap of two bodies at a corner, over the joint's length [1]
+    OVERLAP = (
+        3  # deepest overlap of two bodies at a corner, over the joint's length [1]
+    )
     END_ROTATION = 4  # largest of any body at the end of the run [rad]
     END_DISPLACEMENT = 5  # largest of any centroid at the end of the run [m]
-    MOVED_BEFORE = 6  # one if the chain still moved when the motion after a first shock began
+    MOVED_BEFORE = (
+        6  # one if the chain still moved when the motion after a first shock began
+    )
 
 
 class Tie(IntEnum):

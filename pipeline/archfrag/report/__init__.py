@@ -6,6 +6,8 @@ from typing import Any
 
 def make_report(study: Any, *given: Any) -> Path:
     """Write the report of a finished study and return its path; `page.make_report` says more."""
-    from archfrag.report import page  # jinja2 and scipy, which other commands do without
+    from archfrag.report import (
+        page,
+    )  # jinja2 and scipy, which other commands do without
 
     return page.make_report(study, *given)

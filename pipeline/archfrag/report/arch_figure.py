@@ -15,9 +15,12 @@ from archfrag.report.svg import Entry, FloatArray, Panel, Sheet, figure
 from archfrag.simulation.simulate import Onset
 
 _LINES: dict[str, tuple[Any, ...]] = {  # colour, width and dash of lines, by role
-    "tie": (svg.BLUE, 1.6), "ground": (svg.SOFT, 1.4), "rest": (svg.SOFT, 1.1, "4 2.5"),
-    "thrust": (svg.VERMILION, 1.5), "sliding": (svg.ORANGE, 4.0),
-}  # fmt: skip
+    "tie": (svg.BLUE, 1.6),
+    "ground": (svg.SOFT, 1.4),
+    "rest": (svg.SOFT, 1.1, "4 2.5"),
+    "thrust": (svg.VERMILION, 1.5),
+    "sliding": (svg.ORANGE, 4.0),
+}
 _MOST_NUMBERS = 15  # of joints in a figure
 
 
@@ -35,9 +38,13 @@ def paint(panel: Panel, marks: Iterable[Mark]) -> None:
 
 
 def arch_panel(
-    sheet: Sheet, arch: Arch, middle: float, top: float, most: tuple[float, float],
+    sheet: Sheet,
+    arch: Arch,
+    middle: float,
+    top: float,
+    most: tuple[float, float],
     ground: bool = False,
-) -> Panel:  # fmt: skip
+) -> Panel:
     """Draw an arch to scale below `top`, within a width and height [px]; return its panel."""
     marks = arch.marks
     points = np.concatenate([mark.points for mark in marks if mark.role in AREAS])
@@ -50,16 +57,22 @@ def arch_panel(
 
 
 @figure
-def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> str | tuple[str, str]:
+def arch_at_onset(
+    sheet: Sheet, arch: Arch, onset: Onset, name: str
+) -> str | tuple[str, str]:
     """Draw the arch twice: ground accelerating towards +x, and towards -x."""
     if not onset.stands:
         _at_onset(sheet, 0.5 * sheet.width, 0.0, arch, onset, "")
-        return f"{name}, which does not stand under its own weight", "There is no onset."
+        return (
+            f"{name}, which does not stand under its own weight",
+            "There is no onset.",
+        )
     key = [Entry("thrust at onset", svg.VERMILION, "line")]
     key += [Entry("thrust at rest", svg.SOFT, "dash"), Entry("hinge", svg.BLUE, "dot")]
     if len(onset.sliding) or len(onset.sliding_minus):
         key.append(Entry("sliding joint", svg.ORANGE))
-    top, words = sheet.legend(8.0, 0.0, key, sheet.width - 16.0), []
+    top = sheet.legend(8.0, 0.0, key, sheet.width - 16.0)
+    words = []
     for left, towards in ((0.0, "+x"), (0.5 * sheet.width, "-x")):
         limit, *_ = onset.mechanism(towards)
         words.append(f"{onset_text(limit)} towards {towards.replace('-', '−')}")
@@ -88,9 +101,14 @@ def _at_onset(
 
 
 def _label_joint(
-    panel: Panel, arch: Arch, joint: int, away: float, words: str, kind: str,
+    panel: Panel,
+    arch: Arch,
+    joint: int,
+    away: float,
+    words: str,
+    kind: str,
     taken: list[FloatArray] | None = None,
-) -> bool:  # fmt: skip
+) -> bool:
     """Write words outward of the extrados of a joint, or inward of its intrados if `away` [px] is
     negative, unless they would cover one of the boxes that are `taken`. Return whether they were
     written; their box is then taken too.
@@ -98,13 +116,16 @@ def _label_joint(
     along = arch.extrados[joint] - arch.intrados[joint]
     place = arch.extrados[joint] if away > 0.0 else arch.intrados[joint]
     right, up = away * along / np.linalg.norm(along)
-    x, y = float(panel.at_x(place[0])) + right, float(panel.at_y(place[1])) - up + 3.5
+    x = float(panel.at_x(place[0])) + right
+    y = float(panel.at_y(place[1])) - up + 3.5
     side = "m" if abs(right) < 0.3 * abs(away) else "e" if right < 0.0 else ""
     if taken is not None:
         wide = svg.text_width(words, svg.SMALL)
         left = x - wide * {"m": 0.5, "e": 1.0, "": 0.0}[side]
         box = np.array([left - 3.0, y - 8.5, left + wide + 3.0, y + 3.0])
-        if any(((box[:2] < other[2:]) & (box[2:] > other[:2])).all() for other in taken):
+        if any(
+            ((box[:2] < other[2:]) & (box[2:] > other[:2])).all() for other in taken
+        ):
             return False
         taken.append(box)
     panel.sheet.text(x, y, words, f"{kind} {side}".rstrip())
@@ -124,7 +145,8 @@ def lost_joints(sheet: Sheet, arch: Arch, results: ArchResults) -> str | None:
     panel = arch_panel(sheet, arch, 0.5 * sheet.width, 28.0, (370.0, 240.0))
     taken = list[FloatArray]()  # boxes of words: left, top, right, bottom
     for i in np.argsort(-counts, kind="stable"):
-        joint, words = int(joints[i]), f"{100 * counts[i] / counts.sum():.0f} %"
+        joint = int(joints[i])
+        words = f"{100 * counts[i] / counts.sum():.0f} %"
         x, y = 0.5 * (arch.intrados[joint] + arch.extrados[joint])[:, None]
         radius = float(2.0 + 8.0 * np.sqrt(counts[i] / counts.max()))
         panel.dots(x, y, svg.VERMILION, "hinge", radius)

@@ -17,15 +17,26 @@ MOST_NAMED = 12  # curves with a colour and stroke of their own
 MOST_THIN = 60  # curves of arches that are drawn for their class
 _MOST_PANELS = 9  # values by which the arches of a class differ
 _SHADED = 6  # curves that are drawn with their bands
-_BAND, _THIN = "#c9e3f5", "#b5bec8"  # in legends
-_DAMAGE = ("#f9a58a", "#f4795b", "#e34a33", "#c4281c", "#96120f", "#67000d")  # light to severe
+_BAND = "#c9e3f5"  # in legends
+_THIN = "#b5bec8"
+_DAMAGE = (
+    "#f9a58a",
+    "#f4795b",
+    "#e34a33",
+    "#c4281c",
+    "#96120f",
+    "#67000d",
+)  # light to severe
 _SAME = 0.01  # difference of probabilities that nobody sees
 
 
 def curve_panel(
-    sheet: Sheet, entries: Sequence[Entry], reach: float, title: str,
+    sheet: Sheet,
+    entries: Sequence[Entry],
+    reach: float,
+    title: str,
     words: str = "probability of collapse",
-) -> Panel:  # fmt: skip
+) -> Panel:
     """Draw the axes of a figure of curves below its legend; return their panel."""
     panel = svg.panel_below(sheet, entries, 300.0, (0.0, reach), (0.0, 1.0))
     panel.axis_y(svg.even_ticks(0.0, 1.0), words)
@@ -34,9 +45,13 @@ def curve_panel(
 
 
 def draw_curve(
-    panel: Panel, fit: Curve | None, scale: Scale, stroke: Entry, width: float = 1.8,
+    panel: Panel,
+    fit: Curve | None,
+    scale: Scale,
+    stroke: Entry,
+    width: float = 1.8,
     band: bool = True,
-) -> None:  # fmt: skip
+) -> None:
     """Draw a curve with its band, if it has one; nothing if there is no curve."""
     if fit is None or not fit.fitted:
         return
@@ -70,7 +85,9 @@ def _known(answers: Mapping[str, Curve]) -> dict[str, Curve]:
 
 def _medians(fits: Mapping[str, Curve], scale: Scale) -> str:
     """Write the medians of curves in a line."""
-    return "Medians: " + "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in fits.items())
+    return "Medians: " + "; ".join(
+        f"{name} {scale.text(fit.theta)}" for name, fit in fits.items()
+    )
 
 
 def _band_words(answer: Curve) -> str:
@@ -83,8 +100,11 @@ def _band_words(answer: Curve) -> str:
 @figure
 def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
     """Draw the curve of an arch with its band, and the capacities or fractions behind it."""
-    scale, percent = results.scale, f"{100 * answer.confidence:.0f} %"
-    texts, highest, isotonic = TEXTS["curve"], float(results.levels.max()), None
+    scale = results.scale
+    percent = f"{100 * answer.confidence:.0f} %"
+    texts = TEXTS["curve"]
+    highest = float(results.levels.max())
+    isotonic = None
     if results.runs.gaps:
         caption = texts["searched"]
         entries = [Entry("capacities of the records", svg.INK, "line")]
@@ -92,9 +112,13 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
         caption = texts["stripes" if results.own_levels is None else "grouped"]
         entries = [Entry(f"fraction, exact {percent} interval", svg.INK, "dot")]
         isotonic = answer.more.get("free", {}).get("isotonic")
-    reach, what = 1.05 * highest, "no lognormal curve could be fitted"
+    reach = 1.05 * highest
+    what = "no lognormal curve could be fitted"
     if answer.fitted:
-        entries += [Entry("lognormal curve", svg.BLUE, "line"), Entry(f"{percent} band", _BAND)]
+        entries += [
+            Entry("lognormal curve", svg.BLUE, "line"),
+            Entry(f"{percent} band", _BAND),
+        ]
         what = f"lognormal curve with median {scale.text(answer.theta)}"
         what += f" and dispersion {answer.beta:.3f}"
         reach = min(max(reach, 1.1 * answer.theta * scale.factor), 3.0 * highest)
@@ -131,24 +155,36 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
         bars = np.column_stack([*ends, np.full(ends[0].size, np.nan)])
         panel.line(np.repeat(results.levels[used], 3), bars.ravel(), svg.INK, 0.9)
         panel.dots(results.levels, results.fraction, svg.INK)
-    return f"Probability of collapse of {results.arch} against {scale.label}: {what}", caption
+    return (
+        f"Probability of collapse of {results.arch} against {scale.label}: {what}",
+        caption,
+    )
 
 
 @figure
 def all_curves(
-    sheet: Sheet, inputs: ReportInputs, answers: Mapping[str, Curve],
+    sheet: Sheet,
+    inputs: ReportInputs,
+    answers: Mapping[str, Curve],
     classes: Mapping[str, Curve],
-) -> tuple[str, str] | None:  # fmt: skip
+) -> tuple[str, str] | None:
     """Draw the curves of some arches and classes in one figure; None if they are fewer than two.
 
     Curves with names lie over thin ones of one colour each.
     """
-    curves, named, of_class = _known(answers), _known(classes), arch_classes(inputs.cube)
+    curves = _known(answers)
+    named = _known(classes)
+    of_class = arch_classes(inputs.cube)
     if len(answers) + len(classes) < 2:
         return None
-    scale, at, reach = inputs.scale, inputs.at, 1.05 * inputs.highest
+    scale = inputs.scale
+    at = inputs.at
+    reach = 1.05 * inputs.highest
     single = {k: fit for k, fit in curves.items() if of_class.get(k) not in classes}
-    members = [[fit for k, fit in curves.items() if of_class.get(k) == name] for name in classes]
+    members = [
+        [fit for k, fit in curves.items() if of_class.get(k) == name]
+        for name in classes
+    ]
     thin = [(_stroke("", i).colour, _thinned(fits)) for i, fits in enumerate(members)]
     if len(named) + len(single) <= MOST_NAMED:
         named |= single
@@ -163,15 +199,21 @@ def all_curves(
     for colour, fits in thin:
         opacity = float(np.clip(25.0 / max(len(fits), 1), 0.15, 0.5))
         for fit in fits:
-            panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
-    shaded, words = len(named) <= _SHADED, TEXTS["all_curves"]
+            panel.line(
+                im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity
+            )
+    shaded = len(named) <= _SHADED
+    words = TEXTS["all_curves"]
     for stroke, (name, fit) in zip(strokes, named.items()):
         draw_curve(panel, fit, scale, stroke, band=shaded)
         if name in inputs.answers:
             results = inputs.results(name)
             seen = results.levels <= reach
-            panel.dots(results.levels[seen], results.fraction[seen], stroke.colour, radius=2.2)
-    kind, one = "Curves" if classes else "Lognormal curves", len(classes) == 1
+            panel.dots(
+                results.levels[seen], results.fraction[seen], stroke.colour, radius=2.2
+            )
+    kind = "Curves" if classes else "Lognormal curves"
+    one = len(classes) == 1
     whose = f"class {next(iter(classes))}" if one else "a class"
     caption = words["bands" if shaded else "curves"].format(kind=kind)
     caption += words["points"] * any(name in inputs.answers for name in named)
@@ -186,20 +228,26 @@ def all_curves(
 
 
 @figure
-def limit_states(sheet: Sheet, inputs: ReportInputs, answer: Curve, name: str) -> str | None:
+def limit_states(
+    sheet: Sheet, inputs: ReportInputs, answer: Curve, name: str
+) -> str | None:
     """Draw the curves of the limit states of an arch or a class; None if none has one."""
     curves = [
         (_stroke(fit.state.replace("_", " "), i, _DAMAGE), fit)
-        for i, fit in enumerate(answer.states) if fit.fitted
-    ]  # fmt: skip
+        for i, fit in enumerate(answer.states)
+        if fit.fitted
+    ]
     if not curves:
         return None
-    scale, reach = inputs.scale, 1.05 * inputs.highest
+    scale = inputs.scale
+    reach = 1.05 * inputs.highest
     panel = curve_panel(sheet, [], reach, scale.label, "probability of reaching it")
-    im, seen = np.linspace(0.0, reach, 400), list[tuple[str, FloatArray]]()
+    im = np.linspace(0.0, reach, 400)
+    seen = list[tuple[str, FloatArray]]()
     for stroke, fit in curves:
         draw_curve(panel, fit, scale, stroke, band=False)
-        words, chance = stroke.label, fit.probability(im / scale.factor)
+        words = stroke.label
+        chance = fit.probability(im / scale.factor)
         if seen and np.abs(chance - seen[-1][1]).max() < _SAME:
             words = f"{seen.pop()[0]}, {words}"
         seen.append((words, chance))
@@ -218,51 +266,73 @@ def two_studies(
 ) -> str:
     """Draw the curves of an arch in two studies with their bands, and the observed fractions."""
     (first, _), (second, _) = sides
-    scale, reach = first.scale, 1.05 * max(first.levels.max(), second.levels.max())
-    strokes = [Entry(names[0], svg.BLUE, "line"), Entry(names[1], svg.VERMILION, "dash")]
+    scale = first.scale
+    reach = 1.05 * max(first.levels.max(), second.levels.max())
+    strokes = [
+        Entry(names[0], svg.BLUE, "line"),
+        Entry(names[1], svg.VERMILION, "dash"),
+    ]
     panel = curve_panel(sheet, strokes, reach, scale.label)
     for stroke, (_, answer) in zip(strokes, sides):
         draw_curve(panel, answer, scale, stroke)
     for stroke, (results, _), mark in zip(strokes, sides, ("dot", "ring")):
         panel.dots(results.levels, results.fraction, stroke.colour, mark)
-    medians = _medians(_known({name: answer for name, (_, answer) in zip(names, sides)}), scale)
-    what = f"Probability of collapse of {first.arch} against {scale.label} in two studies"
+    medians = _medians(
+        _known({name: answer for name, (_, answer) in zip(names, sides)}), scale
+    )
+    what = (
+        f"Probability of collapse of {first.arch} against {scale.label} in two studies"
+    )
     return f"{what}. {medians}"
 
 
 @figure
 def theta_panels(
-    sheet: Sheet, theta: FloatArray, differences: Mapping[str, NDArray], name: str, unit: str
+    sheet: Sheet,
+    theta: FloatArray,
+    differences: Mapping[str, NDArray],
+    name: str,
+    unit: str,
 ) -> str | None:
     """Draw theta of each arch against each value by which arches differ; None without such.
 
     Lines are `effects_on_theta`, if the arches are enough for it; the largest stands first.
     """
-    fitted, lines = np.isfinite(theta), {}
+    fitted = np.isfinite(theta)
+    lines = {}
     if not differences or fitted.sum() < 2:
         return None
-    theta, values = theta[fitted], {key: each[fitted] for key, each in differences.items()}
-    finite = {key: numbers for key, numbers in values.items() if np.isfinite(numbers).all()}
+    theta = theta[fitted]
+    values = {key: each[fitted] for key, each in differences.items()}
+    finite = {
+        key: numbers for key, numbers in values.items() if np.isfinite(numbers).all()
+    }
     if finite and theta.size >= len(finite) + 2:
         _, effects = effects_on_theta(theta, np.column_stack([*finite.values()]))
         lines = dict(
-            sorted(zip(finite, effects), key=lambda one: -abs(np.diff(np.log(one[1]))[0]))
+            sorted(
+                zip(finite, effects), key=lambda one: -abs(np.diff(np.log(one[1]))[0])
+            )
         )
     shown = [*lines, *(key for key in values if key not in lines)][:_MOST_PANELS]
     margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
     ends = float(theta.min()) - margin, float(theta.max()) + margin
     for box, key in zip(sheet.grid(len(shown), 3, 150.0, svg.BELOW - svg.LINE), shown):
-        low, high = float(np.nanmin(values[key])), float(np.nanmax(values[key]))
+        low = float(np.nanmin(values[key]))
+        high = float(np.nanmax(values[key]))
         reach = low - 0.04 * (high - low), high + 0.04 * (high - low)
         panel = Panel(sheet, box, reach, ends)
         panel.axis_x(svg.even_ticks(*reach, 4))
         panel.axis_y(svg.even_ticks(*ends), f"θ [{unit}]")
         panel.dots(values[key], theta, svg.BLUE, radius=2.4)
         if key in lines:
-            middle, away = values[key].mean(), values[key].std(ddof=1)
+            middle = values[key].mean()
+            away = values[key].std(ddof=1)
             panel.line([middle - away, middle + away], lines[key], svg.VERMILION, 2.0)
         panel.heading(svg.shortened(key, box[2] - box[0]))
-    return f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}"
+    return (
+        f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}"
+    )
 
 
 def effects_on_theta(theta: FloatArray, values: FloatArray) -> tuple[float, FloatArray]:

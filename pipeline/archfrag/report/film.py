@@ -70,7 +70,9 @@ def choose(results: ArchResults, median: float | None) -> Chosen | None:
         return farthest(results)
     first = collapsed[records].argmax(axis=1)
     logs = np.log(results.levels[first])
-    place = np.abs(logs - (np.median(logs) if median is None else np.log(median))).argmin()
+    place = np.abs(
+        logs - (np.median(logs) if median is None else np.log(median))
+    ).argmin()
     reason = "the record with the capacity nearest the median, at its lowest collapsing level"
     return int(records[place]), int(first[place]), reason
 
@@ -100,17 +102,25 @@ def repeat(inputs: ReportInputs, place: int, chosen: Chosen | None) -> Example |
     if not method or chosen is None:
         return None
     name, arch, _ = inputs.arches[place]
-    results, kind, (record, level, reason) = inputs.results(name), method.pop("name"), chosen
+    results, kind, (record, level, reason) = (
+        inputs.results(name),
+        method.pop("name"),
+        chosen,
+    )
     method["far"] = method.pop("delay", None)
     motion = next(m for m in inputs.motions if m.id == results.records[record])
     factor = float(results["scale_factor"][record, level])
     if inputs.plan is not None:
         number = [member.id for member in inputs.plan.arches].index(name)
         motion, factor, _ = inputs.plan.ground(number, record, factor)
-    status, steps, time = (results[k][record, level] for k in ("status", "steps", "collapse_time"))
+    status, steps, time = (
+        results[k][record, level] for k in ("status", "steps", "collapse_time")
+    )
     # `auto` may take a history by events; the study's verdict came by steps.
     for tried in (kind, "time_stepping"):
-        response = simulate(arch, motion, scale=factor, method=tried, history=True, **method)
+        response = simulate(
+            arch, motion, scale=factor, method=tried, history=True, **method
+        )
         same = bool(np.isclose(time, response.collapse_time, equal_nan=True))
         same = same and (status, steps) == (response.status, response.steps)
         if same or kind != AUTO:
@@ -121,7 +131,9 @@ def repeat(inputs: ReportInputs, place: int, chosen: Chosen | None) -> Example |
     return Example(arch, motion, factor, shown, response, reason, same, ground)
 
 
-def example_of(study: StudyKeys, run: str = "median", arch: str | None = None) -> Example:
+def example_of(
+    study: StudyKeys, run: str = "median", arch: str | None = None
+) -> Example:
     """Simulate one run of a finished study again: `run` and `arch` of `Results.response`.
 
     InputError if the study is not finished, or has no such arch or run.
@@ -138,7 +150,9 @@ def example_of(study: StudyKeys, run: str = "median", arch: str | None = None) -
     else:
         example = repeat(inputs, place, _named_run(inputs.results(name), run))
     if example is None:
-        raise InputError(f"--run {run}: no run of {name} moved the arch, so there is no film")
+        raise InputError(
+            f"--run {run}: no run of {name} moved the arch, so there is no film"
+        )
     return example
 
 
@@ -152,7 +166,9 @@ def _named_run(results: ArchResults, run: str) -> Chosen:
         level = np.nan
     if not (name and level > 0.0):
         example = f"{results.records[0]}@{digits(results.levels[0])}"
-        raise InputError(f"--run {run}: must be median or RECORD@LEVEL, such as {example}")
+        raise InputError(
+            f"--run {run}: must be median or RECORD@LEVEL, such as {example}"
+        )
     if name not in results.records:
         hint = meant(name, results.records) or f"it has {', '.join(results.records)}"
         raise InputError(f"--run {run}: the study has no record {name}; {hint}")
@@ -164,7 +180,9 @@ def _named_run(results: ArchResults, run: str) -> Chosen:
     near = np.abs(np.log(levels / level))
     if not (near < _SAME_LEVEL).any():
         known = ", ".join(digits(value) for value in levels) or "none"
-        raise InputError(f"--run {run}: {name} was run at {known} {unit}, not at {text}")
+        raise InputError(
+            f"--run {run}: {name} was run at {known} {unit}, not at {text}"
+        )
     return record, int(made[near.argmin()]), "the run that was asked for"
 
 
@@ -174,7 +192,9 @@ def check_target(path: Path) -> None:
     if kind not in KINDS:
         raise InputError(f"--to {path}: a film is written as {', '.join(KINDS)}")
     if kind == ".mp4" and shutil.which("ffmpeg") is None:
-        raise InputError(f"--to {path}: .mp4 needs ffmpeg, which is not installed; use .gif")
+        raise InputError(
+            f"--to {path}: .mp4 needs ffmpeg, which is not installed; use .gif"
+        )
 
 
 def save_film(example: Example, path: Path) -> None:
@@ -183,14 +203,18 @@ def save_film(example: Example, path: Path) -> None:
     InputError if nothing moves, OutputError if the file cannot be written.
     """
     check_target(path)
-    shown = film(example, "film", "A collapse" if example.response.collapsed else "A run")
+    shown = film(
+        example, "film", "A collapse" if example.response.collapsed else "A run"
+    )
     if shown is None:
         raise InputError(f"{path}: nothing moves in this run, so there is no film")
     make_folder(path.parent)
     picture, _ = shown
     with replacing(path) as part:
         if path.suffix.lower() == ".svg":
-            (moving,) = re.findall('<svg class="moving".*?</svg>', str(picture.svg), re.DOTALL)
+            (moving,) = re.findall(
+                '<svg class="moving".*?</svg>', str(picture.svg), re.DOTALL
+            )
             part.write_text(replace(picture, svg=moving).file, encoding="utf-8")
             return
         named = part.with_name(part.name + path.suffix.lower())
@@ -212,8 +236,11 @@ def key_frames(example: Example) -> tuple[FloatArray, FloatArray, FloatArray] | 
         return None
     size = float(np.ptp(np.concatenate(example.arch.outlines), axis=0).max())
     state = np.dstack([shift, 0.1 * size * rotation]).reshape(time.size, -1)
-    first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, end, "right")) - 1
-    rows = np.unique(np.linspace(first, last, min(_CANDIDATES, last - first + 1)).astype(int))
+    first = int(np.searchsorted(time, start))
+    last = int(np.searchsorted(time, end, "right")) - 1
+    rows = np.unique(
+        np.linspace(first, last, min(_CANDIDATES, last - first + 1)).astype(int)
+    )
     most = int(np.clip(_MOST_TRANSFORMS // rotation.shape[1], 12, _MOST_FRAMES))
     kept = rows[_most_telling(time[rows], state[rows], most)]
     return time[kept], example.arch.centroids + shift[kept], rotation[kept]
@@ -223,8 +250,11 @@ def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
     """Choose rows: first and last, then one by one where the state is farthest from linear."""
     kept = np.array([0, len(time) - 1])
     while kept.size < min(most, len(time)):
-        right = np.clip(np.searchsorted(kept, np.arange(len(time)), side="left"), 1, None)
-        a, b = kept[right - 1], kept[right]
+        right = np.clip(
+            np.searchsorted(kept, np.arange(len(time)), side="left"), 1, None
+        )
+        a = kept[right - 1]
+        b = kept[right]
         part = ((time - time[a]) / np.maximum(time[b] - time[a], 1e-12))[:, None]
         error = np.abs(state - (1.0 - part) * state[a] - part * state[b]).max(axis=1)
         error[kept] = -1.0
@@ -244,7 +274,8 @@ def film(
         return None
     arch, (time, place, rotation) = example.arch, frames
     larger = 3.0 if enlarged and np.abs(rotation).max() < _SMALL else 1.0
-    place, rotation = arch.centroids + larger * (place - arch.centroids), larger * rotation
+    place = arch.centroids + larger * (place - arch.centroids)
+    rotation = larger * rotation
     low, high = arch._frame(place, rotation, 0.06)
     fill = [mark for mark in arch.marks if mark.role in ("earth", "backing")]
     for mark in fill:
@@ -252,9 +283,12 @@ def film(
         high = np.maximum(high, mark.points.max(axis=0))
     wide, tall = (high - low).tolist()
     scale = min(NARROW / wide, 300.0 / tall)
-    origin, height = (low[0] - 0.5 * (NARROW / scale - wide), high[1]), scale * tall
+    origin = (low[0] - 0.5 * (NARROW / scale - wide), high[1])
+    height = scale * tall
 
-    def pixels(points: FloatArray, at: ArrayLike = origin) -> FloatArray:  # pixel 0, 0 is `at` [m]
+    def pixels(
+        points: FloatArray, at: ArrayLike = origin
+    ) -> FloatArray:  # pixel 0, 0 is `at` [m]
         return scale * (points - np.asarray(at)) * (1.0, -1.0)
 
     rods = []  # left end [px], angle [degrees] and length [px] of each tie over time
@@ -263,28 +297,47 @@ def film(
         along = right - left
         angle = np.rad2deg(np.unwrap(np.arctan2(along[:, 1], along[:, 0])))
         rods.append(np.column_stack([left, angle, np.hypot(*along.T)]).tolist())
-    bodies = counted(np.diff(arch.springings).item(), "block" if arch.free_end else "voussoir")
+    bodies = counted(
+        np.diff(arch.springings).item(), "block" if arch.free_end else "voussoir"
+    )
     bodies += " on piers" * (arch.springings[0] > 0)
     what = f"{title}: {bodies} under {example.motion.id}, {example.level}"
     duration = float(time[-1] - time[0]) + _HOLD
     moves = np.dstack([pixels(place), -np.rad2deg(rotation)])
     stills = _stills(np.abs(rotation).max(axis=1), bool(example.response.collapsed))
     drawn = {
-        "name": name, "label": what, "width": NARROW, "height": height, "strip": _STRIP,
-        "shapes": [svg.trace(*pixels(o, at).T) for o, at in zip(arch.outlines, arch.centroids)],
+        "name": name,
+        "label": what,
+        "width": NARROW,
+        "height": height,
+        "strip": _STRIP,
+        "shapes": [
+            svg.trace(*pixels(o, at).T) for o, at in zip(arch.outlines, arch.centroids)
+        ],
         "fill": [(mark.role, svg.trace(*pixels(mark.points).T)) for mark in fill],
-        "rest": pixels(arch.centroids).tolist(), "moves": moves.swapaxes(0, 1).tolist(),
-        "ties": rods, "percent": (100.0 * (time - time[0]) / duration).tolist(),
-        "duration": duration, "time": time, "stills": stills,
+        "rest": pixels(arch.centroids).tolist(),
+        "moves": moves.swapaxes(0, 1).tolist(),
+        "ties": rods,
+        "percent": (100.0 * (time - time[0]) / duration).tolist(),
+        "duration": duration,
+        "time": time,
+        "stills": stills,
         "ground": _ground_below(example, height, (float(time[0]), float(time[-1]))),
-    }  # fmt: skip
+    }
     shown = "true to scale" if larger == 1.0 else "drawn three times as large as it is"
     caption = TEXTS["film"]["caption"].format(
-        what=what, reason=example.reason, frames=time.size, size=shown, ground=example.ground,
-        start=time[0], end=time[-1],
-    ) + TEXTS["film"]["fill"] * bool(fill)  # fmt: skip
+        what=what,
+        reason=example.reason,
+        frames=time.size,
+        size=shown,
+        ground=example.ground,
+        start=time[0],
+        end=time[-1],
+    ) + TEXTS["film"]["fill"] * bool(fill)
     strip = html.template("stills.html.j2", **drawn, columns=columns, kind="strip")
-    return Picture(html.template("film.html.j2", **drawn), caption), Picture(strip, what)
+    return Picture(html.template("film.html.j2", **drawn), caption), Picture(
+        strip, what
+    )
 
 
 def _stills(reach: FloatArray, collapsed: bool) -> list[int]:
@@ -292,7 +345,10 @@ def _stills(reach: FloatArray, collapsed: bool) -> list[int]:
     another run the largest in each quarter.
     """
     if collapsed:
-        return [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
+        return [
+            int(np.argmax(reach >= part * reach.max()))
+            for part in (0.0, 0.33, 0.67, 1.0)
+        ]
     parts = np.array_split(np.arange(reach.size), min(4, reach.size))
     return [int(part[reach[part].argmax()]) for part in parts]
 
@@ -300,9 +356,15 @@ def _stills(reach: FloatArray, collapsed: bool) -> list[int]:
 def _ground_below(example: Example, height: float, ends: tuple[float, float]) -> Markup:
     """Return the acceleration of the ground between two times, drawn below `height` [px]."""
     sheet = Sheet(NARROW)
-    panel = Panel(sheet, (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP), ends, (-1, 1))
+    panel = Panel(
+        sheet, (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP), ends, (-1, 1)
+    )
     seen = draw_ground(panel, example, 240)
-    which = "peak" if seen > 0.995 * np.abs(example.acceleration).max() else "peak of the window"
+    which = (
+        "peak"
+        if seen > 0.995 * np.abs(example.acceleration).max()
+        else "peak of the window"
+    )
     words = f"time [s], with the ground acceleration ({which} {seen:.2g} g)"
     panel.axis_x(svg.even_ticks(*ends, 6), words)
     return Markup("".join(sheet.parts))
@@ -313,11 +375,15 @@ def draw_ground(panel: Panel, example: Example, bins: int) -> float:
     (start, end), acceleration = panel.x, example.acceleration
     times = np.arange(acceleration.size) * example.motion.dt
     shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
-    place, low, high = svg.envelope(np.interp(shown, times, acceleration, right=0.0), bins)
+    place, low, high = svg.envelope(
+        np.interp(shown, times, acceleration, right=0.0), bins
+    )
     peak = max(float(np.abs([low, high]).max()), 1e-9)
     panel.y = (-1.05 * peak, 1.05 * peak)
     zero = svg.number(float(panel.at_y(0.0)))
-    panel.sheet.path(f"M{svg.number(panel.box[0])} {zero}H{svg.number(panel.box[2])}", kind="gr")
+    panel.sheet.path(
+        f"M{svg.number(panel.box[0])} {zero}H{svg.number(panel.box[2])}", kind="gr"
+    )
     x = panel.at_x(np.interp(place, np.arange(shown.size), shown))
     panel.sheet.path(svg.ribbon(x, panel.at_y(low), panel.at_y(high)), kind="ground")
     return peak

@@ -27,7 +27,8 @@ from archfrag.version import __version__
 PERIODS = (475.0, 2475.0)  # return periods of building codes [years]
 _SEEN = 0.001  # difference of probabilities that matters
 _HALF = 560.0  # width of the curve [px]
-_MOST, _SMALL = (270.0, 180.0), (270.0, 130.0)  # width and height of an arch, and of two [px]
+_MOST = (270.0, 180.0)  # width and height of an arch, and of two [px]
+_SMALL = (270.0, 130.0)
 
 
 def leading(inputs: ReportInputs) -> tuple[str, Curve]:
@@ -64,20 +65,40 @@ def _place(inputs: ReportInputs, name: str, answer: Curve) -> int:
 
 def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
     """Return the page; `example` is a collapse of the arch that is drawn, or its nearest miss."""
-    what = "collapse" if example is not None and example.response.collapsed else "near miss"
+    what = (
+        "collapse"
+        if example is not None and example.response.collapsed
+        else "near miss"
+    )
     arches = list(_arches(inputs))
-    columns = 2 if len(arches) > 1 else 4  # the frames are as high as the drawings beside them
-    moving = example and film(example, "first", f"A {what}", what == "near miss", columns)
+    columns = (
+        2 if len(arches) > 1 else 4
+    )  # the frames are as high as the drawings beside them
+    moving = example and film(
+        example, "first", f"A {what}", what == "near miss", columns
+    )
     name, _, _ = inputs.arches[leading_arch(inputs)]
-    heading = [inputs.about[key] for key in ("project", "client", "author") if key in inputs.about]
+    heading = [
+        inputs.about[key]
+        for key in ("project", "client", "author")
+        if key in inputs.about
+    ]
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
     return html.template(
-        "first.html.j2", inputs=inputs, heading=[*heading, date, f"archfrag {__version__}"],
-        sentence=lead_sentence(inputs), compared=before_and_after(inputs), film=moving, what=what,
-        which=f" of {name}" * (len(inputs.answers) > 1), run=example,
-        arches=arches, curve=_curve(inputs), facts=_facts(inputs),
+        "first.html.j2",
+        inputs=inputs,
+        heading=[*heading, date, f"archfrag {__version__}"],
+        sentence=lead_sentence(inputs),
+        compared=before_and_after(inputs),
+        film=moving,
+        what=what,
+        which=f" of {name}" * (len(inputs.answers) > 1),
+        run=example,
+        arches=arches,
+        curve=_curve(inputs),
+        facts=_facts(inputs),
         limits=short(study_aspects(inputs)),
-    )  # fmt: skip
+    )
 
 
 def site_levels(inputs: ReportInputs) -> dict[str, float]:
@@ -86,23 +107,30 @@ def site_levels(inputs: ReportInputs) -> dict[str, float]:
         return {}
     curve = inputs.risk.hazard.main
     positive = curve.rate > 0.0
-    years, im = np.log(1.0 / curve.rate[positive]), np.log(curve.im[positive])
+    years = np.log(1.0 / curve.rate[positive])
+    im = np.log(curve.im[positive])
     levels = np.exp(np.interp(np.log(PERIODS), years, im, np.nan, np.nan))
-    return {f"{p:g}-year": float(level) for p, level in zip(PERIODS, levels) if level > 0.0}
+    return {
+        f"{p:g}-year": float(level) for p, level in zip(PERIODS, levels) if level > 0.0
+    }
 
 
 def sentence_level(inputs: ReportInputs) -> tuple[str, float] | None:
     """Return whose level the first sentence is at, and the level [SI]; None without one."""
     if inputs.at is not None:
         return "", inputs.at / inputs.scale.factor
-    named = ((f"the {word} motion of the site, ", at) for word, at in site_levels(inputs).items())
+    named = (
+        (f"the {word} motion of the site, ", at)
+        for word, at in site_levels(inputs).items()
+    )
     return next(named, None)
 
 
 def lead_sentence(inputs: ReportInputs) -> Markup:
     """Write the probability at the level asked for or of the site, or else the median."""
     name, answer = leading(inputs)
-    scale, level = inputs.scale, sentence_level(inputs)
+    scale = inputs.scale
+    level = sentence_level(inputs)
     if not answer.fitted:
         return html.paragraph(f"There is no fragility curve: {answer.reason}.", "lead")
     form = Markup('<p class="lead">{} <strong>{}</strong> {}</p>')
@@ -117,10 +145,18 @@ def lead_sentence(inputs: ReportInputs) -> Markup:
     start = f"Under {site}{scale.measure} {scale.text(at)}, {whose} collapses with probability"
     end = f"({inputs.percent}: {html.percentages(band)})."
     risk = None if isinstance(inputs.risk, str | None) else inputs.risk.arches.get(name)
-    if not isinstance(risk, str | None) and not risk.rate.is_bound and risk.rate.quoted > 0.0:
+    if (
+        not isinstance(risk, str | None)
+        and not risk.rate.is_bound
+        and risk.rate.quoted > 0.0
+    ):
         rates = risk.rate.quoted, risk.rate.upper, risk.rate.lower
-        period, *ends = (f"{float(f'{1.0 / rate:.2g}'):,.0f}" for rate in rates if rate > 0.0)
-        found = f" ({inputs.percent}: {' to '.join(ends)})" if risk.rate.lower > 0.0 else ""
+        period, *ends = (
+            f"{float(f'{1.0 / rate:.2g}'):,.0f}" for rate in rates if rate > 0.0
+        )
+        found = (
+            f" ({inputs.percent}: {' to '.join(ends)})" if risk.rate.lower > 0.0 else ""
+        )
         end += f" Collapse has a return period of {period} years{found}."
     return form.format(start, html.percentages([value]), end)
 
@@ -149,7 +185,9 @@ def _noun(inputs: ReportInputs) -> str:
 
 def _facts(inputs: ReportInputs) -> str:
     """Write how many runs and collapses there are, and the dispersion of the only answer."""
-    cube, verdict, count = inputs.cube, inputs.cube["verdict"].values, len(inputs.answers)
+    cube = inputs.cube
+    verdict = inputs.cube["verdict"].values
+    count = len(inputs.answers)
     both = cube.attrs.get("vertical_component", "not used") != "not used"
     words = f"{(verdict != Verdict.NOT_RUN).sum():,} runs of {cube.sizes['record']} "
     words += "ground motions" + " with their vertical components" * both
@@ -169,7 +207,9 @@ def before_and_after(inputs: ReportInputs) -> list[str]:
     if isinstance(ratios, str) or len(ratios) != 1:
         return []
     first, second = inputs.known
-    median, *rates = (ratio_text(row, inputs.percent) for row in ratios[second].values())
+    median, *rates = (
+        ratio_text(row, inputs.percent) for row in ratios[second].values()
+    )
     whose = " ".join(filter(None, [second, inputs.stands_after(second)]))
     words = f"The median capacity of {whose} is {median} times that of {first}"
     words += "".join(f", its annual rate of collapse {rate} times" for rate in rates)
@@ -183,34 +223,45 @@ def ratio_text(row: Mapping[str, float], percent: str) -> str:
 
 def _crossing(inputs: ReportInputs) -> Iterator[str]:
     """Say which of two curves is higher below the level at which they cross, if they do."""
-    levels, scale = inputs.cube["intensity"].values, inputs.scale
+    levels = inputs.cube["intensity"].values
+    scale = inputs.scale
     im = np.geomspace(np.nanmin(levels), np.nanmax(levels), 400)
     one, two = (fit.probability(im) for fit in inputs.known.values())
     seen = np.flatnonzero(np.abs(two - one) > _SEEN)
     sign = np.sign(two - one)[seen]
     changes = np.flatnonzero(np.diff(sign))
     if changes.size == 1:
-        start, end = seen[changes[0]], seen[changes[0] + 1]
-        at = scale.factor * float(im[start + np.abs(two - one)[start : end + 1].argmin()])
-        name, level = list(inputs.known)[int(sign[changes[0]] > 0.0)], html.rounded(at)
+        start = seen[changes[0]]
+        end = seen[changes[0] + 1]
+        at = scale.factor * float(
+            im[start + np.abs(two - one)[start : end + 1].argmin()]
+        )
+        name = list(inputs.known)[int(sign[changes[0]] > 0.0)]
+        level = html.rounded(at)
         where = f"Below {scale.measure} {level} {scale.unit} the curve of {name} is the higher one"
         yield f"{where}, because its β is larger."
 
 
 def _arches(inputs: ReportInputs) -> Iterator[Picture]:
     """Draw the arch of the leading answer; of two that look different both."""
-    places, most = [leading_arch(inputs)], _MOST
+    places = [leading_arch(inputs)]
+    most = _MOST
     if len(inputs.quoted) == 2:
         both = [_place(inputs, *answer) for answer in inputs.quoted.items()]
-        drawn = [[s.points.tolist() for s in inputs.arches[place][1].marks] for place in both]
+        drawn = [
+            [s.points.tolist() for s in inputs.arches[place][1].marks] for place in both
+        ]
         if both[0] != both[1] and drawn[0] != drawn[1]:
-            places, most = both, _SMALL
+            places = both
+            most = _SMALL
     named = bool(inputs.classes) or len(inputs.quoted) > 1
     for place in places:
         yield _arch(*inputs.arches[place], named, most)
 
 
-def _arch(name: str, arch: Arch, onset: Onset, named: bool, most: tuple[float, float]) -> Picture:
+def _arch(
+    name: str, arch: Arch, onset: Onset, named: bool, most: tuple[float, float]
+) -> Picture:
     """Draw an arch to scale with its dimensions and hinges at onset; `named` in the caption."""
     sheet = Sheet(svg.NARROW)
     panel = arch_panel(sheet, arch, 0.5 * sheet.width, 24.0, most)
@@ -237,20 +288,27 @@ def _dimensions(panel: Panel, arch: Arch) -> str:
     """Draw span, rise and thickness, or width and height; return them in words."""
     sheet, (left, top, right, bottom) = panel.sheet, panel.box
     if arch.free_end:
-        width, height = np.ptp(panel.x), np.ptp(panel.y)
+        width = np.ptp(panel.x)
+        height = np.ptp(panel.y)
         _measure(sheet, (left, bottom + 12.0), (right, bottom + 12.0), f"{width:.3g} m")
         _measure(sheet, (right + 12.0, bottom), (right + 12.0, top), f"{height:.3g} m")
         return f"width {width:.3g} m, height {height:.3g} m"
-    line, which = 0.5 * (arch.intrados + arch.extrados), ""
+    line = 0.5 * (arch.intrados + arch.extrados)
+    which = ""
     if arch.parameters.get("span") is None:  # as a drawing gives them
-        line, which = arch.intrados, "clear "
-    ends, crown = line[list(arch.springings)], line[line[:, 1].argmax()]
-    span, springing = float(np.ptp(ends[:, 0])), float(ends[:, 1].min())
+        line = arch.intrados
+        which = "clear "
+    ends = line[list(arch.springings)]
+    crown = line[line[:, 1].argmax()]
+    span = float(np.ptp(ends[:, 0]))
+    springing = float(ends[:, 1].min())
     _, rise, thickness = arch.dimensions
     if not which:
         rise = float(arch.parameters.get("rise") or crown[1] - springing)
     (start, end), base = panel.at_x(np.sort(ends[:, 0])), float(panel.at_y(springing))
-    _measure(sheet, (start, base + 16.0), (end, base + 16.0), f"{which}span {span:.3g} m")
+    _measure(
+        sheet, (start, base + 16.0), (end, base + 16.0), f"{which}span {span:.3g} m"
+    )
     middle = float(panel.at_x(crown[0]))
     if rise > 0.0:
         over = float(panel.at_y(springing + rise))
@@ -265,7 +323,9 @@ def _measure(
     """Draw a dimension line with its number: below a level one, right of an upright one."""
     (a, b), (c, d) = start, end
     tick = "m-4 0h8" if a == c else "m0 -4v8"
-    line = f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}M{a:.1f} {b:.1f}{tick}M{c:.1f} {d:.1f}{tick}"
+    line = (
+        f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}M{a:.1f} {b:.1f}{tick}M{c:.1f} {d:.1f}{tick}"
+    )
     sheet.path(line, kind="ax")
     if a == c:
         sheet.text(a + 6.0, 0.5 * (b + d) + 4.0, words)
@@ -284,10 +344,15 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     others = others if len(others) == 1 else {}
     whose = name if len(inputs.quoted) > 1 else _noun(inputs)
     whose = f"class {name}" if name in inputs.classes else whose
-    entries = [Entry(name, svg.BLUE, "line"), *(Entry(k, svg.GREEN, "dash") for k in others)]
+    entries = [
+        Entry(name, svg.BLUE, "line"),
+        *(Entry(k, svg.GREEN, "dash") for k in others),
+    ]
     panel = curve_panel(sheet, entries if others else [], reach, scale.label)
     words = f"Probability of collapse of {whose} against {scale.label}"
-    results, kinds, kind = inputs.results(name), TEXTS["first_curve"], ""
+    results = inputs.results(name)
+    kinds = TEXTS["first_curve"]
+    kind = ""
     if np.isfinite(results.fraction).any():
         kind = kinds["ida" if results.runs.gaps else results.runs.design.kind]
     seen = results.levels, results.fraction, svg.INK, "dot", 2.6
@@ -307,7 +372,8 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
         panel.dots(more.levels, more.fraction, entries[1].colour, "ring", 2.6)
     draw_curve(panel, answer, scale, entries[0], 2.4)
     panel.dots(*seen)
-    theta, median = scale.factor * fit.theta, scale.text(fit.theta)
+    theta = scale.factor * fit.theta
+    median = scale.text(fit.theta)
     if theta < reach:
         half = float(fit.probability(fit.theta))  # of a class not quite 0.5
         panel.line([0.0, theta, theta], [half, half, 0.0], svg.INK, 0.9, "4 3")

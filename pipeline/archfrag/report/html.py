@@ -18,12 +18,17 @@ _TEMPLATES = files("archfrag.report") / "templates"
 STYLE = (_TEMPLATES / "figures.css").read_text("utf-8")
 SCRIPT = (_TEMPLATES / "film.js").read_text("utf-8")
 TEXTS: Mapping[str, Any] = tomllib.loads((_TEMPLATES / "texts.toml").read_text("utf-8"))
-_KEPT = use_kernel_cache()  # where nobody else can put code: compiling takes a tenth of a second
+_KEPT = (
+    use_kernel_cache()
+)  # where nobody else can put code: compiling takes a tenth of a second
 _ENVIRONMENT = Environment(
-    loader=PackageLoader("archfrag.report"), autoescape=True, undefined=StrictUndefined,
-    trim_blocks=True, lstrip_blocks=True,
+    loader=PackageLoader("archfrag.report"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
     bytecode_cache=FileSystemBytecodeCache(str(_KEPT)) if _KEPT else None,
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -52,12 +57,16 @@ def raised(power: str) -> str:
 
 def number(value: float) -> str:
     """Write a coordinate to a tenth of a pixel."""
-    return f"{value:.1f}".removesuffix(".0").replace("-0.", "-.").removeprefix("-0") or "0"
+    return (
+        f"{value:.1f}".removesuffix(".0").replace("-0.", "-.").removeprefix("-0") or "0"
+    )
 
 
 def css_text(words: str) -> Markup:
     """Escape a text between quotes of a style sheet."""
-    return Markup("".join(c if c.isalnum() or c == " " else f"\\{ord(c):x} " for c in words))
+    return Markup(
+        "".join(c if c.isalnum() or c == " " else f"\\{ord(c):x} " for c in words)
+    )
 
 
 _ENVIRONMENT.filters |= {"px": number, "css": css_text}
@@ -76,7 +85,9 @@ def paragraph(words: str, kind: str = "") -> Markup:
 
 def cautions(messages: Iterable[str]) -> Markup:
     """Return a paragraph for each message, which has neither a capital nor a full stop."""
-    return Markup("\n").join(paragraph(f"Caution: {each}.", "caution") for each in messages)
+    return Markup("\n").join(
+        paragraph(f"Caution: {each}.", "caution") for each in messages
+    )
 
 
 def folded(title: str, *parts: Markup | Picture) -> Markup:
@@ -89,20 +100,30 @@ def facts(rows: Iterable[Sequence[str]], kind: str) -> Markup:
     """Return a list of labels, each with a value in large digits and maybe a remark on it."""
     form = Markup('<div><dt>{}</dt><dd class="large">{}</dd>{}</div>')
     remark = Markup('<dd class="range">{}</dd>').format
-    entries = (form.format(a, b, Markup().join(map(remark, more))) for a, b, *more in rows)
+    entries = (
+        form.format(a, b, Markup().join(map(remark, more))) for a, b, *more in rows
+    )
     shown = Markup("\n").join(entries)
     return Markup('<dl class="{}">{}</dl>').format(kind, shown)
 
 
 def table(
-    label: str, heads: Sequence[str], rows: Iterable[Sequence[object]], kind: str = "",
+    label: str,
+    heads: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    kind: str = "",
     numeric_from: int = 1,
-) -> Markup:  # fmt: skip
+) -> Markup:
     """Return a table that scrolls by itself on a narrow screen.
 
     The first cell of each row is its head. Columns from `numeric_from` on hold numbers.
     """
-    values = {"label": label, "heads": heads, "kind": kind, "numeric_from": numeric_from}
+    values = {
+        "label": label,
+        "heads": heads,
+        "kind": kind,
+        "numeric_from": numeric_from,
+    }
     return template("table.html.j2", **values, rows=[(row[0], row[1:]) for row in rows])
 
 
@@ -160,4 +181,6 @@ def percentages(values: Sequence[float]) -> str:
 def median_and_largest(values: NDArray[np.float64]) -> str:
     """Write the median and the largest of some magnitudes with powers of ten."""
     values = np.abs(values[np.isfinite(values)])
-    return f"{np.median(values):.1e}, {values.max():.1e}" if values.size else "not known"
+    return (
+        f"{np.median(values):.1e}, {values.max():.1e}" if values.size else "not known"
+    )

@@ -35,13 +35,30 @@ from archfrag.study.validate import logo_url
 
 SUMMARY_FORMAT = "archfrag-summary/2"
 COUNTS = ("runs", "collapsed", "survived", "unfinished", "failed", "collapsed_before")
-_MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
+_MADE_BY = (
+    "archfrag_commit",
+    "archfrag_versions",
+    "archfrag_plan",
+    "archfrag_machine",
+    "source",
+)
 _MODELLED = {
-    "friction", "recess", "joints", "strength", "dead_load", "fill", "piers", "springings", "ties",
-}  # fmt: skip
+    "friction",
+    "recess",
+    "joints",
+    "strength",
+    "dead_load",
+    "fill",
+    "piers",
+    "springings",
+    "ties",
+}
 _MOST_GROUPS = 10
 _MOST_RATIOS = 8  # arches or classes whose ratios are told
-_MISSING = {"verdict": Verdict.NOT_RUN, "collapse_joint": -1}  # where no run was made, or 0
+_MISSING = {
+    "verdict": Verdict.NOT_RUN,
+    "collapse_joint": -1,
+}  # where no run was made, or 0
 
 
 @dataclass(frozen=True)
@@ -104,19 +121,27 @@ class ReportInputs:
 
     cube: xr.Dataset  #: of the study
     scale: Scale  #: of the cube's levels
-    motions: Sequence[Motion]  #: unscaled, one for each record of the cube, its name as `id`
+    motions: Sequence[
+        Motion
+    ]  #: unscaled, one for each record of the cube, its name as `id`
     #: Name in the cube, geometry and onset of each arch that has a section, in the page's order.
     arches: Sequence[tuple[str, Arch, Onset]]
     answers: Mapping[str, Curve]  #: of each arch of the cube, theta in the SI unit
-    classes: Mapping[str, Curve] = field(default_factory=dict)  #: of classes of several arches
-    cautions: Sequence[str] = ()  #: one that concerns an arch begins with its name and a colon
+    classes: Mapping[str, Curve] = field(
+        default_factory=dict
+    )  #: of classes of several arches
+    cautions: Sequence[
+        str
+    ] = ()  #: one that concerns an arch begins with its name and a colon
     #: Wall time of each run of an arch, or of groups of them [s].
     timings: Mapping[str, Sequence[float]] = field(default_factory=dict)
     title: str = "Fragility of masonry arches"
     confidence: float = 0.9  #: of all bands and intervals
     #: Cube and answers of another study with the same measure, to be compared in common arches.
     compared: tuple[xr.Dataset, Mapping[str, Curve]] | None = None
-    at: float | None = None  #: level at which the probability is asked for, in the study's unit
+    at: float | None = (
+        None  #: level at which the probability is asked for, in the study's unit
+    )
     risk: StudyRisk | str | None = None  #: or why there are no rates
     #: Of `target_of_index`.
     target: tuple[FloatArray, Mapping[str, float]] | None = None
@@ -165,7 +190,9 @@ class ReportInputs:
         def ratios() -> dict[str, Table]:
             found = dict[str, Table]()
             for name, reference in self.references.items():
-                found |= compare([self.fitted] * 2, [reference, name], site, self.confidence)
+                found |= compare(
+                    [self.fitted] * 2, [reference, name], site, self.confidence
+                )
             return found
 
         return attempt(ratios)
@@ -178,13 +205,17 @@ class ReportInputs:
         for name in names:
             if self.fitted.runs[name].shaken:
                 found[name] = name.rpartition("-after-")[0]
-        return {name: reference for name, reference in found.items() if reference in names}
+        return {
+            name: reference for name, reference in found.items() if reference in names
+        }
 
     def stands_after(self, name: str) -> str:
         """Say of how many records the curve of an arch after a first shock is; else empty."""
         runs = self.fitted.runs[name]
         before = (runs.verdict == Verdict.COLLAPSED_BEFORE).any(axis=1)
-        return f"if it stands, as in {(~before).sum()} of {before.size}" * bool(before.any())
+        return f"if it stands, as in {(~before).sum()} of {before.size}" * bool(
+            before.any()
+        )
 
     @property
     def highest(self) -> float:
@@ -204,8 +235,10 @@ def report_inputs(study: StudyKeys, compared: Path | None = None) -> ReportInput
     in the folder.
     """
     fitted = finished(study)
-    answers, cube = fitted.arches, fitted.cube
-    plan, intensity = make_plan(study), study.intensity
+    answers = fitted.arches
+    cube = fitted.cube
+    plan = make_plan(study)
+    intensity = study.intensity
     entries = {member.id: member.entry for member in study.members}
     names = [list(answers)[i] for i in shown(thetas(answers.values()).tolist())]
     arches = {name: entries[name].build() for name in names}
@@ -230,7 +263,9 @@ def report_inputs(study: StudyKeys, compared: Path | None = None) -> ReportInput
         risk=attempt(partial(risk_of_study, study, fitted)),
         target=target_of_index(study.motions.index),
         given=given,
-        about=study.report.model_dump(include={"project", "client", "author"}, exclude_none=True)
+        about=study.report.model_dump(
+            include={"project", "client", "author"}, exclude_none=True
+        )
         | ({} if study.report.logo is None else {"logo": logo_url(study.report.logo)}),
     )
 
@@ -248,15 +283,19 @@ def _compared(study: StudyKeys, path: Path) -> tuple[xr.Dataset, Mapping[str, Cu
     """Return the cube and the answers of another study; InputError if it has the same id."""
     other = load_study(path)
     if study.id == other.id:
-        raise InputError(f"study {other.id!r} cannot be compared with another of the same id")
+        raise InputError(
+            f"study {other.id!r} cannot be compared with another of the same id"
+        )
     fitted = finished(other)
     return fitted.cube, fitted.arches
 
 
 def arch_results(runs: Runs, scale: Scale) -> ArchResults:
     """Return what the report needs of the runs of an arch or a class."""
-    n_arch, made = len(runs.arches), runs.verdict != Verdict.NOT_RUN
-    levels, own_levels = runs.level * scale.factor, None
+    n_arch = len(runs.arches)
+    made = runs.verdict != Verdict.NOT_RUN
+    levels = runs.level * scale.factor
+    own_levels = None
     if levels.ndim == 2:
         own_levels = levels[:, 0]
         levels, group = _grouped(own_levels, made[:, 0])
@@ -272,15 +311,22 @@ def arch_results(runs: Runs, scale: Scale) -> ArchResults:
         kept = np.where(mask, values, _MISSING.get(variable, 0))
         return kept.astype(float if kept.dtype.kind == "f" else int)
 
-    counts, brackets = count_verdicts(table("verdict")), runs.brackets
+    counts = count_verdicts(table("verdict"))
+    brackets = runs.brackets
     return ArchResults(
-        arch=runs.name, runs=runs, scale=scale,
+        arch=runs.name,
+        runs=runs,
+        scale=scale,
         records=runs.whole["record"].values.astype(str).tolist() * n_arch,
-        levels=levels, own_levels=own_levels, table=table, simulated=made,
+        levels=levels,
+        own_levels=own_levels,
+        table=table,
+        simulated=made,
         counts=counts,
         known=count_verdicts(runs.filled) if runs.gaps else counts,
-        capacities=scale.factor * np.where(brackets.bracketed, brackets.middle, brackets.upper),
-    )  # fmt: skip
+        capacities=scale.factor
+        * np.where(brackets.bracketed, brackets.middle, brackets.upper),
+    )
 
 
 def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntArray]:
@@ -289,7 +335,8 @@ def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntA
     Return the level of each group and the group of each record, or -1.
     """
     run = np.flatnonzero(made & np.isfinite(own))
-    order, place = run[np.argsort(own[run], kind="stable")], np.full(own.size, -1)
+    order = run[np.argsort(own[run], kind="stable")]
+    place = np.full(own.size, -1)
     groups = np.array_split(order, min(_MOST_GROUPS, max(1, order.size // 5)))
     for number, members in enumerate(groups):
         place[members] = number
@@ -298,34 +345,57 @@ def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntA
 
 def summary(inputs: ReportInputs) -> dict[str, Any]:
     """Return the content of ``summary.json``, which docs/reference/results.md lists."""
-    cube, attributes, scale = inputs.cube, inputs.cube.attrs, inputs.scale
+    cube = inputs.cube
+    attributes = inputs.cube.attrs
+    scale = inputs.scale
     of_class = arch_classes(cube)
     onsets = {name: onset for name, _, onset in inputs.arches}
     of_runs = ("verdict", "lost_contact_time", "collapse_mode", "collapse_joint")
-    tables = [cube[name].transpose("arch", "record", "level").values for name in of_runs]
+    tables = [
+        cube[name].transpose("arch", "record", "level").values for name in of_runs
+    ]
     arches = []
     for name, *of_arch in zip(map(str, cube["arch"].values), *tables, strict=True):
         start = onsets.get(name)
-        arches.append({
-            "id": name, "class": of_class[name],
-            **_answered(inputs.answers[name], scale, inputs.at), **_counted(*of_arch),
-            "stands": start and bool(start.stands),
-            "onset": start and {"plus": start.plus, "minus": start.minus},
-        })  # fmt: skip
-    classes = [{
-        "id": name, "arches": list(of_class.values()).count(name),
-        **_answered(answer, scale, inputs.at), "dispersion": answer.more.get("dispersion"),
-    } for name, answer in inputs.classes.items()]  # fmt: skip
-    return finite({
-        "format": SUMMARY_FORMAT, "study": attributes.get("archfrag_study"),
-        "title": inputs.title,
-        "measure": scale.measure, "unit": scale.unit, "unit_in_si": 1.0 / scale.factor,
-        "confidence": inputs.confidence, "level": inputs.at,
-        "design": json.loads(attributes["archfrag_design"])["kind"],
-        "records": cube.sizes["record"], "levels": cube.sizes["level"],
-        "arches": arches, "classes": classes, "cautions": list(inputs.cautions),
-        "made_by": {key: attributes[key] for key in _MADE_BY if key in attributes},
-    }, None)  # fmt: skip
+        arches.append(
+            {
+                "id": name,
+                "class": of_class[name],
+                **_answered(inputs.answers[name], scale, inputs.at),
+                **_counted(*of_arch),
+                "stands": start and bool(start.stands),
+                "onset": start and {"plus": start.plus, "minus": start.minus},
+            }
+        )
+    classes = [
+        {
+            "id": name,
+            "arches": list(of_class.values()).count(name),
+            **_answered(answer, scale, inputs.at),
+            "dispersion": answer.more.get("dispersion"),
+        }
+        for name, answer in inputs.classes.items()
+    ]
+    return finite(
+        {
+            "format": SUMMARY_FORMAT,
+            "study": attributes.get("archfrag_study"),
+            "title": inputs.title,
+            "measure": scale.measure,
+            "unit": scale.unit,
+            "unit_in_si": 1.0 / scale.factor,
+            "confidence": inputs.confidence,
+            "level": inputs.at,
+            "design": json.loads(attributes["archfrag_design"])["kind"],
+            "records": cube.sizes["record"],
+            "levels": cube.sizes["level"],
+            "arches": arches,
+            "classes": classes,
+            "cautions": list(inputs.cautions),
+            "made_by": {key: attributes[key] for key in _MADE_BY if key in attributes},
+        },
+        None,
+    )
 
 
 def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
@@ -333,9 +403,13 @@ def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
     lost = answer.more.get("without_verdict") or None
     if lost and "runs" in lost:
         medians = {key: lost[key].get("theta") for key in ("collapsed", "survived")}
-        theta = {key: median and scale.factor * median for key, median in medians.items()}
+        theta = {
+            key: median and scale.factor * median for key, median in medians.items()
+        }
         lost = {"runs": lost["runs"], "theta_if": theta}
-    likelihood, likeliest, chance = answer.likelihood, None, None
+    likelihood = answer.likelihood
+    likeliest = None
+    chance = None
     if not answer.fitted:
         none = {"curve": None, "probability": None}
         return {"reason": answer.reason, "without_verdict": lost, **none}
@@ -344,28 +418,46 @@ def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
         chance = {"level": at, "value": value, "interval": ends}
     if likelihood is not None and likelihood.fitted:
         theta_most = scale.factor * likelihood.theta
-        likeliest = {"theta": theta_most, "beta": likelihood.beta, "kind": likelihood.kind}
+        likeliest = {
+            "theta": theta_most,
+            "beta": likelihood.beta,
+            "kind": likelihood.kind,
+        }
     curve = {
         "theta": scale.factor * answer.theta,
         "theta_interval": [scale.factor * end for end in answer.theta_interval],
-        "beta": answer.beta, "beta_interval": list(answer.beta_interval),
-        "method": answer.method, "assumptions": answer.assumptions,
-        "independent": answer.n_independent, "non_monotone": answer.n_non_monotone,
-        "kind": answer.kind, "maximum_likelihood": likeliest,
-    }  # fmt: skip
-    return {"reason": None, "without_verdict": lost, "curve": curve, "probability": chance}
+        "beta": answer.beta,
+        "beta_interval": list(answer.beta_interval),
+        "method": answer.method,
+        "assumptions": answer.assumptions,
+        "independent": answer.n_independent,
+        "non_monotone": answer.n_non_monotone,
+        "kind": answer.kind,
+        "maximum_likelihood": likeliest,
+    }
+    return {
+        "reason": None,
+        "without_verdict": lost,
+        "curve": curve,
+        "probability": chance,
+    }
 
 
-def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:
+def _counted(
+    verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray
+) -> dict[str, Any]:
     """Return how many runs of an arch have each verdict, and fractions of its collapses."""
-    number, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
+    number = count_verdicts(verdict)
+    collapsed = verdict == Verdict.COLLAPSED
     counts = {name: int(number[name].sum()) for name in COUNTS}
     counts["not_run"] = verdict.size - counts["runs"]
     landed = (verdict == Verdict.SURVIVED) & np.isfinite(lost)
     counts["lost_contact_and_stand"] = int(landed.sum())
     modes = [CollapseMode(code).name.lower() for code in mode[collapsed]]
     mechanisms = {
-        kind: {str(k): round(n / len(codes), 6) for k, n in sorted(Counter(codes).items())}
+        kind: {
+            str(k): round(n / len(codes), 6) for k, n in sorted(Counter(codes).items())
+        }
         for kind, codes in (("mode", modes), ("joint", joint[collapsed].tolist()))
     }
     return {"counts": counts, "mechanisms": mechanisms}

@@ -11,7 +11,9 @@ from archfrag.report.inputs import ReportInputs
 from archfrag.study.answer.curves import arch_classes
 
 _LISTED = 3  # names of arches in a sentence
-Given = Mapping[str, Sequence[Mapping[str, Any]]]  # keys of the arches, by name of arch or class
+Given = Mapping[
+    str, Sequence[Mapping[str, Any]]
+]  # keys of the arches, by name of arch or class
 
 
 class Aspect(NamedTuple):
@@ -23,7 +25,10 @@ class Aspect(NamedTuple):
 
 
 def aspects(
-    given: Given, vertical: str = "not used", delay: float | None = None, spanning: bool = True
+    given: Given,
+    vertical: str = "not used",
+    delay: float | None = None,
+    spanning: bool = True,
 ) -> list[Aspect]:
     """Return what is modelled and what is not, each with its sentence.
 
@@ -31,12 +36,16 @@ def aspects(
     seconds; `spanning` is false if all arches are free-standing.
     """
     arches = [arch for members in given.values() for arch in members]
-    some = tuple(filter(None, [vertical.removeprefix("used").strip()]))  # records that have one
+    some = tuple(
+        filter(None, [vertical.removeprefix("used").strip()])
+    )  # records that have one
     others = {
-        "always": (), "never": None, "delay": () if delay else None,
+        "always": (),
+        "never": None,
+        "delay": () if delay else None,
         "vertical": None if vertical == "not used" else some,
         "sliding": () if any(map(_slides, arches)) else None,
-    }  # fmt: skip
+    }
     result = []
     for text in TEXTS["limits"]:
         key = text["key"]
@@ -52,14 +61,16 @@ def aspects(
 
 def study_aspects(inputs: ReportInputs) -> list[Aspect]:
     """Return what the study of a report models and what not."""
-    of_class, given = arch_classes(inputs.cube), inputs.given
+    of_class = arch_classes(inputs.cube)
+    given = inputs.given
     if not given:  # a report without a study file
         given = {of_class[name]: [arch.parameters] for name, arch, _ in inputs.arches}
     return aspects(
-        given, inputs.cube.attrs.get("vertical_component", "not used"),
+        given,
+        inputs.cube.attrs.get("vertical_component", "not used"),
         inputs.config.get("method", {}).get("delay"),
         not all(arch.free_end for _, arch, _ in inputs.arches),
-    )  # fmt: skip
+    )
 
 
 def short(found: Iterable[Aspect]) -> str:
@@ -67,26 +78,36 @@ def short(found: Iterable[Aspect]) -> str:
     names = {True: list[str](), False: list[str]()}
     for aspect in found:
         names[aspect.modelled] += [aspect.name] * bool(aspect.name)
-    return f"Modelled: {', '.join(names[True])}. Not modelled: {', '.join(names[False])}"
+    return (
+        f"Modelled: {', '.join(names[True])}. Not modelled: {', '.join(names[False])}"
+    )
 
 
 def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
     """Return the words for joint 0 of an arch."""
     if free_end:
         return "the base"
-    return "the base of the left pier" if "piers" in parameters else "the left springing"
+    return (
+        "the base of the left pier" if "piers" in parameters else "the left springing"
+    )
 
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:
     """Return the arches that have a key: no names if all have it, None if none has it."""
-    counts = {name: sum(_is_set(_value(arch, key)) for arch in of) for name, of in given.items()}
+    counts = {
+        name: sum(_is_set(_value(arch, key)) for arch in of)
+        for name, of in given.items()
+    }
     having = [
         name if count == len(given[name]) else f"some arches of {name}"
-        for name, count in counts.items() if count
-    ]  # fmt: skip
+        for name, count in counts.items()
+        if count
+    ]
     if not having or having == list(given):
         return () if having else None
-    return tuple(having) if len(having) <= _LISTED else (f"{len(having)} of {len(given)}",)
+    return (
+        tuple(having) if len(having) <= _LISTED else (f"{len(having)} of {len(given)}",)
+    )
 
 
 def _value(arch: Mapping[str, Any], key: str) -> Any:
@@ -113,4 +134,6 @@ def _slides(arch: Mapping[str, Any]) -> bool:
     coefficients = [arch.get("friction"), (arch.get("piers") or {}).get("friction")]
     lists = (value if isinstance(value, list) else [value] for value in coefficients)
     values = itertools.chain.from_iterable(lists)
-    return any(isinstance(value, int | float) and math.isfinite(value) for value in values)
+    return any(
+        isinstance(value, int | float) and math.isfinite(value) for value in values
+    )

@@ -27,7 +27,13 @@ from archfrag.report import curve_figures, html, svg
 from archfrag.report.film import typical_run
 from archfrag.report.first_page import first_page, lead_sentence, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
-from archfrag.report.inputs import ReportInputs, Scale, arch_results, report_inputs, summary
+from archfrag.report.inputs import (
+    ReportInputs,
+    Scale,
+    arch_results,
+    report_inputs,
+    summary,
+)
 from archfrag.report.limits import study_aspects
 from archfrag.report.papers import write_papers
 from archfrag.report.risk_section import risk_section
@@ -52,7 +58,8 @@ SUMMARY = REPORT_FILES[1]  # beside the page
 _FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the figure of spectra [s]
 _BINS = 110  # of a thumbnail
 _NAME = 180.0  # of a record under its thumbnail [px]
-_MOST_THUMBNAILS, _MOST_SPECTRA = 60, 80
+_MOST_THUMBNAILS = 60
+_MOST_SPECTRA = 80
 
 
 def make_report(
@@ -70,22 +77,38 @@ def make_report(
     if table is None:
         return write_report(report_inputs(study, compared), out)
     if (study.work / OWNER).exists():
-        raise OutputError(f"{study.folder}: holds the results of a study; give another output")
-    given = [str(table.cube.attrs["table_source"]), study.risk.hazard if study.risk else None]
+        raise OutputError(
+            f"{study.folder}: holds the results of a study; give another output"
+        )
+    given = [
+        str(table.cube.attrs["table_source"]),
+        study.risk.hazard if study.risk else None,
+    ]
     check_targets([study.folder / FITS, study.folder / CURVE], given)
     make_folder(study.folder)
-    scale = Scale(study.intensity.measure, study.intensity.unit, 1.0 / study.intensity.factor)
+    scale = Scale(
+        study.intensity.measure, study.intensity.unit, 1.0 / study.intensity.factor
+    )
     inputs = ReportInputs(
-        table.cube, scale, (), (), table.arches, table.classes, cautions_of(study, table),
-        title=study.title, confidence=study.report.confidence,
+        table.cube,
+        scale,
+        (),
+        (),
+        table.arches,
+        table.classes,
+        cautions_of(study, table),
+        title=study.title,
+        confidence=study.report.confidence,
         risk=attempt(partial(risk_of_study, study, table)),
-    )  # fmt: skip
+    )
     write_report(inputs, out, given)
     store_fits(study, table)
     return out
 
 
-def write_report(inputs: ReportInputs, out: Path, given: Iterable[str | Path | None] = ()) -> Path:
+def write_report(
+    inputs: ReportInputs, out: Path, given: Iterable[str | Path | None] = ()
+) -> Path:
     """Write the report `out` and the files beside it; return its path.
 
     Raise OutputError if they cannot be written, or would replace what was `given` or is of others.
@@ -109,18 +132,22 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     sections = [*risk_section(inputs), *overview(inputs, curves)]
     if not inputs.arches:  # runs of another program
         sections += table_sections(inputs)
-        first, shown = Markup("<h1>{}</h1>").format(inputs.title), list(inputs.quoted)
+        first = Markup("<h1>{}</h1>").format(inputs.title)
+        shown = list(inputs.quoted)
         first += lead_sentence(inputs)
     else:
         lead = leading_arch(inputs)
         examples = [typical_run(inputs, place) for place in range(len(inputs.arches))]
         arches, appendix = arch_sections(inputs, examples, lead)
         sections += [
-            *class_sections(inputs), *arches,
-            *compared_section(inputs), motions_section(inputs),
-            provenance_section(inputs.cube.attrs), *appendix,
+            *class_sections(inputs),
+            *arches,
+            *compared_section(inputs),
+            motions_section(inputs),
+            provenance_section(inputs.cube.attrs),
+            *appendix,
             glossary_section(inputs),
-        ]  # fmt: skip
+        ]
         first = first_page(inputs, examples[lead])
         shown = [name for name, _, _ in inputs.arches if name in inputs.quoted]
     # Cautions that no section has; of those of arches that differ in numbers only the first.
@@ -128,14 +155,21 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     digest = base64.b64encode(hashlib.sha256(html.SCRIPT.encode()).digest()).decode()
     listed = inputs.quoted
     text = html.template(
-        "report.html.j2", inputs=inputs, scale=inputs.scale, sections=sections,
-        n_level=inputs.cube.sizes["level"], n_arch=len(inputs.answers),
-        script=html.SCRIPT, script_hash=f"'sha256-{digest}'",
+        "report.html.j2",
+        inputs=inputs,
+        scale=inputs.scale,
+        sections=sections,
+        n_level=inputs.cube.sizes["level"],
+        n_arch=len(inputs.answers),
+        script=html.SCRIPT,
+        script_hash=f"'sha256-{digest}'",
         first=first,
         answers=answers_table(inputs, listed) if len(listed) > 1 else "",
         cautions=html.cautions(gathered(rest, inputs.cube, shown)),
-    )  # fmt: skip
-    figures = {name: picture for section in sections for name, picture in section.files.items()}
+    )
+    figures = {
+        name: picture for section in sections for name, picture in section.files.items()
+    }
     return text, figures | ({ALL_CURVES: curves} if len(inputs.answers) > SHOWN else {})
 
 
@@ -151,7 +185,10 @@ def _ratios(inputs: ReportInputs) -> Iterator[Markup]:
     if isinstance(ratios, str):
         yield paragraph(f"There are no ratios: {ratios}.", "note")
         return
-    words = {"theta": f"median capacity θ [{inputs.scale.unit}]", "rate": "collapses a year"}
+    words = {
+        "theta": f"median capacity θ [{inputs.scale.unit}]",
+        "rate": "collapses a year",
+    }
     rows = []
     for name, of_measure in ratios.items():
         for what, row in of_measure.items():
@@ -181,7 +218,8 @@ def _compared(
     inputs: ReportInputs, other: xr.Dataset, answers: Mapping[str, Curve]
 ) -> Iterator[Any]:
     """Yield the parts on arches of two studies; InputError if these cannot be compared."""
-    cubes, of_each = (inputs.cube, other), (inputs.answers, answers)
+    cubes = (inputs.cube, other)
+    of_each = (inputs.answers, answers)
     names = [str(cube.attrs["archfrag_study"]) for cube in cubes]
     refused = f"study {names[1]!r} cannot be compared with {names[0]!r}"
     kinds = ["{measure} [{units}]".format(**cube["intensity"].attrs) for cube in cubes]
@@ -195,7 +233,9 @@ def _compared(
     one, two = (set(cube["record"].values.tolist()) for cube in cubes)
     sizes = {"names": names, "sizes": [len(one), len(two)], "common": len(one & two)}
     yield paragraph(TEXTS["notes"]["compared"].format(**sizes), "note")
-    settings = pd.concat(map(_settings, cubes), axis=1, keys=names).fillna("–").sort_index()
+    settings = (
+        pd.concat(map(_settings, cubes), axis=1, keys=names).fillna("–").sort_index()
+    )
     differing = settings[settings[names[0]] != settings[names[1]]].itertuples(name=None)
     label = "Settings in which the studies differ"
     yield table(label, ["key", *names], differing, "pairs", numeric_from=3)
@@ -207,7 +247,9 @@ def _compared(
         yield curve_figures.two_studies(names, sides)
         fits = [answer for _, answer in sides]
         if fits[0].fitted and fits[1].fitted:
-            change = f"{100 * (fits[1].theta / fits[0].theta - 1):+.1f} %".replace("-", "−")
+            change = f"{100 * (fits[1].theta / fits[0].theta - 1):+.1f} %".replace(
+                "-", "−"
+            )
             yield paragraph(f"Change of θ from {names[0]} to {names[1]}: {change}.")
         for name, (runs, answer) in zip(names, sides):
             yield paragraph(f"{arch} in {name}:")
@@ -225,7 +267,8 @@ def _settings(cube: xr.Dataset) -> pd.Series:
 
 def thumbnails(motions: Sequence[Motion]) -> Picture:
     """Draw accelerograms, each divided by its peak, as many in a row as the page has room for."""
-    shown, pieces = motions[:_MOST_THUMBNAILS], []
+    shown = motions[:_MOST_THUMBNAILS]
+    pieces = []
     for motion in shown:
         values = np.asarray(motion.acceleration, dtype=float)
         _, low, high = svg.envelope(values / (np.abs(values).max() or 1.0), _BINS)
@@ -247,9 +290,13 @@ def thumbnails(motions: Sequence[Motion]) -> Picture:
 
 @figure
 def spectra(
-    sheet: Sheet, periods: FloatArray, scaled: FloatArray, level: str,
-    target: FloatArray | None = None, marks: Sequence[float] = (),
-) -> tuple[str, str]:  # fmt: skip
+    sheet: Sheet,
+    periods: FloatArray,
+    scaled: FloatArray,
+    level: str,
+    target: FloatArray | None = None,
+    marks: Sequence[float] = (),
+) -> tuple[str, str]:
     """Draw spectra (n_record, n_period) [g] at 5 % damping with their median and 16 to 84 %.
 
     A `target` has rows of periods, median [g] and sd of ln Sa; `marks` are periods of the measure.
@@ -257,12 +304,14 @@ def spectra(
     low, median, high = np.nanquantile(scaled, [0.16, 0.5, 0.84], axis=0)
     floor = max(median.max() / 1000.0, 0.7 * float(np.nanmin(scaled[scaled > 0])))
     entries = [
-        Entry("records", svg.GREY, "line"), Entry("16 to 84 %", "#b9dcf2"),
+        Entry("records", svg.GREY, "line"),
+        Entry("16 to 84 %", "#b9dcf2"),
         Entry("median", svg.BLUE, "line"),
-    ]  # fmt: skip
+    ]
     if target is not None:
         entries.append(Entry("target: median, 16 and 84 %", svg.VERMILION, "line"))
-    x, y = (float(periods[0]), float(periods[-1])), (floor, 1.3 * float(np.nanmax(scaled)))
+    x = (float(periods[0]), float(periods[-1]))
+    y = (floor, 1.3 * float(np.nanmax(scaled)))
     panel = svg.panel_below(sheet, entries, 240.0, x, y, log=True)
     panel.axis_x(log_ticks(*x), "period [s]", grid=True)
     panel.axis_y(log_ticks(*y), "Sa, 5 % damping [g]")
@@ -273,8 +322,14 @@ def spectra(
     panel.line(periods, np.where(median >= floor, median, np.nan), svg.BLUE, 2.0)
     if target is not None:
         at, middle, sd = target[:, (target[0] >= x[0]) & (target[0] <= x[1])]
-        for z, width, dash in ((0.0, 2.0, ""), (1.0, 1.2, "5 2.5"), (-1.0, 1.2, "5 2.5")):
-            panel.line(at, np.clip(middle * np.exp(z * sd), *y), svg.VERMILION, width, dash)
+        for z, width, dash in (
+            (0.0, 2.0, ""),
+            (1.0, 1.2, "5 2.5"),
+            (-1.0, 1.2, "5 2.5"),
+        ):
+            panel.line(
+                at, np.clip(middle * np.exp(z * sd), *y), svg.VERMILION, width, dash
+            )
     for mark in marks:
         panel.line([mark, mark], y, svg.INK, 0.9, "2 2")
     return (
@@ -286,17 +341,24 @@ def spectra(
 
 def motions_section(inputs: ReportInputs) -> PageSection:
     """Return the section on the ground motions."""
-    cube, recorded = inputs.cube, "Ground motions as recorded"
+    cube = inputs.cube
+    recorded = "Ground motions as recorded"
     parts: list[Any] = [thumbnails(inputs.motions), _scaled_spectra(inputs)]
     parts.append(html.folded(recorded, _motion_table(inputs)))
     events = Counter(sorted(filter(None, cube["event"].values.astype(str).tolist())))
     if events:
-        listed = table("Earthquakes", ["earthquake", "records"], events.items(), "compact")
+        listed = table(
+            "Earthquakes", ["earthquake", "records"], events.items(), "compact"
+        )
         remark = paragraph(TEXTS["notes"]["events"], "note")
         parts.append(html.folded("Earthquakes", remark, listed))
     parts += _first_shocks(inputs)
     waivers = cube["accepted"].values.astype(str) if "accepted" in cube else ()
-    named = [f"{name!s} ({words})" for name, words in zip(cube["record"].values, waivers) if words]
+    named = [
+        f"{name!s} ({words})"
+        for name, words in zip(cube["record"].values, waivers)
+        if words
+    ]
     if named:
         words = f"Records accepted despite a warning: {', '.join(named)}."
         parts.append(paragraph(words, "caution"))
@@ -305,12 +367,16 @@ def motions_section(inputs: ReportInputs) -> PageSection:
 
 def _first_shocks(inputs: ReportInputs) -> Iterator[Any]:
     """Yield which first shocks come before the records, how strong, and which before which."""
-    plan, scale = inputs.plan, inputs.scale
-    shaken = [] if plan is None else [i for i, arch in enumerate(plan.arches) if arch.shock]
+    plan = inputs.plan
+    scale = inputs.scale
+    shaken = (
+        [] if plan is None else [i for i, arch in enumerate(plan.arches) if arch.shock]
+    )
     if plan is None or not shaken:
         return
     levels = dict.fromkeys(scale.text(plan.arches[i].shock[0]) for i in shaken)
-    gap, names = plan.arches[shaken[0]].shock[1], [*plan.records, *plan.first]
+    gap = plan.arches[shaken[0]].shock[1]
+    names = [*plan.records, *plan.first]
     rows = []
     for record, each in enumerate(plan.records):
         if (shock := plan.shock(shaken[0], record)) is not None:
@@ -330,20 +396,42 @@ def _motion_table(inputs: ReportInputs) -> Markup:
     cube = inputs.cube[["scale_factor", "magnitude", "distance"]]
     for motion in inputs.motions:
         record = cube.sel(record=motion.id)
-        factor = record["scale_factor"].values[np.isfinite(record["scale_factor"].values)]
-        rows.append([
-            motion.id, measured(record["magnitude"].item(), ".2f"),
-            measured(record["distance"].item(), ".1f"), f"{motion.duration:.1f}", f"{motion.dt:g}",
-            f"{measure(motion, 'PGA') / STANDARD_GRAVITY:.4f}",
-            f"{100 * measure(motion, 'PGV'):.2f}", measured(measure(motion, "Arias")),
-            f"{measure(motion, 'D5_95'):.1f}", "no" if motion.vertical is None else "yes",
-            f"{digits(factor.min())} – {digits(factor.max())}" if factor.size else "not run",
-        ])  # fmt: skip
+        factor = record["scale_factor"].values[
+            np.isfinite(record["scale_factor"].values)
+        ]
+        rows.append(
+            [
+                motion.id,
+                measured(record["magnitude"].item(), ".2f"),
+                measured(record["distance"].item(), ".1f"),
+                f"{motion.duration:.1f}",
+                f"{motion.dt:g}",
+                f"{measure(motion, 'PGA') / STANDARD_GRAVITY:.4f}",
+                f"{100 * measure(motion, 'PGV'):.2f}",
+                measured(measure(motion, "Arias")),
+                f"{measure(motion, 'D5_95'):.1f}",
+                "no" if motion.vertical is None else "yes",
+                f"{digits(factor.min())} – {digits(factor.max())}"
+                if factor.size
+                else "not run",
+            ]
+        )
     heads = [
-        "record", "M", "distance [km]", "duration [s]", "dt [s]", "PGA [g]", "PGV [cm/s]",
-        "Arias [m/s]", "D5\u2060–\u206095 [s]", "vertical", "scale factors",
-    ]  # fmt: skip
-    return table("Ground motions as recorded, and their scale factors", heads, rows, "dense")
+        "record",
+        "M",
+        "distance [km]",
+        "duration [s]",
+        "dt [s]",
+        "PGA [g]",
+        "PGV [cm/s]",
+        "Arias [m/s]",
+        "D5\u2060–\u206095 [s]",
+        "vertical",
+        "scale factors",
+    ]
+    return table(
+        "Ground motions as recorded, and their scale factors", heads, rows, "dense"
+    )
 
 
 def _scaled_spectra(inputs: ReportInputs) -> Picture:
@@ -352,16 +440,26 @@ def _scaled_spectra(inputs: ReportInputs) -> Picture:
     They are at the middle level if no arch has a curve, as in the runs if each has a level of its
     own, and as selected if there is a target.
     """
-    cube, scale, level, words = inputs.cube, inputs.scale, 0, "scaled as in the runs"
+    cube = inputs.cube
+    scale = inputs.scale
+    level = 0
+    words = "scaled as in the runs"
     intensity = cube["intensity"].values
     if intensity.ndim == 1:
-        medians, level = [each.theta for each in inputs.answers.values()], intensity.size // 2
+        medians = [each.theta for each in inputs.answers.values()]
+        level = intensity.size // 2
         why = "the middle level"
         if np.isfinite(medians).any():
-            level = int(np.abs(np.log(intensity) - np.log(np.nanmedian(medians))).argmin())
+            level = int(
+                np.abs(np.log(intensity) - np.log(np.nanmedian(medians))).argmin()
+            )
             why = "the level nearest to the median capacity"
-        words = f"scaled to {scale.measure} = {scale.text(float(intensity[level]))}, {why}"
-    chosen = cube["scale_factor"].isel(level=level, arch=0, missing_dims="ignore").values
+        words = (
+            f"scaled to {scale.measure} = {scale.text(float(intensity[level]))}, {why}"
+        )
+    chosen = (
+        cube["scale_factor"].isel(level=level, arch=0, missing_dims="ignore").values
+    )
     target, factors = inputs.target or (None, {})
     if target is not None:
         words = "each with the factor with which it was selected for the target"
@@ -369,8 +467,9 @@ def _scaled_spectra(inputs: ReportInputs) -> Picture:
         chosen = np.array([factors.get(name, np.nan) for name in names])
     spectra_g = [
         spectral_acceleration(motion, _FEW_PERIODS) * factor / STANDARD_GRAVITY
-        for motion, factor in zip(inputs.motions, chosen.tolist()) if np.isfinite(factor)
-    ]  # fmt: skip
+        for motion, factor in zip(inputs.motions, chosen.tolist())
+        if np.isfinite(factor)
+    ]
     marks = parse_measure(scale.measure).periods
     return spectra(_FEW_PERIODS, np.stack(spectra_g), words, target, marks)
 
@@ -378,24 +477,37 @@ def _scaled_spectra(inputs: ReportInputs) -> Picture:
 def provenance_section(attributes: Mapping[str, Any]) -> PageSection:
     """Return the section on what makes the results again, and the attributes of the cube."""
     commit = attributes.get("archfrag_commit", "not known")
-    rows, form = [], Markup('<pre tabindex="0">{}</pre>')
+    rows = []
+    form = Markup('<pre tabindex="0">{}</pre>')
     for name, value in attributes.items():
         if str(value).startswith(("{", "[")):  # JSON, laid out in lines
-            value = form.format(json.dumps(json.loads(value), indent=2, ensure_ascii=False))
+            value = form.format(
+                json.dumps(json.loads(value), indent=2, ensure_ascii=False)
+            )
         rows.append((name, value))
     listed = html.pairs("Provenance", rows, "attribute of the cube")
     words = paragraph(TEXTS["notes"]["reproduce"].format(commit=commit))
     return PageSection(
-        "provenance", "Provenance", [words, html.folded("Attributes of the cube", listed)]
+        "provenance",
+        "Provenance",
+        [words, html.folded("Attributes of the cube", listed)],
     )
 
 
 def glossary_section(inputs: ReportInputs) -> PageSection:
     """Return the section on terms and on what is modelled."""
-    loss = f"{100.0 * float(inputs.cube.attrs['loss_limit']):g} %"  # gap over joint length
+    loss = (
+        f"{100.0 * float(inputs.cube.attrs['loss_limit']):g} %"  # gap over joint length
+    )
     values = {"percent": inputs.percent, "loss_limit": loss}
-    terms = [(k.format(**values), v.format(**values)) for k, v in TEXTS["glossary"].items()]
-    terms.append(("Limits", " ".join(aspect.sentence for aspect in study_aspects(inputs))))
-    rows = Markup("\n").join(Markup("<dt>{}</dt>\n<dd>{}</dd>").format(*term) for term in terms)
+    terms = [
+        (k.format(**values), v.format(**values)) for k, v in TEXTS["glossary"].items()
+    ]
+    terms.append(
+        ("Limits", " ".join(aspect.sentence for aspect in study_aspects(inputs)))
+    )
+    rows = Markup("\n").join(
+        Markup("<dt>{}</dt>\n<dd>{}</dd>").format(*term) for term in terms
+    )
     parts = [Markup('<dl class="glossary">\n{}\n</dl>').format(rows)]
     return PageSection("glossary", "Terms and limits", parts)

@@ -16,17 +16,41 @@ from archfrag.study.provenance import write_text
 from archfrag.version import __version__
 
 RUN_COLUMNS = (
-    "arch", "arch_class", "record", "event", "magnitude", "distance", "intensity", "scale_factor",
-    "verdict", "collapse_mode", "collapse_joint", "collapse_time", "lost_contact_time",
-    "lost_contact_joint", "peak_rotation", "residual_rotation", "peak_displacement",
-    "residual_displacement", "impacts", "openings", "slides", "end_time", "status", "energy_error",
+    "arch",
+    "arch_class",
+    "record",
+    "event",
+    "magnitude",
+    "distance",
+    "intensity",
+    "scale_factor",
+    "verdict",
+    "collapse_mode",
+    "collapse_joint",
+    "collapse_time",
+    "lost_contact_time",
+    "lost_contact_joint",
+    "peak_rotation",
+    "residual_rotation",
+    "peak_displacement",
+    "residual_displacement",
+    "impacts",
+    "openings",
+    "slides",
+    "end_time",
+    "status",
+    "energy_error",
     "moving_before",
-)  # fmt: skip
+)
 _HEAD = "Results of archfrag"
-_FILES = Path(__file__).with_name("readme.txt").read_text("utf-8")  # what each of them is
+_FILES = (
+    Path(__file__).with_name("readme.txt").read_text("utf-8")
+)  # what each of them is
 
 
-def write_papers(fitted: Fitted, measure: str, unit: str, factor: float, folder: Path) -> None:
+def write_papers(
+    fitted: Fitted, measure: str, unit: str, factor: float, folder: Path
+) -> None:
     """Write ``capacities.csv``, ``runs.csv`` and ``README.txt``; an SI level times `factor` is in
     `unit`. A README of somebody else is left alone.
     """
@@ -43,14 +67,23 @@ def write_papers(fitted: Fitted, measure: str, unit: str, factor: float, folder:
         write_text(path, f"{about}{measure} [{unit}].\n\n{_FILES}")
 
 
-def runs_in_words(cube: xr.Dataset, intensity: str, factor: float) -> Iterator[pd.DataFrame]:
+def runs_in_words(
+    cube: xr.Dataset, intensity: str, factor: float
+) -> Iterator[pd.DataFrame]:
     """Yield the runs in pieces, with words for codes and units in the names."""
     about, pieces = runs_table(cube)
-    units = {name: about[name].get("unit", "1") for name in RUN_COLUMNS if name in about}
-    names = {name: name if unit == "1" else f"{name} [{unit}]" for name, unit in units.items()}
+    units = {
+        name: about[name].get("unit", "1") for name in RUN_COLUMNS if name in about
+    }
+    names = {
+        name: name if unit == "1" else f"{name} [{unit}]"
+        for name, unit in units.items()
+    }
     names["intensity"] = intensity
     for piece in pieces:
-        own: dict[str, Any] = {"intensity": [_stated(si, factor) for si in piece["intensity"]]}
+        own: dict[str, Any] = {
+            "intensity": [_stated(si, factor) for si in piece["intensity"]]
+        }
         for name in names:
             if codes := about[name].get("codes"):
                 words = {code: word.replace("_", " ") for word, code in codes.items()}

@@ -41,7 +41,10 @@ def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
         for text in figure.findobj(Text):
             text.set_color("black")
         pdf, png = paths[2 * number : 2 * number + 2]
-        with rc_context({"pdf.fonttype": 42}), replacing(pdf) as part:  # fonts to be edited
+        with (
+            rc_context({"pdf.fonttype": 42}),
+            replacing(pdf) as part,
+        ):  # fonts to be edited
             figure.savefig(part, format="pdf", metadata={"CreationDate": None})
         with replacing(png) as part:
             figure.savefig(part, format="png", dpi=300)
@@ -56,19 +59,35 @@ def _axes(height: float) -> tuple[Figure, Axes]:
 
 def _curves(inputs: ReportInputs) -> Figure:
     """Draw the curves of classes and arches with their bands, and the fractions of the runs."""
-    scale, (figure, ax), shown = inputs.scale, _axes(3.6), [name for name, _, _ in inputs.arches]
+    scale, (figure, ax), shown = (
+        inputs.scale,
+        _axes(3.6),
+        [name for name, _, _ in inputs.arches],
+    )
     for number, (name, answer) in enumerate(inputs.quoted.items()):
-        colour, style = _COLOURS[number % 4], "-" if number < 4 else "--"
+        colour = _COLOURS[number % 4]
+        style = "-" if number < 4 else "--"
         if answer.fitted:
-            im, label = np.array(answer.im), f"{name}: median {scale.text(answer.theta)}"
-            ax.plot(scale.factor * im, answer.probability(im), style, color=colour, label=label)
+            im = np.array(answer.im)
+            label = f"{name}: median {scale.text(answer.theta)}"
+            ax.plot(
+                scale.factor * im,
+                answer.probability(im),
+                style,
+                color=colour,
+                label=label,
+            )
             band = answer.lower, answer.upper
             ax.fill_between(scale.factor * im, *band, color=colour, alpha=0.2, lw=0.0)
         if name in shown:  # of a class the fractions are not shown
             results = inputs.results(name)
             ax.plot(results.levels, results.fraction, "o", color=colour, ms=3.0)
-    ax.set(xlabel=scale.label, ylabel="probability of collapse",
-           xlim=(0.0, 1.05 * inputs.highest), ylim=(0.0, 1.02))  # fmt: skip
+    ax.set(
+        xlabel=scale.label,
+        ylabel="probability of collapse",
+        xlim=(0.0, 1.05 * inputs.highest),
+        ylim=(0.0, 1.02),
+    )
     if ax.get_legend_handles_labels()[0]:
         plots.legend(ax)
     return figure
@@ -92,14 +111,20 @@ def _ida_figure(results: ArchResults) -> Figure:
 
 def _runs_figure(results: ArchResults) -> Figure:
     """Draw the verdict of every run, records in the order of their capacities."""
-    order, count = np.argsort(results.capacities, kind="stable"), len(results.records)
+    order = np.argsort(results.capacities, kind="stable")
+    count = len(results.records)
     figure, ax = _axes(1.0 + 0.16 * min(count, _MOST_NAMED))
-    own, size = results.own_levels, min(16.0, 1000.0 / count)
+    own = results.own_levels
+    size = min(16.0, 1000.0 / count)
     for code, entry in VERDICTS.items():
-        row, place = np.nonzero(results.simulated[order] & (results.verdict[order] == code))
+        row, place = np.nonzero(
+            results.simulated[order] & (results.verdict[order] == code)
+        )
         x = results.levels[place] if own is None else own[order][row]
         if row.size:
-            ax.scatter(x, row, size, entry.colour, marker="s", label=entry.label, lw=0.0)
+            ax.scatter(
+                x, row, size, entry.colour, marker="s", label=entry.label, lw=0.0
+            )
     if count <= _MOST_NAMED:
         names = [results.records[i] for i in order]
         ax.set_yticks(range(count), names, fontsize=plots.SIZE - 2.0)

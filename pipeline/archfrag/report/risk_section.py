@@ -13,13 +13,22 @@ from archfrag.report.html import TEXTS
 from archfrag.report.inputs import ReportInputs, Scale
 from archfrag.report.run_figures import level_axis, stacked
 from archfrag.report.sections import PageSection
-from archfrag.report.svg import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
+from archfrag.report.svg import (
+    Entry,
+    FloatArray,
+    Panel,
+    Sheet,
+    even_ticks,
+    figure,
+    log_ticks,
+)
 from archfrag.study.answer.rates import ASSUMPTIONS, ArchRisk, StudyRisk
 from archfrag.study.file.members import SHOWN
 from archfrag.study.hazard import Hazard
 
 _REACH = 1e-4  # of the greatest density of the rate, where the axis ends
-_LEFT, _HEIGHTS = 66.0, (150.0, 110.0, 110.0)  # left of the panels and their heights [px]
+_LEFT = 66.0  # left of the panels and their heights [px]
+_HEIGHTS = (150.0, 110.0, 110.0)
 
 
 def risk_section(inputs: ReportInputs) -> Iterator[PageSection]:
@@ -35,7 +44,8 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
     if isinstance(risk, str):
         yield html.paragraph(f"There are no rates of collapse: {risk}.", "none")
         return
-    hazard, first = risk.hazard, next(iter(risk.hazard.curves))
+    hazard = risk.hazard
+    first = next(iter(risk.hazard.curves))
     words = f"Rates with the hazard curve {first} of {Path(hazard.source).name}"
     yield html.paragraph(". ".join([words, *hazard.messages, ""]), "note")
     yield _rates_table(risk, percent)
@@ -59,11 +69,17 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
 def _rates_table(risk: StudyRisk, percent: str) -> Markup:
     """Tabulate the rate of collapse of each arch with what it means over some years."""
     heads = [
-        "arch", "collapses a year", percent, "mean rate", "return period [years]",
-        f"probability in {risk.years:g} years", percent, "beyond the hazard curve",
+        "arch",
+        "collapses a year",
+        percent,
+        "mean rate",
+        "return period [years]",
+        f"probability in {risk.years:g} years",
+        percent,
+        "beyond the hazard curve",
         "left out below the onset",
         *(f"a year, {key}" for key in list(risk.hazard.curves)[1:]),
-    ]  # fmt: skip
+    ]
     rows = []
     for name, arch in risk.arches.items():
         name += f", {risk.classes[name]} arches" if name in risk.classes else ""
@@ -72,19 +88,27 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
             continue
         rate, (likely, *ends) = arch.rate, arch.rate.probability_in(risk.years)
         least, most = ("at least ", "at most ") if rate.is_bound else ("", "")
-        rows.append([
-            name, least + html.rounded(rate.quoted), html.rounded_interval(rate.lower, rate.upper),
-            html.rounded(rate.mean),
-            most + html.rounded(rate.return_period), least + html.rounded(likely),
-            html.rounded_interval(*ends), f"{100 * (rate.below + rate.above):.1f} %",
-            html.rounded(rate.below_onset) if np.any(arch.onset) else "–",
-            *(html.rounded(rate) for rate in list(arch.by_curve.values())[1:]),
-        ])  # fmt: skip
+        rows.append(
+            [
+                name,
+                least + html.rounded(rate.quoted),
+                html.rounded_interval(rate.lower, rate.upper),
+                html.rounded(rate.mean),
+                most + html.rounded(rate.return_period),
+                least + html.rounded(likely),
+                html.rounded_interval(*ends),
+                f"{100 * (rate.below + rate.above):.1f} %",
+                html.rounded(rate.below_onset) if np.any(arch.onset) else "–",
+                *(html.rounded(rate) for rate in list(arch.by_curve.values())[1:]),
+            ]
+        )
     return html.table("Rates of collapse", heads, rows, "compact")
 
 
 @figure
-def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Scale) -> str:
+def hazard_and_fragility(
+    sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Scale
+) -> str:
     """Draw the hazard curve, the fragility curve and where the rate of collapse comes from."""
     # Intensities from which all but a small part of the rate comes.
     wide = np.concatenate([arch.levels, hazard.main.im, [arch.fit.theta]])
@@ -92,17 +116,24 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
     density = _density(arch, hazard, im)
     used = im[density > _REACH * density.max()]
     im = np.geomspace(min(used[0], arch.levels[0]), max(used[-1], arch.levels[-1]), 200)
-    density, shown = _density(arch, hazard, im), scale.factor * im
+    density = _density(arch, hazard, im)
+    shown = scale.factor * im
     rates = {key: curve.rate_at(im) for key, curve in hazard.curves.items()}
-    points, ends = hazard.main.im * scale.factor, (float(shown[0]), float(shown[-1]))
+    points = hazard.main.im * scale.factor
+    ends = (float(shown[0]), float(shown[-1]))
     seen = (points >= ends[0]) & (points <= ends[1])
     every = np.concatenate(list(rates.values()))
-    low, high = float(every[every > 0.0].min()), float(every.max())
+    low = float(every[every > 0.0].min())
+    high = float(every.max())
     colours = [svg.VERMILION, *[svg.GREY] * (len(rates) - 1)]
-    entries = [Entry(f"hazard: {key}", colour, "line") for key, colour in zip(rates, colours)]
+    entries = [
+        Entry(f"hazard: {key}", colour, "line") for key, colour in zip(rates, colours)
+    ]
     top = sheet.legend(_LEFT, 0.0, entries) - 8.0
     panels: list[Panel] = []
-    for height, y in zip(_HEIGHTS, ((low, high), (0.0, 1.0), (0.0, 1.05 * density.max()))):
+    for height, y in zip(
+        _HEIGHTS, ((low, high), (0.0, 1.0), (0.0, 1.05 * density.max()))
+    ):
         box = (_LEFT, top + 14.0, sheet.width - 10.0, top := top + 14.0 + height)
         panels.append(Panel(sheet, box, ends, y, True, log_y=not panels))
     first, second, third = panels
@@ -114,7 +145,9 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
     third.line(shown, density, svg.BLUE)
     first.axis_y(log_ticks(low, high, (1.0,)), "exceeded [1/year]")
     second.axis_y([0.0, 0.5, 1.0], "P(collapse) [1]")
-    third.axis_y(even_ticks(0.0, third.y[1], 4), f"rate per ln {scale.measure} [1/year]")
+    third.axis_y(
+        even_ticks(0.0, third.y[1], 4), f"rate per ln {scale.measure} [1/year]"
+    )
     ticks = log_ticks(*ends)
     for panel in panels:
         for end in points[[0, -1]]:
@@ -133,13 +166,17 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str]
     split = arch.by_mechanism
     if not split.counts.any() or "not known" in split.categories:
         return None
-    labels = [f"{name} {100 * f:.0f} %" for name, f in zip(split.categories, split.fraction)]
+    labels = [
+        f"{name} {100 * f:.0f} %" for name, f in zip(split.categories, split.fraction)
+    ]
     parts = stacked(labels, split.rate)
     if split.unassigned.any():
         parts.append((Entry("no collapse seen", svg.PALE), split.unassigned))
     highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
     ends = (-0.5, arch.levels.size - 0.5), (0.0, highest)
-    panel = svg.panel_below(sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT)
+    panel = svg.panel_below(
+        sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT
+    )
     panel.axis_y(even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
     panel.stack(parts)
     level_axis(panel, scale.factor * arch.levels, scale.label)

@@ -25,26 +25,39 @@ VERDICTS = {
     Verdict.COLLAPSED_BEFORE: Entry("collapsed in the first shock", svg.ORANGE, "dots"),
 }
 MODES = (  # by code of `CollapseMode`
-    Entry("mode not known", svg.GREY), Entry("hinging", svg.BLUE),
-    Entry("sliding", svg.ORANGE, "slash"), Entry("lift-off", svg.GREEN, "dots"),
+    Entry("mode not known", svg.GREY),
+    Entry("hinging", svg.BLUE),
+    Entry("sliding", svg.ORANGE, "slash"),
+    Entry("lift-off", svg.GREEN, "dots"),
     Entry("overturning", svg.PURPLE, "cross"),
-)  # fmt: skip
+)
 LOOKS = (
-    (svg.BLUE, "area"), (svg.ORANGE, "slash"), (svg.GREEN, "dots"), (svg.PURPLE, "cross"),
-    (svg.VERMILION, "slash"), (svg.SKY, "area"), (svg.INK, "area"), (svg.GREY, "area"),
-)  # fmt: skip
+    (svg.BLUE, "area"),
+    (svg.ORANGE, "slash"),
+    (svg.GREEN, "dots"),
+    (svg.PURPLE, "cross"),
+    (svg.VERMILION, "slash"),
+    (svg.SKY, "area"),
+    (svg.INK, "area"),
+    (svg.GREY, "area"),
+)
 # What a joint may be seen doing, in words of the log, from code 1; a closed joint that sticks is
 # not drawn.
 JOINT_STATES = (
-    Entry("hinge intrados", svg.BLUE), Entry("hinge extrados", svg.VERMILION),
+    Entry("hinge intrados", svg.BLUE),
+    Entry("hinge extrados", svg.VERMILION),
     Entry("hinge intrados sliding", svg.BLUE, "slash"),
     Entry("hinge extrados sliding", svg.VERMILION, "slash"),
-    Entry("slides", svg.ORANGE, "cross"), Entry("open", svg.INK),
-)  # fmt: skip
+    Entry("slides", svg.ORANGE, "cross"),
+    Entry("open", svg.INK),
+)
 _LABELLED = 60  # records that have their names written
 _MOST_JOINTS = 4
 _BINS = 600  # of the log
-MEASURED = {"peak_rotation": "peak rotation [°]", "residual_rotation": "residual rotation [°]"}
+MEASURED = {
+    "peak_rotation": "peak rotation [°]",
+    "residual_rotation": "residual rotation [°]",
+}
 FRACTILES = {"16 %": 0.16, "median": 0.5, "84 %": 0.84}
 
 
@@ -54,29 +67,43 @@ def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
     Between levels these places are interpolated in logarithms.
     """
     most = min(10, max(2, int((panel.box[2] - panel.box[0]) / 38.0)))
-    values, logs = np.empty(0), np.log(levels)
+    values = np.empty(0)
+    logs = np.log(levels)
     if levels.size > 1:
-        spread = [float(np.std(np.diff(x)) / np.mean(np.diff(x))) for x in (levels, logs)]
-        make = svg.log_ticks if spread[1] < spread[0] else partial(svg.even_ticks, most=most)
+        spread = [
+            float(np.std(np.diff(x)) / np.mean(np.diff(x))) for x in (levels, logs)
+        ]
+        make = (
+            svg.log_ticks
+            if spread[1] < spread[0]
+            else partial(svg.even_ticks, most=most)
+        )
         values = make(float(levels[0]), float(levels[-1]))
     if values.size < 2:
         values = levels
     places = np.interp(np.log(values), logs, np.arange(levels.size))
-    panel.axis_x(places, title, [svg.tick_label(float(digits(value))) for value in values])
+    panel.axis_x(
+        places, title, [svg.tick_label(float(digits(value))) for value in values]
+    )
 
 
 @figure
 def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     """Draw the verdict of every run: records down, levels to the right."""
     collapsed = results.verdict == Verdict.COLLAPSED
-    lowest = np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), collapsed.shape[1])
+    lowest = np.where(
+        collapsed.any(axis=1), collapsed.argmax(axis=1), collapsed.shape[1]
+    )
     order = np.lexsort((collapsed.sum(axis=1), -lowest))
-    rows, names = results.verdict[order], [results.records[i] for i in order]
+    rows = results.verdict[order]
+    names = [results.records[i] for i in order]
     n_record, n_level = rows.shape
     entries = [entry for code, entry in VERDICTS.items() if np.any(rows == code)]
     if not results.simulated.all():
         entries.append(Entry("blank: not run", "#ffffff"))
-    bounded = len(results.capacities) == n_record and np.isfinite(results.capacities).any()
+    bounded = (
+        len(results.capacities) == n_record and np.isfinite(results.capacities).any()
+    )
     if bounded:
         entries.append(Entry("capacity", svg.INK, "line"))
     labelled = n_record <= _LABELLED
@@ -90,17 +117,25 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     for edge in np.arange(1, n_level) - 0.5:
         panel.line([edge, edge], ends[1], "#fff", 1.0)
     if bounded:
-        capacities, levels = results.capacities[order], np.log(results.levels)
-        x = np.interp(np.log(capacities), levels, np.arange(n_level), right=n_level - 0.5)
+        capacities = results.capacities[order]
+        levels = np.log(results.levels)
+        x = np.interp(
+            np.log(capacities), levels, np.arange(n_level), right=n_level - 0.5
+        )
         x = np.where(capacities <= results.levels[0], -0.5, x)
         y = np.repeat(np.arange(n_record + 1), 2)[1:-1] - 0.5
         panel.line(np.repeat(x, 2), y, svg.INK, 1.4)
     for y, name in zip(panel.at_y(np.arange(n_record)), names if labelled else ()):
-        sheet.text(left - 5.0, y + 3.5, svg.shortened(name, left - 12.0, svg.SMALL), "s e")
+        sheet.text(
+            left - 5.0, y + 3.5, svg.shortened(name, left - 12.0, svg.SMALL), "s e"
+        )
     level_axis(panel, results.levels, results.scale.label)
     texts = TEXTS["verdict_map"]
     caption = texts["caption"] + texts["capacity"] * bool(bounded)
-    return f"Verdicts of {results.arch} for {n_record} records at {n_level} levels", caption
+    return (
+        f"Verdicts of {results.arch} for {n_record} records at {n_level} levels",
+        caption,
+    )
 
 
 @figure
@@ -114,7 +149,8 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     looks = {code: entry._replace(mark="dot") for code, entry in VERDICTS.items()}
     looks[Verdict.SURVIVED] = Entry("survived", svg.SKY, "dot")
     entries = [entry for code, entry in looks.items() if np.any(verdict == code)]
-    low, high = 1e-4, 10.0 ** np.ceil(np.log10(max(np.nanmax(reach), 1e-3)))
+    low = 1e-4
+    high = 10.0 ** np.ceil(np.log10(max(np.nanmax(reach), 1e-3)))
     x = 0.95 * float(level.min()), 1.05 * float(level.max())
     panel = svg.panel_below(sheet, entries, 220.0, x, (low, high), left=56.0, log=True)
     panel.axis_x(svg.log_ticks(*x), results.scale.label, grid=True)
@@ -129,19 +165,25 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
 @figure
 def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
     """Draw largest rotations of each record against intensity; None if no run survived."""
-    if results.own_levels is not None or not (results.verdict == Verdict.SURVIVED).any():
+    if (
+        results.own_levels is not None
+        or not (results.verdict == Verdict.SURVIVED).any()
+    ):
         return None
     entries = [
-        Entry("a record", svg.GREY, "line"), Entry("median", svg.BLUE, "line"),
+        Entry("a record", svg.GREY, "line"),
+        Entry("median", svg.BLUE, "line"),
         Entry("16 and 84 %", svg.BLUE, "dash"),
-    ]  # fmt: skip
+    ]
     top = sheet.legend(LEFT, 0.0, entries)
     boxes = sheet.grid(len(MEASURED), 2, 260.0, BELOW)
     sheet.height += top
     highest = 1.05 * float(results.levels.max())
     for (name, title), (left, up, right, down) in zip(MEASURED.items(), boxes):
         reach, lines = ida_lines(results, name, 1.15)
-        panel = Panel(sheet, (left, up + top, right, down + top), (0.0, reach), (0.0, highest))
+        panel = Panel(
+            sheet, (left, up + top, right, down + top), (0.0, reach), (0.0, highest)
+        )
         panel.axis_x(svg.even_ticks(0.0, reach, 5), title, grid=True)
         panel.axis_y(svg.even_ticks(0.0, highest), results.scale.label)
         strokes = {"": (svg.GREY, 0.7, ""), "median": (svg.BLUE, 2.0, "")}
@@ -158,25 +200,34 @@ def ida_lines(
     A line of each record has an empty name; those of `FRACTILES` follow with theirs. A line ends
     flat, at the capacity of its record. Between the levels that were run it is interpolated.
     """
-    levels, survived = results.levels, results.verdict == Verdict.SURVIVED
-    degrees, capacities = np.rad2deg(results[name]), results.capacities
+    levels = results.levels
+    survived = results.verdict == Verdict.SURVIVED
+    degrees = np.rad2deg(results[name])
+    capacities = results.capacities
     curves = np.full(degrees.shape, np.nan)
     for row, (used, value, capacity) in enumerate(zip(survived, degrees, capacities)):
         used = used & (levels < capacity)
         if used.any():
-            x, y = np.append(0.0, levels[used]), np.append(0.0, value[used])
+            x = np.append(0.0, levels[used])
+            y = np.append(0.0, value[used])
             curves[row] = np.interp(levels, x, y)
     curves = np.where(levels > capacities[:, None], np.inf, curves)
     reach = margin * float(np.max(curves, initial=1e-6, where=np.isfinite(curves)))
     rows = [(row, end, "") for row, end in zip(curves, capacities.tolist())]
     rows += fractiles(curves, capacities)
-    return reach, [(*ida_line(levels, row, end, reach), part) for row, end, part in rows]
+    return reach, [
+        (*ida_line(levels, row, end, reach), part) for row, end, part in rows
+    ]
 
 
-def fractiles(curves: FloatArray, capacities: FloatArray) -> list[tuple[FloatArray, float, str]]:
+def fractiles(
+    curves: FloatArray, capacities: FloatArray
+) -> list[tuple[FloatArray, float, str]]:
     """Return the fractiles of rotations (n_record, n_level), and where each ends."""
     ranked = np.sort(np.where(np.isnan(curves), np.inf, curves), axis=0)
-    ends, lines, last = np.sort(capacities), [], len(ranked) - 1
+    ends = np.sort(capacities)
+    lines = []
+    last = len(ranked) - 1
     for name, part in FRACTILES.items():
         # The 84 % fractile of demand ends at the 16 % fractile of capacity.
         end = float(ends[min(int((1.0 - part) * len(ranked)), last)])
@@ -189,18 +240,23 @@ def ida_line(
 ) -> tuple[FloatArray, FloatArray]:
     """Return a line from the origin that is flat up to `right` at the capacity."""
     seen = np.isfinite(row)
-    x, y = np.append(0.0, row[seen]), np.append(0.0, levels[seen])
+    x = np.append(0.0, row[seen])
+    y = np.append(0.0, levels[seen])
     if np.isfinite(capacity):
-        x, y = np.append(x, [x[-1], right]), np.append(y, [capacity, capacity])
+        x = np.append(x, [x[-1], right])
+        y = np.append(y, [capacity, capacity])
     return x, y
 
 
 def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
     """Split the collapses by mode, and by the joint that was lost."""
-    lost, collapsed = results["collapse_joint"], results.verdict == Verdict.COLLAPSED
+    lost = results["collapse_joint"]
+    collapsed = results.verdict == Verdict.COLLAPSED
     counted = Counter(np.sort(lost[collapsed]).tolist())
     commonest = sorted(joint for joint, _ in counted.most_common(_MOST_JOINTS))
-    joint = np.where(np.isin(lost, commonest), np.searchsorted(commonest, lost), len(commonest))
+    joint = np.where(
+        np.isin(lost, commonest), np.searchsorted(commonest, lost), len(commonest)
+    )
     modes = results["collapse_mode"], [mode.label for mode in MODES]
     joints = joint, [*(f"joint {number}" for number in commonest), "other joints"]
     group = results.runs.group
@@ -236,7 +292,10 @@ def fractions(
         sheet.legend(box[0], box[3] + 35.0, key, right - left)
     texts = TEXTS["fractions"]
     caption = texts["runs" if every else "collapses"] + texts["split"].format(base=base)
-    return f"Fraction of collapses of {results.arch} by level, split by mode and by joint", caption
+    return (
+        f"Fraction of collapses of {results.arch} by level, split by mode and by joint",
+        caption,
+    )
 
 
 def stacked(names: Sequence[str], values: FloatArray) -> list[tuple[Entry, FloatArray]]:
@@ -251,20 +310,27 @@ def stacked(names: Sequence[str], values: FloatArray) -> list[tuple[Entry, Float
 @figure
 def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     """Draw the ground motion and the joints of a run over time; None if nothing moved."""
-    changes, response = example.response.mechanism or (), example.response
+    changes = example.response.mechanism or ()
+    response = example.response
     # Entries that last, or last for a time not known, in another model than rest.
     moving = [c for c in changes if c.model != "rest" and not c.until <= c.time]
     if not moving:
         return None
-    first, last = moving[0].time, moving[-1].until
+    first = moving[0].time
+    last = moving[-1].until
     last = last if np.isfinite(last) else response.end_time
     margin = 0.03 * max(last - first, 1e-3)
-    start, end = max(0.0, first - margin), min(response.end_time, last + margin)
-    edges, n_joint = np.linspace(start, end, _BINS + 1), example.arch.n_joint
+    start = max(0.0, first - margin)
+    end = min(response.end_time, last + margin)
+    edges = np.linspace(start, end, _BINS + 1)
+    n_joint = example.arch.n_joint
     joints = sampled(changes, n_joint, edges)
-    states = [(k, s) for k, s in enumerate(JOINT_STATES, start=1) if np.any(joints == k)]
+    states = [
+        (k, s) for k, s in enumerate(JOINT_STATES, start=1) if np.any(joints == k)
+    ]
     top = sheet.legend(LEFT, 0.0, [entry for _, entry in states]) + LINE + 4.0
-    right, height = sheet.width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
+    right = sheet.width - 10.0
+    height = float(np.clip(15.0 * n_joint, 70.0, 400.0))
     upper = Panel(sheet, (LEFT, top, right, top + 62.0), (start, end), (-1.0, 1.0))
     draw_ground(upper, example, 300)
     upper.axis_y(svg.even_ticks(*upper.y, 4), "ground [g]")
@@ -283,14 +349,21 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
         line = f"M{float(middle.at_x(response.collapse_time)):.1f} {top:.1f}V{middle.box[3]:.1f}"
         sheet.path(line, stroke=svg.INK, stroke_dasharray="4 2")
     sheet.height = middle.box[3] + BELOW
-    texts, about = TEXTS["timeline"], {"level": example.level, "reason": example.reason}
-    motion, base = example.motion.id, base_of(example.arch.free_end, example.arch.parameters)
+    texts = TEXTS["timeline"]
+    about = {"level": example.level, "reason": example.reason}
+    motion = example.motion.id
+    base = base_of(example.arch.free_end, example.arch.parameters)
     caption = texts["caption"].format(motion=motion, base=base, **about)
     caption += texts["differs"] * (not example.same)
-    return f"Mechanism over time under {motion}: hinges, sliding and open joints", caption
+    return (
+        f"Mechanism over time under {motion}: hinges, sliding and open joints",
+        caption,
+    )
 
 
-def sampled(changes: Sequence[MechanismChange], n_joint: int, edges: FloatArray) -> IntArray:
+def sampled(
+    changes: Sequence[MechanismChange], n_joint: int, edges: FloatArray
+) -> IntArray:
     """Return the states of the joints at the middle of each bin of time, (n_bin, n_joint)."""
     codes = {entry.label: code for code, entry in enumerate(JOINT_STATES, start=1)}
     states = np.zeros((len(changes), n_joint), dtype=np.int64)
@@ -298,5 +371,7 @@ def sampled(changes: Sequence[MechanismChange], n_joint: int, edges: FloatArray)
         for joint, text in change.joints.items():
             states[i, joint] = codes[text.split(" towards ")[0]]
     middle = 0.5 * (edges[:-1] + edges[1:])
-    since = np.searchsorted([change.time for change in changes], middle, side="right") - 1
+    since = (
+        np.searchsorted([change.time for change in changes], middle, side="right") - 1
+    )
     return states[np.maximum(since, 0)]

@@ -15,7 +15,15 @@ from archfrag.fragility.verdicts import Verdict, clopper_pearson
 from archfrag.motions.measures import LEVEL_UNITS
 from archfrag.report import arch_figure, curve_figures, html, run_figures
 from archfrag.report.film import Example, farthest, film, repeat
-from archfrag.report.html import TEXTS, Picture, digits, heading, measured, paragraph, table
+from archfrag.report.html import (
+    TEXTS,
+    Picture,
+    digits,
+    heading,
+    measured,
+    paragraph,
+    table,
+)
 from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, thetas
 from archfrag.report.limits import base_of
 from archfrag.simulation.response import MODEL_WORDS
@@ -27,8 +35,13 @@ from archfrag.study.file.members import SHOWN
 from archfrag.version import __version__
 
 Parts = Iterator[Any]  # of a section: texts, tables and figures; None is left out
-_MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of answers
-_SPELT = {"1": "", "degree": " [deg]", "kg m-3": " [kg/m³]"}  # of units as the cube has them
+_MOST_ANIMATED = 4  # arches: with films, and in the table of answers
+_MOST_ROWS = 200
+_SPELT = {
+    "1": "",
+    "degree": " [deg]",
+    "kg m-3": " [kg/m³]",
+}  # of units as the cube has them
 _UNITS = {name: _SPELT.get(unit, f" [{unit}]") for name, unit in UNITS.items()}
 _UNITS |= {"intrados": " [m]", "extrados": " [m]", "joints": ""}
 _UNITS |= {"stiffness": " [Pa/m]", "shear": " [Pa/m]"}
@@ -41,17 +54,23 @@ class PageSection:
     anchor: str
     title: str
     parts: Sequence[Any]  #: None is left out
-    files: Mapping[str, Picture] = field(default_factory=dict)  #: figures to be files too, by name
+    files: Mapping[str, Picture] = field(
+        default_factory=dict
+    )  #: figures to be files too, by name
 
 
 def class_sections(inputs: ReportInputs) -> Iterator[PageSection]:
     """Yield a section for each class of several arches."""
     of_class = arch_classes(inputs.cube)
     for place, name in enumerate(inputs.classes):
-        members = {k: answer for k, answer in inputs.answers.items() if of_class[k] == name}
+        members = {
+            k: answer for k, answer in inputs.answers.items() if of_class[k] == name
+        }
         curves = curve_figures.all_curves(inputs, members, {name: inputs.classes[name]})
         parts = list(_class_parts(inputs, name, curves))
-        yield PageSection(f"class{place}", f"Class {name}", parts, {f"curve-{name}.svg": curves})
+        yield PageSection(
+            f"class{place}", f"Class {name}", parts, {f"curve-{name}.svg": curves}
+        )
 
 
 def arch_sections(
@@ -61,8 +80,12 @@ def arch_sections(
 
     `examples` are collapses of the arches; that of the arch at place `lead` is on the first page.
     """
-    members = {k: answer for k, answer in inputs.answers.items() if k not in inputs.quoted}
-    folded, files, sections = list[Markup](), dict[str, Picture](), list[PageSection]()
+    members = {
+        k: answer for k, answer in inputs.answers.items() if k not in inputs.quoted
+    }
+    folded = list[Markup]()
+    files = dict[str, Picture]()
+    sections = list[PageSection]()
     for place, (name, _, _) in enumerate(inputs.arches):
         curve = curve_figures.curve(inputs.results(name), inputs.answers[name])
         file = {} if len(inputs.answers) > SHOWN else {f"curve-{name}.svg": curve}
@@ -72,26 +95,40 @@ def arch_sections(
             files |= file
             continue
         # An arch that has the name of its study was not given any.
-        alone = len(inputs.answers) == 1 and name == inputs.cube.attrs.get("archfrag_study")
-        sections.append(PageSection(f"arch{place}", "The arch" if alone else name, parts, file))
+        alone = len(inputs.answers) == 1 and name == inputs.cube.attrs.get(
+            "archfrag_study"
+        )
+        sections.append(
+            PageSection(f"arch{place}", "The arch" if alone else name, parts, file)
+        )
     if not members:
         return sections, []
     folded.insert(0, html.folded("Answers", answers_table(inputs, members)))
-    return sections, [PageSection("members", "Appendix: arches of classes", folded, files)]
+    return sections, [
+        PageSection("members", "Appendix: arches of classes", folded, files)
+    ]
 
 
 def table_sections(inputs: ReportInputs) -> Iterator[PageSection]:
     """Yield a section for each structure of a table, and one on how the curves were found."""
     for place, (name, answer) in enumerate(inputs.quoted.items()):
-        results, start, parts = inputs.results(name), f"{name}: ", list[Any]()
-        own = [words.removeprefix(start) for words in inputs.cautions if words.startswith(start)]
+        results = inputs.results(name)
+        start = f"{name}: "
+        parts = list[Any]()
+        own = [
+            words.removeprefix(start)
+            for words in inputs.cautions
+            if words.startswith(start)
+        ]
         parts.append(card(answer, inputs.scale, inputs.percent, own, results))
         parts.append(curve_figures.curve(results, answer))
         if answer.more.get("limit_states"):
             parts += _limit_states(inputs, answer, name)
         if "test_of_fit" in (free := answer.more.get("free", {})):
             parts += heading("Checks"), paragraph(free["test_of_fit"]["message"])
-        parts.append(html.folded("Verdicts by level", _levels(results, answer, inputs.percent)))
+        parts.append(
+            html.folded("Verdicts by level", _levels(results, answer, inputs.percent))
+        )
         yield PageSection(f"curve{place}", name, parts)
     assumed = dict.fromkeys(each.assumptions for each in inputs.known.values())
     digest = inputs.cube.attrs["table_sha256"]
@@ -101,13 +138,25 @@ def table_sections(inputs: ReportInputs) -> Iterator[PageSection]:
 
 
 def _arch_parts(
-    inputs: ReportInputs, place: int, curve: Picture, example: Example | None, leads: bool
+    inputs: ReportInputs,
+    place: int,
+    curve: Picture,
+    example: Example | None,
+    leads: bool,
 ) -> Parts:
     """Yield the parts of an arch's section; a film of its `example` unless it `leads`."""
     name, arch, onset = inputs.arches[place]
-    answer, percent, results = inputs.answers[name], inputs.percent, inputs.results(name)
-    more, start, design = answer.more, f"{name}: ", results.runs.design
-    cautions = [words.removeprefix(start) for words in inputs.cautions if words.startswith(start)]
+    answer = inputs.answers[name]
+    percent = inputs.percent
+    results = inputs.results(name)
+    more = answer.more
+    start = f"{name}: "
+    design = results.runs.design
+    cautions = [
+        words.removeprefix(start)
+        for words in inputs.cautions
+        if words.startswith(start)
+    ]
     yield card(answer, inputs.scale, percent, cautions, results, onset)
     groups = run_figures.groupings(results, inputs.confidence)
     yield heading("How it falls")
@@ -123,7 +172,11 @@ def _arch_parts(
         yield heading("How far it moves")
         yield picture
     yield heading("Every run")
-    of_runs = run_figures.verdict_map if results.own_levels is None else run_figures.single_runs
+    of_runs = (
+        run_figures.verdict_map
+        if results.own_levels is None
+        else run_figures.single_runs
+    )
     yield of_runs(results)
     if more.get("limit_states"):
         yield from _limit_states(inputs, answer, name)
@@ -140,15 +193,23 @@ def _arch_parts(
     if "test_of_fit" in free:
         yield paragraph(free["test_of_fit"]["message"])
     elif "none" in free:
-        yield paragraph(f"There is no isotonic curve and no test of fit: {free['none']}.")
+        yield paragraph(
+            f"There is no isotonic curve and no test of fit: {free['none']}."
+        )
     yield paragraph(f"Design {design.kind}: {design.text}.")
     if "cloud" in more:
         yield paragraph(_cloud(more["cloud"]["logistic"], inputs.scale), "note")
     yield html.folded("Verdicts by level", _levels(results, answer, percent))
-    yield html.folded("Collapses by mechanism", *_mechanism_table(groups, results, percent))
-    geometry = html.pairs(f"Geometry of {name}", _geometry(arch.parameters), "parameter")
+    yield html.folded(
+        "Collapses by mechanism", *_mechanism_table(groups, results, percent)
+    )
+    geometry = html.pairs(
+        f"Geometry of {name}", _geometry(arch.parameters), "parameter"
+    )
     yield html.folded("Geometry", geometry)
-    computed = html.pairs(f"Models, time and accuracy of {name}", _computed(inputs, results))
+    computed = html.pairs(
+        f"Models, time and accuracy of {name}", _computed(inputs, results)
+    )
     yield html.folded("How it was computed", computed)
     if example is not None and (picture := run_figures.timeline(example)):
         yield html.folded("The mechanism in one run", picture)
@@ -156,7 +217,8 @@ def _arch_parts(
 
 def _films(inputs: ReportInputs, place: int, fall: Example | None) -> Parts:
     """Yield films of a collapse, unless it is shown elsewhere, and of a near miss."""
-    films, results = [], inputs.results(inputs.arches[place][0])
+    films = []
+    results = inputs.results(inputs.arches[place][0])
     if fall is not None and fall.response.collapsed:
         films.append(film(fall, f"fall{place}", "A collapse"))
     miss = repeat(inputs, place, farthest(results))
@@ -189,14 +251,18 @@ def _class_parts(inputs: ReportInputs, name: str, curves: Picture) -> Parts:
             if np.unique(values[~np.isnan(values)]).size > 1:
                 differences[str(key).removeprefix("arch_").replace("_", " ")] = values
     theta = inputs.scale.factor * thetas(inputs.answers.values())[members]
-    if figure := curve_figures.theta_panels(theta, differences, name, inputs.scale.unit):
+    if figure := curve_figures.theta_panels(
+        theta, differences, name, inputs.scale.unit
+    ):
         yield heading("What θ depends on")
         yield figure
 
 
 def answers_table(inputs: ReportInputs, listed: Mapping[str, Curve]) -> Markup:
     """Tabulate the probability, the median and the dispersion of each answer."""
-    scale, at, count = inputs.scale, inputs.at, Counter(arch_classes(inputs.cube).values())
+    scale = inputs.scale
+    at = inputs.at
+    count = Counter(arch_classes(inputs.cube).values())
     heads = ["arch", f"median capacity θ [{scale.unit}] ({inputs.percent})"]
     heads.append(f"dispersion β ({inputs.percent})")
     if at is not None:
@@ -222,12 +288,18 @@ def answers_table(inputs: ReportInputs, listed: Mapping[str, Curve]) -> Markup:
 
 
 def card(
-    answer: Curve, scale: Scale, percent: str, cautions: Sequence[str] = (),
-    results: ArchResults | None = None, onset: Onset | None = None,
-) -> Markup:  # fmt: skip
+    answer: Curve,
+    scale: Scale,
+    percent: str,
+    cautions: Sequence[str] = (),
+    results: ArchResults | None = None,
+    onset: Onset | None = None,
+) -> Markup:
     """Return an answer in large digits with its cautions and the numbers of runs other than 0."""
     lost = answer.undecided(scale.text)
-    parts, figures, counts = [html.cautions([*cautions, *filter(None, [lost])])], [], {}
+    parts = [html.cautions([*cautions, *filter(None, [lost])])]
+    figures = []
+    counts = {}
     if results is not None:
         counts = {n.replace("_", " "): results.counts[n].sum() for n in COUNTS}
     if not answer.fitted:
@@ -235,18 +307,27 @@ def card(
     else:
         low, high = map(scale.digits, answer.theta_interval)
         figures = [
-            [f"median capacity θ ({scale.measure})", scale.text(answer.theta),
-             f"{percent}: {low} to {high} {scale.unit}"],
-            ["dispersion β", f"{answer.beta:#.3g}",
-             f"{percent}: {html.interval(answer.beta_interval, '#.3g')}"],
-        ]  # fmt: skip
+            [
+                f"median capacity θ ({scale.measure})",
+                scale.text(answer.theta),
+                f"{percent}: {low} to {high} {scale.unit}",
+            ],
+            [
+                "dispersion β",
+                f"{answer.beta:#.3g}",
+                f"{percent}: {html.interval(answer.beta_interval, '#.3g')}",
+            ],
+        ]
         counts["effective number"] = f"{answer.n_independent:.3g}"
         counts["non-monotone runs"] = answer.n_non_monotone
     if onset is not None:
         plus, minus = map(html.onset_text, (onset.plus, onset.minus))
-        about = "in both directions" if plus == minus else f"towards +x; {minus} towards −x"
+        about = (
+            "in both directions" if plus == minus else f"towards +x; {minus} towards −x"
+        )
         if not onset.stands:
-            plus, about = "none", "does not stand under its own weight"
+            plus = "none"
+            about = "does not stand under its own weight"
         figures.append(["onset of motion", plus, about])
     shown = [[label, str(count)] for label, count in counts.items() if count]
     parts += [html.facts(figures, "figures"), html.facts(shown, "figures counts")]
@@ -255,7 +336,8 @@ def card(
 
 def _levels(results: ArchResults, answer: Curve, percent: str) -> Markup:
     """Tabulate verdicts and probabilities at each level."""
-    counts, records = results.counts, results.known
+    counts = results.counts
+    records = results.known
     ends = zip(*clopper_pearson(records["collapsed"], records["n"], answer.confidence))
     chance = np.full(results.levels.size, np.nan)
     if answer.fitted:
@@ -263,12 +345,14 @@ def _levels(results: ArchResults, answer: Curve, percent: str) -> Markup:
     columns = {
         results.scale.label: map(digits, results.levels),
         **{name.replace("_", " "): counts[name] for name in COUNTS[:-1]},
-        "records with capacity below" if results.runs.gaps else "fraction":
-            [measured(value, ".3f") for value in results.fraction],
-        f"Clopper–Pearson {percent}":
-            [f"{measured(low, '.3f')} – {measured(high, '.3f')}" for low, high in ends],
+        "records with capacity below" if results.runs.gaps else "fraction": [
+            measured(value, ".3f") for value in results.fraction
+        ],
+        f"Clopper–Pearson {percent}": [
+            f"{measured(low, '.3f')} – {measured(high, '.3f')}" for low, high in ends
+        ],
         "curve": [measured(value, ".3f") for value in chance],
-    }  # fmt: skip
+    }
     label = f"Verdicts and probabilities of {results.arch} by level"
     return table(label, list(columns), zip(*columns.values()), "", 0)
 
@@ -293,17 +377,28 @@ def _limit_states(inputs: ReportInputs, answer: Curve, name: str) -> Parts:
     yield paragraph(TEXTS["notes"]["states"])
     yield curve_figures.limit_states(inputs, answer, name)
     yield paragraph(states["message"])
-    rows, scale = [], inputs.scale
+    rows = []
+    scale = inputs.scale
     for own in answer.states:
-        meaning, numbers = own.meaning, ["–"] * 4
+        meaning = own.meaning
+        numbers = ["–"] * 4
         if not own.fitted:
             meaning += f" (no curve: {own.reason})"
         else:
-            theta = html.interval([scale.factor * end for end in own.theta_interval], "#.3g")
+            theta = html.interval(
+                [scale.factor * end for end in own.theta_interval], "#.3g"
+            )
             beta = f"{own.beta:.3f}", html.interval(own.beta_interval)
             numbers = [scale.digits(own.theta), theta, *beta]
         rows.append((own.state.replace("_", " "), meaning, *numbers))
-    heads = ["limit state", "meaning", f"θ [{scale.unit}]", inputs.percent, "β", inputs.percent]
+    heads = [
+        "limit state",
+        "meaning",
+        f"θ [{scale.unit}]",
+        inputs.percent,
+        "β",
+        inputs.percent,
+    ]
     yield table(f"Limit states of {name}", heads, rows, "compact", 2)
 
 
@@ -314,8 +409,11 @@ def _measures(found: Mapping[str, Any], name: str, scale: Scale) -> Parts:
         yield paragraph(f"No comparison: {found['none']}")
         return
     efficiency = np.array([float(row["efficiency"] or np.nan) for row in found["rows"]])
-    percent = 100.0 * np.nan_to_num(efficiency / max(np.nanmax(efficiency, initial=0.0), 1e-9))
-    bar, cells = Markup('{}<span class="bar"><i style="width:{:.0f}%"></i></span>'), []
+    percent = 100.0 * np.nan_to_num(
+        efficiency / max(np.nanmax(efficiency, initial=0.0), 1e-9)
+    )
+    bar = Markup('{}<span class="bar"><i style="width:{:.0f}%"></i></span>')
+    cells = []
     for i in np.argsort(efficiency):  # nan is last
         row = found["rows"][i]
         label = row["measure"] + " (best)" * (row["measure"] == found["best"])
@@ -327,7 +425,14 @@ def _measures(found: Mapping[str, Any], name: str, scale: Scale) -> Parts:
         theta = measured(float(row["theta"] or np.nan) / units.get(unit, 1.0))
         cells.append([label, shown, *numbers, theta, unit.replace("2", "²")])
     yield paragraph(found["message"])
-    heads = ["measure", "efficiency: dispersion", "p of magnitude", "p of distance", "θ", "unit"]
+    heads = [
+        "measure",
+        "efficiency: dispersion",
+        "p of magnitude",
+        "p of distance",
+        "θ",
+        "unit",
+    ]
     yield table(f"Intensity measures for {name}", heads, cells, "dense narrow")
     yield paragraph(TEXTS["notes"]["efficiency"], "note")
 
@@ -374,20 +479,36 @@ def _computed(inputs: ReportInputs, results: ArchResults) -> Parts:
     yield "simulated time", f"{total:,.0f} s in {results.counts['runs'].sum():,} runs"
     for model, words in MODEL_WORDS.items():
         if seconds := time[model.name.lower()]:
-            yield f"of this, {words}", f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)"
+            yield (
+                f"of this, {words}",
+                f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)",
+            )
     wall = np.array(inputs.timings.get(results.arch, ()), dtype=float)
     if wall.sum() > 0 and total > 0:
-        yield "wall time of the simulations, summed over workers", f"{wall.sum():,.2f} s"
-        yield "wall time for one simulated second", f"{1e3 * wall.sum() / total:#.3g} ms"
+        yield (
+            "wall time of the simulations, summed over workers",
+            f"{wall.sum():,.2f} s",
+        )
+        yield (
+            "wall time for one simulated second",
+            f"{1e3 * wall.sum() / total:#.3g} ms",
+        )
     counted = TEXTS["computed"].items()
     yield from ((words, f"{results[name].sum():,}") for name, words in counted)
     failed = results.verdict == Verdict.FAILED
     sound = results.simulated & ~failed
     displaced = sound & (results["peak_displacement"] >= 1e-4)
     of = f"{displaced.sum()} runs displaced by 0.1 mm or more"
-    error, residual = results["energy_error"], results["contact_residual"]
-    yield f"energy error, median and largest ({of})", html.median_and_largest(error[displaced])
-    yield "contact residual, median and largest", html.median_and_largest(residual[sound])
+    error = results["energy_error"]
+    residual = results["contact_residual"]
+    yield (
+        f"energy error, median and largest ({of})",
+        html.median_and_largest(error[displaced]),
+    )
+    yield (
+        "contact residual, median and largest",
+        html.median_and_largest(residual[sound]),
+    )
     if failed.any():
         label = "contact residual of solver failures, median and largest"
         yield label, html.median_and_largest(residual[failed])

@@ -20,17 +20,31 @@ from archfrag.report.html import TEXTS, Picture, number, raised
 
 Range = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
-WIDE, NARROW = 760.0, 358.0  # widths of figures [px]
+WIDE = 760.0  # widths of figures [px]
+NARROW = 358.0
 READABLE = 0.65  # scale below which a figure does not shrink
-SIZE, SMALL = 11.5, 10.0  # of texts [px]
+SIZE = 11.5  # of texts [px]
+SMALL = 10.0
 LINE = 15.0  # [px]
-BELOW, LEFT = 36.0, 48.0  # space for labels and title below a panel and left of it [px]
+BELOW = 36.0  # space for labels and title below a panel and left of it [px]
+LEFT = 48.0
 # Okabe and Ito's palette: distinct with any kind of colour vision.
-BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
-VERMILION, PURPLE = "#D55E00", "#CC79A7"
-INK, SOFT, GREY, PALE = "#1f2933", "#52606d", "#7b8794", "#d3dae2"
+BLUE = "#0072B2"
+SKY = "#56B4E9"
+GREEN = "#009E73"
+ORANGE = "#E69F00"
+VERMILION = "#D55E00"
+PURPLE = "#CC79A7"
+INK = "#1f2933"
+SOFT = "#52606d"
+GREY = "#7b8794"
+PALE = "#d3dae2"
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)
-HATCHES = ("slash", "dots", "cross")  # white patterns over a colour, drawn by the page's template
+HATCHES = (
+    "slash",
+    "dots",
+    "cross",
+)  # white patterns over a colour, drawn by the page's template
 
 
 class Entry(NamedTuple):
@@ -67,20 +81,28 @@ class Sheet:
     """A drawing of a given width [px]; whoever draws sets its `height`."""
 
     def __init__(self, width: float) -> None:
-        self.width, self.height = width, 0.0
+        self.width = width
+        self.height = 0.0
         self.parts: list[str] = []
 
-    def text(self, x: float, y: float, words: str, kind: str = "", angle: int = 0) -> None:
+    def text(
+        self, x: float, y: float, words: str, kind: str = "", angle: int = 0
+    ) -> None:
         """Write words with their baseline at y; `kind` holds classes of `STYLE`."""
-        left, top = number(x), number(y)
+        left = number(x)
+        top = number(y)
         more = f' class="{kind}"' if kind else ""
         more += f' transform="rotate({angle} {left} {top})"' if angle else ""
         self.parts.append(f'<text x="{left}" y="{top}"{more}>{escape(words)}</text>')
 
     def path(self, d: str, **attributes: object) -> None:
         """Add a path; attributes with an underscore for a hyphen, `kind` for the class."""
-        kept = {key: value for key, value in attributes.items() if value not in ("", None)}
-        names = {key: "class" if key == "kind" else key.replace("_", "-") for key in kept}
+        kept = {
+            key: value for key, value in attributes.items() if value not in ("", None)
+        }
+        names = {
+            key: "class" if key == "kind" else key.replace("_", "-") for key in kept
+        }
         written = "".join(f' {names[key]}="{value}"' for key, value in kept.items())
         if d:
             self.parts.append(f'<path d="{d}"{written}/>')
@@ -92,10 +114,15 @@ class Sheet:
             self.path(d, fill=f"url(#hatch-{mark})")
 
     def dots(
-        self, points: Sequence[tuple[float, float]], radius: float, colour: str, mark: str = "dot"
+        self,
+        points: Sequence[tuple[float, float]],
+        radius: float,
+        colour: str,
+        mark: str = "dot",
     ) -> None:
         """Add circles of one colour: full (dot), with a white edge (hinge) or empty (ring)."""
-        r, diameter = number(radius), number(2.0 * radius)
+        r = number(radius)
+        diameter = number(2.0 * radius)
         circle = f"a{r} {r} 0 1 0 {diameter} 0a{r} {r} 0 1 0 -{diameter} 0z"
         d = "".join(f"M{number(x - radius)} {number(y)}{circle}" for x, y in points)
         edge = {"ring": colour, "hinge": "#fff"}.get(mark, "")
@@ -107,7 +134,8 @@ class Sheet:
         """Draw rows of marks and labels from y downwards; return where they end."""
         rows = legend_rows(entries, width or self.width - x - 10.0)
         for row, place, (label, colour, mark) in rows:
-            left, top = x + place, y + row * LINE
+            left = x + place
+            top = y + row * LINE
             if mark in ("line", "dash"):
                 dash = "4 2.5" if mark == "dash" else ""
                 d = f"M{number(left)} {number(top + 6.0)}h16"
@@ -115,23 +143,30 @@ class Sheet:
             elif mark in ("dot", "ring"):
                 self.dots([(left + 8.0, top + 6.0)], 3.2, colour, mark)
             else:
-                self.fill(f"M{number(left + 2)} {number(top + 1)}h13v10h-13z", colour, mark)
+                self.fill(
+                    f"M{number(left + 2)} {number(top + 1)}h13v10h-13z", colour, mark
+                )
             self.text(left + 20.0, top + 10.0, label)
         return y + (rows[-1][0] + 1) * LINE + 3.0 if rows else y
 
     def grid(self, count: int, columns: int, height: float, below: float) -> list[Box]:
         """Return boxes of panels with headings, in rows that are `below` apart."""
         columns = min(columns, count)
-        width, step = (self.width - 4.0) / columns, LINE + 3.0 + height + below
+        width = (self.width - 4.0) / columns
+        step = LINE + 3.0 + height + below
         self.height = -(-count // columns) * step
-        corners = [(i % columns * width, i // columns * step + LINE + 3.0) for i in range(count)]
+        corners = [
+            (i % columns * width, i // columns * step + LINE + 3.0)
+            for i in range(count)
+        ]
         return [(x + LEFT, y, x + width - 10.0, y + height) for x, y in corners]
 
     def svg(self, alternative: str) -> str:
         """Return the sheet as an SVG element with its alternative text."""
         size = f'viewBox="0 0 {number(self.width)} {number(self.height)}"'
         style = f'style="min-width:{number(READABLE * self.width)}px"'
-        label, inside = escape(alternative, quote=True), "".join(self.parts)
+        label = escape(alternative, quote=True)
+        inside = "".join(self.parts)
         return f'<svg {size} role="img" {style} aria-label="{label}">{inside}</svg>'
 
 
@@ -155,31 +190,58 @@ class Panel:
         return _scaled(values, self.y, self.log_y, self.box[3], self.box[1])
 
     def line(
-        self, x: ArrayLike, y: ArrayLike, colour: str = INK, width: float = 1.6,
-        dash: str = "", opacity: float | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        colour: str = INK,
+        width: float = 1.6,
+        dash: str = "",
+        opacity: float | None = None,
+    ) -> None:
         """Draw a line, with a gap where a point is not finite."""
         self.sheet.path(
-            trace(self.at_x(x), self.at_y(y)), fill="none", stroke=colour, stroke_width=width,
-            stroke_dasharray=dash, stroke_opacity=opacity, stroke_linejoin="round",
-        )  # fmt: skip
+            trace(self.at_x(x), self.at_y(y)),
+            fill="none",
+            stroke=colour,
+            stroke_width=width,
+            stroke_dasharray=dash,
+            stroke_opacity=opacity,
+            stroke_linejoin="round",
+        )
 
     def band(
-        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str, opacity: float = 0.3
+        self,
+        x: ArrayLike,
+        low: ArrayLike,
+        high: ArrayLike,
+        colour: str,
+        opacity: float = 0.3,
     ) -> None:
         d = ribbon(self.at_x(x), self.at_y(low), self.at_y(high))
         self.sheet.path(d, fill=colour, fill_opacity=opacity)
 
     def dots(
-        self, x: ArrayLike, y: ArrayLike, colour: str, mark: str = "dot", radius: float = 3.0
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        colour: str,
+        mark: str = "dot",
+        radius: float = 3.0,
     ) -> None:
         points = zip(self.at_x(x), self.at_y(y), strict=True)
-        self.sheet.dots([p for p in points if np.isfinite(sum(p))], radius, colour, mark)
+        self.sheet.dots(
+            [p for p in points if np.isfinite(sum(p))], radius, colour, mark
+        )
 
     def boxes(
-        self, left: ArrayLike, right: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str,
+        self,
+        left: ArrayLike,
+        right: ArrayLike,
+        low: ArrayLike,
+        high: ArrayLike,
+        colour: str,
         mark: str = "area",
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Fill rectangles with one colour, as one path."""
         sides = self.at_x(left), self.at_x(right), self.at_y(high), self.at_y(low)
         corners = zip(*(map(number, side) for side in sides), strict=True)
@@ -187,9 +249,13 @@ class Panel:
         self.sheet.fill(d, colour, mark)
 
     def cells(
-        self, mask: NDArray[np.bool_], colour: str, mark: str = "area",
-        edges: FloatArray | None = None, half: float = 0.5,
-    ) -> None:  # fmt: skip
+        self,
+        mask: NDArray[np.bool_],
+        colour: str,
+        mark: str = "area",
+        edges: FloatArray | None = None,
+        half: float = 0.5,
+    ) -> None:
         """Fill cells of a mask, (n_row, n_column), at 0, 1, 2, ...; neighbours of a row join.
 
         `edges` are those of the columns, (n_column + 1,); `half` is half the height of a cell.
@@ -203,20 +269,29 @@ class Panel:
         """Draw columns at 0, 1, 2, ... of parts, (n_column,) each, over each other."""
         base = np.zeros(len(parts[0][1]) if parts else 0)
         for (_, colour, mark), part in parts:
-            here, low, base = np.flatnonzero(part), base, base + part
+            here = np.flatnonzero(part)
+            low = base
+            base = base + part
             self.boxes(here - 0.42, here + 0.42, low[here], base[here], colour, mark)
 
     def axis_x(
-        self, ticks: ArrayLike, title: str = "", labels: Sequence[str] = (), grid: bool = False
+        self,
+        ticks: ArrayLike,
+        title: str = "",
+        labels: Sequence[str] = (),
+        grid: bool = False,
     ) -> None:
         """Draw ticks below; labels too close to the one before are left out."""
         left, top, right, bottom = self.box
-        places, end = self.at_x(ticks), -np.inf
+        places = self.at_x(ticks)
+        end = -np.inf
         if grid:
             lines = (f"M{number(x)} {number(top)}V{number(bottom)}" for x in places)
             self.sheet.path("".join(lines), kind="gr")
         marks = "".join(f"M{number(x)} {number(bottom)}v3" for x in places)
-        self.sheet.path(f"M{number(left)} {number(bottom)}H{number(right)}{marks}", kind="ax")
+        self.sheet.path(
+            f"M{number(left)} {number(bottom)}H{number(right)}{marks}", kind="ax"
+        )
         for x, label in zip(places, labels or map(tick_label, np.atleast_1d(ticks))):
             half = 0.5 * text_width(label, SMALL)
             if x - half >= end + 5.0:
@@ -228,22 +303,32 @@ class Panel:
     def axis_y(self, ticks: ArrayLike, title: str = "") -> None:
         """Draw a grid with ticks on the left, and the title upright left of them."""
         left, top, right, bottom = self.box
-        places, end, widest = self.at_y(ticks), np.inf, 0.0
+        places = self.at_y(ticks)
+        end = np.inf
+        widest = 0.0
         lines = (f"M{number(left)} {number(y)}H{number(right)}" for y in places)
         self.sheet.path("".join(lines), kind="gr")
         self.sheet.path(f"M{number(left)} {number(top)}V{number(bottom)}", kind="ax")
         for y, label in zip(places, map(tick_label, np.atleast_1d(ticks))):
             if y <= end - 11.0:
                 self.sheet.text(left - 5.0, y + 3.5, label, "s e")
-                widest, end = max(widest, text_width(label, SMALL)), y
+                widest = max(widest, text_width(label, SMALL))
+                end = y
         if title:
-            self.sheet.text(left - widest - 11.0, 0.5 * (top + bottom), title, "m", angle=-90)
+            self.sheet.text(
+                left - widest - 11.0, 0.5 * (top + bottom), title, "m", angle=-90
+            )
 
-    def label(self, x: float, y: float, words: str, kind: str = "", left: bool = False) -> None:
+    def label(
+        self, x: float, y: float, words: str, kind: str = "", left: bool = False
+    ) -> None:
         """Write words at y [px], right or `left` of x, or on the other side where they must."""
-        place, need = float(self.at_x(x)), text_width(words) + 7.0
+        place = float(self.at_x(x))
+        need = text_width(words) + 7.0
         left = place - need > self.box[0] if left else place + need > self.box[2]
-        self.sheet.text(place + (-6.0 if left else 6.0), y, words, f"{kind} h{' e' * left}")
+        self.sheet.text(
+            place + (-6.0 if left else 6.0), y, words, f"{kind} h{' e' * left}"
+        )
 
     def heading(self, words: str) -> None:
         """Write words above the panel."""
@@ -251,9 +336,15 @@ class Panel:
 
 
 def panel_below(
-    sheet: Sheet, entries: Sequence[Entry], height: float, x: Range, y: Range, *,
-    left: float = LEFT, log: bool = False,
-) -> Panel:  # fmt: skip
+    sheet: Sheet,
+    entries: Sequence[Entry],
+    height: float,
+    x: Range,
+    y: Range,
+    *,
+    left: float = LEFT,
+    log: bool = False,
+) -> Panel:
     """Draw a legend; return a panel below it over the full width of the sheet."""
     top = sheet.legend(left, 0.0, entries) + 6.0
     sheet.height = top + height + BELOW
@@ -276,21 +367,30 @@ def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
     return np.asarray(ticks + 0.0, dtype=float)  # no -0
 
 
-def log_ticks(low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)) -> FloatArray:
+def log_ticks(
+    low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)
+) -> FloatArray:
     """Return 1, 2 and 5 times powers of ten from low to high."""
     decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     ticks = np.unique(np.outer(decades, subs).ravel())
-    return np.asarray(ticks[(ticks >= low * 0.999) & (ticks <= high * 1.001)], dtype=float)
+    return np.asarray(
+        ticks[(ticks >= low * 0.999) & (ticks <= high * 1.001)], dtype=float
+    )
 
 
-def legend_rows(entries: Sequence[Entry], width: float) -> list[tuple[int, float, Entry]]:
+def legend_rows(
+    entries: Sequence[Entry], width: float
+) -> list[tuple[int, float, Entry]]:
     """Place entries of a legend: row, distance from its start, entry with a label that fits."""
-    row, place, rows = 0, 0.0, []
+    row = 0
+    place = 0.0
+    rows = []
     for entry in entries:
         label = shortened(entry.label, width - 22.0)
         need = 22.0 + text_width(label)
         if place > 0.0 and place + need > width:
-            row, place = row + 1, 0.0
+            row = row + 1
+            place = 0.0
         rows.append((row, place, entry._replace(label=label)))
         place += need + 12.0
     return rows
@@ -309,7 +409,11 @@ def shortened(words: str, width: float, size: float = SIZE) -> str:
     """Shorten a text to fit a width; it loses its middle."""
     if text_width(words, size) <= width:
         return words
-    fitting = (n for n in range(len(words), 4, -1) if text_width(words[:n], size) + size <= width)
+    fitting = (
+        n
+        for n in range(len(words), 4, -1)
+        if text_width(words[:n], size) + size <= width
+    )
     keep = next(fitting, 4)
     return words[: keep // 2] + "…" + words[len(words) - (keep - keep // 2) :]
 
@@ -328,18 +432,26 @@ def ribbon(x: FloatArray, low: FloatArray, high: FloatArray) -> str:
     return d + "z" if d else ""
 
 
-def envelope(values: FloatArray, bins: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def envelope(
+    values: FloatArray, bins: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the places among samples of bins as wide as a line, and the range of each."""
     # Each bin starts with the last sample of the one before it: the trace stays connected.
-    edges = np.unique(np.linspace(0, values.size - 1, min(bins, values.size - 1) + 1, dtype=int))
+    edges = np.unique(
+        np.linspace(0, values.size - 1, min(bins, values.size - 1) + 1, dtype=int)
+    )
     pieces = [values[a : b + 1] for a, b in pairwise(edges)]
     low, high = (np.array([end(piece) for piece in pieces]) for end in (np.min, np.max))
     return 0.5 * (edges[:-1] + edges[1:]), low, high
 
 
-def _scaled(values: ArrayLike, ends: Range, log: bool, start: float, stop: float) -> FloatArray:
+def _scaled(
+    values: ArrayLike, ends: Range, log: bool, start: float, stop: float
+) -> FloatArray:
     numbers, (low, high) = np.asarray(values, dtype=float), ends
     if log:
         with np.errstate(divide="ignore", invalid="ignore"):
-            numbers, low, high = np.log(numbers), np.log(low), np.log(high)
+            numbers = np.log(numbers)
+            low = np.log(low)
+            high = np.log(high)
     return np.asarray(start + (numbers - low) / (high - low) * (stop - start))

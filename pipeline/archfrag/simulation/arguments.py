@@ -49,7 +49,9 @@ def check_method(name: Any) -> MethodInfo:
     if info is None:
         raise InputError(f"method is {name!r}; allowed are {', '.join(method_names())}")
     if not is_available(info):
-        raise InputError(f"method {name} needs the package {info.needs}: pip install {info.needs}")
+        raise InputError(
+            f"method {name} needs the package {info.needs}: pip install {info.needs}"
+        )
     return info
 
 
@@ -87,7 +89,9 @@ def check_taken(info: MethodInfo, **given: Any) -> None:
 def check_rigid(arch: Arch, what: str) -> None:
     """See that the joints of an arch are rigid, which something needs."""
     if arch.chain.joint is not None:
-        raise InputError(f"{what} needs rigid joints; give them joints.model inset, not face")
+        raise InputError(
+            f"{what} needs rigid joints; give them joints.model inset, not face"
+        )
 
 
 def check_can_run(arch: Arch, info: MethodInfo, far: Any) -> None:
@@ -107,20 +111,32 @@ def check_settings(info: MethodInfo, settings: Any) -> dict[str, float]:
     """Return a method's own parameters: those given, if allowed, and defaults of the others."""
     own = own_parameters(info)
     if not isinstance(settings, Mapping | None):
-        raise InputError(f"settings is {type(settings).__name__}; it must map names to numbers")
+        raise InputError(
+            f"settings is {type(settings).__name__}; it must map names to numbers"
+        )
     for name, value in (settings or {}).items():
         if name not in own:
             allowed = ", ".join(own) or "none"
-            raise InputError(f"settings has {name!r}; allowed for method {info.name}: {allowed}")
-        check_number(f"settings.{name}", value, own[name].least, own[name].most, own[name].unit)
+            raise InputError(
+                f"settings has {name!r}; allowed for method {info.name}: {allowed}"
+            )
+        check_number(
+            f"settings.{name}", value, own[name].least, own[name].most, own[name].unit
+        )
     given = {name: float(value) for name, value in (settings or {}).items()}
     return {name: parameter.default for name, parameter in own.items()} | given
 
 
-def check_number(name: str, value: Any, least: float, most: float, unit: str = "1") -> None:
+def check_number(
+    name: str, value: Any, least: float, most: float, unit: str = "1"
+) -> None:
     """See that a value is a finite number between bounds, which are allowed themselves."""
     try:
-        good = not isinstance(value, bool) and math.isfinite(value) and least <= value <= most
+        good = (
+            not isinstance(value, bool)
+            and math.isfinite(value)
+            and least <= value <= most
+        )
     except TypeError:
         good = False
     if not good:

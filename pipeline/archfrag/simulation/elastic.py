@@ -18,10 +18,17 @@ from archfrag.arch import Arch
 
 # Residual over the mean weight of a body; Newton's iterations; displacements that a difference
 # quotient takes, over the mean overlap of joints under the weight.
-BALANCED, MOST_ITERATIONS, NUDGE = 1e-6, 10, 1e-3
+BALANCED = 1e-6
+MOST_ITERATIONS = 10
+NUDGE = 1e-3
 # First displacement of the path over the mean length of joints, its growth and cuts, its most
 # steps, and how far the load has to fall for the largest to be behind.
-FIRST, QUICKER, QUICK, CUT, MOST_STEPS, PAST = 1e-5, 2.0, 6, 0.3, 300, 0.995
+FIRST = 1e-5
+QUICKER = 2.0
+QUICK = 6
+CUT = 0.3
+MOST_STEPS = 300
+PAST = 0.995
 SHORTEST = 1e-4 * FIRST
 
 
@@ -47,10 +54,12 @@ class ElasticArch:
         self, arch: Arch, stiffness: NDArray[np.float64], shear: NDArray[np.float64]
     ) -> None:
         chain = arch.chain
-        self.n_joint, self.n_body = chain.friction.size, chain.mass.size
+        self.n_joint = chain.friction.size
+        self.n_body = chain.mass.size
         self.weight = chain.mass * chain.gravity
         self.share = chain.mass / chain.mass.sum()
-        self.stiffness, self.shear = stiffness * arch.joint_depths, shear * arch.joint_depths
+        self.stiffness = stiffness * arch.joint_depths
+        self.shear = shear * arch.joint_depths
         along = chain.face_before[:, 1] - chain.face_before[:, 0]
         self.length = np.hypot(*along.T)
         self.tangent = along / self.length[:, None]
@@ -60,33 +69,47 @@ class ElasticArch:
         overlap = self.weight.sum() / float((self.stiffness * self.length).mean())
         self.nudge = NUDGE * overlap * np.array([1.0, 1.0, 1.0 / self.size])
 
-    def _bear(self, moved: NDArray[np.float64], closed: bool = False) -> tuple[NDArray, NDArray]:
+    def _bear(
+        self, moved: NDArray[np.float64], closed: bool = False
+    ) -> tuple[NDArray, NDArray]:
         """Return the forces of joints on both bodies, and their normal forces.
 
         `moved` is the displacement of the bodies before and after each joint,
         (..., n_joint, 2, 3). Joints that are `closed` touch everywhere.
         """
         angle = moved[..., 2]
-        sine, fall = np.sin(angle), -2.0 * np.sin(0.5 * angle) ** 2
-        ax, ay = self.arm[..., 0], self.arm[..., 1]
-        turned_x, turned_y = fall * ax - sine * ay, sine * ax + fall * ay
-        x, y = moved[..., 0] + turned_x, moved[..., 1] + turned_y
-        dx, dy = x[..., 1] - x[..., 0], y[..., 1] - y[..., 0]
-        mean, bend = angle.mean(axis=-1), 0.5 * (angle[..., 1] - angle[..., 0])
-        c, s = np.cos(mean), np.sin(mean)
+        sine = np.sin(angle)
+        fall = -2.0 * np.sin(0.5 * angle) ** 2
+        ax = self.arm[..., 0]
+        ay = self.arm[..., 1]
+        turned_x = fall * ax - sine * ay
+        turned_y = sine * ax + fall * ay
+        x = moved[..., 0] + turned_x
+        y = moved[..., 1] + turned_y
+        dx = x[..., 1] - x[..., 0]
+        dy = y[..., 1] - y[..., 0]
+        mean = angle.mean(axis=-1)
+        bend = 0.5 * (angle[..., 1] - angle[..., 0])
+        c = np.cos(mean)
+        s = np.sin(mean)
         tx = c * self.tangent[:, 0] - s * self.tangent[:, 1]
         ty = s * self.tangent[:, 0] + c * self.tangent[:, 1]
-        slip, gap, slope = tx * dx + ty * dy, ty * dx - tx * dy, -2.0 * np.sin(bend)
+        slip = tx * dx + ty * dy
+        gap = ty * dx - tx * dy
+        slope = -2.0 * np.sin(bend)
         half = 0.5 * np.maximum(self.length - abs(slip), 0.0)
         safe = np.where(slope == 0.0, 1e-300, slope)
         zero = np.clip(-gap / safe, -half, half)
         low = np.where((safe > 0.0) | closed, -half, zero)
         high = np.where((safe > 0.0) & (not closed), zero, half)
-        l0, l1, l2 = high - low, (high**2 - low**2) / 2.0, (high**3 - low**3) / 3.0
+        l0 = high - low
+        l1 = (high**2 - low**2) / 2.0
+        l2 = (high**3 - low**3) / 3.0
         normal = -self.stiffness * (gap * l0 + slope * l1)
         moment = np.cos(bend) * self.stiffness * (gap * l1 + slope * l2)
         along = -self.shear * l0 * slip
-        fx, fy = normal * ty + along * tx, along * ty - normal * tx
+        fx = normal * ty + along * tx
+        fy = along * ty - normal * tx
         # The force acts half way between both middles.
         sign = np.array([-1.0, 1.0])
         px = ax + turned_x - 0.5 * sign * dx[..., None]
@@ -104,7 +127,8 @@ class ElasticArch:
         self, position: NDArray[np.float64], closed: bool = False
     ) -> tuple[NDArray, NDArray]:
         """Return the forces of joints on all bodies, (n_body, 3), and their derivative."""
-        around, n_joint = self._neighbours(position), self.n_joint
+        around = self._neighbours(position)
+        n_joint = self.n_joint
         nudges = np.zeros((13, 2, 3))
         nudges[1:7].reshape(6, 6)[:] = np.diag(np.tile(self.nudge, 2))
         nudges[7:] = -nudges[1:7]
@@ -112,7 +136,8 @@ class ElasticArch:
         change = (force[1:7] - force[7:]).reshape(2, 3, n_joint, 2, 3)
         change /= 2.0 * self.nudge[None, :, None, None, None]
         rows = self.n_body + 2
-        total, stiffness = np.zeros((rows, 3)), np.zeros((rows, 3, rows, 3))
+        total = np.zeros((rows, 3))
+        stiffness = np.zeros((rows, 3, rows, 3))
         joint = np.arange(n_joint)
         for of in range(2):
             total[of : n_joint + of] += force[0, :, of]
@@ -131,9 +156,12 @@ class ElasticArch:
         The load is that at which the mean displacement against it is `sway`, or else as given.
         """
         size = 3 * self.n_body
-        system, left = np.zeros((size + 1, size + 1)), np.zeros(size + 1)
+        system = np.zeros((size + 1, size + 1))
+        left = np.zeros(size + 1)
         system[:size:3, -1] = -self.weight
-        system[-1, :size:3], system[-1, -1] = (self.share, 0.0) if sway is not None else (0, 1)
+        system[-1, :size:3], system[-1, -1] = (
+            (self.share, 0.0) if sway is not None else (0, 1)
+        )
         for iteration in range(MOST_ITERATIONS * (1 if sway is not None else 4)):
             force, system[:-1, :-1] = self._system(position)
             force[:, 0] -= load * self.weight
@@ -149,7 +177,8 @@ class ElasticArch:
                 break
             if not np.isfinite(step).all():
                 break
-            position, load = position + step[:-1].reshape(-1, 3), load + float(step[-1])
+            position = position + step[:-1].reshape(-1, 3)
+            load = load + float(step[-1])
         return position, load, 5 * MOST_ITERATIONS
 
     def rest(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -171,9 +200,13 @@ class ElasticArch:
         The mean displacement of the bodies against the acceleration grows step by step, and the
         acceleration is what holds them there, so that the path passes its largest value.
         """
-        position, load, sway = rest, 0.0, float(-self.share @ rest[:, 0])
-        step, before = FIRST * self.size, (rest, 0.0, math.inf)
-        path, normal = [(sway, 0.0)], np.zeros(self.n_joint)
+        position = rest
+        load = 0.0
+        sway = float(-self.share @ rest[:, 0])
+        step = FIRST * self.size
+        before = (rest, 0.0, math.inf)
+        path = [(sway, 0.0)]
+        normal = np.zeros(self.n_joint)
         for _ in range(MOST_STEPS):
             ahead = step / before[2]
             start = position + ahead * (position - before[0])
@@ -185,7 +218,9 @@ class ElasticArch:
                     break
                 continue
             before = position, load, step
-            position, load, sway = there, held, sway + sense * step
+            position = there
+            load = held
+            sway = sway + sense * step
             path.append((sway, sense * load))
             loads = np.array(path)[:, 1]
             if sense * load == loads.max():

@@ -20,11 +20,13 @@ from archfrag.simulation.rest import onset
 from archfrag.usual import USUAL
 
 # Depths of two rounds that differ by less than this part of a joint's length are equal.
-AGREE, MOST_ITERATIONS = 1e-9, 200
+AGREE = 1e-9
+MOST_ITERATIONS = 200
 SOFTEST = 1e6  # stiffness that is allowed [Pa/m]
 # Stiffness up to which faces are computed [Pa/m]: what is stiffer loses less by the cube root. To
 # what part of itself the inset is found.
-STIFFEST, CLOSE = 1e13, 1e-4
+STIFFEST = 1e13
+CLOSE = 1e-4
 
 
 def crushed(arch: Arch, strength: float) -> Arch:
@@ -61,7 +63,9 @@ def crushed(arch: Arch, strength: float) -> Arch:
     _check_first(arch, "strength")
     weak = _shortened(arch, np.zeros(arch.n_joint), strength)
     if weak is None:
-        message = f"{arch!r}: the arch does not stand with a strength of {strength:g} N/m2"
+        message = (
+            f"{arch!r}: the arch does not stand with a strength of {strength:g} N/m2"
+        )
         if strength < USUAL["strength"][1]:
             message += f"; masonry has {USUAL['strength'][1]:g} or more: is it in N/m2?"
         raise StabilityError(message)
@@ -71,10 +75,14 @@ def crushed(arch: Arch, strength: float) -> Arch:
 
 
 def jointed(
-    arch: Arch, stiffness: ArrayLike, shear: ArrayLike | None = None, damping: float = 0.05,
-    model: Literal["inset", "face"] = "inset", points: int | None = None,
+    arch: Arch,
+    stiffness: ArrayLike,
+    shear: ArrayLike | None = None,
+    damping: float = 0.05,
+    model: Literal["inset", "face"] = "inset",
+    points: int | None = None,
     strength: float = math.inf,
-) -> Arch:  # fmt: skip
+) -> Arch:
     """Return the arch with joints that give.
 
     The model inset has rigid joints with contact points inside their ends. Each joint loses a
@@ -118,7 +126,13 @@ def jointed(
     both = {"stiffness": stiffness, "shear": stiffness if shear is None else shear}
     normal, tangential = (
         checks.shared_or_each(
-            f"joints.{name}", value, arch.n_joint, "joint", "Pa/m", least=SOFTEST, infinite="rigid"
+            f"joints.{name}",
+            value,
+            arch.n_joint,
+            "joint",
+            "Pa/m",
+            least=SOFTEST,
+            infinite="rigid",
         )
         for name, value in both.items()
     )
@@ -127,9 +141,13 @@ def jointed(
         return crushed(arch, strength)
     _check_first(arch, "joints")
     told = {
-        "positions": arch.parameters.get("joints"), "stiffness": plain(stiffness),
-        "shear": plain(shear), "damping": float(damping), "model": model, "points": points,
-    }  # fmt: skip
+        "positions": arch.parameters.get("joints"),
+        "stiffness": plain(stiffness),
+        "shear": plain(shear),
+        "damping": float(damping),
+        "model": model,
+        "points": points,
+    }
     given = {
         **arch.parameters,
         "joints": {k: each for k, each in told.items() if each is not None},
@@ -140,9 +158,12 @@ def jointed(
         joint = np.zeros((arch.n_joint, len(Joint)))
         joint[:, Joint.STIFFNESS] = normal * arch.joint_depths
         joint[:, Joint.SHEAR] = tangential * arch.joint_depths
-        joint[:, Joint.DAMPING], joint[:, Joint.POINTS] = damping, points or 0
+        joint[:, Joint.DAMPING] = damping
+        joint[:, Joint.POINTS] = points or 0
         if not np.isfinite(joint).all():
-            raise InputError("joints.model face needs a finite stiffness and shear of all joints")
+            raise InputError(
+                "joints.model face needs a finite stiffness and shear of all joints"
+            )
         soft = arch.changed(chain=arch.chain._replace(joint=joint))
     else:
         inset = _shortened(arch, inset_of(arch, normal, tangential).lengths, strength)
@@ -161,19 +182,34 @@ def _check_first(arch: Arch, key: str) -> None:
     if arch.joint_keys:
         raise InputError(f"the arch has joints that give already; {key} cannot follow")
     if key == "joints" and "strength" in arch.parameters:
-        raise InputError("the arch has its strength already; give it to jointed, not before")
+        raise InputError(
+            "the arch has its strength already; give it to jointed, not before"
+        )
 
 
-def _check_model(damping: float, model: str, points: int | None, strength: float) -> None:
+def _check_model(
+    damping: float, model: str, points: int | None, strength: float
+) -> None:
     """See that the settings of joints that give fit together."""
     check_number("joints.damping", damping, 0.0, 1.0)
     for wrong, text in (
-        (model not in ("inset", "face"), f"joints.model = {model!r} must be inset or face"),
-        (points not in (None, 2, 3), f"joints.points = {points!r} must be 2 or 3, or not given"),
-        (points and model != "face", f"joints.points = {points} needs joints.model face"),
-        (math.isfinite(strength) and model != "inset",
-         f"strength = {strength:g} needs joints.model inset"),
-    ):  # fmt: skip
+        (
+            model not in ("inset", "face"),
+            f"joints.model = {model!r} must be inset or face",
+        ),
+        (
+            points not in (None, 2, 3),
+            f"joints.points = {points!r} must be 2 or 3, or not given",
+        ),
+        (
+            points and model != "face",
+            f"joints.points = {points} needs joints.model face",
+        ),
+        (
+            math.isfinite(strength) and model != "inset",
+            f"strength = {strength:g} needs joints.model inset",
+        ),
+    ):
         if wrong:
             raise InputError(text)
 
@@ -186,7 +222,9 @@ class Inset(NamedTuple):
     growth: float  # largest normal force under that load over the largest at rest [1]
 
 
-def inset_of(arch: Arch, stiffness: NDArray[np.float64], shear: NDArray[np.float64]) -> Inset:
+def inset_of(
+    arch: Arch, stiffness: NDArray[np.float64], shear: NDArray[np.float64]
+) -> Inset:
     """Find the contact points with which rigid joints bear what elastic faces bear at most.
 
     Parameters
@@ -201,7 +239,8 @@ def inset_of(arch: Arch, stiffness: NDArray[np.float64], shear: NDArray[np.float
     StabilityError
         If the arch does not stand on joints that soft.
     """
-    normal, tangential = np.minimum(stiffness, STIFFEST), np.minimum(shear, STIFFEST)
+    normal = np.minimum(stiffness, STIFFEST)
+    tangential = np.minimum(shear, STIFFEST)
     elastic = ElasticArch(arch, normal, tangential)
     rest = elastic.rest()
     if rest is None:
@@ -210,7 +249,9 @@ def inset_of(arch: Arch, stiffness: NDArray[np.float64], shear: NDArray[np.float
     # The strip of a joint that has rotated by 1 rad; what is stiffer than STIFFEST loses less.
     strip = np.sqrt(2.0 * np.maximum(force, 0.0) / (normal * arch.joint_depths))
     stiffer = (normal / stiffness) ** (1.0 / 3.0)
-    rough = arch.changed(chain=arch.chain._replace(friction=np.full(arch.n_joint, math.inf)))
+    rough = arch.changed(
+        chain=arch.chain._replace(friction=np.full(arch.n_joint, math.inf))
+    )
     rigid = onset(rough)
     length = elastic.length
     senses = [(1.0, rigid.plus), (-1.0, rigid.minus)]
@@ -224,7 +265,9 @@ def inset_of(arch: Arch, stiffness: NDArray[np.float64], shear: NDArray[np.float
         and math.isfinite((limit := elastic.largest_load(position, sense)).load)
     ]
     if not most:  # joints that lock each other, or a chain without height
-        return Inset(strip * stiffer / (2.0 * math.sqrt(_turn(arch, strip, length))), 0.0, 1.0)
+        return Inset(
+            strip * stiffer / (2.0 * math.sqrt(_turn(arch, strip, length))), 0.0, 1.0
+        )
 
     def excess(part: float) -> float:
         try:
@@ -274,8 +317,10 @@ def _shortened(arch: Arch, inset: NDArray[np.float64], strength: float) -> Arch 
     """
     if math.isfinite(strength):
         check_number("strength", strength, 1.0, 1e12, "N/m2")
-    wide, length = arch.joint_depths, np.hypot(*(arch.extrados - arch.intrados)[: arch.n_joint].T)
-    lost, now = np.zeros(arch.n_joint), arch
+    wide = arch.joint_depths
+    length = np.hypot(*(arch.extrados - arch.intrados)[: arch.n_joint].T)
+    lost = np.zeros(arch.n_joint)
+    now = arch
     for _ in range(MOST_ITERATIONS):
         normal = onset(now).normal
         if normal is None:

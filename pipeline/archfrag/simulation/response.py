@@ -14,7 +14,16 @@ from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import InputError
 from archfrag.physics.contact.laws import CLOSED_STICK
 from archfrag.physics.interface import Frames, MechanismLog, Outcomes
-from archfrag.physics.status import Cause, CollapseMode, Count, Energy, Level, Loss, Peak, Status
+from archfrag.physics.status import (
+    Cause,
+    CollapseMode,
+    Count,
+    Energy,
+    Level,
+    Loss,
+    Peak,
+    Status,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -24,54 +33,71 @@ if TYPE_CHECKING:
     from archfrag.plots import Film
 
 STATUS_MESSAGE = {
-    Status.STANDING:
-        "the arch came to rest with contact kept or regained at every joint, or sways calmly on "
-        "its ties",
+    Status.STANDING: "the arch came to rest with contact kept or regained at "
+    "every joint, or sways calmly on "
+    "its ties",
     Status.COLLAPSED: "a joint lost all contact for good (Signorini loss)",
-    Status.UNFINISHED:
-        "the arch was still moving at the end of the follow-on time; raise `follow`",
-    Status.NO_CONTACT_SOLUTION:
-        "no admissible set of reactions was found in a step; try a smaller `dt`, and please "
-        "report the case",
-    Status.DOES_NOT_STAND:
-        "the arch does not stand under its own weight; make it thicker or raise the friction",
+    Status.UNFINISHED: "the arch was still moving at the end of the follow-on "
+    "time; raise `follow`",
+    Status.NO_CONTACT_SOLUTION: "no admissible set of reactions was found in a "
+    "step; try a smaller `dt`, and please "
+    "report the case",
+    Status.DOES_NOT_STAND: "the arch does not stand under its own weight; make "
+    "it thicker or raise the friction",
     Status.NOT_FINITE: "a position or velocity stopped being finite; try a smaller `dt`",
-    Status.WORK_BOUND:
-        "the run needed more steps than its length allows; try a larger `rtol` or another "
-        "`method`",
-    Status.NOT_APPLICABLE:
-        "the method has no model for this mechanism or this initial state; use `auto`",
-    Status.INACCURATE:
-        "energy balance or overlap missed the tolerance; try a smaller `rtol`, and please report "
-        "the case",
-}  # fmt: skip
+    Status.WORK_BOUND: "the run needed more steps than its length allows; try a "
+    "larger `rtol` or another "
+    "`method`",
+    Status.NOT_APPLICABLE: "the method has no model for this mechanism or this "
+    "initial state; use `auto`",
+    Status.INACCURATE: "energy balance or overlap missed the tolerance; try a "
+    "smaller `rtol`, and please report "
+    "the case",
+}
 _EVENTS = {
-    "impacts": Count.IMPACTS, "openings": Count.OPENINGS, "slides": Count.SLIDES,
-    "contact_losses": Count.LOSSES, "rests": Count.RESTS, "events": Count.EVENTS,
+    "impacts": Count.IMPACTS,
+    "openings": Count.OPENINGS,
+    "slides": Count.SLIDES,
+    "contact_losses": Count.LOSSES,
+    "rests": Count.RESTS,
+    "events": Count.EVENTS,
     "switches": Count.SWITCHES,
-}  # fmt: skip
+}
 _NO_WORK = {*_EVENTS.values(), Count.FRAMES, Count.LOG_ENTRIES}
 _COLLAPSE_MODES = [mode.name.lower() for mode in CollapseMode]
 _COLLAPSED = {Status.STANDING: False, Status.COLLAPSED: True}
 # Units of what is in a response, by the last word of its name.
 UNITS = {"time": "s", "rotation": "rad", "displacement": "m", "energy": "J"}
 _ENERGY = {
-    "kinetic": Energy.KINETIC, "potential": Energy.POTENTIAL, "ground": Energy.GROUND,
-    "friction": Energy.FRICTION, "impacts": Energy.IMPACT,
-    "balance_error": Energy.BALANCE_ERROR, "largest_kinetic": Energy.LARGEST_KINETIC,
-}  # fmt: skip
+    "kinetic": Energy.KINETIC,
+    "potential": Energy.POTENTIAL,
+    "ground": Energy.GROUND,
+    "friction": Energy.FRICTION,
+    "impacts": Energy.IMPACT,
+    "balance_error": Energy.BALANCE_ERROR,
+    "largest_kinetic": Energy.LARGEST_KINETIC,
+}
 
 CAUSE_WORDS = {
-    Cause.START: "start", Cause.HINGE: "new hinge", Cause.SLIDE: "sliding starts",
-    Cause.STICK: "sliding ends", Cause.IMPACT: "impact", Cause.LOSS: "contact lost",
-    Cause.CLOSE: "hinge closes", Cause.REST: "comes to rest",
-    Cause.ACCUMULATION: "events accumulate", Cause.UNSOLVED: "laws not met on mega-voussoirs",
-    Cause.QUIESCENT: "taken back from time stepping", Cause.END: "end of the run",
-}  # fmt: skip
+    Cause.START: "start",
+    Cause.HINGE: "new hinge",
+    Cause.SLIDE: "sliding starts",
+    Cause.STICK: "sliding ends",
+    Cause.IMPACT: "impact",
+    Cause.LOSS: "contact lost",
+    Cause.CLOSE: "hinge closes",
+    Cause.REST: "comes to rest",
+    Cause.ACCUMULATION: "events accumulate",
+    Cause.UNSOLVED: "laws not met on mega-voussoirs",
+    Cause.QUIESCENT: "taken back from time stepping",
+    Cause.END: "end of the run",
+}
 MODEL_WORDS = {
-    Level.REST: "rest", Level.FOUR_HINGES: "four hinges",
-    Level.MEGA_VOUSSOIRS: "mega-voussoirs", Level.ALL_VOUSSOIRS: "all voussoirs",
-}  # fmt: skip
+    Level.REST: "rest",
+    Level.FOUR_HINGES: "four hinges",
+    Level.MEGA_VOUSSOIRS: "mega-voussoirs",
+    Level.ALL_VOUSSOIRS: "all voussoirs",
+}
 
 
 @dataclass(frozen=True)
@@ -113,11 +139,20 @@ mega-voussoirs
         groups: dict[str, list[str]] = {"hinges": [], "slides": [], "open": []}
         for joint, text in self.joints.items():
             verb, _, rest = text.partition(" ")
-            groups["hinges" if verb == "hinge" else verb].append(f"{joint} {rest}".strip())
-        parts = [f"{name} {', '.join(members)}" for name, members in groups.items() if members]
+            groups["hinges" if verb == "hinge" else verb].append(
+                f"{joint} {rest}".strip()
+            )
+        parts = [
+            f"{name} {', '.join(members)}"
+            for name, members in groups.items()
+            if members
+        ]
         why = CAUSE_WORDS[Cause[self.cause.upper()]]
         where = f" at joint {self.joint}" if self.joint >= 0 else ""
-        parts = [*(parts or ["all joints closed"]), MODEL_WORDS[Level[self.model.upper()]]]
+        parts = [
+            *(parts or ["all joints closed"]),
+            MODEL_WORDS[Level[self.model.upper()]],
+        ]
         return f"{self.time:.4f} s  {why}{where}: {'; '.join(parts)}"
 
 
@@ -222,7 +257,9 @@ class Response:
         if self.history is None:
             raise InputError("the response has no history; simulate with history=True")
         names = ("time", "displacement", "rotation")
-        time, shift, turn = (np.asarray(self.history[name].values, float) for name in names)
+        time, shift, turn = (
+            np.asarray(self.history[name].values, float) for name in names
+        )
         return time, shift, turn
 
     def _window(self, seconds: float) -> tuple[float, float]:
@@ -232,11 +269,14 @@ class Response:
         assert self.arch is not None
         time, shift, turn = self._arrays()
         size = float(np.ptp(np.concatenate(self.arch.outlines), axis=0).max())
-        reach = np.maximum(np.abs(shift).max(axis=(1, 2)), 0.1 * size * np.abs(turn).max(axis=1))
+        reach = np.maximum(
+            np.abs(shift).max(axis=(1, 2)), 0.1 * size * np.abs(turn).max(axis=1)
+        )
         moving = np.flatnonzero(reach > 1e-5 * size)
         if moving.size < 2:
             return float(time[0]), float(time[0])
-        first, last = float(time[max(moving[0] - 1, 0)]), float(time[moving[-1]])
+        first = float(time[max(moving[0] - 1, 0)])
+        last = float(time[moving[-1]])
         peak = float(time[np.abs(turn).max(axis=1).argmax()])
         if self.collapsed:
             peak = last = float(time[-1])
@@ -247,7 +287,9 @@ class Response:
         ended = self.status.name.lower().replace("_", " ")
         if self.collapsed:
             mode = self.collapse_mode.replace("_", " ")
-            ended += f" at {self.collapse_time:.4g} s, joint {self.collapse_joint}, {mode}"
+            ended += (
+                f" at {self.collapse_time:.4g} s, joint {self.collapse_joint}, {mode}"
+            )
         peak = f"peak {self.peak_rotation:.3g} rad, {self.peak_displacement:.3g} m"
         return f"<Response {ended}; {peak}; {self.method}, {self.end_time:.4g} s>"
 
@@ -255,7 +297,13 @@ class Response:
 def response_of(results: Outcomes, row: int, method: str, wall_time: float) -> Response:
     """Name what a method returned of one run, without a history."""
     status = Status(int(results.status[row]))
-    of_run = results.count, results.energy, results.model_time, results.peak, results.loss
+    of_run = (
+        results.count,
+        results.energy,
+        results.model_time,
+        results.peak,
+        results.loss,
+    )
     count, energy, model_time, peak, loss = (values[row].tolist() for values in of_run)
     largest = energy[Energy.LARGEST_KINETIC]
     return Response(
@@ -274,9 +322,15 @@ def response_of(results: Outcomes, row: int, method: str, wall_time: float) -> R
         residual_displacement=peak[Peak.END_DISPLACEMENT],
         events={name: int(count[entry]) for name, entry in _EVENTS.items()},
         model_time={model.name.lower(): model_time[model] for model in Level},
-        energy_error=energy[Energy.BALANCE_ERROR_PEAK] / largest if largest > 0.0 else 0.0,
+        energy_error=energy[Energy.BALANCE_ERROR_PEAK] / largest
+        if largest > 0.0
+        else 0.0,
         energy={name: energy[entry] for name, entry in _ENERGY.items()},
-        work={each.name.lower(): int(count[each]) for each in Count if each not in _NO_WORK},
+        work={
+            each.name.lower(): int(count[each])
+            for each in Count
+            if each not in _NO_WORK
+        },
         wall_time=wall_time,
         end_time=float(results.end_time[row]),
         residual=peak[Peak.RESIDUAL],
@@ -289,11 +343,14 @@ def empty_output(
     n_frame: int, n_entry: int, n_body: int, n_joint: int
 ) -> tuple[Frames, MechanismLog]:
     """Return the space for so many frames of a history and entries of a log."""
-    body, joint = (n_frame, n_body, 3), (n_frame, n_joint, 3)
+    body = (n_frame, n_body, 3)
+    joint = (n_frame, n_joint, 3)
     time, cause, joint_of_cause, model = (
         np.zeros(n_entry, code) for code in (np.float64, np.int8, np.int32, np.int8)
     )
-    log = MechanismLog(time, cause, joint_of_cause, model, np.zeros((n_entry, n_joint), np.int8))
+    log = MechanismLog(
+        time, cause, joint_of_cause, model, np.zeros((n_entry, n_joint), np.int8)
+    )
     numbers = np.zeros(n_frame), np.zeros(body), np.zeros(body), np.zeros(joint)
     return Frames(*numbers, np.zeros(joint[:2], np.int8)), log
 
@@ -308,31 +365,65 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
     """
     import xarray
 
-    body, joint = ("time", "voussoir", "component"), ("time", "joint", "component")
+    body = ("time", "voussoir", "component")
+    joint = ("time", "joint", "component")
     place, rate, force, mode = (each[:n_frame] for each in frames[1:5])
     places = (arch.corner_name(0), arch.corner_name(1), "closed")
     slips = ("sticks", "slides_plus", "slides_minus")
     flags = {
         "flag_values": np.arange(10, dtype=np.int8),
-        "flag_meanings": " ".join(["open", *(f"{p}_{slip}" for p in places for slip in slips)]),
+        "flag_meanings": " ".join(
+            ["open", *(f"{p}_{slip}" for p in places for slip in slips)]
+        ),
     }
     variables = {
         name: (dimensions, values, {**attributes, "long_name": text})
         for name, dimensions, values, attributes, text in (
-            ("displacement", body, place[:, :, :2], {"units": "m"},
-             "displacement of the centroid from rest"),
-            ("rotation", body[:2], place[:, :, 2], {"units": "rad"}, "rotation of the voussoir"),
-            ("velocity", body, rate[:, :, :2], {"units": "m s-1"},
-             "velocity of the centroid relative to the ground"),
-            ("angular_velocity", body[:2], rate[:, :, 2], {"units": "rad s-1"},
-             "angular velocity of the voussoir"),
-            ("reaction", joint, force[:, :, :2], {"units": "N"},
-             "reaction on the voussoir after the joint"),
-            ("moment", joint[:2], force[:, :, 2], {"units": "N m"},
-             "moment of the reaction about the middle between the joint's contact points"),
+            (
+                "displacement",
+                body,
+                place[:, :, :2],
+                {"units": "m"},
+                "displacement of the centroid from rest",
+            ),
+            (
+                "rotation",
+                body[:2],
+                place[:, :, 2],
+                {"units": "rad"},
+                "rotation of the voussoir",
+            ),
+            (
+                "velocity",
+                body,
+                rate[:, :, :2],
+                {"units": "m s-1"},
+                "velocity of the centroid relative to the ground",
+            ),
+            (
+                "angular_velocity",
+                body[:2],
+                rate[:, :, 2],
+                {"units": "rad s-1"},
+                "angular velocity of the voussoir",
+            ),
+            (
+                "reaction",
+                joint,
+                force[:, :, :2],
+                {"units": "N"},
+                "reaction on the voussoir after the joint",
+            ),
+            (
+                "moment",
+                joint[:2],
+                force[:, :, 2],
+                {"units": "N m"},
+                "moment of the reaction about the middle between the joint's contact points",
+            ),
             ("contact_mode", joint[:2], mode, flags, "contact mode of the joint"),
         )
-    }  # fmt: skip
+    }
     coordinates = {
         "time": ("time", frames.time[:n_frame], {"units": "s", "long_name": "time"}),
         "voussoir": np.arange(arch.n_voussoir),
@@ -359,16 +450,22 @@ def mechanism_of(
         words += [f"hinge {side}", *(f"hinge {side} sliding {to}" for to in slides)]
     words += ["closed", *(f"slides {to}" for to in slides)]
     kept = min(n_entry, log.time.size)
-    until = np.append(log.time[1:kept], end_time if kept == n_entry else np.nan).tolist()
+    until = np.append(
+        log.time[1:kept], end_time if kept == n_entry else np.nan
+    ).tolist()
     changes = [
         MechanismChange(
-            time, to, Cause(cause).name.lower(), int(joint), Level(model).name.lower(),
+            time,
+            to,
+            Cause(cause).name.lower(),
+            int(joint),
+            Level(model).name.lower(),
             {int(j): words[mode[j]] for j in np.flatnonzero(mode != CLOSED_STICK)},
         )
         for time, to, cause, joint, model, mode in zip(
             log.time[:kept].tolist(), until, log.cause, log.joint, log.model, log.mode
         )
-    ]  # fmt: skip
+    ]
     first = changes[0].time if changes else end_time
     if from_rest and first > 0.0:
         changes.insert(0, MechanismChange(0.0, first, "start", -1, "rest", {}))
@@ -377,6 +474,10 @@ def mechanism_of(
 
 def summary(changes: Sequence[MechanismChange]) -> str:
     """Count the changes of the mechanism by cause, the most frequent first."""
-    causes = Counter(change.cause for change in changes if change.cause not in ("start", "end"))
-    why = [f"{CAUSE_WORDS[Cause[name.upper()]]} {n}" for name, n in causes.most_common()]
+    causes = Counter(
+        change.cause for change in changes if change.cause not in ("start", "end")
+    )
+    why = [
+        f"{CAUSE_WORDS[Cause[name.upper()]]} {n}" for name, n in causes.most_common()
+    ]
     return f"{causes.total()} changes of the mechanism ({', '.join(why) or 'none'})"

@@ -38,7 +38,8 @@ STANDS_TOLERANCE = 1e-12
 # Overlap, over joint length, that an initial state may have: what time stepping leaves.
 MOST_OVERLAP = 1e-5
 # Positions of a mechanism that are evaluated, up to this rotation of the first body [rad].
-POSITIONS, LARGEST_ROTATION = 4000, 0.5 * np.pi
+POSITIONS = 4000
+LARGEST_ROTATION = 0.5 * np.pi
 
 Hinge = tuple[int, str]
 
@@ -104,7 +105,8 @@ class Onset:
         Of self-weight, or of onset with the ground accelerating `towards` "+x" or "-x". None if
         contact centres are not known.
         """
-        centre, load = self.thrust, 0.0
+        centre = self.thrust
+        load = 0.0
         if towards is not None:
             limit, *_ = self.mechanism(towards)
             centre = self.thrust_plus if towards == "+x" else self.thrust_minus
@@ -160,18 +162,23 @@ def onset(arch: Arch) -> Onset:
     (0.37, [(0, 'extrados'), (2, 'intrados'), (4, 'extrados'), (7, 'intrados')])
     """
     if not isinstance(arch, Arch):
-        raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
+        raise InputError(
+            f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block"
+        )
     model, state, work = _placed(arch)
     begin(model, state, work, 0, 0.0)
     place_contacts(model, state.slip, work.face, work.tangent, work)
     work.candidate[:] = state.contact
     problem = new_rest_problem(model)
-    problem.candidate[:], problem.centroid[:] = state.contact, model.start[:, :2]
+    problem.candidate[:] = state.contact
+    problem.centroid[:] = model.start[:, :2]
     pull_at_rest(model, state, work, problem.pull)
     plus, minus = (rest_limit(model, work, problem, sense) for sense in (1.0, -1.0))
     found = plus.found and minus.found
     stands = bool(
-        found and plus.load_factor >= -STANDS_TOLERANCE and minus.load_factor <= STANDS_TOLERANCE
+        found
+        and plus.load_factor >= -STANDS_TOLERANCE
+        and minus.load_factor <= STANDS_TOLERANCE
     )
     thrusts = [
         contact_centres(work, limit.reaction)
@@ -180,10 +187,12 @@ def onset(arch: Arch) -> Onset:
         for limit in (plus, minus)
     ]
     if stands:
-        work.free[1:-1, 1], work.position[:] = -model.gravity, state.position
+        work.free[1:-1, 1] = -model.gravity
+        work.position[:] = state.position
         pull_by_ties(model, state, work)
         solve_with_fallback(model, state, work, new_path(model))
-        pivot, weight = work.pivot, work.reaction.copy()
+        pivot = work.pivot
+        weight = work.reaction.copy()
         normal = np.einsum("jk,jk->j", weight[:, :2], work.normal)
         # Moments about the origin, as of the limits.
         weight[:, 2] += pivot[:, 0] * weight[:, 1] - pivot[:, 1] * weight[:, 0]
@@ -215,7 +224,9 @@ def warn_if_in_g(motion: Motion, factor: float, start: Onset) -> None:
     to leave the arch at rest.
     """
     peak = abs(factor) * motion.pga
-    weak = stays_at_rest(peak / STANDARD_GRAVITY, start) and not stays_at_rest(peak, start)
+    weak = stays_at_rest(peak / STANDARD_GRAVITY, start) and not stays_at_rest(
+        peak, start
+    )
     if weak and motion.vertical is None and "unit_in_file" not in motion.metadata:
         warnings.warn(
             f"{motion.id or 'motion'}: its peak of {peak:.3g} m/s2 is not above the onset of "
@@ -244,11 +255,15 @@ def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
     try:
         shift, velocity = (np.array(part, float) for part in initial)
     except (TypeError, ValueError) as error:
-        raise InputError("initial must be a pair of arrays: position and velocity") from error
+        raise InputError(
+            "initial must be a pair of arrays: position and velocity"
+        ) from error
     shape = (arch.n_voussoir, 3)
     for name, part in (("position", shift), ("velocity", velocity)):
         if part.shape != shape or not np.isfinite(part).all():
-            raise InputError(f"initial {name} has shape {part.shape}, must be {shape} and finite")
+            raise InputError(
+                f"initial {name} has shape {part.shape}, must be {shape} and finite"
+            )
     model, _, work = _placed(arch, shift)
     for j, corner in np.ndindex(arch.n_joint, 2):
         gap = clearance(j, corner, work.face, work.tangent) / model.length[j]
@@ -264,7 +279,8 @@ def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
 def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Work]:
     """Return the chain with its bodies shifted from rest, and its joint faces there."""
     model = model_of(arch.chain)
-    state, work = new_state(model), new_work(model)
+    state = new_state(model)
+    work = new_work(model)
     state.position[:] = model.start
     state.position[1:-1] += shift
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
@@ -272,8 +288,13 @@ def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Wor
 
 
 def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:
-    bits = np.stack([limit.mechanism & HINGE_INTRADOS, limit.mechanism & HINGE_EXTRADOS], axis=1)
-    return [(joint, arch.corner_name(corner)) for joint, corner in np.argwhere(bits).tolist()]
+    bits = np.stack(
+        [limit.mechanism & HINGE_INTRADOS, limit.mechanism & HINGE_EXTRADOS], axis=1
+    )
+    return [
+        (joint, arch.corner_name(corner))
+        for joint, corner in np.argwhere(bits).tolist()
+    ]
 
 
 def static_limit(arch: Arch, start: Onset) -> float:
@@ -298,13 +319,17 @@ def _limit(arch: Arch, hinges: list[Hinge], sense: float) -> float:
     it.
     """
     # Points of the plane are complex numbers: x + i y.
-    points = np.array([getattr(arch, side)[joint] @ [1.0, 1j] for joint, side in hinges])
+    points = np.array(
+        [getattr(arch, side)[joint] @ [1.0, 1j] for joint, side in hinges]
+    )
     centroid = arch.centroids @ [1.0, 1j]
     joints = [*(joint for joint, _ in hinges), arch.n_voussoir]
     angle = sense * np.linspace(0.0, LARGEST_ROTATION, POSITIONS)
     placed = _linkage(points, angle) if len(points) == 4 else [(points[0], angle)]
     energy = np.zeros(angle.size)
-    for pivot, (moved, rotation), first, last in zip(points, placed, joints, joints[1:]):
+    for pivot, (moved, rotation), first, last in zip(
+        points, placed, joints, joints[1:]
+    ):
         arm = np.exp(1j * rotation)[:, None] * (centroid[first:last] - pivot)
         height = (arm + np.reshape(moved, (-1, 1))).imag
         energy += height @ arch.chain.mass[first:last]
@@ -318,7 +343,9 @@ def _limit(arch: Arch, hinges: list[Hinge], sense: float) -> float:
         top = int(np.argmax(past))
         # The energy is a parabola about its top: its slope vanishes between two positions.
         place = top - 0.5 + rise[top - 1] / (rise[top - 1] - rise[top])
-    return float(max(np.interp(place, np.arange(end), np.abs(r[:end])) for _, r in placed))
+    return float(
+        max(np.interp(place, np.arange(end), np.abs(r[:end])) for _, r in placed)
+    )
 
 
 def _linkage(
@@ -330,7 +357,9 @@ def _linkage(
     """
     first, second, third, last = points
     moved = first + np.exp(1j * angle) * (second - first)
-    distance, middle, end = abs(last - moved), abs(third - second), abs(last - third)
+    distance = abs(last - moved)
+    middle = abs(third - second)
+    end = abs(last - third)
     along = (middle**2 - end**2 + distance**2) / (2.0 * distance)
     with np.errstate(invalid="ignore"):
         height = np.sqrt(middle**2 - along**2)

@@ -51,7 +51,9 @@ __all__ = ["Onset", "Response", "limit_load", "onset", "simulate", "simulate_man
 
 # The ramp of a limit load: its duration over the time of a fall through a joint's length, its end
 # over the bound of the static theorem, and the displacement over that length that is a motion.
-RAMP, BEYOND_BOUND, MOVED = 200.0, 1.02, 1e-6
+RAMP = 200.0
+BEYOND_BOUND = 1.02
+MOVED = 1e-6
 LARGEST_LOAD = 2.0  # of chains that no load moves by the static theorem [g]
 CHECK_INTERVAL = 64
 LARGEST_LOG = 50_000  # changes of the mechanism that are kept with a history
@@ -59,18 +61,36 @@ LARGEST_LOG = 50_000  # changes of the mechanism that are kept with a history
 COARSEST_FRAMES = 0.01
 # Fields of a response that a data set of many runs does not have.
 _LEFT_OUT = {
-    "events", "model_time", "energy", "work", "wall_time", "method", "mechanism", "history",
-    "arch", "motion", "scale",
-}  # fmt: skip
+    "events",
+    "model_time",
+    "energy",
+    "work",
+    "wall_time",
+    "method",
+    "mechanism",
+    "history",
+    "arch",
+    "motion",
+    "scale",
+}
 
 
 def simulate(
-    arch: Arch, motion: Motion, scale: float = 1.0, method: str = AUTO,
-    rtol: float | None = None, dt: float | None = None, history: bool = False,
-    initial: tuple[ArrayLike, ArrayLike] | None = None, *, far: Far = None,
-    follow: float = 20.0, settings: Mapping[str, float] | None = None,
-    loss_limit: float = LOSS_LIMIT, rests: bool = True,
-) -> Response:  # fmt: skip
+    arch: Arch,
+    motion: Motion,
+    scale: float = 1.0,
+    method: str = AUTO,
+    rtol: float | None = None,
+    dt: float | None = None,
+    history: bool = False,
+    initial: tuple[ArrayLike, ArrayLike] | None = None,
+    *,
+    far: Far = None,
+    follow: float = 20.0,
+    settings: Mapping[str, float] | None = None,
+    loss_limit: float = LOSS_LIMIT,
+    rests: bool = True,
+) -> Response:
     """Simulate one arch under one ground motion, until it rests or collapses.
 
     Parameters
@@ -130,13 +150,21 @@ def simulate(
         shift, velocity = check_initial(initial, arch)
         position += shift
     ground = grounds_of([ground_of(motion, far)], [begins_in(motion)])
-    n_frame = int((motion.duration + follow) / options.frame_interval) + 64 if history else 0
-    n_entry, start = LARGEST_LOG if history else 0, (position, velocity)
-    run, started = info.load(), time.perf_counter()
+    n_frame = (
+        int((motion.duration + follow) / options.frame_interval) + 64 if history else 0
+    )
+    n_entry = LARGEST_LOG if history else 0
+    start = (position, velocity)
+    run = info.load()
+    started = time.perf_counter()
     while True:
-        frames, log = output = empty_output(n_frame, n_entry, arch.n_voussoir, arch.n_joint)
+        frames, log = output = empty_output(
+            n_frame, n_entry, arch.n_voussoir, arch.n_joint
+        )
         moving = (*(part.copy() for part in start), initial is None)
-        results = run(arch.chain, ground, float(scale), *moving, options, *output, **own)
+        results = run(
+            arch.chain, ground, float(scale), *moving, options, *output, **own
+        )
         count = results.count[0]
         if not history or count[Count.FRAMES] < n_frame:
             break
@@ -145,7 +173,8 @@ def simulate(
     response = replace(response, arch=arch, motion=motion, scale=float(scale))
     if not history:
         return response
-    n_change, end_time = int(count[Count.LOG_ENTRIES]), float(results.end_time[0])
+    n_change = int(count[Count.LOG_ENTRIES])
+    end_time = float(results.end_time[0])
     changes = mechanism_of(arch, log, n_change, end_time, from_rest=initial is None)
     kept = history_of(arch, frames, int(count[Count.FRAMES]))
     return replace(response, mechanism=changes, history=kept)
@@ -204,21 +233,36 @@ def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -
         if locks:
             raise InputError(f"{up_to}; its joints lock each other")
         raise ArchfragError(f"{up_to}, beyond the static bound")
-    return BEYOND_BOUND * bound * float(history.time[int(np.argmax(moved))]) / float(time[-1])
+    return (
+        BEYOND_BOUND
+        * bound
+        * float(history.time[int(np.argmax(moved))])
+        / float(time[-1])
+    )
 
 
 def _checked_call(
-    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], method: str = AUTO,
-    rtol: float | None = None, dt: float | None = None, follow: float = 20.0,
-    settings: Mapping[str, float] | None = None, loss_limit: float = LOSS_LIMIT,
-) -> tuple[MethodInfo, dict[str, float], Options]:  # fmt: skip
+    arch: Arch,
+    motions: Sequence[Motion],
+    factors: Sequence[float],
+    method: str = AUTO,
+    rtol: float | None = None,
+    dt: float | None = None,
+    follow: float = 20.0,
+    settings: Mapping[str, float] | None = None,
+    loss_limit: float = LOSS_LIMIT,
+) -> tuple[MethodInfo, dict[str, float], Options]:
     """Check a call and return the method, its own settings and its options."""
     if not isinstance(arch, Arch):
-        raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
+        raise InputError(
+            f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block"
+        )
     info = arguments.check_method(method)
     for motion in motions:
         if not isinstance(motion, Motion):
-            raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
+            raise InputError(
+                f"motion is {type(motion).__name__}; it must be an archfrag Motion"
+            )
     arguments.check_taken(info, rtol=rtol, dt=dt)
     tolerance = arguments.default_of(info, "rtol") if rtol is None else rtol
     for factor in factors:
@@ -228,15 +272,25 @@ def _checked_call(
     arguments.check_number("follow", follow, 0.0, math.inf, "s")
     if dt is not None:
         arguments.check_number("dt", dt, 1e-9, 10.0, "s")
-    own, unit = arguments.check_settings(info, settings), own_time(arch)
+    own = arguments.check_settings(info, settings)
+    unit = own_time(arch)
     if dt is not None or info.step_rule is None:
-        step = largest_step = arguments.default_of(info, "dt") if dt is None else float(dt)
+        step = largest_step = (
+            arguments.default_of(info, "dt") if dt is None else float(dt)
+        )
     else:
         rule = info.step_rule(float(tolerance), arch.n_voussoir)
-        step, largest_step = unit * rule[0], unit * rule[1]
+        step = unit * rule[0]
+        largest_step = unit * rule[1]
         if arch.chain.joint is not None:
-            step = largest_step = min(FACE_STEP * largest_step, longest_step(arch.chain))
-    if dt is not None and arch.chain.joint is not None and dt > longest_step(arch.chain):
+            step = largest_step = min(
+                FACE_STEP * largest_step, longest_step(arch.chain)
+            )
+    if (
+        dt is not None
+        and arch.chain.joint is not None
+        and dt > longest_step(arch.chain)
+    ):
         warnings.warn(
             f"dt is {dt:g} s: steps so long damp the first mode of the arch by at least "
             f"{damping_of_steps(arch.chain, dt):.2g} of critical damping, or do not find the "
@@ -248,19 +302,28 @@ def _checked_call(
     samples = max(len(motion.acceleration) for motion in motions)
     sampling = min(float(motion.dt) for motion in motions)
     options = Options(
-        time_step=float(step), tolerance=float(tolerance), accuracy=float(tolerance),
-        follow=float(follow), loss_limit=float(loss_limit), check_interval=CHECK_INTERVAL,
+        time_step=float(step),
+        tolerance=float(tolerance),
+        accuracy=float(tolerance),
+        follow=float(follow),
+        loss_limit=float(loss_limit),
+        check_interval=CHECK_INTERVAL,
         max_steps=int(span / min(step, OWN_STEP * unit)) + samples + 1000,
         frame_interval=max(float(step), min(sampling, COARSEST_FRAMES)),
-        crowding=0.0, largest_step=float(largest_step),
-    )  # fmt: skip
+        crowding=0.0,
+        largest_step=float(largest_step),
+    )
     return info, own, options
 
 
 def results_of_runs(
-    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], *, far: Far = None,
+    arch: Arch,
+    motions: Sequence[Motion],
+    factors: Sequence[float],
+    *,
+    far: Far = None,
     **given: Any,
-) -> tuple[Outcomes, np.ndarray]:  # fmt: skip
+) -> tuple[Outcomes, np.ndarray]:
     """Simulate many runs; return what the kernels leave, a row for each run, and wall times
     [s].
     """
@@ -284,7 +347,11 @@ def results_of_runs(
 
 
 def simulate_runs(
-    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], method: str, **given: Any
+    arch: Arch,
+    motions: Sequence[Motion],
+    factors: Sequence[float],
+    method: str,
+    **given: Any,
 ) -> list[Response]:
     """Simulate many runs; return a response for each."""
     if arguments.check_method(method).load_many is None:
@@ -293,13 +360,21 @@ def simulate_runs(
             warnings.simplefilter("ignore", UnitWarning)
             return [simulate(arch, *each, method=method, **given) for each in pairs]
     results, wall_time = results_of_runs(arch, motions, factors, method=method, **given)
-    return [response_of(results, row, method, each) for row, each in enumerate(wall_time.tolist())]
+    return [
+        response_of(results, row, method, each)
+        for row, each in enumerate(wall_time.tolist())
+    ]
 
 
 def simulate_many(
-    arch: Arch, motions: Motion | Sequence[Motion], factors: ArrayLike, method: str = AUTO,
-    rtol: float | None = None, dt: float | None = None, **more: Any,
-) -> xarray.Dataset:  # fmt: skip
+    arch: Arch,
+    motions: Motion | Sequence[Motion],
+    factors: ArrayLike,
+    method: str = AUTO,
+    rtol: float | None = None,
+    dt: float | None = None,
+    **more: Any,
+) -> xarray.Dataset:
     """Simulate one arch under many scaled ground motions, four runs at a time.
 
     Each run has the same results, to the last bit, as `simulate` without a history.
@@ -338,15 +413,23 @@ def simulate_many(
             f"motions are {len(each)} and factors have shape {scales.shape}; there must be one "
             "motion for each factor, or one for all"
         )
-    responses = simulate_runs(arch, each, scales.tolist(), method, rtol=rtol, dt=dt, **more)
-    strongest = max(range(len(each)), key=lambda i: abs(scales[i]) * each[i].pga, default=None)
+    responses = simulate_runs(
+        arch, each, scales.tolist(), method, rtol=rtol, dt=dt, **more
+    )
+    strongest = max(
+        range(len(each)), key=lambda i: abs(scales[i]) * each[i].pga, default=None
+    )
     if strongest is not None:
         warn_if_in_g(each[strongest], scales[strongest], onset(arch))
     names = [each.name for each in fields(Response) if each.name not in _LEFT_OUT]
-    columns = {name: [getattr(each, name) for each in responses] for name in (*names, "steps")}
+    columns = {
+        name: [getattr(each, name) for each in responses] for name in (*names, "steps")
+    }
     columns["status"] = [response.status.name.lower() for response in responses]
     variables = {
         name: ("run", np.array(values), {"units": UNITS.get(name.split("_")[-1], "1")})
         for name, values in columns.items()
     }
-    return xarray.Dataset(variables, coords={"factor": ("run", scales)}, attrs={"method": method})
+    return xarray.Dataset(
+        variables, coords={"factor": ("run", scales)}, attrs={"method": method}
+    )

@@ -21,7 +21,9 @@ from archfrag.simulation.arguments import check_number
 from archfrag.simulation.rest import onset
 from archfrag.simulation.standing import check_stands
 
-Far = Motion | float | None  # motion of the right springing, or how much later it is [s]
+Far = (
+    Motion | float | None
+)  # motion of the right springing, or how much later it is [s]
 LATEST = 60.0  # [s]
 
 
@@ -36,9 +38,12 @@ class SpringingPath(NamedTuple):
 
 
 def springing_path(
-    arch: Arch, spread: float = 0.0, settlement: float = 0.0, rotation: float = 0.0,
+    arch: Arch,
+    spread: float = 0.0,
+    settlement: float = 0.0,
+    rotation: float = 0.0,
     springing: str = "right",
-) -> SpringingPath:  # fmt: skip
+) -> SpringingPath:
     """Follow an arch in equilibrium while a springing moves slowly.
 
     Hinges open, and joints slide where friction is limited, as in the contact problem of the
@@ -86,7 +91,8 @@ def springing_path(
     before = model.corner[joint, side].copy(), model.tie.copy()
     steps = max(np.abs(move).max() / slow.length, abs(turn)) / STEP
     parts = np.linspace(0.0, 1.0, max(2, math.ceil(steps)) + 1)
-    ranges, limit = [slow.rest_range()], math.inf
+    ranges = [slow.rest_range()]
+    limit = math.inf
     for part in parts[1:]:
         _place(model, joint, side, *before, part * move, part * turn)
         made, _ = slow.step()
@@ -101,16 +107,22 @@ def springing_path(
         limit = 1.0
     plus, minus = np.array(ranges).T
     end = slow.arch() if math.isinf(limit) else None
-    if end is not None and not onset(end).stands:  # a tie is all that holds it, in a mechanism
+    if (
+        end is not None and not onset(end).stands
+    ):  # a tie is all that holds it, in a mechanism
         held = np.flatnonzero(np.minimum(plus, minus)[:-1] > HOLDS)
-        end, limit = None, float(parts[held.max(initial=-1) + 1])
+        end = None
+        limit = float(parts[held.max(initial=-1) + 1])
     return SpringingPath(parts[: len(ranges)], plus, minus, end, limit)
 
 
 def move_springing(
-    arch: Arch, spread: float = 0.0, settlement: float = 0.0, rotation: float = 0.0,
+    arch: Arch,
+    spread: float = 0.0,
+    settlement: float = 0.0,
+    rotation: float = 0.0,
     springing: str = "right",
-) -> Arch:  # fmt: skip
+) -> Arch:
     """Return an arch whose springing has moved, at rest with the hinges that this opened.
 
     Parameters and method as `springing_path`.
@@ -134,8 +146,9 @@ def move_springing(
         units = {"rotation": "degrees"}
         far = ", ".join(
             f"{name} {path.limit * value:.4g} {units.get(name, 'm')}"
-            for name, value in given.items() if value
-        )  # fmt: skip
+            for name, value in given.items()
+            if value
+        )
         falls = f"{arch!r}: the arch falls at {far} of its {springing} springing"
         if arch.chain.tie is not None:
             falls += " with its ties; move the springing less, or first, and tie the arch then"
@@ -155,22 +168,30 @@ def _checked(
         raise InputError(f"springing = {springing!r} must be {allowed}")
     size = float(np.ptp(np.concatenate(arch.outlines), axis=0).max())
     for name, value, most, unit in (
-        ("spread", spread, size, "m"), ("settlement", settlement, size, "m"),
+        ("spread", spread, size, "m"),
+        ("settlement", settlement, size, "m"),
         ("rotation", rotation, 45.0, "degrees"),
-    ):  # fmt: skip
+    ):
         check_number(name, value, -most, most, unit)
     return (arch.n_joint - 1, 1) if springing == "right" else (0, 0)
 
 
 def _place(
-    model: Model, joint: int, side: int, faces: NDArray, ties: NDArray, move: NDArray, turn: float
-) -> None:  # fmt: skip
+    model: Model,
+    joint: int,
+    side: int,
+    faces: NDArray,
+    ties: NDArray,
+    move: NDArray,
+    turn: float,
+) -> None:
     """Place a springing that has moved by `move` and rotated by `turn` about its joint's middle.
 
     With its joint face go the ends of ties in it; `faces` and `ties` are those before.
     """
     middle = faces.mean(axis=0)
-    cosine, sine = math.cos(turn), math.sin(turn)
+    cosine = math.cos(turn)
+    sine = math.sin(turn)
     rotation = np.array([[cosine, sine], [-sine, cosine]])
     model.corner[joint, side] = middle + move + (faces - middle) @ rotation
     along = model.corner[joint, side, 1] - model.corner[joint, side, 0]
@@ -179,7 +200,9 @@ def _place(
     for end in range(2):
         held = ties[:, Tie.BODY_0 + end] == row
         columns = slice(Tie.X_0 + 2 * end, Tie.X_0 + 2 * end + 2)
-        model.tie[held, columns] = middle + move + (ties[held, columns] - middle) @ rotation
+        model.tie[held, columns] = (
+            middle + move + (ties[held, columns] - middle) @ rotation
+        )
 
 
 def _crossing(before: float, after: float, held: float, margin: float) -> float:
@@ -201,14 +224,16 @@ def ground_of(motion: Motion, far: Far) -> tuple[Any, ...]:
     own = motion.acceleration, motion.vertical, motion.dt
     if far is None:
         return own
-    size, vertical = len(motion.acceleration), motion.vertical is not None
+    size = len(motion.acceleration)
+    vertical = motion.vertical is not None
     if isinstance(far, Motion):
         if far.dt != motion.dt:
             raise InputError(
                 f"far has a time step of {far.dt:g} s and the motion one of {motion.dt:g} s; they "
                 "must be equal"
             )
-        size, vertical = max(size, len(far.acceleration)), vertical or far.vertical is not None
+        size = max(size, len(far.acceleration))
+        vertical = vertical or far.vertical is not None
         others = [far.acceleration, far.vertical]
     else:
         check_number("far", far, 0.0, LATEST, "s")
@@ -222,7 +247,8 @@ def ground_of(motion: Motion, far: Far) -> tuple[Any, ...]:
     def padded(wave: NDArray | None) -> NDArray:
         return np.zeros(size) if wave is None else np.pad(wave, (0, size - len(wave)))
 
-    x, y = padded(motion.acceleration), padded(motion.vertical)
+    x = padded(motion.acceleration)
+    y = padded(motion.vertical)
     apart = np.column_stack([padded(others[0]) - x, padded(others[1]) - y])
     # Motions that are equal are one.
     return (x, y if vertical else None, motion.dt, apart) if apart.any() else own

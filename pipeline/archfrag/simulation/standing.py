@@ -21,11 +21,15 @@ from archfrag.simulation.response import STATUS_MESSAGE
 from archfrag.simulation.rest import Onset, onset
 
 # How far inside the edges hinges are put [m], and the part of the onset above which this matters.
-INSET, MOST_LOST = 0.01, 0.1
+INSET = 0.01
+MOST_LOST = 0.1
 # Parts of the onset that joints that give take, up to which rigid joints and the model inset are
 # enough; up to which growth of normal forces the inset is; and the stiffness that is taken if none
 # is given: cut stone or brick in mortar [Pa/m].
-RIGID_ENOUGH, INSET_ENOUGH, MOST_GROWTH, USUAL_STIFFNESS = 0.01, 0.25, 1.5, 3e10
+RIGID_ENOUGH = 0.01
+INSET_ENOUGH = 0.25
+MOST_GROWTH = 1.5
+USUAL_STIFFNESS = 3e10
 HALVINGS = 20  # of the prestress that an arch stands
 # Arches are asked for with every chunk of runs.
 _STANDING = WeakKeyDictionary[Arch, Onset]()
@@ -41,7 +45,9 @@ def check_stands(arch: Arch) -> Onset:
         message = f"{arch!r}: {STATUS_MESSAGE[Status.DOES_NOT_STAND]}"
         if math.isfinite(start.plus):
             ends = f"{-start.minus:.4g} and {start.plus:.4g} g"
-            message += f" (rest would need a steady horizontal acceleration between {ends})"
+            message += (
+                f" (rest would need a steady horizontal acceleration between {ends})"
+            )
         raise StabilityError(message)
     rest = None if arch.chain.joint is None else settled(arch.chain)
     if rest is Status.DOES_NOT_STAND:
@@ -76,14 +82,17 @@ def joints_loss(arch: Arch) -> tuple[float, float]:
     """
     if arch in _LOSSES:
         return _LOSSES[arch]
-    given, soft = arch.parameters, arch.joint_keys
+    given = arch.parameters
+    soft = arch.joint_keys
     rigid = arch.rebuilt()
     if "recess" in given:
         rigid = rigid.recessed(**given["recess"])
     stiffness = np.broadcast_to(
         np.array(soft.get("stiffness", USUAL_STIFFNESS), dtype=float), rigid.n_joint
     )
-    shear = np.broadcast_to(np.array(soft.get("shear", stiffness), dtype=float), rigid.n_joint)
+    shear = np.broadcast_to(
+        np.array(soft.get("shear", stiffness), dtype=float), rigid.n_joint
+    )
     growth = [math.nan]
 
     def inset() -> Arch:
@@ -155,7 +164,8 @@ def arch_cautions(arch: Arch, start: Onset) -> list[str]:
     """List reasons for caution with the onset and the verdicts of an arch that stands."""
     if not start.stands:
         return []
-    found, loss = [], inset_loss(arch)
+    found = []
+    loss = inset_loss(arch)
     both = (start.plus, "+x"), (start.minus, "-x")
     if locked := " and ".join(towards for load, towards in both if math.isinf(load)):
         found.append(
@@ -183,8 +193,11 @@ def prestress_text(arch: Arch) -> str:
         return ""
     ties = [
         f"{tie_name(arch, tie)}: {pull:g} N, at most {largest * pull:.4g} N"
-        for tie, pull in enumerate(told["prestress"] for told in arch.parameters["ties"]) if pull
-    ]  # fmt: skip
+        for tie, pull in enumerate(
+            told["prestress"] for told in arch.parameters["ties"]
+        )
+        if pull
+    ]
     together = " together" * (len(ties) > 1)
     return (
         f"does not stand with the prestress of its ties ({'; '.join(ties)}{together}), "
@@ -200,7 +213,9 @@ def _part_of_prestress(arch: Arch) -> float:
     if ties is None:
         return math.nan
     model = model_of(arch.chain)
-    stretch = [max(tie_stretch(model, tie, model.start), 0.0) for tie in range(len(ties))]
+    stretch = [
+        max(tie_stretch(model, tie, model.start), 0.0) for tie in range(len(ties))
+    ]
 
     def stands(part: float) -> bool:
         fewer = ties.copy()
@@ -209,7 +224,8 @@ def _part_of_prestress(arch: Arch) -> float:
 
     if stands(1.0) or not stands(0.0):
         return math.nan
-    low, high = 0.0, 1.0
+    low = 0.0
+    high = 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if stands(middle) else (low, middle)

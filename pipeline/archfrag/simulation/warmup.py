@@ -24,10 +24,13 @@ from archfrag.simulation.simulate import simulate, simulate_many
 
 TICK = 1.0
 # What compiling takes on two cores, and making machine code of LLVM code [s].
-COMPILING, EMITTING = 60.0, 5.0
+COMPILING = 60.0
+EMITTING = 5.0
 
 
-def warmup(method: str | None = None, progress: Callable[[str], object] | None = None) -> float:
+def warmup(
+    method: str | None = None, progress: Callable[[str], object] | None = None
+) -> float:
     """Make the kernels ready, or load them, once for this machine; seconds it took.
 
     Machine code is made of the LLVM code that comes with archfrag, or else the kernels are
@@ -38,11 +41,14 @@ def warmup(method: str | None = None, progress: Callable[[str], object] | None =
     """
     check_compiled(plain=False)
     started = time.perf_counter()
-    ready, names = kernels_are_compiled(), method_names() if method is None else (method,)
+    ready = kernels_are_compiled()
+    names = method_names() if method is None else (method,)
     names = tuple(check_method(name).name for name in names)
-    what, expected = ("compiling kernels", COMPILING)
+    what = "compiling kernels"
+    expected = COMPILING
     if is_shipped():
-        what, expected = "making machine code of the kernels", EMITTING
+        what = "making machine code of the kernels"
+        expected = EMITTING
 
     def report() -> None:
         passed = time.perf_counter() - started
@@ -101,7 +107,8 @@ def every(seconds: float, call: Callable[[], object]) -> Iterator[None]:
 def used_kernels() -> dict[str, list[Any]]:
     """Return the kernels that studies call, by set; each with the types of its arguments."""
     arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
-    sets, known = dict[str, list[Any]](), set[Any]()
+    sets = dict[str, list[Any]]()
+    known = set[Any]()
     motion = Motion(np.sin(np.arange(50.0)), dt=0.01)
     moving = np.zeros((2, 3, 3))
 

@@ -52,11 +52,14 @@ class Grid:
         self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None
     ) -> Asking[Verdicts]:
         """Request runs of some rows, wait for all of them and return their verdicts."""
-        row, place = np.asarray(rows, dtype=np.int64), np.asarray(places, dtype=np.int64)
-        cases, waiting = self.cases(row, place, level), row.size
+        row = np.asarray(rows, dtype=np.int64)
+        place = np.asarray(places, dtype=np.int64)
+        cases = self.cases(row, place, level)
+        waiting = row.size
         while waiting:
             _, _, verdicts = yield from self.some(cases)
-            cases, waiting = cases[:0], waiting - verdicts.size
+            cases = cases[:0]
+            waiting = waiting - verdicts.size
         return self.seen[row, place]
 
     def some(self, cases: Cases) -> Asking[tuple[IntArray, IntArray, Verdicts]]:
@@ -68,11 +71,15 @@ class Grid:
         self.seen[row, place] = verdicts
         return row, place, verdicts
 
-    def cases(self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None) -> Cases:
+    def cases(
+        self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None
+    ) -> Cases:
         """Return runs of some rows at the study's levels, or each at its own, (n,) of `CASE`."""
         row = np.asarray(rows, dtype=np.int64)
         cases = np.empty(row.size, CASE)
-        cases["arch"], cases["record"], cases["place"] = self.arch, self.records[row], places
+        cases["arch"] = self.arch
+        cases["record"] = self.records[row]
+        cases["place"] = places
         cases["level"] = self.levels[cases["place"]] if level is None else level
         return cases
 
@@ -82,7 +89,9 @@ class Design(Section, ABC):
 
     kind: str
     on_levels: ClassVar[bool] = True  # whether runs are made at the study's levels
-    adaptive: ClassVar[bool] = False  # whether runs requested depend on verdicts of others
+    adaptive: ClassVar[bool] = (
+        False  # whether runs requested depend on verdicts of others
+    )
     text: ClassVar[str] = ""  # for the report
 
     @abstractmethod
@@ -128,8 +137,11 @@ class Stripes(Design):
 
     def requests(self, grid: Grid) -> Requests:
         """Ask for all runs at once."""
-        n_record, n_level = grid.records.size, grid.levels.size
-        verdicts = yield from grid.run(*np.divmod(np.arange(n_record * n_level), n_level))
+        n_record = grid.records.size
+        n_level = grid.levels.size
+        verdicts = yield from grid.run(
+            *np.divmod(np.arange(n_record * n_level), n_level)
+        )
         return {"runs": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
@@ -149,7 +161,9 @@ class Cloud(Design):
     def requests(self, grid: Grid) -> Requests:
         """Ask for all runs at once."""
         level = (self.factor / grid.unscaled) ** (1.0 / grid.power)
-        verdicts = yield from grid.run(np.arange(level.size), np.zeros(level.size), level)
+        verdicts = yield from grid.run(
+            np.arange(level.size), np.zeros(level.size), level
+        )
         return {"runs": len(verdicts), "records": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
@@ -173,7 +187,8 @@ def drive(
     so far with their verdicts. Returned are all runs requested, and what each design returned, by
     arch.
     """
-    requested, facts = [], {}
+    requested = []
+    facts = {}
     answers = dict[int, Any].fromkeys(requests)  # None starts a generator
     while True:
         new = [np.empty(0, CASE)]
@@ -187,7 +202,8 @@ def drive(
             return np.concatenate(requested), facts
         cases, verdicts = answer(requested[-1])
         order = np.argsort(cases["arch"], kind="stable")
-        cases, verdicts = cases[order], verdicts[order]
+        cases = cases[order]
+        verdicts = verdicts[order]
         arches, first = np.unique(cases["arch"], return_index=True)
         pairs = zip(np.split(cases, first[1:]), np.split(verdicts, first[1:]))
         answers = dict(zip(arches.tolist(), pairs))
@@ -236,7 +252,8 @@ class Ida(Design):
         """
         n_record, n_level = grid.seen.shape
         # The highest level known to be below the border of each record, and the lowest above it.
-        low, high = np.full(n_record, -1), np.full(n_record, n_level)
+        low = np.full(n_record, -1)
+        high = np.full(n_record, n_level)
         # Probability that level l is the first above the border, n_level if none does.
         expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
         first = min(FIRST_RECORDS, n_record)
@@ -245,19 +262,27 @@ class Ida(Design):
             expected[first:] = expected_borders(grid.levels, low[:first], high[:first])
             yield from search(grid, low, high, expected, range(first, n_record))
         # Some cells near the borders, any as likely as another: how often do they contradict?
-        place, unseen = np.arange(n_level), grid.seen == Verdict.NOT_RUN
+        place = np.arange(n_level)
+        unseen = grid.seen == Verdict.NOT_RUN
         near = (place >= low[:, None] - NEAR) & (place <= high[:, None] + NEAR)
         free, places = np.nonzero(near & unseen)
         count = n_record if self.checks is None else self.checks
         generator = np.random.default_rng([self.seed, grid.seed])
         chosen = np.sort(generator.permutation(free.size)[:count])
-        row, place = free[chosen], places[chosen]
+        row = free[chosen]
+        place = places[chosen]
         verdicts = yield from grid.run(row, place)
-        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.SURVIVED
+        collapsed = verdicts == Verdict.COLLAPSED
+        survived = verdicts == Verdict.SURVIVED
         against = int(np.where(place <= low[row], collapsed, survived).sum())
         checked = int((collapsed | survived).sum())
         runs = int((grid.seen != Verdict.NOT_RUN).sum())
-        return {"runs": runs, "records": n_record, "checked": checked, "contradictions": against}
+        return {
+            "runs": runs,
+            "records": n_record,
+            "checked": checked,
+            "contradictions": against,
+        }
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Return the runs of an arch: a search tells apart levels + 1 places of the border."""
@@ -267,8 +292,11 @@ class Ida(Design):
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Return the messages on checks that contradict the borders found."""
-        against = {name: (own["contradictions"], own["checked"])
-                   for name, own in facts.items() if own.get("contradictions")}  # fmt: skip
+        against = {
+            name: (own["contradictions"], own["checked"])
+            for name, own in facts.items()
+            if own.get("contradictions")
+        }
         if len(against) > MOST_NAMED:
             count, checked = np.sum(list(against.values()), axis=0).tolist()
             against = {f"{len(against)} arches": (count, checked)}
@@ -290,22 +318,33 @@ def search(
     the cost expected. Levels where a run had no verdict are not tried again. A row goes on when
     its own run is made: it waits for no other.
     """
-    left, place, waiting = np.asarray(rows, dtype=np.int64), np.arange(grid.levels.size), 0
+    left = np.asarray(rows, dtype=np.int64)
+    place = np.arange(grid.levels.size)
+    waiting = 0
     while True:
-        below, above = low[left, None], high[left, None]
-        within = (np.arange(place.size + 1) > below) & (np.arange(place.size + 1) <= above)
+        below = low[left, None]
+        above = high[left, None]
+        within = (np.arange(place.size + 1) > below) & (
+            np.arange(place.size + 1) <= above
+        )
         mass = np.cumsum(np.where(within, expected[left], 0.0), axis=1)
         collapse = mass[:, :-1] / mass[:, -1:]
         cost = collapse + COST_OF_SURVIVAL * (1.0 - collapse)
-        gain = (scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)) / cost
+        gain = (
+            scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)
+        ) / cost
         free = (place > below) & (place < above) & (grid.seen[left] == Verdict.NOT_RUN)
-        best, some = np.where(free, gain, -1.0).argmax(axis=1), free.any(axis=1)
+        best = np.where(free, gain, -1.0).argmax(axis=1)
+        some = free.any(axis=1)
         waiting += int(some.sum())
         if not waiting:
             return
-        left, places, verdicts = yield from grid.some(grid.cases(left[some], best[some]))
+        left, places, verdicts = yield from grid.some(
+            grid.cases(left[some], best[some])
+        )
         waiting -= left.size
-        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.SURVIVED
+        collapsed = verdicts == Verdict.COLLAPSED
+        survived = verdicts == Verdict.SURVIVED
         high[left[collapsed]] = places[collapsed]
         low[left[survived]] = places[survived]
         left = left[verdicts != Verdict.COLLAPSED_BEFORE]  # as it would at any level
@@ -329,10 +368,11 @@ def expected_borders(levels: FloatArray, low: IntArray, high: IntArray) -> Float
 
 # By the key `design` of a study file; the name of a design may stand for its block.
 AnyDesign = Annotated[
-    Stripes | Ida | Cloud, Field(discriminator="kind"),
+    Stripes | Ida | Cloud,
+    Field(discriminator="kind"),
     BeforeValidator(partial(check_block, key="kind")),
     BeforeValidator(lambda given: {"kind": given} if isinstance(given, str) else given),
-]  # fmt: skip
+]
 
 
 def design_of(facts: Mapping[str, Any]) -> Design:

@@ -34,9 +34,12 @@ def finished_folder(path: Path, overrides: Sequence[str]) -> Path | None:
 
 
 def stamp_of_all(
-    study: "StudyKeys", path: Path, overrides: Sequence[str], inputs: Mapping[str, Sequence[Path]],
+    study: "StudyKeys",
+    path: Path,
+    overrides: Sequence[str],
+    inputs: Mapping[str, Sequence[Path]],
     made: Iterable[Path],
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Return what `finished_folder` compares: files read and made, and folders that may get more.
 
     Empty if folders of records are found by a pattern: new ones may appear anywhere.
@@ -49,7 +52,10 @@ def stamp_of_all(
     folders = (each.parent for each in inputs["record"])
     every = chain(*inputs.values(), folders, asked, given, made)
     watched = sorted({str(each) for each in every if each})
-    return {"watched": watched, "digest": _digest(path, read_keys(path, overrides)[0], watched)}
+    return {
+        "watched": watched,
+        "digest": _digest(path, read_keys(path, overrides)[0], watched),
+    }
 
 
 def _digest(path: Path, keys: dict[str, Any], watched: Sequence[str]) -> str:
@@ -62,7 +68,14 @@ def _digest(path: Path, keys: dict[str, Any], watched: Sequence[str]) -> str:
         else provenance.sha256_if_there(place)
         for place in watched
     }
-    return provenance.digest_of([
-        os.path.realpath(path), os.path.expanduser("~"), keys, provenance.digest_of_code("**/*"),
-        provenance.versions(), platform.machine(), found,
-    ])  # fmt: skip
+    return provenance.digest_of(
+        [
+            os.path.realpath(path),
+            os.path.expanduser("~"),
+            keys,
+            provenance.digest_of_code("**/*"),
+            provenance.versions(),
+            platform.machine(),
+            found,
+        ]
+    )

@@ -32,14 +32,22 @@ from archfrag.usual import unusual
 
 FARTHEST = 10.0  # [km], between the site asked for and the nearest one of the file
 LARGEST = 100_000_000  # [bytes] of a file
-_COLUMNS = tomllib.loads(Path(__file__).with_name("hazard_columns.toml").read_text("utf-8"))
+_COLUMNS = tomllib.loads(
+    Path(__file__).with_name("hazard_columns.toml").read_text("utf-8")
+)
 _RULE = (
     "the header is `im [g]` or the measure's name with its unit, such as `PGA [g]`, and then one "
     f"of {', '.join(_COLUMNS['rate']['names'])} (with or without [1/year]), poe_50 (probability "
     "of exceedance in 50 years) or return period [years]; further ones have a name at their end, "
     "as rate_NAME or poe_50_NAME. Brackets may be ( ), and separators are , ; or tab"
 )
-_UNITS = {"PGA": "g", "SA": "g", "PGV": "cm/s", "PGD": "cm", "IA": "m/s"}  # of OpenQuake
+_UNITS = {
+    "PGA": "g",
+    "SA": "g",
+    "PGV": "cm/s",
+    "PGD": "cm",
+    "IA": "m/s",
+}  # of OpenQuake
 # What a file states: its measure and unit, None if not stated, and its curves by name.
 _Stated = tuple[str | None, str | None, list[tuple[str, HazardCurve]]]
 
@@ -62,9 +70,11 @@ class Hazard:
 
 
 def load_hazard(
-    paths: Sequence[Path], measure: str, unit: str | None = None,
+    paths: Sequence[Path],
+    measure: str,
+    unit: str | None = None,
     site: Sequence[float] | None = None,
-) -> Hazard:  # fmt: skip
+) -> Hazard:
     """Read the hazard curves of a site, of the study's intensity measure.
 
     Files are CSV as `archfrag risk --help` states, or OpenQuake's, one for the mean and each
@@ -83,26 +93,36 @@ def load_hazard(
             table = table_of(names, rows)
             by_site = {"lon", "lat"} <= set(table)
             if site is not None and not by_site:
-                raise InputError("has no columns lon and lat; leave --site or risk.site out")
-            stated, own, curves = _openquake(text, table, site) if by_site else _plain(table)
+                raise InputError(
+                    "has no columns lon and lat; leave --site or risk.site out"
+                )
+            stated, own, curves = (
+                _openquake(text, table, site) if by_site else _plain(table)
+            )
             factor = _factor(stated, own or unit, measure, unit, by_site)
             for name, curve in curves:
                 if name in found:
                     raise InputError(f"has a second curve {name!r}")
                 found[name] = replace(curve, im=curve.im * factor)
                 messages += level_cautions(measure, found[name].im, str(path))
-                messages += unusual("rate", curve.rate.max(), f"{path}: the largest rate")
+                messages += unusual(
+                    "rate", curve.rate.max(), f"{path}: the largest rate"
+                )
         except (InputError, ValueError) as error:
             must = "" if isinstance(error, InputError) else "must hold numbers, but: "
             raise InputError(f"{path}: {must}{error}") from None
         if stated is None:
-            messages.append(f"{path}: does not name its measure, which is taken to be {measure}")
+            messages.append(
+                f"{path}: does not name its measure, which is taken to be {measure}"
+            )
         elif measure_of(stated) != parse_measure(measure):
             what = f"states {stated} and no component, taken to be {measure}'s"
             messages.append(f"{path}: the file {what}")
     order = sorted(found, key=lambda name: name != "mean")
     source = ", ".join(map(str, paths))
-    return Hazard(measure, source, {name: found[name] for name in order}, tuple(messages))
+    return Hazard(
+        measure, source, {name: found[name] for name in order}, tuple(messages)
+    )
 
 
 def level_cautions(measure: str, levels: Any, place: str) -> list[str]:
@@ -118,8 +138,12 @@ def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
     except (TypeError, ValueError):
         points = np.zeros(0)
     if points.ndim != 2 or points.shape[1] != 2:
-        rule = "a path, or a table of two columns: intensity and annual rate of exceedance"
-        raise InputError(f"hazard: {type(table).__name__} cannot be read; it must be {rule}")
+        rule = (
+            "a path, or a table of two columns: intensity and annual rate of exceedance"
+        )
+        raise InputError(
+            f"hazard: {type(table).__name__} cannot be read; it must be {rule}"
+        )
     factor = _factor(None, unit, measure, None, False)
     curve = HazardCurve(factor * points[:, 0], points[:, 1])
     return Hazard(measure, "a table in Python", {"mean": curve})
@@ -148,11 +172,14 @@ def _factor(
     stated: str | None, own: str | None, measure: str, unit: str | None, by_site: bool
 ) -> float:
     """Return a file's unit in SI units; InputError if its measure or unit is another one."""
-    requested, allowed = parse_measure(measure), LEVEL_UNITS.get(measure_unit(measure), {})
+    requested = parse_measure(measure)
+    allowed = LEVEL_UNITS.get(measure_unit(measure), {})
     # OpenQuake states no component.
     accepted = (requested, requested._replace(rotated="")) if by_site else (requested,)
     if stated is not None and measure_of(stated) not in accepted:
-        raise InputError(f"is a hazard of {stated}, but the study's levels are of {measure}")
+        raise InputError(
+            f"is a hazard of {stated}, but the study's levels are of {measure}"
+        )
     if unit not in (None, own):
         raise InputError(f"gives {measure} in {own}, not in {unit}")
     if own not in allowed:
@@ -174,9 +201,15 @@ def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
             return 0
         how = f"choose one by longitude and latitude, such as {'; '.join(names[:3])}"
         raise InputError(f"has {len(names)} sites; {how}")
-    (lon, lat), (lon0, lat0) = np.radians(np.reshape(sites, (-1, 2))).T, np.radians(requested)
+    (lon, lat), (lon0, lat0) = (
+        np.radians(np.reshape(sites, (-1, 2))).T,
+        np.radians(requested),
+    )
     # Great-circle distances [km] by the haversine formula.
-    h = np.sin((lat - lat0) / 2) ** 2 + np.cos(lat) * np.cos(lat0) * np.sin((lon - lon0) / 2) ** 2
+    h = (
+        np.sin((lat - lat0) / 2) ** 2
+        + np.cos(lat) * np.cos(lat0) * np.sin((lon - lon0) / 2) ** 2
+    )
     away = 2.0 * 6371.0 * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
     if not names or away.min() > FARTHEST:
         place = "longitude {:g}, latitude {:g}".format(*requested)
@@ -186,10 +219,14 @@ def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
 
 def _openquake(text: str, table: pd.DataFrame, site: Sequence[float] | None) -> _Stated:
     """Read OpenQuake's CSV: probabilities of one measure, with a site in each row."""
-    about = dict(re.findall(r"\b(\w+)=[\"']*([^\s,\"']+)", text.lstrip().split("\n", 1)[0]))
+    about = dict(
+        re.findall(r"\b(\w+)=[\"']*([^\s,\"']+)", text.lstrip().split("\n", 1)[0])
+    )
     if not {"imt", "investigation_time"} <= about.keys():
         keys = "imt and investigation_time"
-        raise InputError(f"looks like OpenQuake's, but its first line does not state {keys}")
+        raise InputError(
+            f"looks like OpenQuake's, but its first line does not state {keys}"
+        )
     poe = table.filter(like="poe-")
     im = [number(str(head).removeprefix("poe-")) for head in poe]
     row = _nearest(_numbers(table[["lon", "lat"]]), site)
@@ -211,7 +248,9 @@ def _plain(table: pd.DataFrame) -> _Stated:
     """Read a column of intensities, and some of rates, probabilities or return periods."""
     first, *others = table.columns
     if not others:
-        raise InputError(f"has {first[:60]!r} as its first of {len(others) + 1} columns; {_RULE}")
+        raise InputError(
+            f"has {first[:60]!r} as its first of {len(others) + 1} columns; {_RULE}"
+        )
     stated, unit = with_unit(first)
     curves = []
     for head in others:
@@ -227,14 +266,19 @@ def _plain(table: pd.DataFrame) -> _Stated:
             with np.errstate(divide="ignore"):
                 curve = HazardCurve(levels, values if kind == "rate" else 1.0 / values)
         curves.append((rest or "mean", curve))
-    return None if stated.casefold() in _COLUMNS["im"]["names"] else stated, unit, curves
+    return (
+        None if stated.casefold() in _COLUMNS["im"]["names"] else stated,
+        unit,
+        curves,
+    )
 
 
 def _kind(head: str) -> tuple[str, str]:
     """Return what a column holds, and the rest of its name, which for poe begins with years."""
     text, unit = with_unit(head)
     for kind in ("rate", "poe", "return period"):
-        known, rest = _COLUMNS[kind], r"_([\d.eE+-]+(?:_.+)?)" if kind == "poe" else "(?:_(.+))?"
+        known = _COLUMNS[kind]
+        rest = r"_([\d.eE+-]+(?:_.+)?)" if kind == "poe" else "(?:_(.+))?"
         names = "|".join(known["names"]).replace(" ", "[ _]")
         found = re.fullmatch(f"(?:{names}){rest}", text, re.IGNORECASE)
         if found and (unit is None or unit in known["units"]):

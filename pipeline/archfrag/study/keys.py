@@ -12,7 +12,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from archfrag.errors import InputError
@@ -34,7 +41,7 @@ class Section(BaseModel):
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
-    )  # fmt: skip
+    )
 
     # Where keys depend on the value of one, or on whether a key is there: that one, keys that
     # always may be there, and by the value or the key those that must and may be there too.
@@ -52,12 +59,16 @@ class Section(BaseModel):
         kind = by_key or str(given.get(cls.kind_key))
         needs, may = cls.kinds.get(kind, (own, tuple(cls.model_fields)))
         allowed = dict.fromkeys((*own, *cls.common, *needs, *may))
-        required = [name for name, about in cls.model_fields.items() if about.is_required()]
+        required = [
+            name for name, about in cls.model_fields.items() if about.is_required()
+        ]
         for key in given:
             if key not in allowed:
                 hint = meant(str(key), allowed) or f"allowed are {', '.join(allowed)}"
                 raise refuse(f"is not a known key; {hint}", _shown(str(key)))
-        if missing := [k for k in dict.fromkeys((*required, *needs)) if given.get(k) is None]:
+        if missing := [
+            k for k in dict.fromkeys((*required, *needs)) if given.get(k) is None
+        ]:
             raise refuse("must be given", *missing)
         return given
 
@@ -89,7 +100,9 @@ def check_block(given: Any, key: str) -> Any:
     if isinstance(given, dict | Section):
         return given
     value = _shown(given) if isinstance(given, str | int | float) else "..."
-    raise refuse("must be a block of keys" + f", such as {{{key}: {value}}}" * bool(key))
+    raise refuse(
+        "must be a block of keys" + f", such as {{{key}: {value}}}" * bool(key)
+    )
 
 
 def refuse(text: str, *keys: str) -> PydanticCustomError:
@@ -110,33 +123,47 @@ PathText = Annotated[str, Field(min_length=1), AfterValidator(_absolute)]
 
 def key_path(parts: Sequence[Any]) -> str:
     """Return the keys and indices as people write them: ``arches[0].radius``."""
-    return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts).removeprefix(".")
+    return "".join(
+        f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts
+    ).removeprefix(".")
 
 
 def first_message(
-    error: ValidationError, given: Any, written: Callable[[Sequence[Any]], str] = key_path
+    error: ValidationError,
+    given: Any,
+    written: Callable[[Sequence[Any]], str] = key_path,
 ) -> str:
     """Return the message on the first thing that is wrong: key, value and rule.
 
     `given` is what was validated; `written` tells how a list of keys and numbers is written.
     """
     first = error.errors()[0]
-    kind, value, context = first["type"], first["input"], first.get("ctx", {})
+    kind = first["type"]
+    value = first["input"]
+    context = first.get("ctx", {})
     place: list[Any] = []
-    for part in first["loc"]:  # without names of union members, which are no keys of the file
+    for part in first[
+        "loc"
+    ]:  # without names of union members, which are no keys of the file
         with contextlib.suppress(LookupError, TypeError):
             given = given[part]
             place.append(part)
     if keys := context.get("keys"):
         return f"{', '.join(written([*place, key]) for key in keys)} {context['text']}"
-    shown = "" if isinstance(value, Mapping) else f" = {_shown(value, kind.endswith('_type'))}"
+    shown = (
+        ""
+        if isinstance(value, Mapping)
+        else f" = {_shown(value, kind.endswith('_type'))}"
+    )
     rule = re.sub("^.*? should ", "must ", _RULES.get(kind, first["msg"]))
     if kind.startswith("union_tag"):
         place.append(context["discriminator"].strip("'"))
         if "tag" in context:
             shown = f" = {context['tag']}"
             rule = f"must be one of {context['expected_tags']}".replace("'", "")
-    return f"{written(place) or 'the file'}{shown} {rule.replace(' after validation', '')}"
+    return (
+        f"{written(place) or 'the file'}{shown} {rule.replace(' after validation', '')}"
+    )
 
 
 def _shown(value: Any, quotes: bool = False) -> str:
@@ -153,7 +180,9 @@ def at(
     try:
         yield
     except (InputError, ValidationError) as error:
-        why = first_message(error, given) if isinstance(error, ValidationError) else error
+        why = (
+            first_message(error, given) if isinstance(error, ValidationError) else error
+        )
         raise kind(f"{place}: {why}") from error
 
 

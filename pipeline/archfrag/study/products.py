@@ -23,7 +23,13 @@ def batch_step(batch: int, batches: int) -> str:
 def step_names(study: StudyKeys) -> list[str]:
     """Return all steps of a study in their order."""
     count = study.execution.batches
-    return ["motions", *(batch_step(i, count) for i in range(count)), "cube", "fit", "report"]
+    return [
+        "motions",
+        *(batch_step(i, count) for i in range(count)),
+        "cube",
+        "fit",
+        "report",
+    ]
 
 
 def products(study: StudyKeys, step: str) -> list[Path]:
@@ -42,7 +48,9 @@ def products(study: StudyKeys, step: str) -> list[Path]:
         sizes = Counter(member.arch_class for member in study.members)
         drawn = [name for name, size in sizes.items() if size > 1]
         names[step] += [ALL_CURVES] * (len(ids) > SHOWN)
-        names[step] += [f"curve-{each}.svg" for each in drawn + ids * (len(ids) <= SHOWN)]
+        names[step] += [
+            f"curve-{each}.svg" for each in drawn + ids * (len(ids) <= SHOWN)
+        ]
     return [study.folder / name for name in names[step]]
 
 
@@ -53,7 +61,11 @@ def check_outputs(study: StudyKeys, steps: Iterable[str]) -> None:
     """
     refuse_foreign_cube(study)
     given = [each for entry in study.arches for each in (entry.table, entry.drawing)]
-    given += [study.motions.index, study.report.logo, study.risk.hazard if study.risk else None]
+    given += [
+        study.motions.index,
+        study.report.logo,
+        study.risk.hazard if study.risk else None,
+    ]
     made = (path for step in steps for path in products(study, step))
     targets = [path for path in made if path.name not in (README, CUBE)]
     check_targets(targets, given, of_study=True)

@@ -58,7 +58,9 @@ def read_json(path: Path) -> Any:
 
 def digest_of(value: Any) -> str:
     """Return the SHA-256 of a value that JSON knows, 64 hexadecimal digits."""
-    return hashlib.sha256(canonical_json(value).encode("utf-8", "surrogateescape")).hexdigest()
+    return hashlib.sha256(
+        canonical_json(value).encode("utf-8", "surrogateescape")
+    ).hexdigest()
 
 
 def files_of_code(*patterns: str) -> list[Path]:
@@ -109,10 +111,14 @@ def read_state(path: Path) -> dict[str, Any]:
 
 def write_stamp(work: Path, step: str, stamp: dict[str, Any]) -> None:
     """Put what a step was made from, and what it made, into the stamp of a study."""
-    write_text(work / STAMPS, canonical_json(read_state(work / STAMPS) | {step: stamp}) + "\n")
+    write_text(
+        work / STAMPS, canonical_json(read_state(work / STAMPS) | {step: stamp}) + "\n"
+    )
 
 
-def read_stamp(study: "StudyKeys", step: str) -> tuple[dict[str, Any] | None, dict[str, str]]:
+def read_stamp(
+    study: "StudyKeys", step: str
+) -> tuple[dict[str, Any] | None, dict[str, str]]:
     """Return what a step was made from, None if it is not done, and digests of its files."""
     try:
         stamp = read_state(study.work / STAMPS)[step]
@@ -123,7 +129,8 @@ def read_stamp(study: "StudyKeys", step: str) -> tuple[dict[str, Any] | None, di
 
 def refuse_foreign_cube(study: "StudyKeys") -> None:
     """See that no other study's cube stands where this study's is to be; ours may be damaged."""
-    path, digest = study.folder / CUBE, read_stamp(study, "cube")[1].get(CUBE)
+    path = study.folder / CUBE
+    digest = read_stamp(study, "cube")[1].get(CUBE)
     if not path.exists() or (digest is not None and sha256_if_there(path) == digest):
         return
     owner = None
@@ -138,18 +145,33 @@ def refuse_foreign_cube(study: "StudyKeys") -> None:
                 if digest is not None and file.read(4) in (b"", b"\x89HDF"):
                     return
     if owner != study.id:
-        whose = f"the cube of study {owner!r}" if owner else "a file that is no cube of archfrag"
+        whose = (
+            f"the cube of study {owner!r}"
+            if owner
+            else "a file that is no cube of archfrag"
+        )
         advice = "give the studies different output folders, or move the file"
-        raise OutputError(f"{path}: {whose} is in the place of study {study.id!r}; {advice}")
+        raise OutputError(
+            f"{path}: {whose} is in the place of study {study.id!r}; {advice}"
+        )
 
 
 def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     """List the changes from one state of the inputs to another, a line for each file."""
     lines = []
     for kind in ("record", "index", "inventory"):
-        old, new = before.get(kind, {}), now.get(kind, {})
-        for path in sorted(path for path in old | new if old.get(path) != new.get(path)):
-            what = "is new" if path not in old else "has changed" if path in new else "is gone"
+        old = before.get(kind, {})
+        new = now.get(kind, {})
+        for path in sorted(
+            path for path in old | new if old.get(path) != new.get(path)
+        ):
+            what = (
+                "is new"
+                if path not in old
+                else "has changed"
+                if path in new
+                else "is gone"
+            )
             lines.append(f"{kind} {os.path.normpath(folder / path)} {what}")
     return lines
 
@@ -173,7 +195,14 @@ def commit() -> str:
     """
     checkout = PACKAGE.parents[1]
     if (checkout / ".git").exists():
-        command = ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
+        command = [
+            "git",
+            "describe",
+            "--always",
+            "--abbrev=40",
+            "--exclude=*",
+            "--dirty",
+        ]
         with contextlib.suppress(OSError, subprocess.SubprocessError):
             return subprocess.check_output(
                 command, cwd=checkout, stderr=subprocess.DEVNULL, text=True, timeout=20
@@ -208,13 +237,17 @@ def available_cores() -> int:
 
 def machine() -> dict[str, Any]:
     """Describe the machine for the log."""
-    return {"host": socket.gethostname(), "system": platform.platform(),
-            "cores": available_cores()}  # fmt: skip
+    return {
+        "host": socket.gethostname(),
+        "system": platform.platform(),
+        "cores": available_cores(),
+    }
 
 
 def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
     """Add an entry to ``run_log.json`` in a folder."""
-    path, before = folder / "run_log.json", list[Any]()
+    path = folder / "run_log.json"
+    before = list[Any]()
     with contextlib.suppress(OSError, ValueError, TypeError):
         before = list(read_json(path))
     write_text(path, json.dumps([*before, entry], indent=1) + "\n")

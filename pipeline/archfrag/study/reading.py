@@ -31,7 +31,9 @@ class MotionList(list[Motion]):
         How a study file asks for them; None if the list was made of motions, or changed.
     """
 
-    def __init__(self, motions: Iterable[Motion] = (), asked: Motions | None = None) -> None:
+    def __init__(
+        self, motions: Iterable[Motion] = (), asked: Motions | None = None
+    ) -> None:
         super().__init__(motions)
         self._read = asked, tuple(self)
 
@@ -56,16 +58,19 @@ class MotionList(list[Motion]):
         """A row for each motion: id, PGA [g], duration and time step [s], and what is known."""
         rows = [
             {
-                "id": motion.id, "PGA [g]": round(motion.pga / STANDARD_GRAVITY, 4),
-                "duration [s]": round(motion.duration, 4), "dt [s]": motion.dt,
+                "id": motion.id,
+                "PGA [g]": round(motion.pga / STANDARD_GRAVITY, 4),
+                "duration [s]": round(motion.duration, 4),
+                "dt [s]": motion.dt,
                 "vertical": "yes" if motion.vertical is not None else "",
                 "event": about.get("event") or about.get("event_id") or "",
                 "M": about.get("Mw") or about.get("magnitude") or "",
-                "distance [km]": about.get("distance_km") or "", "station": about.get("station"),
+                "distance [km]": about.get("distance_km") or "",
+                "station": about.get("station"),
             }
             for motion in self
             for about in (motion.metadata,)
-        ]  # fmt: skip
+        ]
         table = pd.DataFrame(rows)
         return table[[name for name in table if table[name].astype(str).ne("").any()]]
 
@@ -77,10 +82,14 @@ class MotionList(list[Motion]):
 
 
 def read_motions(
-    *paths: str | Path, vertical: bool = False, unit: str | None = None,
-    select: Sequence[str] | None = None, processing: Sequence[Any] = (),
-    columns: Columns | str | None = None, accept: Sequence[str] = (),
-) -> MotionList:  # fmt: skip
+    *paths: str | Path,
+    vertical: bool = False,
+    unit: str | None = None,
+    select: Sequence[str] | None = None,
+    processing: Sequence[Any] = (),
+    columns: Columns | str | None = None,
+    accept: Sequence[str] = (),
+) -> MotionList:
     """Read every horizontal component of record files, as a study does.
 
     Parameters
@@ -119,17 +128,31 @@ def read_motions(
     1  A180      0.2          0.03    0.01  Event  Station
     """
     named = [os.fspath(path) for path in paths]
-    indices = [path for path in named if os.path.isfile(os.path.join(path, INDEX_NAME))
-               or os.path.basename(path) == INDEX_NAME]  # fmt: skip
+    indices = [
+        path
+        for path in named
+        if os.path.isfile(os.path.join(path, INDEX_NAME))
+        or os.path.basename(path) == INDEX_NAME
+    ]
     if indices[1:]:
-        raise InputError(f"read_motions: {' and '.join(indices)}: at most one index is allowed")
-    files = [os.path.join(path, "*") if os.path.isdir(path) else path
-             for path in named if path not in indices]  # fmt: skip
-    options = {"unit": unit, "columns": columns and str(columns), "accept": list(accept)}
+        raise InputError(
+            f"read_motions: {' and '.join(indices)}: at most one index is allowed"
+        )
+    files = [
+        os.path.join(path, "*") if os.path.isdir(path) else path
+        for path in named
+        if path not in indices
+    ]
+    options = {
+        "unit": unit,
+        "columns": columns and str(columns),
+        "accept": list(accept),
+    }
     keys: dict[str, Any] = {
-        "vertical": vertical, "processing": list(processing),
+        "vertical": vertical,
+        "processing": list(processing),
         "files": [{"path": path} | options for path in files],
-    }  # fmt: skip
+    }
     keys |= {"index": indices[0]} if indices else {}
     keys |= {} if select is None else {"select": list(select)}
     with at("read_motions", keys):

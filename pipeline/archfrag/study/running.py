@@ -74,9 +74,13 @@ def stoppable() -> Iterator[Callable[[], None]]:
 @contextlib.contextmanager
 def clock(what: str, say: Callable[[str], None], quiet: bool) -> Iterator[None]:
     """Say how long a block took; at a terminal show meanwhile how long it has taken."""
-    started, form = time.perf_counter(), f"archfrag: {what}: {{elapsed}}"
+    started = time.perf_counter()
+    form = f"archfrag: {what}: {{elapsed}}"
     hidden = quiet or not sys.stderr.isatty()
-    with tqdm(bar_format=form, leave=False, disable=hidden) as bar, every(TICK, bar.refresh):
+    with (
+        tqdm(bar_format=form, leave=False, disable=hidden) as bar,
+        every(TICK, bar.refresh),
+    ):
         yield
     say(f"{what}: {time.perf_counter() - started:.1f} s")
 
@@ -92,11 +96,15 @@ def only_run(study: StudyKeys) -> Iterator[None]:
         try:
             # Nothing is written to it: it may be a hard link that somebody else made.
             lock = stack.enter_context(open(path, "ab"))
-            os.register_at_fork(after_in_child=lock.close)  # a reader of records holds no lock
+            os.register_at_fork(
+                after_in_child=lock.close
+            )  # a reader of records holds no lock
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             what = f"another run of study {study.id!r} is at work here"
-            raise OutputError(f"{study.folder}: {what}; wait for it or stop it") from None
+            raise OutputError(
+                f"{study.folder}: {what}; wait for it or stop it"
+            ) from None
         except OSError as error:
             if error.errno not in _NO_LOCKS:  # of the file system
                 raise cannot_write(path, error) from error

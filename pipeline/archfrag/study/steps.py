@@ -21,7 +21,12 @@ from archfrag.study.answer.attributes import attributes
 from archfrag.study.answer.cube import write_cube
 from archfrag.study.answer.fits import fit_cube, fit_lines, load_fits
 from archfrag.study.done import stamp_of_all
-from archfrag.study.file.prepared import MANIFEST, prepare_motions, read_manifest, study_inputs
+from archfrag.study.file.prepared import (
+    MANIFEST,
+    prepare_motions,
+    read_manifest,
+    study_inputs,
+)
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.file.sources import input_paths
 from archfrag.study.products import check_outputs, products, step_names
@@ -40,7 +45,11 @@ Report = Callable[[StudyKeys, Path | None], Path]  # writes it: of a layer above
 
 def _tables(study: StudyKeys) -> list[Path]:
     """Return the tables of the runs of all batches."""
-    return [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
+    return [
+        products(study, name)[0]
+        for name in step_names(study)
+        if name.startswith("batch")
+    ]
 
 
 def read_timings(study: StudyKeys) -> dict[str, list[float]]:
@@ -53,10 +62,16 @@ def read_timings(study: StudyKeys) -> dict[str, list[float]]:
 
 
 def make_step(
-    study: StudyKeys, step: str, say: Say | None, plan: Plan | None = None, *,
-    report: Report | None = None, cores: int | None = None, quiet: bool = False,
+    study: StudyKeys,
+    step: str,
+    say: Say | None,
+    plan: Plan | None = None,
+    *,
+    report: Report | None = None,
+    cores: int | None = None,
+    quiet: bool = False,
     compared: Path | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Make one step of `step_names`, whose inputs are there, unless it is current.
 
     `say`, if any, takes a line for the user; `plan` is that of the study, if known; `cores` take
@@ -98,9 +113,12 @@ def _make_batch(
     make_folder(path.parent)
     write_csv(path, [table])
     name = f"batch {batch + 1} of {batches}: " if batches > 1 else "simulations: "
-    seconds, new = log["wall_time"] - log["compile_time"], log["runs"] - log["kept"]
+    seconds = log["wall_time"] - log["compile_time"]
+    new = log["runs"] - log["kept"]
     took = f"; {seconds:.1f} s on {counted(log['workers'], 'core')}" if new else ""
-    told(f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new{took}")
+    told(
+        f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new{took}"
+    )
 
 
 def finish(study: StudyKeys, step: str, plan: Plan | None = None) -> None:
@@ -110,11 +128,16 @@ def finish(study: StudyKeys, step: str, plan: Plan | None = None) -> None:
     """
     made = {
         os.path.relpath(path, study.folder): provenance.sha256_if_there(path)
-        for path in products(study, step) if path.is_file()
-    }  # fmt: skip
+        for path in products(study, step)
+        if path.is_file()
+    }
     for name, digest in provenance.read_stamp(study, step)[1].items():
         path = study.folder / name
-        ours = name not in made and provenance.FIGURE.fullmatch(name) and not path.is_symlink()
+        ours = (
+            name not in made
+            and provenance.FIGURE.fullmatch(name)
+            and not path.is_symlink()
+        )
         if ours and provenance.sha256_if_there(path) == digest:
             path.unlink(missing_ok=True)
     stamp = {"from": _made_from(study, step, plan), "files": made}
@@ -136,9 +159,12 @@ def finished(study: StudyKeys) -> "Fitted":
 
 def stale_steps(study: StudyKeys) -> tuple[list[str], list[str]]:
     """Return the steps to be done, and what has changed since they were done last."""
-    names, inputs = step_names(study), study_inputs(study)
+    names = step_names(study)
+    inputs = study_inputs(study)
     try:
-        if changed := provenance.changes(read_manifest(study)["inputs"], inputs, study.folder):
+        if changed := provenance.changes(
+            read_manifest(study)["inputs"], inputs, study.folder
+        ):
             return names, changed
         plan = make_plan(study)
     except InputError as error:
@@ -152,7 +178,9 @@ def stale_steps(study: StudyKeys) -> tuple[list[str], list[str]]:
     return [], []
 
 
-def _runs_are_there(study: StudyKeys, plan: Plan, before: dict[str, str] | None) -> bool:
+def _runs_are_there(
+    study: StudyKeys, plan: Plan, before: dict[str, str] | None
+) -> bool:
     """Return whether all runs of a plan are made, and that of the cube `before`, if any, was the
     same.
     """
@@ -183,12 +211,17 @@ def out_of_date(study: StudyKeys, step: str, plan: Plan | None = None) -> str:
 
 def _made_from(study: StudyKeys, step: str, plan: Plan | None = None) -> dict[str, str]:
     """Return digests of a step's inputs, by the names that messages use."""
-    code = {"code": provenance.digest_of_code("**/*"), "packages": provenance.versions()}
+    code = {
+        "code": provenance.digest_of_code("**/*"),
+        "packages": provenance.versions(),
+    }
     if step == "cube":
         inputs = _inputs_of_cube(study, plan or make_plan(study))
     else:
         inputs = _INPUTS[step](study) if step in _INPUTS else {}  # batches have none
-    return {name: provenance.digest_of(value) for name, value in (code | inputs).items()}
+    return {
+        name: provenance.digest_of(value) for name, value in (code | inputs).items()
+    }
 
 
 def _inputs_of_motions(study: StudyKeys) -> dict[str, Any]:
@@ -200,13 +233,17 @@ def _inputs_of_cube(study: StudyKeys, plan: Plan) -> dict[str, Any]:
         **plan.digests,
         "attributes of arches": [(m.arch_class, m.attributes) for m in plan.arches],
         "parameters of arches": [(m.id, m.values) for m in plan.arches],
-        "title": study.title, "institution": study.institution,
-        "settings": attributes(study, plan) | {"archfrag_commit": ""},  # the code has a digest
+        "title": study.title,
+        "institution": study.institution,
+        "settings": attributes(study, plan)
+        | {"archfrag_commit": ""},  # the code has a digest
         "motions": provenance.sha256_if_there(study.work / MANIFEST),
-    }  # fmt: skip
+    }
 
 
-def _inputs_of_fit(study: StudyKeys, before: Sequence[str] = ("cube",)) -> dict[str, Any]:
+def _inputs_of_fit(
+    study: StudyKeys, before: Sequence[str] = ("cube",)
+) -> dict[str, Any]:
     paths = [path for name in before for path in products(study, name)]
     return {
         **{path.name: provenance.sha256_if_there(path) for path in paths},
@@ -216,7 +253,8 @@ def _inputs_of_fit(study: StudyKeys, before: Sequence[str] = ("cube",)) -> dict[
 
 
 def _inputs_of_report(study: StudyKeys) -> dict[str, Any]:
-    logo, risk = Path(study.report.logo or ""), {}
+    logo = Path(study.report.logo or "")
+    risk = {}
     if study.risk is not None:
         hazard = Path(study.risk.hazard)
         given = study.risk.model_dump(exclude={"hazard"})
@@ -231,14 +269,21 @@ def _inputs_of_report(study: StudyKeys) -> dict[str, Any]:
 
 
 _INPUTS: dict[str, Callable[[StudyKeys], dict[str, Any]]] = {
-    "motions": _inputs_of_motions, "fit": _inputs_of_fit, "report": _inputs_of_report,
-}  # fmt: skip
+    "motions": _inputs_of_motions,
+    "fit": _inputs_of_fit,
+    "report": _inputs_of_report,
+}
 
 
 def run_study(
-    study: StudyKeys, study_file: Path, check_stopped: Callable[[], None], report: Report,
-    cores: int | None = None, quiet: bool = False, overrides: Sequence[str] | None = None,
-) -> bool:  # fmt: skip
+    study: StudyKeys,
+    study_file: Path,
+    check_stopped: Callable[[], None],
+    report: Report,
+    cores: int | None = None,
+    quiet: bool = False,
+    overrides: Sequence[str] | None = None,
+) -> bool:
     """Do all of a study that is not done yet; whether there was anything to do.
 
     If the study is that of its file with `overrides`, `done.finished_folder` will know it again.
@@ -260,7 +305,9 @@ def run_study(
         for line in changed[:_MOST_LINES]:
             say(line)
         if changed:
-            say("what follows from it is made again; other runs that are finished are kept")
+            say(
+                "what follows from it is made again; other runs that are finished are kept"
+            )
         plan = None
         for step in stale:
             check_stopped()
@@ -270,10 +317,14 @@ def run_study(
             with contextlib.nullcontext() if of_runs else clock(step, say, quiet):
                 # The answers are for the end of the run.
                 told = say if of_runs else None
-                make_step(study, step, told, plan, report=report, cores=cores, quiet=quiet)
+                make_step(
+                    study, step, told, plan, report=report, cores=cores, quiet=quiet
+                )
         stamp = {}
         if overrides is not None:  # before the last look at all that it is of
-            made = chain.from_iterable(products(study, step) for step in step_names(study))
+            made = chain.from_iterable(
+                products(study, step) for step in step_names(study)
+            )
             manifest = read_manifest(study)
             prepared = (*manifest["records"], *manifest["first"])
             made = chain(made, (study.work / record.file for record in prepared))
@@ -281,7 +332,9 @@ def run_study(
         still, changed = stale_steps(study)
         if still:
             what = f"{(changed or still)[0]}, while the run was at work"
-            raise ArchfragError(f"{study.folder}: {what}; the same command makes it again")
+            raise ArchfragError(
+                f"{study.folder}: {what}; the same command makes it again"
+            )
         provenance.write_stamp(study.work, "all", stamp)
     return True
 
@@ -291,7 +344,9 @@ def claim(study: StudyKeys, study_file: Path, write: bool = True) -> None:
 
     Its path is relative to them, so that both may be moved.
     """
-    file = study.folder / str(provenance.read_state(study.work / provenance.OWNER).get("file", ""))
+    file = study.folder / str(
+        provenance.read_state(study.work / provenance.OWNER).get("file", "")
+    )
     if file.is_file() and not file.samefile(study_file):
         raise OutputError(
             f"{study.folder}: holds the results of {file.resolve()}; give {study_file.name} "

@@ -25,7 +25,9 @@ class _Loader(yaml.SafeLoader):
             raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
         return super().construct_scalar(node)
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+    def construct_mapping(
+        self, node: yaml.MappingNode, deep: bool = False
+    ) -> dict[Any, Any]:
         seen = set[str]()
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
             if key.value in seen:
@@ -65,7 +67,9 @@ def parse_value(text: str, place: str) -> Any:
         why = " ".join(str(getattr(error, "problem", None) or error).split())[:200]
         mark = getattr(error, "problem_mark", None)
         line = "is not valid YAML" if mark is None else f"line {mark.line + 1}"
-        raise InputError(f"{place}: {line}: {why}; check indentation and quotes") from error
+        raise InputError(
+            f"{place}: {line}: {why}; check indentation and quotes"
+        ) from error
 
 
 def relative(value: Any, folder: Path, key: str = "") -> Any:
@@ -74,7 +78,11 @@ def relative(value: Any, folder: Path, key: str = "") -> Any:
         return {name: relative(inner, folder, name) for name, inner in value.items()}
     if isinstance(value, list):
         return [relative(inner, folder, key) for inner in value]
-    return os.path.relpath(value, folder) if key in PATHS and isinstance(value, str) else value
+    return (
+        os.path.relpath(value, folder)
+        if key in PATHS and isinstance(value, str)
+        else value
+    )
 
 
 def absolute(path: str, folder: Path) -> str:
@@ -88,9 +96,13 @@ def read_keys(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any]
     `overrides` are texts ``key.key=value``. InputError names the file or the override, and why.
     """
     folder = Path(os.path.realpath(path)).parent
-    given = parse_value(read_text(path, LARGEST_FILE, InputError, "the study file"), str(path))
+    given = parse_value(
+        read_text(path, LARGEST_FILE, InputError, "the study file"), str(path)
+    )
     if not isinstance(given, dict):
-        raise InputError(f"{path}: must hold keys with values, such as id, arches and motions")
+        raise InputError(
+            f"{path}: must hold keys with values, such as id, arches and motions"
+        )
     seen = list[list[str]]()
     for text in overrides:
         key, equals, value_text = text.partition("=")
@@ -99,16 +111,24 @@ def read_keys(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any]
             raise InputError(f"--set {text}: this place is set twice; set it once")
         seen.append(parts)
         if not equals or not all(parts):
-            raise InputError(f"--set {text}: must be key=value, for example method.dt=0.0005")
+            raise InputError(
+                f"--set {text}: must be key=value, for example method.dt=0.0005"
+            )
         block: Any = given
         place: Any = parts[0]
         value = parse_value(value_text, f"--set {key}")
         try:
             for part in parts[1:]:
-                block = block.setdefault(place, {}) if isinstance(block, dict) else block[place]
+                block = (
+                    block.setdefault(place, {})
+                    if isinstance(block, dict)
+                    else block[place]
+                )
                 place = int(part) if isinstance(block, list) else part
             block[place] = value
         except (LookupError, TypeError, ValueError):
             what = "only a block has keys, and a list items, numbered from 0"
-            raise InputError(f"--set {text}: the study has no such place; {what}") from None
+            raise InputError(
+                f"--set {text}: the study has no such place; {what}"
+            ) from None
     return given, folder

@@ -24,9 +24,14 @@ def kernels():
     for folder in FOLDERS:
         for path in sorted((PACKAGE / folder).rglob("*.py")):
             for node in ast.parse(path.read_text(encoding="utf-8")).body:
-                marks = {getattr(mark, "id", "") for mark in getattr(node, "decorator_list", [])}
+                marks = {
+                    getattr(mark, "id", "")
+                    for mark in getattr(node, "decorator_list", [])
+                }
                 if marks & {"kernel", "inlined"}:
-                    found.setdefault(node.name, []).append((path, node, "inlined" in marks))
+                    found.setdefault(node.name, []).append(
+                        (path, node, "inlined" in marks)
+                    )
     return found
 
 
@@ -37,8 +42,10 @@ class Effects(ast.NodeVisitor):
     """
 
     def __init__(self, node, known, settled):
-        self.known, self.settled = known, settled
-        self.reads, self.writes = set(), set()
+        self.known = known
+        self.settled = settled
+        self.reads = set()
+        self.writes = set()
         self.paths = {each.arg: each.arg for each in node.args.args}
         for statement in node.body:
             self.visit(statement)
@@ -63,7 +70,11 @@ class Effects(ast.NodeVisitor):
 
     def assign(self, target, value):
         if isinstance(target, ast.Tuple):
-            parts = value.elts if isinstance(value, ast.Tuple) else len(target.elts) * [None]
+            parts = (
+                value.elts
+                if isinstance(value, ast.Tuple)
+                else len(target.elts) * [None]
+            )
             for one, part in zip(target.elts, parts, strict=False):
                 self.assign(one, part)
         elif isinstance(target, ast.Name):
@@ -95,7 +106,9 @@ class Effects(ast.NodeVisitor):
     def visit_Attribute(self, node):
         found = self.path(node)
         if found is not None and isinstance(node.ctx, ast.Load):
-            self.reads.add(found)  # a number of a struct, or an array that is handed on whole
+            self.reads.add(
+                found
+            )  # a number of a struct, or an array that is handed on whole
         elif found is None:
             self.visit(node.value)
 
@@ -113,12 +126,15 @@ class Effects(ast.NodeVisitor):
             _, reads, writes = self.settled.get(name, ((), set(names), set()))
             used = {path.partition(".")[0] for path in reads | writes}
             numbers = {
-                each for each, root in zip(node.args, names, strict=False) if root not in used
+                each
+                for each, root in zip(node.args, names, strict=False)
+                if root not in used
             }
             others = [
-                each for each, path in zip(node.args, given, strict=True)
+                each
+                for each, path in zip(node.args, given, strict=True)
                 if path is None or (isinstance(each, ast.Subscript) and each in numbers)
-            ]  # fmt: skip
+            ]
         else:
             others = node.args
         for each in others:
@@ -153,12 +169,16 @@ def told(paths, names):
     """Tell paths by argument, all of whose fields are named if they are few."""
     parts = []
     for name in names:
-        own = sorted({path.partition(".")[2] for path in paths if path.split(".")[0] == name})
+        own = sorted(
+            {path.partition(".")[2] for path in paths if path.split(".")[0] == name}
+        )
         if own == [""] or len(own) > MOST:
             parts.append(name)
         elif own:
             own = [each for each in own if each]
-            parts.append(f"{name}.{own[0]}" if len(own) == 1 else f"{name} ({', '.join(own)})")
+            parts.append(
+                f"{name}.{own[0]}" if len(own) == 1 else f"{name} ({', '.join(own)})"
+            )
     return ", ".join(parts)
 
 
@@ -181,18 +201,24 @@ def lines_of(name, known):
 def write():
     """Write the lines into the docstrings."""
     known = all_effects()
-    for path in sorted(p for folder in FOLDERS for p in (PACKAGE / folder).rglob("*.py")):
+    for path in sorted(
+        p for folder in FOLDERS for p in (PACKAGE / folder).rglob("*.py")
+    ):
         text = path.read_text(encoding="utf-8")
         lines = text.split("\n")
         edits = []
         for node in ast.parse(text).body:
-            marks = {getattr(mark, "id", "") for mark in getattr(node, "decorator_list", [])}
+            marks = {
+                getattr(mark, "id", "") for mark in getattr(node, "decorator_list", [])
+            }
             if "kernel" in marks and ast.get_docstring(node) is not None:
                 edits.append((node.body[0].value, lines_of(node.name, known)))
         for doc, told_lines in reversed(edits):
             body = LINES.sub("", doc.value).rstrip()
             if told_lines:
-                body += "\n\n" + "\n".join(f"    {each}" for each in told_lines) + "\n    "
+                body += (
+                    "\n\n" + "\n".join(f"    {each}" for each in told_lines) + "\n    "
+                )
             elif "\n" in body:
                 body += "\n    "
             new = f'    """{body}"""'.split("\n")

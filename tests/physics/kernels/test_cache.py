@@ -38,9 +38,13 @@ def python(code, umask=-1, **environment):
     """What a process of its own prints."""
     inherited = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
     return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, umask=umask,
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        umask=umask,
         env={**inherited, **{k: str(v) for k, v in environment.items()}},
-    ).stdout  # fmt: skip
+    ).stdout
 
 
 def margin(**environment):
@@ -51,16 +55,23 @@ def margin(**environment):
 
 
 def clone(root):
-    shutil.copytree(PACKAGE, root / "archfrag", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        PACKAGE, root / "archfrag", ignore=shutil.ignore_patterns("__pycache__")
+    )
     return root / "archfrag"
 
 
-def test_an_edited_helper_is_compiled_anew_and_a_second_clone_compiles_nothing(tmp_path):
-    cache, answers = tmp_path / "cache", []
+def test_an_edited_helper_is_compiled_anew_and_a_second_clone_compiles_nothing(
+    tmp_path,
+):
+    cache = tmp_path / "cache"
+    answers = []
     for name in ("first", "second"):
         package = clone(tmp_path / name)
         (package / "physics" / "caller.py").write_text(CALLER)
-        answers.append(python(ASK, PYTHONPATH=tmp_path / name, NUMBA_CACHE_DIR=cache).split())
+        answers.append(
+            python(ASK, PYTHONPATH=tmp_path / name, NUMBA_CACHE_DIR=cache).split()
+        )
     assert answers == [["8.0", "True"], ["8.0", "False"]]
     helper = package / "physics" / "ground.py"
     text = helper.read_text()
@@ -92,7 +103,9 @@ print(hashlib.sha256(cache.text_of(eval(sys.argv[2])).encode()).hexdigest(), cac
 def digests(python):
     """Digests of `SOURCE` and of the kernels' source by another Python, which has no packages."""
     given = [PACKAGE / "physics" / "kernels" / "cache.py", repr(SOURCE)]
-    return subprocess.check_output([python, "-c", ON_ITS_OWN, *given], text=True).split()
+    return subprocess.check_output(
+        [python, "-c", ON_ITS_OWN, *given], text=True
+    ).split()
 
 
 def test_the_digest_of_a_source_is_the_same_on_all_versions_of_python():
@@ -123,7 +136,9 @@ def test_the_name_of_machine_code_has_what_the_processor_may_use(monkeypatch, tm
 
 def test_only_what_kernels_are_made_of_counts(tmp_path):
     package = clone(tmp_path)
-    code = "from archfrag.physics.kernels.cache import kernel_hash; print(kernel_hash())"
+    code = (
+        "from archfrag.physics.kernels.cache import kernel_hash; print(kernel_hash())"
+    )
     before = python(code, PYTHONPATH=tmp_path)
     for name, same in (
         ("methods/registry.py", True),
@@ -175,7 +190,10 @@ def test_processes_that_compile_at_once_leave_whole_files(tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     running = [
         subprocess.Popen(
-            [sys.executable, "-c", MARGIN], env=environment, stdout=subprocess.PIPE, text=True
+            [sys.executable, "-c", MARGIN],
+            env=environment,
+            stdout=subprocess.PIPE,
+            text=True,
         )
         for _ in range(3)
     ]
@@ -192,7 +210,11 @@ def test_what_cannot_be_kept_is_said_once_and_runs(tmp_path):
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     made = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert made.stdout.startswith("1.5 True")
     assert made.stderr.count("No space left on device") == 1

@@ -50,7 +50,8 @@ def total(values):
 @kernel
 def read(outer, shift=0.0):
     """Numbers of all kinds of fields."""
-    inner, found = outer.inner, 0.0
+    inner = outer.inner
+    found = 0.0
     for i in range(inner.pair.shape[0]):
         found += inner.pair[i, 0] - inner.pair[-1, 1]
     for part in outer.parts:
@@ -77,7 +78,8 @@ class TestCalls:
         assert read(outer, shift=1.0)[0] == read(outer)[0] + 1.0
 
     def test_arrays_are_those_of_the_caller_gaps_included(self):
-        outer, gaps = outer_of(4), np.arange(6.0)[::3]
+        outer = outer_of(4)
+        gaps = np.arange(6.0)[::3]
         write(gaps, outer)
         assert gaps.tolist() == [4.0, 3.0]
         assert (outer.inner.pair[1:] == 7.0).all()
@@ -103,7 +105,8 @@ class TestCalls:
         busy.name = f"{__name__}:busy"
         globals()["busy"] = busy
         busy(1)
-        thread, counted = threading.Thread(target=busy, args=(300_000_000,)), 0
+        thread = threading.Thread(target=busy, args=(300_000_000,))
+        counted = 0
         thread.start()
         while thread.is_alive():
             counted += 1
@@ -117,12 +120,20 @@ class TestStructs:
         state = new_state(model)
         four = new_four(model)
         structs = [
-            model, state, new_work(model), new_path(model), new_mega_voussoirs(model, state.tie),
-            new_motion(model, FIFTH_ORDER, 1e-6), four.state, four.work,
-        ]  # fmt: skip
+            model,
+            state,
+            new_work(model),
+            new_path(model),
+            new_mega_voussoirs(model, state.tie),
+            new_motion(model, FIFTH_ORDER, 1e-6),
+            four.state,
+            four.work,
+        ]
         checked = 0
         for given in structs:
-            arrays = [each for each in given if isinstance(each, np.ndarray) and each.size]
+            arrays = [
+                each for each in given if isinstance(each, np.ndarray) and each.size
+            ]
             for i, one in enumerate(arrays):
                 for other in arrays[:i]:
                     assert not np.shares_memory(one, other)
@@ -158,7 +169,11 @@ def test_numbas_insides_stand_in_one_folder_and_are_four_names():
     for path in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_bytes())):
             names = [each.name for each in getattr(node, "names", [])]
-            module = getattr(node, "module", None) if isinstance(node, ast.ImportFrom) else None
+            module = (
+                getattr(node, "module", None)
+                if isinstance(node, ast.ImportFrom)
+                else None
+            )
             of = module or (names[0] if isinstance(node, ast.Import) else "")
             if of.split(".")[0] in ("numba", "llvmlite"):
                 assert path.parent.name == "kernels", path
@@ -168,12 +183,17 @@ def test_numbas_insides_stand_in_one_folder_and_are_four_names():
 
 
 def test_every_kernel_tells_what_it_reads_and_writes():
-    known, checked = effects.all_effects(), 0
+    known = effects.all_effects()
+    checked = 0
     for name, found in effects.kernels().items():
         for path, node, is_inlined in found:
             if not is_inlined:
                 doc = ast.get_docstring(node) or ""
-                told = [line for line in doc.split("\n") if line.startswith(("Reads:", "Writes:"))]
+                told = [
+                    line
+                    for line in doc.split("\n")
+                    if line.startswith(("Reads:", "Writes:"))
+                ]
                 assert told == effects.lines_of(name, known), f"{path.name}: {name}"
                 checked += bool(told)
     assert checked > 100

@@ -35,10 +35,14 @@ print(json.dumps([before, kernels_are_compiled(), messages[0], "numba" in sys.mo
 def test_it_is_of_this_source_and_of_the_kernels_that_studies_call():
     for name in load.SETS:
         assert load._shipped(name)[0] == source_hash(), f"run `{BUILD}`"
-    used = subprocess.check_output([sys.executable, "-m", "archfrag.simulation.warmup"], text=True)
+    used = subprocess.check_output(
+        [sys.executable, "-m", "archfrag.simulation.warmup"], text=True
+    )
     shipped = {name: load._kernels(load._shipped(name)[1]) for name in load.SETS}
-    found = {name: [(kernel, load.as_tuples(key)) for kernel, key in each]
-             for name, each in json.loads(used).items()}  # fmt: skip
+    found = {
+        name: [(kernel, load.as_tuples(key)) for kernel, key in each]
+        for name, each in json.loads(used).items()
+    }
     assert found == shipped, f"run `{BUILD}`"
 
 
@@ -50,20 +54,27 @@ def test_it_does_not_say_where_numba_was_installed():
 def test_machine_code_is_made_of_it_once_and_without_numba(tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     told = [
-        json.loads(subprocess.check_output([sys.executable, "-c", READY], env=environment))
+        json.loads(
+            subprocess.check_output([sys.executable, "-c", READY], env=environment)
+        )
         for _ in range(2)
     ]
-    assert told[0][2].startswith("making machine code of the kernels (first run only): ")
+    assert told[0][2].startswith(
+        "making machine code of the kernels (first run only): "
+    )
     assert told[0][:2] + told[0][3:] == [False, True, False]
     assert told[1] == [True, True, "loading kernels", False]
 
 
 def test_a_second_process_ends_with_a_first_one_that_is_killed(tmp_path):
-    code = "from archfrag.physics.kernels.__main__ import make_all_ready; make_all_ready()"
+    code = (
+        "from archfrag.physics.kernels.__main__ import make_all_ready; make_all_ready()"
+    )
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     first = subprocess.Popen([sys.executable, "-c", code], env=environment)
     try:
-        helpers, until = [], time.monotonic() + 60.0
+        helpers = []
+        until = time.monotonic() + 60.0
         while not helpers:
             assert time.monotonic() < until
             helpers = psutil.Process(first.pid).children()
@@ -91,9 +102,13 @@ def damaged():
         "another LLVM": shipped(source, offers, b"BC\xc0\xde" + 64 * b"new"),
         "no code": shipped(source, offers, b""),
         "a part of the code": shipped(source, offers, code[:middle]),
-        "another byte": shipped(source, offers, changed, hashlib.sha256(code).hexdigest()),
+        "another byte": shipped(
+            source, offers, changed, hashlib.sha256(code).hexdigest()
+        ),
         "other kernels": shipped(source, [["of", [], "another", "f8"]], code),
-        "no digest": lzma.compress(json.dumps([source, offers]).encode() + b"\n" + code),
+        "no digest": lzma.compress(
+            json.dumps([source, offers]).encode() + b"\n" + code
+        ),
         "no header": lzma.compress(code),
         "a number": lzma.compress(b"1\n"),
         "cut": whole[:1000],
@@ -101,8 +116,11 @@ def damaged():
     }
 
 
-def test_shipped_code_that_cannot_be_used_is_compiled_with_a_word(monkeypatch, tmp_path):
-    files, compiled = damaged(), []
+def test_shipped_code_that_cannot_be_used_is_compiled_with_a_word(
+    monkeypatch, tmp_path
+):
+    files = damaged()
+    compiled = []
 
     def compile_set(entries):
         compiled.append(entries)
@@ -114,7 +132,9 @@ def test_shipped_code_that_cannot_be_used_is_compiled_with_a_word(monkeypatch, t
     for number, (what, content) in enumerate(files.items(), 1):
         load._shipped.cache_clear()
         (tmp_path / "rest.xz").write_bytes(content)
-        with pytest.warns(RuntimeWarning, match=r"rest\.xz is damaged.*are compiled") as said:
+        with pytest.warns(
+            RuntimeWarning, match=r"rest\.xz is damaged.*are compiled"
+        ) as said:
             load.make_ready("rest")
         assert (len(said), len(compiled)) == (1, number), what
     load._shipped.cache_clear()
@@ -129,8 +149,12 @@ def test_a_list_of_kernels_that_is_older_than_their_source_is_said(monkeypatch):
 
     monkeypatch.setattr(ready, "is_ready", lambda name: False)
     monkeypatch.setattr(ready, "make_ready", make)
-    monkeypatch.setattr(ready, "_second_process", lambda names: contextlib.nullcontext())
-    with pytest.warns(UserWarning, match="run `python -m archfrag.physics.kernels build`") as said:
+    monkeypatch.setattr(
+        ready, "_second_process", lambda names: contextlib.nullcontext()
+    )
+    with pytest.warns(
+        UserWarning, match="run `python -m archfrag.physics.kernels build`"
+    ) as said:
         ready.make_all_ready()
     assert (made, len(said)) == (list(load.OF_ALL), 3)
 
@@ -146,7 +170,9 @@ def runs(name):
     return found
 
 
-@pytest.mark.skipif(not processor.has_common_features(), reason="needs the processor's features")
+@pytest.mark.skipif(
+    not processor.has_common_features(), reason="needs the processor's features"
+)
 def test_machine_code_for_this_processor_and_for_any_gives_the_same_bits(monkeypatch):
     from archfrag.physics.steps.run import run_four
 
@@ -169,7 +195,8 @@ def test_machine_code_for_this_processor_and_for_any_gives_the_same_bits(monkeyp
 def test_it_is_made_again_to_the_last_byte(tmp_path):
     """On another processor numba may have optimised its own small functions otherwise."""
     subprocess.run(
-        [sys.executable, "-m", "archfrag.physics.kernels", "build", tmp_path], check=True
+        [sys.executable, "-m", "archfrag.physics.kernels", "build", tmp_path],
+        check=True,
     )
     for name in load.SETS:
         made, shipped = (

@@ -31,15 +31,29 @@ from archfrag.motions.channel import Channel
 
 # The readers of this package: name of the plug-in, and the module here that has is_<name> and
 # read_<name>. Each is an entry point in pyproject.toml, too.
-OWN = {"AT2": "keyed", "COSMOS": "csmip", "DMG": "csmip", "DYNA": "keyed", "GEONET": "fixed_width",
-       "RESORCE": "keyed", "SMC": "fixed_width"}  # fmt: skip
+OWN = {
+    "AT2": "keyed",
+    "COSMOS": "csmip",
+    "DMG": "csmip",
+    "DYNA": "keyed",
+    "GEONET": "fixed_width",
+    "RESORCE": "keyed",
+    "SMC": "fixed_width",
+}
 TEXT = (*OWN, "KNET", "SLIST", "TSPAIR")
 # Formats that name other files (CSS, Q), that lose a cut-off trace silently (AH, DMX, SH_ASC,
 # WAV, WIN, Y) or that are no earthquakes' are not offered.
 BINARY = ("SAC", "SEISAN", "SACXY", "KINEMETRICS_EVT", "REFTEK130")
-IN_C = ("MSEED", "GSE2", "GSE1", "GCF")  # damaged files have crashed these readers of obspy
+IN_C = (
+    "MSEED",
+    "GSE2",
+    "GSE1",
+    "GCF",
+)  # damaged files have crashed these readers of obspy
 COMPUTING_TIME = 60  # [s] of processor time for a file that is read apart
-_entry_points = functools.cache(entry_points)  # a look-up reads the metadata of all packages
+_entry_points = functools.cache(
+    entry_points
+)  # a look-up reads the metadata of all packages
 MEMORY = 2**30  # [bytes] of address space for it, beyond that of this process
 _shared = list[ProcessPoolExecutor]()  # of the blocks of `one_reader`
 
@@ -69,7 +83,9 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
 def plug_in(name: str, task: str) -> Callable[[str], Any]:
     """Return what tests (``is``) or reads (``read``) a format: a function here or obspy's."""
     if name in OWN or (name, task) == ("KNET", "read"):
-        module = importlib.import_module(f"archfrag.motions.formats.{OWN.get(name, 'keyed')}")
+        module = importlib.import_module(
+            f"archfrag.motions.formats.{OWN.get(name, 'keyed')}"
+        )
         return getattr(module, f"{task}_{name.lower()}")
     group = f"obspy.plugin.waveform.{name}"
     (point,) = _entry_points(name=f"{task}Format").select(group=group)
@@ -99,7 +115,9 @@ def read_as(path: str, name: str) -> list[Trace]:
         except RecordError:
             raise
         except MemoryError:
-            raise RecordError(f"{path}: read as {name} it takes too much memory") from None
+            raise RecordError(
+                f"{path}: read as {name} it takes too much memory"
+            ) from None
         except Exception as error:
             what = "the file is damaged, truncated or not of this format"
             raise RecordError(f"{path}: {what} ({reason_of(error)})") from None
@@ -117,14 +135,18 @@ def read_as(path: str, name: str) -> list[Trace]:
         length = blocks.get("record_length") or (1024 if name == "GCF" else 0)
         size = blocks.get("filesize") or Path(path).stat().st_size
         if length and size % length:
-            cut_off = f"truncated {name}: {size} bytes are no multiple of blocks of {length}"
+            cut_off = (
+                f"truncated {name}: {size} bytes are no multiple of blocks of {length}"
+            )
             raise RecordError(f"{path}: {cut_off} bytes")
-        announced, held = trace.stats.npts, len(trace.data)
+        announced = trace.stats.npts
+        held = len(trace.data)
         if "record" not in trace.stats:
             code = str(trace.stats.channel).strip()
             trace.stats.record = Channel(code, announced=announced, held=held)
         trace.stats.record.messages = list(shown)
-        trace.stats._format, trace.stats.npts = name, held
+        trace.stats._format = name
+        trace.stats.npts = held
     return traces
 
 
@@ -133,8 +155,13 @@ def _compare_times(path: str, trace: Trace) -> None:
     with opened(path) as file:
         head = file.read(2000).decode("latin-1")
     times = re.findall(r"(?m)^(\d{4}-\d\d-\d\dT\S+)\s", head)
-    step = UTCDateTime(times[1]) - UTCDateTime(times[0]) if times[1:] else trace.stats.delta
-    held, delta = len(trace.data), trace.stats.delta
+    step = (
+        UTCDateTime(times[1]) - UTCDateTime(times[0])
+        if times[1:]
+        else trace.stats.delta
+    )
+    held = len(trace.data)
+    delta = trace.stats.delta
     trace.stats.record = Channel(
         str(trace.stats.channel).strip(), announced=trace.stats.npts, held=held
     )
@@ -173,9 +200,14 @@ def _limit() -> None:
     for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
         signal.signal(number, signal.SIG_DFL)
     with contextlib.suppress(OSError, ValueError):  # a system that cannot limit it
-        size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        size = (
+            int(Path("/proc/self/statm").read_text().split()[0])
+            * resource.getpagesize()
+        )
         resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY, resource.RLIM_INFINITY))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+    resource.setrlimit(
+        resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1])
+    )
     quiet = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):  # readers in C print what they think of a file
         os.dup2(quiet, stream)

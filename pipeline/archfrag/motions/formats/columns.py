@@ -26,8 +26,12 @@ _UNIT = re.compile(
 )
 _VALUE = r"((?:\d+\.?\d*|\.\d+)(?:[Ee][-+]?\d+)?)"
 _STEP = rf"(?:\bdt|\btime[ _-]?step|\b(?:sampl\w*|time)[ _]interval)\b[^\n\d.]{{0,15}}{_VALUE}"
-_RATE = rf"\bsampl\w*[^\n\d.]{{0,30}}{_VALUE}\s*(?:hz|sps)|\bsample_rate_hz\s*:\s*{_VALUE}"
-_COUNT = r"\b(?:npts|sample_count|number of (?:points|samples|data))\b\s*[:=]?\s*(\d+)\b"
+_RATE = (
+    rf"\bsampl\w*[^\n\d.]{{0,30}}{_VALUE}\s*(?:hz|sps)|\bsample_rate_hz\s*:\s*{_VALUE}"
+)
+_COUNT = (
+    r"\b(?:npts|sample_count|number of (?:points|samples|data))\b\s*[:=]?\s*(\d+)\b"
+)
 _ALLOWED = "time=COLUMN, acceleration=COLUMN, vertical=COLUMN, dt=SECONDS, skip=LINES"
 
 
@@ -59,23 +63,32 @@ class Columns:
     skip: int = 0
 
     def __post_init__(self) -> None:
-        columns = [c for c in (self.time, self.acceleration, self.vertical) if c is not None]
+        columns = [
+            c for c in (self.time, self.acceleration, self.vertical) if c is not None
+        ]
         outside = next((c for c in columns if not 1 <= c <= MOST_COLUMNS), None)
         for wrong, needed in (
             ((self.time is None) == (self.dt is None), "either time or dt"),
-            (self.dt is not None and not 0.0 < self.dt < float("inf"),
-             f"a positive dt, not {self.dt or 0.0:g}"),
-            (self.acceleration is None and columns, "acceleration where another column is named"),
+            (
+                self.dt is not None and not 0.0 < self.dt < float("inf"),
+                f"a positive dt, not {self.dt or 0.0:g}",
+            ),
+            (
+                self.acceleration is None and columns,
+                "acceleration where another column is named",
+            ),
             (len(set(columns)) < len(columns), "a different number for each column"),
             (outside is not None, f"numbers from 1 to {MOST_COLUMNS}, not {outside}"),
             (self.skip < 0, f"skip of at least 0, not {self.skip}"),
-        ):  # fmt: skip
+        ):
             if wrong:
                 raise InputError(f"columns {str(self)!r} must have {needed}")
 
     def __str__(self) -> str:
         """Return the text that `parse_columns` reads."""
-        return " ".join(f"{key}={value:.15g}" for key, value in asdict(self).items() if value)
+        return " ".join(
+            f"{key}={value:.15g}" for key, value in asdict(self).items() if value
+        )
 
 
 def parse_columns(text: str) -> Columns:
@@ -90,16 +103,24 @@ def parse_columns(text: str) -> Columns:
             keys[key] = step if key == "dt" else int(value)
         except ValueError:
             wrong = f"{word!r} is not known or occurs twice"
-            raise InputError(f"columns {text!r}: {wrong}; allowed are {_ALLOWED}") from None
+            raise InputError(
+                f"columns {text!r}: {wrong}; allowed are {_ALLOWED}"
+            ) from None
     return Columns(**keys)
 
 
 def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     """Read a plain text of numbers, see `Columns`: one trace, or H and V, in the file's unit."""
-    text, name = Text(path), str(path)
-    lines = [(place + 1, line.split("#")[0]) for place, line in enumerate(text.lines)
-             if place >= columns.skip and not line.lstrip().startswith(("#", "%"))]  # fmt: skip
-    chosen = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
+    text = Text(path)
+    name = str(path)
+    lines = [
+        (place + 1, line.split("#")[0])
+        for place, line in enumerate(text.lines)
+        if place >= columns.skip and not line.lstrip().startswith(("#", "%"))
+    ]
+    chosen = [
+        c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c
+    ]
     separator = files.separator_of(line for _, line in lines)
     rows = files.cells_of(lines, separator)
     try:
@@ -118,17 +139,26 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     values = np.array([value for row in table for value in row], dtype=np.float64)
     samples = values.reshape(-1, len(chosen) or 1)
     if len(samples) < 2:
-        raise RecordError(f"{name}: holds {len(samples)} sample(s); 2 or more are needed")
-    timed, step = columns.time is not None, columns.dt
+        raise RecordError(
+            f"{name}: holds {len(samples)} sample(s); 2 or more are needed"
+        )
+    timed = columns.time is not None
+    step = columns.dt
     used = {number for number, _ in rows}
     head = "\n".join(
-        text.lines[i][:200] for i in range(min(50, len(text.lines))) if i + 1 not in used
+        text.lines[i][:200]
+        for i in range(min(50, len(text.lines)))
+        if i + 1 not in used
     )
     _refuse_header(values, rows[0][0], name)
     if timed:
-        step = _even_step(samples[:, 0], [text.place(number - 1) for number, _ in rows], columns)
+        step = _even_step(
+            samples[:, 0], [text.place(number - 1) for number, _ in rows], columns
+        )
     traces = []
-    for index, code in enumerate(("H", "V") if columns.vertical else ("",), start=int(timed)):
+    for index, code in enumerate(
+        ("H", "V") if columns.vertical else ("",), start=int(timed)
+    ):
         series = np.ascontiguousarray(samples[:, index])
         if _rises_evenly(series):
             rises = "the column of accelerations rises evenly, as times do"
@@ -163,7 +193,9 @@ def _other_step(head: str, step: float) -> str:
     stated = layout.number(search(_STEP, head)) or (1.0 / rate if rate else 0.0)
     if not stated or abs(stated - step) <= 0.01 * stated:
         return ""
-    return f"the lines before its numbers state a step of {stated:g} s, {step:g} s is used"
+    return (
+        f"the lines before its numbers state a step of {stated:g} s, {step:g} s is used"
+    )
 
 
 def _refuse_header(values: NDArray[np.float64], line: int, name: str) -> None:
@@ -171,30 +203,41 @@ def _refuse_header(values: NDArray[np.float64], line: int, name: str) -> None:
     for place, value in enumerate(values[:4].tolist(), 1):
         if value >= 20.0 and value in (values.size - place, values.size - 2):
             how = "if it is a header, pass over it by skip"
-            raise RecordError(f"{name}, line {line}: {value:g} is how many numbers follow; {how}")
+            raise RecordError(
+                f"{name}, line {line}: {value:g} is how many numbers follow; {how}"
+            )
 
 
 def _numbers(
     rows: Sequence[files.Row], separator: str, chosen: Sequence[int], text: Text
 ) -> list[list[float]]:
     """Return the numbers of chosen or all columns by rows; InputError for other cells."""
-    whole = separator == "," and not any("." in cell or "E" in cell.upper()
-                                         for _, row in rows for cell in row)  # fmt: skip
+    whole = separator == "," and not any(
+        "." in cell or "E" in cell.upper() for _, row in rows for cell in row
+    )
     table = []
     for number, row in rows:
         if chosen and len(row) <= max(chosen):
             few = f"has {len(row)} column(s), column {max(chosen) + 1} is asked for"
-            raise InputError(f"line {number}: {few}; `skip` passes over lines before the numbers")
+            raise InputError(
+                f"line {number}: {few}; `skip` passes over lines before the numbers"
+            )
         picked = [row[c] for c in chosen] or row
         if "" in picked:
             column = (chosen or range(len(row)))[picked.index("")] + 1
             how = "give it a number, or leave such rows out"
-            raise InputError(f"line {number}: the cell in column {column} is empty; {how}")
+            raise InputError(
+                f"line {number}: the cell in column {column} is empty; {how}"
+            )
         files.check_decimals((number, cell) for cell in picked)
-        if separator != " " and (odd := next((c for c in picked if re.search(r"\s", c)), None)):
+        if separator != " " and (
+            odd := next((c for c in picked if re.search(r"\s", c)), None)
+        ):
             what = f"{odd[:40]!r} is not a finite number; {files.NAMES[separator]} are between"
             raise InputError(f"line {number}: {what} the cells of this file")
-        values = [value for cell in picked for value in split(cell, text.place(number - 1))]
+        values = [
+            value for cell in picked for value in split(cell, text.place(number - 1))
+        ]
         if len(values) != len(picked) and (chosen or separator != " "):
             raise InputError(f"line {number}: columns run together")
         table.append(values)
@@ -206,13 +249,18 @@ def _numbers(
 
 def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
     """Raise InputError unless rows are of one motion, equally long but for the last."""
-    width, remedy = max(map(len, table), default=0), "name them by acceleration=COLUMN"
+    width = max(map(len, table), default=0)
+    remedy = "name them by acceleration=COLUMN"
     short = next((n for n, row in zip(lines[:-1], table) if len(row) < width), None)
     if short is not None:
-        raise InputError(f"line {short}: has fewer than {width} numbers; only the last row may")
+        raise InputError(
+            f"line {short}: has fewer than {width} numbers; only the last row may"
+        )
     full = np.array([row for row in table if len(row) == width])
     if width > 1 and _rises_evenly(full[:, 0]):
-        raise InputError(f"line {lines[0]}: the first column rises evenly, as times do; {remedy}")
+        raise InputError(
+            f"line {lines[0]}: the first column rises evenly, as times do; {remedy}"
+        )
     if width > 1 and len(full) >= 50:
         within, along = (np.abs(np.diff(full, axis=axis)).mean() for axis in (1, 0))
         between = np.abs(full[1:, 0] - full[:-1, -1]).mean()
@@ -226,10 +274,14 @@ def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
 def _rises_evenly(values: NDArray[np.float64]) -> bool:
     """Return whether numbers are times rather than samples."""
     steps = np.diff(values)
-    return bool(steps.size >= 4 and steps.min() > 0.0 and np.ptp(steps) < 1e-3 * steps.max())
+    return bool(
+        steps.size >= 4 and steps.min() > 0.0 and np.ptp(steps) < 1e-3 * steps.max()
+    )
 
 
-def _even_step(times: NDArray[np.float64], places: list[str], columns: Columns) -> float:
+def _even_step(
+    times: NDArray[np.float64], places: list[str], columns: Columns
+) -> float:
     """Return the step of times that are evenly spaced but for rounding [s]; else RecordError."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
@@ -240,4 +292,6 @@ def _even_step(times: NDArray[np.float64], places: list[str], columns: Columns) 
     late = int(wrong.argmax()) + 1
     late_time = f"{times[late]:.9g} s in column {columns.time} comes after {times[late - 1]:.9g} s"
     remedy = "if times are only rounded, give dt instead of their column"
-    raise RecordError(f"{places[late]}: times must be evenly spaced, {late_time}; {remedy}")
+    raise RecordError(
+        f"{places[late]}: times must be evenly spaced, {late_time}; {remedy}"
+    )

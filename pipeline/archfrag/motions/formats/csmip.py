@@ -27,11 +27,15 @@ from archfrag.motions.channel import filled
 from archfrag.motions.formats import layout
 
 _CHANNELS = re.compile(r"\(\s*(\d{1,6})\d*\s*CHNS?\s+OF", re.IGNORECASE)
-_BEGINS = re.compile(rf"(?!{layout.END_OF_DATA.pattern})[\s\x1a]*[^\s\x1a]", re.IGNORECASE)
+_BEGINS = re.compile(
+    rf"(?!{layout.END_OF_DATA.pattern})[\s\x1a]*[^\s\x1a]", re.IGNORECASE
+)
 _Channel = tuple[Trace | None, int, str]  # a trace, the line after it, its header
 
 # COSMOS
-_FORMAT = re.compile(r"(?i)\A.*\(Format\s+v\d+\.\d+\s+with\s+(\d{1,3})\s+text\s+lines\)")
+_FORMAT = re.compile(
+    r"(?i)\A.*\(Format\s+v\d+\.\d+\s+with\s+(\d{1,3})\s+text\s+lines\)"
+)
 _BLOCK = r"\s*(\d{{1,6}})\d*\s+{}-header values follow on\s+(\d{{1,6}})\d*\s+lines"
 _SECTION = re.compile(r"\A\s*(\S+)\s+.*\bpts\b.*units\s*=", re.IGNORECASE)
 _COSMOS_UNITS = {2: "g", 4: "cm/s2", 50: "counts"}
@@ -40,19 +44,25 @@ _NULL = -999.0
 # CSMIP
 _TITLE = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\b", re.IGNORECASE)
 _COUNT_LINE = re.compile(r"NO\. OF POINTS\s*=\s*(\S*)\s+RECORD LENGTH", re.IGNORECASE)
-_POINTS = re.compile(r"\A\s*(\S+)\s+(?:POINTS OF ACCEL|ACCELEROGRAM POINTS)", re.IGNORECASE)
+_POINTS = re.compile(
+    r"\A\s*(\S+)\s+(?:POINTS OF ACCEL|ACCELEROGRAM POINTS)", re.IGNORECASE
+)
 _UNITS = (
-    (r"\b(G)\s*/\s*10\b", "g", 0.1), (r"\b(CM)/S(?:EC)?(?:/S(?:EC)?|2|/S2)", "cm/s2", 1.0),
+    (r"\b(G)\s*/\s*10\b", "g", 0.1),
+    (r"\b(CM)/S(?:EC)?(?:/S(?:EC)?|2|/S2)", "cm/s2", 1.0),
     (r"\b(MM)/S(?:EC)?(?:/S(?:EC)?|2|/S2)", "mm/s2", 1.0),
     (r"(?:UNITS:?|IN|AND|OF|IS)\s+(G)\b", "g", 1.0),
-)  # fmt: skip
+)
 # By level: lines of text, lines of integers and reals, what the peak of the samples is called.
 _LEVELS = {"raw": (13, 14, "MAX"), "processed": (25, 20, "PEAK ACCELERATION")}
 
 
-def _stream(source: layout.Source, channel: Callable[[layout.Text, int], _Channel]) -> Stream:
+def _stream(
+    source: layout.Source, channel: Callable[[layout.Text, int], _Channel]
+) -> Stream:
     """Return the traces of channels one after the other, each read by `channel` from a line on."""
-    text, traces = layout.Text(source), list[Trace]()
+    text = layout.Text(source)
+    traces = list[Trace]()
     place = stated = 0
     while (place := text.first(place, _BEGINS.match)) < len(text.lines):
         trace, place, header = channel(text, place)
@@ -64,7 +74,9 @@ def _stream(source: layout.Source, channel: Callable[[layout.Text, int], _Channe
         traces.append(trace)
         stated = max(stated, int(layout.search(_CHANNELS, header) or 0))
     if not traces:
-        raise RecordError(f"{text.name}: none of the channels of the file is an acceleration")
+        raise RecordError(
+            f"{text.name}: none of the channels of the file is an acceleration"
+        )
     if stated > len(traces):
         error = f"the header counts {stated} channels, the file holds {len(traces)}"
         traces[0].stats.record.errors.append(error)
@@ -78,7 +90,9 @@ def _stream(source: layout.Source, channel: Callable[[layout.Text, int], _Channe
     return Stream(traces)
 
 
-is_cosmos = layout.begins_with(_FORMAT.pattern, r"(?im)^\s*\d+\s+Integer-header values follow")
+is_cosmos = layout.begins_with(
+    _FORMAT.pattern, r"(?im)^\s*\d+\s+Integer-header values follow"
+)
 
 
 def read_cosmos(source: layout.Source, **_: Any) -> Stream:
@@ -94,15 +108,21 @@ def _cosmos_channel(text: layout.Text, place: int) -> _Channel:
     header = "\n".join(lines)
     integers, at = _header_numbers(text, place + count, "integer")
     reals, at = _header_numbers(text, at, "real")
-    real = {index: value for index, value in enumerate(reals.tolist()) if value != _NULL}
+    real = {
+        index: value for index, value in enumerate(reals.tolist()) if value != _NULL
+    }
     comments = ""
-    if re.match(r"(?i)\s*\d+\s+Comment line\(s\) follow", "".join(text.lines[at : at + 1])):
+    if re.match(
+        r"(?i)\s*\d+\s+Comment line\(s\) follow", "".join(text.lines[at : at + 1])
+    ):
         end = text.first(at + 1, lambda line: not line.lstrip().startswith("|"))
-        comments, at = "\n".join(text.head(at + 1, end)), end
+        comments = "\n".join(text.head(at + 1, end))
+        at = end
     section = "".join(text.head(at, at + 1))
     if not _SECTION.match(section):
         raise text.needs(at, "the line with the number of points and their units")
-    end, where = text.first(at + 1, layout.WORDS.search), text.place(at)
+    end = text.first(at + 1, layout.WORDS.search)
+    where = text.place(at)
     if not (integers[1] == 1 or (integers[1] == _NULL and "ACCEL" in section.upper())):
         return None, end, header
     announced = layout.checked_count(layout.search(_SECTION, section), where)
@@ -121,18 +141,24 @@ def _cosmos_channel(text: layout.Text, place: int) -> _Channel:
     }
     if unit == "counts":
         # The recorder's least count [µV], the sensor's sensitivity [V/g] and the gain.
-        least, sensitivity, gain = (max(real.get(index, 0.0), 0.0) for index in (21, 41, 46))
+        least, sensitivity, gain = (
+            max(real.get(index, 0.0), 0.0) for index in (21, 41, 46)
+        )
         if least and sensitivity:
             record["g_per_count"] = 1e-6 * least / (sensitivity * (gain or 1.0))
     # That of the samples [ms], or of the recorder [s] where the header leaves it open.
     step = real[61] / 1000.0 if 61 in real else real.get(33)
     peak = f"{real[63]:.4E}" if 63 in real else ""
     start = layout.utc_time(lines[7])
-    trace = layout.trace_of(samples, step, where, record, peak=peak, codes=codes, start=start)
+    trace = layout.trace_of(
+        samples, step, where, record, peak=peak, codes=codes, start=start
+    )
     return trace, end, header
 
 
-def _header_numbers(text: layout.Text, at: int, kind: str) -> tuple[NDArray[np.float64], int]:
+def _header_numbers(
+    text: layout.Text, at: int, kind: str
+) -> tuple[NDArray[np.float64], int]:
     """Return the integers or reals of a header, and the line after them."""
     line = text.lines[at] if at < len(text.lines) else ""
     block = re.match(_BLOCK.format(kind), line, re.IGNORECASE)
@@ -151,7 +177,9 @@ def _cosmos_record(
     text: list[str], angle: int, comments: str
 ) -> tuple[dict[str, Any], tuple[str, str, str]]:
     """Return the facts of a header, and the codes of network, station and location."""
-    channel = re.search(r"(?i)Sta\s+Cha\w*\s*:?\s*([\w?]+)\s*:\s*(.*?)\s*\(Rcrdr", text[8])
+    channel = re.search(
+        r"(?i)Sta\s+Cha\w*\s*:?\s*([\w?]+)\s*:\s*(.*?)\s*\(Rcrdr", text[8]
+    )
     number, bearing = channel.groups("") if channel else ("", "")
     position = " ".join(text[8].partition("Location:")[2].split())
     station = re.search(r"(?i)Code:\s*([\w-]+?)-(\w+)\s+(.*)", text[4])
@@ -159,14 +187,22 @@ def _cosmos_record(
     event = re.sub(r"(?i)^Re?co?rd of\s+", "", text[1].strip())
     direction = layout.direction(bearing)
     if not {"azimuth", "vertical"} & direction.keys():
-        word = str(angle) if 1 <= angle <= 360 else {400: "UP", 401: "DOWN"}.get(angle, bearing)
+        word = (
+            str(angle)
+            if 1 <= angle <= 360
+            else {400: "UP", 401: "DOWN"}.get(angle, bearing)
+        )
         direction = layout.direction(word)
     record = direction | {
-        "event": "" if re.match(r"(?i)(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", event) else event,
+        "event": ""
+        if re.match(r"(?i)(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", event)
+        else event,
         "date": layout.iso_date(text[3], text[1], text[7]),
-        "magnitude": layout.magnitude(text[2]), "number": number, "place": position,
+        "magnitude": layout.magnitude(text[2]),
+        "number": number,
+        "place": position,
         "station": re.sub(r"^\S+\s{2,}|^\S+\s+(?=\S)", "", owner).strip(),
-    }  # fmt: skip
+    }
     names = re.search(r"<SCNL>\s*" + r"\.".join([r"([\w-]+)"] * 4), comments)
     if names is None:
         return record, ("" if network.startswith("-") else network, code, position)
@@ -196,32 +232,49 @@ def _dmg_channel(text: layout.Text, place: int) -> _Channel:
     count, rows, peak_name = _LEVELS[level]
     lines = text.head(place, place + count)
     if len(lines) < count:
-        raise RecordError(f"{text.place(len(text.lines) - 1)}: the file ends in a header")
+        raise RecordError(
+            f"{text.place(len(text.lines) - 1)}: the file ends in a header"
+        )
     window = range(place + count, min(place + count + rows + 12, len(text.lines)))
     section = next((i for i in window if _POINTS.match(text.lines[i])), None)
     if section is None and level == "processed":
-        raise RecordError(f"{text.place(place)}: no line states the number of acceleration points")
+        raise RecordError(
+            f"{text.place(place)}: no line states the number of acceleration points"
+        )
     samples, step, record, data_end = _dmg_samples(text, place, lines, rows, section)
     named = re.compile(rf"{peak_name}\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE)
     stated = next(filter(None, map(named.search, lines)), None)
-    peak = stated[1] if stated and _unit_of(f"in {stated[2]}")[0] == record["unit"] else ""
-    end = text.first(data_end, lambda line: layout.END_OF_DATA.match(line) or _TITLE.match(line))
+    peak = (
+        stated[1] if stated and _unit_of(f"in {stated[2]}")[0] == record["unit"] else ""
+    )
+    end = text.first(
+        data_end, lambda line: layout.END_OF_DATA.match(line) or _TITLE.match(line)
+    )
     head = lines if level == "raw" else lines[1:]
     channel = re.search(r"(?i)CHAN\s*(\d+)?\s*:\s*(.*)", head[6])
     number, bearing = channel.groups("") if channel else ("", "")
     bearing, _, position = bearing.partition("LOCATION:")
     record |= layout.direction(bearing) | {
         "event": "" if re.match(r"(?i)\s*RE?CO?RD OF", head[1]) else head[1].strip(),
-        "date": layout.iso_date(head[2].upper().partition("ORIGIN")[2], head[2], head[1]),
-        "magnitude": layout.magnitude(head[8]), "number": number, "level": level,
+        "date": layout.iso_date(
+            head[2].upper().partition("ORIGIN")[2], head[2], head[1]
+        ),
+        "magnitude": layout.magnitude(head[8]),
+        "number": number,
+        "level": level,
         "place": position,
         "station": re.split(r"\s{3,}", head[5].strip())[0],
-    }  # fmt: skip
+    }
     code = layout.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", head[4])
     trace = layout.trace_of(
-        samples, step, text.place(place if section is None else section), record, peak=peak,
-        codes=("", code, " ".join(position.split())), start=layout.utc_time(head[3]),
-    )  # fmt: skip
+        samples,
+        step,
+        text.place(place if section is None else section),
+        record,
+        peak=peak,
+        codes=("", code, " ".join(position.split())),
+        start=layout.utc_time(head[3]),
+    )
     return trace, end, "\n".join(lines)
 
 
@@ -232,14 +285,21 @@ def _dmg_samples(
 
     Without a `section`, samples are pairs of time and acceleration.
     """
-    step, done, per, width, first = None, [""], 2, 7, place + len(lines) + rows
+    step = None
+    done = [""]
+    per = 2
+    width = 7
+    first = place + len(lines) + rows
     if section is None:
         index = next((i for i, row in enumerate(lines) if _COUNT_LINE.search(row)), 0)
-        where, stated = text.place(place + index), layout.search(_COUNT_LINE, lines[index])
+        where = text.place(place + index)
+        stated = layout.search(_COUNT_LINE, lines[index])
         line = next((row for row in lines if "UNITS OF" in row.upper()), "")
     else:
         where, (line,) = text.place(section), text.head(section, section + 1)
-        per, width, first = 1, layout.format_width(line) or 10, section + 1
+        per = 1
+        width = layout.format_width(line) or 10
+        first = section + 1
         stated = layout.search(_POINTS, line)
         step = layout.number(layout.search(r"SPACED AT\s+(\S+)\s+SEC", line))
         rate = layout.number(layout.search(r"AT\s+(\S+)\s+PTS/SEC", line))
@@ -253,9 +313,16 @@ def _dmg_samples(
         samples, step, *done = layout.on_even_steps(samples, text.place(first))
         done.insert(0, "Unit g/10 converted into g." if scale != 1.0 else "")
     log = list(filter(None, done))
-    return samples, step, {"announced": announced, "held": held, "unit": unit, "log": log}, end
+    return (
+        samples,
+        step,
+        {"announced": announced, "held": held, "unit": unit, "log": log},
+        end,
+    )
 
 
 def _unit_of(text: str) -> tuple[str, float]:
-    units = ((unit, scale) for pattern, unit, scale in _UNITS if layout.search(pattern, text))
+    units = (
+        (unit, scale) for pattern, unit, scale in _UNITS if layout.search(pattern, text)
+    )
     return next(units, ("", 1.0))

@@ -26,13 +26,19 @@ _NUMBERS = {"integer": (11, 6, 48, 10), "real": (17, 10, 50, 15)}
 _LEVELS = {"1": "raw", "2": "processed"}
 
 # GeoNet: lines of text, of text and integers, and of the header.
-_TEXT_LINES, _INTEGERS_END, _HEADER_LINES = 16, 20, 26
+_TEXT_LINES = 16
+_INTEGERS_END = 20
+_HEADER_LINES = 26
 _FIELDS = {
     "announced": (str, r"^\s*Number of points +(\S+)"),
     "interval": (layout.number, r"\bat (?:intervals of )?(\S+) s(?:ec)?\b"),
     "factor": (str, r"readings in units of +(\S+)"),
     "peak": (str, r"^\s*Acceleration: +peak +(\S+) +\S+"),
-    "unit": (str, r"^\s*Acceleration: +peak +\S+ +(\S+)", r"readings in units of +\S+ +(\S+)"),
+    "unit": (
+        str,
+        r"^\s*Acceleration: +peak +\S+ +(\S+)",
+        r"readings in units of +\S+ +(\S+)",
+    ),
     "code": (str, r"^\s*Component +(\S+)"),
     "azimuth": (quadrant, r"^\s*Component +(\S+)"),
     "vertical": (lambda text: text.lower() in ("up", "down"), r"^\s*Component +(\S+)"),
@@ -63,7 +69,9 @@ def read_smc(source: layout.Source, **_: Any) -> Stream:
     for kind, (place, height, many, width) in _NUMBERS.items():
         numbers.append(text.numbers(place, place + height, many, width))
         if numbers[-1].size != many:
-            raise RecordError(f"{text.place(place)}: {numbers[-1].size} of {many} {kind} numbers")
+            raise RecordError(
+                f"{text.place(place)}: {numbers[-1].size} of {many} {kind} numbers"
+            )
     integers, reals = numbers
     first = text.first(27, lambda line: not line.lstrip().startswith("|"))
     count = layout.checked_count(f"{integers[16]:.0f}", text.place(13))
@@ -72,41 +80,67 @@ def read_smc(source: layout.Source, **_: Any) -> Stream:
     names = re.match(r"(?i)station\s*=\s*(.*?)\s*component\s*=\s*(.*)", head[5])
     station, bearing = names.groups() if names else ("", "")
     record = layout.direction(bearing)
-    tilt, azimuth = integers[12], integers[13]  # degrees from the vertical, from north
+    tilt = integers[12]  # degrees from the vertical, from north
+    azimuth = integers[13]
     if tilt in (0.0, 180.0):
         record |= {"code": "UP" if tilt == 0.0 else "DOWN", "vertical": True}
     elif tilt == 90.0 and azimuth != integers[0] and 0 <= azimuth <= 360:
         record |= {"azimuth": float(azimuth), "vertical": False}
     year, day, hour, minute, second = integers[1:6]
-    dated = layout.moment(year, 1, 1, 24.0 * (day - 1), 0, 0) if 1 <= day <= 366 else None
+    dated = (
+        layout.moment(year, 1, 1, 24.0 * (day - 1), 0, 0) if 1 <= day <= 366 else None
+    )
     start = None
     if dated and 0 <= hour < 24 and 0 <= minute < 60:
-        start = dated + 3600.0 * hour + 60.0 * minute + (second if 0 <= second < 60 else 0.0)
+        start = (
+            dated
+            + 3600.0 * hour
+            + 60.0 * minute
+            + (second if 0 <= second < 60 else 0.0)
+        )
     record |= {
-        "event": re.sub(r"^[\s\d]+", "", head[3]).strip(), "station": station,
-        "date": str(dated.date) if dated else "", "epicentral_km": stated.get(16),
+        "event": re.sub(r"^[\s\d]+", "", head[3]).strip(),
+        "station": station,
+        "date": str(dated.date) if dated else "",
+        "epicentral_km": stated.get(16),
         "magnitude": next(filter(None, map(stated.get, (5, 7, 6, 8))), None),
-    }  # fmt: skip
-    log, step, per = [], 1.0 / stated[1] if stated.get(1) else None, 1 if 1 in stated else 2
+    }
+    log = []
+    step = 1.0 / stated[1] if stated.get(1) else None
+    per = 1 if 1 in stated else 2
     # Writers of uncorrected volumes left a last row of what was in their memory.
     if count < values.size <= count + 8:
         values = values[:count]
         log.append(f"Row left out: it is beyond the {count} numbers of the header.")
-    record |= {"level": level, "unit": "cm/s2", "announced": count // per,
-               "held": values.size // per}  # fmt: skip
+    record |= {
+        "level": level,
+        "unit": "cm/s2",
+        "announced": count // per,
+        "held": values.size // per,
+    }
     if per == 2:  # pairs of time and acceleration
         values, step, done = layout.on_even_steps(values, text.name)
         log += filter(None, (done,))
     peaks = [abs(stated[index]) for index in (29, 31) if index in stated]
-    return Stream([layout.trace_of(
-        values, step, text.place(first - 1), record | {"log": log}, start=start,
-        peak=f"{max(peaks):.6E}" if peaks else "",
-        codes=("", head[2].strip().split(" ")[0], ""),
-    )])  # fmt: skip
+    return Stream(
+        [
+            layout.trace_of(
+                values,
+                step,
+                text.place(first - 1),
+                record | {"log": log},
+                start=start,
+                peak=f"{max(peaks):.6E}" if peaks else "",
+                codes=("", head[2].strip().split(" ")[0], ""),
+            )
+        ]
+    )
 
 
 _START = r"(?i)\A\s*(Un)?corrected accelerogram\b"
-is_geonet = layout.begins_with(_START + r".*\n\s*(?-i:Site )(?:.*\n){1,13}\s*Number of points +\S")
+is_geonet = layout.begins_with(
+    _START + r".*\n\s*(?-i:Site )(?:.*\n){1,13}\s*Number of points +\S"
+)
 
 
 def read_geonet(source: layout.Source, **_: Any) -> Stream:
@@ -120,23 +154,32 @@ def read_geonet(source: layout.Source, **_: Any) -> Stream:
 
 
 def _geonet_trace(text: layout.Text, first: int, end: int) -> Trace:
-    place, data = text.place(first), first + _HEADER_LINES
+    place = text.place(first)
+    data = first + _HEADER_LINES
     if end <= data:
-        raise RecordError(f"{place}: ends after {end - first} line(s), {_HEADER_LINES} are header")
+        raise RecordError(
+            f"{place}: ends after {end - first} line(s), {_HEADER_LINES} are header"
+        )
     head = "\n".join(text.lines[first : first + _TEXT_LINES])
     record: dict[str, Any] = {"code": "", "unit": "", "announced": "", "factor": "1"}
     record |= layout.read_fields(_FIELDS, lambda pattern: layout.search(pattern, head))
-    interval, factor, peak = (record.pop(key, "") for key in ("interval", "factor", "peak"))
+    interval, factor, peak = (
+        record.pop(key, "") for key in ("interval", "factor", "peak")
+    )
     integers = text.numbers(first + _TEXT_LINES, first + _INTEGERS_END)
     channel = f"{text.name}: channel {record['code']}"
     if integers.size != 40:
-        raise RecordError(f"{channel} has {integers.size} of 40 integers before line {data + 1}")
+        raise RecordError(
+            f"{channel} has {integers.size} of 40 integers before line {data + 1}"
+        )
     # Accelerations, velocities and displacements; a raw volume has the first only, however many.
     counts = integers[33:36].astype(int)
     samples = text.numbers(data, end, int(counts.sum()), 8)
     if counts[1:].any():
         if samples.size != counts.sum():
-            needed = "{} accelerations, {} velocities and {} displacements".format(*counts)
+            needed = "{} accelerations, {} velocities and {} displacements".format(
+                *counts
+            )
             raise RecordError(f"{channel} must hold {needed}; it holds {samples.size}")
         samples = samples[: counts[0]]
     if not (scale := layout.number(factor)):
@@ -144,12 +187,19 @@ def _geonet_trace(text: layout.Text, first: int, end: int) -> Trace:
     raw = re.match(_START, text.lines[first])[1]  # type: ignore[index]
     record |= {
         "unit": layout.acceleration_unit(record["unit"], place),
-        "announced": layout.checked_count(record["announced"], f"{place}: Number of points"),
-        "level": "raw" if raw else "processed", "event": text.lines[first + 6].strip(),
-    }  # fmt: skip
+        "announced": layout.checked_count(
+            record["announced"], f"{place}: Number of points"
+        ),
+        "level": "raw" if raw else "processed",
+        "event": text.lines[first + 6].strip(),
+    }
     return layout.trace_of(
-        samples * scale, interval or None, f"{place}: interval", record, peak=peak,
+        samples * scale,
+        interval or None,
+        f"{place}: interval",
+        record,
+        peak=peak,
         codes=("NZ", record.get("station", ""), ""),
         # Year, month, day, hour, minute and millisecond of the first sample.
         start=layout.moment(*integers[[8, 9, 18, 19, 38, 39]] / (1, 1, 1, 1, 1, 1000)),
-    )  # fmt: skip
+    )

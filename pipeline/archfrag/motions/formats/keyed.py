@@ -25,7 +25,8 @@ from archfrag.motions.channel import AZIMUTHS, Channel
 from archfrag.motions.formats import layout
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?)"
-_NPTS, _DT = rf"NPTS\s*=\s*{_NUMBER}", rf"\bDT\s*=\s*{_NUMBER}"
+_NPTS = rf"NPTS\s*=\s*{_NUMBER}"
+_DT = rf"\bDT\s*=\s*{_NUMBER}"
 _TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
 _KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
 _DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
@@ -37,22 +38,27 @@ _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
 # The keys of DYNA by what they state, the first there is.
 _DYNA = {
     "code": (str, "STREAM", "COMPONENT"),
-    "date": (lambda text: (day := _DAY.match(text)) and "-".join(day.groups()),
-             "EVENT_DATE_YYYYMMDD"),
+    "date": (
+        lambda text: (day := _DAY.match(text)) and "-".join(day.groups()),
+        "EVENT_DATE_YYYYMMDD",
+    ),
     "magnitude": (layout.number, "MAGNITUDE_W", "MAGNITUDE_L"),
     "station": (str, "STATION_CODE"),
     "vs30_mps": (layout.number, "VS30_M/S", "VS30_MS"),
     "epicentral_km": (layout.number, "EPICENTRAL_DISTANCE_KM"),
     "length": (layout.number, "DURATION_S"),
     "depth": (layout.number, "SENSOR_DEPTH_M"),
-}  # fmt: skip
+}
 # Keys of RESORCE in those of DYNA.
 _RESORCE = {
-    "TIME INCREMENT (S)": "SAMPLING_INTERVAL_S", "NUMBER OF DATA": "NDATA",
-    "ORIENTATION": "COMPONENT", "EVENT DATE & TIME": "EVENT_DATE_YYYYMMDD",
-    "FILTER CUT-OFF FREQUENCY (HZ)": "LOW_CUT_FREQUENCY_HZ", "PGA (M/S/S)": "PGA_M/S/S",
+    "TIME INCREMENT (S)": "SAMPLING_INTERVAL_S",
+    "NUMBER OF DATA": "NDATA",
+    "ORIENTATION": "COMPONENT",
+    "EVENT DATE & TIME": "EVENT_DATE_YYYYMMDD",
+    "FILTER CUT-OFF FREQUENCY (HZ)": "LOW_CUT_FREQUENCY_HZ",
+    "PGA (M/S/S)": "PGA_M/S/S",
     "STATION CODE / NAME": "STATION_CODE",
-}  # fmt: skip
+}
 
 
 # An acceleration with its unit, number of samples and time step.
@@ -65,7 +71,9 @@ is_at2 = layout.begins_with(
 is_dyna = layout.begins_with(
     r"\AEVENT_(?:NAME|ID)\s*:", r"(?m)^\s*(?:SAMPLING_INTERVAL_S|NDATA)\s*:"
 )
-is_resorce = layout.begins_with(r"\AEvent Date & Time", r"(?im)^\s*\w+ time series in .")
+is_resorce = layout.begins_with(
+    r"\AEvent Date & Time", r"(?im)^\s*\w+ time series in ."
+)
 
 
 def read_at2(source: layout.Source, **_: Any) -> Stream:
@@ -74,7 +82,9 @@ def read_at2(source: layout.Source, **_: Any) -> Stream:
     if text.lines[-1] == "":
         text.lines.pop()
     if len(text.lines) <= 4:
-        raise RecordError(f"{text.name}: ends after {len(text.lines)} line(s), 4 are the header")
+        raise RecordError(
+            f"{text.name}: ends after {len(text.lines)} line(s), 4 are the header"
+        )
     about, quantity, last = (line.strip() for line in text.head(1, 4))
     if "ACCELERATION" not in quantity.upper():
         raise text.needs(2, "an acceleration")
@@ -83,8 +93,11 @@ def read_at2(source: layout.Source, **_: Any) -> Stream:
     if not (count and step):
         count, step = (layout.search(_TRAILING, last, group) for group in (1, 2))
     if not (count and step):
-        raise text.needs(3, "a line with the number of samples (NPTS) and the time step (DT)")
-    stated, where = layout.number(count), text.place(3)
+        raise text.needs(
+            3, "a line with the number of samples (NPTS) and the time step (DT)"
+        )
+    stated = layout.number(count)
+    where = text.place(3)
     count = f"{stated:.0f}" if stated is not None and stated % 1 == 0 else count
     # Without a direction at its end, by which records of one event would differ.
     record: dict[str, Any] = {"event": _DIRECTION.sub("", about)}
@@ -93,12 +106,18 @@ def read_at2(source: layout.Source, **_: Any) -> Stream:
         dated = re.fullmatch(r"\d+/\d+/\d+", parts[1]) is not None and len(parts) > 3
         component = parts[-1].split("(")[0].strip()
         record = (layout.direction(component) if component else {}) | {
-            "event": parts[0], "date": parts[1] if dated else "",
-            "station": ", ".join(parts[2 if dated else 1 : -1]), "code": component,
-        }  # fmt: skip
-    record |= {"unit": layout.acceleration_unit(unit, text.place(2)),
-               "announced": layout.checked_count(count, where)}  # fmt: skip
-    return Stream([layout.trace_of(text.numbers(4), layout.number(step), where, record)])
+            "event": parts[0],
+            "date": parts[1] if dated else "",
+            "station": ", ".join(parts[2 if dated else 1 : -1]),
+            "code": component,
+        }
+    record |= {
+        "unit": layout.acceleration_unit(unit, text.place(2)),
+        "announced": layout.checked_count(count, where),
+    }
+    return Stream(
+        [layout.trace_of(text.numbers(4), layout.number(step), where, record)]
+    )
 
 
 def read_dyna(source: layout.Source, **_: Any) -> Stream:
@@ -115,7 +134,11 @@ def read_dyna(source: layout.Source, **_: Any) -> Stream:
         header[key] = match[2].strip()
         with contextlib.suppress(UnicodeDecodeError):  # names may be in UTF-8
             header[key] = match[2].encode("latin-1").decode("utf-8").strip()
-    codes = (header.get("NETWORK", ""), header.get("STATION_CODE", ""), header.get("LOCATION", ""))
+    codes = (
+        header.get("NETWORK", ""),
+        header.get("STATION_CODE", ""),
+        header.get("LOCATION", ""),
+    )
     return _keyed(text, header, len(header), codes)
 
 
@@ -142,7 +165,9 @@ def _keyed(
     """Return the record of a header in DYNA's keys, its samples from line `first` on."""
     kind = header.get("DATA_TYPE", "")
     if kind and not kind.upper().startswith("ACCEL"):
-        raise RecordError(f"{text.name}: an acceleration is needed, DATA_TYPE is {kind!r}")
+        raise RecordError(
+            f"{text.name}: an acceleration is needed, DATA_TYPE is {kind!r}"
+        )
     for key in ("UNITS", "SAMPLING_INTERVAL_S", "NDATA"):
         if not header.get(key):
             raise RecordError(f"{text.name}: the header gives no {key}")
@@ -153,7 +178,11 @@ def _keyed(
     raw = "NOT REMOVED" in header.get("BASELINE_CORRECTION", "").upper()
     record |= {
         "unit": layout.acceleration_unit(header["UNITS"], f"{text.name}, UNITS"),
-        "level": "processed" if re.search("[1-9]", "".join(cuts)) else "raw" if raw else "",
+        "level": "processed"
+        if re.search("[1-9]", "".join(cuts))
+        else "raw"
+        if raw
+        else "",
         "announced": layout.checked_count(header["NDATA"], f"{text.name}, NDATA"),
         "vertical": letter in ("Z", "UP", "V", "UD") if letter else None,
         "azimuth": AZIMUTHS.get(letter),
@@ -166,31 +195,50 @@ def _keyed(
     # Such as 20010203_040510.250 or, of AFAD, 03/02/2001 04:05:10.250.
     start = header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", "")
     start = re.sub(r"(\d\d)/(\d\d)/(\d{4})", r"\3\2\1", start, count=1)
-    origin = f"{header.get('EVENT_DATE_YYYYMMDD', '')} {header.get('EVENT_TIME_HHMMSS', '')}"
+    origin = (
+        f"{header.get('EVENT_DATE_YYYYMMDD', '')} {header.get('EVENT_TIME_HHMMSS', '')}"
+    )
     clock, quake = (_CLOCK.match(text) for text in (start, origin))
     if quake and (time := layout.moment(*map(float, quake.groups()))):
         record["origin_time"] = str(time)
-    return Stream([layout.trace_of(
-        text.numbers(first), layout.number(header["SAMPLING_INTERVAL_S"]),
-        f"{text.name}, SAMPLING_INTERVAL_S", record, codes=codes,
-        peak=header.get(f"PGA_{header['UNITS'].upper()}", ""),
-        start=layout.moment(*map(float, clock.groups())) if clock else None,
-    )])  # fmt: skip
+    return Stream(
+        [
+            layout.trace_of(
+                text.numbers(first),
+                layout.number(header["SAMPLING_INTERVAL_S"]),
+                f"{text.name}, SAMPLING_INTERVAL_S",
+                record,
+                codes=codes,
+                peak=header.get(f"PGA_{header['UNITS'].upper()}", ""),
+                start=layout.moment(*map(float, clock.groups())) if clock else None,
+            )
+        ]
+    )
 
 
 def read_knet(source: layout.Source, **_: Any) -> Stream:
     """Read a K-NET or KiK-net file by obspy's reader and complete what its header states."""
-    read = buffered_load_entry_point("obspy", "obspy.plugin.waveform.KNET", "readFormat")
+    read = buffered_load_entry_point(
+        "obspy", "obspy.plugin.waveform.KNET", "readFormat"
+    )
     stream = read(source if hasattr(source, "read") else str(source))
     # Without a header that is whole, nothing follows.
     for trace in (trace for trace in stream if "knet" in trace.stats):
-        knet, component = trace.stats.knet, str(trace.stats.channel)
+        knet = trace.stats.knet
+        component = str(trace.stats.channel)
         trace.stats.record = channel = Channel(
-            component, date=knet.evot.date.isoformat(), origin_time=str(knet.evot),
-            magnitude=knet.mag, level="raw", station=trace.stats.station, held=trace.data.size,
+            component,
+            date=knet.evot.date.isoformat(),
+            origin_time=str(knet.evot),
+            magnitude=knet.mag,
+            level="raw",
+            station=trace.stats.station,
+            held=trace.data.size,
             announced=round(knet.duration * trace.stats.sampling_rate),
             vertical=component.startswith("UD"),
             azimuth={"N": 0.0, "E": 90.0}.get(component[:1]),
-        )  # fmt: skip
-        layout.judge_peak(channel, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
+        )
+        layout.judge_peak(
+            channel, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal"
+        )
     return stream

@@ -32,12 +32,27 @@ _NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[Ee][-+]?\d+)?")
 # Fixed-width columns leave no blank before a sign, nor after a two-digit exponent.
 _RUN_TOGETHER = re.compile(r"(?<=[Ee][-+]\d\d)(?=[-+.\d])|(?<=[\d.])(?=[-+])")
 _FIXED_WIDTH = re.compile(r"[-+]?(?:\d+\.\d*|\.\d+)(?:[Ee][-+]\d\d)?")
-_FORMAT = re.compile(r"\(\s*\d*P?,?\s*\d*\s*[FEGDI]\s*(\d{1,2})(?:\.\d+)?\s*\)", re.IGNORECASE)
+_FORMAT = re.compile(
+    r"\(\s*\d*P?,?\s*\d*\s*[FEGDI]\s*(\d{1,2})(?:\.\d+)?\s*\)", re.IGNORECASE
+)
 _STEPS = np.outer(10.0 ** np.arange(-5, 1), (1.0, 2.0, 2.5, 5.0)).ravel()  # [s]
 END_OF_DATA = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
 WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
 
-_MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
+_MONTHS = (
+    "JAN",
+    "FEB",
+    "MAR",
+    "APR",
+    "MAY",
+    "JUN",
+    "JUL",
+    "AUG",
+    "SEP",
+    "OCT",
+    "NOV",
+    "DEC",
+)
 _NAMED = rf"(?P<month>{'|'.join(_MONTHS)})[A-Z]*\.?"
 _DATES = (
     r"\b(?P<year>\d{4})[-/](?P<month>\d{1,2})[-/](?P<day>\d{1,2})\b",
@@ -47,7 +62,9 @@ _DATES = (
     rf"\b(?P<year>\d{{4}}) \b{_NAMED} +(?P<day>\d\d?)\b",
 )
 _CLOCK = re.compile(r",?\s+(\d{1,2}):\s*(\d{1,2})(?::\s*(\d*\.?\d*))?\s*(?:UTC|GMT)")
-_MAGNITUDES = [rf"\b{kind}\s*=?\s*(\d\.?\d*)" for kind in ("MW", "ML", "MS", "MD", "MB", "M")]
+_MAGNITUDES = [
+    rf"\b{kind}\s*=?\s*(\d\.?\d*)" for kind in ("MW", "ML", "MS", "MD", "MB", "M")
+]
 _LONGEST = 10_000_000  # samples that a header may announce
 
 
@@ -75,23 +92,31 @@ class Text:
         return RecordError(f"{self.place(index)}: {what} is needed here, not {shown}")
 
     def numbers(
-        self, first: int, last: int | None = None, expected: int | None = None,
+        self,
+        first: int,
+        last: int | None = None,
+        expected: int | None = None,
         width: int | None = None,
-    ) -> NDArray[np.float64]:  # fmt: skip
+    ) -> NDArray[np.float64]:
         """Return the numbers of some lines, between blanks or in columns of a width.
 
         RecordError for what is no finite number.
         """
-        lines, ways = self.lines[first:last], [None] if width is None else [None, width]
+        lines = self.lines[first:last]
+        ways = [None] if width is None else [None, width]
         rows = [row for way in ways if (row := _converted(lines, way)) is not None]
         if rows:
             return next((row for row in rows if row.size == expected), rows[0])
         values: list[float] = []
         for place, line in enumerate(lines, first):
-            if rows := [row for way in ways if (row := _converted([line], way)) is not None]:
+            if rows := [
+                row for way in ways if (row := _converted([line], way)) is not None
+            ]:
                 values.extend(rows[0])
             else:
-                values += [v for word in line.split() for v in split(word, self.place(place))]
+                values += [
+                    v for word in line.split() for v in split(word, self.place(place))
+                ]
         return np.array(values)
 
     def first(self, index: int, test: Callable[[str], object]) -> int:
@@ -117,7 +142,9 @@ def begins_with(*patterns: str) -> Callable[[Source], bool]:
         except (OSError, ValueError):  # obspy goes on to other formats
             return False
         text = "\n".join(_lines(content))
-        return b"\0" not in content and all(re.search(pattern, text) for pattern in patterns)
+        return b"\0" not in content and all(
+            re.search(pattern, text) for pattern in patterns
+        )
 
     return begins
 
@@ -138,11 +165,15 @@ def _converted(lines: Sequence[str], width: int | None) -> NDArray[np.float64] |
     text = "\n".join(lines).translate(_FORTRAN)
     if "_" in text or (width is not None and "\t" in text):  # Python allows 1_000
         return None
-    cells = text.split() if width is None else [
-        line[i : i + width]
-        for line in map(str.rstrip, text.split("\n"))
-        for i in range(0, len(line), width)
-    ]  # fmt: skip
+    cells = (
+        text.split()
+        if width is None
+        else [
+            line[i : i + width]
+            for line in map(str.rstrip, text.split("\n"))
+            for i in range(0, len(line), width)
+        ]
+    )
     try:
         values = np.array(list(map(float, cells)))
     except ValueError:
@@ -169,21 +200,28 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
     times, values = pairs[: pairs.size // 2 * 2].reshape(-1, 2).T
     if times.size < 2:
         return values[:0], 1.0, ""
-    steps, length = np.diff(times), times[-1] - times[0]
+    steps = np.diff(times)
+    length = times[-1] - times[0]
     if steps.min() < 0.0 or not length > 0.0:
         bad = int(np.argmax(steps < 0.0)) + 1 if steps.min() < 0.0 else 0
-        raise RecordError(f"{name}: times must increase; sample {bad} is at {times[bad]:g} s")
+        raise RecordError(
+            f"{name}: times must increase; sample {bad} is at {times[bad]:g} s"
+        )
     mean = float(length) / steps.size
     if np.abs(times - times[0] - mean * np.arange(times.size)).max() <= 0.05 * mean:
         # Times rounded to their last digit give a step that is nearly what it was before.
         rounded = (float(f"{mean:.{digits}g}") for digits in (1, 2, 3))
-        step = next((value for value in rounded if abs(value - mean) <= 1e-5 * mean), mean)
+        step = next(
+            (value for value in rounded if abs(value - mean) <= 1e-5 * mean), mean
+        )
         return np.ascontiguousarray(values), step, ""
     # Linear between samples, as digitised film is; a step of 1, 2, 2.5, 5, 10... up to the median.
     median = float(np.median(steps[steps > 0.0]))
     step = float(_STEPS[median >= _STEPS / 1.02].max(initial=0.0)) or median
     if not length / step < 20 * times.size:
-        raise RecordError(f"{name}: times are too uneven: steps of {median:g} s in {length:g} s")
+        raise RecordError(
+            f"{name}: times are too uneven: steps of {median:g} s in {length:g} s"
+        )
     grid = times[0] + step * np.arange(int(length / step * (1.0 + 1e-12)) + 1)
     unequal = f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s"
     sizes = f"linear between them ({values.size} to {grid.size} samples)"
@@ -203,17 +241,28 @@ def read_fields(
     table: Mapping[str, tuple[Any, ...]], find: Callable[[Any], Any]
 ) -> dict[str, Any]:
     """Read facts by a table: name, reader and places, at which `find` looks one after another."""
-    return filled({
-        name: next((fact for place in places if (value := find(place)) not in (None, "")
-                    and (fact := read(value)) not in (None, "")), None)
-        for name, (read, *places) in table.items()
-    })  # fmt: skip
+    return filled(
+        {
+            name: next(
+                (
+                    fact
+                    for place in places
+                    if (value := find(place)) not in (None, "")
+                    and (fact := read(value)) not in (None, "")
+                ),
+                None,
+            )
+            for name, (read, *places) in table.items()
+        }
+    )
 
 
 def number(text: str | None) -> float | None:
     """Return the finite number that a text is; None for any other text."""
     try:
-        value = float((text or "").translate(_FORTRAN).replace("_", "?"))  # Python allows 1_000
+        value = float(
+            (text or "").translate(_FORTRAN).replace("_", "?")
+        )  # Python allows 1_000
     except ValueError:
         return None
     return value if math.isfinite(value) else None
@@ -225,7 +274,8 @@ def iso_date(*texts: str) -> str:
     for date in filter(None, matches):
         named = date["month"]
         month = int(named) if named.isdigit() else _MONTHS.index(named) + 1
-        year, day = int(date["year"]), int(date["day"])
+        year = int(date["year"])
+        day = int(date["day"])
         year += 0 if year >= 100 else 1900 if year >= 30 else 2000
         if 1 <= month <= 12 and 1 <= day <= 31:
             return f"{year:04d}-{month:02d}-{day:02d}"
@@ -234,7 +284,8 @@ def iso_date(*texts: str) -> str:
 
 def utc_time(text: str) -> UTCDateTime | None:
     """Return the date and time of day in a text with UTC or GMT; None without one."""
-    date, clock = iso_date(text), _CLOCK.search(text.upper())
+    date = iso_date(text)
+    clock = _CLOCK.search(text.upper())
     if not date or clock is None:
         return None
     parts = (float((part or "").rstrip(".") or 0) for part in clock.groups())
@@ -256,14 +307,20 @@ def moment(
 def magnitude(text: str) -> float | None:
     """Return the moment magnitude in a text, or else another kind of magnitude, or None."""
     values = (search(kind, text.upper()) for kind in _MAGNITUDES)
-    return next((float(value) for value in values if value and 0.0 < float(value) < 10.0), None)
+    return next(
+        (float(value) for value in values if value and 0.0 < float(value) < 10.0), None
+    )
 
 
 def direction(text: str) -> dict[str, Any]:
     """Return code, azimuth and whether it is vertical, of a text such as ``90 DEG`` or ``UP``."""
     word = text.strip().upper()
     if (angle := re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)) and int(angle[1]) <= 360:
-        return {"code": str(int(angle[1])), "azimuth": float(angle[1]), "vertical": False}
+        return {
+            "code": str(int(angle[1])),
+            "azimuth": float(angle[1]),
+            "vertical": False,
+        }
     if bearing := re.match(r"[NS]\s*\d{1,2}\s*[EW]\b", word):
         azimuth = quadrant(re.sub(r"\s", "", bearing[0]))
         return {"code": bearing[0], "azimuth": azimuth, "vertical": False}
@@ -279,23 +336,31 @@ def checked_count(text: str, where: str) -> int:
     """Return the number of samples that a header announces; RecordError if no record has it."""
     word = text.strip()
     if not (word.isdigit() and len(word) < 12 and 2 <= int(word) <= _LONGEST):
-        raise RecordError(f"{where}: {word[:40]!r} samples are announced, not 2 to {_LONGEST}")
+        raise RecordError(
+            f"{where}: {word[:40]!r} samples are announced, not 2 to {_LONGEST}"
+        )
     return int(word)
 
 
 def acceleration_unit(text: str, where: str) -> str:
     """Return a unit of acceleration as archfrag spells it; RecordError if it is none."""
     plain = plain_unit(text)
-    unit_factor(plain if plain in METRES_PER_SECOND_SQUARED else text.strip()[:40], where)
+    unit_factor(
+        plain if plain in METRES_PER_SECOND_SQUARED else text.strip()[:40], where
+    )
     return plain
 
 
-def judge_peak(channel: Channel, stated: str, values: NDArray[np.float64], unit: str) -> None:
+def judge_peak(
+    channel: Channel, stated: str, values: NDArray[np.float64], unit: str
+) -> None:
     """Compare the peak that a header states, rounded to its last digit, with the samples."""
     peak = abs(number(stated) or 0.0)
     if not peak or not values.size:
         return
-    rounding = 10.0 ** int(Decimal(stated.strip().translate(_FORTRAN)).as_tuple().exponent)
+    rounding = 10.0 ** int(
+        Decimal(stated.strip().translate(_FORTRAN)).as_tuple().exponent
+    )
     peaks = [float(np.abs(row).max()) for row in (values, values - values.mean())]
     nearest = min(peaks, key=lambda value: abs(value - peak))
     off = abs(nearest - peak) - rounding
@@ -307,16 +372,24 @@ def judge_peak(channel: Channel, stated: str, values: NDArray[np.float64], unit:
 
 
 def trace_of(
-    samples: NDArray[np.float64], dt: float | None, where: str, facts: dict[str, Any], *,
-    peak: str = "", codes: tuple[str, str, str] = ("", "", ""), start: UTCDateTime | None = None,
-) -> Trace:  # fmt: skip
+    samples: NDArray[np.float64],
+    dt: float | None,
+    where: str,
+    facts: dict[str, Any],
+    *,
+    peak: str = "",
+    codes: tuple[str, str, str] = ("", "", ""),
+    start: UTCDateTime | None = None,
+) -> Trace:
     """Return a trace with network, station and location `codes`, and `facts` in its `Channel`.
 
     RecordError if the time step [s] is not one; a `peak` and a `length` [s] among the facts that
     the header states are judged.
     """
     if not 0.0 < (dt or 0.0) < math.inf:
-        raise RecordError(f"{where}: no time step above 0 s is stated, but {dt or 'none'}")
+        raise RecordError(
+            f"{where}: no time step above 0 s is stated, but {dt or 'none'}"
+        )
     known = {"held": samples.size} | facts
     length = known.pop("length", None)
     channel = Channel(**known)

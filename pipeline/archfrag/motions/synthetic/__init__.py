@@ -44,7 +44,15 @@ _QUIET = 1.0  # [s] of zeros at each end
 _PEAK_PERIOD = 0.88
 _PEAK_GAIN = np.exp(1.131 * np.exp(-3.11 * (np.log(_PEAK_PERIOD) + 0.127) ** 2) + 0.058)
 # Streams of random numbers that one seed may be asked for.
-_STREAMS = ("event", "site", "record", "noise", "vertical_record", "vertical_noise", "pulse")
+_STREAMS = (
+    "event",
+    "site",
+    "record",
+    "noise",
+    "vertical_record",
+    "vertical_noise",
+    "pulse",
+)
 # Magnitude and the distances [km] of the shipped suite: three earthquakes of each magnitude, the
 # first with the first and the fourth distance, and so on; each motion at a site of its own.
 SUITE = {
@@ -55,12 +63,19 @@ SUITE = {
     7.5: (10.0, 15.0, 20.0, 40.0, 60.0, 100.0),
 }
 FIRST_SEED = 20250101  # of the first motion
-FOLDER, COMPONENT = "synthetic", "HN1"
+FOLDER = "synthetic"
+COMPONENT = "HN1"
 TERMS = "made by archfrag; BSD-3-Clause as archfrag itself"
 SPACING = 10**6  # a suite has the seeds from its own seed times this on
-_DRAWN = 2**62  # where seeds of drawn magnitudes and distances lie, apart from those of motions
-_RANGES = (("magnitude", 3.0, 8.0), ("distance [km]", 0.0, 300.0), *[("seed", 0, 2**63 - 1)] * 3,
-           ("vs30 [m/s]", 450.0, 1000.0))  # fmt: skip
+_DRAWN = (
+    2**62
+)  # where seeds of drawn magnitudes and distances lie, apart from those of motions
+_RANGES = (
+    ("magnitude", 3.0, 8.0),
+    ("distance [km]", 0.0, 300.0),
+    *[("seed", 0, 2**63 - 1)] * 3,
+    ("vs30 [m/s]", 450.0, 1000.0),
+)
 
 
 class Recipe(NamedTuple):
@@ -89,8 +104,11 @@ def make_motion(recipe: Recipe) -> Motion:
     event, site = (seed if other is None else other for other in others)
     for (name, low, high), value in zip(_RANGES, (*recipe[:3], event, site, vs30)):
         if not low <= value <= high:
-            raise InputError(f"{name} = {value} is outside {low:g} to {high:g}, the model's range")
-    dt, length = DT, fourier.WINDOW_LENGTH * fourier.ground_motion_duration(magnitude, distance)
+            raise InputError(
+                f"{name} = {value} is outside {low:g} to {high:g}, the model's range"
+            )
+    dt = DT
+    length = fourier.WINDOW_LENGTH * fourier.ground_motion_duration(magnitude, distance)
     active = round((1.25 * length + 2.0 * _MARGIN) / dt) + 1
     size = 1 << int(np.ceil(np.log2(active + 1.5 / (fourier.low_cut(magnitude) * dt))))
     time = np.arange(size, dtype=np.float64) * np.float64(dt) - _MARGIN
@@ -104,21 +122,33 @@ def make_motion(recipe: Recipe) -> Motion:
         spectrum = np.fft.rfft(noise * shape)
         spectrum /= np.sqrt(np.mean(np.abs(spectrum) ** 2))
         spectrum[0] = 0.0
-        spectrum[1:] *= amplitude * np.exp(np.interp(np.log(f), np.log(FREQUENCIES), term))
+        spectrum[1:] *= amplitude * np.exp(
+            np.interp(np.log(f), np.log(FREQUENCIES), term)
+        )
         samples = np.fft.irfft(spectrum, size)[:active] / dt
         return samples * _taper(active, int(_MARGIN / dt))
 
     facts: dict[str, float | str] = {
-        "event": f"synthetic M{magnitude:g} {event}", "Mw": magnitude, "distance_km": distance,
-        "Vs30_mps": vs30, "seed": seed, "event_seed": event, "site_seed": site, "model": MODEL,
-    }  # fmt: skip
+        "event": f"synthetic M{magnitude:g} {event}",
+        "Mw": magnitude,
+        "distance_km": distance,
+        "Vs30_mps": vs30,
+        "seed": seed,
+        "event_seed": event,
+        "site_seed": site,
+        "model": MODEL,
+    }
     terms = _terms(recipe, event, site)
     horizontal = shaken("noise", terms[0])
     if recipe.pulse:
         after_peak = time[:active] - fourier.WINDOW_PEAK * length
         pulse = _generator("pulse", seed)
-        horizontal, facts["pulse_period_s"] = _with_pulse(horizontal, after_peak, magnitude, pulse)
-    vertical = _finished(shaken("vertical_noise", terms[1]), dt) if recipe.vertical else None
+        horizontal, facts["pulse_period_s"] = _with_pulse(
+            horizontal, after_peak, magnitude, pulse
+        )
+    vertical = (
+        _finished(shaken("vertical_noise", terms[1]), dt) if recipe.vertical else None
+    )
     log = f"Made by {MODEL}; seeds {seed}, {event}, {site}."
     name = f"M{magnitude:g}-R{distance:g}-{seed}"
     return Motion(_finished(horizontal, dt), dt, vertical, name, facts, (log,))
@@ -130,7 +160,9 @@ def _generator(stream: str, seed: int) -> np.random.Generator:
 
 def _amplitude(f: Row, magnitude: float, distance: float, vs30: float) -> Row:
     """Return the Fourier amplitude without variation, above zero frequency [m/s]."""
-    amplitude = fourier.fourier_amplitude(f, magnitude, distance) * fourier.site_factor(f, vs30)
+    amplitude = fourier.fourier_amplitude(f, magnitude, distance) * fourier.site_factor(
+        f, vs30
+    )
     amplitude *= fourier.median_adjustment(f, magnitude, distance)
     return amplitude / (1.0 + (fourier.low_cut(magnitude) / f) ** 8)
 
@@ -147,15 +179,22 @@ def _corrections(magnitude: float, distance: float, vs30: float, vertical: bool)
 def _terms(recipe: Recipe, event: int, site: int) -> tuple[Row, Row]:
     """Return additions to ln amplitude of the horizontal and of the vertical, each shape (61,)."""
     scenario = recipe.magnitude, recipe.distance, recipe.vs30
-    ratio = _corrections(*scenario, True) if recipe.vertical else np.zeros(FREQUENCIES.size)
+    ratio = (
+        _corrections(*scenario, True) if recipe.vertical else np.zeros(FREQUENCIES.size)
+    )
     if not recipe.vary:
         return np.zeros(ratio.size), ratio
-    common = _corrections(*scenario, False) + draw_term("event", _generator("event", event))
+    common = _corrections(*scenario, False) + draw_term(
+        "event", _generator("event", event)
+    )
     common += draw_term("site", _generator("site", site))
     record = draw_term("record", _generator("record", recipe.seed))
     other = draw_term("record", _generator("vertical_record", recipe.seed))
     apart = np.sqrt(1.0 - fourier.COMPONENT_CORRELATION**2)
-    return common + record, common + fourier.COMPONENT_CORRELATION * record + apart * other + ratio
+    return (
+        common + record,
+        common + fourier.COMPONENT_CORRELATION * record + apart * other + ratio,
+    )
 
 
 def _finished(samples: Row, dt: float) -> Row:
@@ -164,7 +203,10 @@ def _finished(samples: Row, dt: float) -> Row:
     taper = _taper(samples.size, samples.size // 4)
     position = np.linspace(0.0, 1.0, samples.size)
     shapes = np.stack((taper, taper * position))
-    ends = [(row.sum() * dt, (row * (1.0 - position)).sum() * dt) for row in (*shapes, samples)]
+    ends = [
+        (row.sum() * dt, (row * (1.0 - position)).sum() * dt)
+        for row in (*shapes, samples)
+    ]
     closed = samples - np.linalg.solve(np.array(ends[:2]).T, ends[2]) @ shapes
     quiet = np.zeros(int(_QUIET / dt))
     rounded = np.round(closed / _QUANTUM) * _QUANTUM
@@ -186,35 +228,52 @@ def _with_pulse(
     (1 + cos(2 pi t / (gamma Tp))) cos(2 pi t / Tp + phase) / 2 [2]_, zero beyond
     abs(t) = gamma Tp / 2.
     """
-    period = float(np.exp(-5.73 + 0.99 * magnitude + 0.56 * generator.standard_normal()))
+    period = float(
+        np.exp(-5.73 + 0.99 * magnitude + 0.56 * generator.standard_normal())
+    )
     phase = generator.uniform(0.0, 2.0 * np.pi)
     angle = 2.0 * np.pi * time / period
     envelope = 1.0 + np.cos(angle / CYCLES)
     slope = -np.sin(angle / CYCLES) / CYCLES * np.cos(angle + phase)
     slope -= envelope * np.sin(angle + phase)
     pulse = np.where(np.abs(angle) <= np.pi * CYCLES, np.pi / period * slope, 0.0)
-    dt, at = time[1] - time[0], _PEAK_PERIOD * period
-    without, alone = (spectral_acceleration(Motion(a, dt), at)[0] for a in (samples, pulse))
+    dt = time[1] - time[0]
+    at = _PEAK_PERIOD * period
+    without, alone = (
+        spectral_acceleration(Motion(a, dt), at)[0] for a in (samples, pulse)
+    )
     gain = np.sqrt(_PEAK_GAIN**2 - 1.0)
     return samples + gain * without / alone * pulse, period
 
 
 def plan_motions(
-    events: int, records_per_event: int, magnitude: Sequence[float], distance: Sequence[float],
-    drawn_magnitude: bool = False, drawn_distance: bool = False, seed: int = 1,
-    sites: int | None = None, vs30: float = VS30, vertical: bool = False, pulses: float = 0.0,
-) -> list[Recipe]:  # fmt: skip
+    events: int,
+    records_per_event: int,
+    magnitude: Sequence[float],
+    distance: Sequence[float],
+    drawn_magnitude: bool = False,
+    drawn_distance: bool = False,
+    seed: int = 1,
+    sites: int | None = None,
+    vs30: float = VS30,
+    vertical: bool = False,
+    pulses: float = 0.0,
+) -> list[Recipe]:
     """Return the recipes of a suite by event; InputError if there are more records than seeds.
 
     Events take the magnitudes in turn, or draw them between two ends; records do so with distances
     [km], which are drawn uniformly in logarithm. `seed` is from 0 to 10^9. Record n is at site n
     modulo `sites`, or at one of its own, with `vs30` [m/s]; `pulses` is the chance of a pulse.
     """
-    count, first = events * records_per_event, seed * SPACING
+    count = events * records_per_event
+    first = seed * SPACING
     if count > SPACING:
-        raise InputError(f"{count} motions are more than {SPACING}, the seeds of one suite")
+        raise InputError(
+            f"{count} motions are more than {SPACING}, the seeds of one suite"
+        )
     generator = np.random.Generator(np.random.PCG64(_DRAWN + seed))
-    magnitudes, distances = np.resize(magnitude, events), np.resize(distance, count)
+    magnitudes = np.resize(magnitude, events)
+    distances = np.resize(distance, count)
     if drawn_magnitude:
         magnitudes = generator.uniform(magnitude[0], magnitude[1], events).round(6)
     if drawn_distance:
@@ -222,13 +281,24 @@ def plan_motions(
         distances = np.exp(generator.uniform(ends[0], ends[1], count).round(6)).round(2)
     with_pulse = generator.uniform(size=count) < pulses
     recipes = []
-    for number, (place, pulse) in enumerate(zip(distances.tolist(), with_pulse.tolist())):
+    for number, (place, pulse) in enumerate(
+        zip(distances.tolist(), with_pulse.tolist())
+    ):
         event, record = divmod(number, records_per_event)
         site = number if sites is None else number % sites
-        recipes.append(Recipe(
-            float(magnitudes[event]), place, first + number, first + event, first + site,
-            vs30=vs30, vertical=vertical, pulse=pulse, id=f"e{event + 1}-r{record + 1}",
-        ))  # fmt: skip
+        recipes.append(
+            Recipe(
+                float(magnitudes[event]),
+                place,
+                first + number,
+                first + event,
+                first + site,
+                vs30=vs30,
+                vertical=vertical,
+                pulse=pulse,
+                id=f"e{event + 1}-r{record + 1}",
+            )
+        )
     return recipes
 
 
@@ -237,15 +307,20 @@ def shipped_recipes() -> list[Recipe]:
     recipes: list[Recipe] = []
     for group, (magnitude, distances) in enumerate(SUITE.items()):
         for place, distance in enumerate(distances):
-            seed, event = (FIRST_SEED + n for n in (len(recipes), group * 3 + place % 3))
+            seed, event = (
+                FIRST_SEED + n for n in (len(recipes), group * 3 + place % 3)
+            )
             name = f"syn-m{round(10 * magnitude):02d}-r{round(distance):03d}"
             recipes.append(Recipe(magnitude, distance, seed, event, id=name))
     return recipes
 
 
-def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> list[Path]:
+def make_suite(
+    out_dir: str | Path, recipes: Sequence[Recipe] | None = None
+) -> list[Path]:
     """Write motions (the shipped ones) as ``synthetic/*.mseed`` [m/s2]; return the files."""
-    folder, rows = Path(out_dir), []
+    folder = Path(out_dir)
+    rows = []
     make_folder(folder / FOLDER)
     recipes = shipped_recipes() if recipes is None else recipes
     made = (folder / FOLDER / f"{recipe.id}.mseed" for recipe in recipes)
@@ -253,18 +328,36 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
     pulses = any(recipe.pulse for recipe in recipes)
     for number, recipe in enumerate(recipes, start=1):
         motion = make_motion(recipe)
-        path, stream = folder / FOLDER / f"{recipe.id}.mseed", Stream()
-        header = {"network": "XX", "station": f"S{number % 10000:04d}", "delta": motion.dt,
-                  "starttime": UTCDateTime(2000, 1, 1)}  # fmt: skip
+        path = folder / FOLDER / f"{recipe.id}.mseed"
+        stream = Stream()
+        header = {
+            "network": "XX",
+            "station": f"S{number % 10000:04d}",
+            "delta": motion.dt,
+            "starttime": UTCDateTime(2000, 1, 1),
+        }
         for channel, samples in zip((COMPONENT, "HNZ"), motion.components.values()):
             if samples is not None:
-                stream.append(Trace(samples.astype(np.float32), {**header, "channel": channel}))
+                stream.append(
+                    Trace(samples.astype(np.float32), {**header, "channel": channel})
+                )
         with replacing(path, lasting=False) as part:
-            stream.write(str(part), "MSEED", encoding="FLOAT32", reclen=4096, byteorder=">")
+            stream.write(
+                str(part), "MSEED", encoding="FLOAT32", reclen=4096, byteorder=">"
+            )
         facts = {key: value for key, value in motion.metadata.items() if key in COLUMNS}
-        rows.append(facts | {
-            "id": recipe.id, "file": f"{FOLDER}/{path.name}", "sha256": sha256_of(path),
-            "component": COMPONENT, "dt_s": motion.dt, "unit": "m/s2", "terms": TERMS,
-        } | ({"pulse": recipe.pulse} if pulses else {}))  # fmt: skip
+        rows.append(
+            facts
+            | {
+                "id": recipe.id,
+                "file": f"{FOLDER}/{path.name}",
+                "sha256": sha256_of(path),
+                "component": COMPONENT,
+                "dt_s": motion.dt,
+                "unit": "m/s2",
+                "terms": TERMS,
+            }
+            | ({"pulse": recipe.pulse} if pulses else {})
+        )
     write_index(folder, rows)
     return [folder / row["file"] for row in rows]

@@ -39,7 +39,9 @@ Row = NDArray[np.float64]
 SHEAR_VELOCITY = 3.5  # [km/s]
 # Boore (2003), after Saragoni and Hart (1974): where the window peaks and what is left of it at
 # the end of its nominal length, which is twice the duration of ground motion.
-WINDOW_PEAK, _WINDOW_END, WINDOW_LENGTH = 0.2, 0.05, 2.0
+WINDOW_PEAK = 0.2
+_WINDOW_END = 0.05
+WINDOW_LENGTH = 2.0
 VS30 = 760.0  # [m/s]
 
 
@@ -61,8 +63,12 @@ TERMS = {"event": "tau", "site": "phi_s2s", "record": "phi_ss"}
 COMPONENT_CORRELATION = 0.7
 RATIO = read_table("gulerce_abrahamson.csv")  # coefficients by period
 _AMPLIFICATION = tuple(read_table("amplification.csv").values())
-_ADJUSTMENT = read_table("adjustment.csv")  # ln factor by magnitude, distance and frequency
-_MAGNITUDES, _DISTANCES = (np.unique(_ADJUSTMENT.pop(key)) for key in ("magnitude", "distance_km"))
+_ADJUSTMENT = read_table(
+    "adjustment.csv"
+)  # ln factor by magnitude, distance and frequency
+_MAGNITUDES, _DISTANCES = (
+    np.unique(_ADJUSTMENT.pop(key)) for key in ("magnitude", "distance_km")
+)
 
 
 def corner_frequency(magnitude: float) -> float:
@@ -79,7 +85,11 @@ def low_cut(magnitude: float) -> float:
 
 def point_source_distance(magnitude: float, distance: float) -> float:
     """Return rupture distance plus the near-source saturation length of [2]_ [km]."""
-    a, b, c, d, e = -0.8712, 0.4451, 1.1513, 5.0948, 7.2725
+    a = -0.8712
+    b = 0.4451
+    c = 1.1513
+    d = 5.0948
+    e = 7.2725
     bend = np.log1p(np.exp(-d * (magnitude - e)))
     return float(distance + np.exp(a + b * magnitude + (b - c) / d * bend))
 
@@ -97,12 +107,17 @@ def fourier_amplitude(frequency: ArrayLike, magnitude: float, distance: float) -
     """Return the amplitude of a horizontal [m/s], in the form of [1]_, values of [2]_ and [4]_."""
     f = np.asarray(frequency, dtype=np.float64)
     # 1e-20 with these units gives cm s; 1e-2 more gives m s.
-    radiation, surface, partition, density = 0.55, 2.0, 1.0 / np.sqrt(2.0), 2.75  # [g/cm3]
+    radiation = 0.55  # [g/cm3]
+    surface = 2.0
+    partition = 1.0 / np.sqrt(2.0)
+    density = 2.75
     constant = radiation * surface * partition * 1e-22
     constant /= 4.0 * np.pi * density * SHEAR_VELOCITY**3
     moment = 10.0 ** (1.5 * (magnitude + 10.7))
     source = constant * moment / (1.0 + (f / corner_frequency(magnitude)) ** 2)
-    near, far, transition = 1.1611, 0.5, 50.0  # rates, distance [km]
+    near = 1.1611  # rates, distance [km]
+    far = 0.5
+    transition = 50.0
     bend = (distance**2 + transition**2) / (1.0 + transition**2)
     reach = point_source_distance(magnitude, distance)
     decay = reach**-near * bend ** (0.5 * (near - far))
@@ -117,7 +132,11 @@ def fourier_amplitude(frequency: ArrayLike, magnitude: float, distance: float) -
 
 def window(time: ArrayLike, length: float) -> Row:
     """Return Saragoni and Hart's window of [1]_, (a t / length)^b exp(-c t / length), peak 1."""
-    b = -WINDOW_PEAK * np.log(_WINDOW_END) / (1.0 + WINDOW_PEAK * (np.log(WINDOW_PEAK) - 1.0))
+    b = (
+        -WINDOW_PEAK
+        * np.log(_WINDOW_END)
+        / (1.0 + WINDOW_PEAK * (np.log(WINDOW_PEAK) - 1.0))
+    )
     c = b / WINDOW_PEAK
     part = np.maximum(np.asarray(time, dtype=np.float64) / length, 0.0)
     return (np.e / WINDOW_PEAK * part) ** b * np.exp(-c * part)
@@ -126,7 +145,9 @@ def window(time: ArrayLike, length: float) -> Row:
 def site_factor(frequency: ArrayLike, vs30: float) -> Row:
     """Return the amplitude over that at 760 m/s: the linear site term of [5]_."""
     f = np.asarray(frequency, dtype=np.float64)
-    return np.exp(np.interp(f, FREQUENCIES, COEFFICIENTS["c8"]) * np.log(min(vs30, 1000.0) / VS30))
+    return np.exp(
+        np.interp(f, FREQUENCIES, COEFFICIENTS["c8"]) * np.log(min(vs30, 1000.0) / VS30)
+    )
 
 
 def median_adjustment(frequency: ArrayLike, magnitude: float, distance: float) -> Row:
@@ -136,7 +157,9 @@ def median_adjustment(frequency: ArrayLike, magnitude: float, distance: float) -
     at_magnitude = _along(_MAGNITUDES, values, magnitude)
     row = _along(np.log(_DISTANCES), at_magnitude, np.log(max(distance, _DISTANCES[0])))
     with np.errstate(divide="ignore"):
-        return np.exp(np.interp(np.log(frequency), np.log(list(map(float, _ADJUSTMENT))), row))
+        return np.exp(
+            np.interp(np.log(frequency), np.log(list(map(float, _ADJUSTMENT))), row)
+        )
 
 
 def _along(axis: NDArray, values: NDArray, place: float) -> NDArray:
@@ -162,15 +185,21 @@ _ROOT = np.linalg.cholesky(correlation(FREQUENCIES))
 
 # Squared factors of many drawn variations at ``GRID``, shape (150, 300).
 _TOTAL = np.sqrt(sum(COEFFICIENTS[name] ** 2 for name in TERMS.values()))
-_DRAWN = np.random.Generator(np.random.PCG64(0)).standard_normal((FREQUENCIES.size, 150))
-_ROWS = [np.interp(np.log(GRID), np.log(FREQUENCIES), row)
-         for row in (_ROOT @ _DRAWN * _TOTAL[:, None]).T]  # fmt: skip
+_DRAWN = np.random.Generator(np.random.PCG64(0)).standard_normal(
+    (FREQUENCIES.size, 150)
+)
+_ROWS = [
+    np.interp(np.log(GRID), np.log(FREQUENCIES), row)
+    for row in (_ROOT @ _DRAWN * _TOTAL[:, None]).T
+]
 _POWERS = np.exp(2.0 * np.concatenate((_ROWS, np.negative(_ROWS))).T)
 
 
 def draw_term(kind: str, generator: np.random.Generator) -> Row:
     """Draw a term of ln amplitude (``event``, ``site`` or ``record``) at ``FREQUENCIES``."""
-    return COEFFICIENTS[TERMS[kind]] * (_ROOT @ generator.standard_normal(FREQUENCIES.size))
+    return COEFFICIENTS[TERMS[kind]] * (
+        _ROOT @ generator.standard_normal(FREQUENCIES.size)
+    )
 
 
 def _power_fractions(amplitude: Row, period: Row) -> Row:
@@ -198,10 +227,15 @@ def median_correction(amplitude: Row) -> Row:
     return correction
 
 
-def vertical_ratio(magnitude: float, distance: float, vs30: float, rock_pga: float) -> Row:
+def vertical_ratio(
+    magnitude: float, distance: float, vs30: float, rock_pga: float
+) -> Row:
     """Return median V/H of Sa (5 %) by [10]_ at the periods of ``RATIO``, (22,); rock_pga in g."""
-    t, period = RATIO, RATIO["period_s"]
-    c, n, over = 1.88, 1.18, magnitude - 6.75
+    t = RATIO
+    period = RATIO["period_s"]
+    c = 1.88
+    n = 1.18
+    over = magnitude - 6.75
     scaling = t["a1"] + t["a8"] * (8.5 - magnitude) ** 2
     scaling += (t["a2"] + 0.0147 * over) * np.log(np.hypot(distance, 10.0))
     scaling += (0.0334 if over < 0.0 else -0.034) * over
@@ -217,7 +251,9 @@ def vertical_ratio(magnitude: float, distance: float, vs30: float, rock_pga: flo
     return np.exp(scaling + site)
 
 
-def vertical_factor(amplitude: Row, magnitude: float, distance: float, vs30: float) -> Row:
+def vertical_factor(
+    amplitude: Row, magnitude: float, distance: float, vs30: float
+) -> Row:
     """Return ln of the factor on horizontal amplitudes that gives Sa the model's V/H, (61,).
 
     The ratio of spectra is the root of that of mean squares; found by repetition.

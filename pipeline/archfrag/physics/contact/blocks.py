@@ -27,7 +27,9 @@ class Precision(NamedTuple):
 
     compliance: float  # of each row, relative
     slack: float  # what of a law counts as kept, over the scale of velocities or forces
-    left: float  # velocity along constrained directions that is no motion, over its scale
+    left: (
+        float  # velocity along constrained directions that is no motion, over its scale
+    )
 
 
 # For time steps, and for what has to hold to the last digits that rounding leaves.
@@ -38,7 +40,8 @@ EXACT = Precision(1e-10, 1e-11, 1e-11)
 @inlined
 def _set_row(out, j, k, px, py, dx, dy, position):
     """Set one direction at a point of joint j, with its arms on the bodies after and before."""
-    out[j, k, 0], out[j, k, 1] = dx, dy
+    out[j, k, 0] = dx
+    out[j, k, 1] = dy
     out[j, k, 2] = (px - position[j + 1, 0]) * dy - (py - position[j + 1, 1]) * dx
     out[j, k, 3] = (px - position[j, 0]) * dy - (py - position[j, 1]) * dx
 
@@ -46,27 +49,38 @@ def _set_row(out, j, k, px, py, dx, dy, position):
 @inlined
 def _set_rows_of(j, model, position, work):
     """Set the constrained and reaction directions of one joint in its present mode."""
-    contact, slide, point = work.contact, work.slide, work.point
-    at_0, at_1, sticks = contact[j, 0] > 0.5, contact[j, 1] > 0.5, slide[j] == 0.0
-    closed, none = at_0 & at_1, opposite(at_0 | at_1)
+    contact = work.contact
+    slide = work.slide
+    point = work.point
+    at_0 = contact[j, 0] > 0.5
+    at_1 = contact[j, 1] > 0.5
+    sticks = slide[j] == 0.0
+    closed = at_0 & at_1
+    none = opposite(at_0 | at_1)
     nx, ny, px, py = contact_of(j, work)
-    nx, ny = select(none, 0.0, nx), select(none, 0.0, ny)
+    nx = select(none, 0.0, nx)
+    ny = select(none, 0.0, ny)
     # Friction on the cone (Eqs 6, 20); a rough joint's reaction lies in the tangent.
     along = slide[j] * model.ray[j, 1]
     pressing = select(sticks, 1.0, model.ray[j, 0])
-    fx, fy = pressing * nx - along * ny, pressing * ny + along * nx
+    fx = pressing * nx - along * ny
+    fy = pressing * ny + along * nx
     _set_row(work.row, j, 0, px, py, nx, ny, position)
     _set_row(work.column, j, 0, px, py, fx, fy, position)
     # The normal at corner 1 of a closed joint, or the tangent at a corner that sticks.
     tangent = sticks & opposite(closed)
     has = select(closed | tangent, 1.0, 0.0)
-    px, py = select(closed, point[j, 1, 0], px), select(closed, point[j, 1, 1], py)
-    dx, dy = select(tangent, -ny, has * nx), select(tangent, nx, has * ny)
+    px = select(closed, point[j, 1, 0], px)
+    py = select(closed, point[j, 1, 1], py)
+    dx = select(tangent, -ny, has * nx)
+    dy = select(tangent, nx, has * ny)
     _set_row(work.row, j, 1, px, py, dx, dy, position)
-    dx, dy = select(tangent, -ny, has * fx), select(tangent, nx, has * fy)
+    dx = select(tangent, -ny, has * fx)
+    dy = select(tangent, nx, has * fy)
     _set_row(work.column, j, 1, px, py, dx, dy, position)
     has = select(closed & sticks, 1.0, 0.0)
-    px, py = work.pivot[j, 0], work.pivot[j, 1]
+    px = work.pivot[j, 0]
+    py = work.pivot[j, 1]
     _set_row(work.row, j, 2, px, py, -has * ny, has * nx, position)
     _set_row(work.column, j, 2, px, py, -has * ny, has * nx, position)
 
@@ -96,10 +110,16 @@ def solve_block(f, x, y, z):
 def block_of(f, j):
     """Return an eliminated block as nine numbers."""
     return (
-        f[j, 0, 0], f[j, 0, 1], f[j, 0, 2],
-        f[j, 1, 0], f[j, 1, 1], f[j, 1, 2],
-        f[j, 2, 0], f[j, 2, 1], f[j, 2, 2],
-    )  # fmt: skip
+        f[j, 0, 0],
+        f[j, 0, 1],
+        f[j, 0, 2],
+        f[j, 1, 0],
+        f[j, 1, 1],
+        f[j, 1, 2],
+        f[j, 2, 0],
+        f[j, 2, 1],
+        f[j, 2, 2],
+    )
 
 
 @inlined
@@ -116,14 +136,19 @@ def _on(column, j, a, arm):
 @inlined
 def _set_diagonal(model, work, j, compliance):
     """Set the diagonal block of a joint: the effect of its reactions on both its bodies."""
-    row, column, f = work.row, work.column, work.block
+    row = work.row
+    column = work.column
+    f = work.block
     both = model.inverse_mass[j + 1] + model.inverse_mass[j]
-    after, before = model.inverse_inertia[j + 1], model.inverse_inertia[j]
+    after = model.inverse_inertia[j + 1]
+    before = model.inverse_inertia[j]
     for a in range(3):
         moved = _weighted(row, j, a, both, after, 2)
         rotated = before * row[j, a, 3]
         for b in range(3):
-            f[j, a, b] = fused(rotated, column[j, b, 3], dot(moved, _on(column, j, b, 2)))
+            f[j, a, b] = fused(
+                rotated, column[j, b, 3], dot(moved, _on(column, j, b, 2))
+            )
         own = f[j, a, a]
         f[j, a, a] = select(own == 0.0, 1.0, fused(compliance, abs(own), own))
 
@@ -131,8 +156,13 @@ def _set_diagonal(model, work, j, compliance):
 @inlined
 def _eliminate(model, work, j):
     """Eliminate the joint before from the block of joint j."""
-    row, column, f, lower, upper = work.row, work.column, work.block, work.lower, work.upper
-    mass, inertia = -model.inverse_mass[j], -model.inverse_inertia[j]
+    row = work.row
+    column = work.column
+    f = work.block
+    lower = work.lower
+    upper = work.upper
+    mass = -model.inverse_mass[j]
+    inertia = -model.inverse_inertia[j]
     block = block_of(f, j - 1)
     first = _weighted(row, j - 1, 0, mass, inertia, 2)
     second = _weighted(row, j - 1, 1, mass, inertia, 2)
@@ -140,13 +170,17 @@ def _eliminate(model, work, j):
     for b in range(3):
         to = _on(column, j, b, 3)
         x, y, z = solve_block(block, dot(first, to), dot(second, to), dot(third, to))
-        upper[j - 1, 0, b], upper[j - 1, 1, b], upper[j - 1, 2, b] = x, y, z
+        upper[j - 1, 0, b] = x
+        upper[j - 1, 1, b] = y
+        upper[j - 1, 2, b] = z
     for a in range(3):
         moved = _weighted(row, j, a, mass, inertia, 3)
         x = dot(moved, _on(column, j - 1, 0, 2))
         y = dot(moved, _on(column, j - 1, 1, 2))
         z = dot(moved, _on(column, j - 1, 2, 2))
-        lower[j, a, 0], lower[j, a, 1], lower[j, a, 2] = x, y, z
+        lower[j, a, 0] = x
+        lower[j, a, 1] = y
+        lower[j, a, 2] = z
         for b in range(3):
             f[j, a, b] -= dot(
                 (x, y, z), (upper[j - 1, 0, b], upper[j - 1, 1, b], upper[j - 1, 2, b])
@@ -158,13 +192,19 @@ def factorise_block(f, j):
     """Factorise a block into triangles, with reciprocals on the diagonal."""
     a, b, c, d, e, g, h, i, k = block_of(f, j)
     a = 1.0 / a
-    d, h = d * a, h * a
+    d = d * a
+    h = h * a
     e = 1.0 / fused(-d, b, e)
     g = fused(-d, c, g)
     i = fused(-h, b, i) * e
     k = 1.0 / fused(-i, g, fused(-h, c, k))
-    f[j, 0, 0], f[j, 1, 0], f[j, 1, 1], f[j, 1, 2] = a, d, e, g
-    f[j, 2, 0], f[j, 2, 1], f[j, 2, 2] = h, i, k
+    f[j, 0, 0] = a
+    f[j, 1, 0] = d
+    f[j, 1, 1] = e
+    f[j, 1, 2] = g
+    f[j, 2, 0] = h
+    f[j, 2, 1] = i
+    f[j, 2, 2] = k
 
 
 @inlined
@@ -201,12 +241,15 @@ def set_up(model, position, work, compliance, first):
 @inlined
 def _add_reaction(j, of, model, position, work):
     """Add three multipliers of a joint to its reaction and to the bodies' velocities."""
-    column, solved, reaction = work.column, work.solved, work.reaction
+    column = work.column
+    solved = work.solved
+    reaction = work.reaction
     fx = dot(of, (column[j, 0, 0], column[j, 1, 0], column[j, 2, 0]))
     fy = dot(of, (column[j, 0, 1], column[j, 1, 1], column[j, 2, 1]))
     after = dot(of, (column[j, 0, 2], column[j, 1, 2], column[j, 2, 2]))
     before = dot(of, (column[j, 0, 3], column[j, 1, 3], column[j, 2, 3]))
-    px, py = work.pivot[j, 0] - position[j + 1, 0], work.pivot[j, 1] - position[j + 1, 1]
+    px = work.pivot[j, 0] - position[j + 1, 0]
+    py = work.pivot[j, 1] - position[j + 1, 1]
     reaction[j, 0] += fx
     reaction[j, 1] += fy
     reaction[j, 2] += fused(py, fx, fused(-px, fy, after))
@@ -237,18 +280,33 @@ def substitute(model, position, work, where):
     Reads: model (inverse_inertia, inverse_mass), position, work.
     Writes: work (reaction, solved, unknown).
     """
-    f, lower, upper = work.block, work.lower, work.upper
-    residual, out = work.residual, work.unknown
+    f = work.block
+    lower = work.lower
+    upper = work.upper
+    residual = work.residual
+    out = work.unknown
     last = residual.shape[0] - 1
-    x, y, z = solve_block(block_of(f, 0), -residual[0, 0], -residual[0, 1], -residual[0, 2])
-    out[0, 0], out[0, 1], out[0, 2] = x, y, z
+    x, y, z = solve_block(
+        block_of(f, 0), -residual[0, 0], -residual[0, 1], -residual[0, 2]
+    )
+    out[0, 0] = x
+    out[0, 1] = y
+    out[0, 2] = z
     for j in range(1, last + 1):
         known = x, y, z
-        x = -residual[j, 0] - dot((lower[j, 0, 0], lower[j, 0, 1], lower[j, 0, 2]), known)
-        y = -residual[j, 1] - dot((lower[j, 1, 0], lower[j, 1, 1], lower[j, 1, 2]), known)
-        z = -residual[j, 2] - dot((lower[j, 2, 0], lower[j, 2, 1], lower[j, 2, 2]), known)
+        x = -residual[j, 0] - dot(
+            (lower[j, 0, 0], lower[j, 0, 1], lower[j, 0, 2]), known
+        )
+        y = -residual[j, 1] - dot(
+            (lower[j, 1, 0], lower[j, 1, 1], lower[j, 1, 2]), known
+        )
+        z = -residual[j, 2] - dot(
+            (lower[j, 2, 0], lower[j, 2, 1], lower[j, 2, 2]), known
+        )
         x, y, z = solve_block(block_of(f, j), x, y, z)
-        out[j, 0], out[j, 1], out[j, 2] = x, y, z
+        out[j, 0] = x
+        out[j, 1] = y
+        out[j, 2] = z
     for j in range(last, -1, -1):
         if j < last:
             known = x, y, z
@@ -269,26 +327,43 @@ def measure_residual(position, work):
     Writes: work (corner_rate, relative, residual).
     """
     relative_velocity(position, work.solved, work.pivot, work.relative)
-    row, bias, point, residual = work.row, work.bias, work.point, work.residual
+    row = work.row
+    bias = work.bias
+    point = work.point
+    residual = work.residual
     largest = spoiled = 0.0
     for j in range(residual.shape[0]):
-        ux, uy, w = work.relative[j, 0], work.relative[j, 1], work.relative[j, 2]
+        ux = work.relative[j, 0]
+        uy = work.relative[j, 1]
+        w = work.relative[j, 2]
         # The pivot lies halfway between the corners.
-        px, py = point[j, 0, 0] - work.pivot[j, 0], point[j, 0, 1] - work.pivot[j, 1]
-        x0, y0 = fused(-w, py, ux) + bias[j, 0, 0], fused(w, px, uy) + bias[j, 0, 1]
-        x1, y1 = fused(w, py, ux) + bias[j, 1, 0], fused(-w, px, uy) + bias[j, 1, 1]
-        work.corner_rate[j, 0, 0], work.corner_rate[j, 0, 1] = x0, y0
-        work.corner_rate[j, 1, 0], work.corner_rate[j, 1, 1] = x1, y1
-        at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
+        px = point[j, 0, 0] - work.pivot[j, 0]
+        py = point[j, 0, 1] - work.pivot[j, 1]
+        x0 = fused(-w, py, ux) + bias[j, 0, 0]
+        y0 = fused(w, px, uy) + bias[j, 0, 1]
+        x1 = fused(w, py, ux) + bias[j, 1, 0]
+        y1 = fused(-w, px, uy) + bias[j, 1, 1]
+        work.corner_rate[j, 0, 0] = x0
+        work.corner_rate[j, 0, 1] = y0
+        work.corner_rate[j, 1, 0] = x1
+        work.corner_rate[j, 1, 1] = y1
+        at_0 = work.contact[j, 0] > 0.5
+        at_1 = work.contact[j, 1] > 0.5
         first = at_0 | opposite(at_1)
-        vx, vy = select(first, x0, x1), select(first, y0, y1)
+        vx = select(first, x0, x1)
+        vy = select(first, y0, y1)
         a = fused(row[j, 0, 0], vx, row[j, 0, 1] * vy)
-        vx, vy = select(at_1, x1, vx), select(at_1, y1, vy)
+        vx = select(at_1, x1, vx)
+        vy = select(at_1, y1, vy)
         b = fused(row[j, 1, 0], vx, row[j, 1, 1] * vy)
         c = fused(row[j, 2, 0], 0.5 * (x0 + x1), row[j, 2, 1] * (0.5 * (y0 + y1)))
-        residual[j, 0], residual[j, 1], residual[j, 2] = a, b, c
+        residual[j, 0] = a
+        residual[j, 1] = b
+        residual[j, 2] = c
         largest = larger(largest, larger(abs(a), larger(abs(b), abs(c))))
-        spoiled += 0.0 * (a + b + c)  # nan where anything has overflowed; comparisons lose it
+        spoiled += 0.0 * (
+            a + b + c
+        )  # nan where anything has overflowed; comparisons lose it
     return largest + spoiled
 
 

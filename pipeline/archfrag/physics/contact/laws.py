@@ -11,9 +11,11 @@ from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import fused, opposite, select
 from archfrag.physics.numbers import larger
 
-OPEN, CLOSED_STICK = 0, 7
+OPEN = 0
+CLOSED_STICK = 7
 # Faces on whose side a slip is held: of friction along the tangent (Eq 23b), and against it (23a).
-PLUS, MINUS = 0, 1
+PLUS = 0
+MINUS = 1
 
 
 @inlined
@@ -72,8 +74,11 @@ def slip_normal(j, k, backwards, work):
 @inlined
 def contact_of(j, work):
     """Return normal and contact point of a joint in its present mode; nx, ny, px, py."""
-    at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
-    closed, second, backwards = at_0 & at_1, at_1 & opposite(at_0), work.slide[j] < 0.0
+    at_0 = work.contact[j, 0] > 0.5
+    at_1 = work.contact[j, 1] > 0.5
+    closed = at_0 & at_1
+    second = at_1 & opposite(at_0)
+    backwards = work.slide[j] < 0.0
     ax, ay = slip_normal(j, 0, backwards, work)
     bx, by = slip_normal(j, 1, backwards, work)
     nx = select(closed, work.normal[j, 0], select(second, bx, ax))
@@ -89,10 +94,14 @@ def closed_forces(j, work):
 
     The resultant acts at the contact centre: e of Eq 14 is the second over the sum.
     """
-    nx, ny = work.normal[j, 0], work.normal[j, 1]
-    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
-    normal, tangential = fx * nx + fy * ny, fy * nx - fx * ny
-    px, py = work.point[j, 0, 0] - work.pivot[j, 0], work.point[j, 0, 1] - work.pivot[j, 1]
+    nx = work.normal[j, 0]
+    ny = work.normal[j, 1]
+    fx = work.reaction[j, 0]
+    fy = work.reaction[j, 1]
+    normal = fx * nx + fy * ny
+    tangential = fy * nx - fx * ny
+    px = work.point[j, 0, 0] - work.pivot[j, 0]
+    py = work.point[j, 0, 1] - work.pivot[j, 1]
     difference = work.reaction[j, 2] / (px * ny - py * nx)
     return 0.5 * (normal + difference), 0.5 * (normal - difference), normal, tangential
 
@@ -100,9 +109,12 @@ def closed_forces(j, work):
 @inlined
 def cone_rays(j, model, ax, ay, bx, by):
     """Return the edges of Coulomb's cones (Eq 20): along the tangent, and against it."""
-    n, t = model.ray[j, 0], model.ray[j, 1]
-    high_x, high_y = n * ax - t * ay, n * ay + t * ax
-    low_x, low_y = n * bx + t * by, n * by - t * bx
+    n = model.ray[j, 0]
+    t = model.ray[j, 1]
+    high_x = n * ax - t * ay
+    high_y = n * ay + t * ax
+    low_x = n * bx + t * by
+    low_y = n * by - t * bx
     return high_x, high_y, low_x, low_y
 
 
@@ -121,7 +133,9 @@ def functions_if_open(j, work, value, target):
             if sense == 0.0:
                 sense = 1.0 - 2.0 * c
             nx, ny = slip_normal(j, k, sense < 0.0, work)
-            value[2 * k + c] = nx * work.corner_rate[j, k, 0] + ny * work.corner_rate[j, k, 1]
+            value[2 * k + c] = (
+                nx * work.corner_rate[j, k, 0] + ny * work.corner_rate[j, k, 1]
+            )
             target[2 * k + c] = corner_mode(k, sense)
 
 
@@ -133,17 +147,22 @@ def functions_if_closed(j, model, work, value, target):
     Reads: model.friction, work.
     Writes: value, target.
     """
-    nx, ny, slide = work.normal[j, 0], work.normal[j, 1], work.slide[j]
+    nx = work.normal[j, 0]
+    ny = work.normal[j, 1]
+    slide = work.slide[j]
     value[0], value[1], normal, tangential = closed_forces(j, work)
     target[0], target[1] = corner_mode(1, slide), corner_mode(0, slide)
     if slide == 0.0:
         limit = model.friction[j] * normal
-        value[2], target[2] = limit - tangential, CLOSED_STICK + 1
-        value[3], target[3] = limit + tangential, CLOSED_STICK + 2
+        value[2] = limit - tangential
+        target[2] = CLOSED_STICK + 1
+        value[3] = limit + tangential
+        target[3] = CLOSED_STICK + 2
     elif work.known[j] == 0.0:
         ux = work.corner_rate[j, 0, 0] + work.corner_rate[j, 1, 0]
         uy = work.corner_rate[j, 0, 1] + work.corner_rate[j, 1, 1]
-        value[2], target[2] = -0.5 * slide * (nx * uy - ny * ux), CLOSED_STICK
+        value[2] = -0.5 * slide * (nx * uy - ny * ux)
+        target[2] = CLOSED_STICK
 
 
 @kernel
@@ -155,9 +174,12 @@ def functions_if_corner(j, model, work, value, target):
     Writes: value, target.
     """
     k = 0 if work.contact[j, 0] > 0.5 else 1
-    other, slide = 1 - k, work.slide[j]
-    n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
-    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+    other = 1 - k
+    slide = work.slide[j]
+    n = work.side_normal[j, k, PLUS]
+    m = work.side_normal[j, k, MINUS]
+    fx = work.reaction[j, 0]
+    fy = work.reaction[j, 1]
     hx, hy, lx, ly = cone_rays(j, model, n[0], n[1], m[0], m[1])
     if slide == 0.0:
         sense = 1.0 if lx * hy - ly * hx >= 0.0 else -1.0
@@ -165,11 +187,16 @@ def functions_if_corner(j, model, work, value, target):
         value[1], target[1] = -sense * (fx * ly - fy * lx), corner_mode(k, -1)
     else:
         nx, ny = slip_normal(j, k, slide < 0.0, work)
-        value[0], target[0] = (fx * hx + fy * hy if slide > 0.0 else fx * lx + fy * ly), OPEN
+        value[0] = fx * hx + fy * hy if slide > 0.0 else fx * lx + fy * ly
+        target[0] = OPEN
         if work.known[j] == 0.0:
-            ux, uy = work.corner_rate[j, k, 0], work.corner_rate[j, k, 1]
+            ux = work.corner_rate[j, k, 0]
+            uy = work.corner_rate[j, k, 1]
             value[1], target[1] = -slide * (nx * uy - ny * ux), corner_mode(k, 0)
     if work.candidate[j, other] > 0.5:
-        nx, ny = work.normal[j, 0], work.normal[j, 1]
-        value[2] = nx * work.corner_rate[j, other, 0] + ny * work.corner_rate[j, other, 1]
+        nx = work.normal[j, 0]
+        ny = work.normal[j, 1]
+        value[2] = (
+            nx * work.corner_rate[j, other, 0] + ny * work.corner_rate[j, other, 1]
+        )
         target[2] = mode_number(1, 1, slide)

@@ -9,9 +9,20 @@ goes round in circles, and `archfrag.physics.contact.path` changes the modes one
 
 import math
 
-from archfrag.physics.contact.laws import MINUS, PLUS, closed_forces, cone_rays, opening_rate
+from archfrag.physics.contact.laws import (
+    MINUS,
+    PLUS,
+    closed_forces,
+    cone_rays,
+    opening_rate,
+)
 from archfrag.physics.contact.placing import corner_velocity, relative_velocity
-from archfrag.physics.contact.ties import ask_ties, solve_with_ties, start_ties, take_asked
+from archfrag.physics.contact.ties import (
+    ask_ties,
+    solve_with_ties,
+    start_ties,
+    take_asked,
+)
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import count_of, flag, larger
@@ -19,7 +30,8 @@ from archfrag.physics.numbers import count_of, flag, larger
 # Part of the bodies' velocities below which relative ones are not distinguished.
 ROUNDING = 1e-5
 # Rounds after which modes hardly ever are reconciled any more, and one more for so many joints.
-MOST_ITERATIONS, ITERATION_PER_JOINTS = 8, 16
+MOST_ITERATIONS = 8
+ITERATION_PER_JOINTS = 16
 
 
 @inlined
@@ -29,11 +41,15 @@ def mode_if_closed(j, model, work, slide, ux, uy, slack, slack_force):
     A corner that would need a tensile force opens (Eq 5); friction beyond Coulomb's limit makes
     a joint slide, a slip against its friction makes it stick (Eq 6).
     """
-    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    nx = work.normal[j, 0]
+    ny = work.normal[j, 1]
     force_0, force_1, normal, tangential = closed_forces(j, work)
-    keeps_0, keeps_1 = force_0 >= -slack_force, force_1 >= -slack_force
+    keeps_0 = force_0 >= -slack_force
+    keeps_1 = force_1 >= -slack_force
     sticks = slide == 0.0
-    asked = select(sticks, slide, select(slide * (nx * uy - ny * ux) > slack, 0.0, slide))
+    asked = select(
+        sticks, slide, select(slide * (nx * uy - ny * ux) > slack, 0.0, slide)
+    )
     if not math.isinf(model.friction[j]):
         excess = abs(tangential) - model.friction[j] * larger(normal, 0.0)
         sense = select(tangential > 0.0, 1.0, -1.0)
@@ -54,18 +70,22 @@ def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
     ay = select(second, side[j, 1, PLUS, 1], side[j, 0, PLUS, 1])
     bx = select(second, side[j, 1, MINUS, 0], side[j, 0, MINUS, 0])
     by = select(second, side[j, 1, MINUS, 1], side[j, 0, MINUS, 1])
-    n, t = model.ray[j, 0], model.ray[j, 1]
+    n = model.ray[j, 0]
+    t = model.ray[j, 1]
     size = 1.0 / math.sqrt(n * n + t * t)
     high_x, high_y, low_x, low_y = cone_rays(j, model, ax, ay, bx, by)
-    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+    fx = work.reaction[j, 0]
+    fy = work.reaction[j, 1]
     above = (high_x * fy - high_y * fx) * size
     below = (fx * low_y - fy * low_x) * size
     outside = larger(above, below) > slack_force
-    sticks, onwards = slide == 0.0, slide > 0.0
+    sticks = slide == 0.0
+    onwards = slide > 0.0
     tensile = fx * (ax + bx) + fy * (ay + by) <= 0.0
     if_sticks = select(outside, select(above >= below, 1.0, -1.0), 0.0)
     push = select(onwards, fx * high_x + fy * high_y, fx * low_x + fy * low_y) * size
-    nx, ny = select(onwards, ax, bx), select(onwards, ay, by)
+    nx = select(onwards, ax, bx)
+    ny = select(onwards, ay, by)
     against = slide * (nx * uy - ny * ux) > slack
     if_slides = select(against, 0.0, slide)
     lost = (sticks & outside & tensile) | (opposite(sticks) & (push < -slack_force))
@@ -84,14 +104,25 @@ def ask_modes(model, work, slack, slack_force):
     """
     changed = False
     for j in range(work.slide.shape[0]):
-        at_0, at_1, slide = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5, work.slide[j]
-        ux_0, uy_0 = work.corner_rate[j, 0, 0], work.corner_rate[j, 0, 1]
-        ux_1, uy_1 = work.corner_rate[j, 1, 0], work.corner_rate[j, 1, 1]
-        closing_0 = (opening_rate(j, 0, ux_0, uy_0, work) < -slack) & (work.candidate[j, 0] > 0.5)
-        closing_1 = (opening_rate(j, 1, ux_1, uy_1, work) < -slack) & (work.candidate[j, 1] > 0.5)
-        closed, one = at_0 & at_1, at_0 ^ at_1
+        at_0 = work.contact[j, 0] > 0.5
+        at_1 = work.contact[j, 1] > 0.5
+        slide = work.slide[j]
+        ux_0 = work.corner_rate[j, 0, 0]
+        uy_0 = work.corner_rate[j, 0, 1]
+        ux_1 = work.corner_rate[j, 1, 0]
+        uy_1 = work.corner_rate[j, 1, 1]
+        closing_0 = (opening_rate(j, 0, ux_0, uy_0, work) < -slack) & (
+            work.candidate[j, 0] > 0.5
+        )
+        closing_1 = (opening_rate(j, 1, ux_1, uy_1, work) < -slack) & (
+            work.candidate[j, 1] > 0.5
+        )
+        closed = at_0 & at_1
+        one = at_0 ^ at_1
         # A joint without contact asks for the corners that close (Eq 5).
-        asks_0, asks_1, asked = closing_0, closing_1, 0.0
+        asks_0 = closing_0
+        asks_1 = closing_1
+        asked = 0.0
         if some(closed):
             keeps_0, keeps_1, slides = mode_if_closed(
                 j, model, work, slide, ux_0, uy_0, slack, slack_force
@@ -100,8 +131,11 @@ def ask_modes(model, work, slack, slack_force):
             asks_1 = (closed & keeps_1) | (opposite(closed) & asks_1)
             asked = select(closed, slides, asked)
         if some(one):
-            ux, uy = select(at_1, ux_1, ux_0), select(at_1, uy_1, uy_0)
-            lost, slides = mode_if_corner(j, at_1, model, work, slide, ux, uy, slack, slack_force)
+            ux = select(at_1, ux_1, ux_0)
+            uy = select(at_1, uy_1, uy_0)
+            lost, slides = mode_if_corner(
+                j, at_1, model, work, slide, ux, uy, slack, slack_force
+            )
             kept = one & opposite(lost)
             shut = kept & ((at_0 & closing_1) | (at_1 & closing_0))
             if math.isinf(model.friction[j]):
@@ -180,8 +214,11 @@ def start_modes(state, work, where, expects):
             gap = work.normal[j, 0] * (ux + work.bias[j, k, 0])
             gap = gap + work.normal[j, 1] * (uy + work.bias[j, k, 1])
             contact = state.contact[j, k]
-            closes = expects & (contact < 0.5) & (work.candidate[j, k] > 0.5) & (gap < 0.0)
-            contact, slide = select(closes, 1.0, contact), select(closes, 0.0, slide)
+            closes = (
+                expects & (contact < 0.5) & (work.candidate[j, k] > 0.5) & (gap < 0.0)
+            )
+            contact = select(closes, 1.0, contact)
+            slide = select(closes, 0.0, slide)
             work.contact[j, k] = select(where, contact, work.contact[j, k])
         work.slide[j] = select(where, slide, work.slide[j])
     start_ties(state, work, where)
@@ -201,12 +238,17 @@ def solve_contact(model, position, work, live, iterations, ahead, precision):
     Reads: model, position, work, precision.
     Writes: work.
     """
-    scale, n_joint = velocity_scale(position, work), work.slide.shape[0]
+    scale = velocity_scale(position, work)
+    n_joint = work.slide.shape[0]
     limit = float(MOST_ITERATIONS + n_joint // ITERATION_PER_JOINTS)
-    active, reconciled, refused, first = live, False, False, 0
+    active = live
+    reconciled = False
+    refused = False
+    first = 0
     while True:
         left = solve_with_ties(model, position, work, scale, precision, first)
-        slack, slack_force = precision.slack * scale, precision.slack * largest_force(work)
+        slack = precision.slack * scale
+        slack_force = precision.slack * largest_force(work)
         changed = ask_modes(model, work, slack, slack_force)
         changed = changed | ask_ties(model, work, slack_force)
         looks = active & (iterations == 0.0) & (ahead > -1.0)
@@ -223,7 +265,9 @@ def solve_contact(model, position, work, live, iterations, ahead, precision):
             differs = work.asked_slide[j] != work.slide[j]
             for k in range(2):
                 differs = differs | (work.asked_contact[j, k] != work.contact[j, k])
-                work.contact[j, k] = select(active, work.asked_contact[j, k], work.contact[j, k])
+                work.contact[j, k] = select(
+                    active, work.asked_contact[j, k], work.contact[j, k]
+                )
             work.slide[j] = select(active, work.asked_slide[j], work.slide[j])
             if first == n_joint and some(active & differs):
                 first = j

@@ -31,7 +31,9 @@ from archfrag.physics.status import Count
 # Friction without limit is at most this in between; at its end joints stick again.
 PATH_FRICTION = 1e3
 # Modes that a path begins with.
-GIVEN, REACHED, ALL_OPEN = 0, 1, 2
+GIVEN = 0
+REACHED = 1
+ALL_OPEN = 2
 
 
 class Attempt(NamedTuple):
@@ -44,32 +46,46 @@ class Attempt(NamedTuple):
 
 
 ATTEMPTS = (
-    Attempt(1e-10, 1.0, GIVEN, False), Attempt(1e-7, 1.0, REACHED, False),
-    Attempt(1e-6, 10.0, ALL_OPEN, False), Attempt(1e-8, 1.0, ALL_OPEN, False),
-    Attempt(1e-6, 0.1, ALL_OPEN, False), Attempt(1e-10, 10.0, ALL_OPEN, False),
-    Attempt(1e-6, 1.0, ALL_OPEN, True), Attempt(1e-5, 1.0, ALL_OPEN, True),
+    Attempt(1e-10, 1.0, GIVEN, False),
+    Attempt(1e-7, 1.0, REACHED, False),
+    Attempt(1e-6, 10.0, ALL_OPEN, False),
+    Attempt(1e-8, 1.0, ALL_OPEN, False),
+    Attempt(1e-6, 0.1, ALL_OPEN, False),
+    Attempt(1e-10, 10.0, ALL_OPEN, False),
+    Attempt(1e-6, 1.0, ALL_OPEN, True),
+    Attempt(1e-5, 1.0, ALL_OPEN, True),
     Attempt(1e-4, 1.0, ALL_OPEN, True),
-)  # fmt: skip
+)
 # Where a corner is neither compressed nor opening, rounding decides: such a state may break a
 # law by this much, relative, and its residual shows it. Where joints have to be rigid, so many
 # paths may end exactly first.
-DEGENERATE, EXACT_PATHS = 1e-8, 2
-ON, BACK = 1.0, -1.0
+DEGENERATE = 1e-8
+EXACT_PATHS = 2
+ON = 1.0
+BACK = -1.0
 N_FUNCTION = 4
 NONE = -2  # no mode
 
 
 @struct(
-    free=(3,), bias=(2, 2), push=(3,), opening=(2, 2), contact=(2,), at_start=(4,), at_end=(4,),
+    free=(3,),
+    bias=(2, 2),
+    push=(3,),
+    opening=(2, 2),
+    contact=(2,),
+    at_start=(4,),
+    at_end=(4,),
     target=(4,),
-)  # fmt: skip
+)
 class Path(NamedTuple):
     """Workspace of path following, and of the range of rest."""
 
     model: Model  # with friction limited to PATH_FRICTION
     free: np.ndarray  # (n_body + 2, 3) velocities of the problem itself, and its bias
     bias: np.ndarray  # (n_joint, 2, 2)
-    push: np.ndarray  # (n_body + 2, 3) what the start has beside the problem's own velocities
+    push: (
+        np.ndarray
+    )  # (n_body + 2, 3) what the start has beside the problem's own velocities
     opening: np.ndarray  # (n_joint, 2, 2) and bias
     contact: np.ndarray  # (n_joint, 2) modes in which a path has ended
     slide: np.ndarray  # (n_joint,)
@@ -85,7 +101,9 @@ class Break(NamedTuple):
     joint: int  # that changes its mode; -1: none does
     distance: float  # in tau
     mode: int  # into which
-    decides: int  # corner at which the slip decides the sense of friction; -1: it is known
+    decides: (
+        int  # corner at which the slip decides the sense of friction; -1: it is known
+    )
 
 
 NO_BREAK = Break(-1, np.inf, laws.OPEN, -1)
@@ -95,11 +113,14 @@ def new_path(model: Model) -> Path:
     """Return the workspace for the chain of a model."""
     n_joint = model.friction.size
     friction = np.minimum(model.friction, PATH_FRICTION)
-    limited = model._replace(friction=friction, ray=np.stack([np.ones(n_joint), friction], axis=1))
+    limited = model._replace(
+        friction=friction, ray=np.stack([np.ones(n_joint), friction], axis=1)
+    )
     free, push = np.zeros((2, model.mass.size, 3))
     bias, opening = np.zeros((2, n_joint, 2, 2))
     functions = np.zeros((3, n_joint, N_FUNCTION))
-    modes, rest = (np.zeros((n_joint, 2)), np.zeros(n_joint)), new_rest_problem(model)
+    modes = (np.zeros((n_joint, 2)), np.zeros(n_joint))
+    rest = new_rest_problem(model)
     arrays = free, bias, push, opening, *modes, *functions
     return Path(limited, *arrays, rest)  # type: ignore[call-arg]
 
@@ -130,8 +151,10 @@ def piece_functions(position, work, path, tau, value):
     left = blocks.correct(path.model, position, work, np.inf)
     for j in range(work.slide.size):
         for f in range(N_FUNCTION):
-            value[j, f], path.target[j, f] = np.inf, NONE
-        at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
+            value[j, f] = np.inf
+            path.target[j, f] = NONE
+        at_0 = work.contact[j, 0] > 0.5
+        at_1 = work.contact[j, 1] > 0.5
         if at_0 and at_1:
             laws.functions_if_closed(j, path.model, work, value[j], path.target[j])
         elif at_0 or at_1:
@@ -146,12 +169,16 @@ def _corner_normal(work, j, k, closed, slide):
     """Return the direction in which a corner is compressed or opens, or slips across."""
     if closed:
         return work.normal[j, 0], work.normal[j, 1]
-    n, m = work.side_normal[j, k, laws.PLUS], work.side_normal[j, k, laws.MINUS]
+    n = work.side_normal[j, k, laws.PLUS]
+    m = work.side_normal[j, k, laws.MINUS]
     if slide != 0.0:
         return laws.slip_normal(j, k, slide < 0.0, work)
-    x, y = n[0] + m[0], n[1] + m[1]
+    x = n[0] + m[0]
+    y = n[1] + m[1]
     norm = math.sqrt(x * x + y * y)
-    return (x / norm, y / norm) if norm > 1e-3 else (work.normal[j, 0], work.normal[j, 1])
+    return (
+        (x / norm, y / norm) if norm > 1e-3 else (work.normal[j, 0], work.normal[j, 1])
+    )
 
 
 @kernel
@@ -165,24 +192,31 @@ def set_start(position, work, path, scale):
     Reads: position, work, path.
     Writes: work (column, reaction, relative, row, solved, unknown), path (opening, push).
     """
-    model, row, unknown, n_joint = path.model, work.row, work.unknown, work.slide.size
+    model = path.model
+    row = work.row
+    unknown = work.unknown
+    n_joint = work.slide.size
     force = scale * model.mass.sum()
     blocks.set_rows(model, position, work)
     relative_velocity(position, path.free, work.pivot, work.relative)
     for j in range(n_joint):
-        size, slide = 1.0 + j / n_joint, work.slide[j]
+        size = 1.0 + j / n_joint
+        slide = work.slide[j]
         closed = work.contact[j, 0] + work.contact[j, 1] > 1.5
         unknown[j, 0] = unknown[j, 1] = unknown[j, 2] = 0.0
         for k in range(2):
             nx, ny = _corner_normal(work, j, k, closed, slide)
-            vx, vy = scale * size * nx, scale * size * ny
+            vx = scale * size * nx
+            vy = scale * size * ny
             if work.contact[j, k] > 0.5:
                 vx, vy = slide * vy, -slide * vx
                 if closed or slide != 0.0:
                     unknown[j, k if closed else 0] = -force * size
                 else:
                     for a in range(2):
-                        unknown[j, a] = -force * size * (row[j, a, 0] * nx + row[j, a, 1] * ny)
+                        unknown[j, a] = (
+                            -force * size * (row[j, a, 0] * nx + row[j, a, 1] * ny)
+                        )
             ux, uy = corner_velocity(j, k, work.relative, work)
             path.opening[j, k, 0] = vx - ux - path.bias[j, k, 0]
             path.opening[j, k, 1] = vy - uy - path.bias[j, k, 1]
@@ -208,7 +242,9 @@ def direction_after(path, j, mode, left):
         if mode == laws.OPEN:
             # An open joint has two functions a corner, by the two senses of friction.
             at_0, at_1 = laws.corners_of(left)
-            back = f == 2 * (at_0 + 2 * at_1 - 1) + (0 if laws.slide_of(left) > 0.0 else 1)
+            back = f == 2 * (at_0 + 2 * at_1 - 1) + (
+                0 if laws.slide_of(left) > 0.0 else 1
+            )
         if back:
             direction = ON if path.at_end[j, f] > path.at_start[j, f] else BACK
     return direction
@@ -218,7 +254,8 @@ def direction_after(path, j, mode, left):
 def _zero(path, j, f, tau, direction):
     """Return the distance in tau (at least 0) to a function's zero, its slope and value."""
     rise = path.at_end[j, f] - path.at_start[j, f]
-    slope, value = rise * direction, path.at_start[j, f] + tau * rise
+    slope = rise * direction
+    value = path.at_start[j, f] + tau * rise
     return (max(-value / slope, 0.0) if slope < 0.0 else np.inf), slope, value
 
 
@@ -229,7 +266,8 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
     Reads: work (known, side_normal), path (at_end, at_start, target).
     Writes: nothing.
     """
-    far, chosen = -np.inf, -1
+    far = -np.inf
+    chosen = -1
     for f in range(2 * k, 2 * k + 2):
         distance, slope, value = _zero(path, j, f, tau, direction)
         if path.target[j, f] == left and slope > 0.0:
@@ -238,10 +276,12 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
             if value > 0.0:
                 return NO_BREAK
         elif distance > far:
-            far, chosen = distance, f
+            far = distance
+            chosen = f
     if chosen < 0:
         return NO_BREAK
-    n, m = work.side_normal[j, k, laws.PLUS], work.side_normal[j, k, laws.MINUS]
+    n = work.side_normal[j, k, laws.PLUS]
+    m = work.side_normal[j, k, laws.MINUS]
     alike = work.known[j] == 0.0 and abs(n[0] - m[0]) + abs(n[1] - m[1]) < 1e-12
     return Break(j, far, int(path.target[j, chosen]), k if alike else -1)
 
@@ -282,15 +322,21 @@ def follow_path(position, work, path, scale, compliance):
     Writes: work, path (at_end, at_start, opening, push, target).
     """
     set_start(position, work, path, scale)
-    tau, direction, crossed = 0.0, ON, (-1, -1)
-    first, breaks, limit = 0, 0, 100 + 20 * work.slide.size
+    tau = 0.0
+    direction = ON
+    crossed = (-1, -1)
+    first = 0
+    breaks = 0
+    limit = 100 + 20 * work.slide.size
     while breaks < limit:
         blocks.set_up(path.model, position, work, compliance, first)
         left = piece_functions(position, work, path, 0.0, path.at_start)
         left += piece_functions(position, work, path, 1.0, path.at_end)
         j = crossed[0]
         if j >= 0:
-            mode = laws.mode_number(work.contact[j, 0], work.contact[j, 1], work.slide[j])
+            mode = laws.mode_number(
+                work.contact[j, 0], work.contact[j, 1], work.slide[j]
+            )
             direction = direction_after(path, j, mode, crossed[1])
         if direction == 0.0 or not math.isfinite(left):
             break
@@ -299,15 +345,23 @@ def follow_path(position, work, path, scale, compliance):
         if 0.0 < ahead <= found.distance or found.joint < 0:
             break
         tau += direction * found.distance
-        j, mode, k = found.joint, found.mode, found.decides
+        j = found.joint
+        mode = found.mode
+        k = found.decides
         if k >= 0:
             piece_functions(position, work, path, tau, path.at_start)
             n = work.side_normal[j, k, laws.PLUS]
-            slipping = n[0] * work.corner_rate[j, k, 1] - n[1] * work.corner_rate[j, k, 0]
+            slipping = (
+                n[0] * work.corner_rate[j, k, 1] - n[1] * work.corner_rate[j, k, 0]
+            )
             mode = laws.corner_mode(k, -1.0 if slipping > 0.0 else 1.0)
-        crossed = j, laws.mode_number(work.contact[j, 0], work.contact[j, 1], work.slide[j])
+        crossed = (
+            j,
+            laws.mode_number(work.contact[j, 0], work.contact[j, 1], work.slide[j]),
+        )
         laws.set_mode(work, j, mode)
-        first, breaks = j, breaks + 1
+        first = j
+        breaks = breaks + 1
     _set_problem(work, path, 0.0)
     return breaks
 
@@ -316,7 +370,8 @@ def follow_path(position, work, path, scale, compliance):
 def copy_modes(of, to):
     """Copy the modes in ``contact`` and ``slide``."""
     for j in range(to.slide.size):
-        to.contact[j, 0], to.contact[j, 1] = of.contact[j, 0], of.contact[j, 1]
+        to.contact[j, 0] = of.contact[j, 0]
+        to.contact[j, 1] = of.contact[j, 1]
         to.slide[j] = of.slide[j]
 
 
@@ -328,7 +383,10 @@ def _stick_rough(model, work):
     Writes: work.slide.
     """
     for j in range(work.slide.size):
-        if math.isinf(model.friction[j]) and work.contact[j, 0] + work.contact[j, 1] > 1.5:
+        if (
+            math.isinf(model.friction[j])
+            and work.contact[j, 0] + work.contact[j, 1] > 1.5
+        ):
             work.slide[j] = 0.0
 
 
@@ -353,8 +411,10 @@ def solve_by_path(model, position, work, path, exact):
     push_by_ties(model, work, work.free, -1.0)
     for j in range(work.slide.size):
         for k in range(2):
-            path.bias[j, k, 0], path.bias[j, k, 1] = work.bias[j, k, 0], work.bias[j, k, 1]
-    iterations, breaks = 0.0, 0
+            path.bias[j, k, 0] = work.bias[j, k, 0]
+            path.bias[j, k, 1] = work.bias[j, k, 1]
+    iterations = 0.0
+    breaks = 0
     if not math.isfinite(scale):
         return False, False, iterations, breaks
     for number in range(len(ATTEMPTS)):
@@ -366,17 +426,23 @@ def solve_by_path(model, position, work, path, exact):
         elif attempt.start == ALL_OPEN:
             for j in range(work.slide.size):
                 laws.set_mode(work, j, laws.OPEN)
-        breaks += follow_path(position, work, path, attempt.size * scale, attempt.compliance)
+        breaks += follow_path(
+            position, work, path, attempt.size * scale, attempt.compliance
+        )
         push_by_ties(path.model, work, work.free, -1.0)
         _stick_rough(model, work)
         copy_modes(work, path)
-        for loose in range(1 if attempt.soft or (exact and number < EXACT_PATHS) else 2):
+        for loose in range(
+            1 if attempt.soft or (exact and number < EXACT_PATHS) else 2
+        ):
             copy_modes(path, work)
             slack = DEGENERATE if loose or attempt.soft else blocks.EXACT.slack
             precision = Precision(blocks.EXACT.compliance, slack, slack)
             if attempt.soft:
                 precision = Precision(attempt.compliance, slack, np.inf)
-            solved, _, _, more = solve_contact(model, position, work, True, 0.0, -1.0, precision)
+            solved, _, _, more = solve_contact(
+                model, position, work, True, 0.0, -1.0, precision
+            )
             iterations += more
             if solved:
                 return True, attempt.soft, iterations, breaks
@@ -397,7 +463,9 @@ def solve_with_fallback(model, state, work, path):
     start_ties(state, work, True)
     for j in range(work.slide.size):
         work.known[j] = 0.0
-    solved, compliant, iterations, breaks = solve_by_path(model, work.position, work, path, False)
+    solved, compliant, iterations, breaks = solve_by_path(
+        model, work.position, work, path, False
+    )
     count[Count.ITERATIONS] += iterations + breaks
     count[Count.PATHS] += breaks > 0
     count[Count.COMPLIANT] += compliant

@@ -13,7 +13,8 @@ from archfrag.physics.numbers import larger, sine_cosine, smaller
 
 # Slip over joint length below which two vertices count as one point.
 COINCIDENT = 1e-9
-BEFORE, AFTER = 0, 1
+BEFORE = 0
+AFTER = 1
 
 
 @inlined
@@ -41,12 +42,15 @@ def move_faces(model, position, rotated, face, tangent):
     for j in range(face.shape[0]):
         for side in range(2):
             i = j + side
-            c, s = rotated[i, 0], rotated[i, 1]
+            c = rotated[i, 0]
+            s = rotated[i, 1]
             for k in range(2):
-                x, y = model.corner[j, side, k, 0], model.corner[j, side, k, 1]
+                x = model.corner[j, side, k, 0]
+                y = model.corner[j, side, k, 1]
                 face[j, side, k, 0] = position[i, 0] + (c * x - s * y)
                 face[j, side, k, 1] = position[i, 1] + (s * x + c * y)
-            x, y = model.tangent[j, side, 0], model.tangent[j, side, 1]
+            x = model.tangent[j, side, 0]
+            y = model.tangent[j, side, 1]
             tangent[j, side, 0] = c * x - s * y
             tangent[j, side, 1] = s * x + c * y
 
@@ -58,11 +62,15 @@ def place_contacts(model, slip, face, tangent, work):
     Reads: model.length, slip, face, tangent, work (point, side_normal).
     Writes: work (normal, pivot, point, side_normal).
     """
-    point, side_normal = work.point, work.side_normal
+    point = work.point
+    side_normal = work.side_normal
     for j in range(slip.shape[0]):
-        ax, ay = tangent[j, BEFORE, 0], tangent[j, BEFORE, 1]
-        bx, by = tangent[j, AFTER, 0], tangent[j, AFTER, 1]
-        mx, my = ax + bx, ay + by
+        ax = tangent[j, BEFORE, 0]
+        ay = tangent[j, BEFORE, 1]
+        bx = tangent[j, AFTER, 0]
+        by = tangent[j, AFTER, 1]
+        mx = ax + bx
+        my = ay + by
         norm = math.sqrt(mx * mx + my * my)
         folded = norm < 1e-6
         size = 1.0 / select(folded, 1.0, norm)
@@ -72,13 +80,16 @@ def place_contacts(model, slip, face, tangent, work):
         for k in range(2):
             later = later_vertex_meets(k, slip[j])
             for c in range(2):
-                first, second = face[j, BEFORE, k, c], face[j, AFTER, k, c]
+                first = face[j, BEFORE, k, c]
+                second = face[j, AFTER, k, c]
                 vertex = select(later, second, first)
                 point[j, k, c] = select(meet, 0.5 * (first + second), vertex)
             if k == 0:
-                plus_a, minus_a = later & opposite(meet), later | meet
+                plus_a = later & opposite(meet)
+                minus_a = later | meet
             else:
-                plus_a, minus_a = later | meet, later & opposite(meet)
+                plus_a = later | meet
+                minus_a = later & opposite(meet)
             side_normal[j, k, PLUS, 0] = select(plus_a, ay, by)
             side_normal[j, k, PLUS, 1] = -select(plus_a, ax, bx)
             side_normal[j, k, MINUS, 0] = select(minus_a, ay, by)
@@ -113,8 +124,10 @@ def clearance(j, k, face, tangent):
     """Return the gap at a corner, by whichever of Eqs 23a and 23b applies [m]."""
     dx = face[j, AFTER, k, 0] - face[j, BEFORE, k, 0]
     dy = face[j, AFTER, k, 1] - face[j, BEFORE, k, 1]
-    ax, ay = tangent[j, BEFORE, 0], tangent[j, BEFORE, 1]
-    bx, by = tangent[j, AFTER, 0], tangent[j, AFTER, 1]
+    ax = tangent[j, BEFORE, 0]
+    ay = tangent[j, BEFORE, 1]
+    bx = tangent[j, AFTER, 0]
+    by = tangent[j, AFTER, 1]
     slip = ax * dx + ay * dy
     gap_a = ay * dx - ax * dy
     gap_b = by * dx - bx * dy
@@ -128,7 +141,8 @@ def clearance(j, k, face, tangent):
 @inlined
 def slip_and_gap(j, at_0, at_1, face, tangent):
     """Return the slip of a joint, at the nearer corner if none touches, and its gap [m]."""
-    gap_0, gap_1 = clearance(j, 0, face, tangent), clearance(j, 1, face, tangent)
+    gap_0 = clearance(j, 0, face, tangent)
+    gap_1 = clearance(j, 1, face, tangent)
     none = opposite(at_0 | at_1)
     first = (none & (gap_1 >= gap_0)) | at_0
     dx = select(first, _shift(j, 0, 0, face), _shift(j, 1, 0, face))
@@ -154,7 +168,8 @@ def place_chain(model, position, joints, least, slip, work):
     """
     move_faces(model, position, work.rotated, work.face, work.tangent)
     for j in range(slip.shape[0]):
-        at_0, at_1 = joints.contact[j, 0] > 0.5, joints.contact[j, 1] > 0.5
+        at_0 = joints.contact[j, 0] > 0.5
+        at_1 = joints.contact[j, 1] > 0.5
         moves = (joints.slide[j] != 0.0) | opposite(at_0 | at_1)
         slip[j] = joints.slip[j]
         if some(moves):
@@ -175,7 +190,8 @@ def at_point(vx, vy, rotation, px, py):
 @inlined
 def corner_velocity(j, k, relative, work):
     """Return the relative velocity of the two faces at a corner, from that at the pivot."""
-    px, py = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
+    px = work.point[j, k, 0] - work.pivot[j, 0]
+    py = work.point[j, k, 1] - work.pivot[j, 1]
     return at_point(relative[j, 0], relative[j, 1], relative[j, 2], px, py)
 
 
@@ -184,7 +200,8 @@ def corner_rate_at(j, px, py, position, velocity):
     """Return the velocity at a point of the body after joint j relative to the one before it (Eq
     22).
     """
-    w, v = velocity[j + 1, 2], velocity[j, 2]
+    w = velocity[j + 1, 2]
+    v = velocity[j, 2]
     ux = velocity[j + 1, 0] - w * (py - position[j + 1, 1])
     uy = velocity[j + 1, 1] + w * (px - position[j + 1, 0])
     ux = ux - (velocity[j, 0] - v * (py - position[j, 1]))
@@ -201,5 +218,7 @@ def relative_velocity(position, velocity, pivot, out):
     Writes: out.
     """
     for j in range(pivot.shape[0]):
-        out[j, 0], out[j, 1] = corner_rate_at(j, pivot[j, 0], pivot[j, 1], position, velocity)
+        out[j, 0], out[j, 1] = corner_rate_at(
+            j, pivot[j, 0], pivot[j, 1], position, velocity
+        )
         out[j, 2] = velocity[j + 1, 2] - velocity[j, 2]

@@ -21,21 +21,26 @@ from archfrag.physics.kernels.primitives import select
 from archfrag.physics.numbers import larger, sine_cosine
 from archfrag.physics.status import Tie, TieState, TieWork
 
-SLACK, TAUT, YIELDS, BROKEN = 0.0, 1.0, 2.0, 3.0
+SLACK = 0.0
+TAUT = 1.0
+YIELDS = 2.0
+BROKEN = 3.0
 
 
 @inlined
 def _end(model, t, side, x, y, angle):
     """Return where an end of a tie is, of a body at x, y that has rotated."""
     s, c = sine_cosine(angle)
-    a, b = model.tie[t, Tie.X_0 + 2 * side], model.tie[t, Tie.Y_0 + 2 * side]
+    a = model.tie[t, Tie.X_0 + 2 * side]
+    b = model.tie[t, Tie.Y_0 + 2 * side]
     return x + c * a - s * b, y + s * a + c * b
 
 
 @inlined
 def _ends(model, t, position):
     """Return where the ends of a tie are, and the rows of its bodies."""
-    i, k = int(model.tie[t, Tie.BODY_0]), int(model.tie[t, Tie.BODY_1])
+    i = int(model.tie[t, Tie.BODY_0])
+    k = int(model.tie[t, Tie.BODY_1])
     px, py = _end(model, t, 0, position[i, 0], position[i, 1], position[i, 2])
     qx, qy = _end(model, t, 1, position[k, 0], position[k, 1], position[k, 2])
     return i, k, px, py, qx, qy
@@ -61,10 +66,13 @@ def place_tie(model, t, position, tie):
     Writes: tie.
     """
     i, k, px, py, qx, qy = _ends(model, t, position)
-    dx, dy = qx - px, qy - py
+    dx = qx - px
+    dy = qy - py
     length = math.sqrt(dx * dx + dy * dy)
-    ux, uy = dx / length, dy / length
-    tie[t, TieWork.DX], tie[t, TieWork.DY] = ux, uy
+    ux = dx / length
+    uy = dy / length
+    tie[t, TieWork.DX] = ux
+    tie[t, TieWork.DY] = uy
     tie[t, TieWork.ARM_0] = (px - position[i, 0]) * uy - (py - position[i, 1]) * ux
     tie[t, TieWork.ARM_1] = (qx - position[k, 0]) * uy - (qy - position[k, 1]) * ux
     return length - model.tie[t, Tie.LENGTH]
@@ -73,17 +81,24 @@ def place_tie(model, t, position, tie):
 @inlined
 def stretch_rate(model, t, velocity, tie):
     """Return the rate at which a tie grows longer [m/s]."""
-    i, k = int(model.tie[t, Tie.BODY_0]), int(model.tie[t, Tie.BODY_1])
+    i = int(model.tie[t, Tie.BODY_0])
+    k = int(model.tie[t, Tie.BODY_1])
     rate = tie[t, TieWork.DX] * (velocity[k, 0] - velocity[i, 0])
     rate += tie[t, TieWork.DY] * (velocity[k, 1] - velocity[i, 1])
-    return rate + tie[t, TieWork.ARM_1] * velocity[k, 2] - tie[t, TieWork.ARM_0] * velocity[i, 2]
+    return (
+        rate
+        + tie[t, TieWork.ARM_1] * velocity[k, 2]
+        - tie[t, TieWork.ARM_0] * velocity[i, 2]
+    )
 
 
 @inlined
 def _pull(model, t, impulse, tie, velocity):
     """Add to velocities what a tie's impulse gives to its bodies."""
-    i, k = int(model.tie[t, Tie.BODY_0]), int(model.tie[t, Tie.BODY_1])
-    x, y = impulse * tie[t, TieWork.DX], impulse * tie[t, TieWork.DY]
+    i = int(model.tie[t, Tie.BODY_0])
+    k = int(model.tie[t, Tie.BODY_1])
+    x = impulse * tie[t, TieWork.DX]
+    y = impulse * tie[t, TieWork.DY]
     velocity[i, 0] += model.inverse_mass[i] * x
     velocity[i, 1] += model.inverse_mass[i] * y
     velocity[i, 2] += model.inverse_inertia[i] * (impulse * tie[t, TieWork.ARM_0])
@@ -95,16 +110,21 @@ def _pull(model, t, impulse, tie, velocity):
 @inlined
 def tension(model, t, state, elongation):
     """Return the tension of a tie in its present mode [N]."""
-    mode, strength = state.tie[t, TieState.MODE], model.tie[t, Tie.STRENGTH]
+    mode = state.tie[t, TieState.MODE]
+    strength = model.tie[t, Tie.STRENGTH]
     elastic = model.tie[t, Tie.STIFFNESS] * (elongation - state.tie[t, TieState.SET])
-    return select(mode == TAUT, elastic, select(mode == YIELDS, strength, 0.0 * elastic))
+    return select(
+        mode == TAUT, elastic, select(mode == YIELDS, strength, 0.0 * elastic)
+    )
 
 
 @inlined
 def tie_energy(model, t, state, elongation):
     """Return the elastic energy of a tie [J]."""
     stretch = larger(elongation - state.tie[t, TieState.SET], 0.0)
-    held = select(state.tie[t, TieState.MODE] == BROKEN, 0.0, model.tie[t, Tie.STIFFNESS])
+    held = select(
+        state.tie[t, TieState.MODE] == BROKEN, 0.0, model.tie[t, Tie.STIFFNESS]
+    )
     return 0.5 * held * (stretch * stretch)
 
 
@@ -132,9 +152,11 @@ def pull_at_rest(model, state, work, pull):
     """
     for t in range(model.tie.shape[0]):
         force = tension(model, t, state, place_tie(model, t, state.position, work.tie))
-        x, y = force * work.tie[t, TieWork.DX], force * work.tie[t, TieWork.DY]
+        x = force * work.tie[t, TieWork.DX]
+        y = force * work.tie[t, TieWork.DY]
         for side in range(2):
-            i, sense = int(model.tie[t, Tie.BODY_0 + side]), 1.0 - 2.0 * side
+            i = int(model.tie[t, Tie.BODY_0 + side])
+            sense = 1.0 - 2.0 * side
             pull[i, 0] += sense * x
             pull[i, 1] += sense * y
             pull[i, 2] += sense * force * work.tie[t, TieWork.ARM_0 + side]
@@ -164,13 +186,15 @@ def aim_ties(model, state, work, step, ahead):
     Writes: work.tie.
     """
     for t in range(model.tie.shape[0]):
-        tie, stiffness = work.tie, model.tie[t, Tie.STIFFNESS]
+        tie = work.tie
+        stiffness = model.tie[t, Tie.STIFFNESS]
         energy = tie_energy(model, t, state, place_tie(model, t, state.position, tie))
         elongation = place_tie(model, t, work.position, tie)
         rate = stretch_rate(model, t, state.velocity, tie)
         gain = ahead * step * step * stiffness
         stretch = elongation - state.tie[t, TieState.SET]
-        tie[t, TieWork.RATE], tie[t, TieWork.ENERGY] = rate, energy
+        tie[t, TieWork.RATE] = rate
+        tie[t, TieWork.ENERGY] = energy
         tie[t, TieWork.KNOWN] = step * stiffness * stretch - gain * rate
         tie[t, TieWork.GAIN] = gain
         tie[t, TieWork.MOST] = step * model.tie[t, Tie.STRENGTH]
@@ -185,7 +209,13 @@ def release_ties(model, work):
     Writes: work.tie.
     """
     for t in range(model.tie.shape[0]):
-        for column in (TieWork.KNOWN, TieWork.GAIN, TieWork.MOST, TieWork.GUESS, TieWork.MODE):
+        for column in (
+            TieWork.KNOWN,
+            TieWork.GAIN,
+            TieWork.MOST,
+            TieWork.GUESS,
+            TieWork.MODE,
+        ):
             work.tie[t, column] = 0.0
 
 
@@ -215,15 +245,20 @@ def push_by_ties(model, work, velocity, sense):
 @inlined
 def _answer(model, position, work, t, where):
     """Find how bodies and joints answer a unit impulse of a tie, in the present modes."""
-    row, solved, n_row = work.row, work.solved, position.shape[0]
+    row = work.row
+    solved = work.solved
+    n_row = position.shape[0]
     for i in range(n_row):
         solved[i, 0] = solved[i, 1] = solved[i, 2] = 0.0 * work.free[i, 0]
     for j in range(work.slide.shape[0]):
-        work.reaction[j, 0] = work.reaction[j, 1] = work.reaction[j, 2] = 0.0 * solved[0, 0]
+        work.reaction[j, 0] = work.reaction[j, 1] = work.reaction[j, 2] = (
+            0.0 * solved[0, 0]
+        )
     _pull(model, t, 1.0, work.tie, solved)
     for _ in range(2):  # what the compliance of the rows leaves is corrected once
         for j in range(work.slide.shape[0]):
-            ux, uy = solved[j + 1, 0] - solved[j, 0], solved[j + 1, 1] - solved[j, 1]
+            ux = solved[j + 1, 0] - solved[j, 0]
+            uy = solved[j + 1, 1] - solved[j, 1]
             for a in range(3):
                 rate = row[j, a, 0] * ux + row[j, a, 1] * uy
                 rate += row[j, a, 2] * solved[j + 1, 2] - row[j, a, 3] * solved[j, 2]
@@ -245,9 +280,12 @@ def _keep(work, place, n_row):
 @inlined
 def _solve_impulses(model, work):
     """Solve the equations of all ties by elimination; their matrix is near a unit matrix."""
-    n, system, tie = model.tie.shape[0], work.tie_system, work.tie
+    n = model.tie.shape[0]
+    system = work.tie_system
+    tie = work.tie
     for t in range(n):
-        taut, gain = tie[t, TieWork.MODE] == TAUT, tie[t, TieWork.GAIN]
+        taut = tie[t, TieWork.MODE] == TAUT
+        gain = tie[t, TieWork.GAIN]
         held = select(tie[t, TieWork.MODE] == YIELDS, tie[t, TieWork.MOST], 0.0)
         for s in range(n):
             rate = stretch_rate(model, t, work.tie_answer[s], tie)
@@ -273,7 +311,8 @@ def solve_with_ties(model, position, work, scale, precision, first):
     Writes: work.
     """
     left = blocks.solve_modes(model, position, work, scale, precision, first)
-    n, n_row = model.tie.shape[0], position.shape[0]
+    n = model.tie.shape[0]
+    n_row = position.shape[0]
     if n == 0:
         return left
     _keep(work, n, n_row)
@@ -284,7 +323,9 @@ def solve_with_ties(model, position, work, scale, precision, first):
         for i in range(n_row):
             work.solved[i, c] = work.tie_answer[n, i, c]
             for t in range(n):
-                work.solved[i, c] += work.tie[t, TieWork.IMPULSE] * work.tie_answer[t, i, c]
+                work.solved[i, c] += (
+                    work.tie[t, TieWork.IMPULSE] * work.tie_answer[t, i, c]
+                )
         for j in range(work.slide.shape[0]):
             work.reaction[j, c] = work.tie_answer[n, n_row + j, c]
             for t in range(n):
@@ -303,7 +344,8 @@ def ask_ties(model, work, slack_force):
     changed = False
     for t in range(model.tie.shape[0]):
         tie = work.tie
-        mode, most = tie[t, TieWork.MODE], tie[t, TieWork.MOST]
+        mode = tie[t, TieWork.MODE]
+        most = tie[t, TieWork.MOST]
         rate = stretch_rate(model, t, work.solved, tie)
         trial = tie[t, TieWork.KNOWN] + tie[t, TieWork.GAIN] * rate
         tie[t, TieWork.TRIAL] = trial
@@ -319,7 +361,8 @@ def ask_ties(model, work, slack_force):
 def take_asked(work, where):
     """Take the modes that ties ask for."""
     for t in range(work.tie.shape[0]):
-        mode, asked = work.tie[t, TieWork.MODE], work.tie[t, TieWork.ASKED]
+        mode = work.tie[t, TieWork.MODE]
+        asked = work.tie[t, TieWork.ASKED]
         work.tie[t, TieWork.MODE] = select(where, asked, mode)
 
 
@@ -332,12 +375,17 @@ def accept_ties(model, state, work, step, where):
     Reads: model.tie, state (position, tie), work (solved, tie).
     Writes: state.tie, work.tie.
     """
-    lost, error = 0.0 * step, 0.0 * step
+    lost = 0.0 * step
+    error = 0.0 * step
     for t in range(model.tie.shape[0]):
-        tie, stiffness = work.tie, model.tie[t, Tie.STIFFNESS]
-        mode, impulse = tie[t, TieWork.MODE], tie[t, TieWork.IMPULSE]
+        tie = work.tie
+        stiffness = model.tie[t, Tie.STIFFNESS]
+        mode = tie[t, TieWork.MODE]
+        impulse = tie[t, TieWork.IMPULSE]
         mean = 0.5 * (tie[t, TieWork.RATE] + stretch_rate(model, t, work.solved, tie))
-        grows = select(mode == YIELDS, tie[t, TieWork.TRIAL] - tie[t, TieWork.MOST], 0.0)
+        grows = select(
+            mode == YIELDS, tie[t, TieWork.TRIAL] - tie[t, TieWork.MOST], 0.0
+        )
         grows = grows / (step * stiffness)
         yielded = select(mode == YIELDS, model.tie[t, Tie.STRENGTH], 0.0) * grows
         set_now = state.tie[t, TieState.SET] + grows
@@ -346,7 +394,9 @@ def accept_ties(model, state, work, step, where):
         elongation = place_tie(model, t, state.position, tie)
         energy = tie_energy(model, t, state, elongation)
         breaks = where & (elongation > model.tie[t, Tie.RUPTURE]) & (mode != BROKEN)
-        state.tie[t, TieState.MODE] = select(breaks, BROKEN, state.tie[t, TieState.MODE])
+        state.tie[t, TieState.MODE] = select(
+            breaks, BROKEN, state.tie[t, TieState.MODE]
+        )
         lost -= yielded + select(breaks, energy, 0.0)
         error += energy + yielded - tie[t, TieWork.ENERGY] - impulse * mean
     return lost, error
@@ -383,7 +433,10 @@ def stretch_yielding(model, state):
         if state.tie[t, TieState.MODE] != YIELDS:
             continue
         strength = model.tie[t, Tie.STRENGTH]
-        longer = tie_stretch(model, t, state.position) - strength / model.tie[t, Tie.STIFFNESS]
+        longer = (
+            tie_stretch(model, t, state.position)
+            - strength / model.tie[t, Tie.STIFFNESS]
+        )
         lost += strength * (longer - state.tie[t, TieState.SET])
         state.tie[t, TieState.SET] = longer
     return lost

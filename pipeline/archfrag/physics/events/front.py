@@ -21,22 +21,34 @@ COARSE = 1e-3
 STEPS_PER_SAMPLE = 4
 
 
-def new_run(model: Model, grounds: Grounds, options: Options, rest: tuple[float, float]) -> Run:
+def new_run(
+    model: Model, grounds: Grounds, options: Options, rest: tuple[float, float]
+) -> Run:
     """Set up a run under one ground motion."""
     scheme = THIRD_ORDER if options.tolerance > COARSE else FIFTH_ORDER
     motion = new_motion(model, scheme, options.tolerance)
     progress = np.zeros(len(Progress))
     progress[Progress.STEP] = FIRST * motion.length / motion.speed
-    progress[Progress.QUIESCENT_UNTIL], progress[Progress.SWITCH] = -np.inf, BY_UNSOLVED
+    progress[Progress.QUIESCENT_UNTIL] = -np.inf
+    progress[Progress.SWITCH] = BY_UNSOLVED
     most = int(options.max_steps) + STEPS_PER_SAMPLE * grounds.horizontal.size
-    options = options._replace(largest_step=0.0, max_steps=most, first_steps=float(most))
+    options = options._replace(
+        largest_step=0.0, max_steps=most, first_steps=float(most)
+    )
     state = new_state(model)
     return Run(
-        model=model, state=state, work=new_work(model),
-        mega=new_mega_voussoirs(model, state.tie), motion=motion, progress=progress,
-        recent=np.full(ACCUMULATION, -np.inf), outward=np.zeros(model.mass.size),
-        grounds=grounds, path=new_path(model), options=shared.ready(options, model, rest),
-    )  # fmt: skip
+        model=model,
+        state=state,
+        work=new_work(model),
+        mega=new_mega_voussoirs(model, state.tie),
+        motion=motion,
+        progress=progress,
+        recent=np.full(ACCUMULATION, -np.inf),
+        outward=np.zeros(model.mass.size),
+        grounds=grounds,
+        path=new_path(model),
+        options=shared.ready(options, model, rest),
+    )
 
 
 def _refused(chain: Chain, options: Options, results: Outcomes) -> Outcomes:
@@ -45,30 +57,47 @@ def _refused(chain: Chain, options: Options, results: Outcomes) -> Outcomes:
 
 
 def run(
-    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
-    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-) -> Outcomes:  # fmt: skip
+    chain: Chain,
+    grounds: Grounds,
+    factor: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Outcomes:
     """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`."""
-    model, results = model_of(chain), shared.new_results(1)
+    model = model_of(chain)
+    results = shared.new_results(1)
     rest = rest_of(model) if from_rest else UNKNOWN
     given = new_run(model, one_of(grounds, 0, factor), options, rest)
-    state, output = given.state, shared.output_to(frames, log, options.frame_interval)
-    state.position[1:-1], state.velocity[1:-1] = position, velocity
+    state = given.state
+    output = shared.output_to(frames, log, options.frame_interval)
+    state.position[1:-1] = position
+    state.velocity[1:-1] = velocity
     at_rest = from_rest and not np.isnan(given.options.rest_plus)
     follow_phases(given, at_rest, output, results, 0)
-    position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
+    position[:] = state.position[1:-1]
+    velocity[:] = state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
     return _refused(chain, options, results)
 
 
 def run_many(
-    chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
+    chain: Chain,
+    grounds: Grounds,
+    motion: np.ndarray,
+    factor: np.ndarray,
+    options: Options,
 ) -> Outcomes:
     """Make runs one after the other; arguments are those of
     `archfrag.physics.steps.run.run_many`.
     """
-    model, results = model_of(chain), shared.new_results(len(motion))
-    rest, output = rest_of(model), shared.no_output(chain.mass.size, chain.friction.size)
+    model = model_of(chain)
+    results = shared.new_results(len(motion))
+    rest = rest_of(model)
+    output = shared.no_output(chain.mass.size, chain.friction.size)
     for row, (number, by) in enumerate(zip(motion, factor)):
         given = new_run(model, one_of(grounds, number, by), options, rest)
         given.state.position[:] = model.start

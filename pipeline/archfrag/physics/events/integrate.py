@@ -37,7 +37,11 @@ from archfrag.physics.status import Count, Energy, Peak
 
 # How a stretch of motion ends: at the time given, with an event, with a collapse, with the work
 # allowed spent, or where the equations of motion have no solution.
-STOPPED, EVENT, COLLAPSES, BOUND, BROKEN = 0, 1, 2, 3, 4
+STOPPED = 0
+EVENT = 1
+COLLAPSES = 2
+BOUND = 3
+BROKEN = 4
 # Largest step, over the time of a fall through a joint's length; first step after an event.
 LONGEST = 0.1
 FIRST = 0.02
@@ -114,22 +118,26 @@ def look_outward(run, mega, position, velocity):
 @inlined
 def record_place(run, mega, position):
     """Record the largest displacement and rotation so far."""
-    rotation, farthest = run.state.peak[Peak.ROTATION], run.progress[Progress.FARTHEST]
+    rotation = run.state.peak[Peak.ROTATION]
+    farthest = run.progress[Progress.FARTHEST]
     for k in range(1, position.shape[0] - 1):
         s, c = sine_cosine(position[k, 2])
         for i in range(mega.first[k], mega.last[k] + 1):
-            x, y = mega.offset[i, 0], mega.offset[i, 1]
+            x = mega.offset[i, 0]
+            y = mega.offset[i, 1]
             dx = position[k, 0] + c * x - s * y - run.model.start[i, 0]
             dy = position[k, 1] + s * x + c * y - run.model.start[i, 1]
             rotation = max(rotation, abs(position[k, 2] - run.model.start[i, 2]))
             farthest = max(farthest, dx * dx + dy * dy)
-    run.state.peak[Peak.ROTATION], run.progress[Progress.FARTHEST] = rotation, farthest
+    run.state.peak[Peak.ROTATION] = rotation
+    run.progress[Progress.FARTHEST] = farthest
 
 
 @inlined
 def _has_collapsed(run, mega, position):
     """Return whether a joint has lost contact for good; records gaps of joints without contact."""
-    collapsed, work = False, mega.work
+    collapsed = False
+    work = mega.work
     for k in range(mega.work.slip.shape[0]):
         per_length = 1.0 / mega.model.length[k]
         if work.contact[k, 0] < 0.5 and work.contact[k, 1] < 0.5:
@@ -162,9 +170,13 @@ def begin_motion(run, mega, segment):
     Returns whether the mechanism can be integrated: its equations of motion have a solution, and
     the state is not too far from its contacts.
     """
-    motion, position, velocity = run.motion, mega.position, mega.velocity
-    ground, end = ground_after(segment, 0.0), position.shape[0] - 1
-    velocity[end, 0], velocity[end, 1] = segment.far_x[1], segment.far_y[1]
+    motion = run.motion
+    position = mega.position
+    velocity = mega.velocity
+    ground = ground_after(segment, 0.0)
+    end = position.shape[0] - 1
+    velocity[end, 0] = segment.far_x[1]
+    velocity[end, 1] = segment.far_y[1]
     pose(mega, position)
     if not project(mega, position, velocity, (0.0, 0.0), REGROUPED * motion.length):
         return False
@@ -184,7 +196,8 @@ def recover_reactions(run, mega, position, velocity, ground):
     Reads: run, mega, position, velocity, ground.
     Writes: run, mega.
     """
-    state, work = run.state, run.work
+    state = run.state
+    work = run.work
     if not solve_first_level(mega, position, velocity, ground, run.motion.acceleration):
         return False
     find_margins(run.motion, mega, position, velocity, ground)
@@ -193,7 +206,8 @@ def recover_reactions(run, mega, position, velocity, ground):
     place_contacts(run.model, state.slip, work.face, work.tangent, work)
     joint_reactions(mega, work)
     for j in range(state.slip.size):
-        work.contact[j, 0], work.contact[j, 1] = state.contact[j, 0], state.contact[j, 1]
+        work.contact[j, 0] = state.contact[j, 0]
+        work.contact[j, 1] = state.contact[j, 1]
         work.slide[j] = state.slide[j]
     return True
 
@@ -205,13 +219,17 @@ def write_step(run, mega, start, step, shown, ground, output):
     Reads: run, mega, ground, output.
     Writes: run, mega, output.
     """
-    clock, now = run.state.clock, run.state.clock[Clock.TIME]
-    position, velocity = mega.next_position, mega.next_velocity
+    clock = run.state.clock
+    now = run.state.clock[Clock.TIME]
+    position = mega.next_position
+    velocity = mega.next_velocity
     while output.due[0] <= shown:
         later = max(min(output.due[0], now) - start, 0.0)
         runge_kutta.dense_state(run.motion.stages, later / step, position, velocity)
         clock[Clock.TIME] = output.due[0]
-        if recover_reactions(run, mega, position, velocity, ground_after(ground, later)):
+        if recover_reactions(
+            run, mega, position, velocity, ground_after(ground, later)
+        ):
             write_frame(run.model, run.state, run.work, output)
         output.due[0] += output.interval
     clock[Clock.TIME] = now
@@ -220,9 +238,14 @@ def write_step(run, mega, start, step, shown, ground, output):
 @inlined
 def _accept(run, mega, part, peaks):
     """Accept the state at the end of a step or of its part; record works and peaks."""
-    stages, energy = run.motion.stages, run.state.energy
-    energy[Energy.GROUND] += runge_kutta.blend(stages.dense_work[runge_kutta.BY_GROUND], part)
-    energy[Energy.FRICTION] += runge_kutta.blend(stages.dense_work[runge_kutta.BY_FRICTION], part)
+    stages = run.motion.stages
+    energy = run.state.energy
+    energy[Energy.GROUND] += runge_kutta.blend(
+        stages.dense_work[runge_kutta.BY_GROUND], part
+    )
+    energy[Energy.FRICTION] += runge_kutta.blend(
+        stages.dense_work[runge_kutta.BY_FRICTION], part
+    )
     for i in range(1, mega.position.shape[0]):
         for c in range(3):
             mega.position[i, c] = mega.next_position[i, c]
@@ -280,7 +303,10 @@ def integrate(run, mega, stop, output):
 
     Returns how it ends; for an event ``run.motion.trigger`` has the law.
     """
-    motion, progress, clock, count = run.motion, run.progress, run.state.clock, run.state.count
+    motion = run.motion
+    progress = run.progress
+    clock = run.state.clock
+    count = run.state.count
     last = motion.scheme.time.shape[0] - 1
     unit = motion.length / motion.speed
     while count[Count.STEPS] < run.options.max_steps:
@@ -293,10 +319,18 @@ def integrate(run, mega, stop, output):
             step = until - time
         allowed = _allowed_errors(mega, motion, progress[Progress.FARTHEST])
         error = runge_kutta.take_step(
-            mega, motion.stages, motion.scheme, step, ground, motion.acceleration, allowed
+            mega,
+            motion.stages,
+            motion.scheme,
+            step,
+            ground,
+            motion.acceleration,
+            allowed,
         )
         count[Count.STEPS] += 1.0
-        part, event, good = 1.0, False, error <= 1.0
+        part = 1.0
+        event = False
+        good = error <= 1.0
         factor = min(5.0, 0.9 * max(error, 1e-9) ** motion.scheme.power)
         if good:
             part, event = check_laws(motion, mega, step, ground)
@@ -306,13 +340,17 @@ def integrate(run, mega, stop, output):
             drift = 0.0 if event or until >= stop else DRIFT
             farthest = min(allowed[0], FARTHEST * motion.length)
             enough = drift * allowed[0], drift * allowed[1]
-            good = project(mega, mega.next_position, mega.next_velocity, enough, farthest)
+            good = project(
+                mega, mega.next_position, mega.next_velocity, enough, farthest
+            )
             count[Count.REFUSED] += 0.0 if good else 1.0
             factor = factor if good else 0.25
         if not good:
             # Its error is too large, or its drift off the contacts.
             count[Count.SHORTENED] += 1.0
-            progress[Progress.STEP] = step * max(0.2, factor) if np.isfinite(error) else 0.1 * step
+            progress[Progress.STEP] = (
+                step * max(0.2, factor) if np.isfinite(error) else 0.1 * step
+            )
             if progress[Progress.STEP] < SHORTEST * unit:
                 return BROKEN
             continue
@@ -324,13 +362,15 @@ def integrate(run, mega, stop, output):
         keep_margins(mega, motion)
         clock[Clock.TIME] = until if cut and not event else time + part * step
         if output.due[0] <= clock[Clock.TIME] and output.frames.time.size > 0:
-            joint, law = motion.trigger[0], motion.trigger[1]
+            joint = motion.trigger[0]
+            law = motion.trigger[1]
             # A frame due at the end is not left out by rounding; where the mechanism is refused
             # it shows the next one.
             near = 1e-9 * output.interval
             shown = clock[Clock.TIME] + (-near if event else near)
             write_step(run, mega, time, step, shown, ground, output)
-            motion.trigger[0], motion.trigger[1] = joint, law
+            motion.trigger[0] = joint
+            motion.trigger[1] = law
         if event:
             return EVENT
         progress[Progress.STEP] = (

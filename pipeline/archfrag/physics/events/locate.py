@@ -59,7 +59,9 @@ class MechanismMotion(NamedTuple):
     acceleration: float  # to a billionth of which equations of motion are solved [m/s2]
     per_weight: float  # [1/N]
     tolerance: float  # relative error of a step
-    value: np.ndarray  # (n_joint + n_tie, N_LAW) margins of all laws, of joints and of ties
+    value: (
+        np.ndarray
+    )  # (n_joint + n_tie, N_LAW) margins of all laws, of joints and of ties
     low: np.ndarray  # (n_joint + n_tie, N_LAW) at the beginning of a step
     # (n_joint, 2, 2) corners of joints between mega-voussoirs: gap [m] and its rate [m/s]; inf
     # where they touch
@@ -70,7 +72,8 @@ class MechanismMotion(NamedTuple):
 
 def new_motion(model: Model, scheme: Scheme, tolerance: float) -> MechanismMotion:
     """Allocate the workspace of a chain's motion, for a relative error of a step."""
-    n_joint, length = model.friction.size, float(model.length.min())
+    n_joint = model.friction.size
+    length = float(model.length.min())
     margins = np.full((2, n_joint + len(model.tie), N_LAW), np.inf)
     gaps = np.full((2, n_joint, 2, 2), np.inf)
     return MechanismMotion(
@@ -109,10 +112,14 @@ def keep_margins(mega, motion):
 @inlined
 def _cone_margins(k, c, model, work, per_weight, value):
     """Set margins of Coulomb's cones at a sticking corner, of force at a sliding one."""
-    n, t, side = model.ray[k, 0], model.ray[k, 1], work.side_normal
+    n = model.ray[k, 0]
+    t = model.ray[k, 1]
+    side = work.side_normal
     size = per_weight / math.sqrt(n * n + t * t)
-    fx, fy = size * work.reaction[k, 0], size * work.reaction[k, 1]
-    n, m = side[k, c, PLUS], side[k, c, MINUS]
+    fx = size * work.reaction[k, 0]
+    fy = size * work.reaction[k, 1]
+    n = side[k, c, PLUS]
+    m = side[k, c, MINUS]
     high_x, high_y, low_x, low_y = cone_rays(k, model, n[0], n[1], m[0], m[1])
     if work.slide[k] == 0.0:
         value[FRICTION_PLUS] = high_y * fx - high_x * fy
@@ -135,10 +142,12 @@ def margins_between(mega, motion, position, velocity):
             motion.gap[k, c, 0] = motion.gap[k, c, 1] = np.inf
             if not at[c]:
                 gap = clearance(k, c, work.face, work.tangent)
-                x, y = work.point[k, c, 0], work.point[k, c, 1]
+                x = work.point[k, c, 0]
+                y = work.point[k, c, 1]
                 ux, uy = corner_rate_at(k, x, y, position, velocity)
                 rate = work.normal[k, 0] * ux + work.normal[k, 1] * uy
-                motion.gap[k, c, 0], motion.gap[k, c, 1] = gap, rate
+                motion.gap[k, c, 0] = gap
+                motion.gap[k, c, 1] = rate
                 late = gap < 0.0 <= rate and gap * per_length > -ROUNDING
                 value[GAP_0 + c] = 0.0 if late else GAP_WEIGHT * gap * per_length
         if at[0] and at[1]:
@@ -160,20 +169,25 @@ def tie_margins(mega, motion):
     Tension and what is left to the strength of a tie that is taut, the force that a slack one
     lacks, the rate at which one yields, and what is left to its rupture.
     """
-    ties, first = mega.model.tie, motion.model.friction.size
+    ties = mega.model.tie
+    first = motion.model.friction.size
     for t in range(ties.shape[0]):
-        value, mode = motion.value[first + t], mega.tie[t, TieState.MODE]
+        value = motion.value[first + t]
+        mode = mega.tie[t, TieState.MODE]
         strength = ties[t, Tie.STRENGTH]
         stiffness = motion.per_weight * ties[t, Tie.STIFFNESS]
         elastic = stiffness * (mega.stretch[t, 0] - mega.tie[t, TieState.SET])
         if mode == TAUT:
-            value[FORCE_0], value[FORCE_1] = elastic, motion.per_weight * strength - elastic
+            value[FORCE_0] = elastic
+            value[FORCE_1] = motion.per_weight * strength - elastic
         elif mode == SLACK:
             value[FORCE_0] = -elastic
         elif mode == YIELDS:
             value[SLIP_END] = SLIP_WEIGHT * mega.stretch[t, 1] / motion.speed
         if mode != BROKEN:
-            value[FRICTION_PLUS] = stiffness * (ties[t, Tie.RUPTURE] - mega.stretch[t, 0])
+            value[FRICTION_PLUS] = stiffness * (
+                ties[t, Tie.RUPTURE] - mega.stretch[t, 0]
+            )
 
 
 @kernel
@@ -190,14 +204,17 @@ def find_margins(motion, mega, position, velocity, ground):
         for law in range(N_LAW):
             value[j, law] = np.inf
     margins_between(mega, motion, position, velocity)
-    solve_second_level(motion.model, mega, position, velocity, ground, motion.per_weight, value)
+    solve_second_level(
+        motion.model, mega, position, velocity, ground, motion.per_weight, value
+    )
     tie_margins(mega, motion)
     least = np.inf
     for j in range(value.shape[0]):
         for law in range(N_LAW):
             if not value[j, law] >= least:
                 least = value[j, law]
-                motion.trigger[0], motion.trigger[1] = j, law
+                motion.trigger[0] = j
+                motion.trigger[1] = law
     return least
 
 
@@ -208,7 +225,8 @@ def margins_at(motion, mega, part, step, ground):
     Reads: motion, mega, ground (far_x, far_y, slope_x, slope_y, x, y).
     Writes: motion (gap, trigger, value), mega.
     """
-    position, velocity = mega.next_position, mega.next_velocity
+    position = mega.next_position
+    velocity = mega.next_velocity
     runge_kutta.dense_state(motion.stages, part, position, velocity)
     now = ground_after(ground, part * step)
     if not solve_first_level(mega, position, velocity, now, motion.acceleration):
@@ -223,7 +241,8 @@ def _gap_at(motion, mega, part, k, c):
     Reads: motion (stages.dense_position, stages.dense_velocity), mega.
     Writes: mega (next_position, next_velocity, work.face, work.rotated, work.tangent).
     """
-    work, position = mega.work, mega.next_position
+    work = mega.work
+    position = mega.next_position
     runge_kutta.dense_state(motion.stages, part, position, mega.next_velocity)
     move_faces(mega.model, position, work.rotated, work.face, work.tangent)
     return clearance(k, c, work.face, work.tangent)
@@ -239,15 +258,24 @@ def closed_inside(motion, mega, step):
     long as its rate changes sign only once. Where these allow it to close, it is looked at on the
     dense output where its rate, taken to be linear, vanishes.
     """
-    found, searched = 1.0, False
+    found = 1.0
+    searched = False
     for k in range(mega.work.slip.shape[0]):
         for c in range(2):
-            first, falls = motion.low_gap[k, c, 0], motion.low_gap[k, c, 1]
-            last, rises = motion.gap[k, c, 0], motion.gap[k, c, 1]
-            if falls < 0.0 < rises and first * rises - last * falls < -falls * rises * step:
-                part, searched = falls / (falls - rises), True
+            first = motion.low_gap[k, c, 0]
+            falls = motion.low_gap[k, c, 1]
+            last = motion.gap[k, c, 0]
+            rises = motion.gap[k, c, 1]
+            if (
+                falls < 0.0 < rises
+                and first * rises - last * falls < -falls * rises * step
+            ):
+                part = falls / (falls - rises)
+                searched = True
                 gap = _gap_at(motion, mega, part, k, c)
-                found = min(found, part if gap < -ROUNDING * mega.model.length[k] else 1.0)
+                found = min(
+                    found, part if gap < -ROUNDING * mega.model.length[k] else 1.0
+                )
     return found, searched
 
 
@@ -264,14 +292,18 @@ def _margin_at(motion, mega, part, step, ground, joint, law):
     k = 0
     while mega.joint[k] != joint:
         k += 1
-    return GAP_WEIGHT * _gap_at(motion, mega, part, k, law - GAP_0) / mega.model.length[k]
+    return (
+        GAP_WEIGHT * _gap_at(motion, mega, part, k, law - GAP_0) / mega.model.length[k]
+    )
 
 
 @inlined
 def _root(motion, mega, step, ground, end, joint, law):
     """Find the part of a step at which one law's margin is used up (Illinois method)."""
-    low, high = 0.0, end
-    low_value, high_value = motion.low[joint, law], motion.value[joint, law]
+    low = 0.0
+    high = end
+    low_value = motion.low[joint, law]
+    high_value = motion.value[joint, law]
     if low_value <= THRESHOLD and law in (GAP_0, GAP_1):
         # A corner that has just opened lies at the threshold: it closes after it was open.
         while low_value <= THRESHOLD:
@@ -280,25 +312,31 @@ def _root(motion, mega, step, ground, end, joint, law):
             low = 0.5 * high
             low_value = _margin_at(motion, mega, low, step, ground, joint, law)
             if low_value < 0.0:
-                high, high_value = low, low_value
+                high = low
+                high_value = low_value
             elif low_value <= THRESHOLD:
                 return low
     elif low_value <= 0.0:
         return 0.0
-    side, part = 0, end
+    side = 0
+    part = end
     for number in range(MOST_ITERATIONS):
         part = (low * high_value - high * low_value) / (high_value - low_value)
         if number % 4 == 3 or not low < part < high:
             part = 0.5 * (low + high)
-        value = _margin_at(motion, mega, part, step, ground, joint, law) + 0.5 * THRESHOLD
+        value = (
+            _margin_at(motion, mega, part, step, ground, joint, law) + 0.5 * THRESHOLD
+        )
         if not abs(value) > 0.5 * THRESHOLD or high - low < 1e-15:
             break
         if value < 0.0:
-            high, high_value = part, value
+            high = part
+            high_value = value
             low_value *= 0.5 if side == -1 else 1.0
             side = -1
         else:
-            low, low_value = part, value
+            low = part
+            low_value = value
             high_value *= 0.5 if side == 1 else 1.0
             side = 1
     return part
@@ -312,14 +350,17 @@ def locate(motion, mega, step, ground, end):
     an impact on the gaps alone; then all others are looked at there, until none is broken. The
     next state and the last solution are those at that instant.
     """
-    trigger, part = motion.trigger, end
+    trigger = motion.trigger
+    part = end
     for _ in range(MOST_ITERATIONS):
-        joint, law = trigger[0], trigger[1]
+        joint = trigger[0]
+        law = trigger[1]
         part = _root(motion, mega, step, ground, part, joint, law)
         least = margins_at(motion, mega, part, step, ground)
         if np.isnan(least):
             return np.nan
         if least >= -THRESHOLD or part == 0.0:
-            trigger[0], trigger[1] = joint, law
+            trigger[0] = joint
+            trigger[1] = law
             return part
     return part

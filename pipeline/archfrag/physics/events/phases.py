@@ -42,12 +42,20 @@ from archfrag.physics.steps.at_impacts import next_step
 from archfrag.physics.steps.run import start_at_rest, try_step
 from archfrag.physics.steps.step import record_overlap
 
-BY_ACCUMULATION, BY_QUIESCENCE = int(Cause.ACCUMULATION), int(Cause.QUIESCENT)
+BY_ACCUMULATION = int(Cause.ACCUMULATION)
+BY_QUIESCENCE = int(Cause.QUIESCENT)
 BY_UNSOLVED = int(Cause.UNSOLVED)
-FOUR, MEGA = int(Level.FOUR_HINGES), int(Level.MEGA_VOUSSOIRS)
+FOUR = int(Level.FOUR_HINGES)
+MEGA = int(Level.MEGA_VOUSSOIRS)
 # Phases of a run: those that follow each other from event to event, and the others.
-IMPACT, MODES, ASSEMBLE, INTEGRATE, UPON_EVENT = 0, 1, 2, 3, 4
-STILL, ALL_VOUSSOIRS, DONE = 5, 6, 7
+IMPACT = 0
+MODES = 1
+ASSEMBLE = 2
+INTEGRATE = 3
+UPON_EVENT = 4
+STILL = 5
+ALL_VOUSSOIRS = 6
+DONE = 7
 # So many events within this part of that time accumulate; and so many closer to each other than
 # the options allow.
 ACCUMULATION = 64
@@ -55,8 +63,10 @@ ACCUMULATED = 1e-2
 SOME = 12
 # All voussoirs are stepped for this part of that time, or until nothing changes in so many steps.
 # Where they have to be again at once both are doubled, up to these.
-WINDOW, LONGEST_WINDOW = 0.05, 1.0
-QUIESCENT_STEPS, MOST_QUIESCENT_STEPS = 4.0, 64.0
+WINDOW = 0.05
+LONGEST_WINDOW = 1.0
+QUIESCENT_STEPS = 4.0
+MOST_QUIESCENT_STEPS = 64.0
 # Every so many events the residual of the contact problem behind them is measured.
 MEASURED = 16
 
@@ -68,7 +78,8 @@ def _unit(run):
 
 @inlined
 def _set_cause(run, cause, joint):
-    run.progress[Progress.CAUSE], run.progress[Progress.JOINT] = cause, joint
+    run.progress[Progress.CAUSE] = cause
+    run.progress[Progress.JOINT] = joint
 
 
 @kernel
@@ -78,11 +89,16 @@ def impact(run):
     Reads: run.
     Writes: run.
     """
-    trigger, joint, corner = run.motion.trigger, -1, -1
+    trigger = run.motion.trigger
+    joint = -1
+    corner = -1
     if run.progress[Progress.CAUSE] == transitions.BY_IMPACT:
-        joint, corner = trigger[0], trigger[1] - GAP_0
+        joint = trigger[0]
+        corner = trigger[1] - GAP_0
     trigger[0] = NONE
-    model, state, work = run.model, run.state, run.work
+    model = run.model
+    state = run.state
+    work = run.work
     if transitions.pose_impact(run, joint, corner) and not transitions.solve_posed(
         model, state, work, run.path
     ):
@@ -102,11 +118,17 @@ def modes_of_accelerations(run):
     if run.progress[Progress.SWITCH] == BY_ACCUMULATION:
         return ALL_VOUSSOIRS
     ground = transitions.ground_now(run, run.progress[Progress.LEAVES_REST] == 1.0)
-    run.progress[Progress.JAMMED] = 1.0 if transitions.pose_accelerations(run, ground) else 0.0
+    run.progress[Progress.JAMMED] = (
+        1.0 if transitions.pose_accelerations(run, ground) else 0.0
+    )
     if trigger[0] != NONE:
-        transitions.change_mode(run, int(run.progress[Progress.CAUSE]), trigger[0], trigger[1])
+        transitions.change_mode(
+            run, int(run.progress[Progress.CAUSE]), trigger[0], trigger[1]
+        )
         trigger[0] = NONE
-    model, state, work = run.model, run.state, run.work
+    model = run.model
+    state = run.state
+    work = run.work
     solved = transitions.solve_posed(model, state, work, run.path)
     return ASSEMBLE if solved and transitions.take_modes(run) else ALL_VOUSSOIRS
 
@@ -118,14 +140,21 @@ def assemble_mega_voussoirs(run, output):
     Reads: run, output (log, log.time, written).
     Writes: run, output (log.cause, log.joint, log.mode, log.model, log.time, written).
     """
-    model, state, work, progress = run.model, run.state, run.work, run.progress
-    clock, motion = state.clock, run.motion
+    model = run.model
+    state = run.state
+    work = run.work
+    progress = run.progress
+    clock = state.clock
+    motion = run.motion
     clock[Clock.FASTEST] = transitions.fastest_of(run)
     if np.isnan(clock[Clock.FASTEST]):
         clock[Clock.CODE] = shared.BROKEN
         return DONE
     had = balance_energy(model, state)
-    if clock[Clock.FASTEST] < run.options.still and progress[Progress.LEAVES_REST] == 0.0:
+    if (
+        clock[Clock.FASTEST] < run.options.still
+        and progress[Progress.LEAVES_REST] == 0.0
+    ):
         return STILL
     progress[Progress.LEAVES_REST] = 0.0
     if int(state.count[Count.EVENTS]) % MEASURED == MEASURED - 1:
@@ -148,7 +177,8 @@ def assemble_mega_voussoirs(run, output):
         left, _ = energies_of(model, state)
         state.energy[Energy.IMPACT] += min(left - had, 0.0)
     level = FOUR if is_four_hinges(mega.work, mega.position.shape[0]) else MEGA
-    cause, joint = int(progress[Progress.CAUSE]), int(progress[Progress.JOINT])
+    cause = int(progress[Progress.CAUSE])
+    joint = int(progress[Progress.JOINT])
     shared.log_change(state, clock[Clock.TIME], cause, joint, level, output)
     return INTEGRATE
 
@@ -160,8 +190,12 @@ def integrate_to_next_event(run, output):
     Reads: run, output (due, frames, frames.time, interval, written).
     Writes: run, output.
     """
-    model, state, work, clock = run.model, run.state, run.work, run.state.clock
-    mega, before = assemble.in_use(run.mega), clock[Clock.TIME]
+    model = run.model
+    state = run.state
+    work = run.work
+    clock = run.state.clock
+    mega = assemble.in_use(run.mega)
+    before = clock[Clock.TIME]
     record_end = end_of_motion(run.grounds, clock, 0.0)
     end = record_end + run.options.follow
     code = integrate(run, mega, record_end if before < record_end else end, output)
@@ -187,8 +221,12 @@ def integrate_to_next_event(run, output):
     if code == COLLAPSES:
         follow_joints(model, state, work, True, run.options.loss_limit)
         clock[Clock.CODE] = shared.COLLAPSES
-    written, frames = output.written, output.frames
-    if 0 < written[0] <= frames.time.size and frames.time[written[0] - 1] >= clock[Clock.TIME]:
+    written = output.written
+    frames = output.frames
+    if (
+        0 < written[0] <= frames.time.size
+        and frames.time[written[0] - 1] >= clock[Clock.TIME]
+    ):
         written[0] -= 1  # the last frame is written again
     return DONE
 
@@ -196,12 +234,16 @@ def integrate_to_next_event(run, output):
 @inlined
 def impact_or_mechanism_change(run):
     """Classify an event, and detect whether events accumulate."""
-    state, progress, recent = run.state, run.progress, run.recent
+    state = run.state
+    progress = run.progress
+    recent = run.recent
     cause, joint = transitions.cause_of(run)
     _set_cause(run, cause, joint)
     state.count[Count.EVENTS] += 1.0
-    time, slot = state.clock[Clock.TIME], int(state.count[Count.EVENTS]) % ACCUMULATION
-    many, some = time - recent[slot], time - recent[slot - SOME]
+    time = state.clock[Clock.TIME]
+    slot = int(state.count[Count.EVENTS]) % ACCUMULATION
+    many = time - recent[slot]
+    some = time - recent[slot - SOME]
     recent[slot] = time
     if many < ACCUMULATED * _unit(run) or some < SOME * run.options.crowding:
         progress[Progress.SWITCH] = BY_ACCUMULATION
@@ -235,9 +277,15 @@ def go_on(run, output, phase):
 @inlined
 def step_until(run, until, output):
     """Step all voussoirs while their modes go on changing."""
-    model, state, work, grounds, options = run.model, run.state, run.work, run.grounds, run.options
+    model = run.model
+    state = run.state
+    work = run.work
+    grounds = run.grounds
+    options = run.options
     clock = state.clock
-    end, quiet, count = end_of_motion(grounds, clock, options.follow), 0.0, state.count
+    end = end_of_motion(grounds, clock, options.follow)
+    quiet = 0.0
+    count = state.count
     while clock[Clock.CODE] == shared.GO and clock[Clock.TIME] < until:
         before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
         impulse, solved, unsolved = try_step(model, grounds, state, work, options, True)
@@ -247,7 +295,9 @@ def step_until(run, until, output):
                 model, state, work, impulse, options, output
             )
             next_step(state, options, True, end)
-        code = service.code_after(state, options, end, (solved, unsolved, collapsed, broken))
+        code = service.code_after(
+            state, options, end, (solved, unsolved, collapsed, broken)
+        )
         clock[Clock.CODE] = code
         after = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
         quiet = quiet + 1.0 if after == before else 0.0
@@ -263,34 +313,49 @@ def step_all_voussoirs(run, output):
     Reads: run, output.
     Writes: run, output.
     """
-    model, state, work, progress = run.model, run.state, run.work, run.progress
-    clock, unit = state.clock, _unit(run)
+    model = run.model
+    state = run.state
+    work = run.work
+    progress = run.progress
+    clock = state.clock
+    unit = _unit(run)
     state.count[Count.SWITCHES] += 1.0
-    balance_energy(model, state)  # what the events before have missed belongs to this instant
+    balance_energy(
+        model, state
+    )  # what the events before have missed belongs to this instant
     again = clock[Clock.TIME] < progress[Progress.QUIESCENT_UNTIL]
-    window, quiet = WINDOW * unit, QUIESCENT_STEPS
+    window = WINDOW * unit
+    quiet = QUIESCENT_STEPS
     if again:
         window = min(2.0 * progress[Progress.WINDOW], LONGEST_WINDOW * unit)
         quiet = min(2.0 * progress[Progress.QUIESCENT_STEPS], MOST_QUIESCENT_STEPS)
-    progress[Progress.WINDOW], progress[Progress.QUIESCENT_STEPS] = window, quiet
-    cause, joint = int(progress[Progress.SWITCH]), int(progress[Progress.JOINT])
+    progress[Progress.WINDOW] = window
+    progress[Progress.QUIESCENT_STEPS] = quiet
+    cause = int(progress[Progress.SWITCH])
+    joint = int(progress[Progress.JOINT])
     shared.log_change(state, clock[Clock.TIME], cause, joint, shared.ALL, output)
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     service.start_moving(state, run.options, output)
-    work.known[:] = 0.0  # the sense of friction at slips in progress: no step may be held to it
+    work.known[:] = (
+        0.0  # the sense of friction at slips in progress: no step may be held to it
+    )
     clock[Clock.CODE] = shared.GO
-    until, quiescent = clock[Clock.TIME] + progress[Progress.WINDOW], False
+    until = clock[Clock.TIME] + progress[Progress.WINDOW]
+    quiescent = False
     while not quiescent:
         quiescent = step_until(run, until, output)
         if clock[Clock.CODE] != shared.GO:
-            code = service.handle(model, run.grounds, state, work, run.path, run.options, output)
+            code = service.handle(
+                model, run.grounds, state, work, run.path, run.options, output
+            )
             if code != shared.GO:
                 return DONE
     progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + progress[Progress.WINDOW]
     for i in range(ACCUMULATION):
         run.recent[i] = -np.inf
     _set_cause(run, BY_QUIESCENCE, -1)
-    progress[Progress.SWITCH], progress[Progress.LEAVES_REST] = BY_UNSOLVED, 0.0
+    progress[Progress.SWITCH] = BY_UNSOLVED
+    progress[Progress.LEAVES_REST] = 0.0
     return IMPACT
 
 
@@ -301,9 +366,14 @@ def rest_if_still(run, output):
     Reads: run, output (frames, frames.time, log, log.time, written).
     Writes: run, output.
     """
-    state, rests = run.state, run.state.count[Count.RESTS]
-    model, work, options = run.model, run.work, run.options
-    code = service.handle_pause(model, run.grounds, state, work, run.path, options, output)
+    state = run.state
+    rests = run.state.count[Count.RESTS]
+    model = run.model
+    work = run.work
+    options = run.options
+    code = service.handle_pause(
+        model, run.grounds, state, work, run.path, options, output
+    )
     run.progress[Progress.LEAVES_REST] = 1.0
     if state.count[Count.RESTS] == rests:
         return ASSEMBLE
@@ -330,7 +400,10 @@ def follow_phases(run, at_rest, output, results, row):
     Reads: run, output, results.peak.
     Writes: run, output, results.
     """
-    model, state, work, options = run.model, run.state, run.work, run.options
+    model = run.model
+    state = run.state
+    work = run.work
+    options = run.options
     state.clock[Clock.FACTOR] = 1.0
     if at_rest:
         start_at_rest(model, run.grounds, state, work, run.path, options, output)
@@ -350,4 +423,6 @@ def follow_phases(run, at_rest, output, results, row):
     results.model_time[row, FOUR] = run.progress[Progress.FOUR_HINGES]
     results.model_time[row, MEGA] = run.progress[Progress.MEGA_VOUSSOIRS]
     farthest = np.sqrt(run.progress[Progress.FARTHEST])
-    results.peak[row, Peak.DISPLACEMENT] = max(results.peak[row, Peak.DISPLACEMENT], farthest)
+    results.peak[row, Peak.DISPLACEMENT] = max(
+        results.peak[row, Peak.DISPLACEMENT], farthest
+    )

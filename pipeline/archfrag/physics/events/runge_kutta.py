@@ -41,7 +41,8 @@ D = (
     -1453857185 / 822651844,
     69997945 / 29380423,
 )
-BY_GROUND, BY_FRICTION = 0, 1
+BY_GROUND = 0
+BY_FRICTION = 1
 
 
 @struct()
@@ -58,7 +59,9 @@ class Scheme(NamedTuple):
 FIFTH_ORDER = Scheme(np.array(C), A, np.array(E), np.array(D), -0.2)
 THIRD_ORDER = Scheme(
     np.array([0.0, 0.5, 0.75, 1.0]),
-    np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.75, 0.0], [2 / 9, 1 / 3, 4 / 9]]),
+    np.array(
+        [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.75, 0.0], [2 / 9, 1 / 3, 4 / 9]]
+    ),
     np.array([-5 / 72, 1 / 12, 1 / 9, -1 / 8]),
     np.zeros(4),
     -1.0 / 3.0,
@@ -79,11 +82,16 @@ class Stages(NamedTuple):
 
 def new_stages(n_row: int) -> Stages:
     """Allocate stages for a chain with `n_row` rows of bodies."""
-    shape, dense = (n_row, N_STAGE, 3), (n_row, 3, 5)
+    shape = (n_row, N_STAGE, 3)
+    dense = (n_row, 3, 5)
     return Stages(
-        np.zeros(shape), np.zeros(shape), np.zeros((N_STAGE, 2)),
-        np.zeros(dense), np.zeros(dense), np.zeros((2, 5)),
-    )  # fmt: skip
+        np.zeros(shape),
+        np.zeros(shape),
+        np.zeros((N_STAGE, 2)),
+        np.zeros(dense),
+        np.zeros(dense),
+        np.zeros((2, 5)),
+    )
 
 
 @inlined
@@ -93,7 +101,9 @@ def _travel(far, time):
 
     The displacement is counted from there.
     """
-    a, v, jerk = far[0], far[1], far[3]
+    a = far[0]
+    v = far[1]
+    jerk = far[3]
     rise = time * (v + time * (0.5 * a + time * jerk / 6.0))
     return rise, v + time * (a + 0.5 * time * jerk)
 
@@ -118,15 +128,23 @@ def keep_stage(mega, stages, stage, position, velocity, ground):
     Reads: mega, position, velocity, ground.
     Writes: mega.work.solved, stages (acceleration, power, velocity).
     """
-    work, by_ground, by_friction = mega.work, 0.0, 0.0
-    last, end = work.slide.shape[0] - 1, position.shape[0] - 1
+    work = mega.work
+    by_ground = 0.0
+    by_friction = 0.0
+    last = work.slide.shape[0] - 1
+    end = position.shape[0] - 1
     if last == end - 1:
         by_ground -= work.reaction[last, 0] * velocity[end, 0]
         by_ground -= work.reaction[last, 1] * velocity[end, 1]
     # Voussoirs that rest on the far springing move with it.
-    power = ground[2] * velocity[end, 0] + (ground[3] + mega.model.gravity) * velocity[end, 1]
+    power = (
+        ground[2] * velocity[end, 0]
+        + (ground[3] + mega.model.gravity) * velocity[end, 1]
+    )
     by_ground += mega.model.mass[end] * power
-    work.solved[end, 0], work.solved[end, 1], work.solved[end, 2] = ground[2], ground[3], 0.0
+    work.solved[end, 0] = ground[2]
+    work.solved[end, 1] = ground[3]
+    work.solved[end, 2] = 0.0
     for c in range(3):
         stages.velocity[end, stage, c] = velocity[end, c]
         stages.acceleration[end, stage, c] = work.solved[end, c]
@@ -147,8 +165,10 @@ def keep_stage(mega, stages, stage, position, velocity, ground):
 @inlined
 def take_step(mega, stages, scheme, step, ground, scale, allowed):
     """Make one step from stage 0; return its error, inf if a stage has no solution."""
-    position, velocity = mega.next_position, mega.next_velocity
-    n_stage, end = scheme.time.shape[0], position.shape[0] - 1
+    position = mega.next_position
+    velocity = mega.next_velocity
+    n_stage = scheme.time.shape[0]
+    end = position.shape[0] - 1
     for stage in range(1, n_stage):
         for i in range(1, end):
             for c in range(3):
@@ -194,25 +214,33 @@ def make_dense(mega, stages, scheme, step):
     """Set the coefficients of the dense output of a step."""
     last = scheme.time.shape[0] - 1
     for i in range(1, mega.position.shape[0]):
-        v, a = stages.velocity[i], stages.acceleration[i]
+        v = stages.velocity[i]
+        a = stages.acceleration[i]
         for c in range(3):
             dv = da = 0.0
             for s in range(last + 1):
                 dv += scheme.dense[s] * v[s, c]
                 da += scheme.dense[s] * a[s, c]
-            start, end = mega.position[i, c], mega.next_position[i, c]
+            start = mega.position[i, c]
+            end = mega.next_position[i, c]
             out = stages.dense_position[i, c]
-            _set_coefficients(out, start, end, step * v[0, c], step * v[last, c], step * dv)
-            start, end = mega.velocity[i, c], mega.next_velocity[i, c]
+            _set_coefficients(
+                out, start, end, step * v[0, c], step * v[last, c], step * dv
+            )
+            start = mega.velocity[i, c]
+            end = mega.next_velocity[i, c]
             out = stages.dense_velocity[i, c]
-            _set_coefficients(out, start, end, step * a[0, c], step * a[last, c], step * da)
+            _set_coefficients(
+                out, start, end, step * a[0, c], step * a[last, c], step * da
+            )
     for p in range(2):
         highest = end = 0.0
         for s in range(last + 1):
             highest += step * scheme.dense[s] * stages.power[s, p]
             if s < last:
                 end += step * scheme.stage[last, s] * stages.power[s, p]
-        first, final = step * stages.power[0, p], step * stages.power[last, p]
+        first = step * stages.power[0, p]
+        final = step * stages.power[last, p]
         _set_coefficients(stages.dense_work[p], 0.0, end, first, final, highest)
 
 

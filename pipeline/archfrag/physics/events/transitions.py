@@ -24,8 +24,12 @@ from archfrag.physics.mega_voussoirs.first_level import centripetal_bias
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Cause, Count, Energy
 
-BY_HINGE, BY_SLIDE, BY_STICK = int(Cause.HINGE), int(Cause.SLIDE), int(Cause.STICK)
-BY_IMPACT, BY_LOSS, BY_TIE = int(Cause.IMPACT), int(Cause.LOSS), int(Cause.TIE)
+BY_HINGE = int(Cause.HINGE)
+BY_SLIDE = int(Cause.SLIDE)
+BY_STICK = int(Cause.STICK)
+BY_IMPACT = int(Cause.IMPACT)
+BY_LOSS = int(Cause.LOSS)
+BY_TIE = int(Cause.TIE)
 # Corners this close, over the joint's length, touch; slower than this, over the speed of a fall
 # through it, they stay.
 TOUCHING = 1e-9
@@ -66,11 +70,16 @@ def pose_impact(run, joint, corner):
 
     Returns whether there is anything that an impact could change.
     """
-    model, state, work = run.model, run.state, run.work
+    model = run.model
+    state = run.state
+    work = run.work
     place_voussoirs(model, state, work)
     for j in range(state.slip.size):
         for k in range(2):
-            near = placing.clearance(j, k, work.face, work.tangent) <= TOUCHING * model.length[j]
+            near = (
+                placing.clearance(j, k, work.face, work.tangent)
+                <= TOUCHING * model.length[j]
+            )
             held = state.contact[j, k] > 0.5 or (j == joint and k == corner)
             work.candidate[j, k] = work.contact[j, k] = 1.0 if near or held else 0.0
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
@@ -90,36 +99,45 @@ def _close_slow_joints(run):
     is closed after infinitely many of them, in a finite time; a slip ends by friction in a time
     in proportion to its rate.
     """
-    model, work, motion, changed = run.model, run.work, run.motion, False
+    model = run.model
+    work = run.work
+    motion = run.motion
+    changed = False
     slow = motion.speed * max(SLOW * math.sqrt(motion.tolerance), SLOWEST)
     for j in range(work.slide.size):
-        at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
+        at_0 = work.contact[j, 0] > 0.5
+        at_1 = work.contact[j, 1] > 0.5
         if not (at_0 or at_1):
             continue
-        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        nx = work.normal[j, 0]
+        ny = work.normal[j, 1]
         if at_0 != at_1:
             k = 1 if at_0 else 0
             gap = placing.clearance(j, k, work.face, work.tangent)
             ux, uy = placing.corner_velocity(j, k, work.relative, work)
             near = work.candidate[j, k] > 0.5 and gap > -OVERLAP * model.length[j]
             if near and nx * ux + ny * uy < slow:
-                work.contact[j, k], changed = 1.0, True
+                work.contact[j, k] = 1.0
+                changed = True
                 if math.isinf(model.friction[j]):
                     work.slide[j] = 0.0
         rate = nx * work.relative[j, 1] - ny * work.relative[j, 0]
         if work.slide[j] != 0.0 and abs(rate) < slow:
-            work.slide[j], changed = 0.0, True
+            work.slide[j] = 0.0
+            changed = True
     return changed
 
 
 @inlined
 def _approaches(run):
     """Return whether the solved velocities close a corner that touches."""
-    work, limit = run.work, -STAYING * run.motion.speed
+    work = run.work
+    limit = -STAYING * run.motion.speed
     approaches = False
     for j in range(work.slide.size):
         for k in range(2):
-            ux, uy = work.corner_rate[j, k, 0], work.corner_rate[j, k, 1]
+            ux = work.corner_rate[j, k, 0]
+            uy = work.corner_rate[j, k, 1]
             closes = opening_rate(j, k, ux, uy, work) < limit
             approaches = approaches or (work.candidate[j, k] > 0.5 and closes)
     return approaches
@@ -128,8 +146,11 @@ def _approaches(run):
 @inlined
 def take_impact(run):
     """Accept the velocities after an impact, and close slow joints."""
-    model, state, work = run.model, run.state, run.work
-    had, by_far = kinetic_energy(model, state.velocity), 0.0
+    model = run.model
+    state = run.state
+    work = run.work
+    had = kinetic_energy(model, state.velocity)
+    by_far = 0.0
     for j in range(state.slip.size):
         made_0 = work.contact[j, 0] > state.contact[j, 0]
         made = made_0 or work.contact[j, 1] > state.contact[j, 1]
@@ -152,8 +173,10 @@ def take_impact(run):
 @inlined
 def _take_velocities(run):
     """Accept solved velocities and modes; return the work of the far springing [J]."""
-    state, work = run.state, run.work
-    last, end = state.slip.size - 1, state.velocity.shape[0] - 1
+    state = run.state
+    work = run.work
+    last = state.slip.size - 1
+    end = state.velocity.shape[0] - 1
     by_far = 0.0
     if last == end - 1:
         by_far -= work.reaction[last, 0] * state.velocity[end, 0]
@@ -171,13 +194,19 @@ def _take_velocities(run):
 @inlined
 def _find_touching(j, run):
     """Set ``work.candidate`` of a joint: corners that touch and stay; return its slip rate."""
-    model, state, work = run.model, run.state, run.work
-    rate, speed = 0.0, run.motion.speed
+    model = run.model
+    state = run.state
+    work = run.work
+    rate = 0.0
+    speed = run.motion.speed
     for k in range(2):
         work.candidate[j, k] = 0.0
         ux, uy = placing.corner_velocity(j, k, work.relative, work)
         if state.contact[j, k] < 0.5:
-            if placing.clearance(j, k, work.face, work.tangent) > TOUCHING * model.length[j]:
+            if (
+                placing.clearance(j, k, work.face, work.tangent)
+                > TOUCHING * model.length[j]
+            ):
                 continue
             if opening_rate(j, k, ux, uy, work) > STAYING * speed:
                 continue
@@ -191,15 +220,23 @@ def _find_touching(j, run):
 def ground_now(run, leaves_rest):
     """Return the ground acceleration as `ground_after`; at the end of a rest, just outside its
     range, or where the far springing begins to move."""
-    time, options, g = run.state.clock[Clock.TIME], run.options, run.model.gravity
-    segment, later = segment_at(time, run.grounds), 0.0
+    time = run.state.clock[Clock.TIME]
+    options = run.options
+    g = run.model.gravity
+    segment = segment_at(time, run.grounds)
+    later = 0.0
     end = segment.end if leaves_rest and not np.isnan(options.rest_plus) else time
     while time + later < end:
         ahead = ground_after(segment, later)
-        margin = rest_margin(ahead[0], ahead[1], g, options.rest_plus, options.rest_minus)
+        margin = rest_margin(
+            ahead[0], ahead[1], g, options.rest_plus, options.rest_minus
+        )
         if margin < -BEYOND * g or abs(ahead[2]) + abs(ahead[3]) > BEYOND * g:
             break
-        later = min(max(2.0 * later, SOONEST * (run.motion.length / run.motion.speed)), end - time)
+        later = min(
+            max(2.0 * later, SOONEST * (run.motion.length / run.motion.speed)),
+            end - time,
+        )
     return ground_after(segment, later)
 
 
@@ -209,7 +246,10 @@ def pose_accelerations(run, ground):
 
     Returns whether unlimited friction ends a slip at once.
     """
-    model, state, work, jammed = run.model, run.state, run.work, False
+    model = run.model
+    state = run.state
+    work = run.work
+    jammed = False
     placing.relative_velocity(state.position, state.velocity, work.pivot, work.relative)
     for j in range(state.slip.size):
         rate = _find_touching(j, run)
@@ -226,7 +266,8 @@ def pose_accelerations(run, ground):
         work.free[i, 0] = -ground[0]
         work.free[i, 1] = -model.gravity - ground[1]
         work.free[i, 2] = 0.0
-    work.free[-1, 0], work.free[-1, 1] = ground[2], ground[3]
+    work.free[-1, 0] = ground[2]
+    work.free[-1, 1] = ground[3]
     pull_by_ties(model, state, work)
     centripetal_bias(state.position, state.velocity, state.slip, work.known, work)
     return jammed
@@ -243,7 +284,9 @@ def solve_posed(model, state, work, path):
     """
     count = state.count
     copy_modes(work, path)
-    solved, _, _, iterations = solve_contact(model, state.position, work, True, 0.0, -1.0, EXACT)
+    solved, _, _, iterations = solve_contact(
+        model, state.position, work, True, 0.0, -1.0, EXACT
+    )
     count[Count.LEVELS] += 1.0
     count[Count.LEVEL_ITERATIONS] += 1.0 if iterations > 1.0 else 0.0
     if not solved:
@@ -259,9 +302,14 @@ def solve_posed(model, state, work, path):
 @inlined
 def take_modes(run):
     """Accept the modes of solved accelerations; False if the accelerations are impossible."""
-    model, state, work = run.model, run.state, run.work
+    model = run.model
+    state = run.state
+    work = run.work
     for i in range(1, state.position.shape[0] - 1):
-        if not abs(work.solved[i, 0]) + abs(work.solved[i, 1]) <= IMPOSSIBLE * model.gravity:
+        if (
+            not abs(work.solved[i, 0]) + abs(work.solved[i, 1])
+            <= IMPOSSIBLE * model.gravity
+        ):
             return False
     for j in range(state.slip.size):
         touches = work.contact[j, 0] + work.contact[j, 1]
@@ -279,7 +327,8 @@ def take_modes(run):
 @inlined
 def cause_of(run):
     """Return why the mechanism ends: the cause, and the joint of the chain."""
-    joint, law = run.motion.trigger[0], run.motion.trigger[1]
+    joint = run.motion.trigger[0]
+    law = run.motion.trigger[1]
     contact = run.state.contact
     if joint >= contact.shape[0]:
         return BY_TIE, -1
@@ -296,12 +345,16 @@ def cause_of(run):
 @inlined
 def change_mode(run, cause, joint, law):
     """Change the mode of the joint whose law has ended, to start the search for modes."""
-    contact, slide = run.work.contact, run.work.slide
+    contact = run.work.contact
+    slide = run.work.slide
     if cause == BY_TIE:
         lost = change_tie(
-            run.model, run.state, joint - contact.shape[0], law == second_level.FORCE_1,
+            run.model,
+            run.state,
+            joint - contact.shape[0],
+            law == second_level.FORCE_1,
             law == second_level.FRICTION_PLUS,
-        )  # fmt: skip
+        )
         run.state.energy[Energy.FRICTION] -= lost
     elif cause == BY_STICK:
         slide[joint] = 0.0

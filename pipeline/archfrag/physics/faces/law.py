@@ -23,8 +23,10 @@ from archfrag.physics.kernels.structs import struct
 from archfrag.physics.numbers import larger, smaller
 
 # A slope that is none, and friction that no joint overcomes.
-FLAT, ROUGH = 1e-300, 1e6
-ALONG, ENDS = 0.0, 2.0  # values of ``Faces.points``
+FLAT = 1e-300
+ROUGH = 1e6
+ALONG = 0.0  # values of ``Faces.points``
+ENDS = 2.0
 
 
 @struct(slip=(3,))
@@ -33,9 +35,13 @@ class Faces(NamedTuple):
 
     stiffness: np.ndarray  # (n_joint,) of a metre of the joint [N/m2]
     shear: np.ndarray  # (n_joint,) the same along the tangent [N/m2]
-    slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points where runs start [m]
+    slip: (
+        np.ndarray
+    )  # (n_joint, 3) elastic part of the slip of points where runs start [m]
     touching: np.ndarray  # (n_joint,) length in contact there [m]
-    half: np.ndarray  # (n_joint,) of the length along which faces lie opposite there [m]
+    half: (
+        np.ndarray
+    )  # (n_joint,) of the length along which faces lie opposite there [m]
     stored: float  # elastic energy there [J]
     delay: float  # dashpots over springs [s]
     points: float  # at which a joint bears; zero: all along it
@@ -68,7 +74,9 @@ class Bearing(NamedTuple):
     rub_0: float  # of the shear by gap and slope where it slides [N/m], [N]
     rub_1: float
     held: tuple[float, float, float]  # length of each point at which a slip is held [m]
-    most: tuple[float, float, float]  # elastic slip of each point at which it slides [m]
+    most: tuple[
+        float, float, float
+    ]  # elastic slip of each point at which it slides [m]
 
 
 @inlined
@@ -112,7 +120,8 @@ def rub(normal, slip, hold, friction):
     """Return the shear of a contact, the sense of its friction if it slides, else zero, and the
     elastic slip at which it does.
     """
-    along, most = -hold * slip, smaller(friction, ROUGH) * normal
+    along = -hold * slip
+    most = smaller(friction, ROUGH) * normal
     slides = abs(along) > most
     sense = select(slides, select(along > 0.0, 1.0, -1.0), 0.0)
     return select(slides, sense * most, along), sense, most / larger(hold, FLAT)
@@ -128,17 +137,25 @@ def _bear_along(gaps, half, slip, touching, material):
     first, last = ends_of(d0, d1, half)
     n0, n1, n2 = moments_between(first, last)
     m0, m1, m2 = moments_between(larger(first, low), smaller(last, high))
-    n0, n1, n2 = n0 - m0, n1 - m1, n2 - m2
+    n0 = n0 - m0
+    n1 = n1 - m1
+    n2 = n2 - m2
     normal = -stiffness * (e0 * o0 + e1 * o1 + d0 * n0 + d1 * n1)
     moment = -stiffness * (e0 * o1 + e1 * o2 + d0 * n1 + d1 * n2)
     first, last = ends_of(c0, c1, half)
-    held, none = smaller(last - first, touching), 0.0 * half
+    held = smaller(last - first, touching)
+    none = 0.0 * half
     along, sense, most = rub(normal, slip[0], shear * held, friction)
-    l0, l1, l2 = o0 + ratio * n0, o1 + ratio * n1, o2 + ratio * n2
+    l0 = o0 + ratio * n0
+    l1 = o1 + ratio * n1
+    l2 = o2 + ratio * n2
     hold = select(sense != 0.0, 0.0, shear * held)
     pressed = sense * smaller(friction, ROUGH) * stiffness
-    held, most = (held, none, none), (most, none, none)
-    return Bearing(normal, moment, along, l0, l1, l2, hold, pressed * l0, pressed * l1, held, most)
+    held = (held, none, none)
+    most = (most, none, none)
+    return Bearing(
+        normal, moment, along, l0, l1, l2, hold, pressed * l0, pressed * l1, held, most
+    )
 
 
 @inlined
@@ -157,7 +174,17 @@ def _bear_at(place, size, gaps, slip, material):
     l1 = place * l0
     turning = pressed * place
     return Bearing(
-        normal, place * normal, along, l0, l1, place * l1, hold, pressed, turning, size, most
+        normal,
+        place * normal,
+        along,
+        l0,
+        l1,
+        place * l1,
+        hold,
+        pressed,
+        turning,
+        size,
+        most,
     )
 
 
@@ -177,8 +204,15 @@ def bear(gaps, half, slip, touching, material, points):
     b = _bear_at(0.0 * half, inner, gaps, slip[1], material)
     c = _bear_at(half, outer, gaps, slip[2], material)
     return Bearing(
-        a.normal + b.normal + c.normal, a.moment + c.moment, a.shear + b.shear + c.shear,
-        a.l0 + b.l0 + c.l0, a.l1 + c.l1, a.l2 + c.l2, a.hold + b.hold + c.hold,
-        a.rub_0 + b.rub_0 + c.rub_0, a.rub_1 + c.rub_1, (a.held, b.held, c.held),
+        a.normal + b.normal + c.normal,
+        a.moment + c.moment,
+        a.shear + b.shear + c.shear,
+        a.l0 + b.l0 + c.l0,
+        a.l1 + c.l1,
+        a.l2 + c.l2,
+        a.hold + b.hold + c.hold,
+        a.rub_0 + b.rub_0 + c.rub_0,
+        a.rub_1 + c.rub_1,
+        (a.held, b.held, c.held),
         (a.most, b.most, c.most),
-    )  # fmt: skip
+    )

@@ -42,7 +42,8 @@ from archfrag.physics.steps.step import (
 LEAST_DELAY = 0.6
 # The work of springs is integrated once more in so many pieces where it differs from what they
 # store by more than this part.
-PIECES, SMOOTH = 16, 1e-4
+PIECES = 16
+SMOOTH = 1e-4
 
 
 @struct(slip=(3,))
@@ -66,14 +67,22 @@ class FaceRuns(NamedTuple):
     columns: tuple[np.ndarray, ...]  # (n,) or (n, 4) each: arrays of state and memory
 
 
-def new_runs(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> FaceRuns:
+def new_runs(
+    model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros
+) -> FaceRuns:
     """Allocate the buffers of one run, or of four with `lane_array` as `zeros`."""
-    state, n_joint, n_row = new_state(model, zeros), model.friction.size, model.mass.size
-    memory = Memory(zeros((n_joint, 3)), zeros((n_joint,)), zeros((n_joint,)), zeros((1,)))
-    own: Any = FaceWork(*(
-        zeros((n_row if name in OF_ROWS else n_joint, *OF_WORK.get(name, ())))
-        for name in FaceWork._fields
-    ))  # fmt: skip
+    state = new_state(model, zeros)
+    n_joint = model.friction.size
+    n_row = model.mass.size
+    memory = Memory(
+        zeros((n_joint, 3)), zeros((n_joint,)), zeros((n_joint,)), zeros((1,))
+    )
+    own: Any = FaceWork(
+        *(
+            zeros((n_row if name in OF_ROWS else n_joint, *OF_WORK.get(name, ())))
+            for name in FaceWork._fields
+        )
+    )
     shape = (-1,) if zeros is np.zeros else (-1, LANES)
     plain = runs_of if zeros is lane_array else np.asarray
     columns = tuple(plain(array).reshape(shape) for array in (*state, *memory))
@@ -83,19 +92,26 @@ def new_runs(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -
 @inlined
 def _place_joint(j, model, work, own):
     """Set pivot, normal and gap of joint j between the faces as they are; return its slip [m]."""
-    face, tangent = work.face, work.tangent
-    ax, ay = tangent[j, 0, 0], tangent[j, 0, 1]
-    bx, by = tangent[j, 1, 0], tangent[j, 1, 1]
+    face = work.face
+    tangent = work.tangent
+    ax = tangent[j, 0, 0]
+    ay = tangent[j, 0, 1]
+    bx = tangent[j, 1, 0]
+    by = tangent[j, 1, 1]
     sum_of_both = math.sqrt((ax + bx) * (ax + bx) + (ay + by) * (ay + by))
     size = 1.0 / sum_of_both
-    tx, ty = size * (ax + bx), size * (ay + by)
+    tx = size * (ax + bx)
+    ty = size * (ay + by)
     px = 0.5 * (face[j, 0, 0, 0] + face[j, 0, 1, 0])
     py = 0.5 * (face[j, 0, 0, 1] + face[j, 0, 1, 1])
     qx = 0.5 * (face[j, 1, 0, 0] + face[j, 1, 1, 0])
     qy = 0.5 * (face[j, 1, 0, 1] + face[j, 1, 1, 1])
-    dx, dy = qx - px, qy - py
-    work.normal[j, 0], work.normal[j, 1] = ty, -tx
-    work.pivot[j, 0], work.pivot[j, 1] = 0.5 * (px + qx), 0.5 * (py + qy)
+    dx = qx - px
+    dy = qy - py
+    work.normal[j, 0] = ty
+    work.normal[j, 1] = -tx
+    work.pivot[j, 0] = 0.5 * (px + qx)
+    work.pivot[j, 1] = 0.5 * (py + qy)
     slip = tx * dx + ty * dy
     own.gap[j, 0] = ty * dx - tx * dy
     # Twice the sine of half the angle between both faces, and the rate at which that grows.
@@ -112,18 +128,23 @@ def pose_step(model, runs, impulse, step):
     Reads: model, runs, impulse.
     Writes: runs.
     """
-    state, work, own = runs.state, runs.work, runs.own
+    state = runs.state
+    work = runs.work
+    own = runs.own
     free_fall(model, state, work, impulse, step)
     move_far_springing(state, work, impulse)
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
-            work.position[i, c] = state.position[i, c] + 0.5 * step * state.velocity[i, c]
+            work.position[i, c] = (
+                state.position[i, c] + 0.5 * step * state.velocity[i, c]
+            )
     move_faces(model, work.position, work.rotated, work.face, work.tangent)
     for j in range(state.slip.shape[0]):
         work.slip[j] = _place_joint(j, model, work, own)
     relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
     for j in range(state.slip.shape[0]):
-        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        nx = work.normal[j, 0]
+        ny = work.normal[j, 1]
         rate = nx * work.earlier[j, 1] - ny * work.earlier[j, 0]
         opens = nx * work.earlier[j, 0] + ny * work.earlier[j, 1]
         own.before[j, 0] = own.gap[j, 0] - 0.5 * step * opens
@@ -150,7 +171,8 @@ def _press(d0, d1, half, stiffness, points):
     [N m].
     """
     l0, l1, l2 = overlap_moments(d0, d1, half, points)
-    by_gap, by_slope = stiffness * (d0 * l0 + d1 * l1), stiffness * (d0 * l1 + d1 * l2)
+    by_gap = stiffness * (d0 * l0 + d1 * l1)
+    by_slope = stiffness * (d0 * l1 + d1 * l2)
     return 0.5 * (d0 * by_gap + d1 * by_slope), by_gap, by_slope
 
 
@@ -161,10 +183,14 @@ def _simpson(start, way, half, law, pieces):
 
     `law` has the stiffness of a metre and the points.
     """
-    work, steps = 0.0 * half, 2 * pieces
+    work = 0.0 * half
+    steps = 2 * pieces
     for i in range(steps + 1):
-        at, share = i / steps, 1.0 if i in (0, steps) else 2.0 + 2.0 * (i % 2)
-        _, gap, slope = _press(start[0] + at * way[0], start[1] + at * way[1], half, *law)
+        at = i / steps
+        share = 1.0 if i in (0, steps) else 2.0 + 2.0 * (i % 2)
+        _, gap, slope = _press(
+            start[0] + at * way[0], start[1] + at * way[1], half, *law
+        )
         work -= share / (6.0 * pieces) * (gap * way[0] + slope * way[1])
     return work
 
@@ -175,7 +201,9 @@ def _spring_works(j, runs, law, end):
     work in it, and what those store that have slid onto the joint or off it [J].
     """
     own = runs.own
-    g0, g1, half = own.before[j, 0], own.before[j, 1], own.half[j]
+    g0 = own.before[j, 0]
+    g1 = own.before[j, 1]
+    half = own.half[j]
     way = end[0] - g0, end[1] - g1
     had, _, _ = _press(g0, g1, runs.memory.half[j], *law)
     has, _, _ = _press(g0, g1, half, *law)
@@ -201,14 +229,21 @@ def _keep_slip(j, i, size, was, times, runs):
     It has the length `size` in contact then, and had `was`. What leaves loses what it stores, and
     what comes has not slipped.
     """
-    memory, work, own = runs.memory, runs.work, runs.own
-    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    memory = runs.memory
+    work = runs.work
+    own = runs.own
+    nx = work.normal[j, 0]
+    ny = work.normal[j, 1]
     slides = nx * work.relative[j, 1] - ny * work.relative[j, 0]
-    held, most, start = own.held[j, i], own.most[j, i], memory.slip[j, i]
-    asked, moved = own.slip[j, i] + times[0] * slides, own.slip[j, i] + times[1] * slides
+    held = own.held[j, i]
+    most = own.most[j, i]
+    start = memory.slip[j, i]
+    asked = own.slip[j, i] + times[0] * slides
+    moved = own.slip[j, i] + times[1] * slides
     slips = (abs(asked) > most) & (held > 0.0)
     sense = select(slips, select(asked < 0.0, 1.0, -1.0), 0.0)
-    asked, end = _cut(asked, most), _cut(moved, most)
+    asked = _cut(asked, most)
+    end = _cut(moved, most)
     grown = end - start
     kept = select(size > 0.0, end * smaller(held / larger(size, FLAT), 1.0), 0.0)
     lost = 0.5 * (size * kept * kept - held * end * end - (was - held) * start * start)
@@ -225,19 +260,29 @@ def remember(j, model, faces, runs, times, where):
     overlapped already, and at which it ends. Returns the energy stored then, and the work of
     friction and of dashpots [J].
     """
-    memory, work, own = runs.memory, runs.work, runs.own
-    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    memory = runs.memory
+    work = runs.work
+    own = runs.own
+    nx = work.normal[j, 0]
+    ny = work.normal[j, 1]
     opens = nx * work.relative[j, 0] + ny * work.relative[j, 1]
-    turns, half, points = own.tilt[j] * work.relative[j, 2], own.half[j], faces.points
-    d0, d1 = own.gap[j, 0] + times[1] * opens, own.gap[j, 1] - times[1] * turns
-    stored, sprung, friction = _spring_works(j, runs, (faces.stiffness[j], points), (d0, d1))
+    turns = own.tilt[j] * work.relative[j, 2]
+    half = own.half[j]
+    points = faces.points
+    d0 = own.gap[j, 0] + times[1] * opens
+    d1 = own.gap[j, 1] - times[1] * turns
+    stored, sprung, friction = _spring_works(
+        j, runs, (faces.stiffness[j], points), (d0, d1)
+    )
     damped = own.force[j, 0] * (d0 - own.before[j, 0]) - sprung
     damped += own.force[j, 1] / own.tilt[j] * (d1 - own.before[j, 1])
     l0, _, _ = overlap_moments(d0, d1, half, points)
     outer, inner = places_of(half, points)
-    shear, sense = faces.shear[j], 0.0 * half
+    shear = faces.shear[j]
+    sense = 0.0 * half
     for i in range(1 if points == ALONG else 3):
-        size, was = l0, own.touching[j]
+        size = l0
+        was = own.touching[j]
         if points != ALONG:
             was = inner if i == 1 else outer
             size = select(d0 + half * (i - 1.0) * d1 < 0.0, was, 0.0)
@@ -262,7 +307,8 @@ def record_joints(model, faces, runs, step, where):
     Reads: faces (delay, points, shear, stiffness), runs.
     Writes: runs.
     """
-    memory, work = runs.memory, runs.work
+    memory = runs.memory
+    work = runs.work
     relative_velocity(work.position, work.solved, work.pivot, work.relative)
     stored = friction = damped = done = 0.0 * step
     times = delay_of(faces, step), 0.5 * step
@@ -284,9 +330,13 @@ def _count_changes(state, work, where):
     """Count the changes of joints in a step."""
     count = state.count
     for j in range(state.slip.shape[0]):
-        was_0, was_1 = state.contact[j, 0] > 0.5, state.contact[j, 1] > 0.5
-        is_0, is_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
-        count[Count.IMPACTS] += flag(where & ((is_0 & opposite(was_0)) | (is_1 & opposite(was_1))))
+        was_0 = state.contact[j, 0] > 0.5
+        was_1 = state.contact[j, 1] > 0.5
+        is_0 = work.contact[j, 0] > 0.5
+        is_1 = work.contact[j, 1] > 0.5
+        count[Count.IMPACTS] += flag(
+            where & ((is_0 & opposite(was_0)) | (is_1 & opposite(was_1)))
+        )
         count[Count.OPENINGS] += flag(
             where & ((was_0 & opposite(is_0)) | (was_1 & opposite(is_1)))
         )
@@ -304,7 +354,8 @@ def accept_step(model, state, work, impulse, where, loss_limit):
     Reads: model, state, work, impulse (x, y).
     Writes: state, work (face, reaction, rotated, tangent, tie).
     """
-    clock, step = state.clock, state.clock[Clock.STEP]
+    clock = state.clock
+    step = state.clock[Clock.STEP]
     record_far_work(state, work, where)
     for i in range(1, state.position.shape[0]):
         for c in range(3):

@@ -22,15 +22,23 @@ from archfrag.physics.state import Model, model_of
 from archfrag.physics.status import Joint, Status
 
 # Steps to equilibrium, over the period of the first mode: the first, how they grow, the largest.
-FIRST_STEP, GROWTH, LARGEST_STEP = 0.1, 1.3, 20.0
+FIRST_STEP = 0.1
+GROWTH = 1.3
+LARGEST_STEP = 20.0
 # Equilibrium is reached where no body moves by more than this in a step of at least that many
 # periods, over the joint's length; none is where one has moved by FAR. The most steps.
-SETTLED, LONG_ENOUGH, FAR, MOST_STEPS, BALANCED = 1e-9, 0.5, 0.5, 4000, 1e-9
-RESTS, FALLS = int(Status.STANDING), int(Status.DOES_NOT_STAND)
+SETTLED = 1e-9
+LONG_ENOUGH = 0.5
+FAR = 0.5
+MOST_STEPS = 4000
+BALANCED = 1e-9
+RESTS = int(Status.STANDING)
+FALLS = int(Status.DOES_NOT_STAND)
 MOVES_ON = int(Status.NO_CONTACT_SOLUTION)
 # By how much steps may damp the first mode beyond what is asked, over the critical damping, and
 # over what is asked.
-DAMPED_MORE, DAMPED_MORE_OF = 0.01, 0.1
+DAMPED_MORE = 0.01
+DAMPED_MORE_OF = 0.1
 # Stiffness of a joint times the square of a step, over the mass of the lightest body.
 STIFFEST = 2000.0
 
@@ -38,23 +46,30 @@ STIFFEST = 2000.0
 def first_frequency(model: Model, chain: Chain) -> float:
     """Return the frequency of the first mode with all joints closed [Hz]."""
     assert chain.joint is not None
-    n_row, kept = model.mass.size, []
+    n_row = model.mass.size
+    kept = []
     for j, (k, along, _, points) in enumerate(chain.joint.tolist()):
         length = float(model.length[j])
         _, _, turn = overlap_moments(-1.0, 0.0, 0.5 * length, points)
         tx, ty = model.tangent[j, 0]
         arms = [model.corner[j, side].mean(axis=0) for side in range(2)]
         for (dx, dy, w), size in (
-            ((ty, -tx, 0.0), k * length), ((tx, ty, 0.0), along * length), ((0, 0, 1.0), k * turn),
-        ):  # fmt: skip
+            ((ty, -tx, 0.0), k * length),
+            ((tx, ty, 0.0), along * length),
+            ((0, 0, 1.0), k * turn),
+        ):
             row = np.zeros((n_row, 3))
             for side, sign in enumerate((-1.0, 1.0)):
                 x, y = arms[side]
                 row[j + side] = sign * dx, sign * dy, sign * (w + x * dy - y * dx)
             kept.append(math.sqrt(size) * row[1:-1].ravel())
-    inverse = np.stack([model.inverse_mass, model.inverse_mass, model.inverse_inertia], axis=1)
+    inverse = np.stack(
+        [model.inverse_mass, model.inverse_mass, model.inverse_inertia], axis=1
+    )
     rows = np.array(kept) * np.sqrt(inverse[1:-1].ravel())
-    return math.sqrt(max(float(np.linalg.eigvalsh(rows.T @ rows)[0]), 0.0)) / (2.0 * math.pi)
+    return math.sqrt(max(float(np.linalg.eigvalsh(rows.T @ rows)[0]), 0.0)) / (
+        2.0 * math.pi
+    )
 
 
 def damping_of_steps(chain: Chain, step: float) -> float:
@@ -84,8 +99,11 @@ def settle(model, faces, runs, period, limit):
     Reads: model, faces (points, shear, stiffness), runs.
     Writes: runs.
     """
-    state, work, memory = runs.state, runs.work, runs.memory
-    step, still = FIRST_STEP * period, Impulse(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    state = runs.state
+    work = runs.work
+    memory = runs.memory
+    step = FIRST_STEP * period
+    still = Impulse(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for _ in range(MOST_STEPS):
         state.velocity[:] = 0.0
         pose_step(model, runs, still, step)
@@ -105,7 +123,9 @@ def settle(model, faces, runs, period, limit):
                 change = step * work.solved[i, c]
                 state.position[i, c] += change
                 moved = larger(moved, size * abs(change))
-                away = larger(away, size * abs(state.position[i, c] - model.start[i, c]))
+                away = larger(
+                    away, size * abs(state.position[i, c] - model.start[i, c])
+                )
         memory.stored[0] = stored
         if away > FAR * limit or math.isnan(away):
             return FALLS
@@ -130,10 +150,14 @@ def settled(chain: Chain) -> tuple[Model, Faces] | Status:
 
 def _settled(chain: Chain) -> tuple[Model, Faces] | Status:
     assert chain.joint is not None
-    model, joint = model_of(chain), np.ascontiguousarray(chain.joint.T)
-    frequency, zeros = first_frequency(model, chain), np.zeros(model.friction.size)
+    model = model_of(chain)
+    joint = np.ascontiguousarray(chain.joint.T)
+    frequency = first_frequency(model, chain)
+    zeros = np.zeros(model.friction.size)
     delay = float(joint[Joint.DAMPING, 0]) / (math.pi * frequency)
-    stiffness, shear, points = (joint[k] for k in (Joint.STIFFNESS, Joint.SHEAR, Joint.POINTS))
+    stiffness, shear, points = (
+        joint[k] for k in (Joint.STIFFNESS, Joint.SHEAR, Joint.POINTS)
+    )
     rest = np.zeros((zeros.size, 3)), zeros, zeros, 0.0, 0.0
     faces: Any = Faces(stiffness.copy(), shear.copy(), *rest, float(points[0]))
     runs = new_runs(model)
@@ -144,5 +168,10 @@ def _settled(chain: Chain) -> tuple[Model, Faces] | Status:
         return Status(found)
     start = model._replace(start=runs.state.position.copy())
     slip, touching, half, stored = runs.memory
-    kept = {"slip": slip, "touching": touching, "half": half, "stored": float(stored[0])}
+    kept = {
+        "slip": slip,
+        "touching": touching,
+        "half": half,
+        "stored": float(stored[0]),
+    }
     return start, faces._replace(**kept, delay=delay)

@@ -29,7 +29,14 @@ from archfrag.physics.faces.velocities import find_velocities
 from archfrag.physics.ground import Grounds, end_of_motion, impulse_between
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.kernels.primitives import LANES, lane, lane_array, opposite, select, some
+from archfrag.physics.kernels.primitives import (
+    LANES,
+    lane,
+    lane_array,
+    opposite,
+    select,
+    some,
+)
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.numbers import smaller
 from archfrag.physics.state import Clock, Model
@@ -40,7 +47,9 @@ from archfrag.physics.steps.side_by_side import fetch_run, jobs_of, return_run
 # A chain rests when it has not been faster than this in the mean, nor any body than three times
 # this, over the root of gravity times joint length, for so long after the motion, over the root of
 # its size over gravity: longer than a turning point lasts. A loose voussoir rattles for long.
-STILL, FASTEST_STILL, REST_SPAN = 1e-2, 3e-2, 2.0
+STILL = 1e-2
+FASTEST_STILL = 3e-2
+REST_SPAN = 2.0
 BALANCED = 1e-6  # acceleration over gravity that a step may leave unbalanced
 ALMOST = 1e-6  # of a step is no step
 SLIDING_STEP = 0.5  # of the step, where a joint slides
@@ -68,12 +77,17 @@ def try_step(scene, runs, live):
     Reads: scene, runs.
     Writes: runs.
     """
-    model, state, clock = scene.model, runs.state, runs.state.clock
-    step, time = clock[Clock.STEP], clock[Clock.TIME]
+    model = scene.model
+    state = runs.state
+    clock = runs.state.clock
+    step = clock[Clock.STEP]
+    time = clock[Clock.TIME]
     impulse = impulse_between(scene.grounds, clock, time, time + step)
     pose_step(model, runs, impulse, step)
     delay = delay_of(scene.faces, step)
-    solved, iterations = find_velocities(model, scene.faces, runs, step, delay, BALANCED, live)
+    solved, iterations = find_velocities(
+        model, scene.faces, runs, step, delay, BALANCED, live
+    )
     state.count[Count.ITERATIONS] += select(live, iterations, 0.0)
     failed = live & opposite(solved)
     state.count[Count.SHORTENED] += select(failed, 1.0, 0.0)
@@ -86,10 +100,13 @@ def try_step(scene, runs, live):
 @inlined
 def _go_on(scene, state, until, solved, collapsed, broken):
     """Set the next step of runs, and the codes of those that end or wait."""
-    options, clock, count = scene.options, state.clock, state.count
+    options = scene.options
+    clock = state.clock
+    count = state.count
     over = clock[Clock.TIME] >= until - ALMOST * options.time_step
     left = until - clock[Clock.TIME]
-    longest, slides = options.time_step, False
+    longest = options.time_step
+    slides = False
     for j in range(state.slide.shape[0]):
         slides = slides | (state.slide[j] != 0.0)
     longest = select(slides, SLIDING_STEP * longest, longest)
@@ -110,15 +127,31 @@ def _go_on(scene, state, until, solved, collapsed, broken):
     hopeless = clock[Clock.STEP] < service.SHORTEST * options.time_step
     hopeless = hopeless & opposite(solved)
     before = clock[Clock.CODE]
-    clock[Clock.CODE] = (
-        select(broken, float(shared.BROKEN),
-        select(collapsed, float(shared.COLLAPSES),
-        select(before > shared.GO, before,
-        select(solved & calm, float(shared.IDLE),
-        select(solved & over, float(shared.AT_END),
-        select(spent, float(shared.EXHAUSTED),
-        select(hopeless, float(shared.UNSOLVED), before)))))))
-    )  # fmt: skip
+    clock[Clock.CODE] = select(
+        broken,
+        float(shared.BROKEN),
+        select(
+            collapsed,
+            float(shared.COLLAPSES),
+            select(
+                before > shared.GO,
+                before,
+                select(
+                    solved & calm,
+                    float(shared.IDLE),
+                    select(
+                        solved & over,
+                        float(shared.AT_END),
+                        select(
+                            spent,
+                            float(shared.EXHAUSTED),
+                            select(hopeless, float(shared.UNSOLVED), before),
+                        ),
+                    ),
+                ),
+            ),
+        ),
+    )
 
 
 @kernel
@@ -128,7 +161,8 @@ def step_four(scene, runs):
     Reads: scene, runs.
     Writes: runs.
     """
-    state, clock = runs.state, runs.state.clock
+    state = runs.state
+    clock = runs.state.clock
     until = end_of_motion(scene.grounds, clock, scene.options.follow)
     ends = False
     while not ends:
@@ -150,7 +184,10 @@ def run_one(scene, runs, factor, output, results):
     Reads: scene, runs, output.
     Writes: runs, output.
     """
-    model, state, work, clock = scene.model, runs.state, runs.work, runs.state.clock
+    model = scene.model
+    state = runs.state
+    work = runs.work
+    clock = runs.state.clock
     _begin(scene, runs, 0, factor)
     shared.log_change(state, 0.0, service.BY_START, -1, shared.ALL, output)
     until = end_of_motion(scene.grounds, clock, scene.options.follow)
@@ -159,7 +196,9 @@ def run_one(scene, runs, factor, output, results):
         collapsed = broken = False
         if solved:
             service.write_if_due(model, state, work, output)
-            cause, joint, time = -1, -1, clock[Clock.TIME]
+            cause = -1
+            joint = -1
+            time = clock[Clock.TIME]
             if output.log.time.size > 0:
                 cause, joint = service.dominant_change(state, work)
             collapsed, broken = accept_step(
@@ -175,13 +214,16 @@ def run_one(scene, runs, factor, output, results):
 @inlined
 def _begin(scene, runs, motion, factor):
     """Start a run from rest on its joints."""
-    state, memory, faces = runs.state, runs.memory, scene.faces
+    state = runs.state
+    memory = runs.memory
+    faces = scene.faces
     shared.begin(scene.model, state, runs.work, motion, factor)
     state.clock[Clock.STEP] = scene.options.time_step
     state.clock[Clock.BEGINS] = scene.grounds.begins[motion]
     memory.stored[0] = faces.stored
     for j in range(state.slip.size):
-        memory.touching[j], memory.half[j] = faces.touching[j], faces.half[j]
+        memory.touching[j] = faces.touching[j]
+        memory.half[j] = faces.half[j]
         for i in range(3):
             memory.slip[j, i] = faces.slip[j, i]
 
@@ -189,7 +231,9 @@ def _begin(scene, runs, motion, factor):
 @inlined
 def _end(scene, runs, output, results, row):
     """Write the results of a run that has ended; what joints store is potential energy."""
-    model, state, work = scene.model, runs.state, runs.work
+    model = scene.model
+    state = runs.state
+    work = runs.work
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     shared.end_run(model, state, work, scene.options, output, results, row)
     results.energy[row, Energy.POTENTIAL] += runs.memory.stored[0] - scene.faces.stored
@@ -200,7 +244,8 @@ def _next_run(scene, one, jobs):
     """Start the next run; return its number, -1 if there is none."""
     run = jobs.upcoming[0]
     if run >= jobs.motion.size:
-        one.state.clock[Clock.CODE], one.state.clock[Clock.STEP] = VACANT, 1.0
+        one.state.clock[Clock.CODE] = VACANT
+        one.state.clock[Clock.STEP] = 1.0
         return -1
     jobs.upcoming[0] += 1
     _begin(scene, one, jobs.motion[run], jobs.factor[run])
@@ -222,7 +267,10 @@ def run_four(scene, four, one, jobs, output, results):
     while running > 0:
         step_four(scene, four)
         for number in range(LANES):
-            if jobs.runs[number] < 0 or int(lane(four.state.clock[Clock.CODE], number)) == 0:
+            if (
+                jobs.runs[number] < 0
+                or int(lane(four.state.clock[Clock.CODE], number)) == 0
+            ):
                 continue
             fetch_run(four.columns, number, one.columns)
             _end(scene, one, output, results, jobs.runs[number])
@@ -248,32 +296,46 @@ def _scene(chain: Chain, grounds: Grounds, options: Options) -> Scene | Status:
 
 
 def run(
-    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
-    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-) -> Outcomes:  # fmt: skip
+    chain: Chain,
+    grounds: Grounds,
+    factor: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Outcomes:
     """Integrate one chain under one ground motion; as `archfrag.physics.steps.run.run`.
 
     A run begins at rest on the joints, whatever the state given.
     """
-    scene, results = _scene(chain, grounds, options), shared.new_results(1)
+    scene = _scene(chain, grounds, options)
+    results = shared.new_results(1)
     if isinstance(scene, Status):
         results.status[:] = int(scene)
         return results
     runs = new_runs(scene.model)
     output = shared.output_to(frames, log, options.frame_interval)
     run_one(scene, runs, float(factor), output, results)
-    position[:], velocity[:] = runs.state.position[1:-1], runs.state.velocity[1:-1]
+    position[:] = runs.state.position[1:-1]
+    velocity[:] = runs.state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
     return results
 
 
 def run_many(
-    chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
+    chain: Chain,
+    grounds: Grounds,
+    motion: np.ndarray,
+    factor: np.ndarray,
+    options: Options,
 ) -> Outcomes:
     """Integrate one chain from rest under many scaled ground motions, four at a time; as
     `archfrag.physics.steps.run.run_many`.
     """
-    scene, results = _scene(chain, grounds, options), shared.new_results(len(motion))
+    scene = _scene(chain, grounds, options)
+    results = shared.new_results(len(motion))
     if isinstance(scene, Status):
         results.status[:] = int(scene)
         return results
@@ -286,7 +348,10 @@ def _buffers(model: Model) -> tuple[FaceRuns, FaceRuns]:
     """Return buffers for many runs of a chain; a thread keeps those that it used last."""
     kept = _kept.__dict__
     if kept.get("model") is not model:
-        kept["model"], kept["buffers"] = model, (new_runs(model, lane_array), new_runs(model))
+        kept["model"], kept["buffers"] = (
+            model,
+            (new_runs(model, lane_array), new_runs(model)),
+        )
     buffers: tuple[FaceRuns, FaceRuns] = kept["buffers"]
     return buffers
 

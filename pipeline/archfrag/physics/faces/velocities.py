@@ -24,15 +24,29 @@ from archfrag.physics.numbers import dot, flag, larger, smaller
 MOST_ITERATIONS = 40.0
 # A step along which the slope of the energy rises to more than this part of what it was is cut to
 # where the slope vanishes; trials keep this part of an interval from its ends, down to a shortest.
-TURNED, LEAST, SHORTEST = 0.5, 0.05, 1e-6
+TURNED = 0.5
+LEAST = 0.05
+SHORTEST = 1e-6
 
 
 # Shapes of arrays behind their first dimension, and those with a row for each body.
 OF_WORK = {
-    "gap": (2,), "before": (2,), "part": (2,), "slip": (3,), "held": (3,), "most": (3,),
-    "force": (3,), "stiffness": (3, 3), "block": (3, 3),
-    "lower": (3, 3), "upper": (3, 3), "left": (3,), "forward": (3,), "base": (3,), "change": (3,),
-}  # fmt: skip
+    "gap": (2,),
+    "before": (2,),
+    "part": (2,),
+    "slip": (3,),
+    "held": (3,),
+    "most": (3,),
+    "force": (3,),
+    "stiffness": (3, 3),
+    "block": (3, 3),
+    "lower": (3, 3),
+    "upper": (3, 3),
+    "left": (3,),
+    "forward": (3,),
+    "base": (3,),
+    "change": (3,),
+}
 OF_ROWS = ("block", "left", "forward", "base", "change")
 
 
@@ -40,7 +54,9 @@ OF_ROWS = ("block", "left", "forward", "base", "change")
 class FaceWork(NamedTuple):
     """Workspace of a step of joints that give, of one run or of four."""
 
-    gap: np.ndarray  # (n_joint, 2) in the middle of the step: at the joint's middle [m], slope [1]
+    gap: (
+        np.ndarray
+    )  # (n_joint, 2) in the middle of the step: at the joint's middle [m], slope [1]
     before: np.ndarray  # (n_joint, 2) the same at its begin, as it moves there
     part: np.ndarray  # (n_joint, 2) ends of what overlaps then [m]
     tilt: np.ndarray  # (n_joint,) by which the slope falls with the relative rotation
@@ -53,7 +69,9 @@ class FaceWork(NamedTuple):
     stiffness: np.ndarray  # (n_joint, 3, 3) of x, y and rotation about the pivot
     block: np.ndarray  # (n_body + 2, 3, 3) of the system, eliminated
     left: np.ndarray  # (n_body + 2, 3) impulses that are not balanced
-    lower: np.ndarray  # (n_joint, 3, 3) coupling of the body after a joint with that before
+    lower: (
+        np.ndarray
+    )  # (n_joint, 3, 3) coupling of the body after a joint with that before
     upper: np.ndarray  # (n_joint, 3, 3) of the body before with that after
     forward: np.ndarray  # (n_body + 2, 3) solution of the rows above each body
     base: np.ndarray  # (n_body + 2, 3) velocities from which a Newton step goes
@@ -63,12 +81,18 @@ class FaceWork(NamedTuple):
 @inlined
 def _set_stiffness(j, work, own, times, model, faces):
     """Set what joint j bears, and how that changes with its relative displacement."""
-    nx, ny = work.normal[j, 0], work.normal[j, 1]
-    ux, uy = corner_rate_at(j, work.pivot[j, 0], work.pivot[j, 1], work.position, work.solved)
+    nx = work.normal[j, 0]
+    ny = work.normal[j, 1]
+    ux, uy = corner_rate_at(
+        j, work.pivot[j, 0], work.pivot[j, 1], work.position, work.solved
+    )
     c, (step, b), ratio = own.tilt[j], times, times[0] / times[1]
-    opens, turns = nx * ux + ny * uy, c * (work.solved[j + 1, 2] - work.solved[j, 2])
-    g0, g1 = own.gap[j, 0], own.gap[j, 1]
-    fresh, old = (g0 + step * opens, g1 - step * turns), (g0 + b * opens, g1 - b * turns)
+    opens = nx * ux + ny * uy
+    turns = c * (work.solved[j + 1, 2] - work.solved[j, 2])
+    g0 = own.gap[j, 0]
+    g1 = own.gap[j, 1]
+    fresh = (g0 + step * opens, g1 - step * turns)
+    old = (g0 + b * opens, g1 - b * turns)
     end = 0.5 * (g0 + fresh[0]), 0.5 * (g1 + fresh[1])
     gaps = Gaps(*fresh, *old, own.part[j, 0], own.part[j, 1], ratio, *end)
     along = b * (nx * uy - ny * ux)
@@ -77,23 +101,30 @@ def _set_stiffness(j, work, own, times, model, faces):
     material = k, faces.shear[j], model.friction[j]
     has = bear(gaps, own.half[j], slip, own.touching[j], material, faces.points)
     for i in range(3):
-        own.held[j, i], own.most[j, i] = has.held[i], has.most[i]
-    own.force[j, 0], own.force[j, 1], own.force[j, 2] = has.normal, c * has.moment, has.shear
-    press, tilt, by_slip = k * has.l0, c * k * has.l1, has.hold
+        own.held[j, i] = has.held[i]
+        own.most[j, i] = has.most[i]
+    own.force[j, 0] = has.normal
+    own.force[j, 1] = c * has.moment
+    own.force[j, 2] = has.shear
+    press = k * has.l0
+    tilt = c * k * has.l1
+    by_slip = has.hold
     s = own.stiffness
     s[j, 0, 0] = nx * (press * nx - has.rub_0 * ny) + by_slip * ny * ny
     s[j, 0, 1] = ny * (press * nx - has.rub_0 * ny) - by_slip * ny * nx
     s[j, 1, 0] = nx * (press * ny + has.rub_0 * nx) - by_slip * nx * ny
     s[j, 1, 1] = ny * (press * ny + has.rub_0 * nx) + by_slip * nx * nx
     rub_1 = c * has.rub_1
-    s[j, 0, 2], s[j, 1, 2] = rub_1 * ny - tilt * nx, -rub_1 * nx - tilt * ny
+    s[j, 0, 2] = rub_1 * ny - tilt * nx
+    s[j, 1, 2] = -rub_1 * nx - tilt * ny
     s[j, 2, 0], s[j, 2, 1], s[j, 2, 2] = -tilt * nx, -tilt * ny, c * c * k * has.l2
 
 
 @inlined
 def _turning(s, j, a, arm):
     """Return row `a` of the stiffness of joint j, for the motion of a body."""
-    x, y = s[j, a, 0], s[j, a, 1]
+    x = s[j, a, 0]
+    y = s[j, a, 1]
     return x, y, fused(arm[0], y, fused(-arm[1], x, s[j, a, 2]))
 
 
@@ -118,18 +149,30 @@ def _push(own, i, fx, fy, moment, arm):
 @inlined
 def _add_joint(j, work, own, step, b):
     """Add what joint j bears in the step, and its stiffness, to the system."""
-    nx, ny = work.normal[j, 0], work.normal[j, 1]
-    px, py = work.pivot[j, 0], work.pivot[j, 1]
+    nx = work.normal[j, 0]
+    ny = work.normal[j, 1]
+    px = work.pivot[j, 0]
+    py = work.pivot[j, 1]
     after = px - work.position[j + 1, 0], py - work.position[j + 1, 1]
     before = px - work.position[j, 0], py - work.position[j, 1]
-    press, rub, turn = step * own.force[j, 0], step * own.force[j, 2], step * own.force[j, 1]
-    fx, fy = press * nx - rub * ny, press * ny + rub * nx
-    work.reaction[j, 0], work.reaction[j, 1], work.reaction[j, 2] = fx, fy, -turn
+    press = step * own.force[j, 0]
+    rub = step * own.force[j, 2]
+    turn = step * own.force[j, 1]
+    fx = press * nx - rub * ny
+    fy = press * ny + rub * nx
+    work.reaction[j, 0] = fx
+    work.reaction[j, 1] = fy
+    work.reaction[j, 2] = -turn
     _push(own, j + 1, fx, fy, -turn, after)
     _push(own, j, -fx, -fy, turn, before)
-    s, size = own.stiffness, step * b
+    s = own.stiffness
+    size = step * b
     later = _turning(s, j, 0, after), _turning(s, j, 1, after), _turning(s, j, 2, after)
-    sooner = _turning(s, j, 0, before), _turning(s, j, 1, before), _turning(s, j, 2, before)
+    sooner = (
+        _turning(s, j, 0, before),
+        _turning(s, j, 1, before),
+        _turning(s, j, 2, before),
+    )
     for a in range(3):
         for c in range(3):
             own.upper[j, a, c] = own.lower[j, a, c] = 0.0
@@ -149,7 +192,8 @@ def balance(model, faces, work, own, step, b):
     Reads: model, faces, work, own.
     Writes: work.reaction, own.
     """
-    n_joint, last = work.slide.shape[0], work.solved.shape[0] - 1
+    n_joint = work.slide.shape[0]
+    last = work.solved.shape[0] - 1
     for i in range(last + 1):
         for a in range(3):
             mass = model.inertia[i] if a == 2 else model.mass[i]
@@ -161,8 +205,12 @@ def balance(model, faces, work, own, step, b):
         _add_joint(j, work, own, step, b)
     square = slope = 0.0 * step
     for i in range(1, last):
-        x, y, z = own.left[i, 0], own.left[i, 1], own.left[i, 2]
-        square += model.inverse_mass[i] * (x * x + y * y) + model.inverse_inertia[i] * (z * z)
+        x = own.left[i, 0]
+        y = own.left[i, 1]
+        z = own.left[i, 2]
+        square += model.inverse_mass[i] * (x * x + y * y) + model.inverse_inertia[i] * (
+            z * z
+        )
         slope -= dot((x, y, z), (own.change[i, 0], own.change[i, 1], own.change[i, 2]))
     return square, slope
 
@@ -179,8 +227,13 @@ def newton_step(own, last, where):
     Reads: own (block, change, forward, left, lower, upper).
     Writes: own (block, change, forward, upper).
     """
-    block, lower, upper, left = own.block, own.lower, own.upper, own.left
-    x, y, z = left[1, 0], left[1, 1], left[1, 2]
+    block = own.block
+    lower = own.lower
+    upper = own.upper
+    left = own.left
+    x = left[1, 0]
+    y = left[1, 1]
+    z = left[1, 2]
     for i in range(1, last + 1):
         if i > 1:
             j = i - 1
@@ -225,8 +278,11 @@ def find_velocities(model, faces, runs, step, b, balanced, live):
     Reads: model, faces, runs.
     Writes: runs.
     """
-    state, work, own = runs.state, runs.work, runs.own
-    last, mass = work.solved.shape[0] - 1, 0.0
+    state = runs.state
+    work = runs.work
+    own = runs.own
+    last = work.solved.shape[0] - 1
+    mass = 0.0
     for i in range(1, last):
         mass += model.mass[i]
         for c in range(3):
@@ -236,8 +292,14 @@ def find_velocities(model, faces, runs, step, b, balanced, live):
         work.solved[last, c] = work.free[last, c]
     enough = balanced * model.gravity * step
     enough = enough * enough * mass
-    active, part, before, iterations = live, 1.0 + 0.0 * step, 0.0 * step, 0.0 * step
-    low, high, at_low, at_high = 0.0 * step, part, before, before
+    active = live
+    part = 1.0 + 0.0 * step
+    before = 0.0 * step
+    iterations = 0.0 * step
+    low = 0.0 * step
+    high = part
+    at_low = before
+    at_high = before
     while True:
         square, slope = balance(model, faces, work, own, step, b)
         active = active & opposite(square <= enough)
@@ -247,16 +309,20 @@ def find_velocities(model, faces, runs, step, b, balanced, live):
         turned = select(part < 1.0, abs(slope), slope) > -TURNED * before
         back = active & turned & (high - low > SHORTEST)
         over = slope > 0.0
-        high, at_high = select(over, part, high), select(over, slope, at_high)
-        low, at_low = select(over, low, part), select(over, at_low, slope)
+        high = select(over, part, high)
+        at_high = select(over, slope, at_high)
+        low = select(over, low, part)
+        at_low = select(over, at_low, slope)
         ahead = active & opposite(back)
         if some(ahead):
             found = newton_step(own, last - 1, ahead)
             before = select(ahead, found, before)
         cut = smaller(larger(at_low / (at_low - at_high), LEAST), 1.0 - LEAST)
         part = select(back, low + cut * (high - low), 1.0)
-        low, high = select(ahead, 0.0, low), select(ahead, 1.0, high)
-        at_low, at_high = select(ahead, before, at_low), select(ahead, 0.0, at_high)
+        low = select(ahead, 0.0, low)
+        high = select(ahead, 1.0, high)
+        at_low = select(ahead, before, at_low)
+        at_high = select(ahead, 0.0, at_high)
         for i in range(1, last):
             for c in range(3):
                 own.base[i, c] = select(ahead, work.solved[i, c], own.base[i, c])

@@ -16,7 +16,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from archfrag.physics.kernels.cache import HOME, source_hash, use_kernel_cache
-from archfrag.physics.kernels.load import OF_ALL, SHIPPED, as_tuples, is_ready, make_ready
+from archfrag.physics.kernels.load import (
+    OF_ALL,
+    SHIPPED,
+    as_tuples,
+    is_ready,
+    make_ready,
+)
 
 
 def make_all_ready() -> None:
@@ -26,7 +32,9 @@ def make_all_ready() -> None:
     Kernels of a set that cannot be compiled as its list says are compiled when they are called.
     """
     missing = [name for name in OF_ALL if not is_ready(name)]
-    with _second_process(missing[-1:]) if len(missing) > 1 else contextlib.nullcontext():
+    with (
+        _second_process(missing[-1:]) if len(missing) > 1 else contextlib.nullcontext()
+    ):
         for name in missing:
             try:
                 make_ready(name)
@@ -39,15 +47,26 @@ def make_all_ready() -> None:
 @contextlib.contextmanager
 def _second_process(names: Sequence[str]) -> Iterator[None]:
     """Have another process make some sets; none on one core. It ends with this process."""
-    places, process = [str(HOME.parent), os.environ.get("PYTHONPATH")], None
-    command = [sys.executable, "-P", "-W", "ignore", "-m", "archfrag.physics.kernels", "ready"]
+    places = [str(HOME.parent), os.environ.get("PYTHONPATH")]
+    process = None
+    command = [
+        sys.executable,
+        "-P",
+        "-W",
+        "ignore",
+        "-m",
+        "archfrag.physics.kernels",
+        "ready",
+    ]
     if (os.cpu_count() or 1) > 1 and use_kernel_cache() is not None:
         with contextlib.suppress(OSError):
             process = subprocess.Popen(
                 [*command, *names],
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))},
-                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            )  # fmt: skip
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
     try:
         yield
     finally:
@@ -68,12 +87,18 @@ def build(folder: Path = SHIPPED) -> None:
     """
     from archfrag.physics.kernels.compile import compile_set
 
-    used = subprocess.check_output([sys.executable, "-P", "-m", "archfrag.simulation.warmup"])
+    used = subprocess.check_output(
+        [sys.executable, "-P", "-m", "archfrag.simulation.warmup"]
+    )
     folder.mkdir(exist_ok=True)
     for name, entries in json.loads(used).items():
         offers, code = compile_set((kernel, as_tuples(key)) for kernel, key in entries)
-        header = json.dumps([source_hash(), offers, hashlib.sha256(code).hexdigest()]).encode()
-        (folder / f"{name}.xz").write_bytes(lzma.compress(header + b"\n" + code, preset=9))
+        header = json.dumps(
+            [source_hash(), offers, hashlib.sha256(code).hexdigest()]
+        ).encode()
+        (folder / f"{name}.xz").write_bytes(
+            lzma.compress(header + b"\n" + code, preset=9)
+        )
 
 
 if __name__ == "__main__":

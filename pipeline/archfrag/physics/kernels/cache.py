@@ -19,14 +19,25 @@ from importlib.metadata import version
 from pathlib import Path
 
 HOME = Path(__file__).resolve().parents[2]
-HOLDS_NO_KERNEL = ("registry.py", "auto.py", "front.py", "__main__.py", "cache.py", "load.py")
-KEPT = 30 * 86400.0  # time for which folders of other states of the source stay unused [s]
+HOLDS_NO_KERNEL = (
+    "registry.py",
+    "auto.py",
+    "front.py",
+    "__main__.py",
+    "cache.py",
+    "load.py",
+)
+KEPT = (
+    30 * 86400.0
+)  # time for which folders of other states of the source stay unused [s]
 
 
 def kernel_platform() -> str:
     """Return the versions and the kind of machine that compiled kernels depend on."""
     versions = [f"{name}={version(name)};" for name in ("numba", "llvmlite", "numpy")]
-    return "".join(versions) + f"python={platform.python_version()};{platform.machine()};"
+    return (
+        "".join(versions) + f"python={platform.python_version()};{platform.machine()};"
+    )
 
 
 def _sources() -> list[Path]:
@@ -64,7 +75,9 @@ def digest_of_syntax(paths: tuple[Path, ...]) -> str:
             return found
     digest = hashlib.sha256()
     for path in paths:
-        digest.update(f"{path.relative_to(HOME).as_posix()} {text_of(path.read_bytes())}".encode())
+        digest.update(
+            f"{path.relative_to(HOME).as_posix()} {text_of(path.read_bytes())}".encode()
+        )
     with contextlib.suppress(OSError):
         if kept:
             kept.write_text(digest.hexdigest())
@@ -76,13 +89,18 @@ def text_of(source: bytes) -> str:
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
-            node.exc.args, node.exc.keywords = [], []
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(
-            node, clean=False
-        ):
+            node.exc.args = []
+            node.exc.keywords = []
+        if isinstance(
+            node, ast.Module | ast.ClassDef | ast.FunctionDef
+        ) and ast.get_docstring(node, clean=False):
             del node.body[0]
-        if isinstance(node, ast.JoinedStr):  # some versions put empty texts between its parts
-            node.values = [each for each in node.values if getattr(each, "value", None) != ""]
+        if isinstance(
+            node, ast.JoinedStr
+        ):  # some versions put empty texts between its parts
+            node.values = [
+                each for each in node.values if getattr(each, "value", None) != ""
+            ]
     return _text(tree)
 
 
@@ -92,7 +110,9 @@ def _text(node: object) -> str:
         return f"[{','.join(map(_text, node))}]"
     if not isinstance(node, ast.AST):
         return ascii(node)  # what `repr` escapes depends on the version
-    filled = ((name, each) for name, each in ast.iter_fields(node) if each not in (None, []))
+    filled = (
+        (name, each) for name, each in ast.iter_fields(node) if each not in (None, [])
+    )
     return f"{type(node).__name__}({','.join(f'{name}={_text(each)}' for name, each in filled)})"
 
 
@@ -106,7 +126,9 @@ def use_kernel_cache() -> Path | None:
     from platformdirs import user_cache_path
 
     chosen = os.environ.get("NUMBA_CACHE_DIR")
-    base = Path(chosen).absolute() if chosen else user_cache_path("archfrag") / "kernels"
+    base = (
+        Path(chosen).absolute() if chosen else user_cache_path("archfrag") / "kernels"
+    )
     with contextlib.suppress(OSError):
         base = _kept_from_others(base)
         folder = base / f"k-{kernel_hash()}"
@@ -114,7 +136,11 @@ def use_kernel_cache() -> Path | None:
             with contextlib.suppress(FileExistsError):
                 place.mkdir(mode=0o700)
         state = os.lstat(folder)
-        if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid() or state.st_mode & 0o077:
+        if (
+            not stat.S_ISDIR(state.st_mode)
+            or state.st_uid != os.getuid()
+            or state.st_mode & 0o077
+        ):
             return None
         tempfile.TemporaryFile(dir=folder).close()
         os.utime(folder)
@@ -135,9 +161,13 @@ def _kept_from_others(path: Path) -> Path:
     are trusted: if each user has a group of their own, this is the usual umask.
     """
     resolved = Path(os.path.realpath(path))
-    for place in filter(os.path.lexists, (path, *path.parents, resolved, *resolved.parents)):
+    for place in filter(
+        os.path.lexists, (path, *path.parents, resolved, *resolved.parents)
+    ):
         state = os.lstat(place)
         open_to_all = state.st_mode & stat.S_IWOTH and not state.st_mode & stat.S_ISVTX
-        if state.st_uid not in (0, os.getuid()) or (open_to_all and not place.is_symlink()):
+        if state.st_uid not in (0, os.getuid()) or (
+            open_to_all and not place.is_symlink()
+        ):
             raise PermissionError(f"{place} can be written by others")
     return resolved

@@ -33,7 +33,8 @@ class _Collected:
     """Takes the place of numba's code library: keeps what numba would link and optimise."""
 
     def __init__(self, codegen: Any, name: str) -> None:
-        self.codegen, self.name = codegen, name
+        self.codegen = codegen
+        self.name = name
         self.modules: list[str] = []
         self.libraries: list[str] = []
         self.recorded_timings: dict[str, Any] = {}
@@ -60,13 +61,16 @@ def _without_paths(code: str) -> str:
     names: dict[str, str] = {}
     return re.sub(
         r"(?<=\.const\.pickle)(data|buf)\.[0-9a-f]{40}",
-        lambda found: f"{found[1]}.{names.setdefault(found[0][-40:], str(len(names)))}", code,
-    )  # fmt: skip
+        lambda found: f"{found[1]}.{names.setdefault(found[0][-40:], str(len(names)))}",
+        code,
+    )
 
 
 _versions: dict[tuple[str, Any], Version] = {}
 _named: dict[str, Version] = {}
-_calls: list[set[str]] = []  # by the versions that are being compiled, the innermost last
+_calls: list[
+    set[str]
+] = []  # by the versions that are being compiled, the innermost last
 
 
 def version_of(kernel: Source, args: tuple[Any, ...]) -> Version:
@@ -82,17 +86,23 @@ def version_of(kernel: Source, args: tuple[Any, ...]) -> Version:
 
 def _compiled(kernel: Source, args: tuple[Any, ...]) -> Version:
     flags: Any = Flags()
-    flags.nrt, flags.error_model, flags.forceinline = False, "numpy", kernel.inline
+    flags.nrt = False
+    flags.error_model = "numpy"
+    flags.forceinline = kernel.inline
     flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
-    typing, target = cpu_target.typing_context, cpu_target.target_context
+    typing = cpu_target.typing_context
+    target = cpu_target.target_context
     library = _Collected(target.codegen(), kernel.name)
     _calls.append(set())
     try:
-        made = compile_extra(typing, target, kernel.py_func, args, None, flags, {}, library)
+        made = compile_extra(
+            typing, target, kernel.py_func, args, None, flags, {}, library
+        )
     finally:
         calls = _calls.pop()
     # numba's names count what was compiled before; ours follow from kernel and types.
-    described, types = made.fndesc, " ".join(map(str, args))
+    described = made.fndesc
+    types = " ".join(map(str, args))
     digest = hashlib.sha256(types.encode()).hexdigest()[:16]
     name = f"{kernel.name.replace(':', '.')}.{digest}"
     code = library.modules[0].replace(described.mangled_name, name)
@@ -107,13 +117,18 @@ def compile_set(entries: Iterable[tuple[str, Any]]) -> tuple[list[Any], bytes]:
     The code is optimised for `PROCESSOR` where this machine has what that has, so that all such
     machines give the same bits. A kernel that no longer takes such arguments is left out.
     """
-    offers, versions = [], []
+    offers = []
+    versions = []
     for name, key in entries:
         module, _, function = name.partition(":")
         try:
             kernel = getattr(importlib.import_module(module), function)
             args = tuple(map(lower.type_of, key))
-        except (ImportError, AttributeError, ValueError):  # of a list older than the source
+        except (
+            ImportError,
+            AttributeError,
+            ValueError,
+        ):  # of a list older than the source
             continue
         version = version_of(kernel, args)
         versions.append(version)
@@ -125,14 +140,16 @@ def compile_set(entries: Iterable[tuple[str, Any]]) -> tuple[list[Any], bytes]:
 
 def _linked(entries: list[Version]) -> Any:
     """Link versions and all that they call; only `entries` can be called from outside."""
-    used, todo = {}, list(entries)
+    used = {}
+    todo = list(entries)
     kept = {each.name for each in entries}
     while todo:
         version = todo.pop()
         if version.name not in used:
             used[version.name] = version
             todo += [_named[name] for name in version.calls]
-    whole, libraries = llvm.parse_assembly(""), set[str]()
+    whole = llvm.parse_assembly("")
+    libraries = set[str]()
     for _, version in sorted(used.items()):
         whole.link_in(llvm.parse_assembly(version.code))
         libraries |= set(version.libraries)
@@ -175,7 +192,9 @@ class KernelType(types.Callable, types.Dummy):
     def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
         """Compile the version that a call needs; return its signature."""
         if kws:
-            raise TypeError(f"{self.kernel.name}: kernels take each other's arguments by position")
+            raise TypeError(
+                f"{self.kernel.name}: kernels take each other's arguments by position"
+            )
         given = tuple(map(lower.plain, args))
         return version_of(self.kernel, given).returned(*given)
 
@@ -202,6 +221,8 @@ def _type_of_kernel(kernel: Source) -> KernelType:
 
     @lower_builtin(of.name, types.VarArg(types.Any))
     def call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return context.call_internal(builder, version_of(kernel, sig.args).described, sig, args)
+        return context.call_internal(
+            builder, version_of(kernel, sig.args).described, sig, args
+        )
 
     return of

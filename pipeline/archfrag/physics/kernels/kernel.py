@@ -11,7 +11,12 @@ from archfrag.physics.kernels.structs import Source, class_of, describe
 
 # Whether kernels are compiled; the variable makes them plain functions, to be debugged.
 COMPILED = (os.environ.get("NUMBA_DISABLE_JIT") or "0") == "0"
-_C = {"f8": ctypes.c_double, "i8": ctypes.c_int64, "b1": ctypes.c_uint8, "none": ctypes.c_void_p}
+_C = {
+    "f8": ctypes.c_double,
+    "i8": ctypes.c_int64,
+    "b1": ctypes.c_uint8,
+    "none": ctypes.c_void_p,
+}
 
 
 class Kernel(Source):
@@ -59,10 +64,13 @@ def _entry(address: int, descriptions: Any, returned: Any) -> Callable[[tuple], 
     kinds: list[Any] = []
     takes = [_passed(each, kinds) for each in descriptions]
     of_result = _c_type(returned)
-    call = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, *kinds)(address)
+    call = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, *kinds)(
+        address
+    )
 
     def enter(args: tuple) -> Any:
-        result, error = of_result(), ctypes.c_void_p()
+        result = of_result()
+        error = ctypes.c_void_p()
         values: list[Any] = []
         for take, value in zip(takes, args, strict=True):
             take(value, values)

@@ -28,7 +28,9 @@ SETS = ("rest", "steps", "events", "faces")
 OF_ALL = SETS[:3]  # those that every study uses
 SHIPPED = Path(__file__).parent / "shipped"
 
-called: list[tuple[str, Any]] = []  # kernels that were called from Python so far, and how
+called: list[
+    tuple[str, Any]
+] = []  # kernels that were called from Python so far, and how
 _lock = threading.RLock()
 _found: dict[tuple[str, Any], tuple[int, Any]] = {}
 _engines: list[Any] = []  # hold the machine code
@@ -42,7 +44,9 @@ def load(kernel: Any, key: Any) -> tuple[int, Any]:
     with _lock:
         called.append(entry)
         for name in SETS if entry not in _found else ():
-            if is_ready(name) or (is_shipped(name) and entry in _kernels(_shipped(name)[1])):
+            if is_ready(name) or (
+                is_shipped(name) and entry in _kernels(_shipped(name)[1])
+            ):
                 _take(make_ready(name), entry)
         if entry not in _found:
             name = _name_of(entry, Path(kernel.py_func.__code__.co_filename))
@@ -150,9 +154,13 @@ def _name_of(entry: tuple[str, Any], place: Path) -> str:
     """Name of the set of one kernel; of one outside archfrag, with a digest of its folder."""
     text = repr(entry)
     if not place.is_relative_to(HOME):
-        content = b"".join(path.read_bytes() for path in sorted(place.parent.glob("*.py")))
+        content = b"".join(
+            path.read_bytes() for path in sorted(place.parent.glob("*.py"))
+        )
         text += hashlib.sha256(content).hexdigest()
-    return f"{entry[0].replace(':', '.')}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+    return (
+        f"{entry[0].replace(':', '.')}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+    )
 
 
 def _path(name: str) -> Path | None:
@@ -161,8 +169,11 @@ def _path(name: str) -> Path | None:
     Machine code is for a system and a kind of processor, and for what such a processor may use:
     a virtual machine may withhold some of it.
     """
-    folder, features = use_kernel_cache(), llvm.get_host_cpu_features().flatten()
-    kind = hashlib.sha256(f"{llvm.get_process_triple()} {features}".encode()).hexdigest()[:8]
+    folder = use_kernel_cache()
+    features = llvm.get_host_cpu_features().flatten()
+    kind = hashlib.sha256(
+        f"{llvm.get_process_triple()} {features}".encode()
+    ).hexdigest()[:8]
     return folder and folder / f"{name}-{llvm.get_host_cpu_name()}-{kind}.kernels"
 
 
@@ -171,7 +182,8 @@ def _read(path: Path) -> tuple[Any, bytes] | None:
         content = path.read_bytes()
     except OSError:
         return None
-    digest, content = content[:32], content[32:]
+    digest = content[:32]
+    content = content[32:]
     if hashlib.sha256(content).digest() != digest:
         return None
     offers, _, code = content.partition(b"\n")

@@ -23,10 +23,13 @@ from archfrag.physics.kernels import primitives, structs
 from archfrag.physics.kernels.primitives import LANES
 from archfrag.physics.kernels.structs import class_of, fields_of, name_of, words_of
 
-_WORD, _DOUBLE, _INDEX = ir.IntType(64), ir.DoubleType(), ir.IntType(32)
+_WORD = ir.IntType(64)
+_DOUBLE = ir.DoubleType()
+_INDEX = ir.IntType(32)
 # Arrays of this name are the same memory in several structs.
 SHARED = "tie"
-_VECTOR, _BITS = ir.VectorType(_DOUBLE, LANES), ir.VectorType(ir.IntType(1), LANES)
+_VECTOR = ir.VectorType(_DOUBLE, LANES)
+_BITS = ir.VectorType(ir.IntType(1), LANES)
 
 
 class _Four(types.Type):
@@ -66,8 +69,11 @@ def _represent(kind: type[_Four], vector: ir.Type, plain: Any, of: Any) -> None:
 
     @lower_cast(plain, kind)
     def broadcast(context: Any, builder: Any, given: Any, to: Any, value: Any) -> Any:
-        nothing, zero = ir.Constant(vector, ir.Undefined), ir.Constant(_INDEX, 0)
-        first = builder.insert_element(nothing, context.cast(builder, value, given, of), zero)
+        nothing = ir.Constant(vector, ir.Undefined)
+        zero = ir.Constant(_INDEX, 0)
+        first = builder.insert_element(
+            nothing, context.cast(builder, value, given, of), zero
+        )
         everywhere = ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES)
         return builder.shuffle_vector(first, nothing, everywhere)
 
@@ -113,14 +119,19 @@ def _compare(sign: str, builder: Any, x: Any, y: Any) -> Any:
 
 
 for _name, _of, _emit in (
-    ("add", lanes, ir.IRBuilder.fadd), ("sub", lanes, ir.IRBuilder.fsub),
-    ("mul", lanes, ir.IRBuilder.fmul), ("truediv", lanes, ir.IRBuilder.fdiv),
-    ("and_", mask, ir.IRBuilder.and_), ("or_", mask, ir.IRBuilder.or_),
+    ("add", lanes, ir.IRBuilder.fadd),
+    ("sub", lanes, ir.IRBuilder.fsub),
+    ("mul", lanes, ir.IRBuilder.fmul),
+    ("truediv", lanes, ir.IRBuilder.fdiv),
+    ("and_", mask, ir.IRBuilder.and_),
+    ("or_", mask, ir.IRBuilder.or_),
     ("xor", mask, ir.IRBuilder.xor),
-):  # fmt: skip
+):
     for _form in (_name, f"i{_name.strip('_')}"):
         _define(getattr(operator, _form), functools.partial(_binary, _of, _of, _emit))
-for _name, _sign in zip(("lt", "le", "gt", "ge", "eq", "ne"), ("<", "<=", ">", ">=", "==", "!=")):
+for _name, _sign in zip(
+    ("lt", "le", "gt", "ge", "eq", "ne"), ("<", "<=", ">", ">=", "==", "!=")
+):
     _emit = functools.partial(_compare, _sign)
     _define(getattr(operator, _name), functools.partial(_binary, lanes, mask, _emit))
 for _function, _emit in (
@@ -146,7 +157,9 @@ def _some(x: Any) -> Any:
         return types.boolean(types.boolean), lambda b, value: value
     whole = ir.IntType(LANES)
     none = ir.Constant(whole, 0)
-    return types.boolean(mask), lambda b, x: b.icmp_unsigned("!=", b.bitcast(x, whole), none)
+    return types.boolean(mask), lambda b, x: b.icmp_unsigned(
+        "!=", b.bitcast(x, whole), none
+    )
 
 
 def _opposite(x: Any) -> Any:
@@ -169,12 +182,15 @@ def _with_lane(x: Any, number: Any, value: Any) -> Any:
     if not isinstance(x, _Four):
         return value(x, types.intp, value), lambda b, old, at, new: new
     kind = types.float64 if x == lanes else types.boolean
-    return x(x, types.intp, kind), lambda b, old, at, new: b.insert_element(old, new, at)
+    return x(x, types.intp, kind), lambda b, old, at, new: b.insert_element(
+        old, new, at
+    )
 
 
 def _struct_at(tables: Any, row: Any, like: Any) -> Any:
     def emit(builder: Any, array: Any, row: Any, given: Any) -> Any:
-        start, stride = builder.extract_value(array, 4), builder.extract_value(array, (6, 0))
+        start = builder.extract_value(array, 4)
+        stride = builder.extract_value(array, (6, 0))
         at = builder.add(builder.ptrtoint(start, _WORD), builder.mul(row, stride))
         return builder.inttoptr(at, given.type)
 
@@ -182,10 +198,15 @@ def _struct_at(tables: Any, row: Any, like: Any) -> Any:
 
 
 _functions: Any = (
-    (primitives.fused, _fused), (primitives.select, _select), (primitives.some, _some),
-    (primitives.opposite, _opposite), (primitives.width, _width), (primitives.lane, _lane),
-    (primitives.with_lane, _with_lane), (structs.struct_at, _struct_at),
-)  # fmt: skip
+    (primitives.fused, _fused),
+    (primitives.select, _select),
+    (primitives.some, _some),
+    (primitives.opposite, _opposite),
+    (primitives.width, _width),
+    (primitives.lane, _lane),
+    (primitives.with_lane, _with_lane),
+    (structs.struct_at, _struct_at),
+)
 for _function, _choose in _functions:
     _define(_function, _choose)
 
@@ -196,7 +217,9 @@ class StructType(types.Type):
     def __init__(self, description: Any) -> None:
         self.fields = {}
         found = fields_of(description)
-        arrays = tuple(name for name, of, *_ in found if of[0] == "array" and name != SHARED)
+        arrays = tuple(
+            name for name, of, *_ in found if of[0] == "array" and name != SHARED
+        )
         for name, of, shape, place in found:
             kind = type_of(of)
             if name in arrays:
@@ -206,9 +229,15 @@ class StructType(types.Type):
 
 
 _TYPES: dict[Any, Any] = {
-    "f8": types.float64, "i8": types.int64, "b1": types.boolean, "none": types.none,
-    "i4": types.int32, "i1": types.int8, "c16": types.complex128, "lanes": lanes,
-}  # fmt: skip
+    "f8": types.float64,
+    "i8": types.int64,
+    "b1": types.boolean,
+    "none": types.none,
+    "i4": types.int32,
+    "i1": types.int8,
+    "c16": types.complex128,
+    "lanes": lanes,
+}
 
 
 def type_of(description: Any) -> Any:
@@ -222,7 +251,9 @@ def type_of(description: Any) -> Any:
             found = StructType(description)
         else:
             parts = [type_of(each) for each in others]
-            of = {True: types.NamedUniTuple, False: types.NamedTuple}[len(set(parts)) == 1]
+            of = {True: types.NamedUniTuple, False: types.NamedTuple}[
+                len(set(parts)) == 1
+            ]
             given = (parts[0], len(parts)) if of is types.NamedUniTuple else (parts,)
             found = of(*given, class_of(name)) if name else types.Tuple(parts)
         _TYPES[description] = found
@@ -239,7 +270,12 @@ def description_of(of: Any) -> Any:
         kind = getattr(of, "instance_class", tuple)
         return ("tuple", name_of(kind), *map(description_of, _parts(of)))
     of = types.int64 if isinstance(of, types.Integer) else of
-    found = {"f8": types.float64, "i8": types.int64, "b1": types.boolean, "none": types.none}
+    found = {
+        "f8": types.float64,
+        "i8": types.int64,
+        "b1": types.boolean,
+        "none": types.none,
+    }
     for name, each in found.items():
         if each == of:
             return name
@@ -249,8 +285,12 @@ def description_of(of: Any) -> Any:
 class FieldType(types.Array):
     """Type of an array of a struct: the items of different fields share no memory."""
 
-    def __init__(self, of: types.Array, struct: str, name: str, siblings: tuple[str, ...]) -> None:
-        self.plain, self.scope, self.siblings = of, (struct, name), siblings
+    def __init__(
+        self, of: types.Array, struct: str, name: str, siblings: tuple[str, ...]
+    ) -> None:
+        self.plain = of
+        self.scope = (struct, name)
+        self.siblings = siblings
         super().__init__(of.dtype, of.ndim, "C", name=f"{of} {struct}.{name}")
 
     @property
@@ -268,11 +308,15 @@ register_model(FieldType)(models.ArrayModel)
 lower_cast(FieldType, types.Array)(lambda context, builder, of, to, value: value)
 
 
-def _item(context: Any, builder: Any, of: FieldType, array: Any, index: Any, given: Any) -> Any:
+def _item(
+    context: Any, builder: Any, of: FieldType, array: Any, index: Any, given: Any
+) -> Any:
     """Return address of an item of a field and its metadata; None if the index is no number."""
     several = isinstance(index, types.BaseTuple)
     kinds = index.types if several else (index,)
-    if len(kinds) != of.ndim or not all(isinstance(each, types.Integer) for each in kinds):
+    if len(kinds) != of.ndim or not all(
+        isinstance(each, types.Integer) for each in kinds
+    ):
         return None, ()
     at: Any = ir.Constant(_WORD, 0)
     for k, kind in enumerate(kinds):
@@ -285,7 +329,8 @@ def _item(context: Any, builder: Any, of: FieldType, array: Any, index: Any, giv
         at = builder.add(builder.mul(at, size), value)
     pointer = builder.gep(builder.extract_value(array, 4), [at], inbounds=True)
     struct, name = of.scope
-    node, domain = builder.module.add_metadata, builder.module.add_metadata([struct])
+    node = builder.module.add_metadata
+    domain = builder.module.add_metadata([struct])
     scopes = {each: node([f"{struct}.{each}", domain]) for each in of.siblings}
     others = node([scope for each, scope in scopes.items() if each != name])
     return pointer, (("alias.scope", node([scopes[name]])), ("noalias", others))
@@ -351,7 +396,9 @@ def _word(builder: Any, table: Any, place: int, kind: Any = _WORD) -> Any:
     return loaded
 
 
-def _loaded(context: Any, builder: Any, table: Any, place: int, of: Any, shape: Any) -> Any:
+def _loaded(
+    context: Any, builder: Any, table: Any, place: int, of: Any, shape: Any
+) -> Any:
     """Load a number, a struct or an array, whose sizes are words but where `shape` has them."""
     if of == types.boolean:
         return builder.trunc(_word(builder, table, place), ir.IntType(1))
@@ -361,14 +408,16 @@ def _loaded(context: Any, builder: Any, table: Any, place: int, of: Any, shape: 
     size = ir.Constant(_WORD, context.get_abi_sizeof(item))
     sizes = [_word(builder, table, place + 1 + k) for k in range(of.ndim - len(shape))]
     sizes += [ir.Constant(_WORD, n) for n in shape]
-    strides, count = [size], ir.Constant(_WORD, 1)
+    strides = [size]
+    count = ir.Constant(_WORD, 1)
     for k in range(of.ndim - 1, 0, -1):
         strides.insert(0, builder.mul(strides[0], sizes[k]))
     for n in sizes:
         count = builder.mul(count, n)
     array = context.make_array(of)(context, builder)
     array.data = _word(builder, table, place, item.as_pointer())
-    array.nitems, array.itemsize = count, size
+    array.nitems = count
+    array.itemsize = size
     packed = ir.Constant(ir.ArrayType(_WORD, of.ndim), ir.Undefined)
     for name, values in (("shape", sizes), ("strides", strides)):
         whole = packed

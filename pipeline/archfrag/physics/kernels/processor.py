@@ -7,7 +7,8 @@ import llvmlite.binding as llvm
 
 # The processors that have it, of the last ten years, give the same bits: it has fused
 # multiply-adds.
-PROCESSOR, NEEDED = "x86-64-v3", ("avx2", "fma", "bmi2")
+PROCESSOR = "x86-64-v3"
+NEEDED = ("avx2", "fma", "bmi2")
 
 
 def has_common_features() -> bool:
@@ -22,6 +23,10 @@ def machine(processor: str = "") -> Any:
     llvm.initialize_native_asmprinter()
     features = "" if processor else llvm.get_host_cpu_features().flatten()
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=processor or llvm.get_host_cpu_name(), features=features, opt=3, reloc="static",
-        codemodel="jitdefault", jit=True,
-    )  # fmt: skip
+        cpu=processor or llvm.get_host_cpu_name(),
+        features=features,
+        opt=3,
+        reloc="static",
+        codemodel="jitdefault",
+        jit=True,
+    )

@@ -23,7 +23,8 @@ class Source:
     """A Python function that numba compiles, into its callers if `inline`."""
 
     def __init__(self, py_func: Callable, inline: bool) -> None:
-        self.py_func, self.inline = py_func, inline
+        self.py_func = py_func
+        self.inline = inline
         self.name = f"{py_func.__module__}:{py_func.__qualname__}"
 
 
@@ -95,7 +96,9 @@ def fields_of(description: Any) -> list[tuple[str, Any, tuple[int, ...], int]]:
     """Return the fields of a struct: name, description, what is known of an array's shape, first
     word.
     """
-    kind, place, found = class_of(description[1]), 0, []
+    kind = class_of(description[1])
+    place = 0
+    found = []
     for name, each in zip(kind._fields, description[2:], strict=True):
         shape = kind.shapes.get(name, ())
         found.append((name, each, shape, place))
@@ -105,7 +108,9 @@ def fields_of(description: Any) -> list[tuple[str, Any, tuple[int, ...], int]]:
 
 def place_of(value: Any, name: str) -> int:
     """Return first word of a field in a struct's table; sizes follow an array's data pointer."""
-    return next(place for each, _, _, place in fields_of(value.description) if each == name)
+    return next(
+        place for each, _, _, place in fields_of(value.description) if each == name
+    )
 
 
 def struct_at(tables: Any, row: int, like: Any) -> Any:
@@ -117,7 +122,11 @@ def struct_at(tables: Any, row: int, like: Any) -> Any:
 
 def _describe_struct(value: Any) -> Any:
     entries = zip(value, value.numbers, strict=True)
-    return ("struct", name_of(type(value)), *(known or describe(each) for each, known in entries))
+    return (
+        "struct",
+        name_of(type(value)),
+        *(known or describe(each) for each, known in entries),
+    )
 
 
 def _table(value: Any) -> Any:
@@ -134,7 +143,9 @@ def _fill(table: Any, place: int, of: Any, shape: tuple[int, ...], entry: Any) -
     if of[0] == "array":
         free = entry.ndim - len(shape)
         if entry.shape[free:] != shape or not entry.flags.c_contiguous:
-            raise ValueError(f"an array of a struct has shape {entry.shape}, or has gaps")
+            raise ValueError(
+                f"an array of a struct has shape {entry.shape}, or has gaps"
+            )
         table[place] = entry.ctypes.data
         table[place + 1 : place + 1 + free] = entry.shape[:free]
     elif of[0] == "tuple":

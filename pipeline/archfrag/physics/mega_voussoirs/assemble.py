@@ -25,10 +25,18 @@ COUNTED = ("face", "slip", "pivot", "slide", "row", "unknown", "residual")
 
 
 @struct(
-    offset=(2,), inner_point=(2, 2), inner_normal=(2,), inner_reaction=(3,),
-    tie=(len(TieState),), stretch=(2,), pull=(3,), position=(3,), velocity=(3,),
-    next_position=(3,), next_velocity=(3,),
-)  # fmt: skip
+    offset=(2,),
+    inner_point=(2, 2),
+    inner_normal=(2,),
+    inner_reaction=(3,),
+    tie=(len(TieState),),
+    stretch=(2,),
+    pull=(3,),
+    position=(3,),
+    velocity=(3,),
+    next_position=(3,),
+    next_velocity=(3,),
+)
 class MegaVoussoirs(NamedTuple):
     """A chain of mega-voussoirs; arrays as long as the voussoirs', of which the first are used."""
 
@@ -40,10 +48,14 @@ class MegaVoussoirs(NamedTuple):
     # (n_body + 2,) int64: row of each voussoir's mega-voussoir; of those that rest on a springing
     # GROUND or the last row in use
     group: np.ndarray
-    offset: np.ndarray  # (n_body + 2, 2) from the centroid of its body, in the axes at rest [m]
+    offset: (
+        np.ndarray
+    )  # (n_body + 2, 2) from the centroid of its body, in the axes at rest [m]
     inner_point: np.ndarray  # (n_joint, 2, 2) contacts inside a body, as `offset` [m]
     inner_normal: np.ndarray  # (n_joint, 2) in the axes at rest
-    inner_reaction: np.ndarray  # (n_joint, 3) in the axes at rest: x, y, moment about the centroid
+    inner_reaction: (
+        np.ndarray
+    )  # (n_joint, 3) in the axes at rest: x, y, moment about the centroid
     tie: np.ndarray  # (n_tie, len(TieState)) the memory of ``State.tie``
     stretch: np.ndarray  # (n_tie, 2) elongations [m] and their rates [m/s]
     pull: np.ndarray  # (n_body + 2, 3) of ties on voussoirs, as `inner_reaction`
@@ -51,14 +63,17 @@ class MegaVoussoirs(NamedTuple):
     work: Work
     position: np.ndarray  # (n_body + 2, 3)
     velocity: np.ndarray  # (n_body + 2, 3)
-    next_position: np.ndarray  # (n_body + 2, 3) where a step leads, or where it was looked at
+    next_position: (
+        np.ndarray
+    )  # (n_body + 2, 3) where a step leads, or where it was looked at
     next_velocity: np.ndarray  # (n_body + 2, 3)
     cut: np.ndarray  # (n_joint + 1, n) int64, see `in_use`
 
 
 def new_mega_voussoirs(model: Model, tie: np.ndarray | None = None) -> MegaVoussoirs:
     """Return the workspace for any mega-voussoirs of a chain, with the state of its ties."""
-    n_row, n_joint = model.mass.size, model.friction.size
+    n_row = model.mass.size
+    n_joint = model.friction.size
     copies = {name: np.zeros_like(given) for name, given in model._asdict().items()}
     copies |= {"gravity": model.gravity, "rounding": model.rounding, "tie": model.tie}
     indices = {"count": np.zeros(2, np.int64), "joint": np.zeros(n_joint, np.int64)}
@@ -87,12 +102,15 @@ def new_mega_voussoirs(model: Model, tie: np.ndarray | None = None) -> MegaVouss
 
 def _set_cut(mega: Any) -> None:
     """Set ``mega.cut``: tables of the same memory, cut to each number of joints in use."""
-    own, work = mega.table, mega.work.table
-    n_row, n_joint = mega.group.size, mega.joint.size
+    own = mega.table
+    work = mega.work.table
+    n_row = mega.group.size
+    n_joint = mega.joint.size
     for m in range(n_joint + 1):
         n = (m if n_joint == n_row - 2 else max(m - 1, 0)) + 2
         row = mega.cut[m]
-        row[: own.size], row[own.size :] = own, work
+        row[: own.size] = own
+        row[own.size :] = work
         row[place_of(mega, "work")] = row[own.size :].ctypes.data
         for name in ("position", "velocity", "next_position", "next_velocity"):
             row[place_of(mega, name) + 1] = n
@@ -117,14 +135,16 @@ def is_rigid(j, contact, slide):
 @inlined
 def _group(model, contact, slide, mega):
     """Join voussoirs across rigid joints."""
-    n_row, n_joint = mega.group.size, slide.size
+    n_row = mega.group.size
+    n_joint = slide.size
     m = 0
     for j in range(n_joint):
         if not is_rigid(j, contact, slide):
             mega.joint[m] = j
             m += 1
     n = m if n_joint == n_row - 2 else max(m - 1, 0)
-    mega.count[0], mega.count[1] = n, m
+    mega.count[0] = n
+    mega.count[1] = m
     for i in range(n_row):
         mega.group[i] = GROUND if m == 0 or i <= mega.joint[0] else n + 1
     for k in range(1, n + 1):
@@ -160,42 +180,53 @@ def _place_at_rest(model, slip, mega):
 @inlined
 def _sum_masses(model, mega):
     """Set masses and inertias, and offsets of voussoirs from their common centroids."""
-    out, offset = mega.model, mega.offset
+    out = mega.model
+    offset = mega.offset
     for k in range(1, mega.count[0] + 1):
         mass = x = y = inertia = 0.0
         for i in range(mega.first[k], mega.last[k] + 1):
             mass += model.mass[i]
             x += model.mass[i] * offset[i, 0]
             y += model.mass[i] * offset[i, 1]
-        x, y = x / mass, y / mass
+        x = x / mass
+        y = y / mass
         for i in range(mega.first[k], mega.last[k] + 1):
             offset[i, 0] -= x
             offset[i, 1] -= y
             square = offset[i, 0] * offset[i, 0] + offset[i, 1] * offset[i, 1]
             inertia += model.inertia[i] + model.mass[i] * square
-        out.mass[k], out.inertia[k] = mass, inertia
-        out.inverse_mass[k], out.inverse_inertia[k] = 1.0 / mass, 1.0 / inertia
-        out.centroid[k, 0], out.centroid[k, 1] = x, y
+        out.mass[k] = mass
+        out.inertia[k] = inertia
+        out.inverse_mass[k] = 1.0 / mass
+        out.inverse_inertia[k] = 1.0 / inertia
+        out.centroid[k, 0] = x
+        out.centroid[k, 1] = y
 
 
 @inlined
 def _place_joints(model, contact, slide, slip, mega):
     """Set the joints between and inside mega-voussoirs, in the axes at rest."""
-    out, k = mega.model, 0
+    out = mega.model
+    k = 0
     for j in range(slip.size):
         if is_rigid(j, contact, slide):
-            tx, ty = model.tangent[j, BEFORE, 0], model.tangent[j, BEFORE, 1]
-            mega.inner_normal[j, 0], mega.inner_normal[j, 1] = ty, -tx
+            tx = model.tangent[j, BEFORE, 0]
+            ty = model.tangent[j, BEFORE, 1]
+            mega.inner_normal[j, 0] = ty
+            mega.inner_normal[j, 1] = -tx
             for c in range(2):
                 side = 1 if later_vertex_meets(c, slip[j]) else 0
                 for d in range(2):
                     place = model.corner[j, side, c, d] + mega.offset[j + side, d]
                     mega.inner_point[j, c, d] = place
             continue
-        mega.work.slip[k], mega.work.slide[k] = slip[j], slide[j]
-        out.length[k], out.friction[k] = model.length[j], model.friction[j]
+        mega.work.slip[k] = slip[j]
+        mega.work.slide[k] = slide[j]
+        out.length[k] = model.length[j]
+        out.friction[k] = model.friction[j]
         for c in range(2):
-            out.ray[k, c], mega.work.contact[k, c] = model.ray[j, c], contact[j, c]
+            out.ray[k, c] = model.ray[j, c]
+            mega.work.contact[k, c] = contact[j, c]
             mega.work.candidate[k, c] = 1.0
             for side in range(2):
                 out.tangent[k, side, c] = model.tangent[j, side, c]
@@ -217,14 +248,19 @@ def assemble(model, contact, slide, slip, mega):
     _sum_masses(model, mega)
     _place_joints(model, contact, slide, slip, mega)
     # The far springing stands where a body may have been before.
-    end, out, work = mega.count[0] + 1, mega.model, mega.work
+    end = mega.count[0] + 1
+    out = mega.model
+    work = mega.work
     out.mass[end] = out.inverse_mass[end] = out.inverse_inertia[end] = 0.0
     for i in range(1, mega.group.size - 1):  # what rests on it
         out.mass[end] += model.mass[i] if mega.group[i] == end else 0.0
-    work.rotated[end, 0], work.rotated[end, 1] = 1.0, 0.0
+    work.rotated[end, 0] = 1.0
+    work.rotated[end, 1] = 0.0
     for c in range(3):
         mega.position[end, c] = mega.velocity[end, c] = work.free[end, c] = 0.0
-        mega.next_position[end, c] = mega.next_velocity[end, c] = work.solved[end, c] = 0.0
+        mega.next_position[end, c] = mega.next_velocity[end, c] = work.solved[
+            end, c
+        ] = 0.0
 
 
 @kernel
@@ -246,15 +282,22 @@ def gather_state(model, position, velocity, mega):
         mass = mega.model.mass[k]
         for i in range(mega.first[k], mega.last[k] + 1):
             m = model.mass[i] / mass
-            x, y = x + m * position[i, 0], y + m * position[i, 1]
-            vx, vy = vx + m * velocity[i, 0], vy + m * velocity[i, 1]
+            x = x + m * position[i, 0]
+            y = y + m * position[i, 1]
+            vx = vx + m * velocity[i, 0]
+            vy = vy + m * velocity[i, 1]
         for i in range(mega.first[k], mega.last[k] + 1):
-            rx, ry = position[i, 0] - x, position[i, 1] - y
+            rx = position[i, 0] - x
+            ry = position[i, 1] - y
             spin += model.inertia[i] * velocity[i, 2]
-            spin += model.mass[i] * (rx * (velocity[i, 1] - vy) - ry * (velocity[i, 0] - vx))
-        mega.position[k, 0], mega.position[k, 1] = x, y
+            spin += model.mass[i] * (
+                rx * (velocity[i, 1] - vy) - ry * (velocity[i, 0] - vx)
+            )
+        mega.position[k, 0] = x
+        mega.position[k, 1] = y
         mega.position[k, 2] = position[mega.first[k], 2]
-        mega.velocity[k, 0], mega.velocity[k, 1] = vx, vy
+        mega.velocity[k, 0] = vx
+        mega.velocity[k, 1] = vy
         mega.velocity[k, 2] = spin / mega.model.inertia[k]
 
 
@@ -268,18 +311,26 @@ def split_state(mega, mega_position, mega_velocity, position, velocity):
     """
     end = mega.count[0] + 1
     for c in range(3):
-        position[-1, c], velocity[-1, c] = mega_position[end, c], mega_velocity[end, c]
-    s, c, known = 0.0, 1.0, GROUND
+        position[-1, c] = mega_position[end, c]
+        velocity[-1, c] = mega_velocity[end, c]
+    s = 0.0
+    c = 1.0
+    known = GROUND
     for i in range(1, position.shape[0] - 1):
         k = mega.group[i]
-        rx, ry = mega.offset[i, 0], mega.offset[i, 1]
+        rx = mega.offset[i, 0]
+        ry = mega.offset[i, 1]
         if k == GROUND:
-            position[i, 0], position[i, 1], position[i, 2] = rx, ry, 0.0
+            position[i, 0] = rx
+            position[i, 1] = ry
+            position[i, 2] = 0.0
             velocity[i, 0] = velocity[i, 1] = velocity[i, 2] = 0.0
             continue
         if k != known:
             (s, c), known = sine_cosine(mega_position[k, 2]), k
-        x, y, spin = c * rx - s * ry, s * rx + c * ry, mega_velocity[k, 2]
+        x = c * rx - s * ry
+        y = s * rx + c * ry
+        spin = mega_velocity[k, 2]
         position[i, 0] = mega_position[k, 0] + x
         position[i, 1] = mega_position[k, 1] + y
         position[i, 2] = mega_position[k, 2]

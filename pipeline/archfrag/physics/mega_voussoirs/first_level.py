@@ -51,23 +51,30 @@ def centripetal_bias(position, velocity, slip, sense, work):
     Writes: work.bias.
     """
     for j in range(work.slide.shape[0]):
-        before, after = velocity[j, 2], velocity[j + 1, 2]
+        before = velocity[j, 2]
+        after = velocity[j + 1, 2]
         for k in range(2):
-            px, py = work.point[j, k, 0], work.point[j, k, 1]
-            ax, ay = px - position[j + 1, 0], py - position[j + 1, 1]
-            bx, by = px - position[j, 0], py - position[j, 1]
+            px = work.point[j, k, 0]
+            py = work.point[j, k, 1]
+            ax = px - position[j + 1, 0]
+            ay = py - position[j + 1, 1]
+            bx = px - position[j, 0]
+            by = py - position[j, 1]
             x = before * before * bx - after * after * ax
             y = before * before * by - after * after * ay
             if sense[j] != 0.0:
                 ux, uy = placing.corner_rate_at(j, px, py, position, velocity)
-                nx, ny = work.normal[j, 0], work.normal[j, 1]
+                nx = work.normal[j, 0]
+                ny = work.normal[j, 1]
                 if work.contact[j, 0] < 0.5 or work.contact[j, 1] < 0.5:
                     nx, ny = slip_normal(j, k, sense[j] < 0.0, work)
                 place = slip[j] if slip[j] != 0.0 else -sense[j]
                 face = before if placing.later_vertex_meets(k, place) else after
                 twice = 2.0 * face * (nx * uy - ny * ux)
-                x, y = x + twice * nx, y + twice * ny
-            work.bias[j, k, 0], work.bias[j, k, 1] = x, y
+                x = x + twice * nx
+                y = y + twice * ny
+            work.bias[j, k, 0] = x
+            work.bias[j, k, 1] = y
 
 
 @kernel
@@ -110,7 +117,8 @@ def _known(base, rate, acceleration, arm, k, work):
 def _powers(model, work, k, u, x, y):
     """Return inertia of a body along the mechanism, and power of the unbalanced force (Eq 28)."""
     inertia = model.mass[k] * (x * x + y * y) + model.inertia[k] * u * u
-    fx, fy = work.free[k, 0] - work.solved[k, 0], work.free[k, 1] - work.solved[k, 1]
+    fx = work.free[k, 0] - work.solved[k, 0]
+    fy = work.free[k, 1] - work.solved[k, 1]
     spin = model.inertia[k] * u * (work.free[k, 2] - work.solved[k, 2])
     return inertia, model.mass[k] * (x * fx + y * fy) + spin
 
@@ -132,25 +140,43 @@ def four_hinges(model, position, velocity, work):
     Reads: model (inertia, mass), position, velocity, work (contact, free, pivot, point, solved).
     Writes: work (reaction, solved).
     """
-    c1, c12, c23, c3 = _hinge(0, work), _hinge(1, work), _hinge(2, work), _hinge(3, work)
-    p, q, d = _from(c1, c12), _from(c3, c23), _from(c12, c23)
+    c1 = _hinge(0, work)
+    c12 = _hinge(1, work)
+    c23 = _hinge(2, work)
+    c3 = _hinge(3, work)
+    p = _from(c1, c12)
+    q = _from(c3, c23)
+    d = _from(c12, c23)
     area = cross(p, q)
     if abs(area) < PARALLEL * math.hypot(p[0], p[1]) * math.hypot(q[0], q[1]):
         return False
     # The rotation centre C2, where the lines C1 C12 and C3 C23 meet (Fig 10), and the rates of
     # the bodies about C1, C2 and C3 for which the hinges stay closed.
     c13 = _from(c1, c3)
-    along_p, along_q = cross(c13, q) / area, cross(c13, p) / area
+    along_p = cross(c13, q) / area
+    along_q = cross(c13, p) / area
     c2 = c1[0] + along_p * p[0], c1[1] + along_p * p[1]
-    u1, u2, u3 = 1.0 - along_p, 1.0, 1.0 - along_q
+    u1 = 1.0 - along_p
+    u2 = 1.0
+    u3 = 1.0 - along_q
     # Centripetal terms (Eqs 17, 18), with no angular acceleration of the middle body.
-    w1, w2, w3 = velocity[1, 2], velocity[2, 2], velocity[3, 2]
+    w1 = velocity[1, 2]
+    w2 = velocity[2, 2]
+    w3 = velocity[3, 2]
     ex = w1 * w1 * p[0] + w2 * w2 * d[0] - w3 * w3 * q[0]
     ey = w1 * w1 * p[1] + w2 * w2 * d[1] - w3 * w3 * q[1]
-    a1, a3 = (ex * q[0] + ey * q[1]) / area, (ex * p[0] + ey * p[1]) / area
+    a1 = (ex * q[0] + ey * q[1]) / area
+    a3 = (ex * p[0] + ey * p[1]) / area
     x, y = _perpendicular(a1, p)
     _known((0.0, 0.0), w1, a1, _arm(c1, position, 1), 1, work)
-    _known((x - w1 * w1 * p[0], y - w1 * w1 * p[1]), w2, 0.0, _arm(c12, position, 2), 2, work)
+    _known(
+        (x - w1 * w1 * p[0], y - w1 * w1 * p[1]),
+        w2,
+        0.0,
+        _arm(c12, position, 2),
+        2,
+        work,
+    )
     _known((0.0, 0.0), w3, a3, _arm(c3, position, 3), 3, work)
     # Balance along the mechanism (Eq 28 with inertia) gives the one unknown acceleration.
     x1, y1 = _perpendicular(u1, _arm(c1, position, 1))
@@ -177,7 +203,8 @@ def _unbalanced(model, work, k):
 
 @inlined
 def _set_reaction(j, hinge, x, y, work):
-    work.reaction[j, 0], work.reaction[j, 1] = x, y
+    work.reaction[j, 0] = x
+    work.reaction[j, 1] = y
     arm = hinge[0] - work.pivot[j, 0], hinge[1] - work.pivot[j, 1]
     work.reaction[j, 2] = cross(arm, (x, y))
 
@@ -186,9 +213,12 @@ def _set_reaction(j, hinge, x, y, work):
 def _hinge_reactions(model, position, hinge, work):
     """Set the reactions at four hinges for given accelerations (Eqs 29-33)."""
     c1, c12, c23, c3 = hinge
-    p, q = _from(c1, c12), _from(c3, c23)
-    size_p, size_q = math.hypot(p[0], p[1]), math.hypot(q[0], q[1])
-    p, q = (p[0] / size_p, p[1] / size_p), (q[0] / size_q, q[1] / size_q)
+    p = _from(c1, c12)
+    q = _from(c3, c23)
+    size_p = math.hypot(p[0], p[1])
+    size_q = math.hypot(q[0], q[1])
+    p = (p[0] / size_p, p[1] / size_p)
+    q = (q[0] / size_q, q[1] / size_q)
     f1, m1 = _unbalanced(model, work, 1)
     f2, _ = _unbalanced(model, work, 2)
     f3, m3 = _unbalanced(model, work, 3)
@@ -198,9 +228,12 @@ def _hinge_reactions(model, position, hinge, work):
     # What is left for the parts along p and q, which meet at C2 (Eq 33).
     left = f2[0] + t12 * p[1] + t32 * q[1], f2[1] - t12 * p[0] - t32 * q[0]
     sine = cross(p, q)
-    r12, r32 = cross(left, q) / sine, cross(p, left) / sine
-    x12, y12 = r12 * p[0] - t12 * p[1], r12 * p[1] + t12 * p[0]
-    x32, y32 = r32 * q[0] - t32 * q[1], r32 * q[1] + t32 * q[0]
+    r12 = cross(left, q) / sine
+    r32 = cross(p, left) / sine
+    x12 = r12 * p[0] - t12 * p[1]
+    y12 = r12 * p[1] + t12 * p[0]
+    x32 = r32 * q[0] - t32 * q[1]
+    y32 = r32 * q[1] + t32 * q[0]
     _set_reaction(0, c1, f1[0] + x12, f1[1] + y12, work)
     _set_reaction(1, c12, x12, y12, work)
     _set_reaction(2, c23, -x32, -y32, work)
@@ -228,13 +261,16 @@ def solve_first_level(mega, position, velocity, ground, scale):
     Reads: mega, position, velocity, ground.
     Writes: mega.
     """
-    model, work, end = mega.model, mega.work, position.shape[0] - 1
+    model = mega.model
+    work = mega.work
+    end = position.shape[0] - 1
     pose(mega, position)
     for i in range(1, end):
         work.free[i, 0] = -ground[0]
         work.free[i, 1] = -model.gravity - ground[1]
         work.free[i, 2] = 0.0
-    work.free[end, 0], work.free[end, 1] = ground[2], ground[3]
+    work.free[end, 0] = ground[2]
+    work.free[end, 1] = ground[3]
     pull_mega_voussoirs(mega, position, velocity)
     moves = ground[2] != 0.0 or ground[3] != 0.0
     moves = moves or velocity[end, 0] != 0.0 or velocity[end, 1] != 0.0
@@ -265,17 +301,21 @@ def project(mega, position, velocity, enough, limit):
     Reads: mega, position, velocity, enough.
     Writes: mega, position, velocity.
     """
-    model, work, apart = mega.model, mega.work, 0.0
+    model = mega.model
+    work = mega.work
+    apart = 0.0
     blocks.set_rows(model, position, work)
     _set_bias(work, 0.0)
     for i in range(position.shape[0]):
         for c in range(3):
-            work.solved[i, c], work.free[i, c] = velocity[i, c], 0.0
+            work.solved[i, c] = velocity[i, c]
+            work.free[i, c] = 0.0
     rate = blocks.measure_residual(position, work)
     for j in range(work.slide.shape[0]):
         for k in range(2):
             ex, ey = placing.corner_offset(j, k, work.face, work.tangent, work.slip[j])
-            work.bias[j, k, 0], work.bias[j, k, 1] = ex, ey
+            work.bias[j, k, 0] = ex
+            work.bias[j, k, 1] = ey
             apart = max(apart, work.contact[j, k] * (abs(ex) + abs(ey)))
         for a in range(3):
             for d in range(4):

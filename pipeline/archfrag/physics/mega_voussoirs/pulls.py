@@ -13,7 +13,8 @@ def _tie_end(mega, t, side, position, velocity):
     tie = mega.model.tie
     i = int(tie[t, Tie.BODY_0 + side])
     k = mega.group[i]
-    c, s = mega.work.rotated[k, 0], mega.work.rotated[k, 1]
+    c = mega.work.rotated[k, 0]
+    s = mega.work.rotated[k, 1]
     x = mega.offset[i, 0] + tie[t, Tie.X_0 + 2 * side]
     y = mega.offset[i, 1] + tie[t, Tie.Y_0 + 2 * side]
     x, y, spin = c * x - s * y, s * x + c * y, velocity[k, 2]
@@ -29,7 +30,9 @@ def pull_mega_voussoirs(mega, position, velocity):
     Reads: mega, position, velocity.
     Writes: mega (pull, stretch, work.free).
     """
-    tie, free, model = mega.model.tie, mega.work.free, mega.model
+    tie = mega.model.tie
+    free = mega.work.free
+    model = mega.model
     for t in range(tie.shape[0]):
         for side in range(2):
             for c in range(3):
@@ -40,15 +43,19 @@ def pull_mega_voussoirs(mega, position, velocity):
         dx = position[m, 0] + qx - position[k, 0] - px
         dy = position[m, 1] + qy - position[k, 1] - py
         length = math.sqrt(dx * dx + dy * dy)
-        dx, dy = dx / length, dy / length
+        dx = dx / length
+        dy = dy / length
         mega.stretch[t, 0] = length - tie[t, Tie.LENGTH]
         mega.stretch[t, 1] = dx * (wx - vx) + dy * (wy - vy)
         force = tension(model, t, mega, mega.stretch[t, 0])
         for side in range(2):
             i, k, x, y, _, _ = _tie_end(mega, t, side, position, velocity)
             sense = 1.0 - 2.0 * side
-            fx, fy = sense * force * dx, sense * force * dy
-            moment, c, s = x * fy - y * fx, mega.work.rotated[k, 0], mega.work.rotated[k, 1]
+            fx = sense * force * dx
+            fy = sense * force * dy
+            moment = x * fy - y * fx
+            c = mega.work.rotated[k, 0]
+            s = mega.work.rotated[k, 1]
             free[k, 0] += model.inverse_mass[k] * fx
             free[k, 1] += model.inverse_mass[k] * fy
             free[k, 2] += model.inverse_inertia[k] * moment

@@ -29,12 +29,15 @@ from archfrag.physics.status import Count, Status
 # Outcomes that another method may better.
 AGAIN_BY_OTHERS = (int(Status.INACCURATE), int(Status.NO_CONTACT_SOLUTION))
 # Tolerances at which runs go by events whatever moves them, and where events are rare.
-COARSE, COARSEST = 2e-4, 0.01
+COARSE = 2e-4
+COARSEST = 0.01
 AGAIN = 2e-5  # of events that make runs by steps again
-SMALL_CHAIN, MOST_BREAKS = 10, 50
+SMALL_CHAIN = 10
+MOST_BREAKS = 50
 # Where events follow each other more closely than so many steps, all voussoirs are stepped; these
 # steps are longer by `STEADY` than those at impacts.
-SWITCH_STEPS, STEADY = 3.0, 2.0
+SWITCH_STEPS = 3.0
+STEADY = 2.0
 # Equal steps that are made again are shorter by this factor.
 SHORTER = 0.25
 
@@ -59,7 +62,9 @@ def goes_by_events(tolerance: float, n_body: int = 0, n_break: float = np.inf) -
     return tolerance <= COARSE or (rare and tolerance <= COARSEST)
 
 
-def _attempts(chain: Chain, options: Options, by_events: bool) -> list[tuple[ModuleType, Options]]:
+def _attempts(
+    chain: Chain, options: Options, by_events: bool
+) -> list[tuple[ModuleType, Options]]:
     """List the methods to try with their options; each repeats what the last did inaccurately."""
     if chain.joint is not None:
         shorter = options._replace(time_step=SHORTER * options.time_step)
@@ -69,20 +74,31 @@ def _attempts(chain: Chain, options: Options, by_events: bool) -> list[tuple[Mod
         steady *= STEADY
     close = SWITCH_STEPS * steady if options.tolerance <= COARSE else 0.0
     fine = options._replace(tolerance=min(options.tolerance, AGAIN), crowding=0.0)
-    located, equal = (stepper, options), (stepper, options._replace(largest_step=0.0))
+    located = (stepper, options)
+    equal = (stepper, options._replace(largest_step=0.0))
     if options.largest_step <= options.time_step:  # equal ones at once: shorter ones
-        equal = stepper, options._replace(time_step=SHORTER * options.time_step, largest_step=0.0)
+        equal = (
+            stepper,
+            options._replace(time_step=SHORTER * options.time_step, largest_step=0.0),
+        )
     if not by_events:
         return [located, (events, fine._replace(time_step=steady)), equal]
-    return [(events, options._replace(time_step=steady, crowding=close)), located, equal]
+    return [
+        (events, options._replace(time_step=steady, crowding=close)),
+        located,
+        equal,
+    ]
 
 
 def _made_well(
-    chain: Chain, attempts: Sequence[tuple[ModuleType, Options]], n_run: int,
+    chain: Chain,
+    attempts: Sequence[tuple[ModuleType, Options]],
+    n_run: int,
     make: Callable[[ModuleType, Options, np.ndarray], Outcomes],
-) -> Outcomes:  # fmt: skip
+) -> Outcomes:
     """Make runs; repeat inaccurate ones by the next attempt, and refuse them after the last."""
-    results, rows = new_results(n_run), np.arange(n_run)
+    results = new_results(n_run)
+    rows = np.arange(n_run)
     for number, (method, given) in enumerate(attempts):
         made = make(method, given, rows)
         made.count[:, Count.REFINED] = number
@@ -97,7 +113,11 @@ def _made_well(
 
 
 def run_many(
-    chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
+    chain: Chain,
+    grounds: Grounds,
+    motion: np.ndarray,
+    factor: np.ndarray,
+    options: Options,
 ) -> Outcomes:
     """Make many runs; arguments are those of `archfrag.physics.steps.run.run_many`."""
     by_events = goes_by_events(options.tolerance)
@@ -109,9 +129,16 @@ def run_many(
 
 
 def run(
-    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
-    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-) -> Outcomes:  # fmt: skip
+    chain: Chain,
+    grounds: Grounds,
+    factor: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Outcomes:
     """Integrate one chain under one ground motion; arguments as `time_stepping.run.run`."""
     start = position.copy(), velocity.copy()
 
@@ -122,5 +149,7 @@ def run(
         )
 
     n_break = count_breaks(grounds) if frames.time.size else np.inf
-    by_events = goes_by_events(options.tolerance, chain.mass.size, n_break) or not options.rests
+    by_events = (
+        goes_by_events(options.tolerance, chain.mass.size, n_break) or not options.rests
+    )
     return _made_well(chain, _attempts(chain, options, by_events), 1, make)

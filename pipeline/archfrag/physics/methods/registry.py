@@ -78,7 +78,8 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
 
 
 # Methods that take joints that give, and their equal steps over the largest of rigid joints.
-OF_FACES, FACE_STEP = (AUTO, "time_stepping"), 0.5
+OF_FACES = (AUTO, "time_stepping")
+FACE_STEP = 0.5
 
 
 def _from(module: str, name: str = "run") -> Callable[[], Callable]:
@@ -86,7 +87,9 @@ def _from(module: str, name: str = "run") -> Callable[[], Callable]:
     return lambda: getattr(import_module(f"archfrag.physics.{module}"), name)
 
 
-_OWN = "if not given, it follows the root of the shortest joint's length: 0.5 ms for 1.5 m"
+_OWN = (
+    "if not given, it follows the root of the shortest joint's length: 0.5 ms for 1.5 m"
+)
 FOLLOW = Parameter("follow", "s", 20.0, "how long to go on past the end of the record")
 METHODS = {
     "time_stepping": MethodInfo(
@@ -97,7 +100,9 @@ METHODS = {
         ),
         parameters=(
             Parameter("rtol", "1", 1e-3, "relative error that steps are chosen for"),
-            Parameter("dt", "s", 5e-4, "fixed time step; if not given, steps follow rtol"),
+            Parameter(
+                "dt", "s", 5e-4, "fixed time step; if not given, steps follow rtol"
+            ),
             FOLLOW,
         ),
         citation=(
@@ -135,7 +140,9 @@ METHODS = {
         ),
         parameters=(
             Parameter("rtol", "1", 1e-3, "relative error allowed"),
-            Parameter("dt", "s", 5e-4, "fixed time step; if not given, steps follow rtol"),
+            Parameter(
+                "dt", "s", 5e-4, "fixed time step; if not given, steps follow rtol"
+            ),
             FOLLOW,
         ),
         citation="as event_driven (Dormand and Prince 1980) and time_stepping (Moreau 1988)",

@@ -9,16 +9,28 @@ from archfrag.physics.steps import run as rigid
 
 
 def run(
-    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
-    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-) -> Outcomes:  # fmt: skip
+    chain: Chain,
+    grounds: Grounds,
+    factor: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Outcomes:
     """Integrate one chain under one ground motion; as `archfrag.physics.steps.run.run`."""
-    method, given = rigid if chain.joint is None else faces, (position, velocity, from_rest)
+    method = rigid if chain.joint is None else faces
+    given = (position, velocity, from_rest)
     return method.run(chain, grounds, factor, *given, options, frames, log)
 
 
 def run_many(
-    chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
+    chain: Chain,
+    grounds: Grounds,
+    motion: np.ndarray,
+    factor: np.ndarray,
+    options: Options,
 ) -> Outcomes:
     """Integrate one chain from rest under many motions; as `archfrag.physics.steps.run`."""
     method = rigid if chain.joint is None else faces

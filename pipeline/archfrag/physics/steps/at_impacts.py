@@ -35,12 +35,15 @@ from archfrag.physics.steps.step import (
 # A step this much longer than the shortest is not worth refusing.
 NEARLY = 1.05
 # A refused step ends so many of the shortest before the impact, if that is not too soon.
-LEAD, SOON = 0.75, 1.25
+LEAD = 0.75
+SOON = 1.25
 # The energy that a step may make or lose unexplained, over its tolerance and the largest kinetic
 # energy; a step with more, or without a solution, is made again with this part of its length.
-ENERGY_OF_STEP, QUARTER = 0.01, 0.25
+ENERGY_OF_STEP = 0.01
+QUARTER = 0.25
 # The most of a refused step that is made again, and the least of the shortest.
-MOST, LEAST = 0.9, 0.25
+MOST = 0.9
+LEAST = 0.25
 
 
 @inlined
@@ -88,11 +91,16 @@ def time_to_impact(model, state, work, shortest, ahead):
                 time = 0.0 * step
                 # The corner closes when the last of both laws, Eqs 23a and 23b, lets it.
                 for sense in (PLUS, MINUS):
-                    nx, ny = work.side_normal[j, k, sense, 0], work.side_normal[j, k, sense, 1]
+                    nx = work.side_normal[j, k, sense, 0]
+                    ny = work.side_normal[j, k, sense, 1]
                     closing = _closing_time(
-                        nx * ex + ny * ey, nx * ux + ny * uy, nx * vx + ny * vy,
-                        nx * hx + ny * hy, step, latest,
-                    )  # fmt: skip
+                        nx * ex + ny * ey,
+                        nx * ux + ny * uy,
+                        nx * vx + ny * vy,
+                        nx * hx + ny * hy,
+                        step,
+                        latest,
+                    )
                     time = larger(time, closing)
                 first = select(closes & (time < first), time, first)
     return first
@@ -113,7 +121,9 @@ def errors_of_step(model, state, work, tolerance):
             closes = closes | (work.contact[j, k] > state.contact[j, k])
     friction, impact, balance_error = contact_works(state, work)
     error = abs(unexplained_work(friction, impact, balance_error))
-    kinetic = larger(state.energy[Energy.LARGEST_KINETIC], kinetic_energy(model, work.solved))
+    kinetic = larger(
+        state.energy[Energy.LARGEST_KINETIC], kinetic_energy(model, work.solved)
+    )
     return closes, error > ENERGY_OF_STEP * tolerance * kinetic
 
 
@@ -138,7 +148,8 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
         closes, wrong = errors_of_step(model, state, work, tolerance)
         if some(again):
             add_carried(state, work, -time_before(state, state.clock[Clock.STEP]))
-        again, shorter = again & wrong, shorter & (closes | wrong)
+        again = again & wrong
+        shorter = shorter & (closes | wrong)
         if some(again):
             for j in range(state.slip.shape[0]):
                 for c in range(3):
@@ -153,7 +164,8 @@ def expect_impact(model, state, work, options, solved):
     Reads: model.rounding, state (clock, velocity), work, options.time_step.
     Writes: state.clock.
     """
-    clock, shortest = state.clock, options.time_step
+    clock = state.clock
+    shortest = options.time_step
     step = clock[Clock.STEP]
     ahead = clock[Clock.IMPACT] - clock[Clock.TIME] - step
     near = solved & (ahead > 0.0) & (ahead < SOON * shortest)
@@ -171,12 +183,18 @@ def shorten(model, state, work, options, refused, poor):
     clock = state.clock
     step = clock[Clock.STEP]
     if some(refused):
-        wait = time_to_impact(model, state, work, options.time_step, LEAD * options.time_step)
+        wait = time_to_impact(
+            model, state, work, options.time_step, LEAD * options.time_step
+        )
         # Too near for a step before it: the impact comes into the middle of this one.
         middle = larger(2.0 * wait, LEAST * options.time_step)
-        cut = select(wait < SOON * options.time_step, middle, wait - LEAD * options.time_step)
+        cut = select(
+            wait < SOON * options.time_step, middle, wait - LEAD * options.time_step
+        )
         clock[Clock.STEP] = select(refused, smaller(cut, MOST * step), step)
-        clock[Clock.IMPACT] = select(refused, clock[Clock.TIME] + wait, clock[Clock.IMPACT])
+        clock[Clock.IMPACT] = select(
+            refused, clock[Clock.TIME] + wait, clock[Clock.IMPACT]
+        )
     if some(poor):
         part = larger(QUARTER * step, options.time_step)
         clock[Clock.STEP] = select(poor, part, clock[Clock.STEP])
@@ -192,7 +210,9 @@ def next_step(state, options, where, until):
     for j in range(state.impact.shape[0]):
         unfinished = unfinished | (state.impact[j] > 0.0)
     # An impact off the middle of its step ends in the next one.
-    step = select(unfinished, smaller(clock[Clock.STEP], options.time_step), options.largest_step)
+    step = select(
+        unfinished, smaller(clock[Clock.STEP], options.time_step), options.largest_step
+    )
     far = ahead - LEAD * options.time_step
     due = select(ahead < SOON * options.time_step, 2.0 * ahead, far)
     step = select((ahead > 0.0) & (due < step), due, step)
@@ -208,6 +228,7 @@ def locates(state, options, live):
     One of a chain that stands is not: what closes there does so by rounding.
     """
     clock = state.clock
-    step, moves = clock[Clock.STEP], clock[Clock.FASTEST] >= options.held
+    step = clock[Clock.STEP]
+    moves = clock[Clock.FASTEST] >= options.held
     long = moves & (step > NEARLY * options.time_step)
     return live & long & opposite(is_centred(clock, step))

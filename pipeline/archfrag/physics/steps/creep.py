@@ -39,10 +39,12 @@ def creep(model, state, work, path, step, loss_limit):
     placing.place_chain(model, work.position, state, 0.0, work.slip, work)
     for j in range(state.slip.size):
         work.known[j] = 0.0
-        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        nx = work.normal[j, 0]
+        ny = work.normal[j, 1]
         for k in range(2):
             ex, ey = offset_of(j, k, model, work)
-            work.bias[j, k, 0], work.bias[j, k, 1] = ex / step, ey / step
+            work.bias[j, k, 0] = ex / step
+            work.bias[j, k, 1] = ey / step
             work.candidate[j, k] = flag(nx * ex + ny * ey < NEAR * model.length[j])
     aim_ties(model, state, work, step, 1.0)
     copy_modes(state, work)
@@ -54,7 +56,9 @@ def creep(model, state, work, path, step, loss_limit):
     for i in range(1, end):
         for c in range(3):
             state.position[i, c] += step * work.solved[i, c]
-        farthest = max(farthest, step * abs(work.solved[i, 0]), step * abs(work.solved[i, 1]))
+        farthest = max(
+            farthest, step * abs(work.solved[i, 0]), step * abs(work.solved[i, 1])
+        )
     placing.move_faces(model, state.position, work.rotated, work.face, work.tangent)
     accept_ties(model, state, work, step, True)
     collapsed = follow_joints(model, state, work, True, loss_limit)

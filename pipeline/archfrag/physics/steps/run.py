@@ -57,7 +57,8 @@ def try_step(model, grounds, state, work, options, live):
     Writes: runs.
     """
     clock = state.clock
-    step, time = clock[Clock.STEP], clock[Clock.TIME]
+    step = clock[Clock.STEP]
+    time = clock[Clock.TIME]
     stops = at_impacts.locates(state, options, live)
     impulse = impulse_between(grounds, clock, time, time + step)
     pose_step(model, state, work, impulse, step, options.time_step)
@@ -72,8 +73,11 @@ def try_step(model, grounds, state, work, options, live):
     failed = live & opposite(solved | refused | active)
     poor = failed & (step > 1.5 * options.time_step)
     unsolved = failed & opposite(poor)
-    again, shorter = at_impacts.refuse_poor(model, state, work, solved, stops, options.tolerance)
-    solved, poor = solved & opposite(again | shorter), poor | shorter
+    again, shorter = at_impacts.refuse_poor(
+        model, state, work, solved, stops, options.tolerance
+    )
+    solved = solved & opposite(again | shorter)
+    poor = poor | shorter
     at_impacts.expect_impact(model, state, work, options, solved)
     if some(refused | poor):
         at_impacts.shorten(model, state, work, options, refused, poor)
@@ -99,7 +103,9 @@ def step_four(model, grounds, state, work, options):
                 model, state, work, impulse, solved, options.loss_limit
             )
             at_impacts.next_step(state, options, solved, until)
-        code = service.code_after(state, options, until, (solved, unsolved, collapsed, broken))
+        code = service.code_after(
+            state, options, until, (solved, unsolved, collapsed, broken)
+        )
         clock[Clock.CODE] = code
         waits = some((code != shared.GO) & (code != shared.IDLE))
 
@@ -174,7 +180,9 @@ class Four(NamedTuple):
 
     state: State
     work: Work
-    fetched: tuple[np.ndarray, ...]  # (n, 4) each: the state's arrays, then what else is looked at
+    fetched: tuple[
+        np.ndarray, ...
+    ]  # (n, 4) each: the state's arrays, then what else is looked at
     returned: tuple[np.ndarray, ...]  # (n, 4) each: the state's arrays
 
 
@@ -191,7 +199,8 @@ class One(NamedTuple):
 
 def new_one(model: Model) -> One:
     """Return the buffers for one run."""
-    state, work = new_state(model), new_work(model)
+    state = new_state(model)
+    work = new_work(model)
     returned = tuple(array.reshape(-1) for array in state)
     fetched = (*returned, work.reaction.reshape(-1), work.pivot.reshape(-1))
     return One(state, work, new_path(model), fetched, returned)
@@ -199,7 +208,8 @@ def new_one(model: Model) -> One:
 
 def new_four(model: Model) -> Four:
     """Return the buffers for four runs."""
-    state, work = new_state(model, lane_array), new_work(model, lane_array)
+    state = new_state(model, lane_array)
+    work = new_work(model, lane_array)
     returned = tuple(runs_of(array).reshape(-1, LANES) for array in state)
     also = (runs_of(array).reshape(-1, LANES) for array in (work.reaction, work.pivot))
     return Four(state, work, (*returned, *also), returned)
@@ -218,10 +228,17 @@ def next_run(model, grounds, one, options, jobs, output, results):
     while jobs.upcoming[0] < jobs.motion.size:
         run = jobs.upcoming[0]
         jobs.upcoming[0] += 1
-        motion, factor = jobs.motion[run], jobs.factor[run]
+        motion = jobs.motion[run]
+        factor = jobs.factor[run]
         shared.begin(model, state, one.work, motion, factor)
         code = service.rest_until_onset(
-            model, grounds, state, options, options.rest_plus, options.rest_minus, output
+            model,
+            grounds,
+            state,
+            options,
+            options.rest_plus,
+            options.rest_minus,
+            output,
         )
         state.clock[Clock.CODE] = code
         if code == shared.GO:
@@ -239,14 +256,20 @@ def run_four(model, grounds, four, one, options, jobs, output, results):
     Reads: scene, four, one, jobs (factor, motion, runs, upcoming), output.
     Writes: four, one, jobs (runs, upcoming), output, results.
     """
-    state, runs, running = one.state, jobs.runs, 0
+    state = one.state
+    runs = jobs.runs
+    running = 0
     for number in range(LANES):
         runs[number] = next_run(model, grounds, one, options, jobs, output, results)
         running += runs[number] >= 0
         return_run(one.returned, number, four.returned)
     while running > 0:
         move_faces(
-            model, four.state.position, four.work.rotated, four.work.face, four.work.tangent
+            model,
+            four.state.position,
+            four.work.rotated,
+            four.work.face,
+            four.work.tangent,
         )
         step_four(model, grounds, four.state, four.work, options)
         for number in range(LANES):
@@ -254,12 +277,20 @@ def run_four(model, grounds, four, one, options, jobs, output, results):
             if code in (shared.GO, shared.IDLE):
                 continue
             fetch_run(four.fetched, number, one.fetched)
-            move_faces(model, state.position, one.work.rotated, one.work.face, one.work.tangent)
+            move_faces(
+                model, state.position, one.work.rotated, one.work.face, one.work.tangent
+            )
             if code in (shared.UNSOLVED, shared.PAUSE):
-                code = service.handle(model, grounds, state, one.work, one.path, options, output)
+                code = service.handle(
+                    model, grounds, state, one.work, one.path, options, output
+                )
             if code != shared.GO:
-                shared.end_run(model, state, one.work, options, output, results, runs[number])
-                runs[number] = next_run(model, grounds, one, options, jobs, output, results)
+                shared.end_run(
+                    model, state, one.work, options, output, results, runs[number]
+                )
+                runs[number] = next_run(
+                    model, grounds, one, options, jobs, output, results
+                )
                 running -= runs[number] < 0
             return_run(one.returned, number, four.returned)
 
@@ -270,7 +301,9 @@ def rest_of(model: Model) -> tuple[float, float]:
     if "rest" not in kept:
         one = new_one(model)
         shared.begin(model, one.state, one.work, 0, 0.0)
-        found, plus, minus = service.rest_range(model, one.state, one.work, one.path.rest)
+        found, plus, minus = service.rest_range(
+            model, one.state, one.work, one.path.rest
+        )
         kept["rest"] = (plus, minus) if found else UNKNOWN
     rest: tuple[float, float] = kept["rest"]
     return rest
@@ -293,9 +326,16 @@ _kept = threading.local()
 
 
 def run(
-    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
-    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-) -> Outcomes:  # fmt: skip
+    chain: Chain,
+    grounds: Grounds,
+    factor: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Outcomes:
     """Integrate one chain under one ground motion; the signature of every method.
 
     Parameters
@@ -312,7 +352,8 @@ def run(
     archfrag.physics.interface.Outcomes
         One row.
     """
-    model, results = model_of(chain), shared.new_results(1)
+    model = model_of(chain)
+    results = shared.new_results(1)
     options = shared.ready(options, model, rest_of(model) if from_rest else UNKNOWN)
     state, work, path = new_one(model)[:3]
     output = shared.output_to(frames, log, options.frame_interval)
@@ -320,23 +361,30 @@ def run(
     if from_rest and not np.isnan(options.rest_plus):
         start_at_rest(model, grounds, state, work, path, options, output)
     else:
-        state.position[1:-1], state.velocity[1:-1] = position, velocity
+        state.position[1:-1] = position
+        state.velocity[1:-1] = velocity
         start_given(model, state, work, options, output)
     finish_one(model, grounds, state, work, path, options, output, results, 0)
-    position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
+    position[:] = state.position[1:-1]
+    velocity[:] = state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
     return results
 
 
 def run_many(
-    chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
+    chain: Chain,
+    grounds: Grounds,
+    motion: np.ndarray,
+    factor: np.ndarray,
+    options: Options,
 ) -> Outcomes:
     """Integrate one chain from rest under many scaled ground motions, four at a time.
 
     Run k is moved by the motion of number ``motion[k]``, times ``factor[k]``; its row of the
     results is the same as of `run`.
     """
-    model, results = model_of(chain), shared.new_results(len(motion))
+    model = model_of(chain)
+    results = shared.new_results(len(motion))
     options = shared.ready(options, model, rest_of(model))
     output = shared.no_output(chain.mass.size, chain.friction.size)
     jobs = jobs_of(motion, factor)

@@ -24,8 +24,12 @@ from archfrag.physics.steps.at_impacts import next_step
 from archfrag.physics.steps.step import accept_step, pose_step
 
 # Changes of a joint's mode, the dominant one last.
-BY_STICK, BY_SLIDE, BY_HINGE = int(Cause.STICK), int(Cause.SLIDE), int(Cause.HINGE)
-BY_IMPACT, BY_LOSS, BY_REST = int(Cause.IMPACT), int(Cause.LOSS), int(Cause.REST)
+BY_STICK = int(Cause.STICK)
+BY_SLIDE = int(Cause.SLIDE)
+BY_HINGE = int(Cause.HINGE)
+BY_IMPACT = int(Cause.IMPACT)
+BY_LOSS = int(Cause.LOSS)
+BY_REST = int(Cause.REST)
 BY_START = int(Cause.START)
 # A step whose contact problem no method solves is halved, down to this part of the shortest.
 SHORTEST = 1.0 / 100.0
@@ -33,7 +37,8 @@ SHORTEST = 1.0 / 100.0
 HELD = 1e-7
 # Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one
 # or several linear problems each; so many on average mean no advance.
-MOST_STEPS, ITERATIONS_PER_STEP = 2.0, 16.0
+MOST_STEPS = 2.0
+ITERATIONS_PER_STEP = 16.0
 
 
 @kernel
@@ -62,7 +67,9 @@ def rest_range(model, state, work, problem):
     for j in range(state.slip.size):
         for k in range(2):
             gap = clearance(j, k, work.face, work.tangent)
-            problem.candidate[j, k] = 0 if gap > shared.CLOSED_GAP * model.length[j] else 1
+            problem.candidate[j, k] = (
+                0 if gap > shared.CLOSED_GAP * model.length[j] else 1
+            )
     for i in range(state.position.shape[0]):
         for c in range(3):
             problem.pull[i, c] = 0.0
@@ -82,7 +89,8 @@ def start_moving(state, options, output):
     Writes: state (clock, force, impact), output.span.
     """
     clock = state.clock
-    clock[Clock.STEP], clock[Clock.IMPACT] = options.time_step, -np.inf
+    clock[Clock.STEP] = options.time_step
+    clock[Clock.IMPACT] = -np.inf
     clock[Clock.FASTEST] = np.inf
     output.span[0] = 0.0
     for j in range(state.impact.size):
@@ -157,19 +165,24 @@ def write_if_due(model, state, work, output):
     Reads: model, state, work, output.
     Writes: output.
     """
-    clock, frames, n = state.clock, output.frames, output.written[0]
+    clock = state.clock
+    frames = output.frames
+    n = output.written[0]
     if frames.time.size == 0 or clock[Clock.TIME] < output.due[0]:
         return
     write_frame(model, state, work, output)
     output.due[0] = clock[Clock.TIME] + output.interval
     if n >= frames.time.size:
         return
-    step, before = clock[Clock.STEP], output.span[0]
+    step = clock[Clock.STEP]
+    before = output.span[0]
     part = before / (before + step)
     for j in range(state.slip.size):
         for c in range(3):
             force = work.reaction[j, c] / step
-            frames.reaction[n, j, c] = output.forces[j, c] + part * (force - output.forces[j, c])
+            frames.reaction[n, j, c] = output.forces[j, c] + part * (
+                force - output.forces[j, c]
+            )
             if before == 0.0:
                 frames.reaction[n, j, c] = force
 
@@ -196,26 +209,38 @@ def dominant_change(state, work):
     Reads: state (contact, slide, slip), work (contact, slide).
     Writes: nothing.
     """
-    cause, joint, rank = -1, -1, 0
+    cause = -1
+    joint = -1
+    rank = 0
     for j in range(state.slip.size):
         was = state.contact[j, 0] + state.contact[j, 1]
         now = work.contact[j, 0] + work.contact[j, 1]
-        made = work.contact[j, 0] > state.contact[j, 0] or work.contact[j, 1] > state.contact[j, 1]
+        made = (
+            work.contact[j, 0] > state.contact[j, 0]
+            or work.contact[j, 1] > state.contact[j, 1]
+        )
         changed = made or now != was or work.slide[j] != state.slide[j]
         if not changed:
             continue
         if now == 0.0:
-            this, own = BY_LOSS, 5
+            this = BY_LOSS
+            own = 5
         elif made:
-            this, own = BY_IMPACT, 4
+            this = BY_IMPACT
+            own = 4
         elif was == 2.0 and now < 2.0:
-            this, own = BY_HINGE, 3
+            this = BY_HINGE
+            own = 3
         elif work.slide[j] != 0.0:
-            this, own = BY_SLIDE, 2
+            this = BY_SLIDE
+            own = 2
         else:
-            this, own = BY_STICK, 1
+            this = BY_STICK
+            own = 1
         if own > rank:
-            cause, joint, rank = this, j, own
+            cause = this
+            joint = j
+            rank = own
     return cause, joint
 
 
@@ -226,9 +251,11 @@ def are_held(model, state, work, options):
     Reads: model (gravity, length), state (clock, velocity), work.solved, options.held.
     Writes: nothing.
     """
-    most, length = HELD * model.gravity * state.clock[Clock.STEP], model.length[0]
+    most = HELD * model.gravity * state.clock[Clock.STEP]
+    length = model.length[0]
     for i in range(1, state.velocity.shape[0]):
-        v, w = state.velocity[i], work.solved[i]
+        v = state.velocity[i]
+        w = work.solved[i]
         if max(abs(v[0]) + abs(v[1]), length * abs(v[2])) >= options.held:
             return False
         if max(abs(w[0]) + abs(w[1]), length * abs(w[2])) > most:
@@ -267,7 +294,9 @@ def accept_recorded(model, state, work, impulse, options, output):
     Writes: state, work (face, reaction, rotated, tangent, tie), output.
     """
     write_if_due(model, state, work, output)
-    cause, joint, time = -1, -1, state.clock[Clock.TIME]
+    cause = -1
+    joint = -1
+    time = state.clock[Clock.TIME]
     step = state.clock[Clock.STEP]
     if are_held(model, state, work, options):
         hold(model, state, work)
@@ -275,7 +304,9 @@ def accept_recorded(model, state, work, impulse, options, output):
         return False, False
     if output.log.time.size > 0:
         cause, joint = dominant_change(state, work)
-    collapsed, broken = accept_step(model, state, work, impulse, True, options.loss_limit)
+    collapsed, broken = accept_step(
+        model, state, work, impulse, True, options.loss_limit
+    )
     keep_forces(work, step, output)
     if cause >= 0:
         log_change(state, time, cause, joint, shared.ALL, output)
@@ -301,12 +332,15 @@ def handle_unsolved(model, grounds, state, work, path, options, output):
     Writes: state, work, path, output.
     """
     clock = state.clock
-    time, step = clock[Clock.TIME], clock[Clock.STEP]
+    time = clock[Clock.TIME]
+    step = clock[Clock.STEP]
     impulse = impulse_between(grounds, clock, time, time + step)
     pose_step(model, state, work, impulse, step, options.time_step)
     solved, compliant = solve_with_fallback(model, state, work, path)
     if solved:
-        collapsed, broken = accept_recorded(model, state, work, impulse, options, output)
+        collapsed, broken = accept_recorded(
+            model, state, work, impulse, options, output
+        )
         next_step(state, options, True, end_of_motion(grounds, clock, options.follow))
         if compliant:
             measure_state(model, state, work)
@@ -332,7 +366,9 @@ def handle_pause(model, grounds, state, work, path, options, output):
         measure_state(model, state, work)
     if clock[Clock.FASTEST] >= options.still or not options.rests:
         return shared.GO
-    found, plus, minus = True, options.rest_plus, options.rest_minus
+    found = True
+    plus = options.rest_plus
+    minus = options.rest_minus
     if np.isnan(plus) or not is_as_built(model, state):
         found, plus, minus = rest_range(model, state, work, path.rest)
     if not found:
@@ -374,20 +410,39 @@ def code_after(state, options, until, outcome):
     `outcome` are masks: solved, unsolved, collapsed, broken. Of several codes that apply
     the first below counts.
     """
-    clock, count = state.clock, state.count
+    clock = state.clock
+    count = state.count
     solved, unsolved, collapsed, broken = outcome
     checks = count[Count.STEPS] * (1.0 / options.check_interval)
     due = (clock[Clock.FASTEST] < options.still) | (checks == nearest(checks))
     over = clock[Clock.TIME] >= until
     most = options.first_steps + until * (MOST_STEPS / options.time_step)
-    spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ITERATIONS_PER_STEP * most)
+    spent = (count[Count.STEPS] >= most) | (
+        count[Count.ITERATIONS] >= ITERATIONS_PER_STEP * most
+    )
     before = clock[Clock.CODE]
-    return (
-        select(broken, float(shared.BROKEN),
-        select(collapsed, float(shared.COLLAPSES),
-        select(before > shared.PAUSE, before,
-        select(over, float(shared.AT_END),
-        select(spent, float(shared.EXHAUSTED),
-        select(solved & due, float(shared.PAUSE),
-        select(unsolved, float(shared.UNSOLVED), before)))))))
-    )  # fmt: skip
+    return select(
+        broken,
+        float(shared.BROKEN),
+        select(
+            collapsed,
+            float(shared.COLLAPSES),
+            select(
+                before > shared.PAUSE,
+                before,
+                select(
+                    over,
+                    float(shared.AT_END),
+                    select(
+                        spent,
+                        float(shared.EXHAUSTED),
+                        select(
+                            solved & due,
+                            float(shared.PAUSE),
+                            select(unsolved, float(shared.UNSOLVED), before),
+                        ),
+                    ),
+                ),
+            ),
+        ),
+    )

@@ -21,7 +21,12 @@ import math
 from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact import placing
 from archfrag.physics.contact.ties import accept_ties, aim_ties
-from archfrag.physics.energy import kinetic_energy, record_calm, record_step, record_ties
+from archfrag.physics.energy import (
+    kinetic_energy,
+    record_calm,
+    record_step,
+    record_ties,
+)
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import flag, larger, nearest, smaller
@@ -38,7 +43,8 @@ SWING = 4.0
 # An impact off the middle of its step leaves the corner a part of the rate at which it came. If
 # that is more than this, the impact goes on in the next step. Below, what `State.impact` holds.
 COMPLETE = 0.001
-ENDING, GOING_ON = 1.0, 2.0
+ENDING = 1.0
+GOING_ON = 2.0
 # An impact this near to the middle of a step, over its length, need not be brought nearer.
 CENTRED = 0.1
 # The mean tension over a step is that of the middle plus this part of its change by the step.
@@ -51,7 +57,8 @@ OVERLAP_INTERVAL = 8.0
 def _limited_bias(bx, by, nx, ny, limit):
     """Limit the rate at which a bias corrects overlap and slip [m/s]."""
     inward = larger(-limit - (nx * bx + ny * by), 0.0)
-    bx, by = bx + inward * nx, by + inward * ny
+    bx = bx + inward * nx
+    by = by + inward * ny
     along = nx * by - ny * bx
     excess = along - smaller(larger(along, -limit), limit)
     return bx + excess * ny, by - excess * nx
@@ -63,13 +70,20 @@ def bend_of(j, k, velocity, work):
 
     The centripetal ones of both bodies, and that of Coriolis where a vertex slides on a face.
     """
-    after, before = velocity[j + 1, 2], velocity[j, 2]
-    px, py = work.point[j, k, 0], work.point[j, k, 1]
-    x, y = work.position[j, 0], work.position[j, 1]
-    hx, hy = before * before * (px - x), before * before * (py - y)
-    x, y = work.position[j + 1, 0], work.position[j + 1, 1]
-    hx, hy = hx - after * after * (px - x), hy - after * after * (py - y)
-    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    after = velocity[j + 1, 2]
+    before = velocity[j, 2]
+    px = work.point[j, k, 0]
+    py = work.point[j, k, 1]
+    x = work.position[j, 0]
+    y = work.position[j, 1]
+    hx = before * before * (px - x)
+    hy = before * before * (py - y)
+    x = work.position[j + 1, 0]
+    y = work.position[j + 1, 1]
+    hx = hx - after * after * (px - x)
+    hy = hy - after * after * (py - y)
+    nx = work.normal[j, 0]
+    ny = work.normal[j, 1]
     ux, uy = placing.corner_velocity(j, k, work.earlier, work)
     face = select(placing.later_vertex_meets(k, work.slip[j]), before, after)
     coriolis = 2.0 * face * (nx * uy - ny * ux)
@@ -94,7 +108,8 @@ def aim_contacts(model, state, work, step, shortest):
     Reads: model (gravity, length, rounding), state (contact, velocity), work.
     Writes: work (bias, candidate, side_normal).
     """
-    velocity, gravity = state.velocity, model.gravity
+    velocity = state.velocity
+    gravity = model.gravity
     fastest = 0.0
     for j in range(work.slip.shape[0]):
         for k in range(2):
@@ -103,28 +118,35 @@ def aim_contacts(model, state, work, step, shortest):
     reach = REACH * step * (fastest + gravity * step)
     half = 0.5 * step
     for j in range(work.slip.shape[0]):
-        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        nx = work.normal[j, 0]
+        ny = work.normal[j, 1]
         spin = larger(abs(velocity[j, 2]), abs(velocity[j + 1, 2]))
         slow = step * (gravity + SWING * model.length[j] * (spin * spin))
         closing = True
         for k in range(2):
-            beyond = select(state.contact[j, k] > 0.5, half, smaller(half, 0.5 * shortest))
+            beyond = select(
+                state.contact[j, k] > 0.5, half, smaller(half, 0.5 * shortest)
+            )
             span = half + beyond
-            rate, bend = 1.0 / span, step * (0.125 * step + 0.5 * beyond)
+            rate = 1.0 / span
+            bend = step * (0.125 * step + 0.5 * beyond)
             ex, ey = offset_of(j, k, model, work)
             hx, hy = bend_of(j, k, velocity, work)
-            ex, ey = ex + bend * hx, ey + bend * hy
+            ex = ex + bend * hx
+            ey = ey + bend * hy
             ux, uy = placing.corner_velocity(j, k, work.earlier, work)
             own = abs(ux) + abs(uy)
             bx, by = _limited_bias(ex * rate, ey * rate, nx, ny, slow + own)
-            work.bias[j, k, 0], work.bias[j, k, 1] = bx, by
+            work.bias[j, k, 0] = bx
+            work.bias[j, k, 1] = by
             gap = nx * (ex + span * ux) + ny * (ey + span * uy)
             work.candidate[j, k] = flag(gap < reach)
             nearing = abs(nx * ux + ny * uy)
             closing = closing & (gap < REACH * step * (nearing + gravity * step))
         for k in range(2):
             for sense in range(2):
-                x, y = work.side_normal[j, k, sense, 0], work.side_normal[j, k, sense, 1]
+                x = work.side_normal[j, k, sense, 0]
+                y = work.side_normal[j, k, sense, 1]
                 work.side_normal[j, k, sense, 0] = select(closing, nx, x)
                 work.side_normal[j, k, sense, 1] = select(closing, ny, y)
 
@@ -143,9 +165,12 @@ def free_fall(model, state, work, impulse, span):
 def move_far_springing(state, work, impulse):
     """Set where the far springing is in the middle of a step, and its velocities around that."""
     end = state.position.shape[0] - 1
-    work.position[end, 0], work.position[end, 1] = impulse.far_x, impulse.far_y
-    state.velocity[end, 0], state.velocity[end, 1] = impulse.before_x, impulse.before_y
-    work.free[end, 0], work.free[end, 1] = impulse.after_x, impulse.after_y
+    work.position[end, 0] = impulse.far_x
+    work.position[end, 1] = impulse.far_y
+    state.velocity[end, 0] = impulse.before_x
+    state.velocity[end, 1] = impulse.before_y
+    work.free[end, 0] = impulse.after_x
+    work.free[end, 1] = impulse.after_y
 
 
 @kernel
@@ -157,7 +182,9 @@ def go_to_middle(model, state, work, step):
     """
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
-            work.position[i, c] = state.position[i, c] + 0.5 * step * state.velocity[i, c]
+            work.position[i, c] = (
+                state.position[i, c] + 0.5 * step * state.velocity[i, c]
+            )
     placing.place_chain(model, work.position, state, 0.0, work.slip, work)
     placing.relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
 
@@ -185,7 +212,8 @@ def carry_on(model, state, work, span):
     Writes: work.free.
     """
     for j in range(state.slip.shape[0]):
-        fx, fy = span * state.force[j, 0], span * state.force[j, 1]
+        fx = span * state.force[j, 0]
+        fy = span * state.force[j, 1]
         for end, sense in ((j + 1, 1.0), (j, -1.0)):
             px = work.pivot[j, 0] - work.position[end, 0]
             py = work.pivot[j, 1] - work.position[end, 1]
@@ -225,14 +253,17 @@ def take_velocities(model, state, work, impulse, where):
         mean_y = 0.5 * (state.velocity[i, 1] + work.solved[i, 1])
         given -= model.mass[i] * (impulse.x * mean_x + impulse.y * mean_y)
         for c in range(3):
-            state.velocity[i, c] = select(where, work.solved[i, c], state.velocity[i, c])
+            state.velocity[i, c] = select(
+                where, work.solved[i, c], state.velocity[i, c]
+            )
     state.energy[Energy.GROUND] += select(where, given, 0.0)
 
 
 @inlined
 def record_far_work(state, work, where):
     """Record the work of the far springing, where the last joint bears on it."""
-    last, end = state.slip.shape[0] - 1, state.position.shape[0] - 1
+    last = state.slip.shape[0] - 1
+    end = state.position.shape[0] - 1
     if last < end - 1:
         return
     mean_x = 0.5 * (state.velocity[end, 0] + work.solved[end, 0])
@@ -240,13 +271,17 @@ def record_far_work(state, work, where):
     given = work.reaction[last, 0] * mean_x + work.reaction[last, 1] * mean_y
     state.energy[Energy.GROUND] -= select(where, given, 0.0)
     for c in range(2):
-        state.velocity[end, c] = select(where, work.solved[end, c], state.velocity[end, c])
+        state.velocity[end, c] = select(
+            where, work.solved[end, c], state.velocity[end, c]
+        )
 
 
 @inlined
 def _is_complete(j, model, state, work):
     """Return whether no touching corner still closes, or opens again, at a rate that counts."""
-    nx, ny, step = work.normal[j, 0], work.normal[j, 1], state.clock[Clock.STEP]
+    nx = work.normal[j, 0]
+    ny = work.normal[j, 1]
+    step = state.clock[Clock.STEP]
     fall = model.gravity * step
     complete = True
     for k in range(2):
@@ -255,7 +290,9 @@ def _is_complete(j, model, state, work):
         ex, ey = offset_of(j, k, model, work)
         hx, hy = bend_of(j, k, state.velocity, work)
         off = nx * ex + ny * ey - 0.125 * step * step * (nx * hx + ny * hy)
-        complete = complete & ((work.contact[j, k] < 0.5) | (abs(off) <= COMPLETE * came * step))
+        complete = complete & (
+            (work.contact[j, k] < 0.5) | (abs(off) <= COMPLETE * came * step)
+        )
     return complete
 
 
@@ -268,8 +305,10 @@ def count_changes(model, state, work, where):
     """
     count = state.count
     for j in range(state.slip.shape[0]):
-        was_0, was_1 = state.contact[j, 0] > 0.5, state.contact[j, 1] > 0.5
-        is_0, is_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
+        was_0 = state.contact[j, 0] > 0.5
+        was_1 = state.contact[j, 1] > 0.5
+        is_0 = work.contact[j, 0] > 0.5
+        is_1 = work.contact[j, 1] > 0.5
         differs = (was_0 ^ is_0) | (was_1 ^ is_1) | (state.slide[j] != work.slide[j])
         differs = differs & where
         hits = where & (state.impact[j] > 0.5)
@@ -295,12 +334,15 @@ def record_motion(model, state, where):
     Writes: state (clock, energy, peak).
     """
     farthest = fastest = 0.0
-    rotation, length = state.peak[Peak.ROTATION], model.length[0]
+    rotation = state.peak[Peak.ROTATION]
+    length = model.length[0]
     spoiled = farthest
     for i in range(1, state.position.shape[0] - 1):
         dx = state.position[i, 0] - model.start[i, 0]
         dy = state.position[i, 1] - model.start[i, 1]
-        ux, uy, w = state.velocity[i, 0], state.velocity[i, 1], state.velocity[i, 2]
+        ux = state.velocity[i, 0]
+        uy = state.velocity[i, 1]
+        w = state.velocity[i, 2]
         farthest = larger(farthest, dx * dx + dy * dy)
         rotation = larger(rotation, abs(state.position[i, 2] - model.start[i, 2]))
         speed = larger(abs(ux) + abs(uy), length * abs(w))
@@ -330,7 +372,9 @@ def record_overlap(model, state, work, where):
     deepest = state.peak[Peak.OVERLAP]
     for j in range(state.slip.shape[0]):
         for k in range(2):
-            depth = -placing.clearance(j, k, work.face, work.tangent) * (1.0 / model.length[j])
+            depth = -placing.clearance(j, k, work.face, work.tangent) * (
+                1.0 / model.length[j]
+            )
             deepest = select(where & (depth > deepest), depth, deepest)
     state.peak[Peak.OVERLAP] = deepest
 
@@ -342,8 +386,10 @@ def make_step(model, state, work, impulse, where, loss_limit):
     Reads: model, state, work, impulse (x, y).
     Writes: state, work (face, reaction, rotated, tangent, tie).
     """
-    clock, count = state.clock, state.count
-    step, changes = clock[Clock.STEP], False
+    clock = state.clock
+    count = state.count
+    step = clock[Clock.STEP]
+    changes = False
     for i in range(1, state.position.shape[0]):
         for c in range(3):
             moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
@@ -353,7 +399,9 @@ def make_step(model, state, work, impulse, where, loss_limit):
     for j in range(state.slip.shape[0]):
         hit = larger(hit, state.impact[j])
     for j in range(state.slip.shape[0]):
-        state.impact[j] = select(where, larger(state.impact[j] - 1.0, 0.0), state.impact[j])
+        state.impact[j] = select(
+            where, larger(state.impact[j] - 1.0, 0.0), state.impact[j]
+        )
         state.slip[j] = select(where, work.slip[j], state.slip[j])
         for k in range(2):
             changes = changes | (work.contact[j, k] != state.contact[j, k])

@@ -16,31 +16,44 @@ from archfrag.version import __version__
 
 def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
     """Return the global attributes: the same on every run of the same study with this code."""
-    inputs, about = read_manifest(study)["inputs"], study.intensity
+    inputs = read_manifest(study)["inputs"]
+    about = study.intensity
     facts = {
         "config": {
-            "id": study.id, "title": study.title,
+            "id": study.id,
+            "title": study.title,
             "arches": [_portable_arch(entry) for entry in study.arches],
             "intensity": {**about.model_dump(), "levels": list(about.given)},
-            "method": study.method.model_dump(), "design": study.design.model_dump(),
+            "method": study.method.model_dump(),
+            "design": study.design.model_dump(),
         },
-        "inputs_sha256": _by_name(inputs["record"]), "index_sha256": _by_name(inputs["index"]),
+        "inputs_sha256": _by_name(inputs["record"]),
+        "index_sha256": _by_name(inputs["index"]),
         "inventories_sha256": _by_name(inputs["inventory"]),
-        "processing": [{"step": name, "settings": given} for name, given in study.motions.steps],
+        "processing": [
+            {"step": name, "settings": given} for name, given in study.motions.steps
+        ],
         "versions": provenance.versions(),
-    }  # fmt: skip
+    }
     if before := study.motions.before:
         pairs = {record.id: first.id for record, first in zip(plan.records, plan.first)}
         names = list(dict.fromkeys(pairs.values()))
         facts["first_shocks"] = {"gap": before.gap, "records": names, "before": pairs}
-    count, of = sum(record.vertical for record in plan.records), len(plan.records)
+    count = sum(record.vertical for record in plan.records)
+    of = len(plan.records)
     some = f"used for {count} of {of} records"
     counts = f"{counted(len(plan.arches), 'arch')} under {counted(of, 'record')}"
     return {
-        "Conventions": "CF-1.11", "title": study.title, "institution": study.institution,
+        "Conventions": "CF-1.11",
+        "title": study.title,
+        "institution": study.institution,
         "source": f"rigid-block simulations with archfrag {__version__}, method "
         f"{study.method.name}",
-        "vertical_component": some if 0 < count < of else "used" if count else "not used",
+        "vertical_component": some
+        if 0 < count < of
+        else "used"
+        if count
+        else "not used",
         "history": "Records read, processed and scaled to levels of the intensity measure; "
         f"simulations as the design {study.design.kind} asks for them; results gathered by "
         "archfrag.",
@@ -48,11 +61,13 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
         "README of archfrag",
         "comment": f"{counts} scaled by {about.measure}. Wall times and machine are in a log "
         "beside this file.",
-        "loss_limit": f"{study.method.loss_limit:g}", "archfrag_study": study.id,
+        "loss_limit": f"{study.method.loss_limit:g}",
+        "archfrag_study": study.id,
         **{f"archfrag_{name}": strict_json(fact) for name, fact in facts.items()},
-        "archfrag_commit": provenance.commit(), "archfrag_machine": platform.machine(),
+        "archfrag_commit": provenance.commit(),
+        "archfrag_machine": platform.machine(),
         "archfrag_plan": provenance.digest_of(plan.digests),
-    }  # fmt: skip
+    }
 
 
 def _portable_arch(entry: ArchEntry) -> dict[str, Any]:

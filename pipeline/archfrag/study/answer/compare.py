@@ -22,9 +22,11 @@ Table = dict[str, dict[str, float]]
 
 
 def compare(
-    fitted: Sequence[Fitted], names: Sequence[str], hazard: HazardCurve | None = None,
+    fitted: Sequence[Fitted],
+    names: Sequence[str],
+    hazard: HazardCurve | None = None,
     confidence: float = 0.9,
-) -> dict[str, Table]:  # fmt: skip
+) -> dict[str, Table]:
     """Compare arches or classes of arches with the first of them, motion by motion.
 
     Each of `names` is of the study at its place in `fitted`. The members of two classes are pairs:
@@ -34,12 +36,16 @@ def compare(
     [1/year], each with before, after, ratio, lower, upper. InputError if a name is not known,
     or the motions or the samples differ; FitError if an arch has no curve.
     """
-    runs, curves = list[Runs](), list[Curve]()
+    runs = list[Runs]()
+    curves = list[Curve]()
     for study, name in zip(fitted, names, strict=True):
         if name not in study.curves:
             have = ", ".join(study.curves)
-            raise InputError(f"there is no arch or class {name!r}; the study has {have}")
-        curve, own = study.curves[name], study.runs[name]
+            raise InputError(
+                f"there is no arch or class {name!r}; the study has {have}"
+            )
+        curve = study.curves[name]
+        own = study.runs[name]
         if not curve.fitted:
             raise FitError(f"{name} has no curve: {curve.reason}")
         if study is not fitted[0]:
@@ -52,7 +58,8 @@ def compare(
     @cache
     def without(place: int, groups: bytes) -> FloatArray:
         """Return ln theta and ln beta of an arch, by the posterior without scatter."""
-        own, parts = runs[place], parts_of(np.frombuffer(groups, int))
+        own = runs[place]
+        parts = parts_of(np.frombuffer(groups, int))
 
         def estimate(brackets: Brackets) -> Curve:
             return own.design.posterior(brackets.without_scatter())[0].curve
@@ -75,7 +82,9 @@ def _groupings(one: Runs, two: Runs) -> list[IntArray]:
     event = shared_events(one.cube["event"].values)
     alike = {**one.groups, **two.groups, "event": record if event is None else event}
     alike.pop("record", None)
-    return crossing_groups([np.resize(each, len(one.verdict)) for each in alike.values()])
+    return crossing_groups(
+        [np.resize(each, len(one.verdict)) for each in alike.values()]
+    )
 
 
 def plane_of(
@@ -86,19 +95,31 @@ def plane_of(
     The second is the measure with the least p-value if it is "best". It has the unit of the
     levels, or its SI unit if that is of another kind. `arch` may be None if there is one.
     """
-    names, unit, factor = list(fitted.arches), intensity.unit, intensity.factor
+    names = list(fitted.arches)
+    unit = intensity.unit
+    factor = intensity.factor
     if arch not in (names if arch or names[1:] else [None]):
         raise InputError(f"plane: arch = {arch!r} must be one of {', '.join(names)}")
     runs = fitted.runs[arch or names[0]]
     known, exponent, units = known_measures(runs.cube)
-    own, planes, reasons = intensity.measure, list[Plane](), list[FitError]()
+    own = intensity.measure
+    planes = list[Plane]()
+    reasons = list[FitError]()
     others = [name for name in known if name != own]
     if second not in (*others, "best"):
-        raise InputError(f"plane: second = {second!r} must be best, or one of {', '.join(others)}")
-    ends = {end: getattr(runs.brackets, end) / factor for end in ("lower", "upper", "levels")}
+        raise InputError(
+            f"plane: second = {second!r} must be best, or one of {', '.join(others)}"
+        )
+    ends = {
+        end: getattr(runs.brackets, end) / factor
+        for end in ("lower", "upper", "levels")
+    }
     for name in others if second == "best" else [second]:
-        power, alike = exponent[name] / exponent[own], units[name] == units[own]
-        ratio = known[name] / (factor if alike else 1.0) / (known[own] / factor) ** power
+        power = exponent[name] / exponent[own]
+        alike = units[name] == units[own]
+        ratio = (
+            known[name] / (factor if alike else 1.0) / (known[own] / factor) ** power
+        )
         both = unit, unit if alike else units[name]
         try:
             plane = fit_plane(replace(runs.brackets, **ends), ratio, power, runs.group)
@@ -108,7 +129,9 @@ def plane_of(
     if not planes:
         raise reasons[0]
     best = min(planes, key=lambda plane: plane.p_value)
-    return replace(best, tests=len(planes), p_value=min(1.0, best.p_value * len(planes)))
+    return replace(
+        best, tests=len(planes), p_value=min(1.0, best.p_value * len(planes))
+    )
 
 
 def _same_motions(own: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
@@ -138,10 +161,18 @@ def _check_pairs(one: Runs, two: Runs) -> None:
     sizes = [runs.cube.sizes["arch"] for runs in (one, two)]
     pair = f"{one.name} and {two.name} cannot be compared"
     if sizes[0] != sizes[1]:
-        raise InputError(f"{pair}: they have {sizes[0]} and {sizes[1]} arches; sample them alike")
+        raise InputError(
+            f"{pair}: they have {sizes[0]} and {sizes[1]} arches; sample them alike"
+        )
     for name in map(str, one.cube.data_vars):
-        if name.startswith("arch_") and name in two.cube and one.cube[name].dtype.kind == "f":
-            first, second = (np.argsort(runs.cube[name].values).tolist() for runs in (one, two))
+        if (
+            name.startswith("arch_")
+            and name in two.cube
+            and one.cube[name].dtype.kind == "f"
+        ):
+            first, second = (
+                np.argsort(runs.cube[name].values).tolist() for runs in (one, two)
+            )
             if first != second:
                 key = name.removeprefix("arch_")
                 rule = "give both entries the same vary with the same seed and number of samples"

@@ -26,12 +26,25 @@ from archfrag.study.provenance import strict_json
 from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, make_plan
 
 COMPRESSION = 4
-CHUNK = 2**17  # cells of a variable that the file stores together: whole arches, up to 1 MB
-_CODES: dict[str, Any] = {"Verdict": Verdict, "Status": Status, "CollapseMode": CollapseMode}
+CHUNK = (
+    2**17
+)  # cells of a variable that the file stores together: whole arches, up to 1 MB
+_CODES: dict[str, Any] = {
+    "Verdict": Verdict,
+    "Status": Status,
+    "CollapseMode": CollapseMode,
+}
 _UDUNITS = {
-    "m/s2": "m s-2", "cm/s2": "cm s-2", "gal": "cm s-2", "g": "9.80665 m s-2", "m/s": "m s-1",
-    "cm/s": "cm s-1", "m": "m", "cm": "cm", "s": "s",
-}  # fmt: skip
+    "m/s2": "m s-2",
+    "cm/s2": "cm s-2",
+    "gal": "cm s-2",
+    "g": "9.80665 m s-2",
+    "m/s": "m s-1",
+    "cm/s": "cm s-1",
+    "m": "m",
+    "cm": "cm",
+    "s": "s",
+}
 
 
 def write_cube(study: StudyKeys, plan: Plan | None = None) -> Path:
@@ -53,15 +66,21 @@ def write_cube(study: StudyKeys, plan: Plan | None = None) -> Path:
 
 
 def build_cube(
-    study: StudyKeys, plan: Plan, cases: Cases, table: Table, facts: dict[int, dict[str, Any]]
+    study: StudyKeys,
+    plan: Plan,
+    cases: Cases,
+    table: Table,
+    facts: dict[int, dict[str, Any]],
 ) -> xr.Dataset:
     """Return the cube of a study's runs, as `gather` returns them, in the form that is stored.
 
     It is along intensity in the study's unit, beside ``intensity_si``; along level if each run
     has an intensity of its own. It takes about 600 bytes of memory a run.
     """
-    regular, measure = study.design.on_levels, study.intensity.measure
-    names, records = list(plan.records[0].measures), plan.records
+    regular = study.design.on_levels
+    measure = study.intensity.measure
+    names = list(plan.records[0].measures)
+    records = plan.records
     shape = (len(plan.arches), len(records), len(plan.levels) if regular else 1)
 
     def filled(values: NDArray, missing: float) -> NDArray:
@@ -70,16 +89,25 @@ def build_cube(
         return cube
 
     values: dict[str, Any] = {
-        "level": np.arange(shape[2]), "model": [model.name.lower() for model in Level],
-        "measure": names, "measure_unit": list(map(measure_unit, names)),
+        "level": np.arange(shape[2]),
+        "model": [model.name.lower() for model in Level],
+        "measure": names,
+        "measure_unit": list(map(measure_unit, names)),
         "measure_exponent": list(map(scaling_exponent, names)),
-        "record_measure": [[record.measures[name] for name in names] for record in records],
-    }  # fmt: skip
-    about = VARIABLES | {"intensity": VARIABLES["intensity"]._replace(
-        units=_UDUNITS[measure_unit(measure)], long_name=f"{measure} of the scaled record"
-    )}  # fmt: skip
+        "record_measure": [
+            [record.measures[name] for name in names] for record in records
+        ],
+    }
+    about = VARIABLES | {
+        "intensity": VARIABLES["intensity"]._replace(
+            units=_UDUNITS[measure_unit(measure)],
+            long_name=f"{measure} of the scaled record",
+        )
+    }
     if study.motions.before is not None:
-        about["first_shock"] = about["first_shock"]._replace(units=about["intensity"].units)
+        about["first_shock"] = about["first_shock"]._replace(
+            units=about["intensity"].units
+        )
         values["first_shock"] = [sum(member.shock[:1]) for member in plan.arches]
         shaken = np.flatnonzero(values["first_shock"])
         for arch in shaken[:1]:
@@ -91,7 +119,10 @@ def build_cube(
         scales = plan.unscaled[:, None] * plan.levels**plan.power
         values |= {"intensity": plan.levels, "scale_factor": scales}
     else:
-        for name, each in (("intensity", cases["level"]), ("scale_factor", plan.factors(cases))):
+        for name, each in (
+            ("intensity", cases["level"]),
+            ("scale_factor", plan.factors(cases)),
+        ):
             about[name] = about[name]._replace(dimensions="run")
             values[name] = filled(each, np.nan)
     for each in VARIABLES.values():
@@ -102,16 +133,25 @@ def build_cube(
         values[each.name] = filled(table[each.name], float(each.missing))
     if not (values["moving_before"] == 1).any():
         del values["moving_before"]
-    lost = np.isfinite(values["lost_contact_time"]) & (values["verdict"] == Verdict.SURVIVED)
+    lost = np.isfinite(values["lost_contact_time"]) & (
+        values["verdict"] == Verdict.SURVIVED
+    )
     values["lost_contact_and_stand"] = lost.sum(axis=1)
     variables = _arch_variables(plan.arches)
     variables |= {name: _variable(about[name], each) for name, each in values.items()}
     variables["intensity"].attrs["measure"] = measure
-    variables["intensity_si"], unit = variables["intensity"], study.intensity.unit
-    own = study.intensity.given if regular else values["intensity"] / study.intensity.factor
+    variables["intensity_si"] = variables["intensity"]
+    unit = study.intensity.unit
+    own = (
+        study.intensity.given
+        if regular
+        else values["intensity"] / study.intensity.factor
+    )
     attrs = variables["intensity"].attrs | {"units": _UDUNITS[unit], "unit": unit}
     unfilled = {"_FillValue": None}  # CF's rule for a variable of a dimension
-    variables["intensity"] = xr.Variable(variables["intensity"].dims, [*own], attrs, unfilled)
+    variables["intensity"] = xr.Variable(
+        variables["intensity"].dims, [*own], attrs, unfilled
+    )
     of_arches = {plan.arches[arch].id: own for arch, own in sorted(facts.items())}
     design = study.design.model_dump(mode="json") | {"arches": of_arches}
     stated = attributes(study, plan) | {"archfrag_design": strict_json(design)}
@@ -126,12 +166,18 @@ def open_cube(study: StudyKeys) -> xr.Dataset:
     InputError if there is none, OutputError if it is another study's.
     """
     stored = stored_cube(study)
-    along = stored.swap_dims(intensity="level") if "intensity" in stored.dims else stored
+    along = (
+        stored.swap_dims(intensity="level") if "intensity" in stored.dims else stored
+    )
     verdict = along["verdict"]
     codes = verdict.fillna(Verdict.NOT_RUN).astype(VARIABLES["verdict"].dtype)
     codes.encoding = verdict.encoding
     codes = codes.assign_attrs(verdict.attrs)
-    return along.assign(verdict=codes).drop_vars("intensity").rename(intensity_si="intensity")
+    return (
+        along.assign(verdict=codes)
+        .drop_vars("intensity")
+        .rename(intensity_si="intensity")
+    )
 
 
 def stored_cube(study: StudyKeys) -> xr.Dataset:
@@ -149,10 +195,16 @@ def stored_cube(study: StudyKeys) -> xr.Dataset:
 def _variable(about: Any, values: Any) -> xr.Variable:
     """Return values with CF's attributes, as a row of `VARIABLES` describes them."""
     dimensions = about.dimensions.replace("run", "arch record level").split()
-    stated = {"long_name": about.long_name, "units": about.units, "comment": about.comment}
+    stated = {
+        "long_name": about.long_name,
+        "units": about.units,
+        "comment": about.comment,
+    }
     attrs: dict[str, Any] = {name: text for name, text in stated.items() if text}
     labels = [name for name in dimensions if name not in (about.name, "level")]
-    labels += ["intensity_si", "level"] * ("level" in dimensions and "record" in dimensions)
+    labels += ["intensity_si", "level"] * (
+        "level" in dimensions and "record" in dimensions
+    )
     encoding: dict[str, Any] = {"coordinates": " ".join(labels) or None}
     if about.dtype == "S":
         # Text as characters: CF's form that every version of every reader knows.
@@ -169,7 +221,8 @@ def _variable(about: Any, values: Any) -> xr.Variable:
         meanings = {code: text for code, text in meanings.items() if code != fill}
         attrs["flag_values"] = np.array(sorted(meanings), dtype=about.dtype)
         attrs["flag_meanings"] = " ".join(meanings[code] for code in sorted(meanings))
-    sizes, cells = list[int](), CHUNK
+    sizes = list[int]()
+    cells = CHUNK
     for size in reversed(array.shape):
         sizes.insert(0, min(size, cells))
         cells = max(cells // size, 1)
@@ -180,7 +233,8 @@ def _variable(about: Any, values: Any) -> xr.Variable:
 
 def _arch_variables(arches: Members) -> dict[str, xr.Variable]:
     """Return the variables of arches: names, onsets, and the values and texts of their entries."""
-    built, rows = [member.entry.build() for member in arches], [member.row for member in arches]
+    built = [member.entry.build() for member in arches]
+    rows = [member.row for member in arches]
     starts = [onset(arch) for arch in built]
     # What a joint of rigid bodies would bear is no bound of one that gives.
     gives = [arch.chain.joint is not None for arch in built]
@@ -190,17 +244,27 @@ def _arch_variables(arches: Members) -> dict[str, xr.Variable]:
         **({"stock_row": rows} if any(rows) else {}),
         "onset_plus": np.where(gives, np.nan, [start.plus for start in starts]),
         "onset_minus": np.where(gives, np.nan, [start.minus for start in starts]),
-        "static_limit": [static_limit(arch, start) for arch, start in zip(built, starts)],
+        "static_limit": [
+            static_limit(arch, start) for arch, start in zip(built, starts)
+        ],
         "joint_length": [arch.dimensions[2] for arch in built],
     }
     found = {name: _variable(VARIABLES[name], each) for name, each in values.items()}
     about = VARIABLES["arch"]
     for name in dict.fromkeys(name for member in arches for name in member.values):
-        numbers = [member.values.get(name, member.entry.number(name)) for member in arches]
-        found[f"arch_{name}"] = _variable(about._replace(
-            name=f"arch_{name}", dtype="f8", units=UNITS.get(name, "1"), fill="nan",
-            long_name=f"{name} of the arch",
-        ), numbers)  # fmt: skip
+        numbers = [
+            member.values.get(name, member.entry.number(name)) for member in arches
+        ]
+        found[f"arch_{name}"] = _variable(
+            about._replace(
+                name=f"arch_{name}",
+                dtype="f8",
+                units=UNITS.get(name, "1"),
+                fill="nan",
+                long_name=f"{name} of the arch",
+            ),
+            numbers,
+        )
     texts = pd.DataFrame([member.attributes for member in arches]).fillna("")
     for name in map(str, texts):
         # Names in files have letters, digits and _ only; long_name is as in the table.

@@ -18,17 +18,35 @@ from archfrag.fragility.damage import fit_state_posterior
 from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_cloud
 from archfrag.fragility.quoted import check_lognormal, isotonic_curve, shared_events
-from archfrag.fragility.several import crossing_words, mixture, split_capacities, split_curves
-from archfrag.fragility.verdicts import DECIDED, NOTHING, Brackets, Verdict, find_brackets
+from archfrag.fragility.several import (
+    crossing_words,
+    mixture,
+    split_capacities,
+    split_curves,
+)
+from archfrag.fragility.verdicts import (
+    DECIDED,
+    NOTHING,
+    Brackets,
+    Verdict,
+    find_brackets,
+)
 from archfrag.study.designs import Design, design_of
 
 POINTS = 120  # of a band
-MOST_LACKING = 0.5  # fraction of the runs below capacities, beyond which a search chose levels
+MOST_LACKING = (
+    0.5  # fraction of the runs below capacities, beyond which a search chose levels
+)
 MISFIT = 0.05  # p-value below which the lognormal curve does not describe the collapses
 MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
-_COLLAPSE = "a loss of contact that cannot be regained", "the severest that the table states"
+_COLLAPSE = (
+    "a loss of contact that cannot be regained",
+    "the severest that the table states",
+)
 _DRAWN: dict[str, Any] = {"seed": 1, "resamples": 300}
-Worded = Callable[[FitError], str]  # text of an error, with its levels in the unit people read
+Worded = Callable[
+    [FitError], str
+]  # text of an error, with its levels in the unit people read
 
 
 @dataclass(frozen=True)
@@ -53,7 +71,9 @@ class Runs:
     @property
     def group(self) -> NDArray[np.str_] | None:
         """The coarsest of the groups, where one is asked for; None if there is none."""
-        return min(self.groups.values(), key=lambda each: np.unique(each).size, default=None)
+        return min(
+            self.groups.values(), key=lambda each: np.unique(each).size, default=None
+        )
 
     @property
     def alike(self) -> NDArray[np.str_] | None:
@@ -113,7 +133,9 @@ class Runs:
             return np.zeros(() if curve.members is None else len(self.arches))
         known = np.isfinite(self.cube["static_limit"].values)
         known &= str(self.cube["intensity"].attrs["measure"]) == "PGA"
-        known &= not self.shaken and "row" not in self.groups  # others of a stock may move earlier
+        known &= (
+            not self.shaken and "row" not in self.groups
+        )  # others of a stock may move earlier
         least = np.where(known, _onset_peaks(self.cube), 0.0)
         return least if curve.members is not None else np.asarray(least.min())
 
@@ -123,18 +145,22 @@ def runs_of_cube(
 ) -> dict[str, Runs]:
     """Return the runs of arches or classes of a cube by name; of all arches if none is given."""
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
-    record, rows = cube["record"].values.astype(str), cube.get("stock_row", cube["arch"]).values
+    record = cube["record"].values.astype(str)
+    rows = cube.get("stock_row", cube["arch"]).values
     event, *shocks = (
         shared_events(cube[name].values) if name in cube else None
         for name in ("event", "first_event", "first_record")
     )
     first = next((each for each in shocks if each is not None), None)
-    of_class, places = arch_classes(cube), dict[str, list[int]]()
+    of_class = arch_classes(cube)
+    places = dict[str, list[int]]()
     for place, both in enumerate(of_class.items()):
         for name in set(both):
             places.setdefault(name, []).append(place)
-    runs, ordered = dict[str, Runs](), cube.transpose("arch", "record", "level", ...)
-    verdict, levels = ordered["verdict"].values.astype(np.int64), ordered["intensity"].values
+    runs = dict[str, Runs]()
+    ordered = cube.transpose("arch", "record", "level", ...)
+    verdict = ordered["verdict"].values.astype(np.int64)
+    levels = ordered["intensity"].values
     n_level = verdict.shape[-1]
     for name in of_class if names is None else names:
         own = places[name]
@@ -146,7 +172,9 @@ def runs_of_cube(
         if first is not None and cube["first_shock"].values[own].any():
             alike["first shock"] = first
         groups = {
-            what: np.tile(each, len(own)) for what, each in alike.items() if each is not None
+            what: np.tile(each, len(own))
+            for what, each in alike.items()
+            if each is not None
         }
         if stock:
             groups["row"] = np.repeat(rows[own].astype(str), record.size)
@@ -158,7 +186,12 @@ def runs_of_cube(
 def arch_classes(cube: xr.Dataset) -> dict[str, str]:
     """Return the class of each arch of a cube; its own name if the cube holds none."""
     classes = cube["arch_class" if "arch_class" in cube else "arch"]
-    return dict(zip(cube["arch"].values.astype(str).tolist(), classes.values.astype(str).tolist()))
+    return dict(
+        zip(
+            cube["arch"].values.astype(str).tolist(),
+            classes.values.astype(str).tolist(),
+        )
+    )
 
 
 @dataclass(frozen=True)
@@ -182,15 +215,24 @@ class Fitted:
     def quoted(self, members: bool = False) -> dict[str, Curve]:
         """Return the curves of classes and of arches of no class; with `members` of all arches."""
         of_class = arch_classes(self.cube)
-        alone = [name for name in self.arches if members or of_class.get(name) not in self.classes]
+        alone = [
+            name
+            for name in self.arches
+            if members or of_class.get(name) not in self.classes
+        ]
         return {**self.classes, **{name: self.arches[name] for name in alone}}
 
     def capacities(self, factor: float) -> pd.DataFrame:
         """Tabulate capacities as `archfrag.Results.capacities` does, all times `factor`."""
-        records, tables = self.cube["record"].values.astype(str), []
+        records = self.cube["record"].values.astype(str)
+        tables = []
         for name in self.arches:
             found = self.runs[name].brackets
-            values = {"lower": found.lower, "upper": found.upper, "capacity": found.middle}
+            values = {
+                "lower": found.lower,
+                "upper": found.upper,
+                "capacity": found.middle,
+            }
             scaled = {key: factor * each for key, each in values.items()}
             tables.append(pd.DataFrame({"arch": name, "record": records, **scaled}))
         return pd.concat(tables, ignore_index=True)
@@ -199,7 +241,9 @@ class Fitted:
 def curve_of(runs: Runs, confidence: float) -> Curve:
     """Return the curve of some runs with the band and the intervals that are quoted."""
     if not runs.decided.any():
-        return Curve(reason=NOTHING, likelihood=Curve(reason=NOTHING), confidence=confidence)
+        return Curve(
+            reason=NOTHING, likelihood=Curve(reason=NOTHING), confidence=confidence
+        )
     try:
         likelihood = runs.design.likelihood(runs.brackets)
     except FitError as error:
@@ -231,7 +275,8 @@ def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) ->
     if not pooled.fitted:
         return pooled
     fits = [each for each in members if each.fitted]
-    count, lacking = len(members), len(members) - len(fits)
+    count = len(members)
+    lacking = len(members) - len(fits)
     made = (
         f"The curve is the mean of the curves of its {count} arches; theta and beta are those of "
         "the lognormal curve with the same mean and standard deviation of ln capacity."
@@ -247,7 +292,9 @@ def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) ->
             "all runs of the class."
         )
     text = f"{made} Band and intervals: {pooled.assumptions}"
-    return replace(pooled if lacking or stock else mixture(pooled, fits), assumptions=text)
+    return replace(
+        pooled if lacking or stock else mixture(pooled, fits), assumptions=text
+    )
 
 
 def without_verdict(
@@ -263,11 +310,14 @@ def without_verdict(
     parts: dict[str, Any] = {"runs": int(lost.sum())}
     for verdict in (Verdict.COLLAPSED, Verdict.SURVIVED):
         decided = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
-        key, curve = verdict.name.lower(), curve_of(decided, confidence)
+        key = verdict.name.lower()
+        curve = curve_of(decided, confidence)
         if members:
             own = [each.more["without_verdict"].get(key) for each in members]
             fits = [fit and Curve.from_dict({"curve": fit}) for fit in own]
-            curve = class_curve(curve, [fit or each for each, fit in zip(members, fits)])
+            curve = class_curve(
+                curve, [fit or each for each, fit in zip(members, fits)]
+            )
         parts[key] = curve.fit_dict()
     return parts
 
@@ -276,7 +326,9 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
     """Return the isotonic curve, and whether the lognormal one describes the runs."""
     parts: dict[str, Any] = {}
     try:
-        curve = isotonic_curve(runs.brackets, runs.group, confidence=confidence, **_DRAWN)
+        curve = isotonic_curve(
+            runs.brackets, runs.group, confidence=confidence, **_DRAWN
+        )
         parts["isotonic"] = {name: values.tolist() for name, values in curve.items()}
         p_value, _ = check_lognormal(runs.brackets, **_DRAWN)
     except FitError as error:
@@ -295,58 +347,98 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
 
 def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
     """Return the curve of a cloud by logistic regression."""
-    event = None if runs.group is None else runs.group[runs.brackets.run]  # one run a record
-    return fit_cloud(*runs.brackets.single_runs(), event, confidence=confidence, **_DRAWN)
+    event = (
+        None if runs.group is None else runs.group[runs.brackets.run]
+    )  # one run a record
+    return fit_cloud(
+        *runs.brackets.single_runs(), event, confidence=confidence, **_DRAWN
+    )
 
 
 def measures_compared(runs: Runs) -> dict[str, Any]:
     """Compare the study's measure with others in which its motions are known."""
     cube, (known, exponent, units) = runs.cube, known_measures(runs.cube)
     table = compare_measures(
-        runs.brackets, known, exponent, str(cube["intensity"].attrs["measure"]),
-        magnitude=cube["magnitude"].values, distance=cube["distance"].values,
+        runs.brackets,
+        known,
+        exponent,
+        str(cube["intensity"].attrs["measure"]),
+        magnitude=cube["magnitude"].values,
+        distance=cube["distance"].values,
         event=runs.group,
-    )  # fmt: skip
-    return {**table, "rows": [{**row, "unit": units[row["measure"]]} for row in table["rows"]]}
+    )
+    return {
+        **table,
+        "rows": [{**row, "unit": units[row["measure"]]} for row in table["rows"]],
+    }
 
 
-def known_measures(cube: xr.Dataset) -> tuple[dict[str, FloatArray], dict[str, float], dict]:
+def known_measures(
+    cube: xr.Dataset,
+) -> tuple[dict[str, FloatArray], dict[str, float], dict]:
     """Return measures that grow with the factor: values of records, exponents, and SI units."""
     if "measure" not in cube:
-        raise FitError("a table of verdicts has one measure of its motions, so there is no other")
+        raise FitError(
+            "a table of verdicts has one measure of its motions, so there is no other"
+        )
     names = cube["measure"].values.astype(str).tolist()
     value = cube["record_measure"].transpose("measure", "record").values
     exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))
-    known = {k: v for k, v in zip(names, value) if exponent[k] > 0.0 and (v > 0.0).all()}
-    return known, exponent, dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
+    known = {
+        k: v for k, v in zip(names, value) if exponent[k] > 0.0 and (v > 0.0).all()
+    }
+    return (
+        known,
+        exponent,
+        dict(zip(names, cube["measure_unit"].values.astype(str).tolist())),
+    )
 
 
-def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict[str, Any]:
+def limit_states(
+    runs: Runs, keys: Mapping[str, float], collapse: Curve
+) -> dict[str, Any]:
     """Return curves of damage short of collapse, from light to severe, and that of `collapse`.
 
     A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study.
     """
-    cube, collapsed = runs.cube, runs.verdict == Verdict.COLLAPSED
+    cube = runs.cube
+    collapsed = runs.verdict == Verdict.COLLAPSED
     exceeded = _damage(cube, keys)
-    onset, states, known = _onset_in_measure(cube), list[Curve](), dict[bytes, Curve]()
+    onset = _onset_in_measure(cube)
+    states = list[Curve]()
+    known = dict[bytes, Curve]()
     for name, (meaning, condition) in exceeded.items():
-        exceeds = collapsed | runs.decided & condition.values.reshape(runs.verdict.shape)
+        exceeds = collapsed | runs.decided & condition.values.reshape(
+            runs.verdict.shape
+        )
         key = exceeds.tobytes()  # states often coincide
         if key not in known:
             known[key] = _state_curve(runs, exceeds, collapse)
         curve = known[key]
         if curve.fitted and onset > 0.0 and (below := curve.at(onset)[0]) > MOST_BELOW:
-            curve = Curve(reason=(
-                f"it would give a probability of {below:.2f} at the onset of motion, below "
-                "which nothing moves; levels near the onset may show it"
-            ))  # fmt: skip
+            curve = Curve(
+                reason=(
+                    f"it would give a probability of {below:.2f} at the onset of motion, below "
+                    "which nothing moves; levels near the onset may show it"
+                )
+            )
         states.append(replace(curve, state=name, meaning=meaning))
     # The lightest first; what has no curve before them.
     states.sort(key=lambda each: each.theta if each.fitted else 0.0)
-    states.append(replace(  # its band is that of `collapse`
-        collapse, meaning=_COLLAPSE["damage" in cube], im=[], lower=[], upper=[],
-        density=None, method="", assumptions="", n_independent=0.0, n_non_monotone=0,
-    ))  # fmt: skip
+    states.append(
+        replace(  # its band is that of `collapse`
+            collapse,
+            meaning=_COLLAPSE["damage" in cube],
+            im=[],
+            lower=[],
+            upper=[],
+            density=None,
+            method="",
+            assumptions="",
+            n_independent=0.0,
+            n_non_monotone=0,
+        )
+    )
     plain = []
     for each in states:
         own = each.to_dict() if each.fitted else {"curve": each.fit_dict()}
@@ -360,23 +452,38 @@ def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str,
     """Return what each limit state means, and which runs exceed it."""
     if "damage" in cube:
         given = [*enumerate(json.loads(cube["damage"].attrs["states"]))][1:-1]
-        return {name: ("damage that the table states", cube["damage"] >= n) for n, name in given}
-    limits, residual, rotation = cube["static_limit"], keys["residual"], keys["rotation"]
+        return {
+            name: ("damage that the table states", cube["damage"] >= n)
+            for n, name in given
+        }
+    limits = cube["static_limit"]
+    residual = keys["residual"]
+    rotation = keys["rotation"]
     rad = f", {limits.values[0]:.3g} rad" if limits.size == 1 else ""
     exceeded = {
-        "motion": ("a joint opens or slides",
-                   cube["openings"] + cube["slides"] + cube["impacts"] > 0),
+        "motion": (
+            "a joint opens or slides",
+            cube["openings"] + cube["slides"] + cube["impacts"] > 0,
+        ),
         "impact": ("a joint closes by an impact", cube["impacts"] > 0),
-        "residual": (f"a displacement of {residual:g} of a joint's length is left",
-                     cube["residual_displacement"] >= residual * cube["joint_length"]),
-        "rotation": (f"rotation by {rotation:g} of the static limit{rad}",
-                     cube["peak_rotation"] >= rotation * limits),
-        "contact lost": ("a joint opens at both corners, regained or not",
-                         np.isfinite(cube["lost_contact_time"])),
-    }  # fmt: skip
+        "residual": (
+            f"a displacement of {residual:g} of a joint's length is left",
+            cube["residual_displacement"] >= residual * cube["joint_length"],
+        ),
+        "rotation": (
+            f"rotation by {rotation:g} of the static limit{rad}",
+            cube["peak_rotation"] >= rotation * limits,
+        ),
+        "contact lost": (
+            "a joint opens at both corners, regained or not",
+            np.isfinite(cube["lost_contact_time"]),
+        ),
+    }
     if not np.isfinite(limits).all():
         del exceeded["rotation"]
-    if np.isnan(cube["onset_plus"]).any():  # corners of joints that give open in any motion
+    if np.isnan(
+        cube["onset_plus"]
+    ).any():  # corners of joints that give open in any motion
         del exceeded["motion"], exceeded["impact"]
     return exceeded
 
@@ -384,14 +491,20 @@ def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str,
 def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], collapse: Curve) -> Curve:
     """Return the curve of runs that exceed a limit state, or the reason why there is none."""
     if runs.shaken:
-        return Curve(reason="its measure is of the first shock too, so it has no curve after one")
+        return Curve(
+            reason="its measure is of the first shock too, so it has no curve after one"
+        )
     collapsed = runs.verdict == Verdict.COLLAPSED
     if not (exceeds & ~collapsed).any():
-        return Curve(reason="no run exceeds it short of collapse, so it has no curve of its own")
+        return Curve(
+            reason="no run exceeds it short of collapse, so it has no curve of its own"
+        )
     codes = np.where(exceeds, Verdict.COLLAPSED, Verdict.SURVIVED)
     codes = np.where(runs.decided, codes, runs.verdict)
     if runs.searched:
-        return _searched_curve(runs, np.where(collapsed, Verdict.NOT_RUN, codes), collapse)
+        return _searched_curve(
+            runs, np.where(collapsed, Verdict.NOT_RUN, codes), collapse
+        )
     curve = curve_of(replace(runs, verdict=codes), collapse.confidence)
     if curve.fitted:
         return curve
@@ -403,7 +516,8 @@ def _searched_curve(runs: Runs, short: NDArray[np.int64], collapse: Curve) -> Cu
 
     `short` are verdicts of the runs that did not collapse: whether they exceed the state.
     """
-    state, number = find_brackets(short, runs.level), collapse.n_independent
+    state = find_brackets(short, runs.level)
+    number = collapse.n_independent
     kind = runs.design.kind if runs.design.adaptive else "a search"
     try:
         if not collapse.fitted:
@@ -413,11 +527,12 @@ def _searched_curve(runs: Runs, short: NDArray[np.int64], collapse: Curve) -> Cu
         why = f"{kind} chose the levels of the runs by collapse: {runs.worded(error)}"
         return Curve(reason=why)
     return replace(
-        found.with_band(band_points(runs), collapse.confidence), n_independent=number,
+        found.with_band(band_points(runs), collapse.confidence),
+        n_independent=number,
         method="posterior of the capacities for it and for collapse together",
         assumptions=f"Capacities for it and for collapse are lognormal together, as {kind} chose "
         f"the levels by collapse; {number:.3g} records are independent.",
-    )  # fmt: skip
+    )
 
 
 def _onset_peaks(cube: xr.Dataset) -> FloatArray:
@@ -436,15 +551,22 @@ def _onset_in_measure(cube: xr.Dataset) -> float:
     """Return the least level at which an arch can move under its records [SI]; 0 if not known."""
     if "measure" not in cube:
         return 0.0
-    own, names = cube["intensity"].attrs["measure"], cube["measure"].values.astype(str).tolist()
+    own = cube["intensity"].attrs["measure"]
+    names = cube["measure"].values.astype(str).tolist()
     if not {own, "PGA"} <= set(names):
         return 0.0
-    value = dict(zip(names, cube["record_measure"].transpose("measure", "record").values))
+    value = dict(
+        zip(names, cube["record_measure"].transpose("measure", "record").values)
+    )
     power = float(cube["measure_exponent"].values[names.index(own)])
-    return float(np.min(value[own] * (_onset_peaks(cube).min() / value["PGA"]) ** power))
+    return float(
+        np.min(value[own] * (_onset_peaks(cube).min() / value["PGA"]) ** power)
+    )
 
 
-def dispersion_split(runs: Runs, curves: Sequence[Curve], beta: float) -> dict[str, Any]:
+def dispersion_split(
+    runs: Runs, curves: Sequence[Curve], beta: float
+) -> dict[str, Any]:
     """Divide the dispersion `beta` of a class into that of records and that of its arches.
 
     It is divided by the capacities of all runs. If records withstand the largest level, it is by
@@ -459,15 +581,22 @@ def dispersion_split(runs: Runs, curves: Sequence[Curve], beta: float) -> dict[s
         split = split_capacities(capacity)
     else:
         # Mean correlation of ln capacities between arches, by the records known for all.
-        logs, shared = np.log(capacity[:, known]), 0.0
+        logs = np.log(capacity[:, known])
+        shared = 0.0
         if logs.shape[1] >= 3 and (np.ptp(logs, axis=1) > 0.0).all():
             pairs = np.triu_indices(len(logs), k=1)
             shared = float(np.clip(np.corrcoef(logs)[pairs].mean(), 0.0, 0.99))
-        fits = [c.likelihood for c in curves if c.likelihood is not None and c.likelihood.fitted]
+        fits = [
+            c.likelihood
+            for c in curves
+            if c.likelihood is not None and c.likelihood.fitted
+        ]
         split = split_curves(
-            [fit.theta for fit in fits], [fit.beta for fit in fits],
-            [fit.standard_errors[0] for fit in fits], shared=shared,
-        )  # fmt: skip
+            [fit.theta for fit in fits],
+            [fit.beta for fit in fits],
+            [fit.standard_errors[0] for fit in fits],
+            shared=shared,
+        )
     if not any(split):
         return {"none": "all capacities lie between the same two levels"}
     scale = beta / np.hypot(*split)

@@ -25,10 +25,14 @@ from archfrag.study.file.schema import Intensity, StudyKeys
 from archfrag.study.provenance import finite, read_json, write_text
 from archfrag.study.validate import suspicious, unit_warnings
 
-FITS, CURVE = "fits.json", "curve.csv"
+FITS = "fits.json"
+CURVE = "curve.csv"
 DECIMALS = 9  # of a probability
-MOST_UNDECIDED = 0.05  # fraction of the runs at a level, beyond which there is a caution
-MOST_SURVIVING, MOST_AGAIN = 0.25, 0.2  # fractions of the records
+MOST_UNDECIDED = (
+    0.05  # fraction of the runs at a level, beyond which there is a caution
+)
+MOST_SURVIVING = 0.25  # fractions of the records
+MOST_AGAIN = 0.2
 MOST_SCALING = 10.0
 LEAST_EVENTS = 4
 LEAST_RECORDS = 10  # of a table of others
@@ -43,23 +47,30 @@ def fit_cube(study: StudyKeys) -> Fitted:
 
 def fit_runs(study: StudyKeys, cube: xr.Dataset) -> Fitted:
     """Find the curves of arches and classes of a cube, which may lack measures and damage."""
-    confidence, keys = study.report.confidence, study.limit_states.model_dump()
-    worded = partial(FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit)
+    confidence = study.report.confidence
+    keys = study.limit_states.model_dump()
+    worded = partial(
+        FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit
+    )
 
     def part(make: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
         """Make a part of the results, or say why it cannot be made."""
         made = attempt(partial(make, *arguments), worded)
         return {"none": made} if isinstance(made, str) else made
 
-    measured, damaged = "record_measure" in cube, bool({"openings", "damage"} & {*cube})
+    measured = "record_measure" in cube
+    damaged = bool({"openings", "damage"} & {*cube})
     sizes = Counter(curves.arch_classes(cube).values())
     names = [name for name, size in sizes.items() if size > 1]
     runs = curves.runs_of_cube(cube, [*curves.arch_classes(cube), *names], worded)
     every = {name: curves.curve_of(each, confidence) for name, each in runs.items()}
     arches = {name: curve for name, curve in every.items() if name not in names}
-    detailed = {list(arches)[i] for i in shown([curve.theta for curve in arches.values()])}
+    detailed = {
+        list(arches)[i] for i in shown([curve.theta for curve in arches.values()])
+    }
     for name, curve in arches.items():
-        own, more = runs[name], curve.more
+        own = runs[name]
+        more = curve.more
         if name in detailed:
             more["free"] = part(curves.free_shapes, own, confidence)
             if measured:
@@ -73,31 +84,47 @@ def fit_runs(study: StudyKeys, cube: xr.Dataset) -> Fitted:
     for name in names:
         own = runs[name]
         members = [arches[arch] for arch in own.cube["arch"].values.astype(str)]
-        classes[name] = curve = curves.class_curve(every[name], members, "row" in own.groups)
+        classes[name] = curve = curves.class_curve(
+            every[name], members, "row" in own.groups
+        )
         more = curve.more
         more["dispersion"] = {}
         if curve.fitted:
             more["dispersion"] = part(curves.dispersion_split, own, members, curve.beta)
         if damaged:
             more["limit_states"] = states = part(curves.limit_states, own, keys, curve)
-            states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
+            states["states"] = [
+                s for s in states.get("states", ()) if s["name"] != "collapse"
+            ]
         more["without_verdict"] = part(curves.without_verdict, own, confidence, members)
     return Fitted(arches, classes, cube)
 
 
 def store_fits(study: StudyKeys, fitted: Fitted) -> None:
     """Write ``fits.json`` and ``curve.csv``."""
-    measure, unit, factor = study.intensity.measure, study.intensity.unit, study.intensity.factor
-    cube, plain = fitted.cube, {name: each.to_dict() for name, each in fitted.arches.items()}
+    measure = study.intensity.measure
+    unit = study.intensity.unit
+    factor = study.intensity.factor
+    cube = fitted.cube
+    plain = {name: each.to_dict() for name, each in fitted.arches.items()}
     content = {
-        "study": study.id, "measure": measure, "unit": cube["intensity"].attrs["units"],
+        "study": study.id,
+        "measure": measure,
+        "unit": cube["intensity"].attrs["units"],
         "design": json.loads(cube.attrs["archfrag_design"]),
-        "fits": {name: each["curve"] for name, each in plain.items()}, "arches": plain,
+        "fits": {name: each["curve"] for name, each in plain.items()},
+        "arches": plain,
         "classes": {name: each.to_dict() for name, each in fitted.classes.items()},
-    }  # fmt: skip
-    text = json.dumps(finite(content, None), indent=1, ensure_ascii=False, allow_nan=False)
+    }
+    text = json.dumps(
+        finite(content, None), indent=1, ensure_ascii=False, allow_nan=False
+    )
     write_text(study.folder / FITS, text + "\n")
-    rows = [pd.DataFrame(columns=["arch", f"{measure} [{unit}]", "probability", "lower", "upper"])]
+    rows = [
+        pd.DataFrame(
+            columns=["arch", f"{measure} [{unit}]", "probability", "lower", "upper"]
+        )
+    ]
     for name, curve in fitted.quoted().items():
         if curve.fitted:
             im = np.array(curve.im)
@@ -116,7 +143,14 @@ def load_fits(study: StudyKeys) -> Fitted:
             {name: Curve.from_dict(plain) for name, plain in stored[of].items()}
             for of in ("arches", "classes")
         )
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError) as error:
+    except (
+        OSError,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        InputError,
+    ) as error:
         how = "`archfrag fit` makes it"
         raise InputError(f"{path}: is missing or damaged ({error}); {how}") from None
     return Fitted(arches, classes, open_cube(study))
@@ -130,29 +164,44 @@ def in_unit(curve: Curve, name: str, intensity: Intensity) -> Curve:
 
 def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
     """Write aligned lines on the curves of classes and of arches of none, and the cautions."""
-    answers = {k: in_unit(each, k, study.intensity) for k, each in fitted.quoted().items()}
+    answers = {
+        k: in_unit(each, k, study.intensity) for k, each in fitted.quoted().items()
+    }
     rows = [(name, *answers[name].words()) for name in list(answers)[:SHOWN]]
     first = max(len("report"), *(len(name) for name, _, _ in rows))
     second = max(len(median) if beta else 0 for _, median, beta in rows)
-    lines = [f"{name:{first}}  {median:{second}}  {beta}".rstrip() for name, median, beta in rows]
+    lines = [
+        f"{name:{first}}  {median:{second}}  {beta}".rstrip()
+        for name, median, beta in rows
+    ]
     if len(answers) > SHOWN:
         lines.append(f"{len(answers) - SHOWN} more in {study.folder / CURVE}")
-    cautions = [f"{name}: {text}" for name, each in answers.items() if (text := each.undecided())]
+    cautions = [
+        f"{name}: {text}"
+        for name, each in answers.items()
+        if (text := each.undecided())
+    ]
     cautions += cautions_of(study, fitted)
     return lines, gathered(cautions, fitted.cube, list(answers)[:SHOWN])
 
 
-def gathered(cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]) -> list[str]:
+def gathered(
+    cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]
+) -> list[str]:
     """List cautions; of those on arches that are not `shown` alone only the first of each kind.
 
     Cautions are of one kind if they differ in numbers, and their arches are of one class.
     """
-    of_class, kinds = curves.arch_classes(cube), dict[tuple[str, str], list[str]]()
+    of_class = curves.arch_classes(cube)
+    kinds = dict[tuple[str, str], list[str]]()
     for each in cautions:
         name, _, words = each.partition(": ")
         key = "", each
         if name in of_class and name not in shown:
-            key = of_class[name] * (of_class[name] != name), re.sub(r"[\d.]+", "", words)
+            key = (
+                of_class[name] * (of_class[name] != name),
+                re.sub(r"[\d.]+", "", words),
+            )
         kinds.setdefault(key, []).append(each)
     found = []
     for (name, _), alike in kinds.items():
@@ -163,7 +212,8 @@ def gathered(cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]) 
 
 def cautions_of(study: StudyKeys, fitted: Fitted) -> list[str]:
     """List the cautions on a study's cube and curves, with levels in the study's unit."""
-    unit, named = study.intensity.unit, ["levels of their own"]
+    unit = study.intensity.unit
+    named = ["levels of their own"]
     if study.design.on_levels:
         named = [f"{level:.4g} {unit}" for level in study.intensity.given]
     cautions = [
@@ -177,13 +227,16 @@ def cautions_of(study: StudyKeys, fitted: Fitted) -> list[str]:
         cautions += suspicious(read_manifest(study)["records"])
     else:
         for name in fitted.arches:
-            cautions += [f"{name}: {each}" for each in table_cautions(fitted.runs[name])]
+            cautions += [
+                f"{name}: {each}" for each in table_cautions(fitted.runs[name])
+            ]
     return [*cautions, *study.design.cautions(facts), *record_cautions(fitted.cube)]
 
 
 def table_cautions(runs: curves.Runs) -> Iterator[str]:
     """Yield messages on verdicts of others that are few, or fall with intensity."""
-    collapsed, survived = runs.verdict == Verdict.COLLAPSED, runs.verdict == Verdict.SURVIVED
+    collapsed = runs.verdict == Verdict.COLLAPSED
+    survived = runs.verdict == Verdict.SURVIVED
     records = int((collapsed | survived).any(axis=1).sum())
     if 0 < records < LEAST_RECORDS:
         yield (
@@ -191,7 +244,11 @@ def table_cautions(runs: curves.Runs) -> Iterator[str]:
             f"most of its median and its dispersion; add records, at least {LEAST_RECORDS}"
         )
     levels = np.log(np.broadcast_to(runs.level, runs.verdict.shape))
-    if collapsed.any() and survived.any() and levels[collapsed].mean() < levels[survived].mean():
+    if (
+        collapsed.any()
+        and survived.any()
+        and levels[collapsed].mean() < levels[survived].mean()
+    ):
         yield (
             "runs that collapsed have lower intensities than those that survived, so the "
             "probability of collapse falls with intensity; does 1 mean survived here? Then name "
@@ -201,7 +258,9 @@ def table_cautions(runs: curves.Runs) -> Iterator[str]:
 
 def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator[str]:
     """Yield messages on the runs of an arch, at levels as they are `named`."""
-    verdict, levels, n_record = runs.verdict, runs.level, len(runs.verdict)
+    verdict = runs.verdict
+    levels = runs.level
+    n_record = len(runs.verdict)
     counts = count_verdicts(verdict)
     lost = counts["unfinished"] + counts["failed"]
     fraction = lost / np.maximum(counts["runs"], 1)
@@ -226,7 +285,8 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator
         )
     if not runs.design.on_levels:
         return
-    collapsed, survived = verdict == Verdict.COLLAPSED, verdict == Verdict.SURVIVED
+    collapsed = verdict == Verdict.COLLAPSED
+    survived = verdict == Verdict.SURVIVED
     beyond = (survived[:, -1] & ~collapsed.any(axis=1)).sum()
     if beyond > MOST_SURVIVING * n_record and not collapsed.any():
         yield f"no record caused collapse up to {named[-1]}, the highest level; add higher levels"
@@ -259,7 +319,11 @@ def record_cautions(cube: xr.Dataset) -> Iterator[str]:
     largest = scaled.max(["arch", "level"]).values
     if far := int((largest > MOST_SCALING).sum()):
         record = int(np.nanargmax(largest))
-        worst = f"{largest[record]:,.0f}" if largest[record] >= 100.0 else f"{largest[record]:.3g}"
+        worst = (
+            f"{largest[record]:,.0f}"
+            if largest[record] >= 100.0
+            else f"{largest[record]:.3g}"
+        )
         yield (
             f"{far} of {largest.size} records were scaled up by more than {MOST_SCALING:g} (most: "
             f"{cube['record'].values[record]!s}, by {worst}). A weak motion that is scaled up "
@@ -272,7 +336,11 @@ def record_cautions(cube: xr.Dataset) -> Iterator[str]:
     ):
         events = cube[name].values.astype(str) if name in cube else np.array([""])
         names = np.unique(events)
-        if len(events) < 2 or names.size >= min(LEAST_EVENTS, len(events)) or not events.all():
+        if (
+            len(events) < 2
+            or names.size >= min(LEAST_EVENTS, len(events))
+            or not events.all()
+        ):
             continue
         if names.size > 1:
             yield (

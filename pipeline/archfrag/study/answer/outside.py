@@ -15,7 +15,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import number, parse_table, read_text, table_of, unquoted, with_points
+from archfrag.files import (
+    number,
+    parse_table,
+    read_text,
+    table_of,
+    unquoted,
+    with_points,
+)
 from archfrag.fragility.curve import tails
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import LEVEL_UNITS, measure_unit
@@ -30,13 +37,20 @@ BLANK = {"collapse_joint": -1, "collapse_mode": 0, "lost_contact_time": np.nan}
 LARGEST = 200_000_000  # [bytes] of a file
 _NAMED = tomllib.loads(Path(__file__).with_name("outside.toml").read_text("utf-8"))
 _ROLES: dict[str, list[str]] = _NAMED["columns"]
-_WORDS = {w: int(Verdict[k.upper()]) for k, words in _NAMED["verdicts"].items() for w in words}
+_WORDS = {
+    w: int(Verdict[k.upper()]) for k, words in _NAMED["verdicts"].items() for w in words
+}
 _SURVIVED_CODES = {word: 1 - _WORDS[word] for word in _NAMED["answers"]["words"]}
 _SURVIVED_NAMES = {*_NAMED["verdicts"]["survived"]} - {*_SURVIVED_CODES}
 _UNITS = {unit for units in LEVEL_UNITS.values() for unit in units}
 _CHOOSE = "say which by columns"
-_NONE = {"intensity": (), "lower": ("", "0", "0.0"), "upper": ("", "inf")}  # cells of no level
-_RULE, _NEEDED = _NAMED["messages"]["verdict"], _NAMED["messages"]["columns"]
+_NONE = {
+    "intensity": (),
+    "lower": ("", "0", "0.0"),
+    "upper": ("", "inf"),
+}  # cells of no level
+_RULE = _NAMED["messages"]["verdict"]
+_NEEDED = _NAMED["messages"]["columns"]
 
 
 class VerdictTable(NamedTuple):
@@ -45,11 +59,14 @@ class VerdictTable(NamedTuple):
     source: str
     rows: Sequence[str]  # such as "line 7"
     heads: Mapping[str, str]  # names of columns by what they hold
-    cells: pd.DataFrame  # text by what it is, with what stands for a column that is not there
+    cells: (
+        pd.DataFrame
+    )  # text by what it is, with what stands for a column that is not there
 
     def wrong(self, place: Any, what: str, rule: str) -> InputError:
         """Return the error of a cell."""
-        cell, where = self.cells[what][place][:60], f"{self.source}: {self.rows[place]}"
+        cell = self.cells[what][place][:60]
+        where = f"{self.source}: {self.rows[place]}"
         return InputError(f"{where}, column {self.heads[what]!r}: {cell!r} {rule}")
 
     def read(self, what: str, meaning: Callable[[str], Any], rule: str) -> pd.Series:
@@ -61,10 +78,14 @@ class VerdictTable(NamedTuple):
 
 
 def read_runs(
-    table: Any, columns: Mapping[str, str] | None = None, measure: str | None = None,
-    unit: str | None = None, states: Sequence[str] = (), confidence: float = 0.9,
+    table: Any,
+    columns: Mapping[str, str] | None = None,
+    measure: str | None = None,
+    unit: str | None = None,
+    states: Sequence[str] = (),
+    confidence: float = 0.9,
     output: str | os.PathLike[str] | None = None,
-) -> tuple[StudyKeys, xr.Dataset]:  # fmt: skip
+) -> tuple[StudyKeys, xr.Dataset]:
     """Return a table of runs, as `archfrag.fit` describes it, as a cube with the keys of a study.
 
     InputError names row, column, value and what is allowed.
@@ -73,7 +94,9 @@ def read_runs(
     if not isinstance(columns, Mapping | None):
         how = "it must be a mapping, such as {'intensity': 'PGA', 'verdict': 'fell'}"
         raise InputError(f"columns is {columns!r}; {how}")
-    given = read_table(table, {what: str(name) for what, name in (columns or {}).items()})
+    given = read_table(
+        table, {what: str(name) for what, name in (columns or {}).items()}
+    )
     states = _checked_states(given, states)
     measure, unit, factors = _units(given, measure, unit)
     runs = _runs(given, states, factors)
@@ -81,10 +104,14 @@ def read_runs(
     intensity = Intensity.model_construct(measure=measure, unit=unit, levels=levels)
     path = Path(table) if isinstance(table, str | Path) else Path("fit")
     study = StudyKeys.model_construct(
-        id=path.stem.replace(" ", "-"), title=f"Fragility from {given.source}", arches=[],
-        output=str(output or Path("results") / path.stem), design=_design(given, runs),
-        intensity=intensity, report=ReportKeys(confidence=confidence),
-    )  # fmt: skip
+        id=path.stem.replace(" ", "-"),
+        title=f"Fragility from {given.source}",
+        arches=[],
+        output=str(output or Path("results") / path.stem),
+        design=_design(given, runs),
+        intensity=intensity,
+        report=ReportKeys(confidence=confidence),
+    )
     return study, _cube(given, runs, study, states)
 
 
@@ -107,18 +134,32 @@ def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
             raise InputError(f"the table is no table ({error}); {how}") from None
         for name in frame.columns[frame.columns.duplicated()]:
             raise InputError(f"the table: column {name!r} is there twice")
-        text = frame.astype(object).where(frame.notna(), "").map(lambda cell: str(cell).strip())
+        text = (
+            frame.astype(object)
+            .where(frame.notna(), "")
+            .map(lambda cell: str(cell).strip())
+        )
         frame, rows = text, [f"row {n + 1}" for n in range(len(frame))]
     heads = _heads(source, frame.columns.tolist(), columns)
-    without = {"arch": "structure", "record": rows, "event": "", "arch_class": "", "scale": ""}
+    without = {
+        "arch": "structure",
+        "record": rows,
+        "event": "",
+        "arch_class": "",
+        "scale": "",
+    }
     found = {what: frame[head].to_numpy() for what, head in heads.items()}
-    return VerdictTable(source, rows, heads, pd.DataFrame(without | found, range(len(rows))))
+    return VerdictTable(
+        source, rows, heads, pd.DataFrame(without | found, range(len(rows)))
+    )
 
 
 def _checked_states(given: VerdictTable, states: Sequence[str]) -> list[str]:
     """Return the names of damage states; InputError unless they differ and have a column."""
     names = [states] if isinstance(states, str) else [str(each) for each in states]
-    if names and (isinstance(states, str) or len({*map(_plain, names)}) < max(len(names), 2)):
+    if names and (
+        isinstance(states, str) or len({*map(_plain, names)}) < max(len(names), 2)
+    ):
         rule = "they must be a list of different names, from no damage to collapse"
         raise InputError(f"states are {states!r}; {rule}")
     if names and "state" not in given.heads:
@@ -140,25 +181,41 @@ def _plain(name: str) -> str:
     return name.strip().casefold().replace("_", " ")
 
 
-def _heads(source: str, names: Sequence[str], columns: Mapping[str, str]) -> dict[str, str]:
+def _heads(
+    source: str, names: Sequence[str], columns: Mapping[str, str]
+) -> dict[str, str]:
     """Return the name of the column of each thing that the table states."""
-    heads, stated = dict[str, str](), {name: _stated(name) for name in reversed(names)}
+    heads = dict[str, str]()
+    stated = {name: _stated(name) for name in reversed(names)}
     plain = {_plain(own): name for name, (own, _) in stated.items()}
     for what, given in columns.items():
         if what not in _ROLES:
-            raise InputError(f"columns: {what!r} is not known; allowed are {', '.join(_ROLES)}")
+            raise InputError(
+                f"columns: {what!r} is not known; allowed are {', '.join(_ROLES)}"
+            )
         if (head := given if given in names else plain.get(_plain(given))) is None:
-            raise InputError(f"columns: {source} has no column {given!r}, but {', '.join(names)}")
+            raise InputError(
+                f"columns: {source} has no column {given!r}, but {', '.join(names)}"
+            )
         heads[what] = head
     for what, known in _ROLES.items():
         own = [plain[name] for name in known if name in plain]
         if what not in _NONE:  # brackets behind another name state no unit
             own = [name for name in own if not stated[name][1]]
         if what == "verdict" and what not in heads and own[1:]:
-            raise InputError(f"{source}: {own[0]} and {own[1]} may both be the {what}; {_CHOOSE}")
-        heads |= {what: own[0]} if {*own} - {*heads.values()} and what not in heads else {}
-    weak = "intensity" not in columns and _plain(heads.get("intensity", "level")) == "level"
-    measured = [n for n in names if measure_of(_stated(n)[0]) and n not in heads.values()]
+            raise InputError(
+                f"{source}: {own[0]} and {own[1]} may both be the {what}; {_CHOOSE}"
+            )
+        heads |= (
+            {what: own[0]} if {*own} - {*heads.values()} and what not in heads else {}
+        )
+    weak = (
+        "intensity" not in columns
+        and _plain(heads.get("intensity", "level")) == "level"
+    )
+    measured = [
+        n for n in names if measure_of(_stated(n)[0]) and n not in heads.values()
+    ]
     if weak and len(measured) > 1:
         both = " and ".join(measured[:2])
         raise InputError(f"{source}: {both} may both be the intensity; {_CHOOSE}")
@@ -171,14 +228,22 @@ def _heads(source: str, names: Sequence[str], columns: Mapping[str, str]) -> dic
     if by_run and by_record and chosen == bool({"verdict", "state"} & columns.keys()):
         both = f"{heads['lower']} and {heads['upper']} beside {heads['intensity']}"
         raise InputError(f"{source}: has runs and brackets ({both}); {_CHOOSE}")
-    left = ("lower", "upper") if by_run and not chosen else ("intensity", "verdict", "state")
+    left = (
+        ("lower", "upper")
+        if by_run and not chosen
+        else ("intensity", "verdict", "state")
+    )
     return {what: head for what, head in heads.items() if what not in left}
 
 
 def _stated(head: str) -> tuple[str, str]:
     """Split the name of a column into what it names and its unit, empty if there is none."""
     name, unit = with_unit(head)
-    if unit is None and (found := re.fullmatch(r"(.+?)[\s_]+(\S+)", head)) and found[2] in _UNITS:
+    if (
+        unit is None
+        and (found := re.fullmatch(r"(.+?)[\s_]+(\S+)", head))
+        and found[2] in _UNITS
+    ):
         name, unit = found.groups()
     return spelled(name), unit or ""
 
@@ -188,8 +253,11 @@ def _runs(
 ) -> pd.DataFrame:
     """Return the runs, of brackets those at both ends, with their cells and the places of rows."""
     for what in ("arch", "record"):
-        given.read(what, lambda cell: cell or None, f"is no name; every row needs its {what}")
-    rule, ends = "is no intensity; it must be a number above 0", [*factors]
+        given.read(
+            what, lambda cell: cell or None, f"is no name; every row needs its {what}"
+        )
+    rule = "is no intensity; it must be a number above 0"
+    ends = [*factors]
     found = [given.read(end, partial(_level, _NONE[end]), rule) for end in ends]
     levels = pd.concat(found, axis=1).replace(0.0, np.nan)
     for end, factor in factors.items():
@@ -198,11 +266,16 @@ def _runs(
     for n in np.flatnonzero(levels.isna().all(axis=1)):
         raise given.wrong(n, "upper", "leaves the row without a level; give one end")
     runs = levels.melt(None, None, "end", "level", ignore_index=False).dropna()
-    runs, keys = runs.sort_index(kind="stable").join(given.cells), ["arch", "record", "level"]
+    runs = runs.sort_index(kind="stable").join(given.cells)
+    keys = ["arch", "record", "level"]
     if "lower" in levels:
         for n in np.flatnonzero(levels["lower"] >= levels["upper"]):
-            rule = "the highest level that stood must be below the lowest that collapsed"
-            raise given.wrong(n, "upper", f"is not above {levels['lower'][n]:g}; {rule}")
+            rule = (
+                "the highest level that stood must be below the lowest that collapsed"
+            )
+            raise given.wrong(
+                n, "upper", f"is not above {levels['lower'][n]:g}; {rule}"
+            )
         runs["code"] = runs["end"] == "upper"
     else:
         runs = runs.assign(**_verdicts(given, states))
@@ -226,17 +299,28 @@ def _verdicts(given: VerdictTable, states: Sequence[str]) -> dict[str, Any]:
     """Return verdicts, and states by their places in the ordered list of damage states."""
     if "state" in given.heads and "verdict" not in given.heads and len(states) < 2:
         rule = "states must list all of them in order, from no damage to collapse"
-        raise InputError(f"{given.source}: column {given.heads['state']!r} is of damage: {rule}")
-    what, rule, words = "verdict", _RULE, _WORDS
+        raise InputError(
+            f"{given.source}: column {given.heads['state']!r} is of damage: {rule}"
+        )
+    what = "verdict"
+    rule = _RULE
+    words = _WORDS
     if states and "state" in given.heads:
         known = f"they are {', '.join(states)}, or their numbers from 0"
-        what, rule = "state", f"is no damage state; {known}"
-        words = {word: -code for word, code in _WORDS.items() if code > 1 and not word.isdecimal()}
+        what = "state"
+        rule = f"is no damage state; {known}"
+        words = {
+            word: -code
+            for word, code in _WORDS.items()
+            if code > 1 and not word.isdecimal()
+        }
         words |= {str(n): n for n in range(len(states))}
         words |= {_plain(state): n for n, state in enumerate(states)}
     elif _plain(given.heads["verdict"]) in _SURVIVED_NAMES:  # there a 1 is a survival
         words = _WORDS | _SURVIVED_CODES
-    found = given.read(what, lambda cell: words.get(_plain(cell).removesuffix(".0")), rule)
+    found = given.read(
+        what, lambda cell: words.get(_plain(cell).removesuffix(".0")), rule
+    )
     if what == "verdict":
         return {"code": found}
     code = np.where(found < 0, -found, found == len(states) - 1)
@@ -252,23 +336,36 @@ def _units(
         head = given.heads[end]
         where, (own, own_unit) = f"{given.source}: column {head!r}", _stated(head)
         own = own if measure_of(own) else ""
-        for name, stated, asked in (("measure", own, measure), ("unit", own_unit, unit)):
+        for name, stated, asked in (
+            ("measure", own, measure),
+            ("unit", own_unit, unit),
+        ):
             if stated and asked and stated != asked:
                 rule = f"states {stated}, but {name} is {asked}; leave {name} out"
                 raise InputError(f"{where} {rule}")
             if not (stated or asked):
-                raise InputError(f"{where} states no {name}; name it as `PGA [g]`, or give {name}")
+                raise InputError(
+                    f"{where} states no {name}; name it as `PGA [g]`, or give {name}"
+                )
         found[end] = str(own or measure), str(own_unit or unit)
     (measure, unit), *others = found.values()
     if differing := [other for other, _ in others if other != measure]:
-        raise InputError(f"{given.source}: brackets are of {measure} and {differing[0]}")
+        raise InputError(
+            f"{given.source}: brackets are of {measure} and {differing[0]}"
+        )
     with at(given.source):
         allowed = LEVEL_UNITS.get(measure_unit(measure), {})
         for end, (_, stated) in found.items():
             if stated not in allowed:
-                rule = f"unit {stated} must be one of {', '.join(allowed)} for {measure}"
+                rule = (
+                    f"unit {stated} must be one of {', '.join(allowed)} for {measure}"
+                )
                 raise InputError(f"column {given.heads[end]!r}: {rule}")
-    return measure, unit, {end: allowed[each] / allowed[unit] for end, (_, each) in found.items()}
+    return (
+        measure,
+        unit,
+        {end: allowed[each] / allowed[unit] for end, (_, each) in found.items()},
+    )
 
 
 def _design(given: VerdictTable, runs: pd.DataFrame) -> Design:
@@ -282,7 +379,8 @@ def _cube(
     given: VerdictTable, runs: pd.DataFrame, study: StudyKeys, states: Sequence[str]
 ) -> xr.Dataset:
     """Return the cube of the runs, in the form of `archfrag.study.answer.cube.open_cube`."""
-    intensity, regular = study.intensity, study.design.on_levels
+    intensity = study.intensity
+    regular = study.design.on_levels
     arches, records = (runs.drop_duplicates(name) for name in ("arch", "record"))
     shape = len(arches), len(records), len(intensity.given) if regular else 1
     cells = [pd.factorize(runs[name])[0] for name in ("arch", "record")]
@@ -306,10 +404,14 @@ def _cube(
         "intensity": ("level" if regular else dims, si, own),
         "record": ("record", records["record"].tolist()),
         "event": ("record", records["event"].tolist()),
-        "arch": ("arch", arches["arch"].tolist()), "level": ("level", np.arange(shape[2])),
+        "arch": ("arch", arches["arch"].tolist()),
+        "level": ("level", np.arange(shape[2])),
         "arch_class": ("arch", classes.tolist()),
-        "scale_factor": (dims, filled(pd.to_numeric(runs["scale"], errors="coerce"), np.nan)),
-    }  # fmt: skip
+        "scale_factor": (
+            dims,
+            filled(pd.to_numeric(runs["scale"], errors="coerce"), np.nan),
+        ),
+    }
     variables |= {name: (dims, np.full(shape, none)) for name, none in BLANK.items()}
     if _plain(given.heads.get("arch_class", "")) == "stock":
         named = arches["arch"].where(arches["arch_class"] != "", "")
@@ -318,9 +420,14 @@ def _cube(
         of_states = {"states": strict_json(states)}
         variables["damage"] = dims, filled(runs["damage"], -1, "i2"), of_states
     digest = digest_of(given.cells[[*given.heads]].to_dict("list"))
-    return xr.Dataset(variables, attrs={
-        "title": study.title, "archfrag_study": study.id,
-        "archfrag_design": strict_json(study.design.model_dump(mode="json")),
-        "archfrag_commit": "none: of a table", "table_sha256": digest,
-        "table_source": given.source,
-    })  # fmt: skip
+    return xr.Dataset(
+        variables,
+        attrs={
+            "title": study.title,
+            "archfrag_study": study.id,
+            "archfrag_design": strict_json(study.design.model_dump(mode="json")),
+            "archfrag_commit": "none: of a table",
+            "table_sha256": digest,
+            "table_source": given.source,
+        },
+    )

@@ -31,7 +31,9 @@ MOST_MEAN = 2.0  # mean rate over that of the median curve; of more there is a c
 MOST_UNSEEN = 0.25  # fraction of a rate from below the lowest collapse; of more there is a caution
 MOST_CATEGORIES = 4
 OTHER = "others"
-ASSUMPTIONS = tuple(Path(__file__).with_name("assumptions.txt").read_text("utf-8").splitlines())
+ASSUMPTIONS = tuple(
+    Path(__file__).with_name("assumptions.txt").read_text("utf-8").splitlines()
+)
 _SCATTERED_BINS = 10
 
 
@@ -42,35 +44,41 @@ class ArchRisk:
     arch: str
     fit: Curve
     rate: rates.CollapseRate  # with the first curve of the hazard
-    by_curve: dict[str, float]  # rate with each curve of the hazard [1/year]: its own uncertainty
+    by_curve: dict[
+        str, float
+    ]  # rate with each curve of the hazard [1/year]: its own uncertainty
     levels: FloatArray  # (n_level,): intensities that stand for ranges, from 0 to infinity [SI]
     level_rate: FloatArray  # (n_level,) [1/year]
     # Fractions of the rate from intensities below the least and above the greatest level that was
     # simulated, where the fitted curve is extrapolated.
     beyond: tuple[float, float]
-    below_collapse: float  # fraction of the rate from below the lowest level with a collapse
+    below_collapse: (
+        float  # fraction of the rate from below the lowest level with a collapse
+    )
     by_mechanism: rates.Contributions
-    onset: float | FloatArray = 0.0  # at or below it nothing moves, of each arch of a class [SI]
+    onset: float | FloatArray = (
+        0.0  # at or below it nothing moves, of each arch of a class [SI]
+    )
 
     @property
     def cautions(self) -> tuple[str, ...]:
         """Messages on parts of the rate of which little is known."""
         level = "level that was simulated, where the fragility curve is extrapolated"
         parts = {
-            "below the first point of the hazard curve, whose first slope goes on there":
-                self.rate.below,
-            "above the last point of the hazard curve, whose last slope goes on there":
-                self.rate.above,
+            "below the first point of the hazard curve, whose first slope goes "
+            "on there": self.rate.below,
+            "above the last point of the hazard curve, whose last slope goes on "
+            "there": self.rate.above,
             f"below the least {level}": self.beyond[0],
             f"above the greatest {level}": self.beyond[1],
             "below the lowest level at which a run collapsed, where it follows from the shape of "
-            "the fitted curve alone; add records":
-                self.below_collapse * (self.below_collapse > MOST_UNSEEN),
-        }  # fmt: skip
+            "the fitted curve alone; add records": self.below_collapse
+            * (self.below_collapse > MOST_UNSEEN),
+        }
         bound = (
             "most of the rate is from outside the hazard curve, so the part within it is quoted, "
             "as a lower bound and without a band; use a hazard curve that reaches farther",
-        )  # fmt: skip
+        )
         more = self.rate.mean / (self.rate.rate or np.nan)
         wide = (
             f"the mean rate over uncertain theta and beta, {self.rate.mean:.2g} a year, is "
@@ -80,8 +88,9 @@ class ArchRisk:
         first = bound * self.rate.is_bound + (wide,) * (more > MOST_MEAN)
         return first + tuple(
             f"{100 * fraction:.0f} % of the rate is from intensities {where}"
-            for where, fraction in parts.items() if fraction > NOTED
-        )  # fmt: skip
+            for where, fraction in parts.items()
+            if fraction > NOTED
+        )
 
 
 @dataclass(frozen=True)
@@ -95,38 +104,52 @@ class StudyRisk:
 
 
 def risk_of(
-    cube: xr.Dataset, curves: Mapping[str, Curve], hazard: Hazard, years: float = 50.0,
+    cube: xr.Dataset,
+    curves: Mapping[str, Curve],
+    hazard: Hazard,
+    years: float = 50.0,
     confidence: float = 0.9,
-) -> StudyRisk:  # fmt: skip
+) -> StudyRisk:
     """Find rates of collapse at a site by arch or class, and probabilities in `years`."""
-    runs, arches = runs_of_cube(cube, curves), dict[str, ArchRisk | str]()
+    runs = runs_of_cube(cube, curves)
+    arches = dict[str, ArchRisk | str]()
     for name, curve in curves.items():
         arches[name] = curve.reason
         if curve.fitted:
             arches[name] = _arch_risk(runs[name], curve, hazard, confidence)
     sizes = {name: len(each.arches) for name, each in runs.items()}
-    return StudyRisk(hazard, years, arches, {name: n for name, n in sizes.items() if n > 1})
+    return StudyRisk(
+        hazard, years, arches, {name: n for name, n in sizes.items() if n > 1}
+    )
 
 
 def risk_of_study(study: StudyKeys, fitted: Fitted) -> StudyRisk | None:
     """Find the rates at the site of a study, of classes and of arches of none; None if no site."""
     if (given := study.risk) is None:
         return None
-    hazard = load_hazard([Path(given.hazard)], study.intensity.measure, given.unit, given.site)
-    return risk_of(fitted.cube, fitted.quoted(), hazard, given.years, study.report.confidence)
+    hazard = load_hazard(
+        [Path(given.hazard)], study.intensity.measure, given.unit, given.site
+    )
+    return risk_of(
+        fitted.cube, fitted.quoted(), hazard, given.years, study.report.confidence
+    )
 
 
 def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
     """Write aligned lines on the rates of collapse, and the cautions on them."""
-    lines, cautions = [], list[str]()
+    lines = []
+    cautions = list[str]()
     for name, arch in list(risk.arches.items())[:SHOWN]:
         if isinstance(arch, str):
             lines.append((name, f"no rate of collapse: {arch}"))
             continue
-        rate, least = arch.rate, "at least " * arch.rate.is_bound
+        rate = arch.rate
+        least = "at least " * arch.rate.is_bound
         words = f"rate {least}{rate.quoted:#.2g} a year"
         if not rate.is_bound:
-            words += f" ({100 * rate.confidence:g} %: {rate.lower:#.2g}–{rate.upper:#.2g})"
+            words += (
+                f" ({100 * rate.confidence:g} %: {rate.lower:#.2g}–{rate.upper:#.2g})"
+            )
         if rate.quoted > 0.0:
             words += f"  return period {float(f'{rate.return_period:.2g}'):,.0f} years"
         lines.append((name, words))
@@ -144,22 +167,28 @@ def answer_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]
         cautions.append(f"no rates of collapse: {risk}")
     elif risk is not None:  # of a study that has a hazard
         lines, more = risk_lines(risk)
-        answers, cautions = answers + lines, cautions + more
+        answers = answers + lines
+        cautions = cautions + more
     return answers, cautions
 
 
 def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> ArchRisk:
     """Find the rate of an arch or class, and divide it by level and mechanism."""
-    pairs = np.stack([runs.cube[key].values for key in ("collapse_joint", "collapse_mode")], -1)
+    pairs = np.stack(
+        [runs.cube[key].values for key in ("collapse_joint", "collapse_mode")], -1
+    )
     # Mechanisms are joint and mode: each pair has a number, which rises with both.
     mechanisms, code = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
     levels, collapsed, code, ends = _on_levels(
         runs.verdict, code.reshape(runs.verdict.shape), runs.level
     )
-    onset, curves = runs.onset(fit), hazard.curves.items()
+    onset = runs.onset(fit)
+    curves = hazard.curves.items()
     rate = rates.collapse_rate(hazard.main, fit, fit.draws(SEED), confidence, onset)
     level_rate = rates.rate_by_level(hazard.main, fit, rates.level_edges(levels), onset)
-    at = np.broadcast_to(runs.level, runs.verdict.shape)[runs.verdict == Verdict.COLLAPSED]
+    at = np.broadcast_to(runs.level, runs.verdict.shape)[
+        runs.verdict == Verdict.COLLAPSED
+    ]
     outer, unseen = (
         rates.rate_by_level(hazard.main, fit, edges, onset) / (rate.rate or 1.0)
         for edges in (np.unique(ends), [at.min() if at.size else ends[-1]])
@@ -176,22 +205,37 @@ def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> Arc
     parts = rates.contributions(
         collapsed, category, (*labels, OTHER), level_rate, groups=runs.group
     )
-    by_curve = {key: rates.collapse_rate(each, fit, onset=onset).rate for key, each in curves}
+    by_curve = {
+        key: rates.collapse_rate(each, fit, onset=onset).rate for key, each in curves
+    }
     beyond = float(outer[0]), float(outer[-1])
     return ArchRisk(
-        runs.name, fit, rate, by_curve, levels, level_rate, beyond, float(unseen[0]), parts, onset
+        runs.name,
+        fit,
+        rate,
+        by_curve,
+        levels,
+        level_rate,
+        beyond,
+        float(unseen[0]),
+        parts,
+        onset,
     )
 
 
 def losses_of(
-    cube: xr.Dataset, curves: Mapping[str, Curve], hazard: Hazard,
-    consequence: Mapping[str, float], confidence: float = 0.9,
-) -> dict[str, dict[str, Any]]:  # fmt: skip
+    cube: xr.Dataset,
+    curves: Mapping[str, Curve],
+    hazard: Hazard,
+    consequence: Mapping[str, float],
+    confidence: float = 0.9,
+) -> dict[str, dict[str, Any]]:
     """Return by arch or class the average annual loss and the table of mean loss [SI], or why not.
 
     `consequence` has by limit state the cost of one or the other as a part of the arch's value.
     """
-    ratios, found = losses.checked_ratios(consequence), dict[str, dict[str, Any]]()
+    ratios = losses.checked_ratios(consequence)
+    found = dict[str, dict[str, Any]]()
     for name, runs in runs_of_cube(cube, curves).items():
         try:
             if not (curve := curves[name]).fitted:
@@ -200,26 +244,41 @@ def losses_of(
         except FitError as error:
             found[name] = {"none": str(error)}
             continue
-        found[name] = losses.average_annual_loss(hazard.main, steps, SEED, confidence, runs.onset)
-        im = np.array(curve.im) if curve.im else np.linspace(0.0, 1.05 * np.nanmax(runs.level))
+        found[name] = losses.average_annual_loss(
+            hazard.main, steps, SEED, confidence, runs.onset
+        )
+        im = (
+            np.array(curve.im)
+            if curve.im
+            else np.linspace(0.0, 1.05 * np.nanmax(runs.level))
+        )
         rows = np.array([im, *losses.vulnerability(steps, im)]).tolist()
         columns = ("im", "loss_ratio", "loss_ratio_lower", "loss_ratio_upper")
         found[name]["vulnerability"] = dict(zip(columns, rows))
     return found
 
 
-def vulnerability_table(found: Mapping[str, Mapping[str, Any]], study: StudyKeys) -> pd.DataFrame:
+def vulnerability_table(
+    found: Mapping[str, Mapping[str, Any]], study: StudyKeys
+) -> pd.DataFrame:
     """Tabulate the mean loss of `losses_of` against intensity in the study's unit."""
     given = study.intensity
     frames = [
-        pd.DataFrame({"arch": name, "measure": given.measure, "unit": given.unit}
-                     | each["vulnerability"])
-        for name, each in found.items() if "none" not in each
-    ]  # fmt: skip
+        pd.DataFrame(
+            {"arch": name, "measure": given.measure, "unit": given.unit}
+            | each["vulnerability"]
+        )
+        for name, each in found.items()
+        if "none" not in each
+    ]
     if not frames:
         why = "; ".join(f"{name}: {each['none']}" for name, each in found.items())
-        raise FitError(f"no arch has the curves of all consequences, so there is no loss: {why}")
-    return pd.concat(frames, ignore_index=True).assign(im=lambda rows: rows["im"] / given.factor)
+        raise FitError(
+            f"no arch has the curves of all consequences, so there is no loss: {why}"
+        )
+    return pd.concat(frames, ignore_index=True).assign(
+        im=lambda rows: rows["im"] / given.factor
+    )
 
 
 def _on_levels(
@@ -230,7 +289,8 @@ def _on_levels(
     Returned are levels (n_level,), what collapsed and the code of its mechanism (n_record,
     n_level), and the least and the greatest level.
     """
-    collapsed, made = verdict == Verdict.COLLAPSED, verdict != Verdict.NOT_RUN
+    collapsed = verdict == Verdict.COLLAPSED
+    made = verdict != Verdict.NOT_RUN
     if at.ndim == 1:
         # What a bisection left out is as the nearest lower level of the record that was run.
         source = np.where(made, np.arange(at.size), -1)
@@ -246,13 +306,15 @@ def _on_levels(
     column = np.searchsorted(rates.level_edges(levels), at[row, place], side="right")
     grid = np.zeros((len(at), levels.size), dtype=bool)
     codes = np.full(grid.shape, -1)
-    grid[row, column], codes[row, column] = collapsed[row, place], code[row, place]
+    grid[row, column] = collapsed[row, place]
+    codes[row, column] = code[row, place]
     return levels, grid, codes, ends
 
 
 def risk_facts(risk: StudyRisk, study: StudyKeys) -> dict[str, Any]:
     """Return rates and their parts as plain numbers, with intensities in the study's unit."""
-    factor, hazard = study.intensity.factor, risk.hazard
+    factor = study.intensity.factor
+    hazard = risk.hazard
     arches: dict[str, Any] = {}
     for name, arch in risk.arches.items():
         if isinstance(arch, str):
@@ -261,14 +323,21 @@ def risk_facts(risk: StudyRisk, study: StudyKeys) -> dict[str, Any]:
         rate = arch.rate
         probability, *band = rate.probability_in(risk.years)
         arches[name] = {
-            "theta": arch.fit.theta / factor, "beta": arch.fit.beta,
+            "theta": arch.fit.theta / factor,
+            "beta": arch.fit.beta,
             "of_mean_curve": arch.fit.members is not None,
-            "rate": rate.quoted, "rate_is_lower_bound": rate.is_bound, "rate_mean": rate.mean,
-            "rate_band": [rate.lower, rate.upper], "confidence": rate.confidence,
+            "rate": rate.quoted,
+            "rate_is_lower_bound": rate.is_bound,
+            "rate_mean": rate.mean,
+            "rate_band": [rate.lower, rate.upper],
+            "confidence": rate.confidence,
             "return_period": rate.return_period if rate.quoted > 0.0 else None,
-            "probability": probability, "probability_band": band,
-            "below_hazard_curve": rate.below, "above_hazard_curve": rate.above,
-            "below_levels": arch.beyond[0], "above_levels": arch.beyond[1],
+            "probability": probability,
+            "probability_band": band,
+            "below_hazard_curve": rate.below,
+            "above_hazard_curve": rate.above,
+            "below_levels": arch.beyond[0],
+            "above_levels": arch.beyond[1],
             "below_lowest_collapse": arch.below_collapse,
             "onset": float(np.min(arch.onset)) / factor or None,
             "rate_below_onset_left_out": rate.below_onset,
@@ -276,26 +345,40 @@ def risk_facts(risk: StudyRisk, study: StudyKeys) -> dict[str, Any]:
             "levels": (arch.levels / factor).tolist(),
             "edges": (rates.level_edges(arch.levels) / factor).tolist(),
             "rate_by_level": arch.level_rate.tolist(),
-        }  # fmt: skip
+        }
         found = arch.by_mechanism
         arches[name]["by_mechanism"] = [
             {
-                "category": label, "collapses": int(found.counts[i].sum()),
-                "fraction": float(found.fraction[i]), "rate_by_level": found.rate[i].tolist(),
+                "category": label,
+                "collapses": int(found.counts[i].sum()),
+                "fraction": float(found.fraction[i]),
+                "rate_by_level": found.rate[i].tolist(),
             }
-            for i, label in enumerate(found.categories) if found.shown[i]
-        ]  # fmt: skip
+            for i, label in enumerate(found.categories)
+            if found.shown[i]
+        ]
         arches[name]["cautions"] = list(arch.cautions)
     curves = {
         name: {"im": (curve.im / factor).tolist(), "rate": curve.rate.tolist()}
         for name, curve in hazard.curves.items()
     }
-    facts: dict[str, Any] = finite({
-        "study": study.id, "measure": hazard.measure, "unit": study.intensity.unit,
-        "years": risk.years,
-        "hazard": {"source": hazard.source, "notes": list(hazard.messages), "curves": curves},
-        "assumptions": list(ASSUMPTIONS), "arches": arches, "classes": risk.classes,
-    }, None)  # fmt: skip
+    facts: dict[str, Any] = finite(
+        {
+            "study": study.id,
+            "measure": hazard.measure,
+            "unit": study.intensity.unit,
+            "years": risk.years,
+            "hazard": {
+                "source": hazard.source,
+                "notes": list(hazard.messages),
+                "curves": curves,
+            },
+            "assumptions": list(ASSUMPTIONS),
+            "arches": arches,
+            "classes": risk.classes,
+        },
+        None,
+    )
     return facts
 
 
@@ -303,4 +386,6 @@ def risk_text(facts: dict[str, Any]) -> str:
     """Write `risk_facts` for a terminal, without parts by level."""
     source = Path(__file__).with_name("risk.txt.j2").read_text("utf-8")
     template = Template(source, trim_blocks=True, lstrip_blocks=True)
-    return template.render(facts, counted=counted, repr=repr, most_mean=MOST_MEAN).rstrip()
+    return template.render(
+        facts, counted=counted, repr=repr, most_mean=MOST_MEAN
+    ).rstrip()

@@ -30,14 +30,18 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Pieces:
         variable = cube.variables[name]
         own = [d for d in variable.dims if d in _RUN]
         text = variable.dtype.kind in "OSU" and name not in _GROUPS
-        if own and own != ["arch", "level"] and not text:  # of arch and level: counts of records
+        if (
+            own and own != ["arch", "level"] and not text
+        ):  # of arch and level: counts of records
             names.append(name)
     columns, values = _columns(cube, names)
 
     def pieces() -> Iterator[pd.DataFrame]:
         n_arch, n_record, n_level = (cube.sizes[name] for name in _RUN)
         at_once = max(piece // max(n_record * n_level, 1), 1)
-        stored = (cube["verdict"].encoding.get("chunksizes") or (1,))[0]  # each chunk is read once
+        stored = (cube["verdict"].encoding.get("chunksizes") or (1,))[
+            0
+        ]  # each chunk is read once
         at_once = -(-at_once // stored) * stored
         for first in range(0, max(n_arch, 1), at_once):
             some = xr.Dataset(values).isel(arch=slice(first, first + at_once))
@@ -49,27 +53,38 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Pieces:
 
 def facts_table(cube: xr.Dataset, dimension: str) -> Pieces:
     """Return a table of the values of each record, or of each arch."""
-    columns, values = _columns(cube, [
-        name for name in sorted(map(str, cube.variables), key=dimension.__ne__)
-        if [d for d in cube.variables[name].dims if d in _RUN] == [dimension]
-    ])  # fmt: skip
+    columns, values = _columns(
+        cube,
+        [
+            name
+            for name in sorted(map(str, cube.variables), key=dimension.__ne__)
+            if [d for d in cube.variables[name].dims if d in _RUN] == [dimension]
+        ],
+    )
     return columns, [pd.DataFrame({name: each.values for name, each in values.items()})]
 
 
-def _columns(cube: xr.Dataset, names: Iterable[str]) -> tuple[Columns, dict[str, xr.Variable]]:
+def _columns(
+    cube: xr.Dataset, names: Iterable[str]
+) -> tuple[Columns, dict[str, xr.Variable]]:
     """Return columns and values of variables, a column for each label of a further dimension."""
-    columns, values = Columns(), dict[str, xr.Variable]()
+    columns = Columns()
+    values = dict[str, xr.Variable]()
     for name in names:
-        variable, codes = cube.variables[name], {}
+        variable = cube.variables[name]
+        codes = {}
         attrs = variable.attrs
         if "flag_meanings" in attrs:
             flags = np.ravel(attrs["flag_values"]).tolist()
             codes = dict(zip(attrs["flag_meanings"].split(), flags))
-        text = ". ".join(filter(None, (attrs.get("long_name", name), attrs.get("comment", ""))))
+        text = ". ".join(
+            filter(None, (attrs.get("long_name", name), attrs.get("comment", "")))
+        )
         unit = str(attrs.get("units", ""))
         other = [str(d) for d in variable.dims if d not in _RUN]
         if not other:
-            columns[name], values[name] = about_column(text, unit, codes), variable
+            columns[name] = about_column(text, unit, codes)
+            values[name] = variable
             continue
         of_each = cube.get(f"{other[0]}_unit")
         for n, label in enumerate(cube[other[0]].values):
@@ -79,7 +94,9 @@ def _columns(cube: xr.Dataset, names: Iterable[str]) -> tuple[Columns, dict[str,
     return columns, values
 
 
-def about_column(text: str, unit: str, codes: Mapping[str, int] | None = None) -> dict[str, Any]:
+def about_column(
+    text: str, unit: str, codes: Mapping[str, int] | None = None
+) -> dict[str, Any]:
     """Describe a column, without what does not apply."""
     facts = {"about": text, "unit": unit, "codes": codes}
     return {key: value for key, value in facts.items() if value}

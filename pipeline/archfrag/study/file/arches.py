@@ -1,10 +1,26 @@
 """Arches of a study file: one block, whose keys follow from its profile, and what varies of it."""
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeVar
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    Self,
+    TypeVar,
+)
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    WithJsonSchema,
+    model_validator,
+)
 from scipy import stats
 
 from archfrag import arch
@@ -22,7 +38,8 @@ if TYPE_CHECKING:
 
 RINGS = ("circular", "segmental", "pointed", "elliptic", "catenary")
 PROFILES = (*RINGS, "from_joints", "block", "polygons")
-_ALL, _DRAWN = (*PROFILES, "drawing"), ("polygons", "drawing")
+_ALL = (*PROFILES, "drawing")
+_DRAWN = ("polygons", "drawing")
 _LOADED = (*RINGS, "from_joints", *_DRAWN)
 
 
@@ -47,9 +64,15 @@ OneOrList = Annotated[
     Discriminator(lambda given: "list" if isinstance(given, list) else "one"),
 ]
 # Bounds that `arch` checks, with messages of its own, are here for the schema only.
-Length = Annotated[float, Field(json_schema_extra={"minimum": SMALLEST, "maximum": LARGEST})]
-Angle = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 360})]
-Count = Annotated[int, Field(json_schema_extra={"minimum": 2, "maximum": MOST_VOUSSOIRS})]
+Length = Annotated[
+    float, Field(json_schema_extra={"minimum": SMALLEST, "maximum": LARGEST})
+]
+Angle = Annotated[
+    float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 360})
+]
+Count = Annotated[
+    int, Field(json_schema_extra={"minimum": 2, "maximum": MOST_VOUSSOIRS})
+]
 # Upper bounds of what `arch` itself does not bound; beyond them units were mistaken.
 Density = Annotated[float, Field(le=1e6, json_schema_extra={"exclusiveMinimum": 0})]
 UnitWeight = Annotated[float, Field(json_schema_extra={"minimum": 0, "maximum": 1e6})]
@@ -66,7 +89,9 @@ Stiffness = Annotated[
     float,
     Field(allow_inf_nan=True),
     BeforeValidator(lambda given: math.inf if given == "inf" else given),
-    WithJsonSchema({"anyOf": [{"type": "number", "minimum": SOFTEST}, {"const": "inf"}]}),
+    WithJsonSchema(
+        {"anyOf": [{"type": "number", "minimum": SOFTEST}, {"const": "inf"}]}
+    ),
 ]
 Value = Annotated[float, Field(ge=-MOST["Pa/m"], le=MOST["Pa/m"])]
 Positive = Annotated[float, Field(gt=0.0, le=MOST["Pa/m"])]
@@ -78,7 +103,9 @@ Grounds = Annotated[list[Line], Field(max_length=2)]
 DrawingUnit = Literal["m", "dm", "cm", "mm", "in", "ft"]
 Factor = Annotated[float, Field(gt=0.0, le=100.0)]
 Strength = Annotated[float, Field(ge=1.0, le=1e12)]
-Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)]
+Identifier = Annotated[
+    str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)
+]
 
 
 class Recess(Section):
@@ -186,7 +213,8 @@ Ties = Annotated[list[TieEntry], Field(max_length=16)]
 class Distribution(Section):
     """Distribution of one key, in the unit of the key."""
 
-    kind_key, common = "distribution", ("relative",)
+    kind_key = "distribution"
+    common = ("relative",)
     kinds: ClassVar = {
         "normal": (("mean",), ("cov", "sd", "lower", "upper")),
         "lognormal": (("median", "beta"), ("lower", "upper")),
@@ -224,7 +252,9 @@ class Distribution(Section):
             raise refuse("must have one of cov and sd")
         if self.cov is not None and self.mean is not None and self.mean <= 0.0:
             raise refuse(f"must have sd in the place of cov with mean = {self.mean:g}")
-        ends = [value for value in (self.start, self.mode, self.stop) if value is not None]
+        ends = [
+            value for value in (self.start, self.mode, self.stop) if value is not None
+        ]
         if ends and (ends != sorted(ends) or ends[0] == ends[-1]):
             values = ", ".join(f"{end:g}" for end in ends)
             raise refuse(f"must increase from start to stop, not {values}")
@@ -244,7 +274,9 @@ class Distribution(Section):
         else:
             width = keys.stop - keys.start
             law = stats.triang((keys.mode - keys.start) / width, keys.start, width)
-        return Marginal(law, **self.model_dump(include={"lower", "upper"}, exclude_none=True))
+        return Marginal(
+            law, **self.model_dump(include={"lower", "upper"}, exclude_none=True)
+        )
 
 
 class JointScatter(Section):
@@ -271,7 +303,11 @@ class Vary(Section):
     """Seed of the random numbers; the same seed gives the same arches."""
     of: Annotated[
         dict[str, Distribution],
-        Field(json_schema_extra=lambda schema: schema.update(propertyNames={"enum": VARIABLE})),
+        Field(
+            json_schema_extra=lambda schema: schema.update(
+                propertyNames={"enum": VARIABLE}
+            )
+        ),
     ] = Field(default_factory=dict)
     """Distribution of each uncertain key, in the unit of the key."""
     joints: JointScatter | None = None
@@ -395,15 +431,26 @@ class ArchEntry(Section):
 
     @model_validator(mode="after")
     def _have_what_varies(self) -> Self:
-        if self.soft.positions is not None and not self.table and self.profile not in RINGS:
+        if (
+            self.soft.positions is not None
+            and not self.table
+            and self.profile not in RINGS
+        ):
             rule = (
-                f"has positions, which only {', '.join(RINGS)} take; give a block with stiffness"
+                f"has positions, which only {', '.join(RINGS)} take; give a "
+                f"block with stiffness"
             )
             raise refuse(rule, "joints")
         later = self.table or (self.vary is not None and "joints" in self.vary.of)
-        if isinstance(self.joints, JointEntry) and self.soft.stiffness is None and not later:
+        if (
+            isinstance(self.joints, JointEntry)
+            and self.soft.stiffness is None
+            and not later
+        ):
             raise refuse("must be given", "joints.stiffness")
-        for key, distribution in self.vary.of.items() if self.vary and not self.table else ():
+        for key, distribution in (
+            self.vary.of.items() if self.vary and not self.table else ()
+        ):
             if distribution.relative and self.value(key) is None:
                 text = f"needs a key {key} of the arch, which it multiplies"
                 raise refuse(text, f"vary.of.{key}.relative")
@@ -411,7 +458,9 @@ class ArchEntry(Section):
                 text = f"would replace the list {key}; give factors on it, with relative: true"
                 raise refuse(text, f"vary.of.{key}")
         joints = self.vary.joints if self.vary and self.piers else None
-        many = isinstance(self.friction, list) or (self.piers and self.piers.friction is not None)
+        many = isinstance(self.friction, list) or (
+            self.piers and self.piers.friction is not None
+        )
         if joints and (joints.position or (joints.friction and many)):
             text = "with piers cannot have position, or friction unless all joints share one"
             raise refuse(text, "vary.joints")
@@ -445,8 +494,10 @@ class ArchEntry(Section):
         drawn = read_drawing(self.drawing, self.layer, self.unit)
         polygon_ring(drawn, self.tolerance)
         given = self.model_dump(exclude_none=True, exclude={"drawing", "layer", "unit"})
-        blocks = {name: [each.tolist() for each in getattr(drawn, name)]
-                  for name in ("outlines", "ground")}  # fmt: skip
+        blocks = {
+            name: [each.tolist() for each in getattr(drawn, name)]
+            for name in ("outlines", "ground")
+        }
         return ArchEntry.model_validate({**given, **blocks, "profile": "polygons"})
 
     def build(self) -> "Arch":
@@ -462,9 +513,11 @@ class ArchEntry(Section):
 
 
 _KEYS = {
-    name: about for name, field in ArchEntry.model_fields.items()
-    for about in field.metadata if isinstance(about, Key)
-}  # fmt: skip
+    name: about
+    for name, field in ArchEntry.model_fields.items()
+    for about in field.metadata
+    if isinstance(about, Key)
+}
 UNITS = {name: about.unit for name, about in _KEYS.items() if about.unit}
 # As columns of a table state them, by the unit of the cube.
 _SPELLED = {
@@ -479,16 +532,29 @@ COLUMN_UNITS = {name: _SPELLED[unit] for name, unit in UNITS.items()}
 COLUMN_UNITS |= {"strength": "N/m2 N/m² Pa", "tolerance": "m"}
 VARIABLE = tuple(UNITS)  # keys that may vary, of all profiles
 # Columns of a table that are keys of its arches.
-COLUMNS = tuple(dict.fromkeys((
-    "profile", *ArchEntry.common,
-    *(name for name, about in _KEYS.items() if {*about.needed, *about.taken} - {*_DRAWN}),
-)))  # fmt: skip
+COLUMNS = tuple(
+    dict.fromkeys(
+        (
+            "profile",
+            *ArchEntry.common,
+            *(
+                name
+                for name, about in _KEYS.items()
+                if {*about.needed, *about.taken} - {*_DRAWN}
+            ),
+        )
+    )
+)
 ArchEntry.kinds = {
     "table": ((), ("table", "rows", *COLUMNS)),
-    **{kind: (tuple(name for name, about in _KEYS.items() if kind in about.needed),
-              tuple(name for name, about in _KEYS.items() if kind in about.taken))
-       for kind in ("drawing", *PROFILES)},
-}  # fmt: skip
+    **{
+        kind: (
+            tuple(name for name, about in _KEYS.items() if kind in about.needed),
+            tuple(name for name, about in _KEYS.items() if kind in about.taken),
+        )
+        for kind in ("drawing", *PROFILES)
+    },
+}
 # A study asks for each of its arches some ten times; drawings and moved springings take long.
 _BUILT: dict[str, "Arch"] = {}
 _MOST_KEPT = 256
@@ -496,9 +562,20 @@ _MOST_KEPT = 256
 
 def _built(entry: ArchEntry) -> "Arch":
     """Return the arch of an entry, which is read from its drawing already."""
-    name, makers = str(entry.profile), {"block": arch.Block, "polygons": arch.Arch.from_polygons}
+    name = str(entry.profile)
+    makers = {"block": arch.Block, "polygons": arch.Arch.from_polygons}
     make: Any = makers.get(name) or getattr(arch.Arch, name)
-    later = {"joints", "strength", "springings", "ties", "recess", "vary", "id", "profile", "rows"}
+    later = {
+        "joints",
+        "strength",
+        "springings",
+        "ties",
+        "recess",
+        "vary",
+        "id",
+        "profile",
+        "rows",
+    }
     given = entry.model_dump(exclude=later, exclude_none=True)
     soft = entry.soft.model_dump(exclude_none=True)
     if (positions := soft.pop("positions", None)) is not None:

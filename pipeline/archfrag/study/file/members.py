@@ -14,20 +14,37 @@ import numpy as np
 
 from archfrag.arch.uncertain import sample, to_digits
 from archfrag.errors import InputError, StabilityError
-from archfrag.files import check_decimals, number, parse_table, read_text, stated_unit, table_of
+from archfrag.files import (
+    check_decimals,
+    number,
+    parse_table,
+    read_text,
+    stated_unit,
+    table_of,
+)
 from archfrag.simulation.arguments import check_can_run, check_method
 from archfrag.simulation.simulate import onset
 from archfrag.simulation.standing import check_stands, prestress_text
-from archfrag.study.file.arches import COLUMN_UNITS, COLUMNS, VARIABLE, ArchEntry, JointScatter
+from archfrag.study.file.arches import (
+    COLUMN_UNITS,
+    COLUMNS,
+    VARIABLE,
+    ArchEntry,
+    JointScatter,
+)
 from archfrag.study.keys import at, meant
 from archfrag.study.yaml_text import parse_value
 
-MOST_CHECKED = 500  # arches that are built to validate a study; a run builds all of them
+MOST_CHECKED = (
+    500  # arches that are built to validate a study; a run builds all of them
+)
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
 SHOWN = 12  # arches that a report shows one by one; of more it shows three
 LARGEST_TABLE = 20_000_000  # [bytes]
 _UNIT_SIGNS = re.compile(r"[\s^]")
-_ALIKE = 0.85  # of a column's name to a key, by difflib's ratio, for a slip of the keyboard
+_ALIKE = (
+    0.85  # of a column's name to a key, by difflib's ratio, for a slip of the keyboard
+)
 
 
 @dataclass(frozen=True)
@@ -42,7 +59,9 @@ class Member:
     values: dict[str, float] = field(default_factory=dict)
     attributes: dict[str, str] = field(default_factory=dict)  # text from a table
     row: str = ""  # of a table that is a sample of a larger stock
-    shock: tuple[float, ...] = ()  # level [SI] of a shock before each record, and gap [s]; or none
+    shock: tuple[
+        float, ...
+    ] = ()  # level [SI] of a shock before each record, and gap [s]; or none
 
     @property
     def id(self) -> str:
@@ -94,18 +113,27 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
         each = 1 if entry.vary is None else entry.vary.samples
         if (count := len(found) + each * len(bases) * (1 + len(shocks))) > MOST_MEMBERS:
             most = f"a study must have at most {MOST_MEMBERS}"
-            raise InputError(f"{where}: makes {count} arches with those before it; {most}")
+            raise InputError(
+                f"{where}: makes {count} arches with those before it; {most}"
+            )
         new = [member for base in bases for member in _drawn(base)]
         new += [
-            replace(own, arch_class=own.arch_class + end, shock=shock,
-                    entry=own.entry.model_copy(update={"id": own.id + end}))
-            for end, shock in shocks for own in new
-        ]  # fmt: skip
+            replace(
+                own,
+                arch_class=own.arch_class + end,
+                shock=shock,
+                entry=own.entry.model_copy(update={"id": own.id + end}),
+            )
+            for end, shock in shocks
+            for own in new
+        ]
         names = [entry.id + end for end in ("", *(end for end, _ in shocks))]
         own = (each.id for each in new if entry.table or each.id != each.arch_class)
         for name in (*names, *own):
             if name in seen:
-                raise InputError(f"{where}: the id {name!r} already belongs to {seen[name]}")
+                raise InputError(
+                    f"{where}: the id {name!r} already belongs to {seen[name]}"
+                )
             seen[name] = where
         found += new
     return tuple(found)
@@ -119,7 +147,9 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         yield Member(entry, entry.id, where)
         return
     place = f"{where}: {entry.table}"
-    text = read_text(Path(entry.table), LARGEST_TABLE, InputError, f"{where}: the table")
+    text = read_text(
+        Path(entry.table), LARGEST_TABLE, InputError, f"{where}: the table"
+    )
     with at(place):
         _, columns, rows = parse_table(text)
         check_decimals((line, cell) for line, cells in rows for cell in cells)
@@ -128,9 +158,13 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
             raise InputError("must have arches and a column id")
         table.columns = table.columns.map(_key_or_attribute)
         if same := list(table.columns[table.columns.duplicated()]):
-            raise InputError(f"column {same[0]!r} is there twice, with a unit and without")
+            raise InputError(
+                f"column {same[0]!r} is there twice, with a unit and without"
+            )
         if (twice := table["id"].duplicated()).any():
-            raise InputError(f"several arches have the id {table['id'][twice].iloc[0]!r}")
+            raise InputError(
+                f"several arches have the id {table['id'][twice].iloc[0]!r}"
+            )
     defaults = entry.model_dump(
         exclude={"id", "table", "rows"}, exclude_unset=True, exclude_none=True
     )
@@ -150,8 +184,12 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         with at(own, given):
             arch = ArchEntry.model_validate(given)
         # Of rows that leave a cell empty too: the study's entry gives what they have.
-        values = {key: arch.value(key) for key in keys if key in ("voussoirs", *VARIABLE)}
-        numbers = {key: float(v) for key, v in values.items() if isinstance(v, float | int)}
+        values = {
+            key: arch.value(key) for key in keys if key in ("voussoirs", *VARIABLE)
+        }
+        numbers = {
+            key: float(v) for key, v in values.items() if isinstance(v, float | int)
+        }
         attributes = {str(key): text for key, text in row.items() if key not in COLUMNS}
         sampled = row["id"] if entry.rows == "sample" else ""
         yield Member(arch, entry.id, own, numbers, attributes, sampled)
@@ -167,15 +205,21 @@ def _key_or_attribute(column: str) -> str:
         asked = COLUMN_UNITS.get(name, "")
         if unit is not None and _UNIT_SIGNS.sub("", unit) not in asked.split():
             must = f"is in {asked.split()[0]}" if asked else "has no unit"
-            raise InputError(f"column {column!r}: {name} {must}; change the numbers and the name")
+            raise InputError(
+                f"column {column!r}: {name} {must}; change the numbers and the name"
+            )
         return name
     block = name.partition(".")[0]
     hint = meant(name.lower(), COLUMNS, _ALIKE)
     if "." in name and block in COLUMNS:
-        hint = f"a column {block} takes blocks such as {{{name.partition('.')[2]}: 1.0}}"
+        hint = (
+            f"a column {block} takes blocks such as {{{name.partition('.')[2]}: 1.0}}"
+        )
     if hint or unit is not None:
         rule = "an attribute has no unit, and a name less like a key"
-        raise InputError(f"column {column} is not a key of an arch; {hint or rule} ({rule})")
+        raise InputError(
+            f"column {column} is not a key of an arch; {hint or rule} ({rule})"
+        )
     return column
 
 
@@ -191,35 +235,50 @@ def _drawn(base: Member) -> Iterator[Member]:
         yield base
         return
     seed = [vary.seed]
-    if base.id != base.arch_class:  # rows are drawn independently, whatever other rows there are
+    if (
+        base.id != base.arch_class
+    ):  # rows are drawn independently, whatever other rows there are
         seed.append(zlib.crc32(base.id.encode()))
     plain = base.entry.model_dump(exclude_none=True, exclude={"vary"})
     with at(base.place):
         n_joint = 0 if vary.joints is None else base.entry.build().n_joint
     values = sample(
-        {key: distribution.marginal() for key, distribution in vary.of.items()}, vary.samples,
-        scheme=vary.scheme, seed=seed,
-    )  # fmt: skip
+        {key: distribution.marginal() for key, distribution in vary.of.items()},
+        vary.samples,
+        scheme=vary.scheme,
+        seed=seed,
+    )
     for i in range(vary.samples):
-        given, own = {**plain, "id": f"{base.id}-{i + 1:04d}"}, dict(base.values)
+        given = {**plain, "id": f"{base.id}-{i + 1:04d}"}
+        own = dict(base.values)
         for key, distribution in vary.of.items():
             value = given[key] = float(values[key][i])
             if distribution.relative:
-                given[key] = to_digits(np.multiply(base.entry.value(key), value)).tolist()
+                given[key] = to_digits(
+                    np.multiply(base.entry.value(key), value)
+                ).tolist()
             many = isinstance(given[key], list)
             own[f"{key}_factor" if many else key] = value if many else given[key]
-        changed: dict[str, Any] = {"stiffness": given["joints"]} if "joints" in vary.of else {}
+        changed: dict[str, Any] = (
+            {"stiffness": given["joints"]} if "joints" in vary.of else {}
+        )
         if "embrace" in vary.of and (positions := base.entry.soft.positions):
             # Joints in degrees keep their parts of an angle of embrace that varies.
             ratio = given["embrace"] / plain["embrace"]
-            changed["positions"] = [*(j * ratio for j in positions[:-1]), given["embrace"]]
+            changed["positions"] = [
+                *(j * ratio for j in positions[:-1]),
+                given["embrace"],
+            ]
         if changed:
             given["joints"] = _other_joints(plain.get("joints"), changed)
         if vary.joints is not None:
             # Zeros behind a seed are the same seed to numpy: 1 separates joints from keys.
             generator = np.random.default_rng([*seed, i, 1])
             given |= _joints_drawn(vary.joints, given, n_joint, generator)
-        told = ", ".join(f"{name} = {number:.6g}" for name, number in own.items()) or "joints"
+        told = (
+            ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
+            or "joints"
+        )
         place = f"{base.place}: sample {i + 1} ({told})"
         with at(place, given):
             entry = ArchEntry.model_validate(given)
@@ -234,7 +293,10 @@ def _other_joints(given: Any, changed: dict[str, Any]) -> Any:
 
 
 def _joints_drawn(
-    joints: JointScatter, given: Mapping[str, Any], n_joint: int, generator: np.random.Generator
+    joints: JointScatter,
+    given: Mapping[str, Any],
+    n_joint: int,
+    generator: np.random.Generator,
 ) -> dict[str, Any]:
     keys: dict[str, Any] = {}
     # All are drawn, so that one key more leaves the others' numbers as they are.
@@ -246,7 +308,8 @@ def _joints_drawn(
         if name == "friction":
             keys[name] = to_digits(np.asarray(given[name]) * values).tolist()
         elif name == "position":  # the springings stay where they are
-            end, count = float(given.get("embrace", 1.0)), max(n_joint - 1, 1)
+            end = float(given.get("embrace", 1.0))
+            count = max(n_joint - 1, 1)
             step = end / count
             joined = given.get("joints")
             places = joined.get("positions") if isinstance(joined, dict) else joined

@@ -23,7 +23,9 @@ def _mapping(given: Any) -> Any:
         return named
     if len(named) != 1:
         raise refuse(f"must have one of the keys {', '.join(STEPS)}")
-    return {name: {} if settings is None else settings for name, settings in named.items()}
+    return {
+        name: {} if settings is None else settings for name, settings in named.items()
+    }
 
 
 def _settings(step: str) -> Any:
@@ -36,7 +38,9 @@ def _settings(step: str) -> Any:
             bounds = {name: about[name] for name in ("gt", "ge", "le") if name in about}
             kind = Annotated[_KINDS[about["kind"]], Field(**bounds)]
         if least := about.get("size", about.get("least")):
-            kind = Annotated[list[kind], Field(min_length=least, max_length=about.get("size"))]
+            kind = Annotated[
+                list[kind], Field(min_length=least, max_length=about.get("size"))
+            ]
         default = about.get("default", ... if "required" in about else None)
         kind = kind | None if default is None else kind
         fields[key] = kind, Field(default, description=about["text"])
@@ -46,10 +50,14 @@ def _settings(step: str) -> Any:
 
 _blocks: dict[str, Any] = {name: (_settings(name), None) for name in STEPS}
 _Step: Any = Annotated[
-    create_model("Step", __base__=Section, __doc__="One step: its name, and its settings.",
-                 **_blocks),
+    create_model(
+        "Step",
+        __base__=Section,
+        __doc__="One step: its name, and its settings.",
+        **_blocks,
+    ),
     BeforeValidator(_mapping),
-]  # fmt: skip
+]
 
 
 class FileSet(Section):
@@ -66,7 +74,9 @@ class FileSet(Section):
     one motion, row after row; also vertical=COLUMN and skip=LINES."""
     accept: Annotated[
         list[Acceptable],
-        BeforeValidator(lambda given: given.split() if isinstance(given, str) else given),
+        BeforeValidator(
+            lambda given: given.split() if isinstance(given, str) else given
+        ),
     ] = Field(default_factory=list)
     """Let pass: pga (1e-5 to 5 g), time_step (1e-4 to 0.1 s), samples (other than announced),
     header (its peak is off by a tenth, or it contradicts the unit or the channel code), sensor (in
@@ -84,8 +94,12 @@ def _named(levels: list[float]) -> list[float]:
 class FirstShocks(Section):
     """Motions that shake each arch before its record, after which it comes to rest."""
 
-    kind_key, common = "records", ("level", "gap")
-    kinds: ClassVar = {"index": (("index",), ("records",)), "records": (("records",), ())}
+    kind_key = "records"
+    common = ("level", "gap")
+    kinds: ClassVar = {
+        "index": (("index",), ("records",)),
+        "records": (("records",), ()),
+    }
 
     records: Annotated[list[str], Field(min_length=1)] | None = None
     """Ids of the study's records, or of the index, that come first; all of the index if not given.
@@ -112,7 +126,9 @@ class Motions(Section):
     select: Annotated[list[str], Field(min_length=1)] | None = None
     """Ids of the records to use, in this order; all if not given."""
     files: list[
-        Annotated[FileSet, BeforeValidator(lambda g: {"path": g} if isinstance(g, str) else g)]
+        Annotated[
+            FileSet, BeforeValidator(lambda g: {"path": g} if isinstance(g, str) else g)
+        ]
     ] = Field(default_factory=list)
     """Record files or patterns; each a path, or a mapping with path, unit, columns and so on."""
     vertical: bool = False
@@ -121,7 +137,9 @@ class Motions(Section):
     both_senses: bool = False
     """Whether each record is also used with its horizontal components reversed, as ID-rev, so
     that its sense does not decide. Both belong to one earthquake; the vertical stays as it is."""
-    processing: Annotated[list[_Step], Field(max_length=50)] = Field(default_factory=list)
+    processing: Annotated[list[_Step], Field(max_length=50)] = Field(
+        default_factory=list
+    )
     """Steps applied to each record before it is measured and scaled, in this order."""
     before: FirstShocks | None = None
     """First shocks: motions that shake each arch before its record."""
@@ -137,12 +155,19 @@ class Motions(Section):
     @property
     def steps(self) -> list[tuple[str, dict[str, Any]]]:
         """Name and settings of each step of processing, with defaults filled in."""
-        return [(name, getattr(step, name).model_dump())
-                for step in self.processing for name in step.model_fields_set]  # fmt: skip
+        return [
+            (name, getattr(step, name).model_dump())
+            for step in self.processing
+            for name in step.model_fields_set
+        ]
 
 
 def apply_step(
-    name: str, settings: dict[str, Any], motion: "Motion", record: Path, inventory: str | None
+    name: str,
+    settings: dict[str, Any],
+    motion: "Motion",
+    record: Path,
+    inventory: str | None,
 ) -> "Motion":
     """Apply one step to a motion; InputError if it does not suit it."""
     from archfrag.motions import process  # start-up: workers load no obspy

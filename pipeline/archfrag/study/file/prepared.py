@@ -19,12 +19,27 @@ from archfrag.study.file.motions import Motions
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.yaml_text import relative
 
-MANIFEST, FOLDER = "motions.json", "motions"
+MANIFEST = "motions.json"
+FOLDER = "motions"
 # Measures in which every run is known: the study's own is compared with them.
 COMPARED = (
-    "PGA", "PGV", "PGD", "Arias", "CAV", "HI", "Sa(0.1)", "Sa(0.2)", "Sa(0.3)", "Sa(0.5)",
-    "Sa(0.7)", "Sa(1)", "Sa(1.5)", "Sa(2)", "Sa(3)", "AvgSA(0.2,2)",
-)  # fmt: skip
+    "PGA",
+    "PGV",
+    "PGD",
+    "Arias",
+    "CAV",
+    "HI",
+    "Sa(0.1)",
+    "Sa(0.2)",
+    "Sa(0.3)",
+    "Sa(0.5)",
+    "Sa(0.7)",
+    "Sa(1)",
+    "Sa(1.5)",
+    "Sa(2)",
+    "Sa(3)",
+    "AvgSA(0.2,2)",
+)
 _AGAIN = "run `archfrag motions` on the study file"
 
 
@@ -42,7 +57,9 @@ class PreparedRecord:
     magnitude: float | None
     distance: float | None  # [km]
     factor: float  # that brings the study's measure to 1 in its SI unit
-    measures: dict[str, float] = field(hash=False)  # of the motion as it is, in SI units
+    measures: dict[str, float] = field(
+        hash=False
+    )  # of the motion as it is, in SI units
     event: str = ""  # name of the earthquake, if it is known
     accepted: str = ""  # what is implausible and was accepted by a key of the study
     vertical: bool = False  # whether the motion has its vertical component
@@ -64,10 +81,13 @@ def study_inputs(study: StudyKeys) -> provenance.Inputs:
     Paths are relative to the folder of the results, so that a study may be moved with them.
     """
     return {
-        kind: {os.path.relpath(path, study.folder): digest for path in paths
-               if (digest := provenance.sha256_if_there(path)) is not None}
+        kind: {
+            os.path.relpath(path, study.folder): digest
+            for path in paths
+            if (digest := provenance.sha256_if_there(path)) is not None
+        }
         for kind, paths in _sources().input_paths(study).items()
-    }  # fmt: skip
+    }
 
 
 def described(
@@ -77,22 +97,40 @@ def described(
 
     Its `measures` are that of the study and those that are `compared` with it.
     """
-    asked, about = study.intensity.measure, motion.metadata
-    measures = {name: measure(motion, name) for name in dict.fromkeys((asked, *compared))}
+    asked = study.intensity.measure
+    about = motion.metadata
+    measures = {
+        name: measure(motion, name) for name in dict.fromkeys((asked, *compared))
+    }
     samples = hashlib.sha256(float(motion.dt).hex().encode())
     for part in (motion.acceleration, motion.vertical):
         samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
-    cautions = [*about.get("cautions", ()), *sample_cautions(motion.acceleration, motion.dt)]
+    cautions = [
+        *about.get("cautions", ()),
+        *sample_cautions(motion.acceleration, motion.dt),
+    ]
     if motion.vertical is not None:
-        cautions += [f"vertical: {text}" for text in sample_cautions(motion.vertical, motion.dt)]
+        cautions += [
+            f"vertical: {text}" for text in sample_cautions(motion.vertical, motion.dt)
+        ]
     return PreparedRecord(
-        motion.id, "", about["file"], about["file_sha256"], "", motion.dt, motion.duration,
-        about.get("Mw") or about.get("magnitude"), about.get("distance_km"),
-        scale_factor(motion, asked, 1.0, measures[asked]), measures,
+        motion.id,
+        "",
+        about["file"],
+        about["file_sha256"],
+        "",
+        motion.dt,
+        motion.duration,
+        about.get("Mw") or about.get("magnitude"),
+        about.get("distance_km"),
+        scale_factor(motion, asked, 1.0, measures[asked]),
+        measures,
         event=str(about.get("event") or about.get("event_id") or ""),
-        accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
-        cautions=cautions, samples=samples.hexdigest(),
-    )  # fmt: skip
+        accepted=str(about.get("accepted") or ""),
+        vertical=motion.vertical is not None,
+        cautions=cautions,
+        samples=samples.hexdigest(),
+    )
 
 
 def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
@@ -100,12 +138,24 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
 
     New motions count when the manifest is written, which is last; until then the old ones do.
     """
-    inputs, folder = study_inputs(study), make_folder(study.work / FOLDER)
+    inputs = study_inputs(study)
+    folder = make_folder(study.work / FOLDER)
     records = _stored(study, study.motions)
-    first = _sources().first_shocks(study.motions, records, lambda asked: _stored(study, asked))
-    manifest: dict[str, Any] = {"study": study.id, "key": motions_key(study), "inputs": inputs}
-    manifest |= {"records": list(map(asdict, records)), "first": list(map(asdict, first))}
-    provenance.write_text(study.work / MANIFEST, provenance.canonical_json(manifest) + "\n")
+    first = _sources().first_shocks(
+        study.motions, records, lambda asked: _stored(study, asked)
+    )
+    manifest: dict[str, Any] = {
+        "study": study.id,
+        "key": motions_key(study),
+        "inputs": inputs,
+    }
+    manifest |= {
+        "records": list(map(asdict, records)),
+        "first": list(map(asdict, first)),
+    }
+    provenance.write_text(
+        study.work / MANIFEST, provenance.canonical_json(manifest) + "\n"
+    )
     kept = {study.work / record.file for record in (*records, *first)}
     for path in set(folder.glob("*.npz")) - kept:
         path.unlink()
@@ -114,22 +164,30 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
 
 def _stored(study: StudyKeys, asked: Motions) -> list[PreparedRecord]:
     """Store the motions that are asked for, and return them."""
-    records, facts, folder = list[PreparedRecord](), list[dict[str, Any]](), study.work / FOLDER
+    records = list[PreparedRecord]()
+    facts = list[dict[str, Any]]()
+    folder = study.work / FOLDER
     for motion in _sources().read_sources(asked, study.intensity.measure):
         record = described(study, motion)
         store(folder / "new.npz", motion)
         prepared = sha256_of(folder / "new.npz")
-        records.append(replace(record, file=f"{FOLDER}/{prepared[:16]}.npz", prepared=prepared))
+        records.append(
+            replace(record, file=f"{FOLDER}/{prepared[:16]}.npz", prepared=prepared)
+        )
         facts.append(recording_of(motion))
         os.replace(folder / "new.npz", study.work / records[-1].file)
-    records = [replace(record, event=name) for record, name in zip(records, earthquakes(facts))]
+    records = [
+        replace(record, event=name) for record, name in zip(records, earthquakes(facts))
+    ]
     return in_order(asked, records)
 
 
 def in_order(asked: Motions, records: list[PreparedRecord]) -> list[PreparedRecord]:
     """Return records in the order in which the study selects them, if it does."""
     order = [name + end for name in asked.select or () for end in ("", REVERSED)]
-    return sorted(records, key=lambda record: order.index(record.id)) if order else records
+    return (
+        sorted(records, key=lambda record: order.index(record.id)) if order else records
+    )
 
 
 def read_manifest(study: StudyKeys) -> dict[str, Any]:
@@ -137,11 +195,15 @@ def read_manifest(study: StudyKeys) -> dict[str, Any]:
     path = study.work / MANIFEST
     try:
         stored = {"first": (), **provenance.read_json(path)}
-        lists = {name: [PreparedRecord(**record) for record in stored[name]]
-                 for name in ("records", "first")}  # fmt: skip
+        lists = {
+            name: [PreparedRecord(**record) for record in stored[name]]
+            for name in ("records", "first")
+        }
         return {"key": stored["key"], "inputs": dict(stored["inputs"]), **lists}
     except FileNotFoundError:
-        raise InputError(f"{path}: the motions are not prepared yet; {_AGAIN}") from None
+        raise InputError(
+            f"{path}: the motions are not prepared yet; {_AGAIN}"
+        ) from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: is damaged ({error}); {_AGAIN}") from None
 

@@ -6,11 +6,23 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, TypeAdapter, model_validator
+from pydantic import (
+    AfterValidator,
+    Discriminator,
+    Field,
+    Tag,
+    TypeAdapter,
+    model_validator,
+)
 
 from archfrag.errors import InputError
 from archfrag.files import WORK
-from archfrag.motions.measures import LEVEL_UNITS, measure_unit, parse_measure, scaling_exponent
+from archfrag.motions.measures import (
+    LEVEL_UNITS,
+    measure_unit,
+    parse_measure,
+    scaling_exponent,
+)
 from archfrag.simulation import arguments
 from archfrag.simulation.arguments import method_names
 from archfrag.study.designs import AnyDesign, Stripes
@@ -67,7 +79,9 @@ class Intensity(Section):
     def _agree(self) -> Self:
         low, high = PERIODS
         with at(f"= {self.measure}", kind=lambda text: refuse(text, "measure")):
-            if not all(low <= period <= high for period in parse_measure(self.measure).periods):
+            if not all(
+                low <= period <= high for period in parse_measure(self.measure).periods
+            ):
                 raise InputError(f"must have periods from {low:g} to {high:g} s")
             if not scaling_exponent(self.measure):
                 raise InputError("no motion can be scaled to it")
@@ -212,7 +226,10 @@ class StudyKeys(Section):
     @model_validator(mode="after")
     def _steps_faces(self) -> Self:
         for place, entry in enumerate(self.arches):
-            if entry.soft.model == "face" and self.method.name not in ("auto", "time_stepping"):
+            if entry.soft.model == "face" and self.method.name not in (
+                "auto",
+                "time_stepping",
+            ):
                 rule = f"needs method time_stepping or auto, not {self.method.name}"
                 raise refuse(f"face {rule}", f"arches[{place}].joints.model")
         return self
@@ -232,10 +249,21 @@ class StudyKeys(Section):
     @property
     def members(self) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
-        before, factor = self.motions.before, self.intensity.factor
-        shocks = [(f"-after-{level:.12g}", (level * factor, before.gap))
-                  for level in before.level if level] if before else []  # fmt: skip
-        if self._expanded[0] != (self.arches, shocks):  # not yet, or this is a changed copy
+        before = self.motions.before
+        factor = self.intensity.factor
+        shocks = (
+            [
+                (f"-after-{level:.12g}", (level * factor, before.gap))
+                for level in before.level
+                if level
+            ]
+            if before
+            else []
+        )
+        if self._expanded[0] != (
+            self.arches,
+            shocks,
+        ):  # not yet, or this is a changed copy
             self._expanded = (self.arches, shocks), expand(self.arches, shocks)
         return self._expanded[1]
 

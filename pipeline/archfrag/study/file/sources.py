@@ -31,9 +31,13 @@ class RecordFile:
     """A record file, and how to read it."""
 
     path: Path
-    options: dict[str, Any]  # unit, inventory, accept and columns, as of `archfrag.read_motion`
+    options: dict[
+        str, Any
+    ]  # unit, inventory, accept and columns, as of `archfrag.read_motion`
     entry: index.IndexEntry | None = None  # row of the study's index
-    name: str | None = None  # what ids begin with, where the file's own name is not enough
+    name: str | None = (
+        None  # what ids begin with, where the file's own name is not enough
+    )
     # Files of the components that the study needs, unless they are in the record's own.
     others: dict[str, Path] = field(default_factory=dict)
 
@@ -57,10 +61,15 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
     InputError or RecordError for a file or id that is missing, or is there with two settings.
     """
     rows = [] if asked.index is None else index.load_index(asked.index)
-    listed = [RecordFile(row.path, {"unit": row.unit or None, "accept": row.accept}, row)
-              for row in rows]  # fmt: skip
-    sources, by_path = listed, dict[Path, RecordFile]()
-    if asked.select and not asked.files:  # of files the ids are known when they are read
+    listed = [
+        RecordFile(row.path, {"unit": row.unit or None, "accept": row.accept}, row)
+        for row in rows
+    ]
+    sources = listed
+    by_path = dict[Path, RecordFile]()
+    if (
+        asked.select and not asked.files
+    ):  # of files the ids are known when they are read
         check_known(asked.select, [row.id for row in rows])
         sources = [file for file, row in zip(listed, rows) if row.id in asked.select]
     for number, entry in enumerate(asked.files):
@@ -81,8 +90,11 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
     # Without those that hold only the vertical component of another one's record.
     verticals = partners.vertical_files(sorted({file.path for file in sources}))
     sites = {file.site for file in sources if not file.is_vertical} - {None}
-    sources = [file for file in sources if file.path not in verticals
-               and not (file.is_vertical and file.site in sites)]  # fmt: skip
+    sources = [
+        file
+        for file in sources
+        if file.path not in verticals and not (file.is_vertical and file.site in sites)
+    ]
     _distinguish([file for file in sources if file.entry is None])
     _find_components(sources, _needed(asked, measure), listed)
     return sources
@@ -92,13 +104,21 @@ def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
     """Return the files, by kind, that the motions follow from, or would if they appeared."""
     asked = [each for each in (study.motions, study.motions.first) if each is not None]
     sources = [s for each in asked for s in find_sources(each, study.intensity.measure)]
-    records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
+    records = [s.path for s in sources] + [
+        path for s in sources for path in s.others.values()
+    ]
     folders = list(dict.fromkeys(path.parent for path in records))
-    indices = [place / index.INDEX_NAME for folder in folders for place in (folder, folder.parent)]
+    indices = [
+        place / index.INDEX_NAME
+        for folder in folders
+        for place in (folder, folder.parent)
+    ]
     lists = [each.index for each in asked if each.index is not None]
     indices[:0] = (Path(path, index.INDEX_NAME * os.path.isdir(path)) for path in lists)
     names = {name for path in records for name in (path.stem, path.name)}
-    inventories = [Path(p) for s in sources if (p := s.options.get("inventory")) is not None]
+    inventories = [
+        Path(p) for s in sources if (p := s.options.get("inventory")) is not None
+    ]
     for folder in folders:
         # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
         tables = sorted(folder.glob("*.xml"))
@@ -106,7 +126,9 @@ def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
     return {"record": records, "index": indices, "inventory": inventories}
 
 
-def check_known(selected: Iterable[str], ids: Sequence[str], key: str = "motions.select") -> None:
+def check_known(
+    selected: Iterable[str], ids: Sequence[str], key: str = "motions.select"
+) -> None:
     """Raise InputError for the first selected record that does not exist."""
     for name in selected:
         if name not in ids:
@@ -114,7 +136,9 @@ def check_known(selected: Iterable[str], ids: Sequence[str], key: str = "motions
             raise InputError(f"{key}: {name!r} is not a record of the study; {hint}")
 
 
-def first_shocks(asked: Motions, records: Sequence[Any], make: Callable[[Motions], Any]) -> Any:
+def first_shocks(
+    asked: Motions, records: Sequence[Any], make: Callable[[Motions], Any]
+) -> Any:
     """Return the motion that comes before each record: one of `records`, or what `make` makes of
     their index; empty without first shocks.
 
@@ -128,7 +152,9 @@ def first_shocks(asked: Motions, records: Sequence[Any], make: Callable[[Motions
     check_known(names, [*known], "motions.before.records")
     places = [[*known].index(name) for name in names]
     turns = (divmod(number, senses) for number in range(len(records)))
-    return [[*known.values()][places[turn % len(places)] ^ sense] for turn, sense in turns]
+    return [
+        [*known.values()][places[turn % len(places)] ^ sense] for turn, sense in turns
+    ]
 
 
 def _matching(text: str) -> list[Path]:
@@ -136,10 +162,15 @@ def _matching(text: str) -> list[Path]:
     pattern = Path(text)
     if not glob.has_magic(text) or pattern.is_file():
         return [pattern]
-    place, name = str(pattern.parent), re.compile(fnmatch.translate(pattern.name), re.I)
+    place = str(pattern.parent)
+    name = re.compile(fnmatch.translate(pattern.name), re.I)
     folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
-    paths = sorted(Path(folder, file) for folder in folders for file in folder_names(Path(folder))
-                   if name.match(file) and not index.goes_with_records(Path(file)))  # fmt: skip
+    paths = sorted(
+        Path(folder, file)
+        for folder in folders
+        for file in folder_names(Path(folder))
+        if name.match(file) and not index.goes_with_records(Path(file))
+    )
     if not paths:
         raise InputError(f"no file matches {text}")
     return paths
@@ -147,7 +178,8 @@ def _matching(text: str) -> list[Path]:
 
 def _distinguish(files: Sequence[RecordFile]) -> None:
     """Give files whose ids would be equal the names of their folders, but for common ones."""
-    stems, alike = Counter(file.path.stem for file in files), dict[str, list[RecordFile]]()
+    stems = Counter(file.path.stem for file in files)
+    alike = dict[str, list[RecordFile]]()
     for file in files:
         if stems[file.path.stem] > 1 and index.find_entry(file.path) is None:
             alike.setdefault(read.record_name(file.path), []).append(file)
@@ -177,8 +209,14 @@ def _find_components(
     by_name = {folder: partners.partners(folder_names(folder)) for folder in folders}
     for file, kind in ((file, kind) for file in files for kind in kinds):
         vertical = kind == "vertical"
-        paths = [row.path for row in listed if file.site and row.site == file.site
-                 and row.entry is not file.entry and row.is_vertical == vertical]  # fmt: skip
+        paths = [
+            row.path
+            for row in listed
+            if file.site
+            and row.site == file.site
+            and row.entry is not file.entry
+            and row.is_vertical == vertical
+        ]
         name = by_name[file.path.parent][vertical].get(file.path.name)
         if len(paths) != 1 and name:
             paths = [file.path.with_name(name)]
@@ -186,12 +224,15 @@ def _find_components(
             file.others[kind] = paths[0]
 
 
-_Read = tuple[RecordFile, Motion, list[Motion]]  # a file, one of its motions, all of them
+_Read = tuple[
+    RecordFile, Motion, list[Motion]
+]  # a file, one of its motions, all of them
 
 
 def read_sources(asked: Motions, measure: str) -> Iterator[Motion]:
     """Read the motions that a study asks for one after the other, processed as it states."""
-    steps, needed = asked.steps, _needed(asked, measure)
+    steps = asked.steps
+    needed = _needed(asked, measure)
     chosen = dict(steps).get("choose", {}).get("components", ())
     with one_reader():
         recordings = _choose(_read(find_sources(asked, measure)), chosen)
@@ -209,7 +250,8 @@ def _read(files: Iterable[RecordFile]) -> Iterator[_Read]:
         else:
             motions = [read.load_motion(file.entry)]
         pairs.setdefault(path.parent, partners.partners(folder_names(path.parent))[0])
-        other, first = pairs[path.parent].get(path.name), ""
+        other = pairs[path.parent].get(path.name)
+        first = ""
         if other and not partners.numbered(path.name, other):
             first = sha256_of(path.with_name(min(path.name, other)))[:16]
         digest = sha256_of(path)
@@ -223,10 +265,15 @@ def _read(files: Iterable[RecordFile]) -> Iterator[_Read]:
 
 def _choose(recordings: Iterable[_Read], components: Sequence[str]) -> Iterator[_Read]:
     """Keep the chosen components (all if none is named); RecordError for a record without one."""
-    letters, left_out, used = {code.upper() for code in components}, dict[Any, str](), set[Any]()
+    letters = {code.upper() for code in components}
+    left_out = dict[Any, str]()
+    used = set[Any]()
     for file, motion, motions in recordings:
-        about, code = motion.metadata, str(motion.metadata.get("component", ""))
-        facts = tuple(str(about.get(key) or "") for key in ("event", "station", "start_time"))
+        about = motion.metadata
+        code = str(motion.metadata.get("component", ""))
+        facts = tuple(
+            str(about.get(key) or "") for key in ("event", "station", "start_time")
+        )
         record = facts if any(facts) else file.path
         if letters and not {code.upper(), code[-1:].upper()} & letters:
             left_out.setdefault(record, f"{file.path}: record {motion.id} ({code})")
@@ -252,12 +299,15 @@ def _pair(
         paired = motion
         if motion.vertical is not None and not needed["vertical"]:
             labels = {**motion.metadata, "vertical_component": ""}
-            paired = replace(motion, vertical=None, metadata=labels,
-                             log=(*motion.log, VERTICAL_LEFT))  # fmt: skip
+            paired = replace(
+                motion, vertical=None, metadata=labels, log=(*motion.log, VERTICAL_LEFT)
+            )
         for kind in (kind for kind, is_needed in needed.items() if is_needed):
             if kind == "transverse" or motion.vertical is None:
                 other = _component(kind, file, motion, motions)
-                if file.entry is not None:  # what an index states, headers may spell otherwise
+                if (
+                    file.entry is not None
+                ):  # what an index states, headers may spell otherwise
                     labels = {**other.metadata, "event": "", "date": "", "station": ""}
                     other = replace(other, metadata=labels)
                 paired = with_component(paired, other, kind)
@@ -269,9 +319,13 @@ def _pair(
         yield file, paired
 
 
-def _component(kind: str, file: RecordFile, motion: Motion, motions: Sequence[Motion]) -> Motion:
+def _component(
+    kind: str, file: RecordFile, motion: Motion, motions: Sequence[Motion]
+) -> Motion:
     """Return the "vertical" or "transverse" of a motion; RecordError if there is none."""
-    path, clue, other = file.others.get(kind), "", None
+    path = file.others.get(kind)
+    clue = ""
+    other = None
     if kind == "transverse":
         other = partners.other_horizontal(motion, motions)
     if other is None and path is not None:
@@ -280,7 +334,8 @@ def _component(kind: str, file: RecordFile, motion: Motion, motions: Sequence[Mo
         candidates = read.read_horizontals(path, **file.options)
         other = candidates[0] if len(candidates) == 1 else None
         if other and file.entry is None and not partners.belong_together(motion, other):
-            other, alike = None, f"{path.name} has nearly the same name, but neither"
+            other = None
+            alike = f"{path.name} has nearly the same name, but neither"
             clue = f"{alike} start, event and station nor length show that it belongs. "
     if other is None:
         remedy = "leave this record out"
@@ -297,7 +352,8 @@ def _component(kind: str, file: RecordFile, motion: Motion, motions: Sequence[Mo
 
 
 def _process(
-    paired: Iterable[tuple[RecordFile, Motion]], steps: Sequence[tuple[str, dict[str, Any]]]
+    paired: Iterable[tuple[RecordFile, Motion]],
+    steps: Sequence[tuple[str, dict[str, Any]]],
 ) -> Iterator[tuple[RecordFile, Motion]]:
     """Apply the steps of processing; what is rotated is named after both components."""
     for file, motion in paired:
@@ -313,9 +369,13 @@ def _process(
         yield file, motion
 
 
-def _name(processed: Iterable[tuple[RecordFile, Motion]], asked: Motions) -> Iterator[Motion]:
+def _name(
+    processed: Iterable[tuple[RecordFile, Motion]], asked: Motions
+) -> Iterator[Motion]:
     """Yield the selected motions, in both senses if asked; InputError if ids are not clear."""
-    taken, ids, before = dict[str, Path](), list[str](), list[dict[str, Any]]()
+    taken = dict[str, Path]()
+    ids = list[str]()
+    before = list[dict[str, Any]]()
     for file, motion in processed:
         ids.append(motion.id)
         if asked.select is None or motion.id in asked.select:
@@ -326,10 +386,14 @@ def _name(processed: Iterable[tuple[RecordFile, Motion]], asked: Motions) -> Ite
                 again = f"it is record {twin['id']} a second time (a copy, or another version)"
                 text = f"{again}, and both count; leave one out"
                 cautions = [*motion.metadata.get("cautions", ()), text]
-                motion = replace(motion, metadata={**motion.metadata, "cautions": cautions})
+                motion = replace(
+                    motion, metadata={**motion.metadata, "cautions": cautions}
+                )
         for sense in both_senses(motion) if asked.both_senses else [motion]:
             if sense.id in taken:
-                whose = f"already belongs to {taken[sense.id]}; each record needs its own"
+                whose = (
+                    f"already belongs to {taken[sense.id]}; each record needs its own"
+                )
                 raise RecordError(f"{file.path}: the record id {sense.id!r} {whose}")
             taken[sense.id] = file.path
             if asked.select is None or motion.id in asked.select:

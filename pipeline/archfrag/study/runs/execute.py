@@ -28,15 +28,20 @@ from archfrag.study.runs.workers import Cluster, Threads, workers_of
 
 # A chunk is one call: four of its runs go side by side to near its end, so that chunks of 4 cost
 # half as much again as those of 64. Many make the others wait less for the last one.
-SMALLEST_CHUNK, LARGEST_CHUNK, CHUNKS_EACH = 8, 64, 8
+SMALLEST_CHUNK = 8
+LARGEST_CHUNK = 64
+CHUNKS_EACH = 8
 # Of an adaptive design a worker that is free takes its share of what waits.
 LARGEST_SHARE = 16
 
 
 def run_batch(
-    study: StudyKeys, batch: int = 0, workers: int | None = None, quiet: bool = False,
+    study: StudyKeys,
+    batch: int = 0,
+    workers: int | None = None,
+    quiet: bool = False,
     plan: Plan | None = None,
-) -> tuple[dict[str, Any], "pd.DataFrame"]:  # fmt: skip
+) -> tuple[dict[str, Any], "pd.DataFrame"]:
     """Make the runs of one batch that the design requests; those that are there are kept.
 
     Returned are the entry of the log (runs requested and of them kept, iterations, workers, wall
@@ -49,13 +54,21 @@ def run_batch(
     known = plan or store.make_plan(study)
     table = store.read_parts(make_folder(known.parts))
     requests = known.requests(batch, study.execution.batches)
-    estimate = len(requests) * study.design.size(len(known.records), len(known.levels))[0]
+    estimate = (
+        len(requests) * study.design.size(len(known.records), len(known.levels))[0]
+    )
     seen = sys.stderr.isatty() or "ipykernel" in sys.modules
     pause = 0.2 if seen else 10.0  # a file gets few lines
     bar = _Bar(
-        unit="run", desc="simulations", total=0, disable=quiet, file=sys.stderr,
-        dynamic_ncols=True, mininterval=pause, delay=pause,
-    )  # fmt: skip
+        unit="run",
+        desc="simulations",
+        total=0,
+        disable=quiet,
+        file=sys.stderr,
+        dynamic_ncols=True,
+        mininterval=pause,
+        delay=pause,
+    )
     bar.estimate = estimate if study.design.adaptive and not quiet else 0
     with bar, contextlib.ExitStack() as stack:
         maker = _Maker(known, table, workers or study.execution.workers, bar, stack)
@@ -69,12 +82,20 @@ def run_batch(
     cases = cases[order_of(cases)]
     at = places(table, known.keys(cases))
     names = np.array([member.name.lower() for member in Verdict], object)
-    return log, pd.DataFrame({
-        "arch": np.array([member.id for member in known.arches], object)[cases["arch"]],
-        "record": np.array([record.id for record in known.records], object)[cases["record"]],
-        "level": cases["level"], "verdict": names[table["verdict"][at]],
-        "steps": table["steps"][at], "wall_time": table["wall_time"][at],
-    })  # fmt: skip
+    return log, pd.DataFrame(
+        {
+            "arch": np.array([member.id for member in known.arches], object)[
+                cases["arch"]
+            ],
+            "record": np.array([record.id for record in known.records], object)[
+                cases["record"]
+            ],
+            "level": cases["level"],
+            "verdict": names[table["verdict"][at]],
+            "steps": table["steps"][at],
+            "wall_time": table["wall_time"][at],
+        }
+    )
 
 
 class _Bar(tqdm):
@@ -100,24 +121,37 @@ class _Maker:
     """Answers requests: with runs that are stored, then with those that workers make."""
 
     def __init__(
-        self, plan: Plan, stored: Table, threads: int | None, bar: "_Bar",
+        self,
+        plan: Plan,
+        stored: Table,
+        threads: int | None,
+        bar: "_Bar",
         stack: contextlib.ExitStack,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.made: list[Table] = []
-        self.log: dict[str, Any] = dict.fromkeys(("runs", "kept", "iterations", "workers"), 0)
+        self.log: dict[str, Any] = dict.fromkeys(
+            ("runs", "kept", "iterations", "workers"), 0
+        )
         self.log |= {"kernel_time": 0.0, "compile_time": 0.0}
-        self._plan, self._stored, self._threads = plan, stored, threads
-        self._bar, self._stack = bar, stack
+        self._plan = plan
+        self._stored = stored
+        self._threads = threads
+        self._bar = bar
+        self._stack = stack
         self._workers: Threads | Cluster | None = None
         self._waiting = np.empty(0, CASE)
         self._alike = np.empty(0, CASE)  # runs that another is the same as
         self._chunks: dict[Any, Cases] = {}  # that workers have, by key
-        self._number, self._name = count(), f"runs-{uuid.uuid4().hex}"  # others' keys may be there
+        self._number = count()  # others' keys may be there
+        self._name = f"runs-{uuid.uuid4().hex}"
 
     def answer(self, cases: Cases) -> tuple[Cases, Verdicts]:
         """Take new requests; return some of those so far, and their verdicts."""
-        at, log, bar = places(self._stored, keys := self._plan.keys(cases)), self.log, self._bar
-        there, new = at >= 0, np.flatnonzero(at < 0)
+        at = places(self._stored, keys := self._plan.keys(cases))
+        log = self.log
+        bar = self._bar
+        there = at >= 0
+        new = np.flatnonzero(at < 0)
         log["iterations"] += bool(len(cases))
         log["runs"] += len(cases)
         log["kept"] += len(cases) - new.size
@@ -135,7 +169,9 @@ class _Maker:
             log["compile_time"] = _prepare(self._plan, bar)
             say = partial(bar.write, file=sys.stderr)
             self._workers = self._stack.enter_context(
-                workers_of(self._plan, self._threads, lambda text: bar.disable or say(text))
+                workers_of(
+                    self._plan, self._threads, lambda text: bar.disable or say(text)
+                )
             )
         self._send(self._workers)
         taken = self._take(self._workers.made())
@@ -145,11 +181,16 @@ class _Maker:
 
     def _send(self, workers: Threads | Cluster) -> None:
         """Give workers chunks of what waits: all of it, or of an adaptive design to free ones."""
-        waiting, adaptive = self._waiting, self._plan.study.design.adaptive
+        waiting = self._waiting
+        adaptive = self._plan.study.design.adaptive
         if not len(waiting):
             return
         threads = workers.count
-        room = max(threads + workers.spare - len(self._chunks), 0) if adaptive else len(waiting)
+        room = (
+            max(threads + workers.spare - len(self._chunks), 0)
+            if adaptive
+            else len(waiting)
+        )
         share = -(-len(waiting) // max(room if adaptive else threads, 1))
         if adaptive:
             size = min(share, LARGEST_SHARE)
@@ -164,7 +205,8 @@ class _Maker:
 
     def _take(self, made: list[tuple[Any, Table]]) -> tuple[Cases, Verdicts]:
         """Store rows, and return their runs and those that are the same."""
-        cases, parts = [self._chunks.pop(key) for key, _ in made], [rows for _, rows in made]
+        cases = [self._chunks.pop(key) for key, _ in made]
+        parts = [rows for _, rows in made]
         for rows in parts:
             store.write_part(self._plan.parts, rows)
             self.log["kernel_time"] += float(rows["wall_time"].sum())
@@ -190,14 +232,17 @@ def chunks(cases: Cases, size: int) -> Iterator[Cases]:
 def _prepare(plan: Plan, bar: tqdm) -> float:
     """Compile kernels that are not, and see that all arches stand; return the compile time [s]."""
     compile_time = 0.0
-    with contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh):
+    with (
+        contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh)
+    ):
         name = method_to_compile(plan)
         if not kernels_are_compiled():  # else each worker loads them for itself
             bar.bar_format = "{desc}"
             show = partial(bar.set_description_str, refresh=False)
             compile_time = warmup(name, progress=show)
         check_standing(plan.arches, plan.study.method)
-    bar.bar_format, bar.desc = None, "simulations"
+    bar.bar_format = None
+    bar.desc = "simulations"
     bar.unpause()  # its clock is that of the runs
     if compile_time and not bar.disable:
         bar.delay = 0.0
@@ -211,6 +256,8 @@ def method_to_compile(plan: Plan) -> str:
     method = plan.study.method
     if method.name != AUTO:
         return method.name
-    defaults = {parameter.name: parameter.default for parameter in METHODS[AUTO].parameters}
+    defaults = {
+        parameter.name: parameter.default for parameter in METHODS[AUTO].parameters
+    }
     rtol = defaults["rtol"] if method.rtol is None else method.rtol
     return "event_driven" if goes_by_events(rtol) else AUTO

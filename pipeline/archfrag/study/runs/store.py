@@ -40,8 +40,11 @@ if TYPE_CHECKING:
 
 # Code that decides what a run is, and what its row holds.
 DECIDING = (
-    "physics/**/*.py", "simulation/**/*.py", "motions/motion.py", "study/runs/store.py",
-)  # fmt: skip
+    "physics/**/*.py",
+    "simulation/**/*.py",
+    "motions/motion.py",
+    "study/runs/store.py",
+)
 KEY = 16  # bytes
 Table = NDArray[np.void]
 # The cube's variables by name; columns of the file: name; dimensions ("run" stands for arch,
@@ -49,22 +52,31 @@ Table = NDArray[np.void]
 # there is no such value; missing, what stands in a cell that was not simulated; flags, the
 # enumeration of the codes or the meanings of 0, 1 and so on; source, an array of the kernels'
 # results with the entry there, or a record's attribute; long_name; comment.
-with Path(__file__).with_name("variables.csv").open(encoding="utf-8", newline="") as _file:
+with (
+    Path(__file__)
+    .with_name("variables.csv")
+    .open(encoding="utf-8", newline="") as _file
+):
     _rows: list[Any] = list(csv.reader(_file))
 _Variable: Any = namedtuple("_Variable", _rows[0])  # type: ignore[misc]  # names of a file
 VARIABLES: dict[str, Any] = {row[0]: _Variable(*row) for row in _rows[1:]}
 COLUMNS = tuple(each for each in VARIABLES.values() if each.dimensions == "run")
 # Any other status is a failure.
 _VERDICTS = {
-    Status.STANDING: Verdict.SURVIVED, Status.COLLAPSED: Verdict.COLLAPSED,
+    Status.STANDING: Verdict.SURVIVED,
+    Status.COLLAPSED: Verdict.COLLAPSED,
     Status.UNFINISHED: Verdict.UNFINISHED,
-}  # fmt: skip
+}
 _ENTRIES: dict[str, Any] = {"count": Count, "loss": Loss, "peak": Peak}
 # A row: its key, all columns, the time simulated in each model, and how long it took.
-ROW = np.dtype([
-    ("key", f"S{KEY}"), *((column.name, column.dtype) for column in COLUMNS),
-    ("model_time", "f8", (len(Level),)), ("wall_time", "f8"),
-])  # fmt: skip
+ROW = np.dtype(
+    [
+        ("key", f"S{KEY}"),
+        *((column.name, column.dtype) for column in COLUMNS),
+        ("model_time", "f8", (len(Level),)),
+        ("wall_time", "f8"),
+    ]
+)
 
 
 def code_identity() -> str:
@@ -74,7 +86,9 @@ def code_identity() -> str:
     Texts that only label are left out: a run stays what it was if they are mended.
     """
     rows = [[column.name, column.dtype, column.source] for column in COLUMNS]
-    return digest_of([kernel_platform(), digest_of_syntax(tuple(files_of_code(*DECIDING))), rows])
+    return digest_of(
+        [kernel_platform(), digest_of_syntax(tuple(files_of_code(*DECIDING))), rows]
+    )
 
 
 def verdicts_of(status: NDArray) -> NDArray[np.int8]:
@@ -90,12 +104,15 @@ def columns_of(results: "Outcomes", begins: Any = 0.0) -> dict[str, NDArray]:
 
     What collapsed before its record `begins` [s] has a verdict of its own.
     """
-    balance, largest = results.energy[:, [Energy.BALANCE_ERROR_PEAK, Energy.LARGEST_KINETIC]].T
+    balance, largest = results.energy[
+        :, [Energy.BALANCE_ERROR_PEAK, Energy.LARGEST_KINETIC]
+    ].T
     error = np.divide(balance, largest, out=np.zeros(len(largest)), where=largest > 0.0)
     columns: dict[str, NDArray] = {
-        "verdict": verdicts_of(results.status), "energy_error": error,
+        "verdict": verdicts_of(results.status),
+        "energy_error": error,
         "model_time": results.model_time[:, list(Level)],
-    }  # fmt: skip
+    }
     for column in COLUMNS:
         if column.source:
             name, _, entry = column.source.partition(".")
@@ -118,9 +135,15 @@ class Plan:
     arches: Members
     records: tuple[PreparedRecord, ...]
     first: tuple[PreparedRecord, ...] = ()  # the shock before each record, if any
-    identity: str = field(default_factory=lambda: code_identity())  # of the code that makes runs
-    motions: tuple["Motion", ...] = ()  # of both, where the study's folder is not at hand
-    built: "dict[int, Arch]" = field(default_factory=dict, compare=False)  # so far, by number
+    identity: str = field(
+        default_factory=lambda: code_identity()
+    )  # of the code that makes runs
+    motions: tuple[
+        "Motion", ...
+    ] = ()  # of both, where the study's folder is not at hand
+    built: "dict[int, Arch]" = field(
+        default_factory=dict, compare=False
+    )  # so far, by number
 
     def with_motions(self) -> "Plan":
         """Return the plan for workers that do not have the study's folder."""
@@ -141,12 +164,16 @@ class Plan:
         number = len(self.records) + record
         return number, self.first[record].factor * level**self.power, gap
 
-    def ground(self, arch: int, record: int, factor: float) -> "tuple[Motion, float, float]":
+    def ground(
+        self, arch: int, record: int, factor: float
+    ) -> "tuple[Motion, float, float]":
         """Return the motion of a run, the factor on it, and when the record begins in it [s]."""
         motion = self.motion(record)
         if (shock := self.shock(arch, record)) is None:
             return motion, factor, 0.0
-        both = self.motion(shock[0]).scaled(shock[1]).then(motion.scaled(factor), shock[2])
+        both = (
+            self.motion(shock[0]).scaled(shock[1]).then(motion.scaled(factor), shock[2])
+        )
         return both, 1.0, both.metadata["begins"]
 
     def arch(self, number: int) -> "Arch":
@@ -175,12 +202,17 @@ class Plan:
         """Return the digest of each part of the plan, by the name that a message gives it."""
         study = self.study
         parts = {
-            "archfrag": self.identity, "study": study.id,
-            "arches": [[each.entry.parameters, each.chain, *each.shock] for each in self.arches],
+            "archfrag": self.identity,
+            "study": study.id,
+            "arches": [
+                [each.entry.parameters, each.chain, *each.shock] for each in self.arches
+            ],
             "records": [asdict(record) for record in (*self.records, *self.first)],
-            "levels": study.intensity.si, "measure": study.intensity.measure,
-            "method": study.method.model_dump(), "design": study.design.model_dump(mode="json"),
-        }  # fmt: skip
+            "levels": study.intensity.si,
+            "measure": study.intensity.measure,
+            "method": study.method.model_dump(),
+            "design": study.design.model_dump(mode="json"),
+        }
         return {name: digest_of(part) for name, part in parts.items()}
 
     @cached_property
@@ -194,7 +226,9 @@ class Plan:
 
     def keys(self, cases: Cases) -> NDArray[np.bytes_]:
         """Return the identity of each run, by kernels, method, arch, motion and factor, (n,)."""
-        given, stems, keys = f"{self.identity}/{self.digests['method']}", {}, []
+        given = f"{self.identity}/{self.digests['method']}"
+        stems = {}
+        keys = []
         pairs = zip(cases["arch"].tolist(), cases["record"].tolist())
         for pair, factor in zip(pairs, self.factors(cases).astype("<f8")):
             if pair not in stems:
@@ -212,7 +246,8 @@ class Plan:
         """Return the requests of the design by arch, for all runs or one of several batches."""
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
-        design, requests = self.study.design, {}
+        design = self.study.design
+        requests = {}
         # An adaptive design follows from names: other arches and the order of all change nothing.
         seeds, turns = (
             np.array([zlib.crc32(each.id.encode()) for each in group])
@@ -231,7 +266,9 @@ class Plan:
 
 def make_plan(study: StudyKeys) -> Plan:
     """Return the plan of a study whose motions are prepared."""
-    records, first = (tuple(load_prepared(study, name)) for name in ("records", "first"))
+    records, first = (
+        tuple(load_prepared(study, name)) for name in ("records", "first")
+    )
     return Plan(study, study.members, records, first)
 
 
@@ -284,7 +321,9 @@ def read_parts(folder: Path) -> Table:
 
 def joined(parts: Iterable[Table | None]) -> Table:
     """Return rows of several tables in the order of their keys; None stands for a damaged part."""
-    table = np.concatenate([np.zeros(0, ROW), *(part for part in parts if part is not None)])
+    table = np.concatenate(
+        [np.zeros(0, ROW), *(part for part in parts if part is not None)]
+    )
     return table[np.argsort(table["key"], kind="stable")]
 
 
@@ -301,7 +340,8 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
     Returned with their results, and with what the design returned by arch. InputError if results
     are missing.
     """
-    table, found = read_parts(plan.parts), list[NDArray[np.int64]]()
+    table = read_parts(plan.parts)
+    found = list[NDArray[np.int64]]()
 
     def known(cases: Cases) -> Verdicts:
         at = places(table, plan.keys(cases))
@@ -322,7 +362,9 @@ def superfluous(plan: Plan) -> dict[str, list[Path]]:
     """Return the stored parts that a study no longer needs, by reason; no foreign files."""
     found: dict[str, list[Path]] = {}
     requested = None
-    with contextlib.suppress(InputError):  # what it will ask for follows from runs to be made
+    with contextlib.suppress(
+        InputError
+    ):  # what it will ask for follows from runs to be made
         requested = plan.keys(gather(plan)[0])
     for path in sorted(plan.parts.parent.glob("*/*.npy")):
         table = read_part(path)

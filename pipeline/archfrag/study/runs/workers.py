@@ -49,7 +49,9 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
         same = _identity() == plan.identity
     if not same:
         raise WorkerError(f"a worker on {socket.gethostname()} runs {describe_code()}")
-    runs = zip(cases["arch"].tolist(), cases["record"].tolist(), plan.factors(cases).tolist())
+    runs = zip(
+        cases["arch"].tolist(), cases["record"].tolist(), plan.factors(cases).tolist()
+    )
     motions, factors, begins = zip(*(plan.ground(*run) for run in runs))
     method = plan.study.method
     options = method.model_dump(exclude={"name", "delay"})
@@ -75,7 +77,8 @@ class Threads:
 
     def __init__(self, plan: Plan, count: int) -> None:
         self.count = count
-        self._plan, self._made = plan, SimpleQueue[Made | Future]()
+        self._plan = plan
+        self._made = SimpleQueue[Made | Future]()
         self._pool = ThreadPoolExecutor(count)
         self._graphs = ThreadPoolExecutor(count)  # each thread waits for a graph
 
@@ -95,9 +98,12 @@ class Threads:
                 self._made.put(whole)
 
         self._graphs.submit(
-            dask.threaded.get, graph, list(chunks), pool=self._pool,
+            dask.threaded.get,
+            graph,
+            list(chunks),
+            pool=self._pool,
             callbacks=[(None, None, None, keep, None)],  # after each task
-        ).add_done_callback(end)  # fmt: skip
+        ).add_done_callback(end)
         with contextlib.suppress(ImportError):  # distributed is an extra
             for name in NEEDED_LATER:  # kernels leave the GIL to it
                 importlib.import_module(name)
@@ -105,7 +111,9 @@ class Threads:
     def made(self) -> list[Made]:
         """Wait for the next chunk."""
         found: Made | Future | None = None
-        while found is None:  # a signal may come just before a wait, and is heard after it
+        while (
+            found is None
+        ):  # a signal may come just before a wait, and is heard after it
             with contextlib.suppress(Empty):
                 found = self._made.get(timeout=HEARD_WITHIN)
         return [found.result() if isinstance(found, Future) else found]
@@ -125,15 +133,20 @@ class Cluster:
         import dask
         from distributed import as_completed
 
-        self._client, self._name = client, name
+        self._client = client
+        self._name = name
         key = f"plan-{uuid.uuid4().hex}"  # others may use the scheduler too
         with self._worded():
             self._futures = as_completed(with_results=True, loop=client.loop)
             # As bytes, so that neither a scheduler nor a worker without our code ends by them.
             content = pickle.dumps(partial(make_runs, plan.with_motions()))
             # The scheduler keeps this graph: motions are sent anew if their worker is lost.
-            with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-                (self._plan,) = client.get({key: (pickle.loads, content)}, [key], sync=False)
+            with dask.config.set(
+                {"distributed.admin.large-graph-warning-threshold": "1TB"}
+            ):
+                (self._plan,) = client.get(
+                    {key: (pickle.loads, content)}, [key], sync=False
+                )
 
     @property
     def count(self) -> int:
@@ -143,7 +156,9 @@ class Cluster:
 
     def send(self, chunks: dict[Any, Cases]) -> None:
         """Begin with some chunks of runs, by key."""
-        graph = {key: (operator.call, self._plan, chunk) for key, chunk in chunks.items()}
+        graph = {
+            key: (operator.call, self._plan, chunk) for key, chunk in chunks.items()
+        }
         with self._worded():
             self._futures.update(self._client.get(graph, list(graph), sync=False))
 
@@ -175,8 +190,15 @@ class Cluster:
             lost = "workers were killed or ran out of memory again and again"
             raise WorkerError(f"{self._name}: {lost} ({error}); {_GO_ON}") from error
         except (CancelledError, OSError, TimeoutError) as error:
-            raise WorkerError(f"{self._name}: the scheduler is gone; {_GO_ON}") from error
-        except (ImportError, NameError, AttributeError, TypeError) as error:  # of other modules
+            raise WorkerError(
+                f"{self._name}: the scheduler is gone; {_GO_ON}"
+            ) from error
+        except (
+            ImportError,
+            NameError,
+            AttributeError,
+            TypeError,
+        ) as error:  # of other modules
             what = f"{type(error).__name__}: {error}; all workers must have {describe_code()}"
             raise WorkerError(f"a worker failed: {what}; {_GO_ON}") from error
 
@@ -219,12 +241,21 @@ def _client_of(given: str) -> "Client":
         from distributed import Client
     except ImportError:
         how = "which comes with `pip install archfrag[cluster]`"
-        raise WorkerError(f"execution.scheduler: {given} needs distributed, {how}") from None
+        raise WorkerError(
+            f"execution.scheduler: {given} needs distributed, {how}"
+        ) from None
     try:
         # Of a file that is not there dask would wait without end.
         read = given.endswith(".json")
         address = json.loads(Path(given).read_bytes())["address"] if read else given
         return Client(address, timeout=ANSWER_WITHIN, set_as_default=False)
-    except (OSError, TimeoutError, ValueError, RuntimeError, LookupError, TypeError) as error:
+    except (
+        OSError,
+        TimeoutError,
+        ValueError,
+        RuntimeError,
+        LookupError,
+        TypeError,
+    ) as error:
         what = f"{given} cannot be used: {error or type(error).__name__}"
         raise WorkerError(f"execution.scheduler: {what}; {_GO_ON}") from error
