@@ -68,8 +68,7 @@ def follow_joints(model, state, work, where, loss_limit):
     cannot come to bear again, since its gap over its length exceeds `loss_limit`, it has slid off
     or rotated too far: the chain has collapsed.
 
-    Reads: model.length, state, work (contact, face, slide, tangent).
-    Writes: state.
+    Writes: state (bore_face, contact, loss, lost_rotation, lost_since, lost_slip, slide, slip).
     """
     time = state.clock[Clock.TIME]
     collapsed = False
@@ -100,11 +99,7 @@ def follow_joints(model, state, work, where, loss_limit):
 
 @kernel
 def collapse_of(model, state, work, loss_limit):
-    """Find the joint that collapsed: its number or -1, CollapseMode, and time of the loss [s].
-
-    Reads: model.length, state, work (face, tangent).
-    Writes: nothing.
-    """
+    """Find the joint that collapsed: its number or -1, CollapseMode, and time of the loss [s]."""
     found = -1
     how = NO_MODE
     since = math.nan

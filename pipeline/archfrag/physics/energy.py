@@ -23,9 +23,6 @@ def contact_works(state, work):
     """Return the work of the joints in a step: friction, impacts, unexplained [J].
 
     From the relative velocities before the step in ``work.earlier``, after it in `relative`.
-
-    Reads: state (contact, impact, slide), work.
-    Writes: nothing.
     """
     friction = impact = balance_error = 0.0
     hits = False
@@ -168,7 +165,6 @@ def record_calm(model, state, kinetic, where):
 def balance_energy(model, state):
     """Record the energy that no work explains; return the kinetic energy [J].
 
-    Reads: model, state.
     Writes: state.energy.
     """
     energy = state.energy

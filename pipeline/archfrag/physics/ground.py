@@ -189,7 +189,6 @@ def _far_between(grounds, clock, c, start, end):
     after it.
 
     Reads: grounds (far, first, time_step), clock.
-    Writes: nothing.
     """
     middle = before = after = 0.0 * start
     for k in range(width(clock[Clock.TIME])):
@@ -213,8 +212,7 @@ def impulse_between(grounds, clock, start, end):
 
     With it, how the far springing moves relative to the other.
 
-    Reads: grounds, clock.
-    Writes: nothing.
+    Reads: grounds (far, first, horizontal, impulse_x, impulse_y, time_step, vertical), clock.
     """
     x = y = 0.0 * start
     far_x = far_y = before_x = before_y = after_x = after_y = 0.0 * start
@@ -271,7 +269,6 @@ def segment_at(time, grounds):
     """Return the linear piece of the first ground motion that holds `time`.
 
     Reads: grounds (far, first, horizontal, next_break, time_step, vertical).
-    Writes: nothing.
     """
     dt = grounds.time_step[0]
     x = grounds.horizontal
@@ -337,7 +334,6 @@ def end_rest(model, grounds, clock, plus, minus):
     While the springings move apart it does not rest.
 
     Reads: model.gravity, grounds (far, first, horizontal, time_step, vertical), clock.
-    Writes: nothing.
     """
     m = int(clock[Clock.MOTION])
     factor = clock[Clock.FACTOR]

@@ -336,9 +336,6 @@ def find_rest_limit(model, work, problem, sense):
     are those of `problem`. `sense` is 1 for a ground that accelerates towards +x (body force
     towards -x), -1 for the other way. Return the first two and the last of `RestLimit`; its arrays
     are in `problem`.
-
-    Reads: model (friction, gravity, mass), work (normal, point), problem.
-    Writes: problem.
     """
     n_joint = problem.part.shape[0]
     n_body = model.mass.shape[0] - 2

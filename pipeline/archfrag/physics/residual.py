@@ -44,8 +44,7 @@ def _arm(j, k, work):
 def _if_corner(j, k, model, work, scale, force):
     """Return the violation of the laws by a joint taken to bear at one corner (Eqs 5, 6, 20, 23).
 
-    Reads: j, k, model.ray, work (candidate, corner_rate, known, reaction, side_normal).
-    Writes: nothing.
+    Reads: model.ray, work (candidate, corner_rate, known, pivot, point, reaction, side_normal).
     """
     px, py = _arm(j, k, work)
     qx, qy = _arm(j, 1 - k, work)
@@ -88,7 +87,6 @@ def _if_closed(j, model, work, scale, force):
     """Return the violation of the laws by a joint taken to bear at both corners (Eqs 5, 6).
 
     Reads: model.friction, work (corner_rate, known, normal, pivot, point, reaction).
-    Writes: nothing.
     """
     nx = work.normal[j, 0]
     ny = work.normal[j, 1]
@@ -125,9 +123,6 @@ def contact_residual(model, work, scale, force):
 
     From contacts, `candidate`, `known`, velocities of the corners in `corner_rate` and reactions;
     `scale` and `force` count as one in velocity and in force.
-
-    Reads: model (friction, ray), work.
-    Writes: nothing.
     """
     largest = 0.0
     for j in range(work.slide.size):
@@ -165,9 +160,6 @@ def state_residual(model, state, work):
 
     With the faces where the bodies are; contacts, `candidate`, `known` and `corner_rate` are
     overwritten.
-
-    Reads: model (friction, gravity, length, mass, ray), state (position, slip, velocity), work.
-    Writes: work.
     """
     length = model.length
     _move_moments(work, 1.0)

@@ -118,11 +118,7 @@ def no_output(n_body: int, n_joint: int) -> Output:
 
 @kernel
 def write_frame(model, state, work, output):
-    """Write a frame of the present state with the forces in ``work.reaction``, and count it.
-
-    Reads: model, state, work, output.
-    Writes: output.
-    """
+    """Write a frame of the present state with the forces in ``work.reaction``, and count it."""
     frames = output.frames
     n = output.written[0]
     if frames.time.size == 0 or n >= frames.time.size:
@@ -168,7 +164,6 @@ def clear(state):
     """Reset the state and close all joints; keep positions and velocities.
 
     Reads: state.slip.
-    Writes: state.
     """
     for j in range(state.slip.size):
         state.contact[j, 0] = state.contact[j, 1] = state.bore_face[j] = 1.0
@@ -190,8 +185,7 @@ def read_joints(model, state, work):
 
     A joint that is open at both corners has been without contact since time zero.
 
-    Reads: model, state, work.
-    Writes: state.
+    Writes: state (bore_face, contact, loss, lost_rotation, lost_since, lost_slip, slip).
     """
     for j in range(state.slip.size):
         gaps = (
@@ -223,11 +217,7 @@ def read_joints(model, state, work):
 
 @kernel
 def read_state(model, state, work):
-    """Start a run from given positions and velocities; the factor on the motion is kept.
-
-    Reads: model, state, work (face, rotated, tangent).
-    Writes: state, work (face, rotated, tangent, tie).
-    """
+    """Start a run from given positions and velocities; the factor on the motion is kept."""
     factor = state.clock[Clock.FACTOR]
     clock = state.clock
     energy = state.energy
@@ -242,11 +232,7 @@ def read_state(model, state, work):
 
 @kernel
 def begin(model, state, work, motion, factor):
-    """Start a run from rest where the model starts.
-
-    Reads: model, state, work (face, rotated, tangent).
-    Writes: state, work (face, rotated, tangent, tie).
-    """
+    """Start a run from rest where the model starts."""
     for i in range(state.position.shape[0]):
         for c in range(3):
             state.position[i, c] = model.start[i, c]
@@ -287,7 +273,6 @@ def sways_in_rest(model, state, options):
     position would have grown by many powers of ten, so the chain swings about a stable one.
 
     Reads: model.gravity, state.clock, options (follow, still).
-    Writes: nothing.
     """
     calm = state.clock[Clock.TIME] - state.clock[Clock.LIVELY]
     enough = CALM_TIME * options.still / (STILL * model.gravity)
@@ -302,11 +287,7 @@ def _copy_row(values, out, row):
 
 @kernel
 def end_run(model, state, work, options, output, results, row):
-    """Write the results of a run that has ended.
-
-    Reads: model, state, work, options, output.
-    Writes: state, output, results.
-    """
+    """Write the results of a run that has ended."""
     clock = state.clock
     energy = state.energy
     code = int(clock[Clock.CODE])

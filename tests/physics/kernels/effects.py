@@ -1,8 +1,9 @@
 """What kernels read and write, found in their syntax trees, as their docstrings tell it.
 
 An effect is a path from an argument: ``state.clock``, or the argument where it is an array. What a
-kernel hands to another counts as what that does with it.
-``python -m tests.physics.kernels.effects`` writes the two lines into the docstrings of kernels.
+kernel hands to another counts as what that does with it; kernels are known by module and import.
+A docstring names the fields. A line of more than eight would tell nobody anything: it is left out.
+``python -m tests.physics.kernels.effects`` writes the lines into the docstrings of kernels.
 """
 
 import ast
@@ -14,34 +15,52 @@ import archfrag
 
 PACKAGE = Path(archfrag.__file__).parent
 FOLDERS = ("physics", "motions")
-LINES = re.compile(r"\n+ *Reads:.*?(?=\s*$)", re.DOTALL)
-MOST = 6  # fields of one argument that are named; of more the argument is
+LINES = re.compile(r"\n+ *(Reads|Writes):.*?(?=\s*$)", re.DOTALL)
+MOST = 8  # fields that one line names
+WIDTH = 94
 
 
-def kernels():
-    """Functions decorated by `kernel` or `inlined`, by name: file, node, whether inlined."""
+def sources():
+    """Return the text of all modules that may hold kernels, by their dotted names."""
+    paths = [
+        path for name in FOLDERS for path in sorted((PACKAGE / name).rglob("*.py"))
+    ]
+    parts = {
+        path: path.relative_to(PACKAGE.parent).with_suffix("").parts for path in paths
+    }
+    return {".".join(parts[path]): path.read_text(encoding="utf-8") for path in paths}
+
+
+def kernels(texts):
+    """Return the kernels by module and name: node, imported names, whether inlined."""
     found = {}
-    for folder in FOLDERS:
-        for path in sorted((PACKAGE / folder).rglob("*.py")):
-            for node in ast.parse(path.read_text(encoding="utf-8")).body:
-                marks = {
-                    getattr(mark, "id", "")
-                    for mark in getattr(node, "decorator_list", [])
-                }
-                if marks & {"kernel", "inlined"}:
-                    found.setdefault(node.name, []).append(
-                        (path, node, "inlined" in marks)
-                    )
+    for module, text in texts.items():
+        tree = ast.parse(text)
+        imported = {
+            each.asname or each.name: (node.module, each.name)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom)
+            for each in node.names
+        }
+        for node in tree.body:
+            marks = {
+                getattr(mark, "id", "") for mark in getattr(node, "decorator_list", [])
+            }
+            if marks & {"kernel", "inlined"}:
+                found[module, node.name] = node, imported, "inlined" in marks
     return found
 
 
 class Effects(ast.NodeVisitor):
-    """Paths that a kernel reads and writes; `known` are those of the others by name.
+    """Paths that a kernel reads and writes.
 
-    `settled` are these after a first pass: what they neither read nor write there is a number.
+    `known` are those of all kernels by module and name: arguments, reads, writes. `settled` are
+    these after a first pass: what they neither read nor write there is a number.
     """
 
-    def __init__(self, node, known, settled):
+    def __init__(self, key, trees, known, settled):
+        node, self.imported, _ = trees[key]
+        self.module = key[0]
         self.known = known
         self.settled = settled
         self.reads = set()
@@ -50,8 +69,15 @@ class Effects(ast.NodeVisitor):
         for statement in node.body:
             self.visit(statement)
 
+    def kernel_of(self, node):
+        """Return module and name of a function that is called."""
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            return ".".join(self.imported.get(node.value.id, ())), node.attr
+        name = getattr(node, "id", "")
+        return self.imported.get(name, (self.module, name))
+
     def path(self, node):
-        """Path of an expression from an argument; None if it is none."""
+        """Return the path of an expression from an argument; None without one."""
         if isinstance(node, ast.Name):
             return self.paths.get(node.id)
         if isinstance(node, ast.Attribute):
@@ -59,9 +85,7 @@ class Effects(ast.NodeVisitor):
                 return None
             before = self.path(node.value)
             return before and f"{before}.{node.attr}"
-        if isinstance(node, ast.Subscript):
-            return self.path(node.value)
-        return None
+        return self.path(node.value) if isinstance(node, ast.Subscript) else None
 
     def visit_Assign(self, node):
         self.visit(node.value)
@@ -70,11 +94,7 @@ class Effects(ast.NodeVisitor):
 
     def assign(self, target, value):
         if isinstance(target, ast.Tuple):
-            parts = (
-                value.elts
-                if isinstance(value, ast.Tuple)
-                else len(target.elts) * [None]
-            )
+            parts = getattr(value, "elts", len(target.elts) * [None])
             for one, part in zip(target.elts, parts, strict=False):
                 self.assign(one, part)
         elif isinstance(target, ast.Name):
@@ -113,116 +133,87 @@ class Effects(ast.NodeVisitor):
             self.visit(node.value)
 
     def visit_Call(self, node):
-        name = getattr(node.func, "id", getattr(node.func, "attr", ""))
-        given = [self.path(each) for each in node.args]
-        if name in self.known:
-            names, reads, writes = self.known[name]
-            places = dict(zip(names, given, strict=False))
-            for own, theirs in ((self.reads, reads), (self.writes, writes)):
-                for path in theirs:
-                    root, dot, rest = path.partition(".")
-                    if places.get(root):
-                        own.add(f"{places[root]}{dot}{rest}")
-            _, reads, writes = self.settled.get(name, ((), set(names), set()))
-            used = {path.partition(".")[0] for path in reads | writes}
-            numbers = {
-                each
-                for each, root in zip(node.args, names, strict=False)
-                if root not in used
-            }
-            others = [
-                each
-                for each, path in zip(node.args, given, strict=True)
-                if path is None or (isinstance(each, ast.Subscript) and each in numbers)
-            ]
-        else:
-            others = node.args
-        for each in others:
-            self.visit(each)
+        key = self.kernel_of(node.func)
+        if key not in self.known:
+            for each in node.args:
+                self.visit(each)
+            return
+        names, *effects = self.known[key]
+        given = dict(zip(names, map(self.path, node.args), strict=False))
+        for own, theirs in zip((self.reads, self.writes), effects, strict=True):
+            for path in theirs:
+                root, dot, rest = path.partition(".")
+                if given.get(root):
+                    own.add(f"{given[root]}{dot}{rest}")
+        _, reads, writes = self.settled.get(key, ((), set(names), set()))
+        used = {path.partition(".")[0] for path in reads | writes}
+        for each, root in zip(node.args, names, strict=False):
+            number = isinstance(each, ast.Subscript) and root not in used
+            if number or self.path(each) is None:
+                self.visit(each)
 
 
-def all_effects():
-    """Effects of all kernels by name: arguments, what is read, what is written."""
-    return _effects(_effects({}))
+def all_effects(trees):
+    """Return the effects of all kernels: arguments, what is read, what is written."""
+    return _effects(trees, _effects(trees, {}))
 
 
-def _effects(settled):
-    trees = kernels()
+def _effects(trees, settled):
     known = {
-        name: ([each.arg for each in found[0][1].args.args], set(), set())
-        for name, found in trees.items()
+        key: ([each.arg for each in node.args.args], set(), set())
+        for key, (node, *_) in trees.items()
     }
     changed = True
     while changed:
         changed = False
-        for name, found in trees.items():
-            for _, node, _ in found:
-                effects = Effects(node, known, settled)
-                names, reads, writes = known[name]
-                if not (effects.reads <= reads and effects.writes <= writes):
-                    known[name] = names, reads | effects.reads, writes | effects.writes
-                    changed = True
+        for key in trees:
+            found = Effects(key, trees, known, settled)
+            _, reads, writes = known[key]
+            changed |= not (found.reads <= reads and found.writes <= writes)
+            reads |= found.reads
+            writes |= found.writes
     return known
 
 
-def told(paths, names):
-    """Tell paths by argument, all of whose fields are named if they are few."""
-    parts = []
-    for name in names:
-        own = sorted(
-            {path.partition(".")[2] for path in paths if path.split(".")[0] == name}
-        )
-        if own == [""] or len(own) > MOST:
-            parts.append(name)
-        elif own:
-            own = [each for each in own if each]
-            parts.append(
-                f"{name}.{own[0]}" if len(own) == 1 else f"{name} ({', '.join(own)})"
-            )
-    return ", ".join(parts)
-
-
-def lines_of(name, known):
-    """Return the two lines of a kernel; of one that has no effect, none."""
-    names, reads, writes = known[name]
-    structs = {path.split(".")[0] for path in reads | writes}
-    if not structs:
-        return []
-    found = []
+def lines_of(names, reads, writes):
+    """Return the lines of a kernel: fields by argument, none where there are too many."""
+    lines = []
     for word, paths in (("Reads", reads), ("Writes", writes)):
-        text = f"{word}: {told(paths, names) or 'nothing'}."
-        if len(text) > 94:
-            roots = {path.split(".")[0] for path in paths}
-            text = f"{word}: {', '.join(each for each in names if each in roots)}."
-        found.append(text)
-    return found
+        parts = []
+        for name in names:
+            fields = sorted(
+                path.partition(".")[2] for path in paths if path.split(".")[0] == name
+            )
+            fields = [each for each in fields if each]
+            several = f"{name} ({', '.join(fields)})" if fields else name
+            if name in paths or fields:
+                parts.append(f"{name}.{fields[0]}" if len(fields) == 1 else several)
+        text = f"{word}: {', '.join(parts)}."
+        if parts and len(paths) <= MOST and len(text) <= WIDTH:
+            lines.append(text)
+    return lines
 
 
 def write():
     """Write the lines into the docstrings."""
-    known = all_effects()
-    for path in sorted(
-        p for folder in FOLDERS for p in (PACKAGE / folder).rglob("*.py")
-    ):
-        text = path.read_text(encoding="utf-8")
+    texts = sources()
+    trees = kernels(texts)
+    known = all_effects(trees)
+    for module, text in texts.items():
         lines = text.split("\n")
-        edits = []
-        for node in ast.parse(text).body:
-            marks = {
-                getattr(mark, "id", "") for mark in getattr(node, "decorator_list", [])
-            }
-            if "kernel" in marks and ast.get_docstring(node) is not None:
-                edits.append((node.body[0].value, lines_of(node.name, known)))
-        for doc, told_lines in reversed(edits):
+        own = [(*trees[key], key) for key in trees if key[0] == module]
+        for node, _, inlined, key in sorted(own, key=lambda each: -each[0].lineno):
+            if inlined or ast.get_docstring(node) is None:
+                continue
+            doc = node.body[0].value
             body = LINES.sub("", doc.value).rstrip()
-            if told_lines:
-                body += (
-                    "\n\n" + "\n".join(f"    {each}" for each in told_lines) + "\n    "
-                )
-            elif "\n" in body:
-                body += "\n    "
-            new = f'    """{body}"""'.split("\n")
-            lines[doc.lineno - 1 : doc.end_lineno] = new
+            told = "".join(f"\n    {each}" for each in lines_of(*known[key]))
+            body += f"\n{told}" if told else ""
+            end = "\n    " if "\n" in body or len(body) > WIDTH - 5 else ""
+            lines[doc.lineno - 1 : doc.end_lineno] = f'    """{body}{end}"""'.split(
+                "\n"
+            )
+        path = PACKAGE.parent.joinpath(*module.split(".")).with_suffix(".py")
         path.write_text("\n".join(lines), encoding="utf-8")
 
 

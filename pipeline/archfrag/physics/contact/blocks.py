@@ -230,7 +230,6 @@ def factorise(model, work, compliance):
 def set_up(model, position, work, compliance, first):
     """Set rows and factorise them from joint `first` on, in one sweep.
 
-    Reads: model (inverse_inertia, inverse_mass, ray), position, work.
     Writes: work (block, column, lower, row, upper).
     """
     for j in range(first, work.slide.shape[0]):
@@ -265,7 +264,6 @@ def _add_reaction(j, of, model, position, work):
 def add_reactions(model, position, work):
     """Add the multipliers in ``work.unknown`` to reactions and velocities.
 
-    Reads: model, position, work.
     Writes: work (reaction, solved).
     """
     out = work.unknown
@@ -277,7 +275,6 @@ def add_reactions(model, position, work):
 def substitute(model, position, work, where):
     """Add the multipliers that remove the residual to reactions and velocities.
 
-    Reads: model (inverse_inertia, inverse_mass), position, work.
     Writes: work (reaction, solved, unknown).
     """
     f = work.block
@@ -323,7 +320,6 @@ def measure_residual(position, work):
 
     ``work.relative``, ``work.corner_rate`` and ``work.residual`` are overwritten.
 
-    Reads: position, work.
     Writes: work (corner_rate, relative, residual).
     """
     relative_velocity(position, work.solved, work.pivot, work.relative)
@@ -373,7 +369,6 @@ def correct(model, position, work, enough):
 
     Returns the largest velocity left along a constrained direction; nan where a pivot vanishes.
 
-    Reads: model (inverse_inertia, inverse_mass), position, work.
     Writes: work (corner_rate, reaction, relative, residual, solved, unknown).
     """
     for i in range(position.shape[0]):
@@ -403,9 +398,6 @@ def solve_modes(model, position, work, scale, precision, first):
     From contacts and velocities without reactions in ``work.free``, the largest relative one of
     which is `scale`; `solved`, `reaction`, `relative` and `corner_rate` are overwritten.
     The joints before `first` are set up as they are. Returns what `correct` does.
-
-    Reads: model (inverse_inertia, inverse_mass, ray), position, work, precision.left.
-    Writes: work.
     """
     set_up(model, position, work, precision.compliance, first)
     return correct(model, position, work, precision.left * scale)

@@ -144,7 +144,7 @@ def functions_if_closed(j, model, work, value, target):
     """Write normal forces at both corners, then Coulomb's limits of either sense, or the slip
     rate.
 
-    Reads: model.friction, work.
+    Reads: model.friction, work (corner_rate, known, normal, pivot, point, reaction, slide).
     Writes: value, target.
     """
     nx = work.normal[j, 0]
@@ -170,7 +170,6 @@ def functions_if_corner(j, model, work, value, target):
     """Write margins of the cones about both normals, or force and slip rate; then the other
     corner.
 
-    Reads: model.ray, work.
     Writes: value, target.
     """
     k = 0 if work.contact[j, 0] > 0.5 else 1

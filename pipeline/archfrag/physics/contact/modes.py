@@ -99,7 +99,6 @@ def ask_modes(model, work, slack, slack_force):
     The modes asked for are left in ``work.asked_contact`` and ``work.asked_slide``. `slack` and
     `slack_force` of a law count as kept, in velocity and in force.
 
-    Reads: model (friction, ray), work.
     Writes: work (asked_contact, asked_slide).
     """
     changed = False
@@ -181,7 +180,6 @@ def largest_force(work):
     """Return the largest component of a reaction; one if there are no reactions.
 
     Reads: work.reaction.
-    Writes: nothing.
     """
     largest = 0.0
     for j in range(work.slide.shape[0]):
@@ -234,9 +232,6 @@ def solve_contact(model, position, work, live, iterations, ahead, precision):
     calls before included. Where `ahead` is larger than -1, a step in which a corner closes, or so
     many of the times for which its bias stands later, is refused after the first one.
     Returns the masks solved, refused and active (those that go on), and iterations.
-
-    Reads: model, position, work, precision.
-    Writes: work.
     """
     scale = velocity_scale(position, work)
     n_joint = work.slide.shape[0]

@@ -143,9 +143,6 @@ def piece_functions(position, work, path, tau, value):
 
     Into `value`, inf where there is no function, and into ``path.target`` the mode on the other
     side of each one's zero. Returned is nan where a pivot vanishes.
-
-    Reads: position, work, path.
-    Writes: work, path.target, value.
     """
     _set_problem(work, path, 1.0 - tau)
     left = blocks.correct(path.model, position, work, np.inf)
@@ -189,7 +186,6 @@ def set_start(position, work, path, scale):
     one opens, and what slides does so against its friction. Sizes grow along the chain: equal
     ones would let several joints change their modes at one tau.
 
-    Reads: position, work, path.
     Writes: work (column, reaction, relative, row, solved, unknown), path (opening, push).
     """
     model = path.model
@@ -234,7 +230,6 @@ def direction_after(path, j, mode, left):
     `mode` is the joint's new one, `left` the one it left; zero where no function leads back.
 
     Reads: path (at_end, at_start, target).
-    Writes: nothing.
     """
     direction = 0.0
     for f in range(N_FUNCTION):
@@ -264,7 +259,6 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
     """Find the break at which a corner of an open joint closes: both functions are zero.
 
     Reads: work (known, side_normal), path (at_end, at_start, target).
-    Writes: nothing.
     """
     far = -np.inf
     chosen = -1
@@ -288,11 +282,7 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
 
 @kernel
 def next_break(work, path, tau, direction, crossed):
-    """Find the next break of the path; `crossed` has joint and former mode of the last one.
-
-    Reads: work, path, crossed.
-    Writes: nothing.
-    """
+    """Find the next break of the path; `crossed` has joint and former mode of the last one."""
     first = NO_BREAK
     for j in range(work.slide.size):
         left = crossed[1] if j == crossed[0] else -1
@@ -317,9 +307,6 @@ def follow_path(position, work, path, scale, compliance):
     """Follow the solution from the present modes to the problem's own modes, into `work`.
 
     `compliance` of the contact rows is relative. Returned: how many breaks were met.
-
-    Reads: position, work, path.
-    Writes: work, path (at_end, at_start, opening, push, target).
     """
     set_start(position, work, path, scale)
     tau = 0.0
@@ -399,9 +386,6 @@ def solve_by_path(model, position, work, path, exact):
     other by the square of their size, and of the many combinations that leave one of them open by
     1e-10 m rounding finds none. Returns solved, compliant, linear problems solved by the
     iteration on modes, and breaks of the paths followed.
-
-    Reads: model (friction, inverse_inertia, inverse_mass, ray, tie), position, work, path.
-    Writes: work, path.
     """
     scale = velocity_scale(position, work)
     push_by_ties(model, work, work.free, 1.0)  # on a path ties pull as before
@@ -454,9 +438,6 @@ def solve_with_fallback(model, state, work, path):
     """Solve a posed contact problem along paths, the first from the state's own modes.
 
     Returns solved, and compliant where the solution is that of slightly compliant joints.
-
-    Reads: model, state, work, path.
-    Writes: state.count, work, path.
     """
     count = state.count
     copy_modes(state, work)

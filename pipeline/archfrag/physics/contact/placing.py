@@ -163,8 +163,7 @@ def place_chain(model, position, joints, least, slip, work):
     measured at the corner that touches, or at the nearer one; below `least` of the joint's length
     there is none.
 
-    Reads: model, position, joints, slip, work.
-    Writes: slip, work.
+    Writes: slip, work (face, normal, pivot, point, rotated, side_normal, tangent).
     """
     move_faces(model, position, work.rotated, work.face, work.tangent)
     for j in range(slip.shape[0]):

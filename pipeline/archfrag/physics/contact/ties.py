@@ -51,7 +51,6 @@ def tie_stretch(model, t, position):
     """Return the elongation of a tie [m].
 
     Reads: model.tie, position.
-    Writes: nothing.
     """
     _, _, px, py, qx, qy = _ends(model, t, position)
     length = math.sqrt((qx - px) * (qx - px) + (qy - py) * (qy - py))
@@ -205,7 +204,6 @@ def aim_ties(model, state, work, step, ahead):
 def release_ties(model, work):
     """Let ties have no impulse in the next contact problem: an impact, or accelerations.
 
-    Reads: nothing.
     Writes: work.tie.
     """
     for t in range(model.tie.shape[0]):
@@ -305,11 +303,7 @@ def _solve_impulses(model, work):
 
 @kernel
 def solve_with_ties(model, position, work, scale, precision, first):
-    """Solve the contact problem in the present modes (`solve_modes`), with the impulses of ties.
-
-    Reads: model (inverse_inertia, inverse_mass, ray, tie), position, work, precision.left.
-    Writes: work.
-    """
+    """Solve the contact problem in the present modes (`solve_modes`), with the impulses of ties."""
     left = blocks.solve_modes(model, position, work, scale, precision, first)
     n = model.tie.shape[0]
     n_row = position.shape[0]

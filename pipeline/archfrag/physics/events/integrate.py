@@ -191,11 +191,7 @@ def begin_motion(run, mega, segment):
 
 @kernel
 def recover_reactions(run, mega, position, velocity, ground):
-    """Recover all voussoirs and their reactions; return whether the first level has a solution.
-
-    Reads: run, mega, position, velocity, ground.
-    Writes: run, mega.
-    """
+    """Recover all voussoirs and their reactions; return whether the first level has a solution."""
     state = run.state
     work = run.work
     if not solve_first_level(mega, position, velocity, ground, run.motion.acceleration):
@@ -214,11 +210,7 @@ def recover_reactions(run, mega, position, velocity, ground):
 
 @kernel
 def write_step(run, mega, start, step, shown, ground, output):
-    """Write frames that are due in a step until it is `shown`, from its dense output.
-
-    Reads: run, mega, ground, output.
-    Writes: run, mega, output.
-    """
+    """Write frames that are due in a step until it is `shown`, from its dense output."""
     clock = run.state.clock
     now = run.state.clock[Clock.TIME]
     position = mega.next_position

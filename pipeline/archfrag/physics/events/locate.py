@@ -196,7 +196,6 @@ def find_margins(motion, mega, position, velocity, ground):
 
     Its joint and law are left in ``motion.trigger``.
 
-    Reads: motion, mega, position, velocity, ground.
     Writes: motion (gap, trigger, value), mega.inner_reaction.
     """
     value = motion.value
@@ -220,11 +219,7 @@ def find_margins(motion, mega, position, velocity, ground):
 
 @kernel
 def margins_at(motion, mega, part, step, ground):
-    """Return the smallest margin at a part of a step; nan without a solution.
-
-    Reads: motion, mega, ground (far_x, far_y, slope_x, slope_y, x, y).
-    Writes: motion (gap, trigger, value), mega.
-    """
+    """Return the smallest margin at a part of a step; nan without a solution."""
     position = mega.next_position
     velocity = mega.next_velocity
     runge_kutta.dense_state(motion.stages, part, position, velocity)
@@ -238,7 +233,6 @@ def margins_at(motion, mega, part, step, ground):
 def _gap_at(motion, mega, part, k, c):
     """Return the gap of a corner at a part of a step, from positions alone [m].
 
-    Reads: motion (stages.dense_position, stages.dense_velocity), mega.
     Writes: mega (next_position, next_velocity, work.face, work.rotated, work.tangent).
     """
     work = mega.work
@@ -281,11 +275,7 @@ def closed_inside(motion, mega, step):
 
 @kernel
 def _margin_at(motion, mega, part, step, ground, joint, law):
-    """Return the margin of one law at a part of a step.
-
-    Reads: motion, mega, ground (far_x, far_y, slope_x, slope_y, x, y).
-    Writes: motion (gap, trigger, value), mega.
-    """
+    """Return the margin of one law at a part of a step."""
     if law not in (GAP_0, GAP_1):
         least = margins_at(motion, mega, part, step, ground)
         return least if np.isnan(least) else motion.value[joint, law]

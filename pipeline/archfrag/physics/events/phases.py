@@ -84,11 +84,7 @@ def _set_cause(run, cause, joint):
 
 @kernel
 def impact(run):
-    """Solve for velocities after an impact (Eqs 8, 9, 11, 21).
-
-    Reads: run.
-    Writes: run.
-    """
+    """Solve for velocities after an impact (Eqs 8, 9, 11, 21)."""
     trigger = run.motion.trigger
     joint = -1
     corner = -1
@@ -109,11 +105,7 @@ def impact(run):
 
 @kernel
 def modes_of_accelerations(run):
-    """Find the contact modes from now on (Eqs 15-19, 29-35).
-
-    Reads: run.
-    Writes: run.
-    """
+    """Find the contact modes from now on (Eqs 15-19, 29-35)."""
     trigger = run.motion.trigger
     if run.progress[Progress.SWITCH] == BY_ACCUMULATION:
         return ALL_VOUSSOIRS
@@ -135,11 +127,7 @@ def modes_of_accelerations(run):
 
 @kernel
 def assemble_mega_voussoirs(run, output):
-    """Assemble mega-voussoirs of the present modes (section 3.3).
-
-    Reads: run, output (log, log.time, written).
-    Writes: run, output (log.cause, log.joint, log.mode, log.model, log.time, written).
-    """
+    """Assemble mega-voussoirs of the present modes (section 3.3)."""
     model = run.model
     state = run.state
     work = run.work
@@ -185,11 +173,7 @@ def assemble_mega_voussoirs(run, output):
 
 @kernel
 def integrate_to_next_event(run, output):
-    """Integrate mega-voussoirs until the next event (section 3.5).
-
-    Reads: run, output (due, frames, frames.time, interval, written).
-    Writes: run, output.
-    """
+    """Integrate mega-voussoirs until the next event (section 3.5)."""
     model = run.model
     state = run.state
     work = run.work
@@ -255,11 +239,7 @@ def impact_or_mechanism_change(run):
 
 @kernel
 def go_on(run, output, phase):
-    """Go from event to event, phase by phase, until another kind of phase is due.
-
-    Reads: run, output.
-    Writes: run, output.
-    """
+    """Go from event to event, phase by phase, until another kind of phase is due."""
     while phase <= UPON_EVENT:
         if phase == IMPACT:
             phase = impact(run)
@@ -308,11 +288,7 @@ def step_until(run, until, output):
 
 @kernel
 def step_all_voussoirs(run, output):
-    """Step all voussoirs for a while after events accumulate or a mechanism is not found.
-
-    Reads: run, output.
-    Writes: run, output.
-    """
+    """Step all voussoirs for a while after events accumulate or a mechanism is not found."""
     model = run.model
     state = run.state
     work = run.work
@@ -361,11 +337,7 @@ def step_all_voussoirs(run, output):
 
 @kernel
 def rest_if_still(run, output):
-    """Rest until the ground moves the chain, if the chain stays at rest now.
-
-    Reads: run, output (frames, frames.time, log, log.time, written).
-    Writes: run, output.
-    """
+    """Rest until the ground moves the chain, if the chain stays at rest now."""
     state = run.state
     rests = run.state.count[Count.RESTS]
     model = run.model
@@ -395,11 +367,7 @@ def leave_rest(run, code, output):
 
 @kernel
 def follow_phases(run, at_rest, output, results, row):
-    """Run from beginning to end, phase by phase.
-
-    Reads: run, output, results.peak.
-    Writes: run, output, results.
-    """
+    """Run from beginning to end, phase by phase."""
     model = run.model
     state = run.state
     work = run.work

@@ -114,7 +114,6 @@ def sliding_rate(j, position, velocity, work):
     there.
 
     Reads: position, velocity, work (contact, normal, point, side_normal, slide).
-    Writes: nothing.
     """
     nx, ny, px, py = contact_of(j, work)
     ux, uy = corner_rate_at(j, px, py, position, velocity)
@@ -125,7 +124,6 @@ def sliding_rate(j, position, velocity, work):
 def keep_stage(mega, stages, stage, position, velocity, ground):
     """Store the last solution of the first level as a stage of the step.
 
-    Reads: mega, position, velocity, ground.
     Writes: mega.work.solved, stages (acceleration, power, velocity).
     """
     work = mega.work

@@ -58,8 +58,7 @@ SOONEST = 1e-9
 def place_voussoirs(model, state, work):
     """Place faces and contacts of all joints where the voussoirs are.
 
-    Reads: model, state, work.
-    Writes: state.slip, work.
+    Writes: state.slip, work (face, normal, pivot, point, rotated, side_normal, tangent).
     """
     placing.place_chain(model, state.position, state, TOUCHING, state.slip, work)
 
@@ -278,9 +277,6 @@ def solve_posed(model, state, work, path):
     """Solve the problem that is posed, along solution paths where its modes go round in circles.
 
     Returns whether it is solved.
-
-    Reads: model, state, work, path.
-    Writes: state.count, work, path.
     """
     count = state.count
     copy_modes(work, path)

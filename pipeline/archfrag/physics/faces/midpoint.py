@@ -123,11 +123,7 @@ def _place_joint(j, model, work, own):
 
 @kernel
 def pose_step(model, runs, impulse, step):
-    """Move the chain to the middle of a step, and set up the gaps there.
-
-    Reads: model, runs, impulse.
-    Writes: runs.
-    """
+    """Move the chain to the middle of a step, and set up the gaps there."""
     state = runs.state
     work = runs.work
     own = runs.own
@@ -302,11 +298,7 @@ def remember(j, model, faces, runs, times, where):
 
 @kernel
 def record_joints(model, faces, runs, step, where):
-    """Remember joints at the end of a solved step, and record their work; modes go into `work`.
-
-    Reads: faces (delay, points, shear, stiffness), runs.
-    Writes: runs.
-    """
+    """Remember joints at the end of a solved step, and record their work; modes go into `work`."""
     memory = runs.memory
     work = runs.work
     relative_velocity(work.position, work.solved, work.pivot, work.relative)
@@ -350,9 +342,6 @@ def accept_step(model, state, work, impulse, where, loss_limit):
     """Accept solved velocities and the positions that they reach; return collapsed, broken.
 
     ``work.reaction`` goes from impulses into the mean forces over the step.
-
-    Reads: model, state, work, impulse (x, y).
-    Writes: state, work (face, reaction, rotated, tangent, tie).
     """
     clock = state.clock
     step = state.clock[Clock.STEP]

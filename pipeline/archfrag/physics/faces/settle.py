@@ -95,9 +95,6 @@ def longest_step(chain: Chain) -> float:
 def settle(model, faces, runs, period, limit):
     """Bring a chain from where it is to equilibrium under its weight: it rests, falls or moves on
     after the most steps.
-
-    Reads: model, faces (points, shear, stiffness), runs.
-    Writes: runs.
     """
     state = runs.state
     work = runs.work
@@ -158,7 +155,7 @@ def _settled(chain: Chain) -> tuple[Model, Faces] | Status:
     stiffness, shear, points = (
         joint[k] for k in (Joint.STIFFNESS, Joint.SHEAR, Joint.POINTS)
     )
-    rest = np.zeros((zeros.size, 3)), zeros, zeros, 0.0, 0.0
+    rest = np.zeros((zeros.size, 3)), zeros, zeros.copy(), 0.0, 0.0
     faces: Any = Faces(stiffness.copy(), shear.copy(), *rest, float(points[0]))
     runs = new_runs(model)
     runs.state.position[:] = model.start

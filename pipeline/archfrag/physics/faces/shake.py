@@ -73,9 +73,6 @@ def try_step(scene, runs, live):
     """Pose the next step of every run and find its velocities; return impulse, solved.
 
     The step of a run that is not solved is halved.
-
-    Reads: scene, runs.
-    Writes: runs.
     """
     model = scene.model
     state = runs.state
@@ -156,11 +153,7 @@ def _go_on(scene, state, until, solved, collapsed, broken):
 
 @kernel
 def step_four(scene, runs):
-    """Step four runs until one ends; the reason is in ``state.clock[Clock.CODE]``.
-
-    Reads: scene, runs.
-    Writes: runs.
-    """
+    """Step four runs until one ends; the reason is in ``state.clock[Clock.CODE]``."""
     state = runs.state
     clock = runs.state.clock
     until = end_of_motion(scene.grounds, clock, scene.options.follow)
@@ -179,11 +172,7 @@ def step_four(scene, runs):
 
 @kernel
 def run_one(scene, runs, factor, output, results):
-    """Move one run to its end, with its history.
-
-    Reads: scene, runs, output.
-    Writes: runs, output.
-    """
+    """Move one run to its end, with its history."""
     model = scene.model
     state = runs.state
     work = runs.work
@@ -254,11 +243,7 @@ def _next_run(scene, one, jobs):
 
 @kernel
 def run_four(scene, four, one, jobs, output, results):
-    """Make many runs from rest, four at a time.
-
-    Reads: scene, four, one, jobs (factor, motion, runs, upcoming), output.
-    Writes: four, one, jobs (runs, upcoming), output, results.
-    """
+    """Make many runs from rest, four at a time."""
     running = 0
     for number in range(LANES):
         jobs.runs[number] = _next_run(scene, one, jobs)

@@ -188,9 +188,6 @@ def balance(model, faces, work, own, step, b):
 
     Returns the square of what is not balanced, over masses, and the slope of the energy along
     ``own.change``.
-
-    Reads: model, faces, work, own.
-    Writes: work.reaction, own.
     """
     n_joint = work.slide.shape[0]
     last = work.solved.shape[0] - 1
@@ -274,9 +271,6 @@ def find_velocities(model, faces, runs, step, b, balanced, live):
     What is not balanced of accelerations is at most `balanced`, over gravity. Velocities are those
     that the impulses give to the bodies, so that momentum is balanced to rounding. Returns the
     mask of the runs that are solved, and their iterations.
-
-    Reads: model, faces, runs.
-    Writes: runs.
     """
     state = runs.state
     work = runs.work

@@ -26,8 +26,6 @@ from archfrag.physics.kernels.structs import class_of, fields_of, name_of, words
 _WORD = ir.IntType(64)
 _DOUBLE = ir.DoubleType()
 _INDEX = ir.IntType(32)
-# Arrays of this name are the same memory in several structs.
-SHARED = "tie"
 _VECTOR = ir.VectorType(_DOUBLE, LANES)
 _BITS = ir.VectorType(ir.IntType(1), LANES)
 
@@ -217,9 +215,7 @@ class StructType(types.Type):
     def __init__(self, description: Any) -> None:
         self.fields = {}
         found = fields_of(description)
-        arrays = tuple(
-            name for name, of, *_ in found if of[0] == "array" and name != SHARED
-        )
+        arrays = tuple(name for name, of, *_ in found if of[0] == "array")
         for name, of, shape, place in found:
             kind = type_of(of)
             if name in arrays:

@@ -8,6 +8,7 @@ array, and those of its sizes that are not constants of the class.
 
 import functools
 import importlib
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -132,11 +133,26 @@ def _describe_struct(value: Any) -> Any:
 def _table(value: Any) -> Any:
     """Return the table of a struct, which is made at the first use and kept with the struct."""
     fields = fields_of(value.description)
+    _refuse_shared(value)
     _, last, shape, place = fields[-1]
     table = np.zeros(place + words_of(last, shape), np.int64)
     for (_, of, shape, place), entry in zip(fields, value, strict=True):
         _fill(table, place, of, shape, entry)
     return table
+
+
+def _refuse_shared(value: Any) -> None:
+    """Raise ValueError if two arrays of a struct share memory; LLVM takes them as separate."""
+    ends = sorted(
+        (np.lib.array_utils.byte_bounds(entry), name)
+        for name, entry in zip(value._fields, value)
+        if isinstance(entry, np.ndarray) and entry.size
+    )
+    for ((_, end), one), ((start, _), other) in itertools.pairwise(ends):
+        if start < end:
+            raise ValueError(
+                f"{one} and {other} of a {type(value).__name__} share memory"
+            )
 
 
 def _fill(table: Any, place: int, of: Any, shape: tuple[int, ...], entry: Any) -> None:

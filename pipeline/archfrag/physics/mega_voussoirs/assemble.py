@@ -238,11 +238,7 @@ def _place_joints(model, contact, slide, slip, mega):
 
 @kernel
 def assemble(model, contact, slide, slip, mega):
-    """Set masses and faces of the mega-voussoirs, `mega`, for given contact modes and slips.
-
-    Reads: model, contact, slide, slip, mega.
-    Writes: mega.
-    """
+    """Set masses and faces of the mega-voussoirs, `mega`, for given contact modes and slips."""
     _group(model, contact, slide, mega)
     _place_at_rest(model, slip, mega)
     _sum_masses(model, mega)
@@ -270,7 +266,6 @@ def gather_state(model, position, velocity, mega):
     Centre of mass, momentum and moment of momentum are kept; the rotation is that of the first
     voussoir. Place and velocity of the far springing are taken over.
 
-    Reads: model, position, velocity, mega.
     Writes: mega (next_position, next_velocity, position, velocity).
     """
     end = mega.count[0] + 1
@@ -344,7 +339,6 @@ def farthest_move(model, old, new):
     """Return the largest move of any voussoir, with rotations times the joints' length [m].
 
     Reads: model.length, old, new.
-    Writes: nothing.
     """
     farthest = 0.0
     for i in range(1, old.shape[0] - 1):

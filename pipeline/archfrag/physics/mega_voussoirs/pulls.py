@@ -27,7 +27,6 @@ def pull_mega_voussoirs(mega, position, velocity):
 
     Elongations are left in ``mega.stretch``, forces on voussoirs in ``mega.pull``.
 
-    Reads: mega, position, velocity.
     Writes: mega (pull, stretch, work.free).
     """
     tie = mega.model.tie

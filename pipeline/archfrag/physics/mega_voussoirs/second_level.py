@@ -65,7 +65,6 @@ def solve_second_level(model, mega, position, velocity, ground, per_weight, valu
     voussoirs, `position` and `velocity` are those of the mega-voussoirs; forces are multiplied by
     `per_weight` [1/N]. ``mega.inner_reaction`` is overwritten.
 
-    Reads: model (friction, gravity, inertia, mass), mega, position, velocity, ground.
     Writes: mega.inner_reaction, value.
     """
     n_row = mega.group.size
@@ -126,7 +125,6 @@ def solve_second_level(model, mega, position, velocity, ground, per_weight, valu
 def joint_reactions(mega, work):
     """Set the reactions of all joints after both levels, about the pivots of `work`.
 
-    Reads: mega, work.pivot.
     Writes: work.reaction.
     """
     k = 0

@@ -73,9 +73,6 @@ def time_to_impact(model, state, work, shortest, ahead):
     """Return the time from now at which the first corner that asks to close will close [s].
 
     Returns step and time ahead where no corner does.
-
-    Reads: model.rounding, state (clock, velocity), work.
-    Writes: nothing.
     """
     step = state.clock[Clock.STEP]
     latest = step + ahead
@@ -111,9 +108,6 @@ def errors_of_step(model, state, work, tolerance):
     """Return where a solved step closes a corner, and where its energy error is too large.
 
     A slip that ends inside a long step sticks until its end, held by a friction that made energy.
-
-    Reads: model (inertia, mass), state (contact, energy, impact, slide), work.
-    Writes: nothing.
     """
     closes = False
     for j in range(state.slip.shape[0]):
@@ -134,7 +128,6 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
     Reactions of the last step may be wrong for the time before an impact, as they are where joints
     open instead: such a step is made again without.
 
-    Reads: model (inertia, mass), state (clock, contact, energy, force, impact, slide), work.
     Writes: state.force, work.reaction.
     """
     carries = False
@@ -161,7 +154,6 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
 def expect_impact(model, state, work, options, solved):
     """Update the expected time of an impact in the step that leads up to it.
 
-    Reads: model.rounding, state (clock, velocity), work, options.time_step.
     Writes: state.clock.
     """
     clock = state.clock

@@ -25,9 +25,6 @@ def creep(model, state, work, path, step, loss_limit):
 
     Returns whether its contact problem is solved, the largest displacement of a centroid in it
     [m], and whether a joint has lost its contact for good.
-
-    Reads: model, state, work, path.
-    Writes: state, work, path.
     """
     end = state.position.shape[0] - 1
     for i in range(1, end):

@@ -52,9 +52,6 @@ def try_step(model, grounds, state, work, options, live):
 
     Returns impulse, solved, unsolved. What is neither has been shortened, or its modes go on
     changing in the next call.
-
-    Reads: scene, runs.
-    Writes: runs.
     """
     clock = state.clock
     step = clock[Clock.STEP]
@@ -86,11 +83,7 @@ def try_step(model, grounds, state, work, options, live):
 
 @kernel
 def step_four(model, grounds, state, work, options):
-    """Step four runs until one waits; the reason is in ``state.clock[Clock.CODE]``.
-
-    Reads: scene, runs.
-    Writes: runs.
-    """
+    """Step four runs until one waits; the reason is in ``state.clock[Clock.CODE]``."""
     clock = state.clock
     until = end_of_motion(grounds, clock, options.follow)
     waits = False
@@ -112,11 +105,7 @@ def step_four(model, grounds, state, work, options):
 
 @kernel
 def step_one(model, grounds, state, work, options, output):
-    """Step one run with its history; as `step_four`.
-
-    Reads: model, grounds, state, work, options, output.
-    Writes: grounds, state, work (face, reaction, rotated, tangent, tie), output.
-    """
+    """Step one run with its history; as `step_four`."""
     clock = state.clock
     until = end_of_motion(grounds, clock, options.follow)
     while clock[Clock.CODE] == shared.GO:
@@ -134,11 +123,7 @@ def step_one(model, grounds, state, work, options, output):
 
 @kernel
 def finish_one(model, grounds, state, work, path, options, output, results, row):
-    """Move one run to its end.
-
-    Reads: model, grounds, state, work, path, options, output.
-    Writes: grounds, state, work, path, output, results.
-    """
+    """Move one run to its end."""
     code = int(state.clock[Clock.CODE])
     while code == shared.GO:
         step_one(model, grounds, state, work, options, output)
@@ -150,11 +135,7 @@ def finish_one(model, grounds, state, work, path, options, output, results, row)
 
 @kernel
 def start_at_rest(model, grounds, state, work, path, options, output):
-    """Let the chain rest in its own geometry until the ground moves it.
-
-    Reads: model, grounds, state, work, path, options, output.
-    Writes: state, work, path, output.
-    """
+    """Let the chain rest in its own geometry until the ground moves it."""
     shared.begin(model, state, work, 0, state.clock[Clock.FACTOR])
     service.write_rest(model, grounds, state, work, path, output)
     state.clock[Clock.CODE] = service.rest_until_onset(
@@ -164,11 +145,7 @@ def start_at_rest(model, grounds, state, work, path, options, output):
 
 @kernel
 def start_given(model, state, work, options, output):
-    """Start from the positions and velocities of a given state.
-
-    Reads: model, state, work, options, output.
-    Writes: state, work (face, rotated, tangent, tie), output.
-    """
+    """Start from the positions and velocities of a given state."""
     shared.read_state(model, state, work)
     shared.log_change(state, 0.0, service.BY_START, -1, shared.ALL, output)
     service.start_moving(state, options, output)
@@ -220,9 +197,6 @@ def next_run(model, grounds, one, options, jobs, output, results):
     """Start the next run that moves at all; those that do not are over at once.
 
     Returns its number, -1 if there is none.
-
-    Reads: model, grounds, one, options, jobs, output.
-    Writes: one, jobs.upcoming, output, results.
     """
     state = one.state
     while jobs.upcoming[0] < jobs.motion.size:
@@ -251,11 +225,7 @@ def next_run(model, grounds, one, options, jobs, output, results):
 
 @kernel
 def run_four(model, grounds, four, one, options, jobs, output, results):
-    """Make many runs from rest, four at a time; arguments are those of `next_run`.
-
-    Reads: scene, four, one, jobs (factor, motion, runs, upcoming), output.
-    Writes: four, one, jobs (runs, upcoming), output, results.
-    """
+    """Make many runs from rest, four at a time; arguments are those of `next_run`."""
     state = one.state
     runs = jobs.runs
     running = 0

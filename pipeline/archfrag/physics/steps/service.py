@@ -46,7 +46,6 @@ def is_as_built(model, state):
     """Return whether all joints are closed and none has slipped: the chain is in its own geometry.
 
     Reads: model.length, state (contact, slip).
-    Writes: nothing.
     """
     for j in range(state.slip.size):
         if state.contact[j, 0] < 0.5 or state.contact[j, 1] < 0.5:
@@ -58,11 +57,7 @@ def is_as_built(model, state):
 
 @kernel
 def rest_range(model, state, work, problem):
-    """Return whether a configuration can rest, and its load factors plus and minus.
-
-    Reads: model, state, work, problem.
-    Writes: work (normal, pivot, point, side_normal, tie), problem.
-    """
+    """Return whether a configuration can rest, and its load factors plus and minus."""
     place_contacts(model, state.slip, work.face, work.tangent, work)
     for j in range(state.slip.size):
         for k in range(2):
@@ -101,11 +96,7 @@ def start_moving(state, options, output):
 
 @kernel
 def write_rest(model, grounds, state, work, path, output):
-    """Write a frame of the chain at rest, with reactions that balance the body force.
-
-    Reads: model, grounds, state, work, path, output (frames, frames.time, written).
-    Writes: state, work, path, output.
-    """
+    """Write a frame of the chain at rest, with reactions that balance the body force."""
     if output.frames.time.size == 0:
         return
     clock = state.clock
@@ -136,11 +127,7 @@ def write_rest(model, grounds, state, work, path, output):
 
 @kernel
 def rest_until_onset(model, grounds, state, options, plus, minus, output):
-    """Let a chain rest until the ground motion moves it; returns the code.
-
-    Reads: model, grounds, state, options, output.
-    Writes: state (clock, force, impact, peak), output.
-    """
+    """Let a chain rest until the ground motion moves it; returns the code."""
     clock = state.clock
     leave, for_good = end_rest(model, grounds, clock, plus, minus)
     clock[Clock.BEGINS] = grounds.begins[int(clock[Clock.MOTION])]
@@ -161,9 +148,6 @@ def write_if_due(model, state, work, output):
     """Write a frame of the beginning of a solved step, if one is due.
 
     Reactions act at the middles of steps; those of the instant lie between them.
-
-    Reads: model, state, work, output.
-    Writes: output.
     """
     clock = state.clock
     frames = output.frames
@@ -207,7 +191,6 @@ def dominant_change(state, work):
     """Return the most important change of a joint in a solved step: cause, joint.
 
     Reads: state (contact, slide, slip), work (contact, slide).
-    Writes: nothing.
     """
     cause = -1
     joint = -1
@@ -249,7 +232,6 @@ def are_held(model, state, work, options):
     """Return whether the contacts hold all bodies where they stand in a solved step.
 
     Reads: model (gravity, length), state (clock, velocity), work.solved, options.held.
-    Writes: nothing.
     """
     most = HELD * model.gravity * state.clock[Clock.STEP]
     length = model.length[0]
@@ -288,11 +270,7 @@ def hold(model, state, work):
 
 @kernel
 def accept_recorded(model, state, work, impulse, options, output):
-    """Accept a solved step of one run, and write frames and log; as `accept_step`.
-
-    Reads: model, state, work, impulse (x, y), options.held, output.
-    Writes: state, work (face, reaction, rotated, tangent, tie), output.
-    """
+    """Accept a solved step of one run, and write frames and log; as `accept_step`."""
     write_if_due(model, state, work, output)
     cause = -1
     joint = -1
@@ -315,22 +293,14 @@ def accept_recorded(model, state, work, impulse, options, output):
 
 @kernel
 def measure_state(model, state, work):
-    """Record the contact residual of the present state.
-
-    Reads: model, state, work.
-    Writes: state.peak, work.
-    """
+    """Record the contact residual of the present state."""
     residual = state_residual(model, state, work)
     state.peak[Peak.RESIDUAL] = max(state.peak[Peak.RESIDUAL], residual)
 
 
 @kernel
 def handle_unsolved(model, grounds, state, work, path, options, output):
-    """Solve an unsolved step along paths, or halve it; return the code.
-
-    Reads: model, grounds, state, work, path, options (held, largest_step, time_step), output.
-    Writes: state, work, path, output.
-    """
+    """Solve an unsolved step along paths, or halve it; return the code."""
     clock = state.clock
     time = clock[Clock.TIME]
     step = clock[Clock.STEP]
@@ -356,11 +326,7 @@ def handle_unsolved(model, grounds, state, work, path, options, output):
 
 @kernel
 def handle_pause(model, grounds, state, work, path, options, output):
-    """Measure what is due, and let the chain rest if it stays at rest; return the code.
-
-    Reads: model, grounds, state, work, path, options, output.
-    Writes: state, work, path, output.
-    """
+    """Measure what is due, and let the chain rest if it stays at rest; return the code."""
     clock = state.clock
     if int(state.count[Count.STEPS]) % options.check_interval == 0:
         measure_state(model, state, work)
@@ -389,11 +355,7 @@ def handle_pause(model, grounds, state, work, path, options, output):
 
 @kernel
 def handle(model, grounds, state, work, path, options, output):
-    """Handle the reason for which a run waits; return the code that it goes on or ends with.
-
-    Reads: model, grounds, state, work, path, options, output.
-    Writes: state, work, path, output.
-    """
+    """Handle the reason for which a run waits; return the code that it goes on or ends with."""
     code = int(state.clock[Clock.CODE])
     if code == shared.UNSOLVED:
         code = handle_unsolved(model, grounds, state, work, path, options, output)

@@ -105,7 +105,6 @@ def aim_contacts(model, state, work, step, shortest):
     An offset e at the middle becomes e + (h/2 + k) u + (h/8 + k/2) h b: after half the step h at
     the velocity u to come, and a time k at the one then reached. b is `bend_of`.
 
-    Reads: model (gravity, length, rounding), state (contact, velocity), work.
     Writes: work (bias, candidate, side_normal).
     """
     velocity = state.velocity
@@ -175,11 +174,7 @@ def move_far_springing(state, work, impulse):
 
 @kernel
 def go_to_middle(model, state, work, step):
-    """Move bodies, faces and slips to the middle of a step.
-
-    Reads: model, state, work.
-    Writes: work.
-    """
+    """Move bodies, faces and slips to the middle of a step."""
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
             work.position[i, c] = (
@@ -225,11 +220,7 @@ def carry_on(model, state, work, span):
 
 @kernel
 def pose_step(model, state, work, impulse, step, shortest):
-    """Set up the contact problem of a step, without initial modes.
-
-    Reads: model, runs, impulse.
-    Writes: runs.
-    """
+    """Set up the contact problem of a step, without initial modes."""
     free_fall(model, state, work, impulse, step)
     move_far_springing(state, work, impulse)
     go_to_middle(model, state, work, step)
@@ -300,7 +291,6 @@ def _is_complete(j, model, state, work):
 def count_changes(model, state, work, where):
     """Count changes of joints in a step, and mark impacts that go on after it.
 
-    Reads: model, state, work.
     Writes: state (count, impact).
     """
     count = state.count
@@ -330,7 +320,6 @@ def count_changes(model, state, work, where):
 def record_motion(model, state, where):
     """Record peaks of displacement, rotation, kinetic energy; return where they are not finite.
 
-    Reads: model, state.
     Writes: state (clock, energy, peak).
     """
     farthest = fastest = 0.0
@@ -381,11 +370,7 @@ def record_overlap(model, state, work, where):
 
 @kernel
 def make_step(model, state, work, impulse, where, loss_limit):
-    """Accept solved velocities and the positions that they reach; as `accept_step`.
-
-    Reads: model, state, work, impulse (x, y).
-    Writes: state, work (face, reaction, rotated, tangent, tie).
-    """
+    """Accept solved velocities and the positions that they reach; as `accept_step`."""
     clock = state.clock
     count = state.count
     step = clock[Clock.STEP]
@@ -443,9 +428,6 @@ def accept_step(model, state, work, impulse, where, loss_limit):
     """Accept a step whose contact problem is solved; return collapsed, broken.
 
     ``work.reaction`` goes from impulses into the mean forces over the step.
-
-    Reads: model, state, work, impulse (x, y).
-    Writes: state, work (face, reaction, rotated, tangent, tie).
     """
     count_changes(model, state, work, where)
     span = time_before(state, state.clock[Clock.STEP])
