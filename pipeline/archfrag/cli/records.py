@@ -3,7 +3,6 @@
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ from archfrag.errors import InputError, RecordError, ServiceError
 from archfrag.files import counted, number, opened, write_csv
 from archfrag.motions import selection, synthetic
 from archfrag.motions.channel import STANDARD_GRAVITY
-from archfrag.motions.convert import convert_record
 from archfrag.motions.fetch import fetch_records
 from archfrag.motions.formats import TEXT, one_reader, recognise
 from archfrag.motions.index import goes_with_records, index_table
@@ -80,7 +78,7 @@ def _reading(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
 
 @click.group()
 def records() -> None:
-    """Inspect, measure, select, convert, fetch and make records."""
+    """Inspect, measure, select, fetch and make records."""
 
 
 @records.command(cls=Once)
@@ -211,7 +209,7 @@ def _measured(
             options = _reading(file, reading)
             name = os.path.relpath(file, out.parent)
             motions = [
-                replace(motion, metadata={**motion.metadata, "file": name})
+                motion.stating(file=name)
                 for motion in read_horizontals(file, **options)
             ]
             how = {
@@ -345,55 +343,6 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
     return scenario_target(
         rupture, options["period"], level, measured, options["model"]
     )
-
-
-@records.command(cls=Once)
-@_files
-@takes(
-    _out,
-    click.option(
-        "--to",
-        "form",
-        type=click.Choice(["mseed", "text"]),
-        default="mseed",
-        show_default=True,
-        help="miniSEED, or columns of text.",
-    ),
-    click.option(
-        "--in",
-        "requested",
-        type=click.Choice(["m/s2", "g"]),
-        default="m/s2",
-        show_default=True,
-        help="Unit to write.",
-    ),
-    takes_record,
-    json_option,
-)
-def convert(
-    files: tuple[Path, ...],
-    out: Path,
-    form: str,
-    requested: str,
-    as_json: bool,
-    **reading: Any,
-) -> None:
-    """Write record FILES in another format.
-
-    An index in the same folder states where they come from and what was done to them.
-
-    \b
-    Example:
-      archfrag records convert CE23837.V1C --to text --in g --out converted
-    """
-    written = [
-        {"file": str(path), "source": str(file)}
-        for file in files
-        for path in convert_record(
-            file, out, form, requested, **_reading(file, reading)
-        )
-    ]
-    show(written, "\n".join(entry["file"] for entry in written), as_json)
 
 
 @records.command(cls=Once)

@@ -216,11 +216,9 @@ def _fetched(
         for path in (xml, record):
             register(place / path.name, path)
             path.replace(place / path.name)
-    codes = dict.fromkeys(
-        motion.metadata[key]
-        for key in ("component", "vertical_component")
-        for motion in motions
-    )
+    facts = [motion.facts for motion in motions]
+    facts += [each.of_vertical for each in facts if each.of_vertical]
+    codes = dict.fromkeys(each.component for each in facts)
     return site | {
         "id": id,
         "file": f"{place.name}/{id}.mseed",
@@ -228,5 +226,5 @@ def _fetched(
         "channels": " ".join(filter(None, codes)),
         "dt_s": motions[0].dt,
         "unit": "",
-        "start_time": motions[0].metadata.get("start_time", ""),
+        "start_time": motions[0].facts.start_time,
     }

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from archfrag.errors import InputError, RecordError
 from archfrag.files import number
 from archfrag.motions.channel import STANDARD_GRAVITY, check_right_angle
-from archfrag.motions.oscillator import largest_response
+from archfrag.physics.oscillator import largest_response
 
 # Units in which levels may be given, by the SI unit of their measure.
 LEVEL_UNITS: dict[str, dict[str, float]] = {
@@ -230,7 +230,7 @@ def measure(motion: Shaking, name: str) -> float:
             f"{motion.id or 'motion'}: {name} needs two horizontal components"
         )
     remedy = "; rotate them to an azimuth first"
-    check_right_angle(motion.metadata, f"{motion.id or 'motion'}: {name}", remedy)
+    check_right_angle(motion.facts, f"{motion.id or 'motion'}: {name}", remedy)
     if asked.kind == "Sa":
         peaks = _spectrum(one + 1j * other, motion.dt, asked.periods, _ANGLES)[0]
     else:

@@ -18,7 +18,12 @@ from obspy import Inventory, Trace, UTCDateTime
 
 from archfrag.errors import InputError, RecordError, reason_of
 from archfrag.motions.calibrate import find_inventory
-from archfrag.motions.channel import STANDARD_GRAVITY, azimuth_of, check_right_angle
+from archfrag.motions.channel import (
+    STANDARD_GRAVITY,
+    Facts,
+    azimuth_of,
+    check_right_angle,
+)
 from archfrag.motions.measures import Samples, arias_times, integral
 from archfrag.motions.motion import REVERSED, Motion
 
@@ -118,18 +123,17 @@ def bandpass(
     if causal:
         return motion.changed(lambda a: sosfilt(sections, a), done)
     pad = math.ceil(0.75 * order / (lowest * motion.dt)) if lowest else 0
-    about = dict(motion.metadata)
-    start = motion.metadata.get("start_time")
+    start = motion.facts.start_time
     if pad:
         done += f" {pad * motion.dt:g} s of zeros put before and after it first."
         edge = 0
     if pad and start:
-        about["start_time"] = str(UTCDateTime(start) - pad * motion.dt)
+        start = str(UTCDateTime(start) - pad * motion.dt)
 
     def filtered(samples: Samples) -> Samples:
         return scipy.signal.sosfiltfilt(sections, np.pad(samples, pad), padlen=edge)
 
-    return motion.changed(filtered, done, metadata=about)
+    return motion.stating(start_time=start).changed(filtered, done)
 
 
 def trim(
@@ -213,55 +217,56 @@ def rotate(
     are nearly parallel.
     """
     name = motion.id or "motion"
-    about = dict(motion.metadata)
     if (azimuth is None) == (angle is None):
         raise InputError("rotate: one of azimuth and angle is needed")
     if motion.transverse is None:
         raise RecordError(
             f"{name}: rotate needs two horizontal components, and there is one"
         )
-    codes = [str(about.get(key, "")) for key in ("component", "component_transverse")]
+    other = motion.facts.of_transverse or Facts()
+    codes = [motion.facts.component, other.component]
     azimuths = [0.0, 90.0]
-    turned = float(angle or 0.0) if azimuth is None else azimuth
-    for place, code in enumerate(codes if azimuth is not None else ()):
-        value = azimuth_of(about, ("", "_transverse")[place])
-        if value is None:
-            raise RecordError(
-                f"{name}: the azimuth of {code!r} is not known; give an angle"
-            )
-        azimuths[place] = value
+    turned = angle if azimuth is None else azimuth
     if azimuth is None:
         check_right_angle(
-            about, f"{name}: rotate by an angle", "; give an azimuth instead"
+            motion.facts, f"{name}: rotate by an angle", "; give an azimuth instead"
         )
-    one, other = np.deg2rad(azimuths)
-    sine = np.sin(other - one)
+        words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
+    else:
+        for place, facts in enumerate((motion.facts, other)):
+            known = azimuth_of(facts.azimuth, facts.component)
+            if known is None:
+                raise RecordError(
+                    f"{name}: the azimuth of {codes[place]!r} is not known; give an angle"
+                )
+            azimuths[place] = known
+        words = (
+            f"to azimuth {turned:g} degrees (from {azimuths[0]:g} and {azimuths[1]:g})"
+        )
+    first, second = np.deg2rad(azimuths)
+    sine = np.sin(second - first)
     if abs(sine) < 0.5:
-        near = f"azimuths {azimuths[0]:g} and {azimuths[1]:g} degrees, too close to each other"
         raise RecordError(
-            f"{name}: components {' and '.join(codes)} have {near} to be rotated"
+            f"{name}: components {' and '.join(codes)} have azimuths {azimuths[0]:g} and "
+            f"{azimuths[1]:g} degrees, too close to each other to be rotated"
         )
     along = np.deg2rad(turned)
     # a(azimuth) = N cos + E sin holds for both components; solved for the direction.
-    first, second = (
-        np.float64(np.sin(other - direction) / sine) * motion.acceleration
-        + np.float64(np.sin(direction - one) / sine) * motion.transverse
+    waves = [
+        np.float64(np.sin(second - direction) / sine) * motion.acceleration
+        + np.float64(np.sin(direction - first) / sine) * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
-    )
-    words = f"to azimuth {turned:g} degrees (from {azimuths[0]:g} and {azimuths[1]:g})"
-    for which, degrees in (("", turned), ("_transverse", turned + 90.0)):
-        about |= {
-            f"component{which}": f"{degrees:g}",
-            f"azimuth{which}": degrees % 360.0,
-        }
+    ]
+    labels = []
+    for degrees in (turned, turned + 90.0):
         if azimuth is None:  # angles from a component are no azimuths
-            words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
-            label = f"{codes[0]} turned by {degrees:g}".strip()
-            about |= {f"component{which}": label, f"azimuth{which}": ""}
+            code = f"{codes[0]} turned by {degrees:g}".strip()
+            labels.append({"component": code, "azimuth": None})
+        else:
+            labels.append({"component": f"{degrees:g}", "azimuth": degrees % 360.0})
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
-    return replace(
-        motion, acceleration=first, transverse=second, metadata=about, log=log
-    )
+    stated = motion.stating(**labels[0], of_transverse=replace(other, **labels[1]))
+    return replace(stated, acceleration=waves[0], transverse=waves[1], log=log)
 
 
 def remove_response(
@@ -280,16 +285,15 @@ def remove_response(
     """
     table = None
     changed = dict[str, Any]()
-    names = ("trace", "vertical_trace", "trace_transverse")
-    for (key, samples), name in zip(motion.components.items(), names):
+    start = UTCDateTime(motion.facts.start_time or 0)
+    facts = (motion.facts, motion.facts.of_vertical, motion.facts.of_transverse)
+    for (key, samples), own in zip(motion.components.items(), facts):
         if samples is None:
             continue
-        codes = (str(motion.metadata.get(name, "")).split(".") + [""] * 4)[:4]
+        codes = (own or Facts()).trace.split(".")
         header = dict(zip(("network", "station", "location", "channel"), codes))
-        start = UTCDateTime(motion.metadata.get("start_time") or 0)
-        trace = Trace(
-            samples.copy(), {**header, "delta": motion.dt, "starttime": start}
-        )
+        header |= {"delta": motion.dt, "starttime": start}
+        trace = Trace(samples.copy(), header)
         table = table or find_inventory(Path(record), trace, inventory)
         if table is None:
             lacking = (

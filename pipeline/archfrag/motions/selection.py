@@ -73,17 +73,17 @@ _INTEGRALS = (
     ("D5_95_s", "D5_95", 1.0),
     ("HI_cm", "HI", 0.01),
 )
-# Column, its type, and the keys of a motion's metadata; the first one that is there counts.
-_FACTS: dict[str, tuple[Any, ...]] = {
-    "file": ("string", "file"),
-    "event": ("string", "event"),
-    "station": ("string", "station"),
-    "magnitude": (float, "Mw", "magnitude"),
-    "distance_km": (float, "distance_km", "epicentral_km"),
-    "vs30_mps": (float, "Vs30_mps", "vs30_mps"),
-    "component": ("string", "component"),
+# Columns of facts, by their types.
+_FACTS: dict[str, Any] = {
+    "file": "string",
+    "event": "string",
+    "station": "string",
+    "magnitude": float,
+    "distance_km": float,
+    "vs30_mps": float,
+    "component": "string",
 }
-_TYPES = {"record": "string", **{name: kind for name, (kind, *_) in _FACTS.items()}}
+_TYPES = {"record": "string", **_FACTS}
 STARTS = (
     5  # sets of 20 simulated, nearest to the target: each is improved, the best kept
 )
@@ -125,12 +125,10 @@ def measure_records(
     ]
     rows = []
     for motion in motions:
-        about = {
-            key: fact for key, fact in motion.metadata.items() if fact not in (None, "")
-        }
+        about = motion.metadata
         row: dict[str, Any] = {"record": motion.id}
-        for column, (_, *keys) in _FACTS.items():
-            row[column] = next((about[key] for key in keys if key in about), None)
+        row |= {column: about.get(column) for column in _FACTS}
+        row["distance_km"] = about.get("distance_km") or about.get("epicentral_km")
         row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
         for column, name, unit in (*_PEAKS, *spectrum, *_INTEGRALS):
             row[column] = measure(motion, name) / unit

@@ -36,9 +36,9 @@ OWN = {
     "COSMOS": "csmip",
     "DMG": "csmip",
     "DYNA": "keyed",
-    "GEONET": "fixed_width",
+    "GEONET": "csmip",
     "RESORCE": "keyed",
-    "SMC": "fixed_width",
+    "SMC": "keyed",
 }
 TEXT = (*OWN, "KNET", "SLIST", "TSPAIR")
 # Formats that name other files (CSS, Q), that lose a cut-off trace silently (AH, DMX, SH_ASC,
