@@ -425,10 +425,10 @@ def fetch(
     new, kept, failures = fetched.values()
     text = f"{counted(len(new), 'record')} fetched, {len(kept)} were there: {out}"
     show({"folder": str(out), **fetched}, text, as_json)
-    if passing := sum(failure["kind"] == "service" for failure in failures):
-        count = counted(passing, "request")
+    passing = sum(failure["kind"] == "service" for failure in failures)
+    if passing:
         raise ServiceError(
-            f"{count} failed; try again later: the same command continues"
+            f"{counted(passing, 'request')} failed; try again later: the same command continues"
         )
     if not new and not kept:
         raise InputError("no record was fetched, for the reasons stated above")
@@ -501,12 +501,9 @@ def _recipes(requested: dict[str, Any]) -> list[synthetic.Recipe] | None:
     given = {key: value for key, value in requested.items() if value is not None}
     if not given:
         return None
-    needed = {
-        "--events": "events",
-        "--magnitude": "magnitude",
-        "--distance-km": "distance_km",
-    }
-    if missing := [option for option, key in needed.items() if key not in given]:
+    needed = ("events", "magnitude", "distance_km")
+    missing = [f"--{key.replace('_', '-')}" for key in needed if key not in given]
+    if missing:
         raise InputError(f"{', '.join(missing)}: needed with the other options")
     given["magnitude"], given["drawn_magnitude"] = given["magnitude"]
     given["distance"], given["drawn_distance"] = given.pop("distance_km")

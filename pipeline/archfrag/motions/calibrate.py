@@ -33,15 +33,6 @@ from archfrag.motions.channel import (
 from archfrag.motions.measures import odd_samples
 
 Inventory = Any  # obspy's, whose import takes time
-_ACCELERATION_UNITS = {
-    "M/S**2",
-    "M/S^2",
-    "M/S2",
-    "M/S/S",
-    "M/(S**2)",
-    "M/SEC**2",
-    "M/SEC/SEC",
-}
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
 _BOREHOLE = re.compile(r"(EW|NS|UD)1")  # of KiK-net, whose surface is 2
 LARGEST_INVENTORY = 50_000_000  # [bytes]
@@ -77,17 +68,8 @@ _QUANTITIES = {
     "a displacement": r"([nuµmck]?m|in|ft)",
     "an acceleration in another unit": r"([nuµk]?m|in|ft)/s2|m?g?gal|[mu]g|%g",
 }
-_UNSTATED = {"", "unknown", "none", "na", "n/a", "-", "1", "integer", "float", "ascii"}
-_COUNTS = {
-    "count",
-    "counts",
-    "cnt",
-    "cnts",
-    "digital_counts",
-    "digitalcounts",
-    "du",
-    "digits",
-}
+_UNSTATED = re.compile("|unknown|none|n/?a|-|1|integer|float|ascii")
+_COUNTS = re.compile("(digital_?)?(count|cnt)s?|du|digits")
 
 
 def accepted_words(words: Iterable[str], place: object) -> tuple[Acceptable, ...]:
@@ -188,9 +170,9 @@ def _add_stated(channel: Channel) -> None:
     quantity = quantity or _SAC_QUANTITIES.get(_number(sac, "idep"))
     if unit in METRES_PER_SECOND_SQUARED:
         channel.unit = unit
-    elif unit in _COUNTS:
+    elif _COUNTS.fullmatch(unit):
         channel.unit = "counts"
-    elif unit not in _UNSTATED:
+    elif not _UNSTATED.fullmatch(unit):
         kinds = (kind for kind, form in _QUANTITIES.items() if re.fullmatch(form, unit))
         quantity = f"{next(kinds, 'no acceleration')} (its unit is {stated!r})"
     if quantity:
@@ -488,7 +470,7 @@ def _of_counts(
                 f"{trace.stats.starttime}"
             ) from None
         counts = re.search("COUNT|CNT|DIGIT", out)
-        known = counts and unit in _ACCELERATION_UNITS
+        known = counts and plain_unit(unit) == "m/s2"
         if not (known and value and np.isfinite(value)):
             raise RecordError(
                 f"{path}: channel {trace.id} has {value:g} {out.lower()}/({unit}) in "

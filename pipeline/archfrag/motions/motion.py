@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import replacing
@@ -20,6 +20,7 @@ from archfrag.motions.channel import (
     STANDARD_GRAVITY,
     Channel,
     Facts,
+    Samples,
     choose_horizontal,
     filled,
     unit_factor,
@@ -72,13 +73,13 @@ class Motion:
     (('Multiplied by 2.',), 2.0, [1.107, 3.457])
     """
 
-    acceleration: NDArray[np.float64]
+    acceleration: Samples
     dt: float
-    vertical: NDArray[np.float64] | None = None
+    vertical: Samples | None = None
     id: str = ""
     metadata: Mapping[str, Any] = Facts()
     log: tuple[str, ...] = ()
-    transverse: NDArray[np.float64] | None = None
+    transverse: Samples | None = None
     begins: float = 0.0
 
     def __post_init__(self) -> None:
@@ -132,7 +133,7 @@ class Motion:
 
     def changed(
         self,
-        change: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+        change: Callable[[Samples], Samples],
         done: str,
         **fields: Any,
     ) -> Motion:
@@ -144,7 +145,7 @@ class Motion:
         return replace(self, **changed, log=(*self.log, done), **fields)
 
     @property
-    def components(self) -> dict[str, NDArray[np.float64] | None]:
+    def components(self) -> dict[str, Samples | None]:
         """Acceleration, vertical and transverse by name; None if a component is missing."""
         return {
             key: getattr(self, key)
@@ -157,7 +158,7 @@ class Motion:
         return (self.acceleration.size - 1) * self.dt
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Samples:
         """Time of each sample from the first, shape (n_sample,) [s]."""
         return np.arange(self.acceleration.size, dtype=np.float64) * np.float64(self.dt)
 
@@ -222,7 +223,7 @@ class Motion:
         """Peak of the horizontal acceleration [m/s2]."""
         return float(np.abs(self.acceleration).max())
 
-    def spectrum(self, periods: ArrayLike) -> NDArray[np.float64]:
+    def spectrum(self, periods: ArrayLike) -> Samples:
         """Return Sa at `periods` [s], 5 % damping, shape (n_period,) [m/s2]."""
         return spectral_acceleration(self, periods)
 

@@ -55,7 +55,8 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
                 for i, angle in enumerate(_ANGLES)
                 if word in angle
             )
-            if direction := next(kinds, plain):
+            direction = next(kinds, plain)
+            if direction:
                 frames.setdefault(_frame(name, code), []).append(direction)
     by_lower_case = {name.lower(): name for name in names}
     pairs: dict[str, set[str]] = {}
@@ -124,7 +125,7 @@ def belong_together(one: Motion, other: Motion) -> bool:
     differ in numbers that need not be azimuths, such as 10 and 100.
     """
     both = one.facts, other.facts
-    late = abs(np.subtract(*(seconds(facts.start_time) for facts in both)))
+    late = abs(seconds(both[0].start_time) - seconds(both[1].start_time))
     if not np.isnan(late):
         return late <= max(one.duration, other.duration)
     sites = [(facts.event.casefold(), facts.station.casefold()) for facts in both]
@@ -198,10 +199,10 @@ def earthquakes(records: Sequence[Any]) -> list[str]:
     starts = np.array([seconds(record.start_time) for record in records])
     ends = starts + [record.duration for record in records]
 
-    def join(members: Sequence[int]) -> None:
+    def join(members: Any) -> None:
         group[np.isin(group, group[members])] = group[members].min()
 
-    def names(members: Sequence[int]) -> list[str]:
+    def names(members: Any) -> list[str]:
         return list(dict.fromkeys(filter(None, (records[i].event for i in members))))
 
     by_file: dict[str, list[int]] = {}
@@ -210,8 +211,8 @@ def earthquakes(records: Sequence[Any]) -> list[str]:
             None, (record.file_sha256, record.source_sha256, record.pair)
         ):
             by_file.setdefault(file, []).append(i)
-    for members in by_file.values():
-        join(members)
+    for of_one in by_file.values():
+        join(of_one)
     for first, last in ((origins, origins), (starts, ends)):
         known = np.count_nonzero(~np.isnan(first))
         order = np.argsort(first, kind="stable")[:known]  # nan last
@@ -224,6 +225,6 @@ def earthquakes(records: Sequence[Any]) -> list[str]:
     for number, record in zip(group, records):
         members = np.flatnonzero(group == number)
         id = records[members[0]].id.removesuffix(REVERSED)
-        first = f"earthquake of {id}" if members.size > 1 else ""
-        events.append(record.event or next(iter(names(members)), first))
+        name = f"earthquake of {id}" if members.size > 1 else ""
+        events.append(record.event or next(iter(names(members)), name))
     return events

@@ -205,7 +205,7 @@ def read_channels(
     path: Path, unit: str | None = None, *, accept: Iterable[str] = (), **options: Any
 ) -> tuple[list[Channel], IndexEntry | None]:
     """Return the channels of a file in m/s2, and the row of an index that lists it."""
-    words = calibrate.accepted_words(accept, path)
+    words: tuple[Any, ...] = calibrate.accepted_words(accept, path)
     entry = find_entry(path)
     if entry is not None:
         words += entry.accept
@@ -326,7 +326,7 @@ def inspect_record(
         stats = trace.stats
         dt = float(stats.delta)
         names = (stats.network, stats.station, stats.location)
-        facts = {
+        facts: dict[str, Any] = {
             "code": channel.code,
             "station": channel.station or ".".join(filter(None, names)),
             "start": str(stats.starttime) if stats.starttime.timestamp else "",

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError, from_extra
+from archfrag.motions.channel import Samples
 
-Array = NDArray[np.float64]
 Rupture = tuple[
     float, float, float
 ]  # moment magnitude, closest distance [km], Vs30 [m/s]
@@ -28,7 +28,7 @@ _WORDS = {"mag": "magnitude", "dist_rup": "distance [km]", "v_s30": "Vs30 [m/s]"
 
 def predict(
     rupture: Rupture, model: str, periods: ArrayLike
-) -> tuple[Array, Array, tuple[str, ...]]:
+) -> tuple[Samples, Samples, tuple[str, ...]]:
     """Return ln of the median Sa [g], standard deviation of ln Sa, (n_period,) each, and messages.
 
     The fault is vertical, of strike-slip, and reaches as deep as Chiou and Youngs (2014) expect.
@@ -87,7 +87,7 @@ def predict(
     return ln_median, sd, tuple(messages)
 
 
-def correlation(first: ArrayLike, second: ArrayLike) -> Array:
+def correlation(first: ArrayLike, second: ArrayLike) -> Samples:
     """Return the correlation of ln Sa at periods [s], broadcast, about a model's median.
 
     Baker and Jayaram (2008), Earthquake Spectra 24(1), 299-317, as pygmm computes it; InputError
@@ -102,7 +102,7 @@ def correlation(first: ArrayLike, second: ArrayLike) -> Array:
     return np.asarray(calc_correls(*both), dtype=np.float64)
 
 
-def _check_within(periods: Array, low: float, high: float, what: str) -> None:
+def _check_within(periods: Samples, low: float, high: float, what: str) -> None:
     outside = periods[~((periods >= low) & (periods <= high))]
     if outside.size:
         raise InputError(
@@ -114,21 +114,21 @@ def _check_within(periods: Array, low: float, high: float, what: str) -> None:
 class Target:
     """Distribution of ln Sa [ln g] that records are selected to."""
 
-    periods: Array  # rising, (n_period,) [s]
-    ln_mean: Array
-    covariance: Array  # (n_period, n_period), zero for a spectrum that is a mean only
+    periods: Samples  # rising, (n_period,) [s]
+    ln_mean: Samples
+    covariance: Samples  # (n_period, n_period), zero for a spectrum that is a mean only
     conditioning: float | None = (
         None  # period [s] at which Sa is given, to scale every record to
     )
     messages: tuple[str, ...] = ()  # what users of the target should know
 
     @property
-    def median(self) -> Array:
+    def median(self) -> Samples:
         """exp of the mean of ln Sa, shape (n_period,) [g]."""
         return np.exp(self.ln_mean)
 
     @property
-    def sd(self) -> Array:
+    def sd(self) -> Samples:
         """Standard deviation of ln Sa, shape (n_period,)."""
         return np.sqrt(np.diag(self.covariance))
 
@@ -199,7 +199,9 @@ def scenario_target(
     return conditional_spectrum(rupture, sa, period, sorted(near), model)
 
 
-def spectrum_target(periods: Array, median: Array, sd: Array, source: str) -> Target:
+def spectrum_target(
+    periods: Samples, median: Samples, sd: Samples, source: str
+) -> Target:
     """Return a target from a spectrum [g] at periods [s], of a code or of uniform hazard.
 
     `median` is exp of the mean of ln Sa, `sd` its standard deviation, (n_period,) each; where that
@@ -230,7 +232,7 @@ def spectrum_target(periods: Array, median: Array, sd: Array, source: str) -> Ta
     return Target(rising, np.log(sa), np.outer(scatter, scatter) * rho, conditioning)
 
 
-def _rising(periods: ArrayLike, name: str) -> Array:
+def _rising(periods: ArrayLike, name: str) -> Samples:
     values = np.sort(np.asarray(periods, dtype=np.float64).ravel())
     if not (values.size and np.isfinite(values).all() and values[0] > 0.0):
         raise InputError(

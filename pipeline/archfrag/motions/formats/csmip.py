@@ -24,12 +24,10 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from obspy import Trace
 
 from archfrag.errors import RecordError
-from archfrag.motions.channel import quadrant
+from archfrag.motions.channel import Samples, quadrant
 from archfrag.motions.formats.layout import (
     END_OF_DATA,
     WORDS,
@@ -201,7 +199,7 @@ def _cosmos_channel(text: Text, place: int) -> _Channel:
     return trace, end, header
 
 
-def _header_numbers(text: Text, at: int, kind: str) -> tuple[NDArray[np.float64], int]:
+def _header_numbers(text: Text, at: int, kind: str) -> tuple[Samples, int]:
     """Return the integers or reals of a header, and the line after them."""
     line = text.line(at)
     block = re.match(_BLOCK.format(kind), line, re.IGNORECASE)
@@ -324,7 +322,7 @@ def _dmg_channel(text: Text, place: int) -> _Channel:
     return trace, end, "\n".join(lines)
 
 
-_Read = tuple[NDArray[np.float64], float | None, dict[str, Any], int, str]
+_Read = tuple[Samples, float | None, dict[str, Any], int, str]
 
 
 def _dmg_section(text: Text, at: int) -> _Read:

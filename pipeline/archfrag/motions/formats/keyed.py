@@ -55,13 +55,17 @@ _DIRECTION = re.compile(
 )
 _CLOCK = re.compile(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)")
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
+
+
+def _day(text: str) -> str:
+    day = _DAY.match(text)
+    return "-".join(day.groups()) if day else ""
+
+
 # The keys of DYNA by what they state, the first there is.
 _DYNA = {
     "code": (str, "STREAM", "COMPONENT"),
-    "date": (
-        lambda text: (day := _DAY.match(text)) and "-".join(day.groups()),
-        "EVENT_DATE_YYYYMMDD",
-    ),
+    "date": (_day, "EVENT_DATE_YYYYMMDD"),
     "magnitude": (number, "MAGNITUDE_W", "MAGNITUDE_L"),
     "station": (str, "STATION_CODE"),
     "vs30_mps": (number, "VS30_M/S", "VS30_MS"),

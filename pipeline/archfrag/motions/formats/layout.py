@@ -22,6 +22,7 @@ from archfrag.motions.channel import (
     AZIMUTHS,
     METRES_PER_SECOND_SQUARED,
     Channel,
+    Samples,
     filled,
     quadrant,
     unit_factor,
@@ -65,7 +66,8 @@ class Text:
         is_path = isinstance(source, (str, Path))
         self.name = str(source if is_path else getattr(source, "name", "buffer"))
         content = _read_bytes(source)
-        if wide := wide_encoding(content):
+        wide = wide_encoding(content)
+        if wide:
             raise RecordError(f"{self.name}: is text in {wide}; save it as UTF-8")
         self.lines = _lines(content)
 
@@ -91,7 +93,7 @@ class Text:
         last: int | None = None,
         expected: int | None = None,
         width: int | None = None,
-    ) -> NDArray[np.float64]:
+    ) -> Samples:
         """Return the numbers of some lines, between blanks or in columns of a width.
 
         RecordError for what is no finite number.
@@ -163,7 +165,7 @@ def format_width(text: str) -> int | None:
     return int(search(_FORMAT, text) or 0) or None
 
 
-def _rows(lines: Sequence[str], width: int | None) -> list[NDArray[np.float64]]:
+def _rows(lines: Sequence[str], width: int | None) -> list[Samples]:
     """Return all numbers at once: those between blanks, and those in columns of a width.
 
     Neither is there if a word or a column is not a finite number.
@@ -196,7 +198,7 @@ def split(word: str, place: str) -> list[float]:
     return values
 
 
-def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float, str]:
+def on_even_steps(pairs: Samples, name: str) -> tuple[NDArray, float, str]:
     """Return samples at equal steps, the step [s], and what was done to pairs of time and sample.
 
     Times that are even but for rounding change nothing; else samples are read between pairs.
@@ -272,7 +274,8 @@ def iso_date(*texts: str) -> str:
         month = int(named) if named.isdigit() else _MONTHS.index(named) + 1
         year = int(date["year"])
         day = int(date["day"])
-        year += 0 if year >= 100 else 1900 if year >= 30 else 2000
+        if year < 100:
+            year += 1900 if year >= 30 else 2000
         if 1 <= month <= 12 and 1 <= day <= 31:
             return f"{year:04d}-{month:02d}-{day:02d}"
     return ""
@@ -346,9 +349,7 @@ def acceleration_unit(text: str, where: str) -> str:
     return plain
 
 
-def judge_peak(
-    channel: Channel, stated: str, values: NDArray[np.float64], unit: str
-) -> None:
+def judge_peak(channel: Channel, stated: str, values: Samples, unit: str) -> None:
     """Compare the peak that a header states, rounded to its last digit, with the samples."""
     peak = abs(number(stated) or 0.0)
     if not peak or not values.size:
@@ -367,7 +368,7 @@ def judge_peak(
 
 
 def trace_of(
-    samples: NDArray[np.float64],
+    samples: Samples,
     dt: float | None,
     where: str,
     facts: dict[str, Any],

@@ -79,14 +79,17 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
                 options["columns"] = parse_columns(entry.columns)
             for path in _matching(entry.path):
                 # Two patterns may match the same file.
-                if by_path.setdefault(path, file := RecordFile(path, options)) != file:
-                    differ = "another unit, inventory, columns or accept"
-                    raise InputError(f"an earlier entry matches {path} with {differ}")
+                file = RecordFile(path, options)
+                if by_path.setdefault(path, file) != file:
+                    raise InputError(
+                        f"an earlier entry matches {path} with another unit, inventory, columns "
+                        "or accept"
+                    )
     sources = [*sources, *by_path.values()]
     for file in sources:
         read.check_file(file.path)
-        if inventory := file.options.get("inventory"):
-            read.check_file(Path(inventory))
+        if file.options.get("inventory"):
+            read.check_file(Path(file.options["inventory"]))
     # Without those that hold only the vertical component of another one's record.
     verticals = partners.vertical_files(sorted({file.path for file in sources}))
     sites = {file.site for file in sources if not file.is_vertical} - {None}
