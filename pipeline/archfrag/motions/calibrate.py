@@ -209,7 +209,7 @@ def _add_stated(channel: Channel) -> None:
         channel.origin_time = str(stats.starttime - begin + origin)
 
 
-def _number(header: Any, key: str, default: Any = 0.0) -> float:
+def _number(header: Any, key: str, default: Any = 0.0) -> Any:
     """Return a number of a header; `default` if it is missing, or -12345, as SAC writes then."""
     value = header.get(key)
     return float(default if value in (None, "") or float(value) == -12345.0 else value)

@@ -82,12 +82,11 @@ def fetch_records(
             continue
         for site in sites:
             same = {key: site[key] for key in ("event", "station", "window_s")}
-            row = next(
-                (row for row in rows.values() if same.items() <= row.items()), {}
-            )
+            known = (row for row in rows.values() if same.items() <= row.items())
+            row = next(known, {})
             file = root / row.get("file", "")
             there = (
-                file.is_file() and file.with_name(f"{site['station']}.xml").is_file()
+                file.is_file() and (file.parent / f"{site['station']}.xml").is_file()
             )
             if there and sha256_of(file) == row["sha256"]:
                 yield "kept", row["id"]
@@ -136,6 +135,7 @@ def _sites(
     if origin is None or None in (origin.time, origin.latitude, origin.longitude):
         raise RecordError(f"{quakes.base_url}: the event has no origin")
     sizes = [m for m in (quake.preferred_magnitude(), *quake.magnitudes) if m]
+    moments = [m.mag for m in sizes if str(m.magnitude_type).lower()[:2] == "mw"]
     window = {"starttime": origin.time - before, "endtime": origin.time + after}
     epicentre = float(origin.latitude), float(origin.longitude)
     inventory = _ask(
@@ -149,47 +149,39 @@ def _sites(
         **window,
         channel=",".join(f"{kind[:2]}?" for kind in channels),
     )
+    deep = np.nan if origin.depth is None else origin.depth / 1000.0
     sites: dict[str, dict[str, Any]] = {}
-    for network, station in [(net, station) for net in inventory for station in net]:
-        km = (
-            gps2dist_azimuth(*epicentre, station.latitude, station.longitude)[0]
-            / 1000.0
-        )
+    for network, station in ((net, station) for net in inventory for station in net):
+        metres = gps2dist_azimuth(*epicentre, station.latitude, station.longitude)[0]
+        km = metres / 1000.0
         kinds = [
-            (number, channel.location_code)
+            (number, channel.location_code, kind[:2])
             for number, kind in enumerate(channels)
             for channel in station
             if channel.code[:2] == kind[:2]
         ]
-        if km > radius or not kinds:
-            continue
-        number, location = min(kinds)
-        deep = np.nan if origin.depth is None else origin.depth / 1000.0
         name = f"{network.code}.{station.code}"
-        sites.setdefault(
-            name,
-            {
-                "event": id,
-                "origin_time": str(origin.time),
-                "station": name,
-                "Mw": next(
-                    (m.mag for m in sizes if str(m.magnitude_type).lower()[:2] == "mw"),
-                    None,
-                ),
-                "magnitude": sizes[0].mag if sizes else None,
-                "window_s": f"-{before:g} {after:g}",
-                "epicentral_km": round(km, 3),
-                "distance_km": round(float(np.hypot(km, deep)), 3),
-                "terms": f"those of network {network.code}, fetched from {archive.base_url}",
-                "query": {
-                    "network": network.code,
-                    "station": station.code,
-                    **window,
-                    "location": location or "--",
-                    "channel": f"{channels[number][:2]}?",
-                },
+        if km > radius or not kinds or name in sites:
+            continue
+        _, location, kind = min(kinds)
+        sites[name] = {
+            "event": id,
+            "origin_time": str(origin.time),
+            "station": name,
+            "Mw": moments[0] if moments else None,
+            "magnitude": sizes[0].mag if sizes else None,
+            "window_s": f"-{before:g} {after:g}",
+            "epicentral_km": round(km, 3),
+            "distance_km": round(float(np.hypot(km, deep)), 3),
+            "terms": f"those of network {network.code}, fetched from {archive.base_url}",
+            "query": {
+                "network": network.code,
+                "station": station.code,
+                **window,
+                "location": location or "--",
+                "channel": f"{kind}?",
             },
-        )
+        }
     return sorted(
         sites.values(), key=lambda site: (site["epicentral_km"], site["station"])
     )

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 REVERSED = "-rev"  # ends the id of a motion whose horizontal components are reversed
-_FORMAT = "archfrag motions 2"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -132,10 +130,7 @@ class Motion:
         return replace(self, metadata=replace(self.facts, **facts))
 
     def changed(
-        self,
-        change: Callable[[Samples], Samples],
-        done: str,
-        **fields: Any,
+        self, change: Callable[[Samples], Samples], done: str, **fields: Any
     ) -> Motion:
         """Return the motion with each component changed, and a line about it in the log."""
         changed: dict[str, Any] = {
@@ -408,38 +403,23 @@ def seconds(time: str) -> float:
 
 
 def store(path: Path, motion: Motion) -> None:
-    """Write a motion to a numpy archive, complete or not at all; equal motions, equal bytes."""
-    header = {
-        "format": _FORMAT,
-        "id": motion.id,
-        "dt": motion.dt,
-        "log": motion.log,
-        "metadata": asdict(motion.facts),
-    }
-    try:
-        table = json.dumps(header, sort_keys=True).encode()
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"{motion.id}: metadata cannot be stored as JSON ({error})"
-        ) from None
-    arrays = {"table": np.frombuffer(table, dtype=np.uint8)}
-    for key in ("acceleration", "vertical"):
-        if motion.components[key] is not None:
-            arrays[key] = motion.components[key]
+    """Write what moves an arch to a numpy archive, completely or not at all.
+
+    Equal motions give equal bytes.
+    """
+    arrays: dict[str, Any] = {"acceleration": motion.acceleration}
+    if motion.vertical is not None:
+        arrays["vertical"] = motion.vertical
     with replacing(path, lasting=False) as part, open(part, "wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+        np.savez(file, allow_pickle=False, **arrays)
 
 
-def load_stored(path: Path) -> Motion:
-    """Read the motion that `store` wrote; InputError if the file is something else."""
+def load_stored(path: Path, **known: Any) -> Motion:
+    """Return the motion that `store` wrote and what else is `known`; InputError if damaged."""
     try:
         with np.load(path, allow_pickle=False) as archive:
-            arrays = dict(archive)
-        header = json.loads(arrays.pop("table").tobytes().decode())
-        form = header.pop("format")
-        if form != _FORMAT:
-            raise ValueError(f"format {form!r}")
-        return Motion(**arrays, **header)
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        what = "not a motion stored by archfrag, or damaged"
-        raise InputError(f"{path}: {what} ({error})") from None
+            return Motion(**archive, **known)
+    except (OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path}: not a motion stored by archfrag, or damaged ({error})"
+        ) from None

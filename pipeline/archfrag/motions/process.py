@@ -228,7 +228,7 @@ def rotate(
     other = motion.facts.of_transverse or Facts()
     codes = [motion.facts.component, other.component]
     azimuths = [0.0, 90.0]
-    turned = angle if azimuth is None else azimuth
+    turned = float(angle or 0.0) if azimuth is None else azimuth
     if azimuth is None:
         check_right_angle(
             motion.facts, f"{name}: rotate by an angle", "; give an azimuth instead"
@@ -259,7 +259,7 @@ def rotate(
         + np.float64(np.sin(direction - first) / sine) * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     ]
-    labels = []
+    labels = list[dict[str, Any]]()
     for degrees in (turned, turned + 90.0):
         if azimuth is None:  # angles from a component are no azimuths
             code = f"{codes[0]} turned by {degrees:g}".strip()
@@ -293,7 +293,9 @@ def remove_response(
         if samples is None:
             continue
         codes = (own or Facts()).trace.split(".")
-        header = dict(zip(("network", "station", "location", "channel"), codes))
+        header = dict[str, Any](
+            zip(("network", "station", "location", "channel"), codes)
+        )
         header |= {"delta": motion.dt, "starttime": start}
         trace = Trace(samples.copy(), header)
         table = table or find_inventory(Path(record), trace, inventory)

@@ -54,6 +54,7 @@ class PreparedRecord(Facts):
     factor: float  # that brings the study's measure to 1 in its SI unit
     measures: dict[str, float] = field(hash=False)  # of the motion, in SI units
     vertical: bool  # whether the motion has its vertical component
+    log: list[str] = field(hash=False)  # of what was done to the samples
     samples: str  # SHA-256 of what moves an arch: the step in time and the samples
     stored: str = ""  # file of the motion, in the study's folder of work
     prepared: str = ""  # SHA-256 of that file
@@ -115,6 +116,7 @@ def described(
         factor=scale_factor(motion, asked, 1.0, measures[asked]),
         measures=measures,
         vertical=motion.vertical is not None,
+        log=list(motion.log),
         samples=samples.hexdigest(),
     )
 
@@ -206,7 +208,10 @@ def load_prepared(study: StudyKeys, name: str = "records") -> list[PreparedRecor
 
 def load_record(work: Path, record: PreparedRecord) -> Motion:
     """Load the motion of a record from a study's folder of work."""
-    return load_stored(_check_stored(work, record))
+    path = _check_stored(work, record)
+    return load_stored(
+        path, dt=record.dt, id=record.id, metadata=record, log=record.log
+    )
 
 
 def _check_stored(work: Path, record: PreparedRecord) -> Path:
