@@ -293,7 +293,8 @@ def _add_station(channel: Channel, inventory: Inventory) -> None:
     _add_depth(channel, float(facts.get("local_depth") or 0.0), "StationXML")
     try:
         response = inventory.get_response(*where)
-        total = float(response.instrument_sensitivity.value)
+        overall = response.instrument_sensitivity
+        total = float(overall.value)
     except Exception:  # which stops the reading where the sensitivity is needed
         return
     gains = [stage.stage_gain for stage in response.response_stages or ()]
@@ -304,9 +305,8 @@ def _add_station(channel: Channel, inventory: Inventory) -> None:
             f"and stages whose product is {product:.6g}; reading uses the total, the step "
             "`response` the stages; find out which is right"
         )
-    units = str(response.instrument_sensitivity.input_units).upper()
     other = _instrument(channel.code)
-    if other and "S**2" in units:
+    if other and "S**2" in str(overall.input_units).upper():
         channel.cautions.append(
             f"channel {channel.code} is of {other} by its code, of an accelerometer by its "
             "StationXML; the StationXML counts"

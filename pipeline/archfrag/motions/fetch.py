@@ -47,24 +47,22 @@ _ERRORS: tuple[tuple[Any, type[ArchfragError]], ...] = (
 
 
 def fetch_records(
-    folder: str | Path,
+    folder: Path,
     events: Sequence[str],
-    stations_from: str,
-    *,
-    events_from: str,
+    services: tuple[str, str],
     most: int,
     timeout: float = 60.0,
     **where: Any,
 ) -> Iterator[tuple[str, str]]:
     """Fetch records of events into a folder; a station that is complete is not asked for again.
 
-    The arguments are those of ``archfrag records fetch``. Yields ``new`` or ``kept`` and the id
-    of a record, or the kind of a failure and a message. InputError if a service is unknown.
+    `services` are that of the stations and that of the events, `most` stations are asked for,
+    and `where` are other options of ``archfrag records fetch``. Yields ``new`` or ``kept`` and the
+    id of a record, or the kind of a failure and a message. InputError if a service is unknown.
     """
     try:
-        quakes, archive = (
-            Client(name, timeout=timeout, _discover_services=False)
-            for name in (events_from, stations_from)
+        archive, quakes = (
+            Client(name, timeout=timeout, _discover_services=False) for name in services
         )
     except ValueError as error:
         raise InputError(str(error)) from None

@@ -23,7 +23,7 @@ from archfrag.files import (
     write_csv,
 )
 from archfrag.motions.calibrate import accepted_words
-from archfrag.motions.channel import unit_factor
+from archfrag.motions.channel import Acceptable, unit_factor
 from archfrag.motions.formats.columns import Columns, parse_columns
 from archfrag.usual import unusual
 
@@ -73,12 +73,18 @@ class IndexEntry:
 
     id: str
     path: Path
-    unit: str  # empty if the file or its StationXML states it
     sha256: str  # of the file, or its first digits
     metadata: dict[str, Any]  # other columns: numbers as such or None, others as text
-    accept: tuple[str, ...] = ()
+    unit: str = ""  # empty if the file or its StationXML states it
+    accept: tuple[Acceptable, ...] = ()
     columns: Columns | None = None
     cautions: tuple[str, ...] = ()
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Return how the file is read, as options of `archfrag.read_motion`."""
+        unit = self.unit or None
+        return {"unit": unit, "accept": self.accept, "columns": self.columns}
 
 
 def load_index(path: str | Path) -> list[IndexEntry]:
@@ -151,9 +157,9 @@ def _entry(source: Path, place: str, values: dict[str, str]) -> IndexEntry:
     return IndexEntry(
         name,
         path,
-        values["unit"],
         values.get("sha256", ""),
         metadata,
+        values["unit"],
         accepted_words(values.get("accept", ""), place),
         columns,
         tuple(cautions),

@@ -185,12 +185,8 @@ def record_name(path: Path) -> str:
 def load_motion(entry: IndexEntry) -> Motion:
     """Read the record of a row of an index; RecordError if it is not as the row states."""
     check_sha256(entry)
-    options = {
-        "unit": entry.unit or None,
-        "accept": entry.accept,
-        "columns": entry.columns,
-    }
-    motion = _read_one(entry.path, options, None, entry.metadata.get("component"))
+    component = entry.metadata.get("component")
+    motion = _read_one(entry.path, entry.options, None, component)
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
         raise RecordError(
@@ -205,7 +201,7 @@ def read_channels(
     path: Path, unit: str | None = None, *, accept: Iterable[str] = (), **options: Any
 ) -> tuple[list[Channel], IndexEntry | None]:
     """Return the channels of a file in m/s2, and the row of an index that lists it."""
-    words: tuple[Any, ...] = calibrate.accepted_words(accept, path)
+    words = calibrate.accepted_words(accept, path)
     entry = find_entry(path)
     if entry is not None:
         words += entry.accept

@@ -8,7 +8,6 @@ reads is read in a fork of this process, which a damaged file may end.
 
 import contextlib
 import functools
-import importlib
 import os
 import re
 import resource
@@ -28,18 +27,10 @@ from obspy import Trace, UTCDateTime
 from archfrag.errors import RecordError, reason_of
 from archfrag.files import end_with_parent, opened, wide_encoding
 from archfrag.motions.channel import Channel
+from archfrag.motions.formats.keyed import read_knet
 
-# The readers of this package: name of the plug-in, and the module here that has is_<name> and
-# read_<name>. Each is an entry point in pyproject.toml, too.
-OWN = {
-    "AT2": "keyed",
-    "COSMOS": "csmip",
-    "DMG": "csmip",
-    "DYNA": "keyed",
-    "GEONET": "csmip",
-    "RESORCE": "keyed",
-    "SMC": "keyed",
-}
+# The formats of this package, which are entry points in pyproject.toml.
+OWN = ("AT2", "COSMOS", "DMG", "DYNA", "GEONET", "RESORCE", "SMC")
 TEXT = (*OWN, "KNET", "SLIST", "TSPAIR")
 # Formats that name other files (CSS, Q), that lose a cut-off trace silently (AH, DMX, SH_ASC,
 # WAV, WIN, Y) or that are no earthquakes' are not offered.
@@ -85,13 +76,10 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
 @functools.cache
 def plug_in(name: str, task: str) -> Callable[[str], Any]:
     """Return what tests (``is``) or reads (``read``) a format: a function here or obspy's."""
-    if name in OWN or (name, task) == ("KNET", "read"):
-        module = importlib.import_module(
-            f"archfrag.motions.formats.{OWN.get(name, 'keyed')}"
-        )
-        return getattr(module, f"{task}_{name.lower()}")
+    if (name, task) == ("KNET", "read"):
+        return read_knet
     group = f"obspy.plugin.waveform.{name}"
-    (point,) = _entry_points(name=f"{task}Format").select(group=group)
+    (point,) = _entry_points(name=f"{task}Format", group=group)
     return point.load()
 
 

@@ -61,10 +61,7 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
     InputError or RecordError for a file or id that is missing, or is there with two settings.
     """
     rows = [] if asked.index is None else index.load_index(asked.index)
-    listed = [
-        RecordFile(row.path, {"unit": row.unit or None, "accept": row.accept}, row)
-        for row in rows
-    ]
+    listed = [RecordFile(row.path, row.options, row) for row in rows]
     sources = listed
     by_path = dict[Path, RecordFile]()
     if (
