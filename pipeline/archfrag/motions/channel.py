@@ -97,9 +97,10 @@ class Facts(Mapping[str, Any]):
             kind = cls.__dataclass_fields__.get(name)
             if kind is None:
                 more[key] = fact
-            else:
-                with contextlib.suppress(ValueError):
-                    named.setdefault(name, _READERS.get(kind.type, _same)(fact))
+                continue
+            with contextlib.suppress(ValueError):
+                read = _READERS.get(kind.type)
+                named.setdefault(name, read(fact) if read else fact)
         return cls(**named | {"more": more})
 
     @property
@@ -114,10 +115,6 @@ class Facts(Mapping[str, Any]):
 
     def __len__(self) -> int:
         return len(self._known)
-
-
-def _same(fact: Any) -> Any:
-    return fact
 
 
 # What reads a fact, by its type.

@@ -15,7 +15,7 @@ from obspy.clients.fdsn import Client
 from obspy.clients.fdsn import header as fdsn
 from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 
-from archfrag.errors import ArchfragError, InputError, RecordError, ServiceError
+from archfrag.errors import InputError, RecordError, ServiceError
 from archfrag.files import (
     check_targets,
     make_folder,
@@ -30,7 +30,7 @@ from archfrag.motions.read import read_horizontals
 
 _KINDS = {ServiceError: "service", RecordError: "unusable", InputError: "no data"}
 # What obspy raises and what it means here: no data, refused, or a service that fails for now.
-_ERRORS: tuple[tuple[Any, type[ArchfragError]], ...] = (
+_ERRORS: tuple[tuple[Any, Any], ...] = (
     (fdsn.FDSNNoDataException, InputError),
     (
         (

@@ -21,7 +21,7 @@ changes by -2 z ds / w, and g = f' / w by ds / w.
 """
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -125,7 +125,7 @@ def _average(motion: Shaking, low: float, high: float) -> float:
 
 # Unit; power of a factor on the motion with which it grows, 0 for no power; number of periods in
 # the name; value of a motion and these periods.
-_KINDS: dict[str, tuple[str, int, int, Callable[..., float]]] = {
+_KINDS: dict[str, Any] = {
     "PGA": ("m/s2", 1, 0, lambda m: _peak(m.acceleration)),
     "PGV": ("m/s", 1, 0, lambda m: _peak(integral(m.acceleration, m.dt))),
     "PGD": ("m", 1, 0, lambda m: _peak(integral(integral(m.acceleration, m.dt), m.dt))),

@@ -72,12 +72,13 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
             verticals |= {
                 name: vertical[0] for name, *_ in members if name != vertical[0]
             }
-    single = {
-        one: next(iter(others)) for one, others in pairs.items() if len(others) == 1
+    mutual = {
+        one: other
+        for one, others in pairs.items()
+        for other in others
+        if len(others) == len(pairs[other]) == 1
     }
-    return {
-        one: other for one, other in single.items() if single.get(other) == one
-    }, verticals
+    return mutual, verticals
 
 
 def vertical_files(paths: Sequence[Path]) -> set[Path]:

@@ -79,7 +79,7 @@ def plug_in(name: str, task: str) -> Callable[[str], Any]:
     if (name, task) == ("KNET", "read"):
         return read_knet
     group = f"obspy.plugin.waveform.{name}"
-    (point,) = _entry_points(name=f"{task}Format", group=group)
+    (point,) = _entry_points(name=f"{task}Format").select(group=group)
     return point.load()
 
 
