@@ -1,6 +1,5 @@
 """What readers of text formats share: lines, numbers in columns, and facts of headers."""
 
-import calendar
 import codecs
 import contextlib
 import functools
@@ -43,7 +42,20 @@ _STEPS = np.outer(10.0 ** np.arange(-5, 1), (1.0, 2.0, 2.5, 5.0)).ravel()  # [s]
 END_OF_DATA = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
 WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
 
-_MONTHS = [month.upper() for month in calendar.month_abbr[1:]]
+_MONTHS = [
+    "JAN",
+    "FEB",
+    "MAR",
+    "APR",
+    "MAY",
+    "JUN",
+    "JUL",
+    "AUG",
+    "SEP",
+    "OCT",
+    "NOV",
+    "DEC",
+]
 _NAMED = rf"(?P<month>{'|'.join(_MONTHS)})[A-Z]*\.?"
 _DATES = (
     r"\b(?P<year>\d{4})[-/](?P<month>\d{1,2})[-/](?P<day>\d{1,2})\b",
@@ -141,7 +153,7 @@ def _read_bytes(source: Source, size: int = -1) -> bytes:
 def begins_with(*patterns: str) -> Callable[[Source], bool]:
     """Return a test of a file or open buffer: is it text whose first 4096 bytes match all?"""
 
-    def begins(source: Source) -> bool:
+    def is_text(source: Source) -> bool:
         try:
             content = _read_bytes(source, 4096)
         except (OSError, ValueError):  # obspy goes on to other formats
@@ -151,7 +163,7 @@ def begins_with(*patterns: str) -> Callable[[Source], bool]:
             re.search(pattern, text) for pattern in patterns
         )
 
-    return begins
+    return is_text
 
 
 def _lines(content: bytes) -> list[str]:

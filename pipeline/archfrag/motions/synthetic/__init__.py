@@ -118,7 +118,7 @@ def make_motion(recipe: Recipe) -> Motion:
     f = np.fft.rfftfreq(size, dt)[1:].astype(np.float64)
     amplitude = _amplitude(f, magnitude, distance, vs30)
 
-    def shaken(stream: str, term: Samples) -> Samples:
+    def wave(stream: str, term: Samples) -> Samples:
         """Return noise in the window with the amplitude and its variation, tapered [m/s2]."""
         noise = _generator(stream, seed).standard_normal(size)
         spectrum = np.fft.rfft(noise * shape)
@@ -141,7 +141,7 @@ def make_motion(recipe: Recipe) -> Motion:
         "model": MODEL,
     }
     terms = _terms(recipe, event, site)
-    horizontal = shaken("noise", terms[0])
+    horizontal = wave("noise", terms[0])
     if recipe.pulse:
         after_peak = time[:active] - fourier.WINDOW_PEAK * length
         pulse = _generator("pulse", seed)
@@ -149,7 +149,7 @@ def make_motion(recipe: Recipe) -> Motion:
             horizontal, after_peak, magnitude, pulse
         )
     vertical = (
-        _finished(shaken("vertical_noise", terms[1]), dt) if recipe.vertical else None
+        _finished(wave("vertical_noise", terms[1]), dt) if recipe.vertical else None
     )
     log = f"Made by {MODEL}; seeds {seed}, {event}, {site}."
     name = f"M{magnitude:g}-R{distance:g}-{seed}"

@@ -61,7 +61,10 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
     InputError or RecordError for a file or id that is missing, or is there with two settings.
     """
     rows = [] if asked.index is None else index.load_index(asked.index)
-    listed = [RecordFile(row.path, row.options, row) for row in rows]
+    # Files of other components have columns of their own.
+    listed = [
+        RecordFile(row.path, row.options | {"columns": None}, row) for row in rows
+    ]
     sources = listed
     by_path = dict[Path, RecordFile]()
     if (
