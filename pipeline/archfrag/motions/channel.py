@@ -7,7 +7,7 @@ obspy Trace, which holds the samples, as ``stats.record``.
 import contextlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -105,7 +105,7 @@ class Facts(Mapping[str, Any]):
 
     @property
     def _known(self) -> dict[str, Any]:
-        return filled({**vars(self), "more": None, **self.more})
+        return filled({**asdict(self), "more": None, **self.more})
 
     def __getitem__(self, key: str) -> Any:
         return self._known[_SPELLINGS.get(key, key)]
