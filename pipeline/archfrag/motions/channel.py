@@ -305,7 +305,7 @@ def quadrant(text: str) -> float | None:
 
 
 def azimuth_of_code(code: str) -> float | None:
-    """Return the azimuth [degrees] of a name (``N``, ``EW1``, ``HNE``, ``180``), else None."""
+    """Return the azimuth [degrees] of a name (``N``, ``EW1``, HNE, ``180``), else None."""
     text = code.strip().upper().lstrip("-+")
     if re.fullmatch(r"\d{2,3}", text):
         return float(text) % 360.0

@@ -74,7 +74,7 @@ def read_motion(
     unit : str, optional
         Of the samples (``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``) if the file states none.
     component : str, optional
-        Channel code (``HNE``), its last letter (``E``) or trace id; else the first horizontal.
+        Channel code (such as HNE), its last letter (``E``) or trace id; else the first horizontal.
     vertical : path, optional
         File of the vertical component if it is not in the same file.
     inventory : path or obspy.Inventory, optional
