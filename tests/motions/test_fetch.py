@@ -26,7 +26,6 @@ def centre(monkeypatch):
 def fetch(centre, folder, **options):
     """Ids of new and of kept records, and kinds and messages of failures."""
     defaults = {
-        "events_from": centre.address,
         "after": 20.0,
         "before": 5.0,
         "timeout": 20.0,
@@ -35,7 +34,8 @@ def fetch(centre, folder, **options):
         "most": 100,
     }
     options = {**defaults, **options}
-    found = list(fetch_records(folder, (EVENT,), centre.address, **options))
+    services = centre.address, options.pop("events_from", centre.address)
+    found = list(fetch_records(folder, (EVENT,), services, **options))
     new, kept = (
         [id for kind, id in found if kind == kind_of] for kind_of in ("new", "kept")
     )

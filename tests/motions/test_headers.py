@@ -240,7 +240,7 @@ class TestRotation:
         )
 
     def test_where_components_must_be_at_right_angles(self):
-        about = {"azimuth": 10.0, "azimuth_transverse": 75.0}
+        about = {"azimuth": 10.0, "of_transverse": {"azimuth": 75.0}}
         skewed = Motion(NORTH, 0.01, transverse=EAST, metadata=about, id="m")
         angle = "azimuths 10 and 75 degrees, not at right angles"
         refused(lambda: rotate(skewed, angle=30.0), angle, "give an azimuth instead")
@@ -286,7 +286,7 @@ class TestStationXml:
     def test_a_dip_tells_which_channel_is_vertical(self, tmp_path):
         path = with_station_xml(tmp_path, ("HN1", "HN3"), dips=(0.0, -90.0))
         motion = read_motion(path)
-        assert motion.metadata["vertical_component"] == "HN3"
+        assert motion.facts.of_vertical.component == "HN3"
 
     def test_a_sensor_below_the_ground_is_named(self, tmp_path):
         assert said(with_station_xml(tmp_path, depth=2.0)) == []

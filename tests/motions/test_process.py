@@ -145,7 +145,7 @@ def test_to_an_azimuth(azimuth, code, apart):
     north = wave()
     east = 2.0 * wave(frequency=3.0)
     direction, apart = np.deg2rad([azimuth, apart])
-    facts = {"component": "000", "component_transverse": code}
+    facts = {"component": "000", "of_transverse": {"component": code}}
     other = np.cos(apart) * north + np.sin(apart) * east
     rotated = rotate(
         Motion(north, 0.01, transverse=other, metadata=facts), azimuth=azimuth
@@ -202,7 +202,7 @@ ALONE = Motion(wave(), 0.01, id="m")
         (lambda m: rotate(pair(component="H1"), azimuth=1.0), ["'H1' is not known"]),
         (
             lambda m: rotate(
-                pair(component="000", component_transverse="180"), azimuth=1.0
+                pair(component="000", of_transverse={"component": "180"}), azimuth=1.0
             ),
             ["0 and 180 degrees", "too close to each other"],
         ),

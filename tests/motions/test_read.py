@@ -252,7 +252,7 @@ def acceptable(path, word, *parts, **options):
     motion = read_motion(path, accept=[word], **options)
     assert motion.metadata["accepted"]
     assert set(motion.metadata["accepted"]) <= set(motion.log)
-    json.dumps(motion.metadata)
+    json.dumps(dict(motion.metadata))
     return motion
 
 

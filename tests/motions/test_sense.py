@@ -108,11 +108,11 @@ class TestOddSamples:
         count = 0
         for path in files:
             options = {"columns": table} if path.parent.name == "p695_txt" else {}
-            traces, _ = read_channels(path, "g" if options else None, **options)
-            for trace in traces:
-                count += 1
-                assert not trace.stats.record.cautions, path
-                assert not trace.stats.record.sensor, path
+            channels, _ = read_channels(path, "g" if options else None, **options)
+            count += len(channels)
+            for channel in channels:
+                assert not channel.cautions, path
+                assert not channel.sensor, path
         assert count > 150
 
     def test_it_reaches_the_motion_and_the_vertical(self, tmp_path):

@@ -55,7 +55,7 @@ class TestVertical:
             assert np.allclose(
                 motion.vertical, 0.2 * G * wave(frequency=4.0), atol=1e-6
             )
-            assert motion.metadata["vertical_component"] == "UP"
+            assert motion.facts.of_vertical.component == "UP"
             assert any(
                 line.startswith("Vertical UP: Read from Q-ELC-UP")
                 for line in motion.log
@@ -236,7 +236,7 @@ def test_prepared_records_are_found_again_with_their_origin(tmp_path):
     assert load_prepared(study) == prepared
     assert [record.id for record in prepared] == ["wave0", "wave1"]
     digest = sha256_of(tmp_path / "records" / "wave1.AT2")
-    assert (prepared[1].source, prepared[1].sha256) == ("wave1.AT2", digest)
+    assert (prepared[1].file, prepared[1].file_sha256) == ("wave1.AT2", digest)
     motion = load_record(study.work, prepared[1])
     assert (motion.id, motion.dt, motion.metadata["file_sha256"]) == (
         "wave1",
@@ -259,7 +259,7 @@ def test_shipped_records_are_selected_in_order_and_ids_occur_once(tmp_path):
         tmp_path, f"index: {INDEX}\n  select: [syn-m70-r020, syn-m55-r010]"
     )
     prepared = prepare_motions(study)
-    found = [(record.id, record.magnitude, record.distance) for record in prepared]
+    found = [(record.id, record.magnitude, record.distance_km) for record in prepared]
     assert found == [("syn-m70-r020", 7.0, 20.0), ("syn-m55-r010", 5.5, 10.0)]
     write(tmp_path / "records", "syn-m55-r010.AT2")
     message = r"\.AT2: the record id 'syn-m55-r010' already belongs to"

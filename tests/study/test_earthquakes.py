@@ -84,7 +84,7 @@ class TestEarthquakes:
         every = 'files: [{path: "own/*.NS?", accept: sensor}]'
         records = prepare_motions(study_of(own.parent, every))
         assert {record.event for record in records} == {"earthquake of A.NS1"}
-        assert "channel NS1 is in the borehole" in records[0].accepted
+        assert "channel NS1 is in the borehole" in records[0].waivers
 
     def test_the_origin_time_of_headers_without_a_name(self, own):
         for name in ("a", "b"):

@@ -341,7 +341,7 @@ def test_first_motions_of_another_index(tmp_path):
     prepare_motions(chosen)
     assert [each.id for each in load_prepared(chosen, "first")] == ["main2", "main2"]
     assert command("run", path, "--quiet").exit_code == 0
-    (lost, _) = (study.work / each.file for each in load_prepared(study, "first"))
+    (lost, _) = (study.work / each.stored for each in load_prepared(study, "first"))
     lost.unlink()
     assert command("run", path, "--quiet").exit_code == 0
     assert lost.is_file()

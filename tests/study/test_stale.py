@@ -128,7 +128,7 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
 
 def test_two_stored_motions_swapped_by_hand(copied):
     one, two = (
-        copied.study.work / record.file for record in load_prepared(copied.study)
+        copied.study.work / record.stored for record in load_prepared(copied.study)
     )
     first = one.read_bytes()
     second = two.read_bytes()

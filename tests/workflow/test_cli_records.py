@@ -8,7 +8,7 @@ import pytest
 from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.motions.index import load_index
-from archfrag.motions.read import load_motion, read_horizontals, read_motion
+from archfrag.motions.read import load_motion
 from archfrag.motions.selection import read_flatfile
 from archfrag.motions.synthetic import make_motion, plan_motions
 from tests.motions.fdsn_server import EVENT, data_centre
@@ -108,7 +108,7 @@ def flatfile(tmp_path_factory):
 @pytest.mark.parametrize(
     ("arguments", "code", "part"),
     [
-        ("convert {three} --out {tmp}/o", 2, "three.mseed"),
+        ("measure {three} --out {tmp}/f.csv", 2, "three.mseed"),
         (
             "make --out {tmp}/o --vertical",
             2,
@@ -220,60 +220,6 @@ class TestInspect:
         assert ["error" in entry for entry in found] == [True, False]
 
 
-class TestConvert:
-    @pytest.mark.parametrize("unit", ["m/s2", "g"])
-    def test_miniseed_holds_every_bit(self, three, tmp_path, unit):
-        out = tmp_path / "o"
-        (entry,) = facts(
-            "convert", three, "--unit", "cm/s2", "--in", unit, "--out", out
-        )
-        assert entry == {"file": str(out / "three.mseed"), "source": str(three)}
-        before = read_horizontals(three, unit="cm/s2")
-        after = read_horizontals(entry["file"])
-        assert [motion.metadata["component"] for motion in after] == ["HNE", "HNN"]
-        for old, new in zip(before, after, strict=True):
-            assert (new.dt, new.metadata["start_time"]) == (
-                old.dt,
-                old.metadata["start_time"],
-            )
-            for part in ("acceleration", "vertical"):
-                assert np.allclose(
-                    getattr(new, part), getattr(old, part), rtol=3e-16, atol=0.0
-                )
-
-    def test_text_holds_all_digits_and_an_index_lists_what_was_done(
-        self, three, at2, tmp_path
-    ):
-        out = tmp_path / "o"
-        done(
-            "convert",
-            three,
-            "--unit",
-            "m/s2",
-            "--to",
-            "text",
-            "--in",
-            "g",
-            "--out",
-            out,
-        )
-        done("convert", at2, "--out", out)
-        entries = {entry.id: entry for entry in load_index(out)}
-        old = read_horizontals(three, unit="m/s2")[1]
-        new = load_motion(entries["three.HNN"])
-        assert np.allclose(new.acceleration, old.acceleration, rtol=3e-16, atol=0.0)
-        assert new.dt == 0.005
-        assert sorted(entries) == ["record", "three.HNE", "three.HNN"]
-        assert entries["record"].metadata["source"] == "record.AT2"
-        assert "factor 9.80665" in entries["record"].metadata["steps"]
-        assert (
-            load_motion(entries["three.HNE"]).log[0]
-            == "Read from three.HNE.txt (COLUMNS)."
-        )
-        other = at2.rename(tmp_path / "record.dat")
-        assert "a record of another file" in refused("convert", other, "--out", out)
-
-
 def test_fetch_continues_and_its_exit_code_tells_what_may_pass(monkeypatch, tmp_path):
     monkeypatch.setenv("no_proxy", "127.0.0.1")
     with data_centre() as centre:
@@ -340,7 +286,9 @@ class TestMake:
         assert (tmp_path / "a" / "index.csv").read_text() == (
             SHIPPED / "index.csv"
         ).read_text()
-        done("convert", at2, "--out", tmp_path / "o")
+        listed = tmp_path / "o" / "index.csv"
+        listed.parent.mkdir()
+        listed.write_text("id,file,unit\nrecord,record.AT2,g\n")
         before = files_below(tmp_path / "o")
         message = refused("make", "--out", tmp_path / "o", *PLAN)
         assert "lists other records (record)" in message
@@ -355,8 +303,6 @@ def test_columns_of_a_plain_text_are_known_to_each_command(at2, tmp_path):
     known = ("--unit", "g", "--columns", "time=1,acceleration=2,skip=1")
     peak = pytest.approx(PEAK * 9.80665, rel=1e-4)
     assert facts("inspect", text, *known)[0]["channels"][0]["PGA"] == peak
-    (written,) = facts("convert", text, *known, "--out", tmp_path / "o", "--to", "text")
-    assert np.abs(read_motion(written["file"]).acceleration).max() == peak
     rows = facts("measure", text, at2, *known, "--out", out)
     assert [row["columns"] for row in rows] == ["acceleration=2 time=1 skip=1", None]
     (tmp_path / "target.csv").write_text("period_s,Sa_g\n0.2,0.4\n0.5,0.3\n")

@@ -105,10 +105,10 @@ class Folder:
         manifest = json.loads((self.work / MANIFEST).read_text())
         for record in manifest["records"]:
             if elsewhere:
-                record["file"] = os.path.relpath(self.precious, self.work)
+                record["stored"] = os.path.relpath(self.precious, self.work)
             else:
-                self.pickled(self.work / record["file"])
-            record["prepared"] = sha256_of(self.work / record["file"])
+                self.pickled(self.work / record["stored"])
+            record["prepared"] = sha256_of(self.work / record["stored"])
         self.json(MANIFEST, **manifest)
 
     def odd_names(self):

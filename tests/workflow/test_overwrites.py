@@ -47,7 +47,6 @@ SMALL = ("small.yaml",)
 FIT = ("fit", "verdicts.csv", "--output")
 SELECT = ("records", "select", "flat.csv", "--count", 1, "--target")
 MEASURE = ("records", "measure", "records/wave0.AT2", "--out")
-CONVERT = ("records", "convert", "records/wave0.AT2", "--out")
 EXPORT = ("export", "small.yaml", "--out")
 TARGET = "period_s,Sa_g\n0.5,0.3\n1,0.2\n"
 RISK = ("risk", "small.yaml", "--hazard", "hazard.csv", "--consequence", "collapse=1")
@@ -242,11 +241,6 @@ CASES = {
         "--out",
         "a.csv",
     ),
-    "convert: an index of the user": lambda: (
-        *CONVERT,
-        beside("new/index.csv", "id,file,unit\nmine,mine.txt,g\n"),
-    ),
-    "convert: a record of the user": lambda: (*CONVERT, beside("new/wave0.mseed")),
     "make: an index of the user": lambda: (
         *MADE,
         "--out",

@@ -19,6 +19,7 @@ from archfrag.api.results import Results
 from archfrag.arch import Arch
 from archfrag.errors import InputError, OutputError
 from archfrag.files import check_targets, counted, make_folder, read_text, sha256_of
+from archfrag.motions.channel import filled
 from archfrag.motions.index import INDEX_NAME, write_index
 from archfrag.motions.measures import measure_unit
 from archfrag.motions.motion import Motion
@@ -35,20 +36,19 @@ from archfrag.version import __version__
 Arches = Arch | Mapping[str, Any] | Sequence[Arch]
 Motions = Motion | str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
 Levels = ArrayLike | Mapping[str, float]
-# Facts of a motion that its row of an index keeps, with other names they may have.
-_FACTS = {
-    "event": "event_id",
-    "station": "",
-    "component": "",
-    "Mw": "magnitude",
-    "distance_km": "",
-    "Vs30_mps": "vs30_mps",
-    "level": "",
-    "unit_in_file": "",
-    "start_time": "",
-    "origin_time": "",
-    "source_sha256": "file_sha256",
-}
+# Facts of a motion that its row of an index keeps.
+_FACTS = (
+    "event",
+    "station",
+    "component",
+    "Mw",
+    "distance_km",
+    "Vs30_mps",
+    "level",
+    "unit_in_file",
+    "start_time",
+    "origin_time",
+)
 _COLUMNS = ("", "acceleration=1", "acceleration=1 vertical=2")  # by their number
 _CONTENT = "# Content: "
 _NAMED = 3  # arches in a heading
@@ -376,13 +376,11 @@ def _write_motions(motions: Sequence[Motion], folder: Path) -> Path:
         ]
         lines = (" ".join(map(repr, row)) for row in np.column_stack(parts).tolist())
         write_text(path, "\n".join(lines) + "\n")
-        about = motion.metadata
-        facts = {
-            key: about.get(key) or about.get(other) for key, other in _FACTS.items()
-        }
+        facts = {name: motion.metadata.get(name) for name in _FACTS}
+        source = motion.facts.source_sha256 or motion.facts.file_sha256
         rows.append(
             {
-                **{key: fact for key, fact in facts.items() if fact},
+                **filled(facts | {"source_sha256": source}),
                 "id": motion.id or path.stem,
                 "file": path.name,
                 "unit": "m/s2",
@@ -410,9 +408,8 @@ def _digest_of_motion(motion: Motion) -> str:
         None if part is None else sha256(part.tobytes()).hexdigest()
         for part in motion.components.values()
     ]
-    facts = {
-        name: str(motion.metadata.get(name)) for pair in _FACTS.items() for name in pair
-    }
+    named = (*_FACTS, "source_sha256", "file_sha256")
+    facts = {name: str(motion.metadata.get(name)) for name in named}
     return digest_of([motion.id, motion.dt, parts, facts])
 
 

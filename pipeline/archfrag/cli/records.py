@@ -3,7 +3,6 @@
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ from archfrag.errors import InputError, RecordError, ServiceError
 from archfrag.files import counted, number, opened, write_csv
 from archfrag.motions import selection, synthetic
 from archfrag.motions.channel import STANDARD_GRAVITY
-from archfrag.motions.convert import convert_record
 from archfrag.motions.fetch import fetch_records
 from archfrag.motions.formats import TEXT, one_reader, recognise
 from archfrag.motions.index import goes_with_records, index_table
@@ -39,7 +37,18 @@ from archfrag.study.file.schema import PERIODS
 from archfrag.study.provenance import finite, write_text
 
 _files = click.argument("files", nargs=-1, required=True, type=PATH)
-_out = click.option("--out", type=PATH, required=True, help="Folder to write to.")
+
+
+def _option(
+    name: str, kind: Any, text: str, default: Any = None, **more: Any
+) -> Callable[..., Any]:
+    """Return an option with its help, which shows the default if there is one."""
+    shown = default is not None
+    more |= {"type": kind, "default": default, "show_default": shown, "help": text}
+    return click.option(name, **more)
+
+
+_out = _option("--out", PATH, "Folder to write to.", required=True)
 
 
 def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
@@ -55,11 +64,12 @@ def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
             values = [number(part) for part in text.split(":" if ends else ",")]
         except ValueError:
             values = [np.nan]
-        increasing = len(values) == 2 and values[0] < values[-1]
-        if (ends and not increasing) or not low <= min(values) <= max(values) <= high:
-            forms = "a list such as 6,6.5,7, or two increasing ends such as 6:7"
-            rule = f"must be numbers from {low:g} to {high:g}: {forms}"
-            raise InputError(f"{parameter.opts[0]} {text}: {rule}")
+        wrong = ends and not (len(values) == 2 and values[0] < values[1])
+        if wrong or not low <= min(values) <= max(values) <= high:
+            raise InputError(
+                f"{parameter.opts[0]} {text}: must be numbers from {low:g} to {high:g}: a list "
+                "such as 6,6.5,7, or two increasing ends such as 6:7"
+            )
         return values, ends
 
     return numbers
@@ -80,7 +90,7 @@ def _reading(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
 
 @click.group()
 def records() -> None:
-    """Inspect, measure, select, convert, fetch and make records."""
+    """Inspect, measure, select, fetch and make records."""
 
 
 @records.command(cls=Once)
@@ -150,11 +160,9 @@ def _inspection(facts: dict[str, Any]) -> str:
 
 @records.command(cls=Once)
 @_files
-@click.option(
-    "--out", type=PATH, required=True, metavar="FLATFILE.csv", help="Table to write."
-)
-@click.option(
-    "--periods", metavar="T,T,...", help="Periods of Sa [s], besides 0.01 to 10 s."
+@_option("--out", PATH, "Table to write.", required=True, metavar="FLATFILE.csv")
+@_option(
+    "--periods", str, "Periods of Sa [s], besides 0.01 to 10 s.", metavar="T,T,..."
 )
 @takes_record
 @figure_option
@@ -195,15 +203,14 @@ def _measured(
     low, high = PERIODS
     try:
         more = [number(part) for part in text.split(",")] if text else []
-        if not all(
-            low <= period <= high and round(period, 3) == period for period in more
-        ):
-            raise ValueError
+        wrong = any(not low <= t <= high or round(t, 3) != t for t in more)
     except ValueError:
-        needed = (
-            f"numbers from {low:g} to {high:g} s, of at most three decimals, are needed"
+        wrong = True
+    if wrong:
+        raise InputError(
+            f"--periods {text}: numbers from {low:g} to {high:g} s, of at most three decimals, "
+            "are needed"
         )
-        raise InputError(f"--periods {text}: {needed}") from None
     verticals = vertical_files(sorted(files))
     tables = []
     with one_reader():
@@ -211,7 +218,7 @@ def _measured(
             options = _reading(file, reading)
             name = os.path.relpath(file, out.parent)
             motions = [
-                replace(motion, metadata={**motion.metadata, "file": name})
+                motion.stating(file=name)
                 for motion in read_horizontals(file, **options)
             ]
             how = {
@@ -244,40 +251,26 @@ def _draw(
 @records.command(cls=Once)
 @click.argument("flatfile", type=PATH)
 @takes(
-    click.option(
-        "--out", type=PATH, required=True, metavar="INDEX.csv", help="Index to write."
-    ),
-    click.option("--count", type=int, required=True, help="Number of records."),
-    click.option(
+    _option("--out", PATH, "Index to write.", required=True, metavar="INDEX.csv"),
+    _option("--count", int, "Number of records.", required=True),
+    _option(
         "--target",
-        type=PATH,
+        PATH,
+        "Target spectrum: columns period_s, Sa_g and, for its scatter, sd.",
         metavar="FILE.csv",
-        help="Target spectrum: columns period_s, Sa_g and, for its scatter, sd.",
     ),
-    click.option(
-        "--magnitude", type=float, help="Moment magnitude of a conditional spectrum."
+    _option("--magnitude", float, "Moment magnitude of a conditional spectrum."),
+    _option("--distance", float, "Its distance to the rupture [km]."),
+    _option("--vs30", float, "Its Vs30 [m/s]."),
+    _option("--period", float, "Its conditioning period [s]."),
+    _option("--sa", float, "Sa at that period [g], or --epsilon."),
+    _option("--epsilon", float, "Standard deviations of Sa above the median."),
+    _option("--model", str, "Ground-motion model.", "CY14"),
+    _option(
+        "--max-scale", float, "Largest scale factor; its inverse is the smallest.", 4.0
     ),
-    click.option("--distance", type=float, help="Its distance to the rupture [km]."),
-    click.option("--vs30", type=float, help="Its Vs30 [m/s]."),
-    click.option("--period", type=float, help="Its conditioning period [s]."),
-    click.option("--sa", type=float, help="Sa at that period [g], or --epsilon."),
-    click.option(
-        "--epsilon", type=float, help="Standard deviations of Sa above the median."
-    ),
-    click.option(
-        "--model", default="CY14", show_default=True, help="Ground-motion model."
-    ),
-    click.option(
-        "--max-scale",
-        type=float,
-        default=4.0,
-        show_default=True,
-        help="Largest scale factor; its inverse is the smallest.",
-    ),
-    click.option(
-        "--per-event", type=int, help="Largest number of records of one event."
-    ),
-    click.option("--seed", type=int, default=1, show_default=True),
+    _option("--per-event", int, "Largest number of records of one event."),
+    _option("--seed", int, "", 1),
     figure_option,
     json_option,
 )
@@ -348,112 +341,63 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
 
 
 @records.command(cls=Once)
-@_files
-@takes(
-    _out,
-    click.option(
-        "--to",
-        "form",
-        type=click.Choice(["mseed", "text"]),
-        default="mseed",
-        show_default=True,
-        help="miniSEED, or columns of text.",
-    ),
-    click.option(
-        "--in",
-        "requested",
-        type=click.Choice(["m/s2", "g"]),
-        default="m/s2",
-        show_default=True,
-        help="Unit to write.",
-    ),
-    takes_record,
-    json_option,
-)
-def convert(
-    files: tuple[Path, ...],
-    out: Path,
-    form: str,
-    requested: str,
-    as_json: bool,
-    **reading: Any,
-) -> None:
-    """Write record FILES in another format.
-
-    An index in the same folder states where they come from and what was done to them.
-
-    \b
-    Example:
-      archfrag records convert CE23837.V1C --to text --in g --out converted
-    """
-    written = [
-        {"file": str(path), "source": str(file)}
-        for file in files
-        for path in convert_record(
-            file, out, form, requested, **_reading(file, reading)
-        )
-    ]
-    show(written, "\n".join(entry["file"] for entry in written), as_json)
-
-
-@records.command(cls=Once)
 @click.argument("events", nargs=-1, required=True, metavar="EVENT_ID...")
 @takes(
     _out,
-    click.option(
+    _option(
         "--from",
-        "stations_from",
+        str,
+        "Service of stations and waveforms: NCEDC, SCEDC, INGV, ... or https://...",
         required=True,
         metavar="SERVICE",
-        help="Service of stations and waveforms: NCEDC, SCEDC, INGV, ... or https://...",
     ),
-    click.option(
+    _option(
         "--events-from",
-        default="USGS",
-        show_default=True,
+        str,
+        "Service that knows the given event identifiers.",
+        "USGS",
         metavar="SERVICE",
-        help="Service that knows the given event identifiers.",
     ),
-    click.option(
+    _option(
         "--radius",
-        type=click.FloatRange(0.0, 2000.0),
-        default=100.0,
-        show_default=True,
-        help="Largest epicentral distance [km].",
+        click.FloatRange(0.0, 2000.0),
+        "Largest epicentral distance [km].",
+        100.0,
     ),
-    click.option(
+    _option(
         "--channels",
-        default="HN,EN,BN",
-        show_default=True,
+        str,
+        "Accelerometers, the best first; each station gives one kind.",
+        "HN,EN,BN",
         metavar="KINDS",
-        help="Accelerometers, the best first; each station gives one kind.",
     ),
-    click.option(
+    _option(
         "--before",
-        type=click.FloatRange(0.0, 3600.0),
-        default=30.0,
-        show_default=True,
-        help="Begin before the origin time [s].",
+        click.FloatRange(0.0, 3600.0),
+        "Begin before the origin time [s].",
+        30.0,
     ),
-    click.option(
+    _option(
         "--after",
-        type=click.FloatRange(1.0, 7200.0),
-        default=180.0,
-        show_default=True,
-        help="End after the origin time [s].",
+        click.FloatRange(1.0, 7200.0),
+        "End after the origin time [s].",
+        180.0,
     ),
-    click.option(
+    _option(
         "--stations",
-        "most",
-        type=click.IntRange(1),
-        default=100,
-        show_default=True,
-        help="Largest number of stations of an event, the nearest first.",
+        click.IntRange(1),
+        "Largest number of stations of an event, the nearest first.",
+        100,
     ),
     json_option,
 )
 def fetch(
-    events: tuple[str, ...], out: Path, channels: str, as_json: bool, **options: Any
+    events: tuple[str, ...],
+    out: Path,
+    channels: str,
+    stations: int,
+    as_json: bool,
+    **where: Any,
 ) -> None:
     """Fetch records of events from data centres.
 
@@ -467,7 +411,10 @@ def fetch(
     """
     kinds = tuple(kind.strip() for kind in channels.split(","))
     fetched: dict[str, list[Any]] = {"new": [], "kept": [], "failures": []}
-    for kind, text in fetch_records(out, events, channels=kinds, **options):
+    services = where.pop("from"), where.pop("events_from")
+    for kind, text in fetch_records(
+        out, events, services, stations, channels=kinds, **where
+    ):
         if kind in fetched:
             fetched[kind].append(text)
         else:
@@ -476,10 +423,10 @@ def fetch(
     new, kept, failures = fetched.values()
     text = f"{counted(len(new), 'record')} fetched, {len(kept)} were there: {out}"
     show({"folder": str(out), **fetched}, text, as_json)
-    if passing := sum(failure["kind"] == "service" for failure in failures):
-        count = counted(passing, "request")
+    passing = sum(failure["kind"] == "service" for failure in failures)
+    if passing:
         raise ServiceError(
-            f"{count} failed; try again later: the same command continues"
+            f"{counted(passing, 'request')} failed; try again later: the same command continues"
         )
     if not new and not kept:
         raise InputError("no record was fetched, for the reasons stated above")
@@ -488,39 +435,31 @@ def fetch(
 @records.command(cls=Once)
 @takes(
     _out,
-    click.option("--events", type=click.IntRange(1, 100_000), help="Earthquakes."),
-    click.option(
-        "--records-per-event", type=click.IntRange(1, 100_000), help="Of each (1)."
-    ),
-    click.option(
+    _option("--events", click.IntRange(1, 100_000), "Earthquakes."),
+    _option("--records-per-event", click.IntRange(1, 100_000), "Of each (1)."),
+    _option(
         "--magnitude",
+        str,
+        "Moment magnitudes: a list that the earthquakes take in turn, or two ends "
+        "between which they are drawn.",
         metavar="M,...|M:M",
         callback=_list_or_ends(3.0, 8.0),
-        help="Moment magnitudes: a list that the earthquakes take in turn, or two ends "
-        "between which they are drawn.",
     ),
-    click.option(
+    _option(
         "--distance-km",
+        str,
+        "Distances to the rupture [km]: a list that the records take in turn, or "
+        "two ends.",
         metavar="D,...|D:D",
         callback=_list_or_ends(0.0, 300.0),
-        help="Distances to the rupture [km]: a list that the records take in turn, or "
-        "two ends.",
     ),
-    click.option(
-        "--sites", type=click.IntRange(1), help="Number of sites (one a record)."
-    ),
-    click.option(
-        "--vs30", type=click.FloatRange(450.0, 1000.0), help="Of sites [m/s] (760)."
-    ),
+    _option("--sites", click.IntRange(1), "Number of sites (one a record)."),
+    _option("--vs30", click.FloatRange(450.0, 1000.0), "Of sites [m/s] (760)."),
     click.option(
         "--vertical", is_flag=True, default=None, help="Also make vertical components."
     ),
-    click.option(
-        "--pulses", type=click.FloatRange(0.0, 1.0), help="Fraction with a pulse."
-    ),
-    click.option(
-        "--seed", type=click.IntRange(0, 10**9), help="Of the random numbers (1)."
-    ),
+    _option("--pulses", click.FloatRange(0.0, 1.0), "Fraction with a pulse."),
+    _option("--seed", click.IntRange(0, 10**9), "Of the random numbers (1)."),
     json_option,
 )
 def make(out: Path, as_json: bool, **requested: Any) -> None:
@@ -552,12 +491,9 @@ def _recipes(requested: dict[str, Any]) -> list[synthetic.Recipe] | None:
     given = {key: value for key, value in requested.items() if value is not None}
     if not given:
         return None
-    needed = {
-        "--events": "events",
-        "--magnitude": "magnitude",
-        "--distance-km": "distance_km",
-    }
-    if missing := [option for option, key in needed.items() if key not in given]:
+    needed = ("events", "magnitude", "distance_km")
+    missing = [f"--{key.replace('_', '-')}" for key in needed if key not in given]
+    if missing:
         raise InputError(f"{', '.join(missing)}: needed with the other options")
     given["magnitude"], given["drawn_magnitude"] = given["magnitude"]
     given["distance"], given["drawn_distance"] = given.pop("distance_km")

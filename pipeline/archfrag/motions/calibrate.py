@@ -33,15 +33,6 @@ from archfrag.motions.channel import (
 from archfrag.motions.measures import odd_samples
 
 Inventory = Any  # obspy's, whose import takes time
-_ACCELERATION_UNITS = {
-    "M/S**2",
-    "M/S^2",
-    "M/S2",
-    "M/S/S",
-    "M/(S**2)",
-    "M/SEC**2",
-    "M/SEC/SEC",
-}
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
 _BOREHOLE = re.compile(r"(EW|NS|UD)1")  # of KiK-net, whose surface is 2
 LARGEST_INVENTORY = 50_000_000  # [bytes]
@@ -77,24 +68,14 @@ _QUANTITIES = {
     "a displacement": r"([nuµmck]?m|in|ft)",
     "an acceleration in another unit": r"([nuµk]?m|in|ft)/s2|m?g?gal|[mu]g|%g",
 }
-_UNSTATED = {"", "unknown", "none", "na", "n/a", "-", "1", "integer", "float", "ascii"}
-_COUNTS = {
-    "count",
-    "counts",
-    "cnt",
-    "cnts",
-    "digital_counts",
-    "digitalcounts",
-    "du",
-    "digits",
-}
+_UNSTATED = re.compile("|unknown|none|n/?a|-|1|integer|float|ascii")
+_COUNTS = re.compile("(digital_?)?(count|cnt)s?|du|digits")
 
 
-def accepted_words(words: Iterable[str], place: str) -> tuple[Acceptable, ...]:
+def accepted_words(words: Iterable[str], place: object) -> tuple[Acceptable, ...]:
     """Return the words of an `accept`, separated by commas or blanks; RecordError for others."""
-    chosen = (
-        (words if isinstance(words, str) else " ".join(words)).replace(",", " ").split()
-    )
+    text = words if isinstance(words, str) else " ".join(words)
+    chosen = text.replace(",", " ").split()
     for word in chosen:
         if word not in ACCEPTABLE:
             raise RecordError(
@@ -103,71 +84,68 @@ def accepted_words(words: Iterable[str], place: str) -> tuple[Acceptable, ...]:
     return tuple(word for word in ACCEPTABLE if word in chosen)
 
 
-def impossible(trace: Trace) -> Iterator[Warned]:
+def impossible(channel: Channel) -> Iterator[Warned]:
     """List what is impossible in a channel, or contradicts its header."""
-    channel = trace.stats.record
-    delta = trace.stats.delta
-    data = trace.data
-    code = channel.code or trace.id
-    announced = channel.announced
-    held = channel.held
+    data = channel.trace.data
+    id = channel.trace.id
+    delta = channel.trace.stats.delta
     if not 0.0 < delta < np.inf:
         yield (
             None,
-            f"time step {delta} s of channel {trace.id} must be a positive number of s",
+            f"time step {delta} s of channel {id} must be a positive number of s",
         )
-    if announced != held:
-        stated = f"the header announces {announced} samples of channel {code}"
+    if channel.announced != channel.held:
+        only = "only " if channel.held < channel.announced else ""
         yield (
             "samples",
-            f"{stated}, the file holds {'only ' if held < announced else ''}{held}",
+            f"the header announces {channel.announced} samples of channel "
+            f"{channel.code or id}, the file holds {only}{channel.held}",
         )
     elif channel.contradicted:
-        yield "header", f"channel {code}: {channel.contradicted}"
-    if min(held, len(data)) < 2:
-        yield None, f"channel {trace.id} holds less than 2 samples"
-    if np.iscomplexobj(data):
-        yield (
-            None,
-            f"channel {trace.id} has complex samples; accelerations are real numbers",
-        )
-    if np.ma.isMaskedArray(data):
-        yield None, f"channel {trace.id} has gaps; a record must be without gaps"
-    if (bad := np.flatnonzero(~np.isfinite(data))).size:
-        yield (
-            None,
-            f"channel {trace.id} is not finite, the first time at index {bad[0]}",
-        )
+        yield "header", f"channel {channel.code or id}: {channel.contradicted}"
+    bad = np.flatnonzero(~np.isfinite(data))
+    for wrong, what in (
+        (min(channel.held, len(data)) < 2, "holds less than 2 samples"),
+        (np.iscomplexobj(data), "has complex samples; accelerations are real numbers"),
+        (np.ma.isMaskedArray(data), "has gaps; a record must be without gaps"),
+    ):
+        if wrong:
+            yield None, f"channel {id} {what}"
+    if bad.size:
+        yield None, f"channel {id} is not finite, the first time at index {bad[0]}"
 
 
-def implausible(trace: Trace) -> Iterator[Warned]:
+def implausible(channel: Channel) -> Iterator[Warned]:
     """List what is implausible about a channel in m/s2."""
-    channel = trace.stats.record
-    dt = float(trace.stats.delta)
+    dt = float(channel.trace.stats.delta)
     # A rate such as 10 Hz need not give 0.1 s to the last digit.
     if not 1e-4 * (1.0 - 1e-9) <= dt <= 0.1 * (1.0 + 1e-9):
-        text = (
-            f"time step of channel {channel.code} is {dt:g} s, outside 0.0001 to 0.1 s"
+        yield (
+            "time_step",
+            f"time step of channel {channel.code} is {dt:g} s, outside 0.0001 to 0.1 s",
         )
-        yield "time_step", text
-    peak = float(np.abs(trace.data).max()) / STANDARD_GRAVITY
+    peak = float(np.abs(channel.trace.data).max()) / STANDARD_GRAVITY
     if not 1e-5 <= peak <= 5.0:
-        text = f"{peak:.4g} g by its unit {channel.unit_in_file}"
-        yield "pga", f"peak of channel {channel.code} is {text}, outside 1e-05 to 5 g"
+        yield (
+            "pga",
+            f"peak of channel {channel.code} is {peak:.4g} g by its unit "
+            f"{channel.unit_in_file}, outside 1e-05 to 5 g",
+        )
 
 
 def accept_or_refuse(
     place: object, accept: Sequence[Acceptable], warnings: Iterable[Warned]
-) -> tuple[str, ...]:
+) -> list[str]:
     """Return a line for each warning; RecordError for the first that is not in `accept`."""
-    lines: tuple[str, ...] = ()
+    lines = []
     for word, fact in warnings:
         if word not in accept:
-            how = f"give `accept` with {word} (--accept {word} on the command line)"
-            raise RecordError(
-                f"{place}: {fact}{f'; to use it as it is {how}' if word else ''}"
+            how = (
+                f"; to use it as it is give `accept` with {word} (--accept {word} on the "
+                "command line)"
             )
-        lines += (f"Accepted: {fact}.",)
+            raise RecordError(f"{place}: {fact}{how if word else ''}")
+        lines.append(f"Accepted: {fact}.")
     return lines
 
 
@@ -177,70 +155,68 @@ def plain_unit(text: str) -> str:
     return re.sub(r"/s(ec)?/s(ec)?|/sec2", "/s2", plain).replace("/sec", "/s")
 
 
-def _add_stated(trace: Trace) -> None:
+def _add_stated(channel: Channel) -> None:
     """Add what a header of one of obspy's formats states; warn if it is no acceleration."""
-    stats = trace.stats
-    channel = trace.stats.record
+    stats = channel.trace.stats
+    name = _named(channel)
+    source = f"{stats._format} header"
     sac = stats.get("sac", {})
-    text = stats.get("ascii", {})
     gse = stats.get("gse2") or stats.get("gse1") or {}
-    unit = plain_unit(str(text.get("unit") or "").rstrip(", "))
-    quantity = _SAC_FILES.get(_number(sac.get("iftype"), -1))
-    if _number(sac.get("leven"), 1) == 0.0:
+    stated = str(stats.get("ascii", {}).get("unit") or "")
+    unit = plain_unit(stated.rstrip(", "))
+    quantity = _SAC_FILES.get(_number(sac, "iftype"))
+    if _number(sac, "leven", 1.0) == 0.0:
         quantity = "samples at unequal steps"
-    quantity = quantity or _SAC_QUANTITIES.get(_number(sac.get("idep"), -1))
+    quantity = quantity or _SAC_QUANTITIES.get(_number(sac, "idep"))
     if unit in METRES_PER_SECOND_SQUARED:
         channel.unit = unit
-    elif unit in _COUNTS:
+    elif _COUNTS.fullmatch(unit):
         channel.unit = "counts"
-    elif unit not in _UNSTATED:
+    elif not _UNSTATED.fullmatch(unit):
         kinds = (kind for kind, form in _QUANTITIES.items() if re.fullmatch(form, unit))
-        quantity = f"{next(kinds, 'no acceleration')} (its unit is {text['unit']!r})"
+        quantity = f"{next(kinds, 'no acceleration')} (its unit is {stated!r})"
     if quantity:
-        units = ", ".join(METRES_PER_SECOND_SQUARED)
-        needed = f"samples of acceleration are needed, in one of {units}"
-        stated = f"the header of {_named(channel)} states {quantity}"
-        channel.warnings.append((None, f"{stated}; {needed}"))
+        text = (
+            f"the header of {name} states {quantity}; samples of acceleration are needed, in "
+            f"one of {', '.join(METRES_PER_SECOND_SQUARED)}"
+        )
+        channel.warnings.append((None, text))
     if stats._format == "KINEMETRICS_EVT" and 0.0 < stats.calib < math.inf:
         channel.g_per_count = stats.calib / 9.81  # obspy's own value of g
-    azimuth = _number(sac.get("cmpaz", gse.get("hang")), -1.0)
-    tilt = _number(sac.get("cmpinc", gse.get("vang")), -1.0)
+    azimuth = _number(sac, "cmpaz", gse.get("hang", -1.0))
+    tilt = _number(sac, "cmpinc", gse.get("vang", -1.0))
     # Zeros and -1 are what writers put where they know nothing.
     if 0.0 <= tilt <= 180.0 and (azimuth or tilt or VERTICAL.fullmatch(channel.code)):
-        _add_direction(channel, azimuth, tilt - 90.0, f"{stats._format} header")
-    for depth in (
-        channel.depth,
-        _number(sac.get("stdp"), 0.0),
-        1e3 * _number(gse.get("edepth"), 0),
-    ):
-        _add_depth(channel, depth or 0.0, f"{stats._format} header")
-    length = _number(sac.get("e"), math.nan) - _number(sac.get("b"), 0.0)
-    peak = max(abs(_number(sac.get(key), 0.0)) for key in ("depmin", "depmax"))
-    held = float(np.abs(trace.data).max())
+        _add_direction(channel, azimuth, tilt - 90.0, source)
+    for depth in (channel.depth, _number(sac, "stdp"), 1e3 * _number(gse, "edepth")):
+        _add_depth(channel, depth or 0.0, source)
+    begin = _number(sac, "b")
+    peak = max(abs(_number(sac, key)) for key in ("depmin", "depmax"))
+    held = float(np.abs(channel.trace.data).max())
     if peak and abs(peak - held) > 0.1 * peak:
-        text = (
-            f"the header of {_named(channel)} states a peak of {peak:g}, the "
-            f"samples have {held:g}"
+        channel.warn(
+            f"the header of {name} states a peak of {peak:g}, the samples have {held:g}"
         )
-        channel.warnings.append(("header", text))
-    if text := wrong_length(length, channel.held, float(stats.delta)):
-        channel.warnings.append(("header", f"{_named(channel)}: {text}"))
-    if flaw := _SAC_FLAWS.get(_number(sac.get("iqual"), -1)):
-        channel.cautions.append(
-            f"the header of {_named(channel)} states {flaw} (IQUAL)"
-        )
-    origin = _number(sac.get("o"), math.nan)
+    length = _number(sac, "e", math.nan) - begin
+    wrong = wrong_length(length, channel.held, float(stats.delta))
+    if wrong:
+        channel.warn(f"{name}: {wrong}")
+    flaw = _SAC_FLAWS.get(_number(sac, "iqual"))
+    if flaw:
+        channel.cautions.append(f"the header of {name} states {flaw} (IQUAL)")
+    origin = _number(sac, "o", math.nan)
     if math.isfinite(origin):
-        channel.origin_time = str(stats.starttime - _number(sac.get("b"), 0.0) + origin)
+        channel.origin_time = str(stats.starttime - begin + origin)
+
+
+def _number(header: Any, key: str, default: Any = 0.0) -> Any:
+    """Return a number of a header; `default` if it is missing, or -12345, as SAC writes then."""
+    value = header.get(key)
+    return float(default if value in (None, "") or float(value) == -12345.0 else value)
 
 
 def _named(channel: Channel) -> str:
     return f"channel {channel.code}" if channel.code else "the file"
-
-
-def _number(value: Any, default: Any) -> Any:
-    """Return a number of a header; `default` if it is missing, or -12345, as SAC writes then."""
-    return default if value in (None, "") or float(value) == -12345.0 else float(value)
 
 
 def _add_direction(channel: Channel, azimuth: float, dip: float, source: str) -> None:
@@ -251,33 +227,34 @@ def _add_direction(channel: Channel, azimuth: float, dip: float, source: str) ->
     stated = f"the {source} states a dip of {dip:g} degrees"
     vertical = abs(dip) > 90.0 - TOLERANCE
     if not vertical and abs(dip) > TOLERANCE:
-        text = f"channel {code} is neither vertical nor horizontal: {stated}"
-        channel.warnings.append(("header", text))
+        channel.warn(f"channel {code} is neither vertical nor horizontal: {stated}")
         return
     if (HORIZONTAL if vertical else VERTICAL).fullmatch(code) and not code.isdigit():
         kind = "horizontal" if vertical else "vertical"
-        text = f"channel {code} is {kind} by its code, but {stated}"
-        channel.warnings.append(("header", text))
+        channel.warn(f"channel {code} is {kind} by its code, but {stated}")
         return
-    before = channel.azimuth
     channel.vertical = vertical
     if vertical:
         channel.downwards = dip > 0.0
     if vertical or azimuth < 0.0:
         return
+    before = channel.azimuth
     if before is not None and turned_by(before, azimuth) > TOLERANCE:
-        text = f"its own header states azimuth {before:g}, the {source} {azimuth:g} degrees"
-        channel.warnings.append(("header", f"channel {code}: {text}"))
+        channel.warn(
+            f"channel {code}: its own header states azimuth {before:g}, the {source} "
+            f"{azimuth:g} degrees"
+        )
     channel.azimuth = azimuth % 360.0
     by_code = azimuth_of_code(code)
-    if by_code is not None and (off := turned_by(by_code, azimuth)) > TOLERANCE:
-        sense = (
-            "its polarity is reversed"
-            if off > 180.0 - TOLERANCE
-            else "this azimuth counts"
+    off = 0.0 if by_code is None else turned_by(by_code, azimuth)
+    if off > TOLERANCE:
+        sense = "this azimuth counts"
+        if off > 180.0 - TOLERANCE:
+            sense = "its polarity is reversed"
+        channel.cautions.append(
+            f"channel {code} has azimuth {by_code:g} by its code, {azimuth:g} by the "
+            f"{source}; {sense}"
         )
-        differ = f"azimuth {by_code:g} by its code, {azimuth:g} by the {source}"
-        channel.cautions.append(f"channel {code} has {differ}; {sense}")
 
 
 def _add_depth(channel: Channel, depth: float, source: str) -> None:
@@ -286,50 +263,54 @@ def _add_depth(channel: Channel, depth: float, source: str) -> None:
         channel.sensor = f"is {depth:g} m below the surface by its {source}"
 
 
-def _add_place(trace: Trace, path: Path) -> None:
+def _add_place(channel: Channel, path: Path) -> None:
     """Note a sensor that is in a structure or, of KiK-net, in a borehole."""
-    channel = trace.stats.record
-    code = trace.stats.record.code.upper()
-    station = f"{trace.stats.station} {channel.station} {path.name}".upper()
-    kik_net = trace.stats._format == "KNET" or re.search(r"\b[A-Z]{3}H\d\d", station)
+    stats = channel.trace.stats
+    station = f"{stats.station} {channel.station} {path.name}".upper()
+    kik_net = stats._format == "KNET" or re.search(r"\b[A-Z]{3}H\d\d", station)
+    place = _STRUCTURE.search(f"{channel.place} {stats.location}")
     if _BOREHOLE.fullmatch(path.suffix[1:].upper()) or (
-        kik_net and _BOREHOLE.fullmatch(code)
+        kik_net and _BOREHOLE.fullmatch(channel.code.upper())
     ):
         channel.sensor = (
             "is in the borehole of a KiK-net station, whose surface is EW2, NS2, UD2"
         )
-    elif place := _STRUCTURE.search(f"{channel.place} {trace.stats.location}"):
+    elif place:
         channel.sensor = f"is in a structure by its header ({place[0]})"
 
 
-def _add_station(trace: Trace, inventory: Any) -> None:
+def _add_station(channel: Channel, inventory: Inventory) -> None:
     """Add direction and depth of a channel by StationXML; compare its sensitivity and stages."""
-    channel = trace.stats.record
-    time = trace.stats.starttime
+    trace = channel.trace
+    where = trace.id, trace.stats.starttime
     facts = dict[str, Any]()
     with contextlib.suppress(Exception):  # obspy's, of a channel that is not in it
-        facts = inventory.get_channel_metadata(trace.id, time)
-    azimuth, dip = (facts.get(key) for key in ("azimuth", "dip"))
-    if dip is not None:
-        _add_direction(channel, -1.0 if azimuth is None else azimuth, dip, "StationXML")
+        facts = inventory.get_channel_metadata(*where)
+    azimuth = facts.get("azimuth")
+    if facts.get("dip") is not None:
+        azimuth = -1.0 if azimuth is None else azimuth
+        _add_direction(channel, azimuth, facts["dip"], "StationXML")
     _add_depth(channel, float(facts.get("local_depth") or 0.0), "StationXML")
     try:
-        response = inventory.get_response(trace.id, time)
-        total = float(response.instrument_sensitivity.value)
+        response = inventory.get_response(*where)
+        overall = response.instrument_sensitivity
+        total = float(overall.value)
     except Exception:  # which stops the reading where the sensitivity is needed
         return
     gains = [stage.stage_gain for stage in response.response_stages or ()]
     product = float(np.prod([gain for gain in gains if gain is not None]))
     if any(gains) and not abs(product / total - 1.0) <= UNEQUAL:
-        numbers = f"a total sensitivity of {total:.6g} and stages whose product is {product:.6g}"
-        use = "reading uses the total, the step `response` the stages; find out which is right"
         channel.cautions.append(
-            f"channel {channel.code}: its StationXML states {numbers}; {use}"
+            f"channel {channel.code}: its StationXML states a total sensitivity of {total:.6g} "
+            f"and stages whose product is {product:.6g}; reading uses the total, the step "
+            "`response` the stages; find out which is right"
         )
-    units = str(response.instrument_sensitivity.input_units).upper()
-    if (other := _instrument(channel.code)) and "S**2" in units:
-        both = f"is of {other} by its code, of an accelerometer by its StationXML"
-        channel.cautions.append(f"channel {channel.code} {both}; the StationXML counts")
+    other = _instrument(channel.code)
+    if other and "S**2" in str(overall.input_units).upper():
+        channel.cautions.append(
+            f"channel {channel.code} is of {other} by its code, of an accelerometer by its "
+            "StationXML; the StationXML counts"
+        )
 
 
 def _instrument(code: str) -> str:
@@ -342,71 +323,72 @@ def _instrument(code: str) -> str:
     return next(names, "")
 
 
-def _compare_with_the_user(trace: Trace, unit: str) -> None:
+def _compare_with_the_user(channel: Channel, unit: str) -> None:
     """Warn if the header contradicts that the samples are in a unit of acceleration."""
-    stats = trace.stats
-    channel = trace.stats.record
+    calib = channel.trace.stats.calib
+    name = _named(channel)
+    other = _instrument(channel.code)
     user = f"and the unit {unit} was given"
-    text = ""
     if channel.unit == "counts":
-        text = f"the header of {_named(channel)} states counts, {user}"
-    elif stats.calib not in (0.0, 1.0):
-        what = f"the header of {_named(channel)} states a calibration factor of {stats.calib:g}"
-        text = f"{what}, so that its samples are counts, {user}"
-    elif other := _instrument(channel.code):
-        text = f"{_named(channel)} is of {other} by its code, {user}"
-    if text:
-        channel.warnings.append(("header", text))
+        channel.warn(f"the header of {name} states counts, {user}")
+    elif calib not in (0.0, 1.0):
+        channel.warn(
+            f"the header of {name} states a calibration factor of {calib:g}, so that its "
+            f"samples are counts, {user}"
+        )
+    elif other:
+        channel.warn(f"{name} is of {other} by its code, {user}")
 
 
-def to_si(trace: Trace, path: Path, asked: str | None, listed: str, table: Any) -> None:
+def to_si(
+    channel: Channel, path: Path, asked: str | None, listed: str, table: Any
+) -> None:
     """Convert a channel to m/s2, a vertical upwards; without a unit, add a warning that says why.
 
     `asked` is the user's unit, `listed` that of an index, `table` the user's StationXML.
     """
-    channel = trace.stats.record
+    trace = channel.trace
     values = trace.data
     inventory = None
-    if any(word is None for word, _ in channel.warnings):
+    if channel.is_refused:
         return
-    _add_stated(trace)
-    _add_place(trace, path)
-    if any(word is None for word, _ in channel.warnings):
+    _add_stated(channel)
+    _add_place(channel, path)
+    if channel.is_refused:
         return
     try:
         if channel.unit in ("", "counts"):
             inventory = find_inventory(path, trace, table)
         if inventory is not None:
-            _add_station(trace, inventory)
-        _scale(trace, path, asked, listed, inventory)
+            _add_station(channel, inventory)
+        _scale(channel, path, asked, listed, inventory)
     except RecordError as error:
         channel.warnings.append((None, str(error).removeprefix(f"{path}: ")))
     mean = float(values.mean())
     motion = float(np.abs(values - mean).max())
     if abs(mean) > motion > 0.0:
-        offset = f"the offset of the samples, {mean:.4g}, is larger than their motion about it"
         unit = channel.unit_in_file or "unit unknown"
-        channel.errors.append(f"{offset}, {motion:.4g} [{unit} in the file]")
+        channel.errors.append(
+            f"the offset of the samples, {mean:.4g}, is larger than their motion about it, "
+            f"{motion:.4g} [{unit} in the file]"
+        )
     if not channel.unit_in_file:
         return
-    code = channel.code
     odd = odd_samples(trace.data, float(trace.stats.delta))
     channel.cautions += [f"{_named(channel)}: {text}" for text in odd]
     if channel.sensor:
         channel.warnings.append(("sensor", f"{_named(channel)} {channel.sensor}"))
-    down = (
-        code.upper().lstrip("+").startswith(("DWN", "DOWN", "-UP"))
-        and inventory is None
-    )
-    if channel.is_vertical and (
-        down if channel.downwards is None else channel.downwards
-    ):
+    down = channel.downwards
+    if down is None and inventory is None:
+        code = channel.code.upper().lstrip("+")
+        down = code.startswith(("DWN", "DOWN", "-UP"))
+    if channel.is_vertical and down:
         trace.data = -trace.data
-        channel.log.append(f"Sign of {code} changed: it counts downwards.")
+        channel.log.append(f"Sign of {channel.code} changed: it counts downwards.")
 
 
 def _scale(
-    trace: Trace,
+    channel: Channel,
     path: Path,
     asked: str | None,
     listed: str,
@@ -419,41 +401,47 @@ def _scale(
     sensitivities in a COSMOS header; the user. The mean of counts and uncorrected volumes is
     removed: it is the instrument's offset, which can exceed the motion.
     """
-    channel = trace.stats.record
+    trace = channel.trace
     form = trace.stats._format
     if asked is not None:
-        unit_factor(asked, str(path))
+        unit_factor(asked, path)
     by_header = channel.unit not in ("", "counts")
     unit, source = (channel.unit, f"{form} header") if by_header else (listed, "index")
+    stated = f"states {unit!r}"
+    same = True
     raw = "Uncorrected: mean removed" if channel.level == "raw" else ""
-    if unit:
-        factor = unit_factor(unit, source)
-        same = METRES_PER_SECOND_SQUARED.get(asked or unit) == factor
-        stated = f"states {unit!r}"
-        done = f"Converted to m/s2: unit {unit} from the {source}, factor {factor:g}."
-    elif sensitivity := _of_counts(trace, path, inventory):
-        (factor, source), unit, raw = sensitivity, "counts", "Mean removed"
+    sensitivity = None if unit else _of_counts(channel, path, inventory)
+    if sensitivity:
+        factor, source = sensitivity
+        unit = "counts"
+        raw = "Mean removed"
         same = not asked or (asked == "m/s2" and form == "KNET")
         stated = "converts its counts"
         done = f"Converted from counts to m/s2 by the {source}, factor {factor:.9g}."
-    elif asked:
-        unit = asked
-        factor = METRES_PER_SECOND_SQUARED[asked]
-        same = True
-        stated = ""
-        done = f"Converted to m/s2: unit {unit} as asked for, factor {factor:g}."
+    elif unit or asked:
+        how = f"from the {source}" if unit else "as asked for"
+        unit = unit or asked or ""
+        factor = unit_factor(unit, source)
+        same = METRES_PER_SECOND_SQUARED[asked or unit] == factor
+        done = f"Converted to m/s2: unit {unit} {how}, factor {factor:g}."
     else:
-        units = f"one of {', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command line)"
-        need = f"does not state the unit of its samples; give `unit`, {units}, or for counts its"
+        need = (
+            "does not state the unit of its samples; give `unit`, one of "
+            f"{', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command line), or for "
+            "counts its"
+        )
         if channel.unit == "counts":
             need = "states counts and does not state the unit of one; give its"
-        place = f"as {path.stem}.xml beside it or by `inventory` (--inventory on the command line)"
-        raise RecordError(f"{path}: the file {need} StationXML {place}")
+        raise RecordError(
+            f"{path}: the file {need} StationXML as {path.stem}.xml beside it or by "
+            "`inventory` (--inventory on the command line)"
+        )
     if not by_header and unit != "counts":
-        _compare_with_the_user(trace, unit)
+        _compare_with_the_user(channel, unit)
     if not same:
-        conflict = f"unit {asked!r} asked for but the {source} {stated}"
-        raise RecordError(f"{path}: {conflict}; leave `unit` out")
+        raise RecordError(
+            f"{path}: unit {asked!r} asked for but the {source} {stated}; leave `unit` out"
+        )
     trace.data = trace.data * factor
     channel.unit_in_file = unit
     channel.log.append(done)
@@ -463,9 +451,10 @@ def _scale(
 
 
 def _of_counts(
-    trace: Trace, path: Path, inventory: Inventory | None
+    channel: Channel, path: Path, inventory: Inventory | None
 ) -> tuple[float, str] | None:
     """Return the factor from counts to m/s2 and its source; None if nothing states one."""
+    trace = channel.trace
     if trace.stats._format == "KNET":
         return float(trace.stats.calib), "file's scale factor"
     if inventory is not None:
@@ -476,21 +465,23 @@ def _of_counts(
             value = float(overall.value)
             out = (overall.output_units or "COUNTS").upper()
         except Exception:
-            lacking = f"the StationXML has no response for channel {trace.id}"
-            raise RecordError(f"{path}: {lacking} at {trace.stats.starttime}") from None
-        counts = re.search("COUNT|CNT|DIGIT", out) is not None
-        if unit not in _ACCELERATION_UNITS or not (
-            counts and value and np.isfinite(value)
-        ):
-            what = (
-                f"channel {trace.id} has {value:g} {out.lower()}/({unit}) in StationXML"
+            raise RecordError(
+                f"{path}: the StationXML has no response for channel {trace.id} at "
+                f"{trace.stats.starttime}"
+            ) from None
+        counts = re.search("COUNT|CNT|DIGIT", out)
+        known = counts and plain_unit(unit) == "m/s2"
+        if not (known and value and np.isfinite(value)):
+            raise RecordError(
+                f"{path}: channel {trace.id} has {value:g} {out.lower()}/({unit}) in "
+                "StationXML; counts/(M/S**2) are needed"
             )
-            raise RecordError(f"{path}: {what}; counts/(M/S**2) are needed")
         return 1.0 / value, f"sensitivity {value:.6g} counts/(m/s2) of its StationXML"
-    if per_count := trace.stats.record.g_per_count:
-        text = f"sensitivity {1.0 / per_count:.6g} counts/g of its header"
-        return per_count * STANDARD_GRAVITY, text
-    return None
+    per_count = channel.g_per_count
+    if not per_count:
+        return None
+    source = f"sensitivity {1.0 / per_count:.6g} counts/g of its header"
+    return per_count * STANDARD_GRAVITY, source
 
 
 def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
@@ -504,7 +495,8 @@ def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
         return given
     names = (path.stem, f"{trace.stats.network}.{trace.stats.station}")
     near = (path.with_name(f"{name}.xml") for name in names)
-    if not (file := given or next(filter(Path.is_file, near), None)):
+    file = given or next(filter(Path.is_file, near), None)
+    if not file:
         return None
     content = read_bytes(
         Path(file), LARGEST_INVENTORY, RecordError, "the StationXML file"

@@ -1,15 +1,21 @@
 """One channel of a record: its unit and direction, what its file states, what reading finds.
 
-A `Channel` stands on an obspy Trace, which holds the samples, as ``stats.record``.
+`Facts` are what a motion knows of its record. A `Channel` is read from a file: it stands on an
+obspy Trace, which holds the samples, as ``stats.record``.
 """
 
+import contextlib
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from archfrag.errors import RecordError
 
+Samples = NDArray[np.float64]
 Trace = Any  # obspy's, whose import takes time
 Acceptable = Literal["pga", "time_step", "samples", "header", "sensor"]
 Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
@@ -46,18 +52,73 @@ AZIMUTHS = {
 _QUADRANT = re.compile(r"([NS])(\d+(?:\.\d+)?)([EW])")
 _SEED = re.compile(r"[A-Z]{2}[A-Z\d]")
 _SKEWED = 5.0  # [degrees] by which two components may be off a right angle
-# What a motion's metadata take over from the header.
-_HEADER = (
-    "event",
-    "date",
-    "station",
-    "magnitude",
-    "vs30_mps",
-    "epicentral_km",
-    "azimuth",
-    "level",
-    "origin_time",
-)
+# How indices of records spell facts.
+_SPELLINGS = {"Mw": "magnitude", "Vs30_mps": "vs30_mps", "event_id": "event"}
+
+
+@dataclass(frozen=True)
+class Facts(Mapping[str, Any]):
+    """What is known of a record, as a mapping of what is neither empty nor None."""
+
+    file: str = ""  # its name
+    format: str = ""
+    unit_in_file: str = ""  # from which the samples were converted
+    event: str = ""  # name of the earthquake
+    date: str = ""
+    station: str = ""
+    magnitude: float | None = None  # moment magnitude, or another one of the header
+    distance_km: float | None = None  # to the rupture
+    epicentral_km: float | None = None
+    vs30_mps: float | None = None  # [m/s]
+    level: str = ""  # raw or processed
+    start_time: str = ""  # of the first sample, and of the earthquake, in UTC
+    origin_time: str = ""
+    component: str = ""
+    azimuth: float | None = None  # [degrees] of a horizontal
+    trace: str = ""  # codes of network, station, location and channel
+    of_vertical: "Facts | None" = None  # facts of the other components of a motion
+    of_transverse: "Facts | None" = None
+    errors: list[str] = field(default_factory=list, hash=False)  # of the file
+    cautions: list[str] = field(default_factory=list, hash=False)
+    accepted: list[str] = field(default_factory=list, hash=False)
+    file_sha256: str = ""
+    source_sha256: str = ""  # of the file that a study's own file was made of
+    pair: str = ""  # what files that are components of one record share
+    more: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    @classmethod
+    def of(cls, facts: Mapping[str, Any]) -> Self:
+        """Return facts by name, in an index's spelling or ours; others are in `more`."""
+        named = dict[str, Any]()
+        more = dict(facts.get("more", {}))
+        # Sorted, Mw counts before magnitude, and event before event_id.
+        for key, fact in sorted(filled(facts).items()):
+            name = _SPELLINGS.get(key, key)
+            kind = cls.__dataclass_fields__.get(name)
+            if kind is None:
+                more[key] = fact
+                continue
+            with contextlib.suppress(ValueError):
+                read = _READERS.get(kind.type)
+                named.setdefault(name, read(fact) if read else fact)
+        return cls(**named | {"more": more})
+
+    @property
+    def _known(self) -> dict[str, Any]:
+        return filled({**asdict(self), "more": None, **self.more})
+
+    def __getitem__(self, key: str) -> Any:
+        return self._known[_SPELLINGS.get(key, key)]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+
+# What reads a fact, by its type.
+_READERS: dict[Any, Any] = {str: str, float | None: float, "Facts | None": Facts.of}
 
 
 @dataclass
@@ -83,48 +144,58 @@ class Channel:
     unit: str = ""  # of the samples in the file, or counts
     g_per_count: float | None = None
     announced: int = 0  # number of samples
-    contradicted: str = (
-        ""  # how a stated peak or length differs from that of the samples
-    )
+    contradicted: str = ""  # how a stated peak or length differs from the samples'
 
+    trace: Trace = None  # its samples, once the pieces of the file are joined
     held: int = 0  # number of samples in the file
     unit_in_file: str = (
-        ""  # from which the samples were converted; empty: they are as in the file
+        ""  # from which the samples were converted; empty: they are as there
     )
     accept: tuple[Acceptable, ...] = ()
-    accepted: tuple[str, ...] = ()
+    accepted: list[str] = field(default_factory=list)
     log: list[str] = field(default_factory=list)
     messages: list[str] = field(default_factory=list)  # of obspy's reader
     warnings: list[Warned] = field(default_factory=list)  # refused unless accepted
-    errors: list[str] = field(
-        default_factory=list
-    )  # contradictions, which refuse nothing
+    errors: list[str] = field(default_factory=list)  # which refuse nothing
     cautions: list[str] = field(default_factory=list)
 
     @property
     def is_vertical(self) -> bool:
         """Tell whether the channel is vertical, by its header or else its code."""
-        return (
-            bool(VERTICAL.fullmatch(self.code))
-            if self.vertical is None
-            else self.vertical
-        )
+        if self.vertical is None:
+            return VERTICAL.fullmatch(self.code) is not None
+        return self.vertical
 
     @property
     def is_horizontal(self) -> bool:
         """Tell whether the channel is known to be horizontal, by its header or else its code."""
-        by_code = HORIZONTAL.fullmatch(self.code) is not None
-        return by_code if self.vertical is None else not self.vertical
+        if self.vertical is None:
+            return HORIZONTAL.fullmatch(self.code) is not None
+        return not self.vertical
 
     @property
-    def facts(self) -> dict[str, Any]:
-        """Return the facts of the header that a motion's metadata take over."""
-        return filled({key: getattr(self, key) for key in _HEADER})
+    def is_refused(self) -> bool:
+        """Tell whether something is wrong that nothing makes acceptable."""
+        return any(word is None for word, _ in self.warnings)
+
+    def warn(self, text: str) -> None:
+        """Add what contradicts the header."""
+        self.warnings.append(("header", text))
+
+    @property
+    def instrument(self) -> str:
+        """The key that channels of one instrument share."""
+        stats = self.trace.stats
+        code = self.code
+        if stats._format == "KNET":
+            return f"{stats.station}.{code[2:]}"
+        seed = len(code) == 3 and code.isalnum() and not code.isdigit()
+        return f"{stats.network}.{stats.station}.{stats.location}.{code[:-1] * seed}"
 
 
 def filled(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return the facts that are neither empty nor None."""
-    return {key: fact for key, fact in facts.items() if fact not in (None, "")}
+    return {key: fact for key, fact in facts.items() if fact not in (None, "", [], {})}
 
 
 def wrong_length(stated: float | None, count: int, dt: float) -> str:
@@ -136,89 +207,78 @@ def wrong_length(stated: float | None, count: int, dt: float) -> str:
         or abs(stated - length) <= max(0.02 * length, 1.0)
     ):
         return ""
-    text = (
-        f"the header states a length of {stated:g} s, {count} samples at {dt:g} s last"
+    return (
+        f"the header states a length of {stated:g} s, {count} samples at {dt:g} s last "
+        f"{length:g} s"
     )
-    return f"{text} {length:g} s"
 
 
-def unit_factor(unit: str, place: str) -> float:
+def unit_factor(unit: str, place: object) -> float:
     """Return the factor from a unit of acceleration to m/s2."""
     if unit not in METRES_PER_SECOND_SQUARED:
-        allowed = f"allowed are {', '.join(METRES_PER_SECOND_SQUARED)}"
-        raise RecordError(f"{place}: unknown unit {unit!r} of acceleration; {allowed}")
+        raise RecordError(
+            f"{place}: unknown unit {unit!r} of acceleration; allowed are "
+            f"{', '.join(METRES_PER_SECOND_SQUARED)}"
+        )
     return METRES_PER_SECOND_SQUARED[unit]
 
 
-def instrument(trace: Trace) -> str:
-    """Return the key that channels of one instrument share."""
-    stats = trace.stats
-    code = trace.stats.record.code
-    if stats._format == "KNET":
-        return f"{stats.station}.{code[2:]}"
-    family = (
-        code[:-1] if len(code) == 3 and code.isalnum() and not code.isdigit() else ""
-    )
-    return f"{stats.network}.{stats.station}.{stats.location}.{family}"
-
-
 def split_by_direction(
-    traces: Sequence[Trace], place: object, surely: bool = True
-) -> tuple[list[Trace], list[Trace]]:
-    """Return the horizontal and the vertical traces of a record.
+    channels: Sequence[Channel], place: object, surely: bool = True
+) -> tuple[list[Channel], list[Channel]]:
+    """Return the horizontal and the vertical channels of a record.
 
     RecordError if all are vertical, or if it is not `surely` known that the others are horizontal.
     """
-    verticals = [trace for trace in traces if trace.stats.record.is_vertical]
-    others = [trace for trace in traces if not trace.stats.record.is_vertical]
+    verticals = [channel for channel in channels if channel.is_vertical]
+    others = [channel for channel in channels if not channel.is_vertical]
     if not others:
         raise RecordError(
             f"{place}: holds only the vertical component; a horizontal is needed"
         )
-    sure = all(trace.stats.record.is_horizontal for trace in others)
-    if surely and len(traces) > 1 and not sure:
-        names = ", ".join(repr(trace.stats.record.code) for trace in traces)
-        remedy = "name them as SEED does (HNE, HNN, HNZ), or read one by `component` (--component)"
+    if surely and channels[1:] and not all(each.is_horizontal for each in others):
         raise RecordError(
-            f"{place}: the codes {names} do not tell what is horizontal; {remedy}"
+            f"{place}: the codes {', '.join(repr(each.code) for each in channels)} do not tell "
+            "what is horizontal; name them as SEED does (HNE, HNN, HNZ), or read one by "
+            "`component` (--component)"
         )
     return others, verticals
 
 
 def choose_horizontal(
-    traces: Sequence[Trace],
+    channels: Sequence[Channel],
     place: object,
     component: str | None,
     listed: str | None = None,
-) -> tuple[Trace, list[Trace]]:
-    """Return the horizontal trace to use, its log saying why, and the vertical traces.
+) -> tuple[Channel, list[Channel]]:
+    """Return the horizontal channel to use, its log saying why, and the vertical ones.
 
     `component` is a channel code, its last letter or a trace id. An index may have `listed` one,
     which counts where there are several.
     """
     horizontals, verticals = split_by_direction(
-        traces, place, not (component or listed)
+        channels, place, not (component or listed)
     )
-    codes = [trace.stats.record.code for trace in horizontals]
     first = horizontals[0]
+    codes = [channel.code for channel in horizontals]
     names = ", ".join(code or "(no code)" for code in codes)
-    if len(horizontals) == 1 and listed and _may_be(first.stats.record, listed):
+    if not horizontals[1:] and listed and _may_be(first, listed):
         listed = None
-    if component := component or listed:
-        spellings = (
-            [trace.id for trace in horizontals] + codes + [code[-1:] for code in codes]
-        )
-        upper = [spelling.upper() for spelling in spellings]
-        if component.upper() not in upper:
+    asked = component or listed
+    if asked:
+        ids = [channel.trace.id for channel in horizontals]
+        upper = [
+            name.upper() for name in (*ids, *codes, *(code[-1:] for code in codes))
+        ]
+        if asked.upper() not in upper:
             raise RecordError(
-                f"{place}: no horizontal component {component!r}; there is {names}"
+                f"{place}: no horizontal component {asked!r}; there is {names}"
             )
-        return horizontals[upper.index(component.upper()) % len(horizontals)], verticals
-    channel = first.stats.record
-    if len(horizontals) > 1:
-        channel.log.insert(0, f"Horizontal {codes[0]} taken, the first of {names}.")
-    elif not channel.is_horizontal:
-        channel.log.insert(
+        return horizontals[upper.index(asked.upper()) % len(horizontals)], verticals
+    if horizontals[1:]:
+        first.log.insert(0, f"Horizontal {codes[0]} taken, the first of {names}.")
+    elif not first.is_horizontal:
+        first.log.insert(
             0, f"Channel {codes[0]!r} taken to be horizontal: the only one."
         )
     return first, verticals
@@ -226,9 +286,7 @@ def choose_horizontal(
 
 def _may_be(channel: Channel, listed: str) -> bool:
     """Tell whether an index may mean the only horizontal of a file by a component's name."""
-    azimuth = (
-        azimuth_of_code(channel.code) if channel.azimuth is None else channel.azimuth
-    )
+    azimuth = azimuth_of(channel.azimuth, channel.code)
     named = azimuth_of_code(listed)
     if azimuth is not None and named is not None:
         return turned_by(azimuth, named) <= _SKEWED
@@ -238,20 +296,21 @@ def _may_be(channel: Channel, listed: str) -> bool:
 
 def quadrant(text: str) -> float | None:
     """Return the azimuth of a bearing such as S16W [degrees from north]; None for other text."""
-    if (bearing := _QUADRANT.fullmatch(text.upper())) is None:
+    bearing = _QUADRANT.fullmatch(text.upper())
+    if bearing is None:
         return None
-    angle = float(bearing[2]) if bearing[1] == "N" else 180.0 - float(bearing[2])
+    angle = float(bearing[2])
+    angle = angle if bearing[1] == "N" else 180.0 - angle
     return (angle if bearing[3] == "E" else -angle) % 360.0
 
 
 def azimuth_of_code(code: str) -> float | None:
-    """Return the azimuth [degrees] of a name (``N``, ``EW1``, ``HNE``, ``180``), else None."""
+    """Return the azimuth [degrees] of a name (``N``, ``EW1``, HNE, ``180``), else None."""
     text = code.strip().upper().lstrip("-+")
-    if (bearing := quadrant(text)) is not None:
-        return bearing
     if re.fullmatch(r"\d{2,3}", text):
         return float(text) % 360.0
-    return AZIMUTHS.get(re.sub(r"^[A-Z][A-Z](?=[NE]$)|\d$", "", text))
+    plain = re.sub(r"^[A-Z][A-Z](?=[NE]$)|\d$", "", text)
+    return AZIMUTHS.get(plain, quadrant(text))
 
 
 def turned_by(one: float, other: float) -> float:
@@ -259,22 +318,17 @@ def turned_by(one: float, other: float) -> float:
     return abs((one - other + 180.0) % 360.0 - 180.0)
 
 
-def azimuth_of(metadata: Mapping[str, Any], which: str = "") -> float | None:
-    """Return the azimuth of a motion's component, or of its ``_transverse``; None if unknown."""
-    stated = metadata.get(f"azimuth{which}")
-    if stated in (None, ""):
-        return azimuth_of_code(str(metadata.get(f"component{which}", "")))
-    return float(stated)
+def azimuth_of(stated: float | None, code: str) -> float | None:
+    """Return the azimuth of a component, as stated or else by its code; None if unknown."""
+    return azimuth_of_code(code) if stated is None else stated
 
 
-def check_right_angle(metadata: Mapping[str, Any], what: str, remedy: str) -> None:
+def check_right_angle(facts: Facts, what: str, remedy: str) -> None:
     """Raise RecordError if the azimuths of two components are known and not at right angles."""
-    one = azimuth_of(metadata)
-    other = azimuth_of(metadata, "_transverse")
-    if (
-        one is not None
-        and other is not None
-        and abs(turned_by(one, other) - 90.0) > _SKEWED
-    ):
-        angle = f"azimuths {one:g} and {other:g} degrees, not at right angles"
-        raise RecordError(f"{what}: the components have {angle}{remedy}")
+    other = facts.of_transverse or Facts()
+    both = [azimuth_of(each.azimuth, each.component) for each in (facts, other)]
+    if None not in both and abs(turned_by(*both) - 90.0) > _SKEWED:  # type: ignore[arg-type]
+        raise RecordError(
+            f"{what}: the components have azimuths {both[0]:g} and {both[1]:g} degrees, not at "
+            f"right angles{remedy}"
+        )

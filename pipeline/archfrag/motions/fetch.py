@@ -15,7 +15,7 @@ from obspy.clients.fdsn import Client
 from obspy.clients.fdsn import header as fdsn
 from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 
-from archfrag.errors import ArchfragError, InputError, RecordError, ServiceError
+from archfrag.errors import InputError, RecordError, ServiceError
 from archfrag.files import (
     check_targets,
     make_folder,
@@ -30,7 +30,7 @@ from archfrag.motions.read import read_horizontals
 
 _KINDS = {ServiceError: "service", RecordError: "unusable", InputError: "no data"}
 # What obspy raises and what it means here: no data, refused, or a service that fails for now.
-_ERRORS: tuple[tuple[Any, type[ArchfragError]], ...] = (
+_ERRORS: tuple[tuple[Any, Any], ...] = (
     (fdsn.FDSNNoDataException, InputError),
     (
         (
@@ -47,24 +47,22 @@ _ERRORS: tuple[tuple[Any, type[ArchfragError]], ...] = (
 
 
 def fetch_records(
-    folder: str | Path,
+    folder: Path,
     events: Sequence[str],
-    stations_from: str,
-    *,
-    events_from: str,
+    services: tuple[str, str],
     most: int,
     timeout: float = 60.0,
     **where: Any,
 ) -> Iterator[tuple[str, str]]:
     """Fetch records of events into a folder; a station that is complete is not asked for again.
 
-    The arguments are those of ``archfrag records fetch``. Yields ``new`` or ``kept`` and the id
-    of a record, or the kind of a failure and a message. InputError if a service is unknown.
+    `services` are that of the stations and that of the events, `most` stations are asked for,
+    and `where` are other options of ``archfrag records fetch``. Yields ``new`` or ``kept`` and the
+    id of a record, or the kind of a failure and a message. InputError if a service is unknown.
     """
     try:
-        quakes, archive = (
-            Client(name, timeout=timeout, _discover_services=False)
-            for name in (events_from, stations_from)
+        archive, quakes = (
+            Client(name, timeout=timeout, _discover_services=False) for name in services
         )
     except ValueError as error:
         raise InputError(str(error)) from None
@@ -82,12 +80,11 @@ def fetch_records(
             continue
         for site in sites:
             same = {key: site[key] for key in ("event", "station", "window_s")}
-            row = next(
-                (row for row in rows.values() if same.items() <= row.items()), {}
-            )
+            known = (row for row in rows.values() if same.items() <= row.items())
+            row = next(known, {})
             file = root / row.get("file", "")
             there = (
-                file.is_file() and file.with_name(f"{site['station']}.xml").is_file()
+                file.is_file() and (file.parent / f"{site['station']}.xml").is_file()
             )
             if there and sha256_of(file) == row["sha256"]:
                 yield "kept", row["id"]
@@ -136,6 +133,7 @@ def _sites(
     if origin is None or None in (origin.time, origin.latitude, origin.longitude):
         raise RecordError(f"{quakes.base_url}: the event has no origin")
     sizes = [m for m in (quake.preferred_magnitude(), *quake.magnitudes) if m]
+    moments = [m.mag for m in sizes if str(m.magnitude_type).lower()[:2] == "mw"]
     window = {"starttime": origin.time - before, "endtime": origin.time + after}
     epicentre = float(origin.latitude), float(origin.longitude)
     inventory = _ask(
@@ -149,47 +147,39 @@ def _sites(
         **window,
         channel=",".join(f"{kind[:2]}?" for kind in channels),
     )
+    deep = np.nan if origin.depth is None else origin.depth / 1000.0
     sites: dict[str, dict[str, Any]] = {}
-    for network, station in [(net, station) for net in inventory for station in net]:
-        km = (
-            gps2dist_azimuth(*epicentre, station.latitude, station.longitude)[0]
-            / 1000.0
-        )
+    for network, station in ((net, station) for net in inventory for station in net):
+        metres = gps2dist_azimuth(*epicentre, station.latitude, station.longitude)[0]
+        km = metres / 1000.0
         kinds = [
-            (number, channel.location_code)
+            (number, channel.location_code, kind[:2])
             for number, kind in enumerate(channels)
             for channel in station
             if channel.code[:2] == kind[:2]
         ]
-        if km > radius or not kinds:
-            continue
-        number, location = min(kinds)
-        deep = np.nan if origin.depth is None else origin.depth / 1000.0
         name = f"{network.code}.{station.code}"
-        sites.setdefault(
-            name,
-            {
-                "event": id,
-                "origin_time": str(origin.time),
-                "station": name,
-                "Mw": next(
-                    (m.mag for m in sizes if str(m.magnitude_type).lower()[:2] == "mw"),
-                    None,
-                ),
-                "magnitude": sizes[0].mag if sizes else None,
-                "window_s": f"-{before:g} {after:g}",
-                "epicentral_km": round(km, 3),
-                "distance_km": round(float(np.hypot(km, deep)), 3),
-                "terms": f"those of network {network.code}, fetched from {archive.base_url}",
-                "query": {
-                    "network": network.code,
-                    "station": station.code,
-                    **window,
-                    "location": location or "--",
-                    "channel": f"{channels[number][:2]}?",
-                },
+        if km > radius or not kinds or name in sites:
+            continue
+        _, location, kind = min(kinds)
+        sites[name] = {
+            "event": id,
+            "origin_time": str(origin.time),
+            "station": name,
+            "Mw": moments[0] if moments else None,
+            "magnitude": sizes[0].mag if sizes else None,
+            "window_s": f"-{before:g} {after:g}",
+            "epicentral_km": round(km, 3),
+            "distance_km": round(float(np.hypot(km, deep)), 3),
+            "terms": f"those of network {network.code}, fetched from {archive.base_url}",
+            "query": {
+                "network": network.code,
+                "station": station.code,
+                **window,
+                "location": location or "--",
+                "channel": f"{kind}?",
             },
-        )
+        }
     return sorted(
         sites.values(), key=lambda site: (site["epicentral_km"], site["station"])
     )
@@ -216,11 +206,9 @@ def _fetched(
         for path in (xml, record):
             register(place / path.name, path)
             path.replace(place / path.name)
-    codes = dict.fromkeys(
-        motion.metadata[key]
-        for key in ("component", "vertical_component")
-        for motion in motions
-    )
+    facts = [motion.facts for motion in motions]
+    facts += [each.of_vertical for each in facts if each.of_vertical]
+    codes = dict.fromkeys(each.component for each in facts)
     return site | {
         "id": id,
         "file": f"{place.name}/{id}.mseed",
@@ -228,5 +216,5 @@ def _fetched(
         "channels": " ".join(filter(None, codes)),
         "dt_s": motions[0].dt,
         "unit": "",
-        "start_time": motions[0].metadata.get("start_time", ""),
+        "start_time": motions[0].facts.start_time,
     }

@@ -4,7 +4,7 @@ import contextlib
 import os
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from archfrag.files import (
     write_csv,
 )
 from archfrag.motions.calibrate import accepted_words
-from archfrag.motions.channel import unit_factor
+from archfrag.motions.channel import Acceptable, unit_factor
 from archfrag.motions.formats.columns import Columns, parse_columns
 from archfrag.usual import unusual
 
@@ -73,12 +73,18 @@ class IndexEntry:
 
     id: str
     path: Path
-    unit: str  # empty if the file or its StationXML states it
     sha256: str  # of the file, or its first digits
     metadata: dict[str, Any]  # other columns: numbers as such or None, others as text
-    accept: tuple[str, ...] = ()
+    unit: str = ""  # empty if the file or its StationXML states it
+    accept: tuple[Acceptable, ...] = ()
     columns: Columns | None = None
     cautions: tuple[str, ...] = ()
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Return how the file is read, as options of `archfrag.read_motion`."""
+        unit = self.unit or None
+        return {"unit": unit, "accept": self.accept, "columns": self.columns}
 
 
 def load_index(path: str | Path) -> list[IndexEntry]:
@@ -97,53 +103,67 @@ def load_index(path: str | Path) -> list[IndexEntry]:
     for name in names:  # such as distance [m] or dt_ms
         known = _STEMS.get(re.split(r"[\s_\[(]", name)[0].casefold(), name)
         if known.casefold() != name.casefold():
-            rule = f"write {known}, with numbers in the unit that its name states"
-            raise RecordError(f"{source}: column {name!r} is not known; {rule}")
+            raise RecordError(
+                f"{source}: column {name!r} is not known; write {known}, with numbers in the "
+                "unit that its name states"
+            )
     entries: dict[str, IndexEntry] = {}
     files: dict[Any, str] = {}
     for line, values in rows:
         place = f"{source}, line {line}"
-        name = values["id"]
-        if not name or not values["file"]:
-            raise RecordError(f"{place}: {'file' if name else 'id'} is empty")
-        if name in entries:
-            raise RecordError(f"{place}: id {name!r} occurs twice")
-        if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
+        entry = _entry(source, place, values)
+        if entry.id in entries:
+            raise RecordError(f"{place}: id {entry.id!r} occurs twice")
+        component = str(entry.metadata.get("component") or "")
+        what = os.path.realpath(entry.path), component, entry.columns
+        other = files.setdefault(what, entry.id)
+        if other != entry.id:
             raise RecordError(
-                f"{place}: id {name[:40]!r} is too long, or has a / or line breaks"
+                f"{place}: ids {other!r} and {entry.id!r} are of one file, {values['file']}, "
+                "and one component; each record counts once"
             )
-        if values["unit"]:
-            unit_factor(values["unit"], place)
-        metadata: dict[str, Any] = {
-            k: value for k, value in values.items() if k not in _APART
-        }
-        cautions = list[str]()
-        for column in filter(metadata.__contains__, _NUMBERS):
-            text = metadata[column]
-            metadata[column] = _number(column, text, place) if text else None
-            cautions += unusual(column, metadata[column])
+        entries[entry.id] = entry
+    return list(entries.values())
+
+
+def _entry(source: Path, place: str, values: dict[str, str]) -> IndexEntry:
+    """Return a row of an index; RecordError with its `place` for a wrong value."""
+    name = values["id"]
+    if not name or not values["file"]:
+        raise RecordError(f"{place}: {'file' if name else 'id'} is empty")
+    if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
+        raise RecordError(
+            f"{place}: id {name[:40]!r} is too long, or has a / or line breaks"
+        )
+    if values["unit"]:
+        unit_factor(values["unit"], place)
+    metadata: dict[str, Any] = {
+        key: value for key, value in values.items() if key not in _APART
+    }
+    cautions = list[str]()
+    for column in filter(metadata.__contains__, _NUMBERS):
+        text = metadata[column]
+        metadata[column] = _number(column, text, place) if text else None
+        cautions += unusual(column, metadata[column])
+    columns = None
+    if values.get("columns"):
         try:
-            columns = (
-                parse_columns(values["columns"]) if values.get("columns") else None
-            )
+            columns = parse_columns(values["columns"])
         except InputError as error:
             raise RecordError(f"{place}: {error}") from None
-        accept = accepted_words(values.get("accept", ""), place)
-        path = source.parent / values["file"]
-        digest = values.get("sha256", "")
-        if not path.exists():  # of Windows
-            path = source.parent / values["file"].replace("\\", "/")
-        what = (os.path.realpath(path), str(metadata.get("component") or ""), columns)
-        if (other := files.setdefault(what, name)) != name:
-            both = f"ids {other!r} and {name!r} are of one file, {values['file']}"
-            raise RecordError(
-                f"{place}: {both}, and one component; each record counts once"
-            )
-        entry = IndexEntry(
-            name, path, values["unit"], digest, metadata, accept, columns
-        )
-        entries[name] = replace(entry, cautions=tuple(cautions))
-    return list(entries.values())
+    path = source.parent / values["file"]
+    if not path.exists():  # of Windows
+        path = source.parent / values["file"].replace("\\", "/")
+    return IndexEntry(
+        name,
+        path,
+        values.get("sha256", ""),
+        metadata,
+        values["unit"],
+        accepted_words(values.get("accept", ""), place),
+        columns,
+        tuple(cautions),
+    )
 
 
 def _number(column: str, text: str, place: str) -> float:
@@ -157,9 +177,11 @@ def _number(column: str, text: str, place: str) -> float:
     if not np.isfinite(value):
         raise RecordError(f"{place}: {column} = {text!r} is not a number")
     if not least <= value <= most:
-        limits = f"it must be {least:g} to {most:g}, or empty if it is not known"
-        raise RecordError(f"{place}: {column} = {text} is impossible; {limits}")
-    return float(value) if kind is float else int(value)
+        raise RecordError(
+            f"{place}: {column} = {text} is impossible; it must be {least:g} to {most:g}, or "
+            "empty if it is not known"
+        )
+    return kind(value)
 
 
 def _table(source: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
@@ -178,14 +200,13 @@ def _table(source: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
 def find_entry(path: str | Path) -> IndexEntry | None:
     """Return the row of a file in the index of its folder or the one above, or None."""
     record = Path(os.path.realpath(path))  # which takes links that form a circle
-    for index in (
-        folder / INDEX_NAME for folder in (record.parent, record.parent.parent)
-    ):
-        state = index.stat() if index.is_file() else None
-        if state and (
-            entry := _by_path(index, state.st_mtime_ns, state.st_size).get(record)
-        ):
-            return entry
+    for folder in (record.parent, record.parent.parent):
+        index = folder / INDEX_NAME
+        if index.is_file():
+            state = index.stat()
+            rows = _by_path(index, state.st_mtime_ns, state.st_size)
+            if record in rows:
+                return rows[record]
     return None
 
 
@@ -215,12 +236,10 @@ def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
     """Write the index of a folder; columns beyond ``COLUMNS`` come last."""
     import pandas as pd  # start-up: studies read indices without it
 
-    table = list(rows)
     path = Path(folder) / INDEX_NAME
-    columns = list(
-        dict.fromkeys((*COLUMNS, *(column for row in table for column in row)))
-    )
-    write_csv(path, [pd.DataFrame(table, columns=columns, dtype=object)])
+    table = pd.DataFrame(list(rows), dtype=object)
+    others = [name for name in table if name not in COLUMNS]
+    write_csv(path, [table.reindex(columns=[*COLUMNS, *others])])
     return path
 
 
@@ -233,7 +252,7 @@ def check_sha256(entry: IndexEntry) -> None:
             f"{entry.path}: listed, but cannot be read ({error.strerror})"
         ) from None
     if not digest.startswith(entry.sha256.lower()):
-        differ = f"sha256 is {digest[:16]}…, the index lists {entry.sha256[:16]}…"
         raise RecordError(
-            f"{entry.path}: {differ}; the file has changed since it was listed"
+            f"{entry.path}: sha256 is {digest[:16]}…, the index lists {entry.sha256[:16]}…; "
+            "the file has changed since it was listed"
         )

@@ -21,7 +21,7 @@ changes by -2 z ds / w, and g = f' / w by ds / w.
 """
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,8 +29,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import number
-from archfrag.motions.channel import STANDARD_GRAVITY, check_right_angle
-from archfrag.motions.oscillator import largest_response
+from archfrag.motions.channel import STANDARD_GRAVITY, Samples, check_right_angle
+from archfrag.physics.oscillator import largest_response
 
 # Units in which levels may be given, by the SI unit of their measure.
 LEVEL_UNITS: dict[str, dict[str, float]] = {
@@ -38,7 +38,6 @@ LEVEL_UNITS: dict[str, dict[str, float]] = {
     "m/s": {"m/s": 1.0, "cm/s": 0.01},
     "m": {"m": 1.0, "cm": 0.01},
 }
-Samples = NDArray[np.float64]
 Shaking = Any  # an `archfrag.Motion`, which imports this file
 _DAMPING = 0.05  # fraction of critical
 _DIGITS = 10  # of a spectrum; more depend on the machine's exponential function
@@ -104,25 +103,18 @@ def _peak(values: Samples) -> float:
 def _cav(motion: Shaking, count: int = 2**16, least: float = 0.0) -> float:
     """Return CAV, summed over the windows of `count` steps whose peak reaches `least`."""
     record = motion.acceleration
-    total = []
+    total = 0.0
     for start in range(0, record.size - 1, count):
         part = record[start : start + count + 1]
         if _peak(part) >= least:
-            before = np.abs(part[:-1])
-            after = np.abs(part[1:])
-            together = before + after
+            before, after = np.abs([part[:-1], part[1:]])
             # Integral of |a| over each step, a linear in it.
+            sizes = before + after
             crossing = part[:-1] * part[1:] < 0.0
-            squares = np.divide(
-                before**2 + after**2,
-                together,
-                out=np.zeros_like(together),
-                where=crossing,
-            )
-            total.append(
-                (0.5 * motion.dt * np.where(crossing, squares, together)).sum()
-            )
-    return float(sum(total))
+            squares = before**2 + after**2
+            np.divide(squares, sizes, out=sizes, where=crossing)
+            total += (0.5 * motion.dt * sizes).sum()
+    return float(total)
 
 
 def _average(motion: Shaking, low: float, high: float) -> float:
@@ -133,7 +125,7 @@ def _average(motion: Shaking, low: float, high: float) -> float:
 
 # Unit; power of a factor on the motion with which it grows, 0 for no power; number of periods in
 # the name; value of a motion and these periods.
-_KINDS: dict[str, tuple[str, int, int, Callable[..., float]]] = {
+_KINDS: dict[str, Any] = {
     "PGA": ("m/s2", 1, 0, lambda m: _peak(m.acceleration)),
     "PGV": ("m/s", 1, 0, lambda m: _peak(integral(m.acceleration, m.dt))),
     "PGD": ("m", 1, 0, lambda m: _peak(integral(integral(m.acceleration, m.dt), m.dt))),
@@ -185,7 +177,8 @@ def parse_measure(name: str) -> Measure:
     Measure(kind='AvgSA', periods=(0.2, 1.0), unit='m/s2', rotated='')
     """
     text = name.strip() if isinstance(name, str) else ""
-    if rotated := _ROTATED.fullmatch(text):
+    rotated = _ROTATED.fullmatch(text)
+    if rotated:
         inner = parse_measure(rotated[2])
         if inner.kind not in ("PGA", "PGV", "Sa") or inner.rotated:
             raise InputError(f"intensity measure {name!r} must be of PGA, PGV or Sa(T)")
@@ -221,24 +214,20 @@ def scaling_exponent(name: str) -> int:
 def measure(motion: Shaking, name: str) -> float:
     """Return an intensity measure in its SI unit; InputError for an unknown name or component."""
     asked = parse_measure(name)
-    one = motion.acceleration
-    other = motion.transverse
     if not asked.rotated:
         return _KINDS[asked.kind][3](motion, *asked.periods)
-    if other is None:
-        raise InputError(
-            f"{motion.id or 'motion'}: {name} needs two horizontal components"
-        )
-    remedy = "; rotate them to an azimuth first"
-    check_right_angle(motion.metadata, f"{motion.id or 'motion'}: {name}", remedy)
+    place = f"{motion.id or 'motion'}: {name}"
+    if motion.transverse is None:
+        raise InputError(f"{place} needs two horizontal components")
+    check_right_angle(motion.facts, place, "; rotate them to an azimuth first")
+    both = [motion.acceleration, motion.transverse]
     if asked.kind == "Sa":
-        peaks = _spectrum(one + 1j * other, motion.dt, asked.periods, _ANGLES)[0]
+        peaks = _spectrum(both[0] + 1j * both[1], motion.dt, asked.periods, _ANGLES)[0]
     else:
         if asked.kind == "PGV":
-            one, other = (integral(part, 1.0) * motion.dt for part in (one, other))
-        peaks = np.array(
-            [np.abs(one * np.cos(a) + other * np.sin(a)).max() for a in _ANGLES]
-        )
+            both = [integral(part, 1.0) * motion.dt for part in both]
+        directions = zip(np.cos(_ANGLES), np.sin(_ANGLES))
+        peaks = [_peak(both[0] * cos + both[1] * sin) for cos, sin in directions]
     return float(np.percentile(peaks, float(asked.rotated[4:])))
 
 
@@ -261,51 +250,59 @@ def scale_factor(
     `value` is the measure of the motion, if it is known. InputError if the measure does not grow
     by a power of the factor, RecordError if the motion is zero.
     """
-    if not scaling_exponent(measure_name):
-        scaled = ", ".join(
-            name for name, (_, exponent, _, _) in _KINDS.items() if exponent
-        )
+    exponent = scaling_exponent(measure_name)
+    if not exponent:
+        scaled = ", ".join(name for name, kind in _KINDS.items() if kind[1])
         raise InputError(
             f"measure {measure_name!r} does not grow with scaling; use {scaled}"
         )
     if not 0.0 < level < np.inf:
-        unit = measure_unit(measure_name)
         raise InputError(
-            f"level {level} {unit} of {measure_name} must be a number above 0"
+            f"level {level} {measure_unit(measure_name)} of {measure_name} must be a number "
+            "above 0"
         )
     value = measure(motion, measure_name) if value is None else value
     if value == 0.0:
         raise RecordError(f"{motion.id or 'motion'}: {measure_name} of the record is 0")
-    return float((level / value) ** (1.0 / scaling_exponent(measure_name)))
+    return float((level / value) ** (1.0 / exponent))
 
 
 def sample_cautions(samples: Samples, dt: float) -> list[str]:
     """List what is suspicious about accelerations [m/s2]: an offset, a drift, an early end."""
     peak = _peak(samples)
-    cautions = list[str]()
     if not peak > 0.0:
-        return cautions
+        return []
     velocity = integral(samples, dt)
     offset = abs(float(samples.mean())) / peak
     slow = abs(float(velocity[-1]))
-    if samples.size * dt > SHORT:  # the mean of a pulse is not that of a drift
-        slow = max(slow, abs(float(velocity.mean())))
+    where = "at the end"
+    mean = abs(float(velocity.mean()))
+    if (
+        samples.size * dt > SHORT and mean > slow
+    ):  # of a pulse it is not that of a drift
+        slow = mean
+        where = "on average"
     drift = slow / (_peak(velocity) or 1.0)
     # The last second of a record, less of a short motion: a cycle of a sine ends at rest.
     last = max(2, round(min(1.0 / dt, 0.03 * samples.size)))
     shaking = _peak(samples[-last:]) / peak
-    if offset > OFFSET:
-        why = "an offset counts as motion; `demean`"
-        cautions.append(f"its mean is {offset:.2g} of its peak: {why}")
-    if drift > DRIFT:
-        where = "at the end" if slow == abs(float(velocity[-1])) else "on average"
-        why = "the baseline drifts; correct it by `baseline`, or by `detrend` and `bandpass`"
-        cautions.append(f"its velocity {where} is {drift:.2g} of PGV: {why}")
-    if shaking > SHAKING:
-        why = "the record ends while it shakes; find a longer one"
-        part = f"{shaking:.2g} of its peak within its last {last * dt:.2g} s"
-        cautions.append(f"it has {part}: {why}")
-    return cautions
+    cautions = (
+        (
+            offset > OFFSET,
+            f"its mean is {offset:.2g} of its peak: an offset counts as motion; `demean`",
+        ),
+        (
+            drift > DRIFT,
+            f"its velocity {where} is {drift:.2g} of PGV: the baseline drifts; correct it by "
+            "`baseline`, or by `detrend` and `bandpass`",
+        ),
+        (
+            shaking > SHAKING,
+            f"it has {shaking:.2g} of its peak within its last {last * dt:.2g} s: the record "
+            "ends while it shakes; find a longer one",
+        ),
+    )
+    return [text for is_so, text in cautions if is_so]
 
 
 def odd_samples(samples: Samples, dt: float) -> list[str]:
@@ -324,9 +321,11 @@ def _spikes(samples: Samples, dt: float) -> Iterator[str]:
     peak = size.max()
     rest = others.max(initial=0.0)
     if alone.size and 0.0 < SPIKE * rest < peak:
-        where = f"{peak:.4g} m/s2 at {alone[size[alone].argmax()] * dt:.6g} s"
-        usual = f"without {alone.size} such sample(s) the peak is {rest:.4g} m/s2"
-        yield f"its peak, {where}, stands alone: {usual}; is it a spike of the instrument?"
+        time = alone[size[alone].argmax()] * dt
+        yield (
+            f"its peak, {peak:.4g} m/s2 at {time:.6g} s, stands alone: without {alone.size} such "
+            f"sample(s) the peak is {rest:.4g} m/s2; is it a spike of the instrument?"
+        )
 
 
 def _flat_parts(samples: Samples, dt: float) -> Iterator[str]:
@@ -341,16 +340,19 @@ def _flat_parts(samples: Samples, dt: float) -> Iterator[str]:
     tops = lengths[(lengths >= FLAT) & extreme]
     strong = np.flatnonzero(size >= 0.1 * peak)
     part = tops.sum() / np.count_nonzero(size >= 0.5 * peak)
-    if (tops.size > 1 or tops.max(initial=0) > FLAT + 1) and (
-        tops.size > 1 or part < 0.5
-    ):
-        where = f"{tops.size} time(s) it stays at its largest value for {FLAT} samples or more"
-        yield f"{where}: did the instrument clip?"
+    if tops.size > 1 or (tops.max(initial=0) > FLAT + 1 and part < 0.5):
+        yield (
+            f"{tops.size} time(s) it stays at its largest value for {FLAT} samples or more: did "
+            "the instrument clip?"
+        )
     inside = (ends > strong[0]) & (ends - lengths < strong[-1]) & ~extreme
     longest = int((lengths * inside).argmax())
-    if inside[longest] and (span := float(lengths[longest]) * dt) > STUCK:
+    span = float(lengths[longest]) * dt
+    if inside[longest] and span > STUCK:
         start = (ends[longest] - lengths[longest] + 1) * dt
-        yield f"it is constant for {span:.4g} s from {start:.6g} s on: is a part of it missing?"
+        yield (
+            f"it is constant for {span:.4g} s from {start:.6g} s on: is a part of it missing?"
+        )
 
 
 def _spectrum(

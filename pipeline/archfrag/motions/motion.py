@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import replacing
@@ -19,10 +18,10 @@ from archfrag.motions import calibrate
 from archfrag.motions.channel import (
     STANDARD_GRAVITY,
     Channel,
-    Trace,
+    Facts,
+    Samples,
     choose_horizontal,
     filled,
-    instrument,
     unit_factor,
 )
 from archfrag.motions.measures import PLAIN, measure, spectral_acceleration
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 REVERSED = "-rev"  # ends the id of a motion whose horizontal components are reversed
-_FORMAT = "archfrag motions 1"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,11 +47,14 @@ class Motion:
     id : str
         Name of the record, used in tables and messages.
     metadata : mapping
-        What is known of the record: event, station, magnitude, file.
+        What is known of the record: event, station, magnitude, file. As an attribute it is a
+        mapping of what is known, and ``motion.facts`` has the same as attributes.
     log : tuple of str
         A line for each thing done to the samples since they left the file.
     transverse : array_like, shape (n_sample,) [m/s2], optional
         The other horizontal component, perpendicular to the first: measured, never simulated.
+    begins : float [s]
+        When the record begins, later than 0 behind a first shock.
 
     Raises
     ------
@@ -70,13 +71,14 @@ class Motion:
     (('Multiplied by 2.',), 2.0, [1.107, 3.457])
     """
 
-    acceleration: NDArray[np.float64]
+    acceleration: Samples
     dt: float
-    vertical: NDArray[np.float64] | None = None
+    vertical: Samples | None = None
     id: str = ""
-    metadata: Mapping[str, Any] = field(default_factory=dict)
+    metadata: Mapping[str, Any] = Facts()
     log: tuple[str, ...] = ()
-    transverse: NDArray[np.float64] | None = None
+    transverse: Samples | None = None
+    begins: float = 0.0
 
     def __post_init__(self) -> None:
         name = self.id or "motion"
@@ -107,23 +109,28 @@ class Motion:
                 raise RecordError(
                     f"{name}: {key} must be a row of {size}, not {samples.shape}"
                 )
-            if (bad := np.flatnonzero(~np.isfinite(samples))).size:
+            bad = np.flatnonzero(~np.isfinite(samples))
+            if bad.size:
                 raise RecordError(
                     f"{name}: {key} is not finite, the first time at index {bad[0]}"
                 )
-        about = {
-            "dt": step,
-            "metadata": dict(self.metadata or {}),
-            "log": tuple(self.log),
-        }
+        about = {"dt": step, "log": tuple(self.log)}
+        if not isinstance(self.metadata, Facts):
+            about["metadata"] = Facts.of(self.metadata or {})
         for key, value in (arrays | about).items():
             object.__setattr__(self, key, value)
 
+    @property
+    def facts(self) -> Facts:
+        """What is known of the record, as attributes."""
+        return cast(Facts, self.metadata)
+
+    def stating(self, **facts: Any) -> Motion:
+        """Return the motion with other facts."""
+        return replace(self, metadata=replace(self.facts, **facts))
+
     def changed(
-        self,
-        change: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-        done: str,
-        **fields: Any,
+        self, change: Callable[[Samples], Samples], done: str, **fields: Any
     ) -> Motion:
         """Return the motion with each component changed, and a line about it in the log."""
         changed: dict[str, Any] = {
@@ -133,7 +140,7 @@ class Motion:
         return replace(self, **changed, log=(*self.log, done), **fields)
 
     @property
-    def components(self) -> dict[str, NDArray[np.float64] | None]:
+    def components(self) -> dict[str, Samples | None]:
         """Acceleration, vertical and transverse by name; None if a component is missing."""
         return {
             key: getattr(self, key)
@@ -146,7 +153,7 @@ class Motion:
         return (self.acceleration.size - 1) * self.dt
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Samples:
         """Time of each sample from the first, shape (n_sample,) [s]."""
         return np.arange(self.acceleration.size, dtype=np.float64) * np.float64(self.dt)
 
@@ -163,7 +170,7 @@ class Motion:
         """Return one motion: this one, `gap` >= 0 [s] for an arch to come to rest, and another.
 
         Its time step is the smaller one; samples at the other one are interpolated linearly, as in
-        a simulation. ``metadata["begins"]`` tells when the second motion begins [s].
+        a simulation. ``begins`` tells when the second motion begins [s].
         InputError if `gap` is negative.
 
         Examples
@@ -171,30 +178,32 @@ class Motion:
         >>> import numpy as np, archfrag as af
         >>> first, second = (af.Motion(np.ones(6), dt, id=f"by{dt}") for dt in (0.02, 0.01))
         >>> both = first.then(second, gap=0.1)
-        >>> both, both.metadata["begins"]
+        >>> both, both.begins
         (<Motion by0.02+by0.01: PGA 0.102 g, 0.26 s at 0.01 s, horizontal>, 0.21)
         """
         if not 0.0 <= gap < np.inf:
             raise InputError(f"gap = {gap} s must be a time from 0 upwards")
         step = min(self.dt, second.dt)
-        both = (self, second)
         waves = dict[str, Any]()
-        times = [
-            np.arange(int(each.duration / step + 1e-6) + 1) * step for each in both
-        ]
+        ends = [int(each.duration / step + 1e-6) + 1 for each in (self, second)]
         rest = np.zeros(round(gap / step))
-        for key in self.components:
-            parts = [each.components[key] for each in both]
-            if any(part is not None for part in parts):
+        for key, part in second.components.items():
+            first = self.components[key]
+            if first is not None or part is not None:
                 one, two = (
-                    0.0 * time if part is None else np.interp(time, each.time, part)
-                    for time, each, part in zip(times, both, parts)
+                    np.zeros(count)
+                    if wave is None
+                    else np.interp(np.arange(count) * step, each.time, wave)
+                    for count, each, wave in zip(ends, (self, second), (first, part))
                 )
                 waves[key] = np.concatenate([one, rest, two])
-        about = {**second.metadata, "begins": (times[0].size + rest.size) * step}
-        log = (*second.log, f"Put {gap:g} s after {self.id}.")
-        return Motion(
-            **waves, dt=step, id=f"{self.id}+{second.id}", metadata=about, log=log
+        return replace(
+            second,
+            **waves,
+            dt=step,
+            id=f"{self.id}+{second.id}",
+            log=(*second.log, f"Put {gap:g} s after {self.id}."),
+            begins=(ends[0] + rest.size) * step,
         )
 
     def __mul__(self, factor: float) -> Motion:
@@ -209,7 +218,7 @@ class Motion:
         """Peak of the horizontal acceleration [m/s2]."""
         return float(np.abs(self.acceleration).max())
 
-    def spectrum(self, periods: ArrayLike) -> NDArray[np.float64]:
+    def spectrum(self, periods: ArrayLike) -> Samples:
         """Return Sa at `periods` [s], 5 % damping, shape (n_period,) [m/s2]."""
         return spectral_acceleration(self, periods)
 
@@ -240,36 +249,39 @@ class Motion:
         component, accept
             As of `archfrag.read_motion`.
         """
-        traces = [
-            trace.copy() for trace in ([stream] if hasattr(stream, "stats") else stream)
-        ]
+        given = [stream] if hasattr(stream, "stats") else stream
+        traces = [trace.copy() for trace in given]
         if not traces:
             raise RecordError("the stream has no trace")
         stats = traces[0].stats
         names = [trace.id for trace in traces]
         place = ".".join(filter(None, (stats.network, stats.station))) or "stream"
-        if twice := next((name for name in names if names.count(name) > 1), None):
-            raise RecordError(
-                f"{twice}: has several pieces; join them by `stream.merge()`"
-            )
+        for name in names:
+            if names.count(name) > 1:
+                raise RecordError(
+                    f"{name}: has several pieces; join them by `stream.merge()`"
+                )
         factor = unit_factor(unit, place)
         words = calibrate.accepted_words(accept, place)
+        channels = []
         for trace in traces:
             count = len(trace.data)
             trace.stats._format = "obspy"
-            trace.stats.record = channel = Channel(
+            channel = Channel(
                 str(trace.stats.channel).strip(),
+                trace=trace,
                 announced=count,
                 held=count,
                 unit_in_file=unit,
                 accept=words,
                 log=[f"Converted to m/s2: unit {unit} as stated, factor {factor:g}."],
             )
-            warnings = calibrate.impossible(trace)
+            warnings = calibrate.impossible(channel)
             channel.accepted = calibrate.accept_or_refuse(place, words, warnings)
             trace.data = np.asarray(trace.data, dtype=np.float64) * factor
-        chosen, verticals = choose_horizontal(traces, place, component)
-        return motion_of_trace(chosen, Path(place), chosen.id, verticals)
+            channels.append(channel)
+        chosen, verticals = choose_horizontal(channels, place, component)
+        return motion_of_channel(chosen, Path(place), chosen.trace.id, verticals)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the acceleration over time [g], in `ax` or in new axes."""
@@ -293,52 +305,42 @@ class Motion:
         return html_of(self, (6.4, 2.2))
 
 
-def motion_of_trace(
-    trace: Trace,
+def motion_of_channel(
+    channel: Channel,
     path: Path,
     name: str,
-    verticals: Iterable[Trace] = (),
+    verticals: Iterable[Channel] = (),
     listed: Mapping[str, Any] | None = None,
 ) -> Motion:
-    """Return the motion of a trace in m/s2, with the vertical of its instrument if that is there.
+    """Return the motion of a channel in m/s2, with the vertical of its instrument if there is one.
 
     `listed` are the facts of an index, which come before those of the header. RecordError if the
     samples are implausible, or the vertical does not fit.
     """
+    trace = channel.trace
     stats = trace.stats
-    channel = trace.stats.record
-    implausible = calibrate.implausible(trace)
+    implausible = calibrate.implausible(channel)
     accepted = channel.accepted + calibrate.accept_or_refuse(
         path, channel.accept, implausible
     )
-    metadata: dict[str, Any] = {
+    stated = {key: getattr(channel, key, None) for key in Facts.__dataclass_fields__}
+    facts = {
+        "station": stats.station,
+        **filled(stated),
         "file": path.name,
         "format": stats._format,
-        "unit_in_file": channel.unit_in_file,
-        "event": "",
-        "date": "",
-        "station": stats.station,
-        **channel.facts,
         "component": channel.code,
-        "vertical_component": "",
-    }
-    if stats.network or stats.station:
-        metadata |= {"trace": trace.id, "vertical_trace": ""}
-    if stats.starttime.timestamp != 0.0:
-        metadata["start_time"] = str(stats.starttime)
-    metadata |= filled(listed or {})
-    remarks = {
-        "errors": channel.errors,
-        "cautions": channel.cautions,
         "accepted": accepted,
+        "trace": trace.id if stats.network or stats.station else "",
+        "start_time": str(stats.starttime) if stats.starttime.timestamp else "",
     }
-    metadata |= {key: list(lines) for key, lines in remarks.items() if lines}
     kind = " ".join(filter(None, (stats._format, channel.level)))
     log = (f"Read from {path.name} ({kind}).", *channel.log, *accepted)
-    motion = Motion(trace.data, float(stats.delta), None, name, metadata, log)
+    own = {**Facts.of(facts), **Facts.of(listed or {})}
+    motion = Motion(trace.data, float(stats.delta), None, name, own, log)
     for vertical in verticals:
-        if instrument(vertical) == instrument(trace):
-            other = motion_of_trace(vertical, path, name, listed=listed)
+        if vertical.instrument == channel.instrument:
+            other = motion_of_channel(vertical, path, name, listed=listed)
             try:
                 return with_component(motion, other, "vertical")
             except RecordError as error:
@@ -351,92 +353,73 @@ def with_component(motion: Motion, other: Motion, kind: str) -> Motion:
 
     RecordError if they do not belong together or have no time in common.
     """
-    one = motion.metadata
-    two = other.metadata
-    code = other.metadata.get("component", "")
-    file = two.get("file") or other.id
-    one_file = one.get("file") == two.get("file")
-    if kind == "vertical":
-        keys = ("component", "trace") if one_file else ("component", "trace", "file")
-        labels = {f"vertical_{key}": two.get(key, "") for key in keys}
-    else:
-        facts = filled(
-            {key: two.get(key) for key in ("component", "azimuth", "trace", "file")}
-        )
-        labels = {f"{key}_transverse": fact for key, fact in facts.items()}
-        labels["id_transverse"] = other.id
-    name = f"{motion.id} and {file} ({code})"
+    one = motion.facts
+    two = other.facts
+    file = two.file or other.id
+    one_file = one.file == two.file
+    name = f"{motion.id} and {file} ({two.component})"
     for key in () if one_file else ("event", "date", "station"):
-        first_is, second_is = (str(about.get(key) or "") for about in (one, two))
-        if first_is and second_is and first_is.casefold() != second_is.casefold():
-            differ = f"{key} is {first_is!r} and {second_is!r}"
-            raise RecordError(f"{name} do not belong together: {differ}")
+        both = [getattr(facts, key) for facts in (one, two)]
+        if all(both) and both[0].casefold() != both[1].casefold():
+            raise RecordError(
+                f"{name} do not belong together: {key} is {both[0]!r} and {both[1]!r}"
+            )
     if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
         raise RecordError(
             f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal"
         )
-    late = (seconds(two.get("start_time")) - seconds(one.get("start_time"))) / motion.dt
+    late = (seconds(two.start_time) - seconds(one.start_time)) / motion.dt
     later = 0 if np.isnan(late) else round(late)
     first = max(0, later)
     other_first = max(0, -later)
-    count = min(motion.acceleration.size - first, other.acceleration.size - other_first)
+    sizes = motion.acceleration.size, other.acceleration.size
+    count = min(sizes[0] - first, sizes[1] - other_first)
     if count < 2:
         raise RecordError(f"{name} have no time in common")
     word = "Vertical" if kind == "vertical" else "Other horizontal"
-    steps = (
-        step if step in two.get("accepted", ()) else f"{word} {code}: {step}"
+    log = [
+        step if step in two.accepted else f"{word} {two.component}: {step}"
         for step in (other.log[1:] if one_file else other.log)
-    )
-    log = (*motion.log, *steps)
-    if count < max(motion.acceleration.size, other.acceleration.size):
-        log = (*log, f"Cut to the {count} samples in common with {file} ({code}).")
+    ]
+    if count < max(sizes):
+        log.append(
+            f"Cut to the {count} samples in common with {file} ({two.component})."
+        )
     kept = motion.changed(lambda samples: samples[first : first + count], "")
     part: dict[str, Any] = {kind: other.acceleration[other_first : other_first + count]}
+    labels: dict[str, Any] = {f"of_{kind}": two}
     for key in ("errors", "cautions", "accepted"):
-        if both := [*one.get(key, ()), *two.get(key, ())]:
-            labels[key] = list(dict.fromkeys(both))
-    return replace(kept, **part, metadata={**one, **labels}, log=log)
+        labels[key] = list(dict.fromkeys(getattr(one, key) + getattr(two, key)))
+    return replace(kept.stating(**labels), **part, log=(*motion.log, *log))
 
 
-def seconds(time: Any) -> float:
+def seconds(time: str) -> float:
     """Return the seconds of a time of UTC in ISO's form; nan if it is not known."""
     try:
-        moment = datetime.fromisoformat(str(time))
+        moment = datetime.fromisoformat(time)
     except ValueError:
         return float("nan")
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
 def store(path: Path, motion: Motion) -> None:
-    """Write a motion to a numpy archive, complete or not at all; equal motions, equal bytes."""
-    names = ("id", "dt", "log", "metadata")
-    try:
-        facts = json.dumps(
-            {name: getattr(motion, name) for name in names}, sort_keys=True
-        )
-    except (TypeError, ValueError) as error:
-        text = f"{motion.id}: metadata cannot be stored as JSON ({error})"
-        raise InputError(text) from None
-    table = json.dumps({"format": _FORMAT, "motions": [facts]}).encode()
-    arrays = {"horizontal_0": motion.acceleration}
+    """Write what moves an arch to a numpy archive, completely or not at all.
+
+    Equal motions give equal bytes.
+    """
+    arrays: dict[str, Any] = {"acceleration": motion.acceleration}
     if motion.vertical is not None:
-        arrays["vertical_0"] = motion.vertical
-    arrays["table"] = np.frombuffer(table, dtype=np.uint8)
+        arrays["vertical"] = motion.vertical
     with replacing(path, lasting=False) as part, open(part, "wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+        np.savez(file, allow_pickle=False, **arrays)
 
 
-def load_stored(path: Path) -> Motion:
-    """Read the motion that `store` wrote; InputError if the file is something else."""
+def load_stored(path: Path, **known: Any) -> Motion:
+    """Return the motion that `store` wrote and what else is `known`; InputError if damaged."""
     try:
         with np.load(path, allow_pickle=False) as archive:
-            header = json.loads(archive["table"].tobytes().decode())
-            if header["format"] != _FORMAT:
-                raise ValueError(f"format {header['format']!r}")
-            (facts,) = map(json.loads, header["motions"])
-            return Motion(
-                archive["horizontal_0"], vertical=archive.get("vertical_0"), **facts
-            )
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        what = "not a motion stored by archfrag, or damaged"
-        raise InputError(f"{path}: {what} ({error})") from None
+            return Motion(**archive, **known)
+    except (OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path}: not a motion stored by archfrag, or damaged ({error})"
+        ) from None

@@ -55,7 +55,8 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
                 for i, angle in enumerate(_ANGLES)
                 if word in angle
             )
-            if direction := next(kinds, plain):
+            direction = next(kinds, plain)
+            if direction:
                 frames.setdefault(_frame(name, code), []).append(direction)
     by_lower_case = {name.lower(): name for name in names}
     pairs: dict[str, set[str]] = {}
@@ -71,12 +72,13 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
             verticals |= {
                 name: vertical[0] for name, *_ in members if name != vertical[0]
             }
-    single = {
-        one: next(iter(others)) for one, others in pairs.items() if len(others) == 1
+    mutual = {
+        one: other
+        for one, others in pairs.items()
+        for other in others
+        if len(others) == len(pairs[other]) == 1
     }
-    return {
-        one: other for one, other in single.items() if single.get(other) == one
-    }, verticals
+    return mutual, verticals
 
 
 def vertical_files(paths: Sequence[Path]) -> set[Path]:
@@ -102,12 +104,14 @@ def folder_names(folder: Path) -> list[str]:
 def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
     """Return the other horizontal of the motion's instrument, of those of one file, if clear."""
     others = [other for other in motions if other is not motion]
-    family, *families = (
-        str(one.metadata.get("trace") or one.metadata.get("component", ""))[:-1]
-        for one in (motion, *others)
-    )
-    alike = [other for other, name in zip(others, families) if name == family] or others
+    family = _family(motion)
+    alike = [other for other in others if _family(other) == family] or others
     return alike[0] if len(alike) == 1 else None
+
+
+def _family(motion: Motion) -> str:
+    """Return the codes of a component but for its direction."""
+    return (motion.facts.trace or motion.facts.component)[:-1]
 
 
 def _frame(name: str, code: re.Match[str]) -> tuple[str, str]:
@@ -121,34 +125,31 @@ def belong_together(one: Motion, other: Motion) -> bool:
     Equal starts, or an equal event and station do. Equal numbers of samples do, unless the names
     differ in numbers that need not be azimuths, such as 10 and 100.
     """
-    both = [one.metadata, other.metadata]
-    starts = [seconds(about.get("start_time")) for about in both]
-    if not np.isnan(starts).any():
-        return abs(starts[0] - starts[1]) <= max(one.duration, other.duration)
-    sites = [
-        tuple(str(about.get(key) or "").casefold() for key in ("event", "station"))
-        for about in both
-    ]
+    both = one.facts, other.facts
+    late = abs(seconds(both[0].start_time) - seconds(both[1].start_time))
+    if not np.isnan(late):
+        return late <= max(one.duration, other.duration)
+    sites = [(facts.event.casefold(), facts.station.casefold()) for facts in both]
     if all(sites[0]) and sites[0] == sites[1]:
         return True
     equal = one.acceleration.size == other.acceleration.size
-    return equal and not numbered(both[0]["file"], both[1]["file"])
+    return equal and not numbered(both[0].file, both[1].file)
 
 
 def identity_of(motion: Motion) -> dict[str, Any]:
     """Return the facts by which `are_one` recognises copies and versions of one component."""
-    about = motion.metadata
-    start = seconds(motion.metadata.get("start_time"))
-    azimuth = azimuth_of(about)
-    location = (str(about.get("trace") or "").split(".") + [""] * 3)[2]
-    station = str(about.get("station") or "").casefold()
-    direction = about.get("component") if azimuth is None else azimuth % 360.0
+    facts = motion.facts
+    start = seconds(facts.start_time)
+    azimuth = azimuth_of(facts.azimuth, facts.component)
+    location = [*facts.trace.split("."), "", "", ""][2]
+    direction = facts.component if azimuth is None else azimuth % 360.0
+    station = facts.station.casefold()
     return {
         "id": motion.id,
         "samples": hash((motion.dt, motion.acceleration.tobytes())),
         "place": (station, location, direction) if station else None,
-        "event": about.get("event"),
-        "level": about.get("level"),
+        "event": facts.event,
+        "level": facts.level,
         "start": start,
         "end": start + motion.duration,
     }
@@ -187,65 +188,44 @@ def numbered(one: str, other: str) -> bool:
     )
 
 
-def recording_of(motion: Motion) -> dict[str, Any]:
-    """Return the facts by which `earthquakes` recognises records of one earthquake."""
-    about = motion.metadata
-    start = seconds(about.get("start_time"))
-    keys = ("file_sha256", "source_sha256", "pair")
-    return {
-        "id": motion.id.removesuffix(REVERSED),
-        "event": str(about.get("event") or about.get("event_id") or ""),
-        "origin": seconds(about.get("origin_time")),
-        "start": start,
-        "end": start + motion.duration,
-        "files": [about[key] for key in keys if about.get(key)],
-    }
-
-
-def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
+def earthquakes(records: Sequence[Any]) -> list[str]:
     """Return the names of the earthquakes of records; empty if none is stated or shared.
 
-    A name in a header or an index counts first. Without one, records share an earthquake if they
-    are of one file (``files`` in common), or if their ``origin`` times or starts are less than a
-    minute apart, or if they overlap in time (``start`` and ``end`` [s]).
+    A record has an `id`, a `duration` [s] and facts as attributes. An event in a header or an
+    index counts first. Without one, records share an earthquake if they are of one file, or if
+    their origin times or starts are less than a minute apart, or if they overlap in time.
     """
     group = np.arange(len(records))
+    origins = np.array([seconds(record.origin_time) for record in records])
+    starts = np.array([seconds(record.start_time) for record in records])
+    ends = starts + [record.duration for record in records]
 
-    def join(members: Sequence[int]) -> None:
-        if (ends := np.unique(group[members])).size > 1:
-            group[np.isin(group, ends)] = ends[0]
+    def join(members: Any) -> None:
+        group[np.isin(group, group[members])] = group[members].min()
 
-    def names(members: Sequence[int]) -> list[str]:
-        return list(
-            dict.fromkeys(records[i]["event"] for i in members if records[i]["event"])
-        )
+    def names(members: Any) -> list[str]:
+        return list(dict.fromkeys(filter(None, (records[i].event for i in members))))
 
     by_file: dict[str, list[int]] = {}
     for i, record in enumerate(records):
-        for file in record["files"]:
+        for file in filter(
+            None, (record.file_sha256, record.source_sha256, record.pair)
+        ):
             by_file.setdefault(file, []).append(i)
-    for members in by_file.values():
-        join(members)
-    for first, last in (("origin", "origin"), ("start", "end")):
-        start, end = (
-            np.array([record[key] for record in records]) for key in (first, last)
-        )
-        order = np.argsort(start, kind="stable")[
-            : np.count_nonzero(~np.isnan(start))
-        ]  # nan last
-        ends = np.maximum.accumulate(np.fmax(end[order], start[order] + APART))
-        for near in np.split(order, np.flatnonzero(start[order[1:]] > ends[:-1]) + 1):
-            if (
-                len(names(near.tolist())) < 2
-            ):  # else the times are not those of earthquakes
-                join(near.tolist())
-    together: dict[int, list[int]] = {}
-    for i, number in enumerate(group.tolist()):
-        together.setdefault(number, []).append(i)
-    events = [record["event"] for record in records]
-    for members in together.values():
-        first = f"earthquake of {records[members[0]]['id']}" if len(members) > 1 else ""
-        name = next(iter(names(members)), first)
-        for i in members:
-            events[i] = events[i] or name
+    for of_one in by_file.values():
+        join(of_one)
+    for first, last in ((origins, origins), (starts, ends)):
+        known = np.count_nonzero(~np.isnan(first))
+        order = np.argsort(first, kind="stable")[:known]  # nan last
+        until = np.maximum.accumulate(np.fmax(last[order], first[order] + APART))
+        for near in np.split(order, np.flatnonzero(first[order[1:]] > until[:-1]) + 1):
+            # Where several events are named, the times are not those of earthquakes.
+            if near.size and len(names(near)) < 2:
+                join(near)
+    events = []
+    for number, record in zip(group, records):
+        members = np.flatnonzero(group == number)
+        id = records[members[0]].id.removesuffix(REVERSED)
+        name = f"earthquake of {id}" if members.size > 1 else ""
+        events.append(record.event or next(iter(names(members)), name))
     return events

@@ -14,12 +14,19 @@ from typing import Any, Literal
 import numpy as np
 import scipy  # whose parts are loaded when they are used: scipy.signal takes a second
 from numpy.polynomial import Polynomial
+from numpy.polynomial.polynomial import polyfit
 from obspy import Inventory, Trace, UTCDateTime
 
 from archfrag.errors import InputError, RecordError, reason_of
 from archfrag.motions.calibrate import find_inventory
-from archfrag.motions.channel import STANDARD_GRAVITY, azimuth_of, check_right_angle
-from archfrag.motions.measures import Samples, arias_times, integral
+from archfrag.motions.channel import (
+    STANDARD_GRAVITY,
+    Facts,
+    Samples,
+    azimuth_of,
+    check_right_angle,
+)
+from archfrag.motions.measures import arias_times, integral
 from archfrag.motions.motion import REVERSED, Motion
 
 
@@ -32,7 +39,7 @@ def demean(motion: Motion) -> Motion:
 
 def detrend(motion: Motion) -> Motion:
     """Subtract from each component the straight line that fits it best (least squares)."""
-    return motion.changed(lambda a: a - _fitted(a, (0, 1)), "Linear trend removed.")
+    return motion.changed(scipy.signal.detrend, "Linear trend removed.")
 
 
 def baseline(motion: Motion, order: int = 2) -> Motion:
@@ -41,22 +48,21 @@ def baseline(motion: Motion, order: int = 2) -> Motion:
     The polynomial, of an `order` from 1 to 5, is zero at the first sample, where the record is at
     rest. Order 2 is that of Graizer (1979); see Boore (2001), BSSA 91(5).
     """
+    unit = np.linspace(0.0, 1.0, motion.acceleration.size)
+    powers = np.arange(1, order + 1)
+
+    def straight(samples: Samples) -> Samples:
+        fit = Polynomial(polyfit(unit, integral(samples, 1.0), powers))
+        return samples - fit.deriv()(unit) / (unit.size - 1)
+
     done = f"Baseline removed, velocity polynomial of order {order}."
-    powers = range(1, order + 1)
-    return motion.changed(
-        lambda a: a - _fitted(integral(a, 1.0), powers, slope=True), done
-    )
+    return motion.changed(straight, done)
 
 
-def _fitted(values: Samples, powers: Sequence[int], slope: bool = False) -> Samples:
-    """Return the least-squares polynomial with these powers at the samples, or its slope."""
-    unit = np.arange(values.size) / (values.size - 1)
-    exponents = np.array(powers)
-    rows = unit ** exponents[:, None]
-    coefficients = np.zeros(exponents[-1] + 1)
-    coefficients[exponents] = np.linalg.solve(rows @ rows.T, rows @ values)
-    fit = Polynomial(coefficients)
-    return (fit.deriv() / (values.size - 1) if slope else fit)(unit)
+def cosine_taper(size: int, ramp: int) -> Samples:
+    """Return ones with a rise and a fall by half a cosine wave at the ends."""
+    wave = np.hanning(2 * ramp + 1)
+    return np.concatenate((wave[:ramp], np.ones(size - 2 * ramp), wave[ramp + 1 :]))
 
 
 def taper(
@@ -65,13 +71,13 @@ def taper(
     side: Literal["both", "left", "right"] = "both",
 ) -> Motion:
     """Bring ends to zero by half a cosine wave, each over a `fraction` (to 0.5) of the record."""
-    count = max(1, int(fraction * motion.acceleration.size))
-    factor = np.ones_like(motion.time)
-    rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
-    if side != "right":
-        factor[:count] *= rise
-    if side != "left":
-        factor[-count:] *= rise[::-1]
+    size = motion.acceleration.size
+    count = max(1, int(fraction * size))
+    factor = cosine_taper(size, count)
+    if side == "right":
+        factor[:count] = 1.0
+    if side == "left":
+        factor[-count:] = 1.0
     done = f"Tapered by a cosine over {fraction:g} of it, {side} ends."
     return motion.changed(lambda a: a * factor, done)
 
@@ -93,43 +99,40 @@ def bandpass(
     and after the record first, and stay: what the filter spreads into them is part of the motion.
     Without it displacements are wrong by factors. Boore (2005), BSSA 95(2), 745-750.
     """
-    nyquist = 0.5 / motion.dt
+    rate = 1.0 / motion.dt
     corners = [f for f in (lowest, highest) if f is not None]
-    if not corners or not (np.diff([0.0, *corners, nyquist]) > 0.0).all():
-        needed = f"must satisfy 0 < lowest < highest < {nyquist:g} Hz"
+    if not corners or not (np.diff([0.0, *corners, 0.5 * rate]) > 0.0).all():
         raise InputError(
-            f"{motion.id or 'motion'}: corners {lowest} and {highest} Hz {needed}"
+            f"{motion.id or 'motion'}: corners {lowest} and {highest} Hz must satisfy "
+            f"0 < lowest < highest < {0.5 / motion.dt:g} Hz"
         )
-    kind = (
-        "bandpass" if len(corners) == 2 else "lowpass" if lowest is None else "highpass"
+    kind = "lowpass" if lowest is None else "highpass"
+    if corners[1:]:
+        kind = "bandpass"
+    filters = scipy.signal.butter(
+        order, np.squeeze(corners), kind, fs=rate, output="sos"
     )
-    butter = scipy.signal.butter
-    sosfilt = scipy.signal.sosfilt
-    sections = butter(
-        order, np.squeeze(corners), kind, fs=1.0 / motion.dt, output="sos"
-    )
-    band = f"{lowest or 0.0:g} to {'the highest' if highest is None else f'{highest:g}'} Hz"
+    to = "the highest" if highest is None else f"{highest:g}"
     passes = "forwards only (causal)" if causal else "forwards and backwards"
-    done = f"Band-pass {band}, Butterworth of order {order}, {passes}."
-    taps = 2 * len(sections) + 1 - min((sections[:, [2, 5]] == 0.0).sum(axis=0))
-    edge = min(
-        3 * taps, motion.acceleration.size - 1
-    )  # scipy's own but for short records
+    done = f"Band-pass {lowest or 0.0:g} to {to} Hz, Butterworth of order {order}, {passes}."
     if causal:
-        return motion.changed(lambda a: sosfilt(sections, a), done)
-    pad = math.ceil(0.75 * order / (lowest * motion.dt)) if lowest else 0
-    about = dict(motion.metadata)
-    start = motion.metadata.get("start_time")
-    if pad:
-        done += f" {pad * motion.dt:g} s of zeros put before and after it first."
+        return motion.changed(lambda a: scipy.signal.sosfilt(filters, a), done)
+    taps = 2 * len(filters) + 1 - min((filters[:, [2, 5]] == 0.0).sum(axis=0))
+    # scipy's own but for short records
+    edge = min(3 * taps, motion.acceleration.size - 1)
+    pad = 0
+    start = motion.facts.start_time
+    if lowest:
         edge = 0
-    if pad and start:
-        about["start_time"] = str(UTCDateTime(start) - pad * motion.dt)
+        pad = math.ceil(0.75 * order / (lowest * motion.dt))
+        done += f" {pad * motion.dt:g} s of zeros put before and after it first."
+        if start:
+            start = str(UTCDateTime(start) - pad * motion.dt)
 
     def filtered(samples: Samples) -> Samples:
-        return scipy.signal.sosfiltfilt(sections, np.pad(samples, pad), padlen=edge)
+        return scipy.signal.sosfiltfilt(filters, np.pad(samples, pad), padlen=edge)
 
-    return motion.changed(filtered, done, metadata=about)
+    return motion.stating(start_time=start).changed(filtered, done)
 
 
 def trim(
@@ -146,32 +149,37 @@ def trim(
     `threshold_g` [g]; these two with a `margin` [s].
     """
     name = motion.id or "motion"
+    dt = motion.dt
     length = motion.duration
     if [arias, threshold_g, times].count(None) != 2:
         raise InputError("one of arias, threshold_g and times is needed")
     if times is not None:
         start, end = times
     elif arias is not None:
-        reached = arias_times(motion.acceleration, motion.transverse, motion.dt, arias)
+        reached = arias_times(motion.acceleration, motion.transverse, dt, arias)
         start = max(0.0, reached[0] - margin) if arias[0] > 0.0 else 0.0
         end = reached[1] + margin if arias[1] < 1.0 else length
     else:
         least = float(threshold_g or 0.0) * STANDARD_GRAVITY
-        rows = [
-            row for row in (motion.acceleration, motion.transverse) if row is not None
-        ]
-        strong = motion.dt * np.flatnonzero((np.abs(rows) >= least).any(axis=0))
-        if not strong.size:
-            needed = f"the threshold {least:g} m/s2 ({threshold_g:.4g} g)"
-            raise InputError(f"{name}: no sample reaches {needed} of the trim")
-        start = max(0.0, strong[0] - margin)
-        end = strong[-1] + margin
-    first = int(np.ceil(start / motion.dt - 1e-9)) if start >= 0.0 else -1
-    last = int(np.floor(min(end, length) / motion.dt + 1e-9))
+        strong = np.abs(motion.acceleration) >= least
+        if motion.transverse is not None:
+            strong |= np.abs(motion.transverse) >= least
+        reached = (dt * np.flatnonzero(strong)).tolist()
+        if not reached:
+            raise InputError(
+                f"{name}: no sample reaches the threshold {least:g} m/s2 ({threshold_g:.4g} g) "
+                "of the trim"
+            )
+        start = max(0.0, reached[0] - margin)
+        end = reached[-1] + margin
+    first = int(np.ceil(start / dt - 1e-9)) if start >= 0.0 else -1
+    last = int(np.floor(min(end, length) / dt + 1e-9))
     if first < 0 or last <= first:
-        left = f"the record lasts {length:g} s and at least two samples must remain"
-        raise InputError(f"{name}: cannot cut from {start} s to {end} s; {left}")
-    done = f"Cut to {first * motion.dt:g} to {last * motion.dt:g} s."
+        raise InputError(
+            f"{name}: cannot cut from {start} s to {end} s; the record lasts {length:g} s and at "
+            "least two samples must remain"
+        )
+    done = f"Cut to {first * dt:g} to {last * dt:g} s."
     return motion.changed(lambda a: a[first : last + 1].copy(), done)
 
 
@@ -190,10 +198,8 @@ def resample(motion: Motion, dt: float) -> Motion:
         )
     if up == down:
         return motion
-    widest = max(up, down)
-    window = scipy.signal.firwin(
-        2 * 64 * widest + 1, 1.0 / widest, window=("kaiser", 10.0)
-    )
+    size = 2 * 64 * max(up, down) + 1
+    window = scipy.signal.firwin(size, 1.0 / max(up, down), window=("kaiser", 10.0))
     done = f"Resampled from {motion.dt:g} to {dt:g} s, band-limited ({up}:{down})."
     return motion.changed(
         lambda a: scipy.signal.resample_poly(a, up, down, window=window),
@@ -213,55 +219,56 @@ def rotate(
     are nearly parallel.
     """
     name = motion.id or "motion"
-    about = dict(motion.metadata)
     if (azimuth is None) == (angle is None):
         raise InputError("rotate: one of azimuth and angle is needed")
     if motion.transverse is None:
         raise RecordError(
             f"{name}: rotate needs two horizontal components, and there is one"
         )
-    codes = [str(about.get(key, "")) for key in ("component", "component_transverse")]
+    other = motion.facts.of_transverse or Facts()
+    codes = [motion.facts.component, other.component]
     azimuths = [0.0, 90.0]
     turned = float(angle or 0.0) if azimuth is None else azimuth
-    for place, code in enumerate(codes if azimuth is not None else ()):
-        value = azimuth_of(about, ("", "_transverse")[place])
-        if value is None:
-            raise RecordError(
-                f"{name}: the azimuth of {code!r} is not known; give an angle"
-            )
-        azimuths[place] = value
     if azimuth is None:
         check_right_angle(
-            about, f"{name}: rotate by an angle", "; give an azimuth instead"
+            motion.facts, f"{name}: rotate by an angle", "; give an azimuth instead"
         )
-    one, other = np.deg2rad(azimuths)
-    sine = np.sin(other - one)
+        words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
+    else:
+        for place, facts in enumerate((motion.facts, other)):
+            known = azimuth_of(facts.azimuth, facts.component)
+            if known is None:
+                raise RecordError(
+                    f"{name}: the azimuth of {codes[place]!r} is not known; give an angle"
+                )
+            azimuths[place] = known
+        words = (
+            f"to azimuth {turned:g} degrees (from {azimuths[0]:g} and {azimuths[1]:g})"
+        )
+    first, second = np.deg2rad(azimuths)
+    sine = np.sin(second - first)
     if abs(sine) < 0.5:
-        near = f"azimuths {azimuths[0]:g} and {azimuths[1]:g} degrees, too close to each other"
         raise RecordError(
-            f"{name}: components {' and '.join(codes)} have {near} to be rotated"
+            f"{name}: components {' and '.join(codes)} have azimuths {azimuths[0]:g} and "
+            f"{azimuths[1]:g} degrees, too close to each other to be rotated"
         )
     along = np.deg2rad(turned)
     # a(azimuth) = N cos + E sin holds for both components; solved for the direction.
-    first, second = (
-        np.float64(np.sin(other - direction) / sine) * motion.acceleration
-        + np.float64(np.sin(direction - one) / sine) * motion.transverse
+    waves = [
+        np.float64(np.sin(second - direction) / sine) * motion.acceleration
+        + np.float64(np.sin(direction - first) / sine) * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
-    )
-    words = f"to azimuth {turned:g} degrees (from {azimuths[0]:g} and {azimuths[1]:g})"
-    for which, degrees in (("", turned), ("_transverse", turned + 90.0)):
-        about |= {
-            f"component{which}": f"{degrees:g}",
-            f"azimuth{which}": degrees % 360.0,
-        }
+    ]
+    labels = list[dict[str, Any]]()
+    for degrees in (turned, turned + 90.0):
         if azimuth is None:  # angles from a component are no azimuths
-            words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
-            label = f"{codes[0]} turned by {degrees:g}".strip()
-            about |= {f"component{which}": label, f"azimuth{which}": ""}
+            code = f"{codes[0]} turned by {degrees:g}".strip()
+            labels.append({"component": code, "azimuth": None})
+        else:
+            labels.append({"component": f"{degrees:g}", "azimuth": degrees % 360.0})
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
-    return replace(
-        motion, acceleration=first, transverse=second, metadata=about, log=log
-    )
+    stated = motion.stating(**labels[0], of_transverse=replace(other, **labels[1]))
+    return replace(stated, acceleration=waves[0], transverse=waves[1], log=log)
 
 
 def remove_response(
@@ -280,24 +287,24 @@ def remove_response(
     """
     table = None
     changed = dict[str, Any]()
-    names = ("trace", "vertical_trace", "trace_transverse")
-    for (key, samples), name in zip(motion.components.items(), names):
+    start = UTCDateTime(motion.facts.start_time or 0)
+    facts = (motion.facts, motion.facts.of_vertical, motion.facts.of_transverse)
+    for (key, samples), own in zip(motion.components.items(), facts):
         if samples is None:
             continue
-        codes = (str(motion.metadata.get(name, "")).split(".") + [""] * 4)[:4]
-        header = dict(zip(("network", "station", "location", "channel"), codes))
-        start = UTCDateTime(motion.metadata.get("start_time") or 0)
-        trace = Trace(
-            samples.copy(), {**header, "delta": motion.dt, "starttime": start}
+        codes = (own or Facts()).trace.split(".")
+        header = dict[str, Any](
+            zip(("network", "station", "location", "channel"), codes)
         )
+        header |= {"delta": motion.dt, "starttime": start}
+        trace = Trace(samples.copy(), header)
         table = table or find_inventory(Path(record), trace, inventory)
         if table is None:
-            lacking = (
-                "has no StationXML by which to remove its response; give `inventory`"
+            raise RecordError(
+                f"{record}: has no StationXML by which to remove its response; give `inventory`"
             )
-            raise RecordError(f"{record}: {lacking}")
         try:
-            response = table.get_response(trace.id, trace.stats.starttime)
+            response = table.get_response(trace.id, start)
             trace.data *= response.instrument_sensitivity.value
             trace.remove_response(
                 table,
@@ -308,8 +315,10 @@ def remove_response(
                 taper=False,
             )
         except Exception as error:
-            failed = f"the response of channel {trace.id} cannot be removed"
-            raise RecordError(f"{record}: {failed} ({reason_of(error)})") from None
+            raise RecordError(
+                f"{record}: the response of channel {trace.id} cannot be removed "
+                f"({reason_of(error)})"
+            ) from None
         changed[key] = np.asarray(trace.data, dtype=np.float64)
     kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
     done = (
@@ -320,10 +329,12 @@ def remove_response(
 
 def both_senses(motion: Motion) -> list[Motion]:
     """Return a motion, and the same with its horizontal components reversed."""
-    flipped: dict[str, Any] = {
-        key: -samples
-        for key, samples in motion.components.items()
-        if samples is not None and key != "vertical"
-    }
-    log = (*motion.log, "Horizontal components reversed.")
-    return [motion, replace(motion, id=motion.id + REVERSED, log=log, **flipped)]
+    transverse = None if motion.transverse is None else -motion.transverse
+    other = replace(
+        motion,
+        acceleration=-motion.acceleration,
+        transverse=transverse,
+        id=motion.id + REVERSED,
+        log=(*motion.log, "Horizontal components reversed."),
+    )
+    return [motion, other]

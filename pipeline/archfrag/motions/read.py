@@ -12,12 +12,17 @@ from obspy import Inventory, Stream, Trace
 from archfrag.errors import RecordError
 from archfrag.files import opened
 from archfrag.motions import calibrate
-from archfrag.motions.channel import choose_horizontal, filled, split_by_direction
+from archfrag.motions.channel import (
+    Channel,
+    Facts,
+    choose_horizontal,
+    split_by_direction,
+)
 from archfrag.motions.formats import OWN, TEXT, read_traces, recognise
 from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
 from archfrag.motions.measures import sample_cautions
-from archfrag.motions.motion import Motion, motion_of_trace, with_component
+from archfrag.motions.motion import Motion, motion_of_channel, with_component
 
 LARGEST_RECORD = 2**27  # [bytes]
 
@@ -39,9 +44,12 @@ def check_file(path: Path) -> None:
         raise RecordError(
             f"{path}: the file cannot be read: {error.strerror}"
         ) from None
-    if not 0 < size <= LARGEST_RECORD:
-        many = f"has {size} bytes; a record may have at most {LARGEST_RECORD}"
-        raise RecordError(f"{path}: the file {many if size else 'is empty'}")
+    if not size:
+        raise RecordError(f"{path}: the file is empty")
+    if size > LARGEST_RECORD:
+        raise RecordError(
+            f"{path}: the file has {size} bytes; a record may have at most {LARGEST_RECORD}"
+        )
 
 
 def read_motion(
@@ -66,7 +74,7 @@ def read_motion(
     unit : str, optional
         Of the samples (``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``) if the file states none.
     component : str, optional
-        Channel code (``HNE``), its last letter (``E``) or trace id; else the first horizontal.
+        Channel code (such as HNE), its last letter (``E``) or trace id; else the first horizontal.
     vertical : path, optional
         File of the vertical component if it is not in the same file.
     inventory : path or obspy.Inventory, optional
@@ -119,10 +127,12 @@ def _read_one(
     own_vertical: bool = True,
 ) -> Motion:
     """See `read_motion`; `listed` names the component in a file with several horizontals."""
-    traces, entry = read_channels(path, **options)
-    chosen, verticals = choose_horizontal(traces, path, component, listed)
+    channels, entry = read_channels(path, **options)
+    chosen, verticals = choose_horizontal(channels, path, component, listed)
     name, facts = (entry.id, entry.metadata) if entry else (record_name(path), {})
-    return motion_of_trace(chosen, path, name, verticals if own_vertical else (), facts)
+    return motion_of_channel(
+        chosen, path, name, verticals if own_vertical else (), facts
+    )
 
 
 def read_horizontals(
@@ -137,32 +147,34 @@ def read_horizontals(
     `name` begins the ids of the motions, if it is not that of the file.
     """
     path = Path(path)
-    traces, entry = read_channels(path, unit, **options)
-    facts = entry.metadata if entry else {}
-    horizontals, verticals = split_by_direction(traces, path)
-    alone = len(horizontals) == 1
-    codes = [trace.stats.record.code for trace in horizontals]
-    base = entry.id if entry and alone else name or record_name(path)
+    channels, entry = read_channels(path, unit, **options)
+    horizontals, verticals = split_by_direction(channels, path)
+    codes = [channel.code for channel in horizontals]
+    base = name or record_name(path)
+    if entry and not codes[1:]:
+        base = entry.id
     motions = []
-    for trace, code in zip(horizontals, codes):
-        place = f"{trace.stats.location}." if codes.count(code) > 1 else ""
-        id = base if alone else f"{base}:{place}{code}"
-        motions.append(motion_of_trace(trace, path, id, verticals, facts))
+    for channel, code in zip(horizontals, codes):
+        place = f"{channel.trace.stats.location}." if codes.count(code) > 1 else ""
+        id = f"{base}:{place}{code}" if codes[1:] else base
+        facts = entry.metadata if entry else {}
+        motions.append(motion_of_channel(channel, path, id, verticals, facts))
     return motions
 
 
 def read_vertical(path: str | Path, unit: str | None = None, **options: Any) -> Motion:
     """Read the vertical of a file as the horizontal of a motion; options as in `read_motion`."""
-    traces, _ = read_channels(Path(path), unit, **options)
-    verticals = [trace for trace in traces if trace.stats.record.is_vertical]
-    if not verticals and len(traces) == 1 and not traces[0].stats.record.is_horizontal:
-        verticals = traces
+    path = Path(path)
+    channels, _ = read_channels(path, unit, **options)
+    verticals = [channel for channel in channels if channel.is_vertical]
+    if not channels[1:] and not channels[0].is_horizontal:
+        verticals = channels
     if len(verticals) != 1:
-        names = ", ".join(repr(trace.stats.record.code) for trace in traces)
+        names = ", ".join(repr(channel.code) for channel in channels)
         raise RecordError(
             f"{path}: one vertical channel is needed, the file holds {names}"
         )
-    return motion_of_trace(verticals[0], Path(path), record_name(Path(path)))
+    return motion_of_channel(verticals[0], path, record_name(path))
 
 
 def record_name(path: Path) -> str:
@@ -173,59 +185,53 @@ def record_name(path: Path) -> str:
 def load_motion(entry: IndexEntry) -> Motion:
     """Read the record of a row of an index; RecordError if it is not as the row states."""
     check_sha256(entry)
-    options = {
-        "unit": entry.unit or None,
-        "accept": entry.accept,
-        "columns": entry.columns,
-    }
-    motion = _read_one(entry.path, options, None, entry.metadata.get("component"))
+    component = entry.metadata.get("component")
+    motion = _read_one(entry.path, entry.options, None, component)
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
         raise RecordError(
             f"{entry.path}: dt is {motion.dt} s, the index lists dt_s = {step} s"
         )
-    about = {**motion.metadata, **filled(entry.metadata)}
-    if cautions := (*about.get("cautions", ()), *entry.cautions):
-        about["cautions"] = list(cautions)
-    return replace(motion, id=entry.id, metadata=about)
+    facts = Facts.of({**motion.metadata, **Facts.of(entry.metadata)})
+    facts.cautions.extend(entry.cautions)
+    return replace(motion, id=entry.id, metadata=facts)
 
 
 def read_channels(
     path: Path, unit: str | None = None, *, accept: Iterable[str] = (), **options: Any
-) -> tuple[list[Trace], IndexEntry | None]:
+) -> tuple[list[Channel], IndexEntry | None]:
     """Return the channels of a file in m/s2, and the row of an index that lists it."""
-    words = calibrate.accepted_words(accept, str(path))
+    words = calibrate.accepted_words(accept, path)
     entry = find_entry(path)
-    if entry is not None and path.is_file():
-        check_sha256(entry)
-    traces, gap = _examine(path, entry, unit, **options)
-    accepted = (*words, *(entry.accept if entry else ()))
-    if "sensor" not in accepted:
-        traces = _on_the_ground(traces)
-    for trace in traces:
-        channel = trace.stats.record
-        channel.accept = accepted
-        channel.accepted = calibrate.accept_or_refuse(
-            path, channel.accept, channel.warnings
-        )
-        errors = (f"Error in the file: {error}." for error in channel.errors)
-        cautions = (f"Caution: {caution}." for caution in channel.cautions)
-        channel.log = [*channel.messages, *channel.log, *errors, *cautions]
+    if entry is not None:
+        words += entry.accept
+        if path.is_file():
+            check_sha256(entry)
+    channels, gap = _examine(path, entry, unit, **options)
+    if "sensor" not in words:
+        channels = _on_the_ground(channels)
+    for channel in channels:
+        channel.accept = words
+        channel.accepted = calibrate.accept_or_refuse(path, words, channel.warnings)
+        errors = [f"Error in the file: {error}." for error in channel.errors]
+        cautions = [f"Caution: {caution}." for caution in channel.cautions]
+        channel.log = channel.messages + channel.log + errors + cautions
     if gap:
         raise RecordError(f"{path}: {gap}")
-    return traces, entry
+    return channels, entry
 
 
-def _on_the_ground(traces: list[Trace]) -> list[Trace]:
+def _on_the_ground(channels: list[Channel]) -> list[Channel]:
     """Leave out sensors in boreholes and structures, unless no other one is horizontal."""
-    ground = [trace for trace in traces if not trace.stats.record.sensor]
-    others = [trace.stats.record for trace in traces if trace.stats.record.sensor]
-    if not others or all(trace.stats.record.is_vertical for trace in ground):
-        return traces
+    ground = [channel for channel in channels if not channel.sensor]
+    others = [channel for channel in channels if channel.sensor]
+    if not others or all(channel.is_vertical for channel in ground):
+        return channels
     codes = ", ".join(dict.fromkeys(channel.code for channel in others))
-    text = f"channel {codes} {others[0].sensor} and is left out; `accept` with sensor reads it"
-    for trace in ground:
-        trace.stats.record.cautions.append(text)
+    for channel in ground:
+        channel.cautions.append(
+            f"channel {codes} {others[0].sensor} and is left out; `accept` with sensor reads it"
+        )
     return ground
 
 
@@ -235,50 +241,47 @@ def _examine(
     unit: str | None,
     inventory: str | Path | Inventory | None = None,
     columns: Columns | None = None,
-) -> tuple[list[Trace], str]:
+) -> tuple[list[Channel], str]:
     """Return the channels of a file whatever is wrong, and why its pieces cannot be joined."""
     check_file(path)
-    if columns := columns or (entry.columns if entry else None):
+    columns = columns or (entry.columns if entry else None)
+    if columns:
         traces = read_columns(path, columns)
     else:
         # AT2 by its name alone, so that a damaged header is judged by the reader that knows it.
-        traces = read_traces(
-            str(path), "AT2" if path.suffix.lower() == ".at2" else None
-        )
+        form = "AT2" if path.suffix.lower() == ".at2" else None
+        traces = read_traces(str(path), form)
     form = traces[0].stats._format
     gap = ""
     if len({trace.id for trace in traces}) < len(traces):
         traces, gap = _join_pieces(path, traces)
-    counts = [trace.stats.record.held for trace in traces]
+    channels = [trace.stats.record for trace in traces]
+    held = ", ".join(f"{channel.code} {channel.held}" for channel in channels)
+    unequal = len({channel.held for channel in channels}) > 1 and form in OWN
     places: dict[str, set[str]] = {}
-    for trace in traces:
-        places.setdefault(trace.stats.record.code, set()).add(str(trace.stats.location))
-    for trace in traces:
-        channel = trace.stats.record
-        channel.warnings = list(calibrate.impossible(trace))
-        if channel.code and len(places[channel.code]) > 1:
-            several = (
-                f"of sensors at locations {' and '.join(sorted(places[channel.code]))}"
+    for channel, trace in zip(channels, traces):
+        channel.trace = trace
+        places.setdefault(channel.code, set()).add(str(trace.stats.location))
+    for channel in channels:
+        channel.warnings = list(calibrate.impossible(channel))
+        several = sorted(places[channel.code])
+        if channel.code and several[1:]:
+            channel.cautions.append(
+                f"channel {channel.code} is there of sensors at locations "
+                f"{' and '.join(several)}; one may be in a borehole"
             )
-            text = (
-                f"channel {channel.code} is there {several}; one may be in a borehole"
-            )
-            channel.cautions.append(text)
         # If a text ends within its last line, digits may be missing.
-        cut_off = (
-            trace is traces[-1] and form in TEXT and channel.held < channel.announced
-        )
-        if cut_off and not path.read_bytes()[-1:].isspace():
-            trace.data = trace.data[:-1]
+        cut_off = form in TEXT and channel.held < channel.announced
+        if cut_off and channel is channels[-1] and not path.read_bytes()[-1:].isspace():
+            channel.trace.data = channel.trace.data[:-1]
             left = "the last sample is left out, since the file ends within its line"
             channel.warnings.append(("samples", left))
-        calibrate.to_si(trace, path, unit, entry.unit if entry else "", inventory)
-        if len(set(counts)) > 1 and form in OWN:
-            codes = (other.stats.record.code for other in traces)
-            held = ", ".join(f"{code} {count}" for code, count in zip(codes, counts))
-            text = f"the channels of the file have unequal numbers of samples ({held})"
-            channel.errors.append(text)
-    return traces, gap
+        calibrate.to_si(channel, path, unit, entry.unit if entry else "", inventory)
+        if unequal:
+            channel.errors.append(
+                f"the channels of the file have unequal numbers of samples ({held})"
+            )
+    return channels, gap
 
 
 def _join_pieces(path: Path, traces: Sequence[Trace]) -> tuple[list[Trace], str]:
@@ -295,11 +298,11 @@ def _join_pieces(path: Path, traces: Sequence[Trace]) -> tuple[list[Trace], str]
     if not gaps:
         return list(stream), ""
     *codes, start, _, length, _ = gaps[0]
-    kind = (
-        f"{'a gap' if length > 0 else 'an overlap'} of {abs(length):g} s after {start}"
+    kind = "a gap" if length > 0 else "an overlap"
+    return list(stream), (
+        f"channel {'.'.join(codes)} has {kind} of {abs(length):g} s after {start}; "
+        "a record must be without gaps"
     )
-    text = f"channel {'.'.join(codes)} has {kind}; a record must be without gaps"
-    return list(stream), text
 
 
 def inspect_record(
@@ -310,49 +313,42 @@ def inspect_record(
     Times are in s (``start`` in UTC), ``PGA`` in m/s2, ``count`` is the number of samples held.
     What is unknown is empty or None. RecordError if the file cannot be read.
     """
-    traces, gap = _examine(Path(path), find_entry(path), unit, **options)
-    channels = []
-    first = traces[0].stats.record
-    for trace in traces:
+    path = Path(path)
+    channels, gap = _examine(path, find_entry(path), unit, **options)
+    first = channels[0]
+    listed = []
+    for channel in channels:
+        trace = channel.trace
         stats = trace.stats
-        channel = trace.stats.record
-        dt = float(trace.stats.delta)
-        unit = channel.unit_in_file
-        names = [
-            str(stats[key]) for key in ("network", "station", "location") if stats[key]
-        ]
-        errors = [
-            *(text for _, text in channel.warnings),
-            *channel.errors,
-            *channel.cautions,
-        ]
-        if unit:
-            errors += [text for _, text in calibrate.implausible(trace)]
-            errors += sample_cautions(trace.data, dt)
-        channels.append(
-            {
-                "code": channel.code,
-                "station": channel.station or ".".join(names),
-                "start": str(stats.starttime)
-                if stats.starttime.timestamp != 0.0
-                else "",
-                "dt": dt,
-                "announced": channel.announced,
-                "count": channel.held,
-                "unit": unit,
-                "level": channel.level or ("raw" if unit == "counts" else ""),
-                "vertical": channel.is_vertical,
-                "errors": list(dict.fromkeys(errors)),
-                "duration": (channel.held - 1) * dt,
-                "PGA": float(abs(trace.data).max()) if unit else None,
-            }
-        )
+        dt = float(stats.delta)
+        names = (stats.network, stats.station, stats.location)
+        facts: dict[str, Any] = {
+            "code": channel.code,
+            "station": channel.station or ".".join(filter(None, names)),
+            "start": str(stats.starttime) if stats.starttime.timestamp else "",
+            "dt": dt,
+            "announced": channel.announced,
+            "count": channel.held,
+            "unit": channel.unit_in_file,
+            "level": channel.level or "raw" * (channel.unit_in_file == "counts"),
+            "vertical": channel.is_vertical,
+            "errors": [text for _, text in channel.warnings],
+            "duration": (channel.held - 1) * dt,
+            "PGA": None,
+        }
+        facts["errors"] += channel.errors + channel.cautions
+        if channel.unit_in_file:
+            facts["PGA"] = float(abs(trace.data).max())
+            facts["errors"] += [text for _, text in calibrate.implausible(channel)]
+            facts["errors"] += sample_cautions(trace.data, dt)
+        facts["errors"] = list(dict.fromkeys(facts["errors"]))
+        listed.append(facts)
     return {
         "file": str(path),
-        "format": traces[0].stats._format,
+        "format": first.trace.stats._format,
         "event": first.event,
         "date": first.date,
         "magnitude": first.magnitude,
-        "channels": channels,
+        "channels": listed,
         "errors": [*first.messages, *filter(None, (gap,))],
     }

@@ -7,7 +7,7 @@ are in g here, as in flatfiles and ground-motion models.
 import io
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,11 +26,11 @@ from archfrag.files import (
     unquoted,
     write_csv,
 )
-from archfrag.motions.channel import STANDARD_GRAVITY
-from archfrag.motions.index import load_index
+from archfrag.motions.channel import STANDARD_GRAVITY, Samples
+from archfrag.motions.index import COLUMNS, load_index
 from archfrag.motions.measures import measure
 from archfrag.motions.motion import Motion
-from archfrag.motions.target import Array, Target, spectrum_target
+from archfrag.motions.target import Target, spectrum_target
 
 LARGEST_TABLE = 200_000_000  # [bytes]
 _FIXED = re.compile(
@@ -60,54 +60,38 @@ PERIODS = (
     7.5,
     10.0,
 )
-# Column, measure, and what a value in its unit is in SI.
-_PEAKS = (
-    ("PGA_g", "PGA", STANDARD_GRAVITY),
-    ("PGV_cms", "PGV", 0.01),
-    ("PGD_cm", "PGD", 0.01),
-)
-_INTEGRALS = (
-    ("arias_mps", "Arias", 1.0),
-    ("CAV_mps", "CAV", 1.0),
-    ("CAVstd_mps", "CAVstd", 1.0),
-    ("D5_95_s", "D5_95", 1.0),
-    ("HI_cm", "HI", 0.01),
-)
-# Column, its type, and the keys of a motion's metadata; the first one that is there counts.
-_FACTS: dict[str, tuple[Any, ...]] = {
-    "file": ("string", "file"),
-    "event": ("string", "event"),
-    "station": ("string", "station"),
-    "magnitude": (float, "Mw", "magnitude"),
-    "distance_km": (float, "distance_km", "epicentral_km"),
-    "vs30_mps": (float, "Vs30_mps", "vs30_mps"),
-    "component": ("string", "component"),
+# Column: measure, and what a value in its unit is in SI. Spectra come after the peaks.
+_PEAKS = {
+    "PGA_g": ("PGA", STANDARD_GRAVITY),
+    "PGV_cms": ("PGV", 0.01),
+    "PGD_cm": ("PGD", 0.01),
 }
-_TYPES = {"record": "string", **{name: kind for name, (kind, *_) in _FACTS.items()}}
+_INTEGRALS = {
+    "arias_mps": ("Arias", 1.0),
+    "CAV_mps": ("CAV", 1.0),
+    "CAVstd_mps": ("CAVstd", 1.0),
+    "D5_95_s": ("D5_95", 1.0),
+    "HI_cm": ("HI", 0.01),
+}
+# Columns of facts, by their types.
+_FACTS: dict[str, Any] = {
+    "file": "string",
+    "event": "string",
+    "station": "string",
+    "magnitude": float,
+    "distance_km": float,
+    "vs30_mps": float,
+    "component": "string",
+}
+_TYPES = {"record": "string", **_FACTS}
 STARTS = (
     5  # sets of 20 simulated, nearest to the target: each is improved, the best kept
 )
-# Columns of an index of records, and those that have other names in a flatfile.
+# Columns of an index of records that have other names in a flatfile.
 _RENAMED = {"record": "id", "magnitude": "Mw", "vs30_mps": "Vs30_mps"}
-_INDEX = (
-    "id",
-    "file",
-    "sha256",
-    "event",
-    "Mw",
-    "distance_km",
-    "Vs30_mps",
-    "component",
-    "dt_s",
-    "unit",
-    "station",
-    "accept",
-    "columns",
-)
 Rows = NDArray[np.int64]
-Groups = list[
-    tuple[Rows, int]
-]  # for each rule the group of each record, how many may be of one
+# For each rule the group of each record, and how many may be of one.
+Groups = list[tuple[Rows, int]]
 
 
 def measure_records(
@@ -118,25 +102,21 @@ def measure_records(
     Sa at `periods` [s] of no more than three decimals is in ``T0.100S`` and so on [g]. InputError
     for other periods.
     """
-    if wrong := [t for t in periods if round(t, 3) != t]:
-        raise InputError(f"period {wrong[0]:g} s must have no more than three decimals")
-    spectrum = [
-        (f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)
-    ]
+    for t in periods:
+        if round(t, 3) != t:
+            raise InputError(f"period {t:g} s must have no more than three decimals")
+    spectrum = {f"T{t:.3f}S": (f"Sa({float(t)!r})", STANDARD_GRAVITY) for t in periods}
     rows = []
     for motion in motions:
-        about = {
-            key: fact for key, fact in motion.metadata.items() if fact not in (None, "")
-        }
+        about = motion.metadata
         row: dict[str, Any] = {"record": motion.id}
-        for column, (_, *keys) in _FACTS.items():
-            row[column] = next((about[key] for key in keys if key in about), None)
+        row |= {column: about.get(column) for column in _FACTS}
+        row["distance_km"] = about.get("distance_km") or about.get("epicentral_km")
         row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
-        for column, name, unit in (*_PEAKS, *spectrum, *_INTEGRALS):
+        for column, (name, unit) in (_PEAKS | spectrum | _INTEGRALS).items():
             row[column] = measure(motion, name) / unit
         rows.append(row)
-    table = pd.DataFrame(rows)
-    return table.astype({name: kind for name, kind in _TYPES.items() if name in table})
+    return pd.DataFrame(rows).astype(_TYPES)
 
 
 def read_flatfile(path: str | Path) -> pd.DataFrame:
@@ -164,12 +144,11 @@ def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
         table = pd.read_csv(
             io.StringIO(text), sep=separator, skipinitialspace=True, **form
         )
-        for place in (
-            place for place, kind in enumerate(table.dtypes) if kind.kind in "iuf"
-        ):
+        for place, kind in enumerate(table.dtypes):
             for _, cells in rows:
-                if cells[place : place + 1] and _LEADING_ZERO.match(cells[place]):
-                    number(cells[place])
+                cell = cells[place] if kind.kind in "iuf" and cells[place:] else ""
+                if _LEADING_ZERO.match(cell):
+                    number(cell)
         return table
     except (InputError, ValueError) as error:
         raise InputError(
@@ -177,7 +156,7 @@ def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
         ) from None
 
 
-def numbers(table: pd.DataFrame, column: str, source: str) -> NDArray[np.float64]:
+def numbers(table: pd.DataFrame, column: str, source: str) -> Samples:
     """Return a column as numbers, nan if empty; RecordError if it is missing or holds text."""
     try:
         return pd.to_numeric(table[column]).to_numpy(dtype=np.float64)
@@ -197,18 +176,16 @@ def spectrum_columns(table: pd.DataFrame) -> dict[float, str]:
 
 def read_target(path: str | Path) -> Target:
     """Read a target from columns ``period_s``, ``Sa_g`` and maybe ``sd``: `spectrum_target`."""
-    return spectrum_target(*_spectrum(path), str(path))
+    periods, median, sd = _spectrum(path)
+    return spectrum_target(periods, median, sd, str(path))
 
 
-def _spectrum(path: str | Path) -> tuple[Array, Array, Array]:
+def _spectrum(path: str | Path) -> tuple[Samples, ...]:
     """Read periods [s], median [g] and standard deviation of ln Sa (0 without such a column)."""
     rows = read_table(path, "the target")
-    source = str(path)
     rows["sd"] = rows.get("sd", 0.0)
-    periods, median, sd = (
-        numbers(rows, name, source) for name in ("period_s", "Sa_g", "sd")
-    )
-    return periods, median, sd
+    names = ("period_s", "Sa_g", "sd")
+    return tuple(numbers(rows, name, str(path)) for name in names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,12 +194,12 @@ class Selection:
 
     table: pd.DataFrame  # rows of the flatfile by id, with the factors as column scale
     target: Target
-    ln_sa: Array  # of the records times their factors, (count, n_period) [ln g]
+    ln_sa: Samples  # of the records times their factors, (count, n_period) [ln g]
     seed: int
     candidates: int  # records that could have been selected
 
     @property
-    def sd(self) -> Array:
+    def sd(self) -> Samples:
         """Return the standard deviation of ln Sa (n - 1), (n_period,); nan of one record."""
         return _deviation(self.ln_sa, np.nan * self.ln_sa[0])
 
@@ -230,12 +207,15 @@ class Selection:
     def cautions(self) -> tuple[str, ...]:
         """Return what users of the selection should know."""
         count = len(self.table)
-        events = self.table.get("event", pd.Series(dtype=str))
-        most = events[events.fillna("").astype(str).str.strip() != ""].value_counts()
+        events = self.table.get("event", pd.Series(dtype=str)).fillna("").astype(str)
+        most = events[events.str.strip() != ""].value_counts()
         if not most.max() > max(0.25 * count, 1):
             return self.target.messages
-        of_one = f"{most.max()} of {count} records are of one event ({most.idxmax()})"
-        return (*self.target.messages, f"{of_one}; `per_event` limits them")
+        return (
+            *self.target.messages,
+            f"{most.max()} of {count} records are of one event ({most.idxmax()}); `per_event` "
+            "limits them",
+        )
 
     def facts(self) -> dict[str, Any]:
         """Return records, factors, target and differences from it as plain values.
@@ -243,14 +223,12 @@ class Selection:
         Errors are median and sd over those of the target, less 1; None if the target's sd is 0.
         """
         target = self.target
-        median = np.exp(self.ln_sa.mean(axis=0))
-        ratios = (
-            median / target.median,
-            self.sd / np.where(target.sd > 0.0, target.sd, np.nan),
-        )
-        mean, sd = (
-            [None if np.isnan(e) else float(e) for e in ratio - 1.0] for ratio in ratios
-        )
+        median = np.exp(self.ln_sa.mean(axis=0)) / target.median
+        sd = self.sd / np.where(target.sd > 0.0, target.sd, np.nan)
+        errors = [
+            [None if np.isnan(e) else float(e) for e in ratio - 1.0]
+            for ratio in (median, sd)
+        ]
         return {
             "records": self.table["record"].astype(str).tolist(),
             "scale": self.table["scale"].tolist(),
@@ -260,8 +238,8 @@ class Selection:
             "period_s": target.periods.tolist(),
             "target_median_g": target.median.tolist(),
             "target_sd": target.sd.tolist(),
-            "median_error": mean,
-            "sd_error": sd,
+            "median_error": errors[0],
+            "sd_error": errors[1],
             "cautions": list(self.cautions),
         }
 
@@ -276,23 +254,20 @@ class Selection:
         place = Path(os.path.realpath(path))
         if "file" not in self.table:
             raise RecordError("the flatfile: column 'file' is missing")
-        rows = self.table.rename(columns=_RENAMED).filter(items=_INDEX)
+        columns = [*COLUMNS, "station", "accept", "columns"]
+        rows = self.table.rename(columns=_RENAMED).filter(items=columns)
         files = [os.path.realpath(Path(folder, str(name))) for name in rows["file"]]
         rows["file"] = [os.path.relpath(file, place.parent) for file in files]
         rows["unit"] = rows.get("unit", "")
         rows["scale"] = [f"{factor:.9g}" for factor in self.table["scale"]]
-        kind = "spectrum" if self.target.sd.any() else "mean spectrum"
-        if (star := self.target.given) is not None:
-            kind = (
-                f"Sa({self.target.conditioning:g}) = {self.target.median[star]:.6g} g"
-            )
+        target = self.target
+        kind = "spectrum" if target.sd.any() else "mean spectrum"
+        if target.given is not None:
+            level = target.median[target.given]
+            kind = f"Sa({target.conditioning:g}) = {level:.6g} g"
         rows["selection"] = f"seed {self.seed}, {kind}"
         write_csv(place, [rows])
-        shown = {
-            "period_s": self.target.periods,
-            "Sa_g": self.target.median,
-            "sd": self.target.sd,
-        }
+        shown = {"period_s": target.periods, "Sa_g": target.median, "sd": target.sd}
         write_csv(target_file(place), [pd.DataFrame(shown)], float_format="%.6g")
 
 
@@ -301,18 +276,19 @@ def target_file(index: str | Path) -> Path:
     return Path(index).with_suffix(".target.csv")
 
 
-def target_of_index(index: str | Path | None) -> tuple[Array, dict[str, float]] | None:
+def target_of_index(
+    index: str | Path | None,
+) -> tuple[Samples, dict[str, float]] | None:
     """Return the target that the records of an index were selected for; None if there is none.
 
     It is periods [s], median [g] and standard deviation of ln Sa, (3, n_period), and the factor
     to the target by record.
     """
-    if index is None or not (path := target_file(index)).is_file():
+    if index is None or not target_file(index).is_file():
         return None
-    factors = {
-        row.id: float(row.metadata.get("scale") or np.nan) for row in load_index(index)
-    }
-    return np.array(_spectrum(path)), factors
+    rows = load_index(index)
+    factors = {row.id: float(row.metadata.get("scale") or np.nan) for row in rows}
+    return np.array(_spectrum(target_file(index))), factors
 
 
 def select_records(
@@ -352,9 +328,6 @@ def select_records(
     limit = float(np.log(max_scale))
     records, ln_sa, groups = _candidates(table, target, count, limit, per_event)
 
-    def scaled(spectrum: Array) -> Array:
-        return ln_sa + _factors(ln_sa, target, spectrum, limit)[:, None]
-
     values, vectors = np.linalg.eigh(target.covariance)
     # Published correlations are not quite positive definite. The symmetric root does not hang on
     # the signs of eigenvectors, which differ between machines.
@@ -366,17 +339,14 @@ def select_records(
     order = np.argsort(_error(target, drawn.mean(axis=1), sd))
     for spectra in drawn[order[:STARTS]]:
         chosen = np.empty(0, dtype=np.int64)
-        for spectrum in spectra:
-            apart = ((scaled(spectrum) - spectrum) ** 2).sum(axis=1)
+        # By place in the set and record.
+        factors = np.array([_factors(ln_sa, target, row, limit) for row in spectra])
+        for spectrum, own in zip(spectra, factors):
+            apart = ((ln_sa + own[:, None] - spectrum) ** 2).sum(axis=1)
             apart[_excluded(groups, chosen)] = np.inf
             chosen = np.append(chosen, int(apart.argmin()))
-        _improve(chosen, spectra, scaled, target, groups)
-        factors = np.array(
-            [
-                _factors(ln_sa[[record]], target, spectrum, limit)[0]
-                for record, spectrum in zip(chosen, spectra)
-            ]
-        )
+        _improve(chosen, ln_sa, factors, target, groups)
+        factors = factors[np.arange(count), chosen]
         held = ln_sa[chosen] + factors[:, None]
         error = _error(target, held.mean(axis=0), _deviation(held, target.sd))
         sets.append((float(error), chosen, factors, held))
@@ -387,12 +357,12 @@ def select_records(
     return Selection(selected, target, held[order], seed, len(records))
 
 
-def _deviation(ln_sa: Array, of_one: Array) -> Array:
+def _deviation(ln_sa: Samples, of_one: Samples) -> Samples:
     """Return the standard deviation of ln Sa of records (n - 1), (n_period,); `of_one` of one."""
     return ln_sa.std(axis=0, ddof=1) if len(ln_sa) > 1 else of_one
 
 
-def _error(target: Target, mean: Array, sd: Array) -> Array:
+def _error(target: Target, mean: Samples, sd: Samples) -> Samples:
     """Return weighted squared errors of mean and sd of ln Sa, summed over periods."""
     weight = (
         2.0 if target.sd.any() else 0.1
@@ -401,7 +371,9 @@ def _error(target: Target, mean: Array, sd: Array) -> Array:
     return errors[0].sum(-1) + weight * errors[1].sum(-1)
 
 
-def _factors(ln_sa: Array, target: Target, spectrum: Array, limit: float) -> Array:
+def _factors(
+    ln_sa: Samples, target: Target, spectrum: Samples, limit: float
+) -> Samples:
     """Return ln of the factors (n_record,) to the given Sa, or by least squares to a spectrum."""
     if target.given is not None:
         return target.ln_mean[target.given] - ln_sa[:, target.given]
@@ -420,22 +392,16 @@ def _excluded(groups: Groups, chosen: Rows) -> NDArray[np.bool_]:
 
 
 def _improve(
-    chosen: Rows,
-    spectra: Array,
-    scaled: Callable[[Array], Array],
-    target: Target,
-    groups: Groups,
+    chosen: Rows, ln_sa: Samples, factors: Samples, target: Target, groups: Groups
 ) -> None:
     """Replace chosen records one by one until none improves the set: Jayaram et al. (2011)."""
     count = len(chosen)
-    held = np.array(
-        [scaled(spectrum)[record] for spectrum, record in zip(spectra, chosen)]
-    )
-    held -= target.ln_mean
+    from_mean = ln_sa - target.ln_mean
+    held = from_mean[chosen] + factors[np.arange(count), chosen][:, None]
     for _ in range(50 if count > 1 else 0):
         before = chosen.copy()
-        for place, spectrum in enumerate(spectra):
-            candidates = scaled(spectrum) - target.ln_mean
+        for place, own in enumerate(factors):
+            candidates = from_mean + own[:, None]
             others = np.delete(held, place, axis=0)
             mean = (others.sum(axis=0) + candidates) / count
             squares = (others**2).sum(axis=0) + candidates**2
@@ -452,10 +418,11 @@ def _improve(
 
 def _candidates(
     table: pd.DataFrame, target: Target, count: int, limit: float, per_event: int | None
-) -> tuple[pd.DataFrame, Array, Groups]:
+) -> tuple[pd.DataFrame, Samples, Groups]:
     """Return records that may be selected, their ln Sa [g], and which may be together."""
     ids = table["record"].astype(str)
-    if (twice := ids[ids.duplicated()]).size:
+    twice = ids[ids.duplicated()]
+    if twice.size:
         raise RecordError(f"the flatfile: record {twice.iloc[0]!r} is there twice")
     records = table.iloc[np.argsort(ids.to_numpy(dtype=str))].reset_index(drop=True)
     have = spectrum_columns(table)

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError, from_extra
+from archfrag.motions.channel import Samples
 
-Array = NDArray[np.float64]
 Rupture = tuple[
     float, float, float
 ]  # moment magnitude, closest distance [km], Vs30 [m/s]
@@ -28,7 +28,7 @@ _WORDS = {"mag": "magnitude", "dist_rup": "distance [km]", "v_s30": "Vs30 [m/s]"
 
 def predict(
     rupture: Rupture, model: str, periods: ArrayLike
-) -> tuple[Array, Array, tuple[str, ...]]:
+) -> tuple[Samples, Samples, tuple[str, ...]]:
     """Return ln of the median Sa [g], standard deviation of ln Sa, (n_period,) each, and messages.
 
     The fault is vertical, of strike-slip, and reaches as deep as Chiou and Youngs (2014) expect.
@@ -64,45 +64,48 @@ def predict(
     pygmm = from_extra("pygmm", "select")
     kind = getattr(pygmm, MODELS[model])
     messages = []
-    parameters = [parameter for parameter in kind.PARAMS if parameter.name in facts]
-    for parameter in parameters:
-        word = _WORDS.get(parameter.name, parameter.name)
-        value = facts[parameter.name]
+    known = {}
+    for parameter in kind.PARAMS:
+        name = parameter.name
+        if name not in facts:
+            continue
+        known[name] = value = facts[name]
         low, high = (getattr(parameter, end, None) for end in ("min", "max"))
         if (low is not None and value < low) or (high is not None and value > high):
-            limits = f"{low or 0} to {high or 'any'}, not {value:g}"
-            messages.append(f"{model} is recommended for {word} {limits}")
+            messages.append(
+                f"{model} is recommended for {_WORDS.get(name, name)} {low or 0} to "
+                f"{high or 'any'}, not {value:g}"
+            )
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # in whose place are the messages
-        scenario = pygmm.Scenario(**{p.name: facts[p.name] for p in parameters})
-        prediction = kind(scenario)
-    first = prediction.periods.min()
-    last = prediction.periods.max()
-    # A period of the table's end may differ from the one typed by rounding.
+        prediction = kind(pygmm.Scenario(**known))
+    ends = prediction.periods.min(), prediction.periods.max()
     asked = np.atleast_1d(np.asarray(periods, dtype=float))
-    _check_within(asked, first * (1 - 1e-9), last * (1 + 1e-9), f"of the model {model}")
-    inside = np.clip(asked, first, last)
+    # A period of the table's end may differ from the one typed by rounding.
+    _check_within(
+        asked, ends[0] * (1 - 1e-9), ends[1] * (1 + 1e-9), f"of the model {model}"
+    )
+    inside = np.clip(asked, *ends)
     ln_median = prediction.interp_ln_spec_accels(inside)
-    sd = prediction.interp_ln_stds(inside)
-    return ln_median, sd, tuple(messages)
+    return ln_median, prediction.interp_ln_stds(inside), tuple(messages)
 
 
-def correlation(first: ArrayLike, second: ArrayLike) -> Array:
+def correlation(first: ArrayLike, second: ArrayLike) -> Samples:
     """Return the correlation of ln Sa at periods [s], broadcast, about a model's median.
 
     Baker and Jayaram (2008), Earthquake Spectra 24(1), 299-317, as pygmm computes it; InputError
     for a period outside 0.01 to 10 s, where it was fitted.
     """
-    calc_correls = from_extra("pygmm.baker_jayaram_2008", "select").calc_correls
     both = [np.asarray(periods, dtype=np.float64) for periods in (first, second)]
     for periods in both:
         _check_within(
             periods, 0.01, 10.0, "of the correlations of Baker and Jayaram (2008)"
         )
-    return np.asarray(calc_correls(*both), dtype=np.float64)
+    pygmm = from_extra("pygmm.baker_jayaram_2008", "select")
+    return np.asarray(pygmm.calc_correls(*both), dtype=np.float64)
 
 
-def _check_within(periods: Array, low: float, high: float, what: str) -> None:
+def _check_within(periods: Samples, low: float, high: float, what: str) -> None:
     outside = periods[~((periods >= low) & (periods <= high))]
     if outside.size:
         raise InputError(
@@ -114,21 +117,21 @@ def _check_within(periods: Array, low: float, high: float, what: str) -> None:
 class Target:
     """Distribution of ln Sa [ln g] that records are selected to."""
 
-    periods: Array  # rising, (n_period,) [s]
-    ln_mean: Array
-    covariance: Array  # (n_period, n_period), zero for a spectrum that is a mean only
+    periods: Samples  # rising, (n_period,) [s]
+    ln_mean: Samples
+    covariance: Samples  # (n_period, n_period), zero for a spectrum that is a mean only
     conditioning: float | None = (
         None  # period [s] at which Sa is given, to scale every record to
     )
     messages: tuple[str, ...] = ()  # what users of the target should know
 
     @property
-    def median(self) -> Array:
+    def median(self) -> Samples:
         """exp of the mean of ln Sa, shape (n_period,) [g]."""
         return np.exp(self.ln_mean)
 
     @property
-    def sd(self) -> Array:
+    def sd(self) -> Samples:
         """Standard deviation of ln Sa, shape (n_period,)."""
         return np.sqrt(np.diag(self.covariance))
 
@@ -199,7 +202,9 @@ def scenario_target(
     return conditional_spectrum(rupture, sa, period, sorted(near), model)
 
 
-def spectrum_target(periods: Array, median: Array, sd: Array, source: str) -> Target:
+def spectrum_target(
+    periods: Samples, median: Samples, sd: Samples, source: str
+) -> Target:
     """Return a target from a spectrum [g] at periods [s], of a code or of uniform hazard.
 
     `median` is exp of the mean of ln Sa, `sd` its standard deviation, (n_period,) each; where that
@@ -209,28 +214,33 @@ def spectrum_target(periods: Array, median: Array, sd: Array, source: str) -> Ta
     rising = _rising(periods, f"{source}: periods")
     for name, row, low in (("median Sa", median, median <= 0.0), ("sd", sd, sd < 0.0)):
         if not np.isfinite(row).all() or low.any():
-            allowed = f"needs {row.size} finite numbers above 0 (sd may be 0)"
-            raise InputError(f"{source}: {name} {row.tolist()} {allowed}")
-    sa = median[np.argsort(periods)]
-    scatter = sd[np.argsort(periods)]
-    zero = np.flatnonzero(scatter == 0.0)
-    if zero.size == scatter.size:
-        return Target(rising, np.log(sa), np.zeros((sa.size, sa.size)))
+            raise InputError(
+                f"{source}: {name} {row.tolist()} needs {row.size} finite numbers above 0 (sd may "
+                "be 0)"
+            )
+    order = np.argsort(periods)
+    ln_sa = np.log(median[order])
+    sd = sd[order]
+    zero = np.flatnonzero(sd == 0.0)
+    if zero.size == sd.size:
+        return Target(rising, ln_sa, np.zeros((sd.size, sd.size)))
     if zero.size > 1:
-        allowed = "it may be at one, which then is the conditioning period, or at all"
-        raise InputError(f"{source}: sd is 0 at {zero.size} periods; {allowed}")
+        raise InputError(
+            f"{source}: sd is 0 at {zero.size} periods; it may be at one, which then is the "
+            "conditioning period, or at all"
+        )
     rho = correlation(rising[:, None], rising)
     conditioning = None
-    if zero.size:
-        conditioning = float(rising[zero[0]])
-        star = rho[zero[0]]
+    for place in zero:
+        conditioning = float(rising[place])
+        star = rho[place]
         rest = np.sqrt(np.where(star < 1.0, 1.0 - star**2, 1.0))
         rho = (rho - np.outer(star, star)) / np.outer(rest, rest)
         np.fill_diagonal(rho, 1.0)
-    return Target(rising, np.log(sa), np.outer(scatter, scatter) * rho, conditioning)
+    return Target(rising, ln_sa, np.outer(sd, sd) * rho, conditioning)
 
 
-def _rising(periods: ArrayLike, name: str) -> Array:
+def _rising(periods: ArrayLike, name: str) -> Samples:
     values = np.sort(np.asarray(periods, dtype=np.float64).ravel())
     if not (values.size and np.isfinite(values).all() and values[0] > 0.0):
         raise InputError(

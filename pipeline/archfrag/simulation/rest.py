@@ -227,7 +227,7 @@ def warn_if_in_g(motion: Motion, factor: float, start: Onset) -> None:
     weak = stays_at_rest(peak / STANDARD_GRAVITY, start) and not stays_at_rest(
         peak, start
     )
-    if weak and motion.vertical is None and "unit_in_file" not in motion.metadata:
+    if weak and motion.vertical is None and not motion.facts.unit_in_file:
         warnings.warn(
             f"{motion.id or 'motion'}: its peak of {peak:.3g} m/s2 is not above the onset of "
             f"motion ({min(start.plus, start.minus):.3g} g), so the arch stays at rest; if it is "

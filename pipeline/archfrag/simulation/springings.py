@@ -214,7 +214,7 @@ def _crossing(before: float, after: float, held: float, margin: float) -> float:
 
 def begins_in(motion: Motion) -> float:
     """Return when a record begins in its motion, later than 0 behind a first shock [s]."""
-    return float(motion.metadata.get("begins", 0.0))
+    return motion.begins
 
 
 def ground_of(motion: Motion, far: Far) -> tuple[Any, ...]:

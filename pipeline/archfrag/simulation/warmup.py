@@ -15,9 +15,9 @@ import numpy as np
 from archfrag.arch import Arch
 from archfrag.arch.quasi_static import SlowArch
 from archfrag.motions.motion import Motion
-from archfrag.motions.oscillator import largest_response
 from archfrag.physics.kernels import load
 from archfrag.physics.kernels.__main__ import make_all_ready
+from archfrag.physics.oscillator import largest_response
 from archfrag.simulation.arguments import check_compiled, check_method, method_names
 from archfrag.simulation.rest import onset
 from archfrag.simulation.simulate import simulate, simulate_many

@@ -63,13 +63,12 @@ class MotionList(list[Motion]):
                 "duration [s]": round(motion.duration, 4),
                 "dt [s]": motion.dt,
                 "vertical": "yes" if motion.vertical is not None else "",
-                "event": about.get("event") or about.get("event_id") or "",
-                "M": about.get("Mw") or about.get("magnitude") or "",
-                "distance [km]": about.get("distance_km") or "",
-                "station": about.get("station"),
+                "event": motion.facts.event,
+                "M": motion.facts.magnitude or "",
+                "distance [km]": motion.facts.distance_km or "",
+                "station": motion.facts.station,
             }
             for motion in self
-            for about in (motion.metadata,)
         ]
         table = pd.DataFrame(rows)
         return table[[name for name in table if table[name].astype(str).ne("").any()]]

@@ -327,7 +327,7 @@ def run_study(
             )
             manifest = read_manifest(study)
             prepared = (*manifest["records"], *manifest["first"])
-            made = chain(made, (study.work / record.file for record in prepared))
+            made = chain(made, (study.work / record.stored for record in prepared))
             stamp = stamp_of_all(study, study_file, overrides, input_paths(study), made)
         still, changed = stale_steps(study)
         if still:

@@ -316,14 +316,13 @@ def _read_records(
     }
     for motion in read_sources(study.motions, study.intensity.measure):
         records.append(described(study, motion, ()))
-        about = motion.metadata
-        others = [about.get("file_transverse"), about.get("vertical_file")]
-        if used := " and ".join(
-            name for name in others if name and name != about["file"]
-        ):
-            partners.append(f"{about['file']} with {used}")
+        own = motion.facts
+        parts = filter(None, (own.of_transverse, own.of_vertical))
+        others = [part.file for part in parts if part.file != own.file]
+        if others:
+            partners.append(f"{own.file} with {' and '.join(others)}")
         if motion.vertical is None and (
-            about["file"] in partnered or VERTICAL_LEFT in motion.log
+            own.file in partnered or VERTICAL_LEFT in motion.log
         ):
             unused.add(records[-1].id)
     records[:] = in_order(study.motions, records)

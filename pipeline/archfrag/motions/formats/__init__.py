@@ -8,7 +8,6 @@ reads is read in a fork of this process, which a damaged file may end.
 
 import contextlib
 import functools
-import importlib
 import os
 import re
 import resource
@@ -28,18 +27,10 @@ from obspy import Trace, UTCDateTime
 from archfrag.errors import RecordError, reason_of
 from archfrag.files import end_with_parent, opened, wide_encoding
 from archfrag.motions.channel import Channel
+from archfrag.motions.formats.keyed import read_knet
 
-# The readers of this package: name of the plug-in, and the module here that has is_<name> and
-# read_<name>. Each is an entry point in pyproject.toml, too.
-OWN = {
-    "AT2": "keyed",
-    "COSMOS": "csmip",
-    "DMG": "csmip",
-    "DYNA": "keyed",
-    "GEONET": "fixed_width",
-    "RESORCE": "keyed",
-    "SMC": "fixed_width",
-}
+# The formats of this package, which are entry points in pyproject.toml.
+OWN = ("AT2", "COSMOS", "DMG", "DYNA", "GEONET", "RESORCE", "SMC")
 TEXT = (*OWN, "KNET", "SLIST", "TSPAIR")
 # Formats that name other files (CSS, Q), that lose a cut-off trace silently (AH, DMX, SH_ASC,
 # WAV, WIN, Y) or that are no earthquakes' are not offered.
@@ -63,15 +54,18 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
 
     Each has its `Channel` as ``stats.record``. RecordError if the file is damaged or in no format.
     """
-    if form := form or recognise(path, (*TEXT, *BINARY)):
-        return read_as(path, form)
-    if traces := read_apart(path):
+    form = form or recognise(path, (*TEXT, *BINARY))
+    traces = read_as(path, form) if form else read_apart(path)
+    if traces:
         return traces
     with opened(path) as file:
         head = file.read(400)
-    if wide := "UTF-8" * head.startswith(BOM_UTF8) or wide_encoding(head):
-        mark = f"is text in {wide} (it begins with a byte-order mark, or has zeros in between)"
-        raise RecordError(f"{path}: {mark}; save it as UTF-8 without such a mark")
+    wide = "UTF-8" if head.startswith(BOM_UTF8) else wide_encoding(head)
+    if wide:
+        raise RecordError(
+            f"{path}: is text in {wide} (it begins with a byte-order mark, or has zeros in "
+            "between); save it as UTF-8 without such a mark"
+        )
     raise RecordError(
         f"{path}: the format is not recognised. Archives are never unpacked: unpack them first. "
         "For columns of text, give `columns` (--columns time=1,acceleration=2 on the command "
@@ -82,11 +76,8 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
 @functools.cache
 def plug_in(name: str, task: str) -> Callable[[str], Any]:
     """Return what tests (``is``) or reads (``read``) a format: a function here or obspy's."""
-    if name in OWN or (name, task) == ("KNET", "read"):
-        module = importlib.import_module(
-            f"archfrag.motions.formats.{OWN.get(name, 'keyed')}"
-        )
-        return getattr(module, f"{task}_{name.lower()}")
+    if (name, task) == ("KNET", "read"):
+        return read_knet
     group = f"obspy.plugin.waveform.{name}"
     (point,) = _entry_points(name=f"{task}Format").select(group=group)
     return point.load()
@@ -119,34 +110,34 @@ def read_as(path: str, name: str) -> list[Trace]:
                 f"{path}: read as {name} it takes too much memory"
             ) from None
         except Exception as error:
-            what = "the file is damaged, truncated or not of this format"
-            raise RecordError(f"{path}: {what} ({reason_of(error)})") from None
-    if name == "TSPAIR":
-        _compare_times(path, traces[0])
-    shown: dict[str, None] = {}
+            raise RecordError(
+                f"{path}: the file is damaged, truncated or not of this format "
+                f"({reason_of(error)})"
+            ) from None
+    shown = []
     for warning in caught:
         text = " ".join(str(warning.message).split())
         if "MSEED" in warning.category.__name__:
             raise RecordError(f"{path}: damaged or truncated MSEED ({text})")
         if not issubclass(warning.category, DeprecationWarning):
-            shown[f"obspy: {text}"] = None
+            shown.append(f"obspy: {text}")
     for trace in traces:
-        blocks = trace.stats.get("mseed", {})
+        stats = trace.stats
+        blocks = stats.get("mseed", {})
         length = blocks.get("record_length") or (1024 if name == "GCF" else 0)
         size = blocks.get("filesize") or Path(path).stat().st_size
         if length and size % length:
-            cut_off = (
-                f"truncated {name}: {size} bytes are no multiple of blocks of {length}"
+            raise RecordError(
+                f"{path}: truncated {name}: {size} bytes are no multiple of blocks of {length} "
+                "bytes"
             )
-            raise RecordError(f"{path}: {cut_off} bytes")
-        announced = trace.stats.npts
         held = len(trace.data)
-        if "record" not in trace.stats:
-            code = str(trace.stats.channel).strip()
-            trace.stats.record = Channel(code, announced=announced, held=held)
-        trace.stats.record.messages = list(shown)
-        trace.stats._format = name
-        trace.stats.npts = held
+        channel = Channel(str(stats.channel).strip(), announced=stats.npts, held=held)
+        stats.setdefault("record", channel).messages = list(dict.fromkeys(shown))
+        stats._format = name
+        stats.npts = held
+    if name == "TSPAIR":
+        _compare_times(path, traces[0])
     return traces
 
 
@@ -155,19 +146,12 @@ def _compare_times(path: str, trace: Trace) -> None:
     with opened(path) as file:
         head = file.read(2000).decode("latin-1")
     times = re.findall(r"(?m)^(\d{4}-\d\d-\d\dT\S+)\s", head)
-    step = (
-        UTCDateTime(times[1]) - UTCDateTime(times[0])
-        if times[1:]
-        else trace.stats.delta
-    )
-    held = len(trace.data)
     delta = trace.stats.delta
-    trace.stats.record = Channel(
-        str(trace.stats.channel).strip(), announced=trace.stats.npts, held=held
-    )
+    step = UTCDateTime(times[1]) - UTCDateTime(times[0]) if times[1:] else delta
     if abs(step - delta) > 0.01 * delta:
-        text = f"its first samples are {step:g} s apart, its header states {delta:g} s"
-        trace.stats.record.contradicted = text
+        trace.stats.record.contradicted = (
+            f"its first samples are {step:g} s apart, its header states {delta:g} s"
+        )
 
 
 def read_apart(path: str) -> list[Trace]:
@@ -178,9 +162,10 @@ def read_apart(path: str) -> list[Trace]:
         with contextlib.nullcontext() if _shared else one_reader():
             return _shared[-1].submit(_read_in_c, path).result()
     except BrokenProcessPool:
-        ended = f"a crash or took more than {COMPUTING_TIME} s of computing"
-        what = "the file is damaged or has another format than it seems"
-        raise RecordError(f"{path}: reading it ended in {ended}; {what}") from None
+        raise RecordError(
+            f"{path}: reading it ended in a crash or took more than {COMPUTING_TIME} s of "
+            "computing; the file is damaged or has another format than it seems"
+        ) from None
 
 
 @contextlib.contextmanager
@@ -200,14 +185,11 @@ def _limit() -> None:
     for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
         signal.signal(number, signal.SIG_DFL)
     with contextlib.suppress(OSError, ValueError):  # a system that cannot limit it
-        size = (
-            int(Path("/proc/self/statm").read_text().split()[0])
-            * resource.getpagesize()
-        )
-        resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY, resource.RLIM_INFINITY))
-    resource.setrlimit(
-        resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1])
-    )
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        size = pages * resource.getpagesize() + MEMORY
+        resource.setrlimit(resource.RLIMIT_AS, (size, resource.RLIM_INFINITY))
+    most = resource.getrlimit(resource.RLIMIT_CORE)[1]
+    resource.setrlimit(resource.RLIMIT_CORE, (0, most))
     quiet = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):  # readers in C print what they think of a file
         os.dup2(quiet, stream)

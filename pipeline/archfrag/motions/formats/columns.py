@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from obspy import Trace
 
 from archfrag import files
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.calibrate import plain_unit
-from archfrag.motions.formats import layout
-from archfrag.motions.formats.layout import Text, search, split, trace_of
+from archfrag.motions.channel import Samples
+from archfrag.motions.formats.layout import Text, number, search, split, trace_of
 
 MOST_COLUMNS = 1000
 # What lines before the numbers may state: units of columns (GeoCSV), a unit of acceleration, the
@@ -118,11 +117,11 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
         for place, line in enumerate(text.lines)
         if place >= columns.skip and not line.lstrip().startswith(("#", "%"))
     ]
-    chosen = [
-        c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c
-    ]
+    named = (columns.time, columns.acceleration, columns.vertical)
+    chosen = [column - 1 for column in named if column]
     separator = files.separator_of(line for _, line in lines)
     rows = files.cells_of(lines, separator)
+    used = [number for number, _ in rows]
     try:
         table = _numbers(rows, separator, chosen, text)
         if chosen:
@@ -131,56 +130,52 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
                 files.check_thousands([row[column] for _, row in rows], f"{column + 1}")
                 files.check_one_number(rows, column, separator)
         else:
-            _refuse_columns(table, [number for number, _ in rows])
+            _refuse_columns(table, used)
     except RecordError:
         raise
     except InputError as error:
         raise RecordError(f"{name}, {error}") from None
     values = np.array([value for row in table for value in row], dtype=np.float64)
-    samples = values.reshape(-1, len(chosen) or 1)
-    if len(samples) < 2:
+    samples = values.reshape(-1, len(chosen) or 1).T
+    if len(samples[0]) < 2:
         raise RecordError(
-            f"{name}: holds {len(samples)} sample(s); 2 or more are needed"
+            f"{name}: holds {len(samples[0])} sample(s); 2 or more are needed"
         )
-    timed = columns.time is not None
+    _refuse_header(values, used[0], name)
     step = columns.dt
-    used = {number for number, _ in rows}
-    head = "\n".join(
-        text.lines[i][:200]
-        for i in range(min(50, len(text.lines)))
-        if i + 1 not in used
-    )
-    _refuse_header(values, rows[0][0], name)
-    if timed:
-        step = _even_step(
-            samples[:, 0], [text.place(number - 1) for number, _ in rows], columns
-        )
+    if columns.time is not None:
+        places = [text.place(number - 1) for number in used]
+        step = _even_step(samples[0], places, columns)
+        samples = samples[1:]
+        chosen = chosen[1:]
+    before = (line for i, line in enumerate(text.head(0, 50), 1) if i not in {*used})
+    head = "\n".join(before)
     traces = []
-    for index, code in enumerate(
-        ("H", "V") if columns.vertical else ("",), start=int(timed)
-    ):
-        series = np.ascontiguousarray(samples[:, index])
+    for code, column, series in zip("HV", chosen or [0], samples):
         if _rises_evenly(series):
-            rises = "the column of accelerations rises evenly, as times do"
-            raise RecordError(f"{name}: {rises}; name the columns of both")
+            raise RecordError(
+                f"{name}: the column of accelerations rises evenly, as times do; name the "
+                "columns of both"
+            )
         facts = {
             "announced": int(search(_COUNT, head) or series.size),
-            "code": code,
+            "code": code if columns.vertical else "",
             "vertical": code == "V",
             "log": [f"Columns {columns}."],
             "contradicted": _other_step(head, float(step or 0.0)),
         }
-        traces.append(trace_of(series, step, name, facts))
-        traces[-1].stats._format = "COLUMNS"
-        traces[-1].stats.ascii = {"unit": _unit_in(head, (chosen or [0])[index])}
+        trace = trace_of(np.ascontiguousarray(series), step, name, facts)
+        trace.stats._format = "COLUMNS"
+        trace.stats.ascii = {"unit": _unit_in(head, column)}
+        traces.append(trace)
     return traces
 
 
 def _unit_in(head: str, column: int) -> str:
     """Return the unit that lines before the numbers state of a column; empty if not just one."""
-    if stated := search(_GEOCSV_UNITS, head):
-        units: Sequence[str] = re.split(r"[,;|\s]+", stated.strip())
-        return units[min(column, len(units) - 1)]
+    stated = search(_GEOCSV_UNITS, head)
+    if stated:
+        return re.split(r"[,;|\s]+", stated.strip())[: column + 1][-1]
     known = set(map(plain_unit, _UNIT.findall(head)))
     if not known and not re.search("accel", head, re.IGNORECASE):
         return search(r"\b(velocity|displacement)\b", head)
@@ -189,8 +184,8 @@ def _unit_in(head: str, column: int) -> str:
 
 def _other_step(head: str, step: float) -> str:
     """Return how the step or rate in lines before the numbers contradicts the step [s]."""
-    rate = layout.number(search(_RATE, head) or search(_RATE, head, 2))
-    stated = layout.number(search(_STEP, head)) or (1.0 / rate if rate else 0.0)
+    rate = number(search(_RATE, head) or search(_RATE, head, 2))
+    stated = number(search(_STEP, head)) or (1.0 / rate if rate else 0.0)
     if not stated or abs(stated - step) <= 0.01 * stated:
         return ""
     return (
@@ -198,13 +193,13 @@ def _other_step(head: str, step: float) -> str:
     )
 
 
-def _refuse_header(values: NDArray[np.float64], line: int, name: str) -> None:
+def _refuse_header(values: Samples, line: int, name: str) -> None:
     """Raise RecordError if one of the first numbers is how many numbers follow."""
     for place, value in enumerate(values[:4].tolist(), 1):
         if value >= 20.0 and value in (values.size - place, values.size - 2):
-            how = "if it is a header, pass over it by skip"
             raise RecordError(
-                f"{name}, line {line}: {value:g} is how many numbers follow; {how}"
+                f"{name}, line {line}: {value:g} is how many numbers follow; if it is a header, "
+                "pass over it by skip"
             )
 
 
@@ -212,38 +207,42 @@ def _numbers(
     rows: Sequence[files.Row], separator: str, chosen: Sequence[int], text: Text
 ) -> list[list[float]]:
     """Return the numbers of chosen or all columns by rows; InputError for other cells."""
-    whole = separator == "," and not any(
-        "." in cell or "E" in cell.upper() for _, row in rows for cell in row
-    )
     table = []
-    for number, row in rows:
+    for line, row in rows:
         if chosen and len(row) <= max(chosen):
-            few = f"has {len(row)} column(s), column {max(chosen) + 1} is asked for"
             raise InputError(
-                f"line {number}: {few}; `skip` passes over lines before the numbers"
+                f"line {line}: has {len(row)} column(s), column {max(chosen) + 1} is asked for; "
+                "`skip` passes over lines before the numbers"
             )
-        picked = [row[c] for c in chosen] or row
+        picked = [row[column] for column in chosen] or row
         if "" in picked:
             column = (chosen or range(len(row)))[picked.index("")] + 1
-            how = "give it a number, or leave such rows out"
             raise InputError(
-                f"line {number}: the cell in column {column} is empty; {how}"
+                f"line {line}: the cell in column {column} is empty; give it a number, or leave "
+                "such rows out"
             )
-        files.check_decimals((number, cell) for cell in picked)
-        if separator != " " and (
-            odd := next((c for c in picked if re.search(r"\s", c)), None)
-        ):
-            what = f"{odd[:40]!r} is not a finite number; {files.NAMES[separator]} are between"
-            raise InputError(f"line {number}: {what} the cells of this file")
-        values = [
-            value for cell in picked for value in split(cell, text.place(number - 1))
-        ]
+        files.check_decimals((line, cell) for cell in picked)
+        values = list[float]()
+        for cell in picked:
+            if separator != " " and re.search(r"\s", cell):
+                raise InputError(
+                    f"line {line}: {cell[:40]!r} is not a finite number; "
+                    f"{files.NAMES[separator]} are between the cells of this file"
+                )
+            values += split(cell, text.place(line - 1))
         if len(values) != len(picked) and (chosen or separator != " "):
-            raise InputError(f"line {number}: columns run together")
+            raise InputError(f"line {line}: columns run together")
         table.append(values)
-    if whole and rows:
-        what = "only whole numbers, with commas between them: are the commas decimal?"
-        raise InputError(f"line {rows[0][0]}: has {what} Write decimal points")
+    cells = (cell for _, row in rows for cell in row)
+    if (
+        rows
+        and separator == ","
+        and not any(re.search("[.Ee]", each) for each in cells)
+    ):
+        raise InputError(
+            f"line {rows[0][0]}: has only whole numbers, with commas between them: are the "
+            "commas decimal? Write decimal points"
+        )
     return table
 
 
@@ -251,11 +250,11 @@ def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
     """Raise InputError unless rows are of one motion, equally long but for the last."""
     width = max(map(len, table), default=0)
     remedy = "name them by acceleration=COLUMN"
-    short = next((n for n, row in zip(lines[:-1], table) if len(row) < width), None)
-    if short is not None:
-        raise InputError(
-            f"line {short}: has fewer than {width} numbers; only the last row may"
-        )
+    for line, row in zip(lines[:-1], table):
+        if len(row) < width:
+            raise InputError(
+                f"line {line}: has fewer than {width} numbers; only the last row may"
+            )
     full = np.array([row for row in table if len(row) == width])
     if width > 1 and _rises_evenly(full[:, 0]):
         raise InputError(
@@ -267,11 +266,13 @@ def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
         # Samples of one motion differ less from the next one than from one further on, and as much
         # within rows as between them: ratios of 84 real ones are at least 1.5, and 0.86 to 1.17.
         if along < 1.2 * within or between > 1.3 * within:
-            looks = f"{width} numbers a row are columns side by side, not one motion row after row"
-            raise InputError(f"line {lines[0]}: the {looks}; {remedy}")
+            raise InputError(
+                f"line {lines[0]}: the {width} numbers a row are columns side by side, not one "
+                f"motion row after row; {remedy}"
+            )
 
 
-def _rises_evenly(values: NDArray[np.float64]) -> bool:
+def _rises_evenly(values: Samples) -> bool:
     """Return whether numbers are times rather than samples."""
     steps = np.diff(values)
     return bool(
@@ -279,9 +280,7 @@ def _rises_evenly(values: NDArray[np.float64]) -> bool:
     )
 
 
-def _even_step(
-    times: NDArray[np.float64], places: list[str], columns: Columns
-) -> float:
+def _even_step(times: Samples, places: list[str], columns: Columns) -> float:
     """Return the step of times that are evenly spaced but for rounding [s]; else RecordError."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
@@ -290,8 +289,8 @@ def _even_step(
         return float(f"{mean:.9g}")
     wrong = steps <= 0.0 if steps.min() <= 0.0 else np.abs(steps - mean)
     late = int(wrong.argmax()) + 1
-    late_time = f"{times[late]:.9g} s in column {columns.time} comes after {times[late - 1]:.9g} s"
-    remedy = "if times are only rounded, give dt instead of their column"
     raise RecordError(
-        f"{places[late]}: times must be evenly spaced, {late_time}; {remedy}"
+        f"{places[late]}: times must be evenly spaced, {times[late]:.9g} s in column "
+        f"{columns.time} comes after {times[late - 1]:.9g} s; if times are only rounded, give dt "
+        "instead of their column"
     )

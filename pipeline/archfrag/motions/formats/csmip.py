@@ -1,4 +1,4 @@
-"""Volumes of CSMIP (CDMG, CGS) and their successor COSMOS, several channels a file, for obspy.
+"""Volumes with several channels a file: COSMOS, CSMIP (CDMG, CGS) and GeoNet, for obspy.
 
 COSMOS V0 (counts), V1 (uncorrected), V2 (corrected): a channel is text, integers, reals and
 comments, each with a line of how many and in which columns, then the samples and a line that ends
@@ -12,24 +12,45 @@ goes on with velocity and displacement. Volume 1 of digitised film has no such l
 time and acceleration in columns of 7. Layout after the headers of the files themselves and Shakal
 and Ragsdale, "Acceleration, velocity and displacement data in CSMIP volumes", California Division
 of Mines and Geology, OSMS 85-03, 1985.
+
+GeoNet V1A (raw) and V2A (processed), a block for each component: 16 lines of text, 4 of integers
+and 6 of reals, ten to a line, then samples in columns of 8 characters, ten to a line. A V2A block
+holds accelerations [mm/s2], velocities [mm/s] and displacements [mm] one after the other, each
+beginning a line; integers 34 to 36 are how many. Integers 9, 10, 19, 20, 39 and 40 are year,
+month, day, hour, minute and millisecond of the first sample.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from obspy import Stream, Trace
+from obspy import Trace
 
 from archfrag.errors import RecordError
-from archfrag.motions.channel import filled
-from archfrag.motions.formats import layout
+from archfrag.motions.channel import Samples, quadrant
+from archfrag.motions.formats.layout import (
+    END_OF_DATA,
+    WORDS,
+    Text,
+    acceleration_unit,
+    begins_with,
+    checked_count,
+    direction,
+    format_width,
+    iso_date,
+    magnitude,
+    moment,
+    number,
+    on_even_steps,
+    read_fields,
+    reader,
+    search,
+    trace_of,
+    utc_time,
+)
 
 _CHANNELS = re.compile(r"\(\s*(\d{1,6})\d*\s*CHNS?\s+OF", re.IGNORECASE)
-_BEGINS = re.compile(
-    rf"(?!{layout.END_OF_DATA.pattern})[\s\x1a]*[^\s\x1a]", re.IGNORECASE
-)
+_BEGINS = re.compile(rf"(?!{END_OF_DATA.pattern})[\s\x1a]*[^\s\x1a]", re.IGNORECASE)
 _Channel = tuple[Trace | None, int, str]  # a trace, the line after it, its header
 
 # COSMOS
@@ -39,7 +60,15 @@ _FORMAT = re.compile(
 _BLOCK = r"\s*(\d{{1,6}})\d*\s+{}-header values follow on\s+(\d{{1,6}})\d*\s+lines"
 _SECTION = re.compile(r"\A\s*(\S+)\s+.*\bpts\b.*units\s*=", re.IGNORECASE)
 _COSMOS_UNITS = {2: "g", 4: "cm/s2", 50: "counts"}
+_COSMOS_LEVELS = {0: "raw", 1: "raw", 2: "processed"}
+_WAYS = {400: "UP", 401: "DOWN"}  # from 1 to 360 it is an azimuth
 _NULL = -999.0
+# Facts by what reads them, and the places of reals; the first one that is there counts.
+_REALS = {
+    "magnitude": (lambda value: value or None, 12, 14),
+    "epicentral_km": (float, 16),
+    "length": (float, 62),
+}
 
 # CSMIP
 _TITLE = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\b", re.IGNORECASE)
@@ -56,30 +85,54 @@ _UNITS = (
 # By level: lines of text, lines of integers and reals, what the peak of the samples is called.
 _LEVELS = {"raw": (13, 14, "MAX"), "processed": (25, 20, "PEAK ACCELERATION")}
 
+# GeoNet: lines of text, of text and integers, and of the header.
+_TEXT_LINES = 16
+_INTEGERS_END = 20
+_HEADER_LINES = 26
+_FIELDS = {
+    "announced": (str, r"^\s*Number of points +(\S+)"),
+    "interval": (number, r"\bat (?:intervals of )?(\S+) s(?:ec)?\b"),
+    "factor": (str, r"readings in units of +(\S+)"),
+    "peak": (str, r"^\s*Acceleration: +peak +(\S+) +\S+"),
+    "unit": (
+        str,
+        r"^\s*Acceleration: +peak +\S+ +(\S+)",
+        r"readings in units of +\S+ +(\S+)",
+    ),
+    "code": (str, r"^\s*Component +(\S+)"),
+    "azimuth": (quadrant, r"^\s*Component +(\S+)"),
+    "vertical": (lambda text: text.lower() in ("up", "down"), r"^\s*Component +(\S+)"),
+    "date": (iso_date, r"^\s*(\d{4} [A-Z][a-z]+ +\d+) +\d\d:\d\d:\d\d"),
+    "magnitude": (number, r"^\s*Epicentre .*\bM[A-Za-z]? +([\d.]+)\s*$"),
+    "epicentral_km": (number, r"^\s*Epicentre .*\bDist +([\d.]+) *km"),
+    "station": (str, r"^\s*Site +(\S+) +\d"),
+    "length": (number, r"\bDuration +(\S+) *s"),
+}
+_START = r"(?i)\A\s*(Un)?corrected accelerogram\b"
 
-def _stream(
-    source: layout.Source, channel: Callable[[layout.Text, int], _Channel]
-) -> Stream:
+
+def _volume(text: Text, channel: Callable[[Text, int], _Channel]) -> list[Trace]:
     """Return the traces of channels one after the other, each read by `channel` from a line on."""
-    text = layout.Text(source)
     traces = list[Trace]()
     place = stated = 0
     while (place := text.first(place, _BEGINS.match)) < len(text.lines):
         trace, place, header = channel(text, place)
         if trace is None:
             continue
-        if not any(map(layout.END_OF_DATA.match, text.lines[place : place + 1])):
-            cut_off = "there is no end-of-data line: the file may be cut off"
-            trace.stats.record.errors.append(cut_off)
+        if not any(map(END_OF_DATA.match, text.lines[place : place + 1])):
+            trace.stats.record.errors.append(
+                "there is no end-of-data line: the file may be cut off"
+            )
         traces.append(trace)
-        stated = max(stated, int(layout.search(_CHANNELS, header) or 0))
+        stated = max(stated, int(search(_CHANNELS, header) or 0))
     if not traces:
         raise RecordError(
             f"{text.name}: none of the channels of the file is an acceleration"
         )
     if stated > len(traces):
-        error = f"the header counts {stated} channels, the file holds {len(traces)}"
-        traces[0].stats.record.errors.append(error)
+        traces[0].stats.record.errors.append(
+            f"the header counts {stated} channels, the file holds {len(traces)}"
+        )
     # Traces of one code get their channel numbers as locations.
     ids = [trace.id for trace in traces]
     for count, trace in enumerate(traces, start=1):
@@ -87,90 +140,80 @@ def _stream(
             trace.stats.location += trace.stats.record.number or str(count)
         if trace.id in {before.id for before in traces[: count - 1]}:
             trace.stats.location += f"-{count}"
-    return Stream(traces)
+    return traces
 
 
-is_cosmos = layout.begins_with(
-    _FORMAT.pattern, r"(?im)^\s*\d+\s+Integer-header values follow"
-)
+is_cosmos = begins_with(_FORMAT.pattern, r"(?im)^\s*\d+\s+Integer-header values follow")
 
 
-def read_cosmos(source: layout.Source, **_: Any) -> Stream:
+@reader
+def read_cosmos(text: Text) -> list[Trace]:
     """Read the accelerations of a COSMOS file; counts with their ``g_per_count`` if stated."""
-    return _stream(source, _cosmos_channel)
+    return _volume(text, _cosmos_channel)
 
 
-def _cosmos_channel(text: layout.Text, place: int) -> _Channel:
-    count = int(layout.search(_FORMAT, text.lines[place]) or 0)
+def _cosmos_channel(text: Text, place: int) -> _Channel:
+    count = int(search(_FORMAT, text.lines[place]) or 0)
     if not 5 <= count <= 100:
         raise text.needs(place, "a line with (Format v01.20 with 13 text lines)")
     lines = text.head(place, place + count)
     header = "\n".join(lines)
     integers, at = _header_numbers(text, place + count, "integer")
     reals, at = _header_numbers(text, at, "real")
-    real = {
-        index: value for index, value in enumerate(reals.tolist()) if value != _NULL
-    }
+    real = {i: value for i, value in enumerate(reals.tolist()) if value != _NULL}
     comments = ""
-    if re.match(
-        r"(?i)\s*\d+\s+Comment line\(s\) follow", "".join(text.lines[at : at + 1])
-    ):
+    if re.match(r"(?i)\s*\d+\s+Comment line\(s\) follow", text.line(at)):
         end = text.first(at + 1, lambda line: not line.lstrip().startswith("|"))
         comments = "\n".join(text.head(at + 1, end))
         at = end
-    section = "".join(text.head(at, at + 1))
+    section = text.line(at)[:200]
     if not _SECTION.match(section):
         raise text.needs(at, "the line with the number of points and their units")
-    end = text.first(at + 1, layout.WORDS.search)
+    end = text.first(at + 1, WORDS.search)
     where = text.place(at)
     if not (integers[1] == 1 or (integers[1] == _NULL and "ACCEL" in section.upper())):
         return None, end, header
-    announced = layout.checked_count(layout.search(_SECTION, section), where)
-    samples = text.numbers(at + 1, end, announced, layout.format_width(section))
-    unit = _COSMOS_UNITS.get(int(integers[2]), "")
+    announced = checked_count(search(_SECTION, section), where)
+    samples = text.numbers(at + 1, end, announced, format_width(section))
     record, codes = _cosmos_record([*lines, *[""] * 9], int(integers[53]), comments)
-    size = real.get(12) or real.get(14) or None
-    record = {"magnitude": size, "epicentral_km": real.get(16)} | filled(record)
-    level = {0: "raw", 1: "raw", 2: "processed"}.get(int(integers[0]), "")
+    record = read_fields(_REALS, real.get) | record
     record |= {
-        "level": level,
-        "unit": unit,
+        "level": _COSMOS_LEVELS.get(int(integers[0]), ""),
+        "unit": _COSMOS_UNITS.get(int(integers[2]), ""),
         "announced": announced,
-        "held": samples.size,
-        "length": real.get(62),
     }
-    if unit == "counts":
-        # The recorder's least count [µV], the sensor's sensitivity [V/g] and the gain.
-        least, sensitivity, gain = (
-            max(real.get(index, 0.0), 0.0) for index in (21, 41, 46)
-        )
-        if least and sensitivity:
-            record["g_per_count"] = 1e-6 * least / (sensitivity * (gain or 1.0))
-    # That of the samples [ms], or of the recorder [s] where the header leaves it open.
-    step = real[61] / 1000.0 if 61 in real else real.get(33)
-    peak = f"{real[63]:.4E}" if 63 in real else ""
-    start = layout.utc_time(lines[7])
-    trace = layout.trace_of(
-        samples, step, where, record, peak=peak, codes=codes, start=start
+    # The recorder's least count [µV], the sensor's sensitivity [V/g] and the gain.
+    least, sensitivity, gain = (max(real.get(i, 0.0), 0.0) for i in (21, 41, 46))
+    if record["unit"] == "counts" and least and sensitivity:
+        record["g_per_count"] = 1e-6 * least / (sensitivity * (gain or 1.0))
+    trace = trace_of(
+        samples,
+        # That of the samples [ms], or of the recorder [s] where the header leaves it open.
+        real[61] / 1000.0 if 61 in real else real.get(33),
+        where,
+        record,
+        peak=f"{real[63]:.4E}" if 63 in real else "",
+        codes=codes,
+        start=utc_time(lines[7]),
     )
     return trace, end, header
 
 
-def _header_numbers(
-    text: layout.Text, at: int, kind: str
-) -> tuple[NDArray[np.float64], int]:
+def _header_numbers(text: Text, at: int, kind: str) -> tuple[Samples, int]:
     """Return the integers or reals of a header, and the line after them."""
-    line = text.lines[at] if at < len(text.lines) else ""
+    line = text.line(at)
     block = re.match(_BLOCK.format(kind), line, re.IGNORECASE)
     if block is None:
         raise text.needs(at, f"a line that states how many {kind}-header values follow")
     count, height = map(int, block.groups())
-    height = min(height, 200)  # no file takes long by what its header announces
-    values = text.numbers(at + 1, at + 1 + height, count, layout.format_width(line))
+    end = at + 1 + min(height, 200)  # no file takes long by what its header announces
+    values = text.numbers(at + 1, end, count, format_width(line))
     if not 64 <= values.size <= count <= 1000:
-        few = f"{count} {kind}-header values are announced, there are {values.size}"
-        raise RecordError(f"{text.place(at)}: {few}; 64 to 1000 are needed")
-    return values, at + 1 + height
+        raise RecordError(
+            f"{text.place(at)}: {count} {kind}-header values are announced, there are "
+            f"{values.size}; 64 to 1000 are needed"
+        )
+    return values, end
 
 
 def _cosmos_record(
@@ -180,149 +223,206 @@ def _cosmos_record(
     channel = re.search(
         r"(?i)Sta\s+Cha\w*\s*:?\s*([\w?]+)\s*:\s*(.*?)\s*\(Rcrdr", text[8]
     )
-    number, bearing = channel.groups("") if channel else ("", "")
+    sensor, bearing = channel.groups("") if channel else ("", "")
     position = " ".join(text[8].partition("Location:")[2].split())
     station = re.search(r"(?i)Code:\s*([\w-]+?)-(\w+)\s+(.*)", text[4])
     network, code, owner = station.groups() if station else ("", "", "")
     event = re.sub(r"(?i)^Re?co?rd of\s+", "", text[1].strip())
-    direction = layout.direction(bearing)
-    if not {"azimuth", "vertical"} & direction.keys():
-        word = (
-            str(angle)
-            if 1 <= angle <= 360
-            else {400: "UP", 401: "DOWN"}.get(angle, bearing)
-        )
-        direction = layout.direction(word)
-    record = direction | {
-        "event": ""
-        if re.match(r"(?i)(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", event)
-        else event,
-        "date": layout.iso_date(text[3], text[1], text[7]),
-        "magnitude": layout.magnitude(text[2]),
-        "number": number,
+    if re.match(r"(?i)(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", event):
+        event = ""
+    known = direction(bearing)
+    if not {"azimuth", "vertical"} & known.keys():
+        word = str(angle) if 1 <= angle <= 360 else _WAYS.get(angle, bearing)
+        known = direction(word)
+    record = known | {
+        "event": event,
+        "date": iso_date(text[3], text[1], text[7]),
+        "number": sensor,
         "place": position,
         "station": re.sub(r"^\S+\s{2,}|^\S+\s+(?=\S)", "", owner).strip(),
     }
+    size = magnitude(text[2])
+    if size:
+        record["magnitude"] = size
     names = re.search(r"<SCNL>\s*" + r"\.".join([r"([\w-]+)"] * 4), comments)
     if names is None:
         return record, ("" if network.startswith("-") else network, code, position)
     code, band, network, location = (part.strip("-") for part in names.groups())
     if re.fullmatch(r"[A-Za-z]{2}[ENZ123]", band):
-        record |= {"code": band} | ({"vertical": True} if band[2] == "Z" else {})
+        record["code"] = band
+        if band[2] == "Z":
+            record["vertical"] = True
     return record, (network, code, location or position)
 
 
 # Volume 1 has its number of points in one of the lines 9 to 13.
-is_dmg = layout.begins_with(
+is_dmg = begins_with(
     rf"(?i)\A\s*UNCORRECTED ACCELEROGRAM\b(?:.*\n){{8,12}}.*{_COUNT_LINE.pattern}"
     r"|\A\s*CORRECTED ACCELEROGRAM\b.*\n\s*UNCORRECTED ACCELEROGRAM DATA"
 )
 
 
-def read_dmg(source: layout.Source, **_: Any) -> Stream:
+@reader
+def read_dmg(text: Text) -> list[Trace]:
     """Read the accelerations of volume 1 or 2 of CSMIP in the unit of the file, g/10 as g."""
-    return _stream(source, _dmg_channel)
+    return _volume(text, _dmg_channel)
 
 
-def _dmg_channel(text: layout.Text, place: int) -> _Channel:
+def _dmg_channel(text: Text, place: int) -> _Channel:
     title = _TITLE.match(text.lines[place])
     if title is None:
         raise text.needs(place, "a line that begins (UN)CORRECTED ACCELEROGRAM")
-    level = "raw" if title.group(1) else "processed"
+    level = "raw" if title[1] else "processed"
     count, rows, peak_name = _LEVELS[level]
     lines = text.head(place, place + count)
     if len(lines) < count:
         raise RecordError(
             f"{text.place(len(text.lines) - 1)}: the file ends in a header"
         )
-    window = range(place + count, min(place + count + rows + 12, len(text.lines)))
-    section = next((i for i in window if _POINTS.match(text.lines[i])), None)
-    if section is None and level == "processed":
+    first = place + count
+    section = text.first(first, _POINTS.match)
+    if section < min(first + rows + 12, len(text.lines)):
+        read = _dmg_section(text, section)
+    elif level == "raw":
+        read = _dmg_pairs(text, place, lines, first + rows)
+    else:
         raise RecordError(
             f"{text.place(place)}: no line states the number of acceleration points"
         )
-    samples, step, record, data_end = _dmg_samples(text, place, lines, rows, section)
+    samples, step, record, end, where = read
     named = re.compile(rf"{peak_name}\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE)
     stated = next(filter(None, map(named.search, lines)), None)
-    peak = (
-        stated[1] if stated and _unit_of(f"in {stated[2]}")[0] == record["unit"] else ""
-    )
-    end = text.first(
-        data_end, lambda line: layout.END_OF_DATA.match(line) or _TITLE.match(line)
-    )
+    peak = ""
+    if stated and _unit_of(f"in {stated[2]}")[0] == record["unit"]:
+        peak = stated[1]
+    end = text.first(end, lambda line: END_OF_DATA.match(line) or _TITLE.match(line))
     head = lines if level == "raw" else lines[1:]
     channel = re.search(r"(?i)CHAN\s*(\d+)?\s*:\s*(.*)", head[6])
-    number, bearing = channel.groups("") if channel else ("", "")
+    sensor, bearing = channel.groups("") if channel else ("", "")
     bearing, _, position = bearing.partition("LOCATION:")
-    record |= layout.direction(bearing) | {
+    record |= direction(bearing) | {
         "event": "" if re.match(r"(?i)\s*RE?CO?RD OF", head[1]) else head[1].strip(),
-        "date": layout.iso_date(
-            head[2].upper().partition("ORIGIN")[2], head[2], head[1]
-        ),
-        "magnitude": layout.magnitude(head[8]),
-        "number": number,
+        "date": iso_date(head[2].upper().partition("ORIGIN")[2], head[2], head[1]),
+        "magnitude": magnitude(head[8]),
+        "number": sensor,
         "level": level,
         "place": position,
         "station": re.split(r"\s{3,}", head[5].strip())[0],
     }
-    code = layout.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", head[4])
-    trace = layout.trace_of(
+    code = search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", head[4])
+    trace = trace_of(
         samples,
         step,
-        text.place(place if section is None else section),
+        where,
         record,
         peak=peak,
         codes=("", code, " ".join(position.split())),
-        start=layout.utc_time(head[3]),
+        start=utc_time(head[3]),
     )
     return trace, end, "\n".join(lines)
 
 
-def _dmg_samples(
-    text: layout.Text, place: int, lines: list[str], rows: int, section: int | None
-) -> tuple[NDArray[np.float64], float | None, dict[str, Any], int]:
-    """Return samples, their step, what is stated of them, and the line after them.
+_Read = tuple[Samples, float | None, dict[str, Any], int, str]
 
-    Without a `section`, samples are pairs of time and acceleration.
-    """
-    step = None
-    done = [""]
-    per = 2
-    width = 7
-    first = place + len(lines) + rows
-    if section is None:
-        index = next((i for i, row in enumerate(lines) if _COUNT_LINE.search(row)), 0)
-        where = text.place(place + index)
-        stated = layout.search(_COUNT_LINE, lines[index])
-        line = next((row for row in lines if "UNITS OF" in row.upper()), "")
-    else:
-        where, (line,) = text.place(section), text.head(section, section + 1)
-        per = 1
-        width = layout.format_width(line) or 10
-        first = section + 1
-        stated = layout.search(_POINTS, line)
-        step = layout.number(layout.search(r"SPACED AT\s+(\S+)\s+SEC", line))
-        rate = layout.number(layout.search(r"AT\s+(\S+)\s+PTS/SEC", line))
-        step = 1.0 / rate if step is None and rate else step
-    announced, (unit, scale) = layout.checked_count(stated, where), _unit_of(line)
-    end = text.first(first, layout.WORDS.search)
-    samples = text.numbers(first, end, per * announced, width)
-    held = samples.size // per
-    samples[per - 1 :: per] *= scale
-    if section is None:
-        samples, step, *done = layout.on_even_steps(samples, text.place(first))
-        done.insert(0, "Unit g/10 converted into g." if scale != 1.0 else "")
-    log = list(filter(None, done))
-    return (
-        samples,
-        step,
-        {"announced": announced, "held": held, "unit": unit, "log": log},
-        end,
+
+def _dmg_section(text: Text, at: int) -> _Read:
+    """Return samples after a line that states them, their step, facts, end, and that place."""
+    line = text.line(at)[:200]
+    announced = checked_count(search(_POINTS, line), text.place(at))
+    unit, scale = _unit_of(line)
+    end = text.first(at + 1, WORDS.search)
+    samples = text.numbers(at + 1, end, announced, format_width(line) or 10) * scale
+    step = number(search(r"SPACED AT\s+(\S+)\s+SEC", line))
+    rate = number(search(r"AT\s+(\S+)\s+PTS/SEC", line))
+    if step is None and rate:
+        step = 1.0 / rate
+    return samples, step, {"announced": announced, "unit": unit}, end, text.place(at)
+
+
+def _dmg_pairs(text: Text, place: int, lines: list[str], first: int) -> _Read:
+    """Return the same of pairs of time and acceleration, which begin at line `first`."""
+    index = next((i for i, row in enumerate(lines) if _COUNT_LINE.search(row)), 0)
+    stated = search(_COUNT_LINE, lines[index])
+    announced = checked_count(stated, text.place(place + index))
+    unit, scale = _unit_of(
+        next((row for row in lines if "UNITS OF" in row.upper()), "")
     )
+    end = text.first(first, WORDS.search)
+    pairs = text.numbers(first, end, 2 * announced, 7)
+    held = pairs.size // 2
+    pairs[1::2] *= scale
+    samples, step, done = on_even_steps(pairs, text.place(first))
+    log = ["Unit g/10 converted into g."] * (scale != 1.0) + [done] * bool(done)
+    record = {"announced": announced, "held": held, "unit": unit, "log": log}
+    return samples, step, record, end, text.place(place)
 
 
 def _unit_of(text: str) -> tuple[str, float]:
-    units = (
-        (unit, scale) for pattern, unit, scale in _UNITS if layout.search(pattern, text)
-    )
+    units = ((unit, scale) for pattern, unit, scale in _UNITS if search(pattern, text))
     return next(units, ("", 1.0))
+
+
+is_geonet = begins_with(
+    _START + r".*\n\s*(?-i:Site )(?:.*\n){1,13}\s*Number of points +\S"
+)
+
+
+@reader
+def read_geonet(text: Text) -> Iterator[Trace]:
+    """Read the accelerations of a GeoNet volume; velocities and displacements are left out."""
+    starts = [i for i, line in enumerate(text.lines) if re.match(_START, line)]
+    if not starts:
+        raise RecordError(f"{text.name}: no line begins an accelerogram")
+    for first, end in zip(starts, [*starts[1:], len(text.lines)]):
+        yield _geonet_trace(text, first, end)
+
+
+def _geonet_trace(text: Text, first: int, end: int) -> Trace:
+    place = text.place(first)
+    data = first + _HEADER_LINES
+    if end <= data:
+        raise RecordError(
+            f"{place}: ends after {end - first} line(s), {_HEADER_LINES} are header"
+        )
+    head = "\n".join(text.lines[first : first + _TEXT_LINES])
+    record: dict[str, Any] = {"code": "", "unit": "", "announced": "", "factor": "1"}
+    record |= read_fields(_FIELDS, lambda pattern: search(pattern, head))
+    interval, factor, peak = (
+        record.pop(key, "") for key in ("interval", "factor", "peak")
+    )
+    integers = text.numbers(first + _TEXT_LINES, first + _INTEGERS_END)
+    channel = f"{text.name}: channel {record['code']}"
+    if integers.size != 40:
+        raise RecordError(
+            f"{channel} has {integers.size} of 40 integers before line {data + 1}"
+        )
+    # Accelerations, velocities and displacements; a raw volume has the first only, however many.
+    counts = integers[33:36].astype(int)
+    samples = text.numbers(data, end, int(counts.sum()), 8)
+    if counts[1:].any():
+        if samples.size != counts.sum():
+            raise RecordError(
+                f"{channel} must hold {counts[0]} accelerations, {counts[1]} velocities and "
+                f"{counts[2]} displacements; it holds {samples.size}"
+            )
+        samples = samples[: counts[0]]
+    scale = number(factor)
+    if not scale:
+        raise RecordError(f"{place}: readings in units of {factor!r}, not a number")
+    raw = text.lines[first].lstrip()[:1] in "Uu"
+    record |= {
+        "unit": acceleration_unit(record["unit"], place),
+        "announced": checked_count(record["announced"], f"{place}: Number of points"),
+        "level": "raw" if raw else "processed",
+        "event": text.lines[first + 6].strip(),
+    }
+    return trace_of(
+        samples * scale,
+        interval or None,
+        f"{place}: interval",
+        record,
+        peak=peak,
+        codes=("NZ", record.get("station", ""), ""),
+        # Year, month, day, hour, minute and millisecond of the first sample.
+        start=moment(*integers[[8, 9, 18, 19, 38, 39]] / (1, 1, 1, 1, 1, 1000)),
+    )

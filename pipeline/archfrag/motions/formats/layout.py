@@ -1,16 +1,18 @@
 """What readers of text formats share: lines, numbers in columns, and facts of headers."""
 
 import codecs
+import contextlib
+import functools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
-from obspy import Trace, UTCDateTime
+from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.errors import RecordError
 from archfrag.files import opened, wide_encoding
@@ -19,6 +21,7 @@ from archfrag.motions.channel import (
     AZIMUTHS,
     METRES_PER_SECOND_SQUARED,
     Channel,
+    Samples,
     filled,
     quadrant,
     unit_factor,
@@ -39,7 +42,7 @@ _STEPS = np.outer(10.0 ** np.arange(-5, 1), (1.0, 2.0, 2.5, 5.0)).ravel()  # [s]
 END_OF_DATA = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
 WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
 
-_MONTHS = (
+_MONTHS = [
     "JAN",
     "FEB",
     "MAR",
@@ -52,7 +55,7 @@ _MONTHS = (
     "OCT",
     "NOV",
     "DEC",
-)
+]
 _NAMED = rf"(?P<month>{'|'.join(_MONTHS)})[A-Z]*\.?"
 _DATES = (
     r"\b(?P<year>\d{4})[-/](?P<month>\d{1,2})[-/](?P<day>\d{1,2})\b",
@@ -75,12 +78,17 @@ class Text:
         is_path = isinstance(source, (str, Path))
         self.name = str(source if is_path else getattr(source, "name", "buffer"))
         content = _read_bytes(source)
-        if wide := wide_encoding(content):
+        wide = wide_encoding(content)
+        if wide:
             raise RecordError(f"{self.name}: is text in {wide}; save it as UTF-8")
         self.lines = _lines(content)
 
     def place(self, index: int) -> str:
         return f"{self.name}, line {index + 1}"
+
+    def line(self, index: int) -> str:
+        """Return a line, empty beyond the last one."""
+        return "".join(self.lines[index : index + 1])
 
     def head(self, first: int, last: int) -> list[str]:
         """Return lines of a header, cut to 200 characters: patterns take long over longer ones."""
@@ -97,32 +105,41 @@ class Text:
         last: int | None = None,
         expected: int | None = None,
         width: int | None = None,
-    ) -> NDArray[np.float64]:
+    ) -> Samples:
         """Return the numbers of some lines, between blanks or in columns of a width.
 
         RecordError for what is no finite number.
         """
         lines = self.lines[first:last]
-        ways = [None] if width is None else [None, width]
-        rows = [row for way in ways if (row := _converted(lines, way)) is not None]
+        rows = _rows(lines, width)
+        for row in rows:
+            if row.size == expected:
+                return row
         if rows:
-            return next((row for row in rows if row.size == expected), rows[0])
+            return rows[0]
         values: list[float] = []
         for place, line in enumerate(lines, first):
-            if rows := [
-                row for way in ways if (row := _converted([line], way)) is not None
-            ]:
+            rows = _rows([line], width)
+            if rows:
                 values.extend(rows[0])
-            else:
-                values += [
-                    v for word in line.split() for v in split(word, self.place(place))
-                ]
+            for word in () if rows else line.split():
+                values += split(word, self.place(place))
         return np.array(values)
 
     def first(self, index: int, test: Callable[[str], object]) -> int:
         """Return the first line from `index` on that passes a test, else the number of lines."""
         count = len(self.lines)
         return next((i for i in range(index, count) if test(self.lines[i])), count)
+
+
+def reader(read: Callable[[Text], Iterable[Trace]]) -> Callable[..., Stream]:
+    """Return what reads a file or open buffer for obspy, of what reads its lines."""
+
+    @functools.wraps(read)
+    def plug_in(source: Source, **_: Any) -> Stream:
+        return Stream(list(read(Text(source))))
+
+    return plug_in
 
 
 def _read_bytes(source: Source, size: int = -1) -> bytes:
@@ -136,7 +153,7 @@ def _read_bytes(source: Source, size: int = -1) -> bytes:
 def begins_with(*patterns: str) -> Callable[[Source], bool]:
     """Return a test of a file or open buffer: is it text whose first 4096 bytes match all?"""
 
-    def begins(source: Source) -> bool:
+    def is_text(source: Source) -> bool:
         try:
             content = _read_bytes(source, 4096)
         except (OSError, ValueError):  # obspy goes on to other formats
@@ -146,7 +163,7 @@ def begins_with(*patterns: str) -> Callable[[Source], bool]:
             re.search(pattern, text) for pattern in patterns
         )
 
-    return begins
+    return is_text
 
 
 def _lines(content: bytes) -> list[str]:
@@ -160,25 +177,26 @@ def format_width(text: str) -> int | None:
     return int(search(_FORMAT, text) or 0) or None
 
 
-def _converted(lines: Sequence[str], width: int | None) -> NDArray[np.float64] | None:
-    """Return all numbers at once; None if a word or a column is not a finite number."""
+def _rows(lines: Sequence[str], width: int | None) -> list[Samples]:
+    """Return all numbers at once: those between blanks, and those in columns of a width.
+
+    Neither is there if a word or a column is not a finite number.
+    """
     text = "\n".join(lines).translate(_FORTRAN)
-    if "_" in text or (width is not None and "\t" in text):  # Python allows 1_000
-        return None
-    cells = (
-        text.split()
-        if width is None
-        else [
-            line[i : i + width]
-            for line in map(str.rstrip, text.split("\n"))
-            for i in range(0, len(line), width)
-        ]
-    )
-    try:
-        values = np.array(list(map(float, cells)))
-    except ValueError:
-        return None
-    return values if np.isfinite(values).all() else None
+    if "_" in text:  # Python allows 1_000
+        return []
+    ways = [text.split()]
+    if width is not None and "\t" not in text:
+        columns = re.compile(f".{{1,{width}}}")
+        rows = map(str.rstrip, text.split("\n"))
+        ways.append([cell for row in rows for cell in columns.findall(row)])
+    found = []
+    for cells in ways:
+        with contextlib.suppress(ValueError):
+            values = np.array(list(map(float, cells)))
+            if np.isfinite(values).all():
+                found.append(values)
+    return found
 
 
 def split(word: str, place: str) -> list[float]:
@@ -192,7 +210,7 @@ def split(word: str, place: str) -> list[float]:
     return values
 
 
-def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float, str]:
+def on_even_steps(pairs: Samples, name: str) -> tuple[NDArray, float, str]:
     """Return samples at equal steps, the step [s], and what was done to pairs of time and sample.
 
     Times that are even but for rounding change nothing; else samples are read between pairs.
@@ -237,24 +255,16 @@ def search(pattern: str | re.Pattern[str], text: str, group: int = 1) -> str:
     return (match.group(group) or "") if match else ""
 
 
-def read_fields(
-    table: Mapping[str, tuple[Any, ...]], find: Callable[[Any], Any]
-) -> dict[str, Any]:
+def read_fields(table: Mapping[str, Any], find: Callable[[Any], Any]) -> dict[str, Any]:
     """Read facts by a table: name, reader and places, at which `find` looks one after another."""
-    return filled(
-        {
-            name: next(
-                (
-                    fact
-                    for place in places
-                    if (value := find(place)) not in (None, "")
-                    and (fact := read(value)) not in (None, "")
-                ),
-                None,
-            )
-            for name, (read, *places) in table.items()
-        }
-    )
+    facts = dict[str, Any]()
+    for name, (read, *places) in table.items():
+        values = (find(place) for place in places)
+        read_values = (read(value) for value in values if value not in (None, ""))
+        facts[name] = next(
+            (fact for fact in read_values if fact not in (None, "")), None
+        )
+    return filled(facts)
 
 
 def number(text: str | None) -> float | None:
@@ -276,7 +286,8 @@ def iso_date(*texts: str) -> str:
         month = int(named) if named.isdigit() else _MONTHS.index(named) + 1
         year = int(date["year"])
         day = int(date["day"])
-        year += 0 if year >= 100 else 1900 if year >= 30 else 2000
+        if year < 100:
+            year += 1900 if year >= 30 else 2000
         if 1 <= month <= 12 and 1 <= day <= 31:
             return f"{year:04d}-{month:02d}-{day:02d}"
     return ""
@@ -315,21 +326,21 @@ def magnitude(text: str) -> float | None:
 def direction(text: str) -> dict[str, Any]:
     """Return code, azimuth and whether it is vertical, of a text such as ``90 DEG`` or ``UP``."""
     word = text.strip().upper()
-    if (angle := re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)) and int(angle[1]) <= 360:
-        return {
-            "code": str(int(angle[1])),
-            "azimuth": float(angle[1]),
-            "vertical": False,
-        }
-    if bearing := re.match(r"[NS]\s*\d{1,2}\s*[EW]\b", word):
-        azimuth = quadrant(re.sub(r"\s", "", bearing[0]))
-        return {"code": bearing[0], "azimuth": azimuth, "vertical": False}
-    if re.match(r"(UP|VERT|DOWN|DWN|[-+]?[UVZ]\b)", word):
+    angle = re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)
+    bearing = re.match(r"[NS]\s*\d{1,2}\s*[EW]\b", word)
+    code = (word.split() or [""])[0]
+    azimuth = AZIMUTHS.get(code)
+    if angle and int(angle[1]) <= 360:
+        code = str(int(angle[1]))
+        azimuth = float(code)
+    elif bearing:
+        code = bearing[0]
+        azimuth = quadrant(re.sub(r"\s", "", code))
+    elif re.match(r"(UP|VERT|DOWN|DWN|[-+]?[UVZ]\b)", word):
         down = word.startswith(("DOWN", "DWN", "-"))
         return {"code": "DOWN" if down else "UP", "vertical": True}
-    code = (word.split() or [""])[0]
-    stated = {"azimuth": AZIMUTHS[code], "vertical": False} if code in AZIMUTHS else {}
-    return {"code": code} | stated
+    known = {} if azimuth is None else {"azimuth": azimuth, "vertical": False}
+    return {"code": code, **known}
 
 
 def checked_count(text: str, where: str) -> int:
@@ -345,15 +356,12 @@ def checked_count(text: str, where: str) -> int:
 def acceleration_unit(text: str, where: str) -> str:
     """Return a unit of acceleration as archfrag spells it; RecordError if it is none."""
     plain = plain_unit(text)
-    unit_factor(
-        plain if plain in METRES_PER_SECOND_SQUARED else text.strip()[:40], where
-    )
+    known = plain in METRES_PER_SECOND_SQUARED
+    unit_factor(plain if known else text.strip()[:40], where)
     return plain
 
 
-def judge_peak(
-    channel: Channel, stated: str, values: NDArray[np.float64], unit: str
-) -> None:
+def judge_peak(channel: Channel, stated: str, values: Samples, unit: str) -> None:
     """Compare the peak that a header states, rounded to its last digit, with the samples."""
     peak = abs(number(stated) or 0.0)
     if not peak or not values.size:
@@ -372,13 +380,13 @@ def judge_peak(
 
 
 def trace_of(
-    samples: NDArray[np.float64],
+    samples: Samples,
     dt: float | None,
     where: str,
     facts: dict[str, Any],
     *,
     peak: str = "",
-    codes: tuple[str, str, str] = ("", "", ""),
+    codes: Sequence[str] = (),
     start: UTCDateTime | None = None,
 ) -> Trace:
     """Return a trace with network, station and location `codes`, and `facts` in its `Channel`.
@@ -390,13 +398,11 @@ def trace_of(
         raise RecordError(
             f"{where}: no time step above 0 s is stated, but {dt or 'none'}"
         )
-    known = {"held": samples.size} | facts
-    length = known.pop("length", None)
-    channel = Channel(**known)
+    length = facts.pop("length", None)
+    channel = Channel(**{"held": samples.size, **facts})
     judge_peak(channel, peak, samples, channel.unit)
-    channel.contradicted = channel.contradicted or wrong_length(
-        length, channel.held, float(dt or 0)
-    )
-    header: dict[str, Any] = dict(zip(("network", "station", "location"), codes))
+    if not channel.contradicted:
+        channel.contradicted = wrong_length(length, channel.held, float(dt or 0))
+    header = dict[str, Any](zip(("network", "station", "location"), codes))
     header |= {"delta": dt, "channel": channel.code, "record": channel}
     return Trace(samples, header if start is None else {**header, "starttime": start})

@@ -17,18 +17,20 @@ References
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.errors import InputError
 from archfrag.files import check_targets, make_folder, replacing, sha256_of
+from archfrag.motions.channel import Samples
 from archfrag.motions.index import COLUMNS, INDEX_NAME, write_index
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.motion import Motion
+from archfrag.motions.process import cosine_taper
 from archfrag.motions.synthetic import amplitude as fourier
-from archfrag.motions.synthetic.amplitude import FREQUENCIES, GRID, VS30, Row, draw_term
+from archfrag.motions.synthetic.amplitude import FREQUENCIES, GRID, VS30, draw_term
 
 MODEL = (
     "Boore (2003) stochastic point source, Stafford et al. (2022) parameters, median of CY14 and "
@@ -116,7 +118,7 @@ def make_motion(recipe: Recipe) -> Motion:
     f = np.fft.rfftfreq(size, dt)[1:].astype(np.float64)
     amplitude = _amplitude(f, magnitude, distance, vs30)
 
-    def shaken(stream: str, term: Row) -> Row:
+    def wave(stream: str, term: Samples) -> Samples:
         """Return noise in the window with the amplitude and its variation, tapered [m/s2]."""
         noise = _generator(stream, seed).standard_normal(size)
         spectrum = np.fft.rfft(noise * shape)
@@ -126,7 +128,7 @@ def make_motion(recipe: Recipe) -> Motion:
             np.interp(np.log(f), np.log(FREQUENCIES), term)
         )
         samples = np.fft.irfft(spectrum, size)[:active] / dt
-        return samples * _taper(active, int(_MARGIN / dt))
+        return samples * cosine_taper(active, int(_MARGIN / dt))
 
     facts: dict[str, float | str] = {
         "event": f"synthetic M{magnitude:g} {event}",
@@ -139,7 +141,7 @@ def make_motion(recipe: Recipe) -> Motion:
         "model": MODEL,
     }
     terms = _terms(recipe, event, site)
-    horizontal = shaken("noise", terms[0])
+    horizontal = wave("noise", terms[0])
     if recipe.pulse:
         after_peak = time[:active] - fourier.WINDOW_PEAK * length
         pulse = _generator("pulse", seed)
@@ -147,7 +149,7 @@ def make_motion(recipe: Recipe) -> Motion:
             horizontal, after_peak, magnitude, pulse
         )
     vertical = (
-        _finished(shaken("vertical_noise", terms[1]), dt) if recipe.vertical else None
+        _finished(wave("vertical_noise", terms[1]), dt) if recipe.vertical else None
     )
     log = f"Made by {MODEL}; seeds {seed}, {event}, {site}."
     name = f"M{magnitude:g}-R{distance:g}-{seed}"
@@ -158,7 +160,7 @@ def _generator(stream: str, seed: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence([_STREAMS.index(stream), seed]))
 
 
-def _amplitude(f: Row, magnitude: float, distance: float, vs30: float) -> Row:
+def _amplitude(f: Samples, magnitude: float, distance: float, vs30: float) -> Samples:
     """Return the Fourier amplitude without variation, above zero frequency [m/s]."""
     amplitude = fourier.fourier_amplitude(f, magnitude, distance) * fourier.site_factor(
         f, vs30
@@ -168,7 +170,9 @@ def _amplitude(f: Row, magnitude: float, distance: float, vs30: float) -> Row:
 
 
 @lru_cache(maxsize=256)
-def _corrections(magnitude: float, distance: float, vs30: float, vertical: bool) -> Row:
+def _corrections(
+    magnitude: float, distance: float, vs30: float, vertical: bool
+) -> Samples:
     """Return ln(V/H) of amplitudes, or the correction of ln amplitude that keeps medians of Sa."""
     amplitude = _amplitude(GRID, magnitude, distance, vs30)
     if vertical:
@@ -176,7 +180,7 @@ def _corrections(magnitude: float, distance: float, vs30: float, vertical: bool)
     return fourier.median_correction(amplitude)
 
 
-def _terms(recipe: Recipe, event: int, site: int) -> tuple[Row, Row]:
+def _terms(recipe: Recipe, event: int, site: int) -> tuple[Samples, Samples]:
     """Return additions to ln amplitude of the horizontal and of the vertical, each shape (61,)."""
     scenario = recipe.magnitude, recipe.distance, recipe.vs30
     ratio = (
@@ -184,23 +188,20 @@ def _terms(recipe: Recipe, event: int, site: int) -> tuple[Row, Row]:
     )
     if not recipe.vary:
         return np.zeros(ratio.size), ratio
-    common = _corrections(*scenario, False) + draw_term(
-        "event", _generator("event", event)
-    )
+    common = _corrections(*scenario, False)
+    common = common + draw_term("event", _generator("event", event))
     common += draw_term("site", _generator("site", site))
     record = draw_term("record", _generator("record", recipe.seed))
     other = draw_term("record", _generator("vertical_record", recipe.seed))
-    apart = np.sqrt(1.0 - fourier.COMPONENT_CORRELATION**2)
-    return (
-        common + record,
-        common + fourier.COMPONENT_CORRELATION * record + apart * other + ratio,
-    )
+    alike = fourier.COMPONENT_CORRELATION
+    vertical = common + alike * record + np.sqrt(1.0 - alike**2) * other + ratio
+    return common + record, vertical
 
 
-def _finished(samples: Row, dt: float) -> Row:
+def _finished(samples: Samples, dt: float) -> Samples:
     """Subtract a tapered line, so that velocity and displacement end at zero, and round."""
     # The ends of rows are zero, so that plain sums are trapezoid sums.
-    taper = _taper(samples.size, samples.size // 4)
+    taper = cosine_taper(samples.size, samples.size // 4)
     position = np.linspace(0.0, 1.0, samples.size)
     shapes = np.stack((taper, taper * position))
     ends = [
@@ -213,15 +214,9 @@ def _finished(samples: Row, dt: float) -> Row:
     return np.concatenate((quiet, rounded, quiet)).astype(np.float32).astype(np.float64)
 
 
-def _taper(size: int, ramp: int) -> Row:
-    """Return ones with a rise and a fall by half a cosine wave at the ends."""
-    rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(ramp) / ramp)
-    return np.concatenate((rise, np.ones(size - 2 * ramp), rise[::-1]))
-
-
 def _with_pulse(
-    samples: Row, time: Row, magnitude: float, generator: np.random.Generator
-) -> tuple[Row, float]:
+    samples: Samples, time: Samples, magnitude: float, generator: np.random.Generator
+) -> tuple[Samples, float]:
     """Return a motion with a pulse at time zero, which amplifies as [1]_ at 0.88 Tp, and Tp [s].
 
     ln Tp is normal with mean -5.73 + 0.99 M and deviation 0.56 [1]_. The velocity of the pulse is
@@ -281,24 +276,20 @@ def plan_motions(
         distances = np.exp(generator.uniform(ends[0], ends[1], count).round(6)).round(2)
     with_pulse = generator.uniform(size=count) < pulses
     recipes = []
-    for number, (place, pulse) in enumerate(
-        zip(distances.tolist(), with_pulse.tolist())
-    ):
+    for number in range(count):
         event, record = divmod(number, records_per_event)
-        site = number if sites is None else number % sites
-        recipes.append(
-            Recipe(
-                float(magnitudes[event]),
-                place,
-                first + number,
-                first + event,
-                first + site,
-                vs30=vs30,
-                vertical=vertical,
-                pulse=pulse,
-                id=f"e{event + 1}-r{record + 1}",
-            )
+        recipe = Recipe(
+            float(magnitudes[event]),
+            float(distances[number]),
+            first + number,
+            first + event,
+            first + (number if sites is None else number % sites),
+            vs30=vs30,
+            vertical=vertical,
+            pulse=bool(with_pulse[number]),
+            id=f"e{event + 1}-r{record + 1}",
         )
+        recipes.append(recipe)
     return recipes
 
 
@@ -320,15 +311,13 @@ def make_suite(
 ) -> list[Path]:
     """Write motions (the shipped ones) as ``synthetic/*.mseed`` [m/s2]; return the files."""
     folder = Path(out_dir)
-    rows = []
+    rows: list[dict[str, Any]] = []
     make_folder(folder / FOLDER)
     recipes = shipped_recipes() if recipes is None else recipes
-    made = (folder / FOLDER / f"{recipe.id}.mseed" for recipe in recipes)
-    check_targets([folder / INDEX_NAME, *made])
-    pulses = any(recipe.pulse for recipe in recipes)
-    for number, recipe in enumerate(recipes, start=1):
+    paths = [folder / FOLDER / f"{recipe.id}.mseed" for recipe in recipes]
+    check_targets([folder / INDEX_NAME, *paths])
+    for number, (recipe, path) in enumerate(zip(recipes, paths), start=1):
         motion = make_motion(recipe)
-        path = folder / FOLDER / f"{recipe.id}.mseed"
         stream = Stream()
         header = {
             "network": "XX",
@@ -338,26 +327,24 @@ def make_suite(
         }
         for channel, samples in zip((COMPONENT, "HNZ"), motion.components.values()):
             if samples is not None:
-                stream.append(
-                    Trace(samples.astype(np.float32), {**header, "channel": channel})
-                )
+                header["channel"] = channel
+                stream.append(Trace(samples.astype(np.float32), header))
         with replacing(path, lasting=False) as part:
             stream.write(
                 str(part), "MSEED", encoding="FLOAT32", reclen=4096, byteorder=">"
             )
-        facts = {key: value for key, value in motion.metadata.items() if key in COLUMNS}
-        rows.append(
-            facts
-            | {
-                "id": recipe.id,
-                "file": f"{FOLDER}/{path.name}",
-                "sha256": sha256_of(path),
-                "component": COMPONENT,
-                "dt_s": motion.dt,
-                "unit": "m/s2",
-                "terms": TERMS,
-            }
-            | ({"pulse": recipe.pulse} if pulses else {})
-        )
+        facts = {name: motion.metadata.get(name) for name in COLUMNS}
+        facts |= {
+            "id": recipe.id,
+            "file": f"{FOLDER}/{path.name}",
+            "sha256": sha256_of(path),
+            "component": COMPONENT,
+            "dt_s": motion.dt,
+            "unit": "m/s2",
+            "terms": TERMS,
+        }
+        if any(each.pulse for each in recipes):
+            facts["pulse"] = recipe.pulse
+        rows.append(facts)
     write_index(folder, rows)
-    return [folder / row["file"] for row in rows]
+    return paths

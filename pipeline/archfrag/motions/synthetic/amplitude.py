@@ -31,11 +31,11 @@ References
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.interpolate import RegularGridInterpolator
 
-from archfrag.motions.channel import STANDARD_GRAVITY
+from archfrag.motions.channel import STANDARD_GRAVITY, Samples
 
-Row = NDArray[np.float64]
 SHEAR_VELOCITY = 3.5  # [km/s]
 # Boore (2003), after Saragoni and Hart (1974): where the window peaks and what is left of it at
 # the end of its nominal length, which is twice the duration of ground motion.
@@ -45,7 +45,7 @@ WINDOW_LENGTH = 2.0
 VS30 = 760.0  # [m/s]
 
 
-def read_table(name: str) -> dict[str, Row]:
+def read_table(name: str) -> dict[str, Samples]:
     """Read a table of numbers beside this file: columns by their names."""
     lines = Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines()
     head, *rows = (line.split(",") for line in lines if not line.startswith("#"))
@@ -55,7 +55,7 @@ def read_table(name: str) -> dict[str, Row]:
 # Coefficients of Bayless and Abrahamson by their names, at 61 frequencies [Hz].
 COEFFICIENTS = read_table("bayless_abrahamson.csv")
 FREQUENCIES = COEFFICIENTS["frequency_hz"]
-GRID: Row = np.geomspace(0.05, 50.0, 150)  # of integrals over frequency [Hz]
+GRID: Samples = np.geomspace(0.05, 50.0, 150)  # of integrals over frequency [Hz]
 TERMS = {"event": "tau", "site": "phi_s2s", "record": "phi_ss"}
 # Correlation of the record terms of a vertical with those of its horizontal: horizontals of one
 # record have about 0.7 (Wang, Takedatsu, Olsen and Day 2019, BSSA 109(6)); with it the ratio of a
@@ -63,11 +63,14 @@ TERMS = {"event": "tau", "site": "phi_s2s", "record": "phi_ss"}
 COMPONENT_CORRELATION = 0.7
 RATIO = read_table("gulerce_abrahamson.csv")  # coefficients by period
 _AMPLIFICATION = tuple(read_table("amplification.csv").values())
-_ADJUSTMENT = read_table(
-    "adjustment.csv"
-)  # ln factor by magnitude, distance and frequency
+_ADJUSTMENT = read_table("adjustment.csv")
 _MAGNITUDES, _DISTANCES = (
     np.unique(_ADJUSTMENT.pop(key)) for key in ("magnitude", "distance_km")
+)
+# ln factor by magnitude, distance and ln frequency.
+_NODES = np.log(np.array([*_ADJUSTMENT], dtype=np.float64))
+_FACTORS = np.column_stack([*_ADJUSTMENT.values()]).reshape(
+    _MAGNITUDES.size, _DISTANCES.size, -1
 )
 
 
@@ -103,7 +106,9 @@ def ground_motion_duration(magnitude: float, distance: float) -> float:
     return float(1.0 / corner_frequency(magnitude) + path + beyond)
 
 
-def fourier_amplitude(frequency: ArrayLike, magnitude: float, distance: float) -> Row:
+def fourier_amplitude(
+    frequency: ArrayLike, magnitude: float, distance: float
+) -> Samples:
     """Return the amplitude of a horizontal [m/s], in the form of [1]_, values of [2]_ and [4]_."""
     f = np.asarray(frequency, dtype=np.float64)
     # 1e-20 with these units gives cm s; 1e-2 more gives m s.
@@ -130,7 +135,7 @@ def fourier_amplitude(frequency: ArrayLike, magnitude: float, distance: float) -
     return (2.0 * np.pi * f) ** 2 * source * decay * loss * site
 
 
-def window(time: ArrayLike, length: float) -> Row:
+def window(time: ArrayLike, length: float) -> Samples:
     """Return Saragoni and Hart's window of [1]_, (a t / length)^b exp(-c t / length), peak 1."""
     b = (
         -WINDOW_PEAK
@@ -142,7 +147,7 @@ def window(time: ArrayLike, length: float) -> Row:
     return (np.e / WINDOW_PEAK * part) ** b * np.exp(-c * part)
 
 
-def site_factor(frequency: ArrayLike, vs30: float) -> Row:
+def site_factor(frequency: ArrayLike, vs30: float) -> Samples:
     """Return the amplitude over that at 760 m/s: the linear site term of [5]_."""
     f = np.asarray(frequency, dtype=np.float64)
     return np.exp(
@@ -150,26 +155,18 @@ def site_factor(frequency: ArrayLike, vs30: float) -> Row:
     )
 
 
-def median_adjustment(frequency: ArrayLike, magnitude: float, distance: float) -> Row:
+def median_adjustment(
+    frequency: ArrayLike, magnitude: float, distance: float
+) -> Samples:
     """Return the factor to the median of CY14 and ASK14, linear in M, ln R and ln f [6]_."""
-    values = np.stack(list(_ADJUSTMENT.values()), axis=-1)
-    values = values.reshape(_MAGNITUDES.size, _DISTANCES.size, -1)
-    at_magnitude = _along(_MAGNITUDES, values, magnitude)
-    row = _along(np.log(_DISTANCES), at_magnitude, np.log(max(distance, _DISTANCES[0])))
+    near = np.log(np.clip(distance, *_DISTANCES[[0, -1]]))
+    place = np.clip(magnitude, *_MAGNITUDES[[0, -1]]), near
+    row = RegularGridInterpolator((_MAGNITUDES, np.log(_DISTANCES)), _FACTORS)(place)
     with np.errstate(divide="ignore"):
-        return np.exp(
-            np.interp(np.log(frequency), np.log(list(map(float, _ADJUSTMENT))), row)
-        )
+        return np.exp(np.interp(np.log(frequency), _NODES, row))
 
 
-def _along(axis: NDArray, values: NDArray, place: float) -> NDArray:
-    """Interpolate linearly along the first axis, constant beyond its ends."""
-    position = np.interp(place, axis, np.arange(axis.size))
-    low = min(int(position), axis.size - 2)
-    return values[low] + (position - low) * (values[low + 1] - values[low])
-
-
-def correlation(frequency: ArrayLike) -> Row:
+def correlation(frequency: ArrayLike) -> Samples:
     """Return the correlation of ln amplitude between frequencies [Hz], square, by [8]_."""
     f = np.clip(np.asarray(frequency, dtype=np.float64), *FREQUENCIES[[0, -1]])
     lower = np.minimum(f[:, None], f)
@@ -195,14 +192,14 @@ _ROWS = [
 _POWERS = np.exp(2.0 * np.concatenate((_ROWS, np.negative(_ROWS))).T)
 
 
-def draw_term(kind: str, generator: np.random.Generator) -> Row:
+def draw_term(kind: str, generator: np.random.Generator) -> Samples:
     """Draw a term of ln amplitude (``event``, ``site`` or ``record``) at ``FREQUENCIES``."""
     return COEFFICIENTS[TERMS[kind]] * (
         _ROOT @ generator.standard_normal(FREQUENCIES.size)
     )
 
 
-def _power_fractions(amplitude: Row, period: Row) -> Row:
+def _power_fractions(amplitude: Samples, period: Samples) -> Samples:
     """Return the fraction of oscillators' mean square that each frequency of ``GRID`` adds."""
     ratio = GRID * period[:, None]
     oscillator = 1.0 / ((1.0 - ratio**2) ** 2 + (2.0 * 0.05 * ratio) ** 2)
@@ -210,7 +207,7 @@ def _power_fractions(amplitude: Row, period: Row) -> Row:
     return power / power.sum(axis=1, keepdims=True)
 
 
-def median_correction(amplitude: Row) -> Row:
+def median_correction(amplitude: Samples) -> Samples:
     """Return the correction of ln amplitude, (61,), that keeps the median of Sa under variation.
 
     The mean square of an oscillator is a sum over frequencies of lognormal variables, whose median
@@ -229,7 +226,7 @@ def median_correction(amplitude: Row) -> Row:
 
 def vertical_ratio(
     magnitude: float, distance: float, vs30: float, rock_pga: float
-) -> Row:
+) -> Samples:
     """Return median V/H of Sa (5 %) by [10]_ at the periods of ``RATIO``, (22,); rock_pga in g."""
     t = RATIO
     period = RATIO["period_s"]
@@ -252,8 +249,8 @@ def vertical_ratio(
 
 
 def vertical_factor(
-    amplitude: Row, magnitude: float, distance: float, vs30: float
-) -> Row:
+    amplitude: Samples, magnitude: float, distance: float, vs30: float
+) -> Samples:
     """Return ln of the factor on horizontal amplitudes that gives Sa the model's V/H, (61,).
 
     The ratio of spectra is the root of that of mean squares; found by repetition.
@@ -273,7 +270,7 @@ def vertical_factor(
     return np.interp(np.log(FREQUENCIES), nodes, logarithm)
 
 
-def _expected_peak(amplitude: Row, magnitude: float, distance: float) -> float:
+def _expected_peak(amplitude: Samples, magnitude: float, distance: float) -> float:
     """Return the peak of a stationary motion of this amplitude [m/s2]: Davenport (1964)."""
     duration = ground_motion_duration(magnitude, distance)
     power = 2.0 * amplitude**2 * np.gradient(GRID)

@@ -41,8 +41,8 @@ def kernel_platform() -> str:
 
 
 def _sources() -> list[Path]:
-    found = [*(HOME / "physics").rglob("*.py"), HOME / "motions" / "oscillator.py"]
-    return sorted(path for path in found if path.name not in HOLDS_NO_KERNEL)
+    found = sorted((HOME / "physics").rglob("*.py"))
+    return [path for path in found if path.name not in HOLDS_NO_KERNEL]
 
 
 @functools.cache

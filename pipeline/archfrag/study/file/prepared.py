@@ -11,9 +11,10 @@ import numpy as np
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, sha256_of
+from archfrag.motions.channel import Facts
 from archfrag.motions.measures import measure, sample_cautions, scale_factor
 from archfrag.motions.motion import REVERSED, Motion, load_stored, store
-from archfrag.motions.partners import earthquakes, recording_of
+from archfrag.motions.partners import earthquakes
 from archfrag.study import provenance
 from archfrag.study.file.motions import Motions
 from archfrag.study.file.schema import StudyKeys
@@ -43,29 +44,25 @@ COMPARED = (
 _AGAIN = "run `archfrag motions` on the study file"
 
 
-@dataclass(frozen=True)
-class PreparedRecord:
-    """One stored motion, and its facts for results."""
+@dataclass(frozen=True, kw_only=True)
+class PreparedRecord(Facts):
+    """One stored motion: its facts, and those of its samples."""
 
     id: str
-    file: str  # of the stored motion, in the study's folder of work
-    source: str  # name of the record file
-    sha256: str  # of the record file
-    prepared: str  # SHA-256 of the stored motion
     dt: float  # [s]
     duration: float  # [s]
-    magnitude: float | None
-    distance: float | None  # [km]
     factor: float  # that brings the study's measure to 1 in its SI unit
-    measures: dict[str, float] = field(
-        hash=False
-    )  # of the motion as it is, in SI units
-    event: str = ""  # name of the earthquake, if it is known
-    accepted: str = ""  # what is implausible and was accepted by a key of the study
-    vertical: bool = False  # whether the motion has its vertical component
-    # What is suspicious about its samples, its sensor or its file.
-    cautions: list[str] = field(default_factory=list, hash=False)
-    samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
+    measures: dict[str, float] = field(hash=False)  # of the motion, in SI units
+    vertical: bool  # whether the motion has its vertical component
+    log: list[str] = field(hash=False)  # of what was done to the samples
+    samples: str  # SHA-256 of what moves an arch: the step in time and the samples
+    stored: str = ""  # file of the motion, in the study's folder of work
+    prepared: str = ""  # SHA-256 of that file
+
+    @property
+    def waivers(self) -> str:
+        """What is implausible and was accepted by a key of the study."""
+        return str(self.accepted or "")
 
 
 def _sources() -> Any:
@@ -98,37 +95,28 @@ def described(
     Its `measures` are that of the study and those that are `compared` with it.
     """
     asked = study.intensity.measure
-    about = motion.metadata
-    measures = {
-        name: measure(motion, name) for name in dict.fromkeys((asked, *compared))
-    }
+    names = dict.fromkeys((asked, *compared))
+    measures = {name: measure(motion, name) for name in names}
     samples = hashlib.sha256(float(motion.dt).hex().encode())
-    for part in (motion.acceleration, motion.vertical):
-        samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
-    cautions = [
-        *about.get("cautions", ()),
-        *sample_cautions(motion.acceleration, motion.dt),
-    ]
-    if motion.vertical is not None:
-        cautions += [
-            f"vertical: {text}" for text in sample_cautions(motion.vertical, motion.dt)
-        ]
+    cautions = list(motion.facts.cautions)
+    for kind in ("acceleration", "vertical"):
+        part = motion.components[kind]
+        if part is None:
+            samples.update(b"/")
+            continue
+        samples.update(np.ascontiguousarray(part, "<f8").data)
+        place = "vertical: " if kind == "vertical" else ""
+        cautions += [f"{place}{text}" for text in sample_cautions(part, motion.dt)]
+    own = vars(motion.facts) | {"cautions": cautions}
     return PreparedRecord(
-        motion.id,
-        "",
-        about["file"],
-        about["file_sha256"],
-        "",
-        motion.dt,
-        motion.duration,
-        about.get("Mw") or about.get("magnitude"),
-        about.get("distance_km"),
-        scale_factor(motion, asked, 1.0, measures[asked]),
-        measures,
-        event=str(about.get("event") or about.get("event_id") or ""),
-        accepted=str(about.get("accepted") or ""),
+        **own,
+        id=motion.id,
+        dt=motion.dt,
+        duration=motion.duration,
+        factor=scale_factor(motion, asked, 1.0, measures[asked]),
+        measures=measures,
         vertical=motion.vertical is not None,
-        cautions=cautions,
+        log=list(motion.log),
         samples=samples.hexdigest(),
     )
 
@@ -156,7 +144,7 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
     provenance.write_text(
         study.work / MANIFEST, provenance.canonical_json(manifest) + "\n"
     )
-    kept = {study.work / record.file for record in (*records, *first)}
+    kept = {study.work / record.stored for record in (*records, *first)}
     for path in set(folder.glob("*.npz")) - kept:
         path.unlink()
     return records
@@ -165,19 +153,17 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
 def _stored(study: StudyKeys, asked: Motions) -> list[PreparedRecord]:
     """Store the motions that are asked for, and return them."""
     records = list[PreparedRecord]()
-    facts = list[dict[str, Any]]()
-    folder = study.work / FOLDER
+    new = study.work / FOLDER / "new.npz"
     for motion in _sources().read_sources(asked, study.intensity.measure):
-        record = described(study, motion)
-        store(folder / "new.npz", motion)
-        prepared = sha256_of(folder / "new.npz")
-        records.append(
-            replace(record, file=f"{FOLDER}/{prepared[:16]}.npz", prepared=prepared)
-        )
-        facts.append(recording_of(motion))
-        os.replace(folder / "new.npz", study.work / records[-1].file)
+        store(new, motion)
+        prepared = sha256_of(new)
+        stored = f"{FOLDER}/{prepared[:16]}.npz"
+        record = replace(described(study, motion), stored=stored, prepared=prepared)
+        records.append(record)
+        new.replace(study.work / stored)
     records = [
-        replace(record, event=name) for record, name in zip(records, earthquakes(facts))
+        replace(record, event=name)
+        for record, name in zip(records, earthquakes(records))
     ]
     return in_order(asked, records)
 
@@ -196,7 +182,7 @@ def read_manifest(study: StudyKeys) -> dict[str, Any]:
     try:
         stored = {"first": (), **provenance.read_json(path)}
         lists = {
-            name: [PreparedRecord(**record) for record in stored[name]]
+            name: list(map(PreparedRecord.of, stored[name]))
             for name in ("records", "first")
         }
         return {"key": stored["key"], "inputs": dict(stored["inputs"]), **lists}
@@ -222,15 +208,20 @@ def load_prepared(study: StudyKeys, name: str = "records") -> list[PreparedRecor
 
 def load_record(work: Path, record: PreparedRecord) -> Motion:
     """Load the motion of a record from a study's folder of work."""
-    return load_stored(_check_stored(work, record))
+    path = _check_stored(work, record)
+    return load_stored(
+        path, dt=record.dt, id=record.id, metadata=record, log=record.log
+    )
 
 
 def _check_stored(work: Path, record: PreparedRecord) -> Path:
     """Return the path of a stored motion; InputError if it is missing or changed."""
-    path = work / record.file
+    path = work / record.stored
     if provenance.sha256_if_there(path) != record.prepared:
-        what = f"the prepared motion of record {record.id!r} is missing, changed or damaged"
-        raise InputError(f"{path}: {what}; {_AGAIN}")
+        raise InputError(
+            f"{path}: the prepared motion of record {record.id!r} is missing, changed or "
+            f"damaged; {_AGAIN}"
+        )
     return path
 
 

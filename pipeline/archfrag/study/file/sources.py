@@ -61,9 +61,9 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
     InputError or RecordError for a file or id that is missing, or is there with two settings.
     """
     rows = [] if asked.index is None else index.load_index(asked.index)
+    # Files of other components have columns of their own.
     listed = [
-        RecordFile(row.path, {"unit": row.unit or None, "accept": row.accept}, row)
-        for row in rows
+        RecordFile(row.path, row.options | {"columns": None}, row) for row in rows
     ]
     sources = listed
     by_path = dict[Path, RecordFile]()
@@ -79,14 +79,17 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
                 options["columns"] = parse_columns(entry.columns)
             for path in _matching(entry.path):
                 # Two patterns may match the same file.
-                if by_path.setdefault(path, file := RecordFile(path, options)) != file:
-                    differ = "another unit, inventory, columns or accept"
-                    raise InputError(f"an earlier entry matches {path} with {differ}")
+                file = RecordFile(path, options)
+                if by_path.setdefault(path, file) != file:
+                    raise InputError(
+                        f"an earlier entry matches {path} with another unit, inventory, columns "
+                        "or accept"
+                    )
     sources = [*sources, *by_path.values()]
     for file in sources:
         read.check_file(file.path)
-        if inventory := file.options.get("inventory"):
-            read.check_file(Path(inventory))
+        if file.options.get("inventory"):
+            read.check_file(Path(file.options["inventory"]))
     # Without those that hold only the vertical component of another one's record.
     verticals = partners.vertical_files(sorted({file.path for file in sources}))
     sites = {file.site for file in sources if not file.is_vertical} - {None}
@@ -224,9 +227,8 @@ def _find_components(
             file.others[kind] = paths[0]
 
 
-_Read = tuple[
-    RecordFile, Motion, list[Motion]
-]  # a file, one of its motions, all of them
+_Read = tuple[RecordFile, Motion, list[Motion]]  # a file, one of its motions, all
+_Paired = tuple[RecordFile, Motion, str]  # and how it is called if it is rotated
 
 
 def read_sources(asked: Motions, measure: str) -> Iterator[Motion]:
@@ -249,17 +251,16 @@ def _read(files: Iterable[RecordFile]) -> Iterator[_Read]:
             motions = read.read_horizontals(path, name=file.name, **file.options)
         else:
             motions = [read.load_motion(file.entry)]
-        pairs.setdefault(path.parent, partners.partners(folder_names(path.parent))[0])
+        if path.parent not in pairs:
+            pairs[path.parent] = partners.partners(folder_names(path.parent))[0]
         other = pairs[path.parent].get(path.name)
         first = ""
         if other and not partners.numbered(path.name, other):
             first = sha256_of(path.with_name(min(path.name, other)))[:16]
         digest = sha256_of(path)
         for place, motion in enumerate(motions):
-            facts = {**motion.metadata, "file_sha256": digest}
-            if first:
-                facts["pair"] = f"{first} {motion.acceleration.size} {motion.dt:g}"
-            motions[place] = replace(motion, metadata=facts)
+            pair = first and f"{first} {motion.acceleration.size} {motion.dt:g}"
+            motions[place] = motion.stating(file_sha256=digest, pair=pair)
         yield from ((file, motion, motions) for motion in motions)
 
 
@@ -269,54 +270,55 @@ def _choose(recordings: Iterable[_Read], components: Sequence[str]) -> Iterator[
     left_out = dict[Any, str]()
     used = set[Any]()
     for file, motion, motions in recordings:
-        about = motion.metadata
-        code = str(motion.metadata.get("component", ""))
-        facts = tuple(
-            str(about.get(key) or "") for key in ("event", "station", "start_time")
-        )
-        record = facts if any(facts) else file.path
+        facts = motion.facts
+        code = facts.component
+        record = facts.event, facts.station, facts.start_time
+        if not any(record):
+            record = (str(file.path), "", "")
         if letters and not {code.upper(), code[-1:].upper()} & letters:
             left_out.setdefault(record, f"{file.path}: record {motion.id} ({code})")
             continue
         used.add(record)
         yield file, motion, motions
-    if lost := [name for record, name in left_out.items() if record not in used]:
-        text = f"has none of the components {', '.join(components)} that motions.processing"
-        raise RecordError(f"{lost[0]}: {text} chooses")
+    lost = [name for record, name in left_out.items() if record not in used]
+    if lost:
+        raise RecordError(
+            f"{lost[0]}: has none of the components {', '.join(components)} that "
+            "motions.processing chooses"
+        )
 
 
 def _pair(
     recordings: Iterable[_Read], needed: dict[str, bool], rotates: bool
-) -> Iterator[tuple[RecordFile, Motion]]:
+) -> Iterator[_Paired]:
     """Give motions the components that are needed, and no others.
 
     Where they are rotated, both horizontal components of a record give one motion.
     """
     turned = set[Any]()
     for file, motion, motions in recordings:
-        if (file.path, str(motion.metadata.get("component", ""))) in turned:
+        if (file.path, motion.facts.component) in turned:
             continue
         paired = motion
+        ids = [motion.id, ""]
         if motion.vertical is not None and not needed["vertical"]:
-            labels = {**motion.metadata, "vertical_component": ""}
-            paired = replace(
-                motion, vertical=None, metadata=labels, log=(*motion.log, VERTICAL_LEFT)
-            )
+            log = (*motion.log, VERTICAL_LEFT)
+            paired = replace(motion.stating(of_vertical=None), vertical=None, log=log)
         for kind in (kind for kind, is_needed in needed.items() if is_needed):
             if kind == "transverse" or motion.vertical is None:
                 other = _component(kind, file, motion, motions)
-                if (
-                    file.entry is not None
-                ):  # what an index states, headers may spell otherwise
-                    labels = {**other.metadata, "event": "", "date": "", "station": ""}
-                    other = replace(other, metadata=labels)
+                if file.entry is not None:  # whose spelling headers need not have
+                    other = other.stating(event="", date="", station="")
                 paired = with_component(paired, other, kind)
-        if rotates:
-            about = paired.metadata
-            same = about.get("file_transverse", "") == file.path.name
+                ids[1] = other.id  # of the transverse, which comes last
+        part = paired.facts.of_transverse
+        if rotates and part:
+            same = part.file == file.path.name
             other_file = file.path if same else file.others.get("transverse")
-            turned.add((other_file, about.get("component_transverse", "")))
-        yield file, paired
+            turned.add((other_file, part.component))
+        # What is rotated is named after both horizontal components.
+        common = os.path.commonprefix(ids).rstrip(" -+_.:")  # noqa: RUF071
+        yield file, paired, common or "+".join(ids)
 
 
 def _component(
@@ -352,20 +354,17 @@ def _component(
 
 
 def _process(
-    paired: Iterable[tuple[RecordFile, Motion]],
-    steps: Sequence[tuple[str, dict[str, Any]]],
+    paired: Iterable[_Paired], steps: Sequence[tuple[str, dict[str, Any]]]
 ) -> Iterator[tuple[RecordFile, Motion]]:
-    """Apply the steps of processing; what is rotated is named after both components."""
-    for file, motion in paired:
+    """Apply the steps of processing."""
+    for file, motion, common in paired:
         for number, (name, settings) in enumerate(steps):
             place = f"{file.path}: motions.processing[{number}] ({name})"
             with at(place, kind=RecordError):
                 inventory = file.options.get("inventory")
                 motion = apply_step(name, settings, motion, file.path, inventory)
             if name == "rotate":
-                ids = [motion.id, str(motion.metadata.get("id_transverse", ""))]
-                common = os.path.commonprefix(ids).rstrip(" -+_.:")  # noqa: RUF071
-                motion = replace(motion, id=common or "+".join(ids))
+                motion = replace(motion, id=common)
         yield file, motion
 
 
@@ -383,12 +382,11 @@ def _name(
             twin = next((one for one in before if partners.are_one(one, facts)), None)
             before.append(facts)
             if twin is not None:
-                again = f"it is record {twin['id']} a second time (a copy, or another version)"
-                text = f"{again}, and both count; leave one out"
-                cautions = [*motion.metadata.get("cautions", ()), text]
-                motion = replace(
-                    motion, metadata={**motion.metadata, "cautions": cautions}
+                text = (
+                    f"it is record {twin['id']} a second time (a copy, or another version), "
+                    "and both count; leave one out"
                 )
+                motion = motion.stating(cautions=[*motion.facts.cautions, text])
         for sense in both_senses(motion) if asked.both_senses else [motion]:
             if sense.id in taken:
                 whose = (

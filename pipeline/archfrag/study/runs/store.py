@@ -174,7 +174,7 @@ class Plan:
         both = (
             self.motion(shock[0]).scaled(shock[1]).then(motion.scaled(factor), shock[2])
         )
-        return both, 1.0, both.metadata["begins"]
+        return both, 1.0, both.begins
 
     def arch(self, number: int) -> "Arch":
         """Return an arch, built once."""
