@@ -1,7 +1,6 @@
 """Inputs of the report of a finished study, and its numbers for programs."""
 
 import json
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
@@ -18,7 +17,6 @@ from archfrag.fragility.curve import Curve, FloatArray, IntArray
 from archfrag.fragility.verdicts import Verdict, count_verdicts
 from archfrag.motions.motion import Motion
 from archfrag.motions.selection import target_of_index
-from archfrag.physics.status import CollapseMode
 from archfrag.report.html import digits
 from archfrag.simulation.simulate import Onset, onset
 from archfrag.study.answer.compare import Table, compare
@@ -27,20 +25,10 @@ from archfrag.study.answer.fits import cautions_of
 from archfrag.study.answer.rates import StudyRisk, risk_of_study
 from archfrag.study.file.members import shown
 from archfrag.study.file.schema import StudyKeys
-from archfrag.study.provenance import finite
 from archfrag.study.runs.store import Plan, make_plan
 from archfrag.study.steps import finished, read_timings
 from archfrag.study.validate import logo_url
 
-SUMMARY_FORMAT = "archfrag-summary/2"
-COUNTS = ("runs", "collapsed", "survived", "unfinished", "failed", "collapsed_before")
-_MADE_BY = (
-    "archfrag_commit",
-    "archfrag_versions",
-    "archfrag_plan",
-    "archfrag_machine",
-    "source",
-)
 _MODELLED = {
     "friction",
     "recess",
@@ -72,13 +60,9 @@ class Scale:
     def label(self) -> str:
         return f"{self.measure} [{self.unit}]"
 
-    def digits(self, value_si: float) -> str:
-        """Write a value in the unit with three digits."""
-        return digits(value_si * self.factor)
-
-    def text(self, value_si: float) -> str:
-        """Write a value with its unit."""
-        return f"{self.digits(value_si)} {self.unit}"
+    def text(self, value: float) -> str:
+        """Write a value in the unit with three digits and the unit."""
+        return f"{digits(value)} {self.unit}"
 
 
 @dataclass(frozen=True)
@@ -125,7 +109,7 @@ class ReportInputs:
     ]  #: unscaled, one for each record of the cube, its name as `id`
     #: Name in the cube, geometry and onset of each arch that has a section, in the page's order.
     arches: Sequence[tuple[str, Arch, Onset]]
-    answers: Mapping[str, Curve]  #: of each arch of the cube, theta in the SI unit
+    answers: Mapping[str, Curve]  #: of each arch of the cube, in the SI unit
     classes: Mapping[str, Curve] = field(
         default_factory=dict
     )  #: of classes of several arches
@@ -153,9 +137,18 @@ class ReportInputs:
         return f"{100 * self.confidence:.0f} %"
 
     @cached_property
+    def curves(self) -> dict[str, Curve]:
+        """Curves of all classes and arches in the unit of the scale."""
+        measure, unit, factor = self.scale.measure, self.scale.unit, self.scale.factor
+        return {
+            name: curve.in_unit(1.0 / factor, measure, unit)
+            for name, curve in self.fitted.curves.items()
+        }
+
+    @cached_property
     def quoted(self) -> dict[str, Curve]:
         """Curves of the classes, and of the arches without a class, in the order of the study."""
-        return self.fitted.quoted()
+        return {name: self.curves[name] for name in self.fitted.quoted()}
 
     @cached_property
     def config(self) -> Mapping[str, Any]:
@@ -166,6 +159,11 @@ class ReportInputs:
     def results(self) -> Callable[[str], ArchResults]:
         """Function that gives the runs of an arch or a class by its name."""
         return cache(lambda name: arch_results(self.fitted.runs[name], self.scale))
+
+    @cached_property
+    def of_class(self) -> dict[str, str]:
+        """Class of each arch."""
+        return arch_classes(self.cube)
 
     @cached_property
     def known(self) -> dict[str, Curve]:
@@ -184,27 +182,23 @@ class ReportInputs:
             return {}
         site = self.risk.hazard.main if isinstance(self.risk, StudyRisk) else None
 
-        def ratios() -> dict[str, Table]:
-            found = dict[str, Table]()
-            for name, reference in self.references.items():
-                found |= compare(
-                    [self.fitted] * 2, [reference, name], site, self.confidence
-                )
-            return found
-
-        return attempt(ratios)
+        both = [self.fitted] * 2
+        return attempt(
+            lambda: {
+                name: compare(both, [reference, name], site, self.confidence)[name]
+                for name, reference in self.references.items()
+            }
+        )
 
     @cached_property
     def references(self) -> dict[str, str]:
         """What others are compared with: an arch after a first shock with itself before it."""
-        names = list(self.known)
-        found = dict.fromkeys(names[1:], names[0])
-        for name in names:
+        first, *others = self.known
+        found = dict.fromkeys(others, first)
+        for name in self.known:
             if self.fitted.runs[name].shaken:
                 found[name] = name.rpartition("-after-")[0]
-        return {
-            name: reference for name, reference in found.items() if reference in names
-        }
+        return {name: of for name, of in found.items() if of in self.known}
 
     def stands_after(self, name: str) -> str:
         """Say of how many records the curve of an arch after a first shock is; else empty."""
@@ -232,24 +226,29 @@ def report_inputs(study: StudyKeys) -> ReportInputs:
     in the folder.
     """
     fitted = finished(study)
-    answers = fitted.arches
-    cube = fitted.cube
     plan = make_plan(study)
-    intensity = study.intensity
     entries = {member.id: member.entry for member in study.members}
-    names = [list(answers)[i] for i in shown(thetas(answers.values()).tolist())]
-    arches = {name: entries[name].build() for name in names}
+    arches = []
+    for place in shown(thetas(fitted.arches.values()).tolist()):
+        name = list(fitted.arches)[place]
+        arch = entries[name].build()
+        arches.append((name, arch, onset(arch)))
     given: dict[str, list[Mapping[str, Any]]] = {}
     for member in study.members:
         keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
         given.setdefault(member.arch_class, []).append(keys | {"shocks": member.shock})
+    about = study.report.model_dump(
+        include={"project", "client", "author"}, exclude_none=True
+    )
+    if study.report.logo is not None:
+        about["logo"] = logo_url(study.report.logo)
     return ReportInputs(
-        cube=cube,
-        scale=Scale(intensity.measure, intensity.unit, 1.0 / intensity.factor),
+        cube=fitted.cube,
+        scale=scale_of(study),
         motions=[plan.motion(record) for record in range(len(plan.records))],
         plan=plan,
-        arches=[(name, arch, onset(arch)) for name, arch in arches.items()],
-        answers=answers,
+        arches=arches,
+        answers=fitted.arches,
         classes=fitted.classes,
         cautions=cautions_of(study, fitted),
         timings=read_timings(study),
@@ -259,11 +258,14 @@ def report_inputs(study: StudyKeys) -> ReportInputs:
         risk=attempt(partial(risk_of_study, study, fitted)),
         target=target_of_index(study.motions.index),
         given=given,
-        about=study.report.model_dump(
-            include={"project", "client", "author"}, exclude_none=True
-        )
-        | ({} if study.report.logo is None else {"logo": logo_url(study.report.logo)}),
+        about=about,
     )
+
+
+def scale_of(study: StudyKeys) -> Scale:
+    """Return the scale of the levels of a study."""
+    levels = study.intensity
+    return Scale(levels.measure, levels.unit, 1.0 / levels.factor)
 
 
 def _title(study: StudyKeys) -> str:
@@ -326,123 +328,3 @@ def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntA
     for number, members in enumerate(groups):
         place[members] = number
     return np.array([np.exp(np.log(own[members]).mean()) for members in groups]), place
-
-
-def summary(inputs: ReportInputs) -> dict[str, Any]:
-    """Return the content of ``summary.json``, which docs/reference/results.md lists."""
-    cube = inputs.cube
-    attributes = inputs.cube.attrs
-    scale = inputs.scale
-    of_class = arch_classes(cube)
-    onsets = {name: onset for name, _, onset in inputs.arches}
-    of_runs = ("verdict", "lost_contact_time", "collapse_mode", "collapse_joint")
-    tables = [
-        cube[name].transpose("arch", "record", "level").values for name in of_runs
-    ]
-    arches = []
-    for name, *of_arch in zip(map(str, cube["arch"].values), *tables, strict=True):
-        start = onsets.get(name)
-        arches.append(
-            {
-                "id": name,
-                "class": of_class[name],
-                **_answered(inputs.answers[name], scale, inputs.at),
-                **_counted(*of_arch),
-                "stands": start and bool(start.stands),
-                "onset": start and {"plus": start.plus, "minus": start.minus},
-            }
-        )
-    classes = [
-        {
-            "id": name,
-            "arches": list(of_class.values()).count(name),
-            **_answered(answer, scale, inputs.at),
-            "dispersion": answer.more.get("dispersion"),
-        }
-        for name, answer in inputs.classes.items()
-    ]
-    return finite(
-        {
-            "format": SUMMARY_FORMAT,
-            "study": attributes.get("archfrag_study"),
-            "title": inputs.title,
-            "measure": scale.measure,
-            "unit": scale.unit,
-            "unit_in_si": 1.0 / scale.factor,
-            "confidence": inputs.confidence,
-            "level": inputs.at,
-            "design": json.loads(attributes["archfrag_design"])["kind"],
-            "records": cube.sizes["record"],
-            "levels": cube.sizes["level"],
-            "arches": arches,
-            "classes": classes,
-            "cautions": list(inputs.cautions),
-            "made_by": {key: attributes[key] for key in _MADE_BY if key in attributes},
-        },
-        None,
-    )
-
-
-def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
-    """Return the curve and the probability of an arch or a class, or why it has no curve."""
-    lost = answer.more.get("without_verdict") or None
-    if lost and "runs" in lost:
-        medians = {key: lost[key].get("theta") for key in ("collapsed", "survived")}
-        theta = {
-            key: median and scale.factor * median for key, median in medians.items()
-        }
-        lost = {"runs": lost["runs"], "theta_if": theta}
-    likelihood = answer.likelihood
-    likeliest = None
-    chance = None
-    if not answer.fitted:
-        none = {"curve": None, "probability": None}
-        return {"reason": answer.reason, "without_verdict": lost, **none}
-    if at is not None:
-        value, *ends = answer.at(at / scale.factor)
-        chance = {"level": at, "value": value, "interval": ends}
-    if likelihood is not None and likelihood.fitted:
-        theta_most = scale.factor * likelihood.theta
-        likeliest = {
-            "theta": theta_most,
-            "beta": likelihood.beta,
-            "kind": likelihood.kind,
-        }
-    curve = {
-        "theta": scale.factor * answer.theta,
-        "theta_interval": [scale.factor * end for end in answer.theta_interval],
-        "beta": answer.beta,
-        "beta_interval": list(answer.beta_interval),
-        "method": answer.method,
-        "assumptions": answer.assumptions,
-        "independent": answer.n_independent,
-        "non_monotone": answer.n_non_monotone,
-        "kind": answer.kind,
-        "maximum_likelihood": likeliest,
-    }
-    return {
-        "reason": None,
-        "without_verdict": lost,
-        "curve": curve,
-        "probability": chance,
-    }
-
-
-def _counted(
-    verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray
-) -> dict[str, Any]:
-    """Return how many runs of an arch have each verdict, and fractions of its collapses."""
-    number = count_verdicts(verdict)
-    collapsed = verdict == Verdict.COLLAPSED
-    counts = {name: int(number[name].sum()) for name in COUNTS}
-    counts["not_run"] = verdict.size - counts["runs"]
-    landed = (verdict == Verdict.SURVIVED) & np.isfinite(lost)
-    counts["lost_contact_and_stand"] = int(landed.sum())
-    modes = [CollapseMode(code).name.lower() for code in mode[collapsed]]
-    mechanisms = {
-        kind: {
-            str(k): round(n / len(codes), 6) for k, n in sorted(Counter(codes).items())
-        }
-        for kind, codes in (("mode", modes), ("joint", joint[collapsed].tolist()))
-    }
-    return {"counts": counts, "mechanisms": mechanisms}

@@ -8,19 +8,32 @@ import numpy as np
 from markupsafe import Markup
 from scipy.special import ndtr
 
-from archfrag.report import html, svg
-from archfrag.report.html import TEXTS
+from archfrag.report.html import (
+    TEXTS,
+    cautions,
+    heading,
+    interval,
+    paragraph,
+    rounded,
+    table,
+)
 from archfrag.report.inputs import ReportInputs, Scale
 from archfrag.report.run_figures import level_axis, stacked
 from archfrag.report.sections import PageSection
 from archfrag.report.svg import (
+    BELOW,
+    BLUE,
+    GREY,
+    PALE,
+    SKY,
+    VERMILION,
     Entry,
     FloatArray,
     Panel,
     Sheet,
-    even_ticks,
     figure,
     log_ticks,
+    panel_below,
 )
 from archfrag.study.answer.rates import ASSUMPTIONS, ArchRisk, StudyRisk
 from archfrag.study.file.members import SHOWN
@@ -34,36 +47,34 @@ _HEIGHTS = (150.0, 110.0, 110.0)
 def risk_section(inputs: ReportInputs) -> Iterator[PageSection]:
     """Yield the section on rates of collapse, if the study has a hazard curve."""
     if inputs.risk is not None:
-        yield PageSection(
-            "risk", "Risk", list(risk_parts(inputs.risk, inputs.scale, inputs.percent))
-        )
+        yield PageSection("risk", "Risk", list(_parts(inputs, inputs.risk)))
 
 
-def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[Any]:
+def _parts(inputs: ReportInputs, risk: StudyRisk | str) -> Iterator[Any]:
     """Yield the rates of collapse, and figures of each arch; of many arches only of the first."""
     if isinstance(risk, str):
-        yield html.paragraph(f"There are no rates of collapse: {risk}.", "none")
+        yield paragraph(f"There are no rates of collapse: {risk}.", "none")
         return
     hazard = risk.hazard
-    first = next(iter(risk.hazard.curves))
+    first = next(iter(hazard.curves))
     words = f"Rates with the hazard curve {first} of {Path(hazard.source).name}"
-    yield html.paragraph(". ".join([words, *hazard.messages, ""]), "note")
-    yield _rates_table(risk, percent)
+    yield paragraph(". ".join([words, *hazard.messages, ""]), "note")
+    yield _rates_table(risk, inputs.percent)
     rates = [arch.rate for arch in risk.arches.values() if not isinstance(arch, str)]
     if any(rate.mean > rate.quoted for rate in rates):
-        yield html.paragraph(TEXTS["notes"]["mean_rate"], "note")
+        yield paragraph(TEXTS["notes"]["mean_rate"], "note")
     shown = SHOWN if len(risk.arches) <= SHOWN else 3
     for name, arch in list(risk.arches.items())[:shown]:
         if len(risk.arches) > 1:
-            yield html.heading(name)
+            yield heading(name)
         if isinstance(arch, str):
-            yield html.paragraph(f"No rate: {arch}.", "none")
+            yield paragraph(f"No rate: {arch}.", "none")
             continue
-        yield html.cautions(arch.cautions)
-        yield hazard_and_fragility(arch, hazard, scale)
-        yield contributions(arch, scale)
+        yield cautions(arch.cautions)
+        yield hazard_and_fragility(arch, hazard, inputs.scale)
+        yield contributions(arch, inputs.scale)
     assumed = (f"{words[0].upper()}{words[1:]}." for words in ASSUMPTIONS)
-    yield html.paragraph(" ".join(assumed), "note")
+    yield paragraph(" ".join(assumed), "note")
 
 
 def _rates_table(risk: StudyRisk, percent: str) -> Markup:
@@ -86,23 +97,24 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
         if isinstance(arch, str):
             rows.append([name, "no curve", *["–"] * (len(heads) - 2)])
             continue
-        rate, (likely, *ends) = arch.rate, arch.rate.probability_in(risk.years)
+        rate = arch.rate
+        likely, *ends = rate.probability_in(risk.years)
         least, most = ("at least ", "at most ") if rate.is_bound else ("", "")
         rows.append(
             [
                 name,
-                least + html.rounded(rate.quoted),
-                html.rounded_interval(rate.lower, rate.upper),
-                html.rounded(rate.mean),
-                most + html.rounded(rate.return_period),
-                least + html.rounded(likely),
-                html.rounded_interval(*ends),
+                least + rounded(rate.quoted),
+                interval((rate.lower, rate.upper), rounded),
+                rounded(rate.mean),
+                most + rounded(rate.return_period),
+                least + rounded(likely),
+                interval(ends, rounded),
                 f"{100 * (rate.below + rate.above):.1f} %",
-                html.rounded(rate.below_onset) if np.any(arch.onset) else "–",
-                *(html.rounded(rate) for rate in list(arch.by_curve.values())[1:]),
+                rounded(rate.below_onset) if np.any(arch.onset) else "–",
+                *(rounded(rate) for rate in list(arch.by_curve.values())[1:]),
             ]
         )
-    return html.table("Rates of collapse", heads, rows, "compact")
+    return table("Rates of collapse", heads, rows, "compact")
 
 
 @figure
@@ -125,38 +137,35 @@ def hazard_and_fragility(
     every = np.concatenate(list(rates.values()))
     low = float(every[every > 0.0].min())
     high = float(every.max())
-    colours = [svg.VERMILION, *[svg.GREY] * (len(rates) - 1)]
-    entries = [
-        Entry(f"hazard: {key}", colour, "line") for key, colour in zip(rates, colours)
-    ]
+    entries = [Entry(f"hazard: {key}", GREY, "line") for key in rates]
+    entries[0] = entries[0]._replace(colour=VERMILION)
     top = sheet.legend(_LEFT, 0.0, entries) - 8.0
     panels: list[Panel] = []
-    for height, y in zip(
-        _HEIGHTS, ((low, high), (0.0, 1.0), (0.0, 1.05 * density.max()))
-    ):
-        box = (_LEFT, top + 14.0, sheet.width - 10.0, top := top + 14.0 + height)
+    reaches = (low, high), (0.0, 1.0), (0.0, 1.05 * density.max())
+    for height, y in zip(_HEIGHTS, reaches):
+        top += 14.0
+        box = (_LEFT, top, sheet.width - 10.0, top + height)
         panels.append(Panel(sheet, box, ends, y, True, log_y=not panels))
+        top += height
     first, second, third = panels
     for i, rate in reversed(list(enumerate(rates.values()))):
         first.line(shown, rate, entries[i].colour, 0.8 if i else 1.6)
-    first.dots(points[seen], hazard.main.rate[seen], svg.VERMILION, radius=2.2)
-    second.line(shown, arch.fit.probability(im), svg.BLUE)
-    third.band(shown, np.zeros(im.size), density, svg.SKY, 0.5)
-    third.line(shown, density, svg.BLUE)
-    first.axis_y(log_ticks(low, high, (1.0,)), "exceeded [1/year]")
-    second.axis_y([0.0, 0.5, 1.0], "P(collapse) [1]")
-    third.axis_y(
-        even_ticks(0.0, third.y[1], 4), f"rate per ln {scale.measure} [1/year]"
-    )
-    ticks = log_ticks(*ends)
+    first.dots(points[seen], hazard.main.rate[seen], VERMILION, radius=2.2)
+    second.line(shown, arch.fit.probability(im), BLUE)
+    third.band(shown, np.zeros(im.size), density, SKY, 0.5)
+    third.line(shown, density, BLUE)
+    first.axis_y("exceeded [1/year]", ticks=log_ticks(low, high, (1.0,)))
+    second.axis_y("P(collapse) [1]", 2)
+    third.axis_y(f"rate per ln {scale.measure} [1/year]", 4)
+    blank = [""] * log_ticks(*ends).size
     for panel in panels:
         for end in points[[0, -1]]:
             if ends[0] < end < ends[1]:
-                panel.line([end, end], panel.y, svg.GREY, 0.9, "2 2")
+                panel.upright(end)
         last = panel is third
-        panel.axis_x(ticks, scale.label * last, [] if last else [""] * ticks.size, True)
-    sheet.height = third.box[3] + svg.BELOW
-    words = f"{'at least ' * arch.rate.is_bound}{html.rounded(arch.rate.quoted)} a year"
+        panel.axis_x(scale.label * last, labels=[] if last else blank, grid=True)
+    sheet.height = third.box[3] + BELOW
+    words = f"{'at least ' * arch.rate.is_bound}{rounded(arch.rate.quoted)} a year"
     return f"Hazard and fragility curve of {arch.arch} and their product; rate of collapse {words}"
 
 
@@ -171,13 +180,11 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str]
     ]
     parts = stacked(labels, split.rate)
     if split.unassigned.any():
-        parts.append((Entry("no collapse seen", svg.PALE), split.unassigned))
+        parts.append((Entry("no collapse seen", PALE), split.unassigned))
     highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
     ends = (-0.5, arch.levels.size - 0.5), (0.0, highest)
-    panel = svg.panel_below(
-        sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT
-    )
-    panel.axis_y(even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
+    panel = panel_below(sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT)
+    panel.axis_y("rate of collapse [1/year]", 4)
     panel.stack(parts)
     level_axis(panel, scale.factor * arch.levels, scale.label)
     texts = TEXTS["contributions"]
