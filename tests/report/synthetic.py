@@ -127,6 +127,11 @@ def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
     return ReportInputs(**(values | changes))
 
 
+def in_g(curve):
+    """A curve as the report shows it."""
+    return curve.in_unit(GRAVITY, "PGA", "g")
+
+
 def answers_of(data):
     """Curve of each arch, as `archfrag fit` stores it."""
     return {name: fitted_curve(runs, 0.9) for name, runs in runs_of_cube(data).items()}

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from archfrag.report.curve_figures import effects_on_theta
+from archfrag.report.inputs import report_inputs
 from archfrag.report.papers import RUN_COLUMNS, write_papers
 from archfrag.report.run_figures import fractiles, ida_line
 from archfrag.study.answer.fits import load_fits
@@ -66,7 +67,7 @@ def test_capacities_lie_between_the_levels_that_runs_show(finished):
 
 
 def test_the_readme_names_every_file_and_spares_one_of_the_user(finished, tmp_path):
-    _, out, fitted = finished
+    path, out, _ = finished
     named = {
         line.split()[0].strip("/")
         for line in (out / "README.txt").open()
@@ -78,7 +79,7 @@ def test_the_readme_names_every_file_and_spares_one_of_the_user(finished, tmp_pa
             *named,
         }
     (tmp_path / "README.txt").write_text("mine")
-    write_papers(fitted, "PGA", "g", 1 / 9.80665, tmp_path)
+    write_papers(report_inputs(load_study(path)), tmp_path)
     assert (tmp_path / "README.txt").read_text() == "mine"
     assert (tmp_path / "runs.csv").read_bytes() == (out / "runs.csv").read_bytes()
 

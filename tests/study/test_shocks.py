@@ -15,8 +15,8 @@ from archfrag.fragility.verdicts import Verdict, find_brackets
 from archfrag.motions.index import write_index
 from archfrag.report.film import repeat
 from archfrag.report.first_page import first_page, leading
-from archfrag.report.inputs import report_inputs, summary
-from archfrag.report.papers import runs_in_words
+from archfrag.report.inputs import report_inputs
+from archfrag.report.papers import runs_in_words, summary
 from archfrag.study.answer.attributes import attributes
 from archfrag.study.answer.cube import open_cube
 from archfrag.study.answer.curves import Fitted, runs_of_cube
