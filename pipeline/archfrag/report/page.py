@@ -20,7 +20,11 @@ from archfrag.errors import OutputError, attempt
 from archfrag.files import check_targets, make_folder
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
-from archfrag.report.curve_figures import all_curves
+from archfrag.report.curve_figures import (
+    all_curves,
+    contributions,
+    hazard_and_fragility,
+)
 from archfrag.report.film import typical_run
 from archfrag.report.first_page import first_page, lead_sentence, leading_arch
 from archfrag.report.html import (
@@ -40,10 +44,14 @@ from archfrag.report.html import (
     table,
     template,
 )
-from archfrag.report.inputs import ReportInputs, report_inputs, scale_of, thetas
+from archfrag.report.inputs import (
+    ReportInputs,
+    report_inputs,
+    scale_of,
+    thetas,
+    write_papers,
+)
 from archfrag.report.limits import study_aspects
-from archfrag.report.papers import write_papers
-from archfrag.report.risk_section import risk_section
 from archfrag.report.sections import (
     PageSection,
     answers_table,
@@ -67,7 +75,7 @@ from archfrag.report.svg import (
 )
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.fits import CURVE, FITS, cautions_of, gathered, store_fits
-from archfrag.study.answer.rates import risk_of_study
+from archfrag.study.answer.rates import ASSUMPTIONS, StudyRisk, risk_of_study
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.products import ALL_CURVES, README, REPORT_FILES
@@ -180,6 +188,79 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     for section in sections:
         figures |= section.files
     return text, figures
+
+
+def risk_section(inputs: ReportInputs) -> Iterator[PageSection]:
+    """Yield the section on rates of collapse, if the study has a hazard curve."""
+    if inputs.risk is not None:
+        yield PageSection("risk", "Risk", list(_parts(inputs, inputs.risk)))
+
+
+def _parts(inputs: ReportInputs, risk: StudyRisk | str) -> Iterator[Any]:
+    """Yield the rates of collapse, and figures of each arch; of many arches only of the first."""
+    if isinstance(risk, str):
+        yield paragraph(f"There are no rates of collapse: {risk}.", "none")
+        return
+    hazard = risk.hazard
+    first = next(iter(hazard.curves))
+    words = f"Rates with the hazard curve {first} of {Path(hazard.source).name}"
+    yield paragraph(". ".join([words, *hazard.messages, ""]), "note")
+    yield _rates_table(risk, inputs.percent)
+    rates = [arch.rate for arch in risk.arches.values() if not isinstance(arch, str)]
+    if any(rate.mean > rate.quoted for rate in rates):
+        yield paragraph(TEXTS["notes"]["mean_rate"], "note")
+    shown = SHOWN if len(risk.arches) <= SHOWN else 3
+    for name, arch in list(risk.arches.items())[:shown]:
+        if len(risk.arches) > 1:
+            yield heading(name)
+        if isinstance(arch, str):
+            yield paragraph(f"No rate: {arch}.", "none")
+            continue
+        yield cautions(arch.cautions)
+        yield hazard_and_fragility(arch, hazard, inputs.scale)
+        yield contributions(arch, inputs.scale)
+    assumed = (f"{words[0].upper()}{words[1:]}." for words in ASSUMPTIONS)
+    yield paragraph(" ".join(assumed), "note")
+
+
+def _rates_table(risk: StudyRisk, percent: str) -> Markup:
+    """Tabulate the rate of collapse of each arch with what it means over some years."""
+    heads = [
+        "arch",
+        "collapses a year",
+        percent,
+        "mean rate",
+        "return period [years]",
+        f"probability in {risk.years:g} years",
+        percent,
+        "beyond the hazard curve",
+        "left out below the onset",
+        *(f"a year, {key}" for key in list(risk.hazard.curves)[1:]),
+    ]
+    rows = []
+    for name, arch in risk.arches.items():
+        name += f", {risk.classes[name]} arches" if name in risk.classes else ""
+        if isinstance(arch, str):
+            rows.append([name, "no curve", *["–"] * (len(heads) - 2)])
+            continue
+        rate = arch.rate
+        likely, *ends = rate.probability_in(risk.years)
+        least, most = ("at least ", "at most ") if rate.is_bound else ("", "")
+        rows.append(
+            [
+                name,
+                least + rounded(rate.quoted),
+                interval((rate.lower, rate.upper), rounded),
+                rounded(rate.mean),
+                most + rounded(rate.return_period),
+                least + rounded(likely),
+                interval(ends, rounded),
+                f"{100 * (rate.below + rate.above):.1f} %",
+                rounded(rate.below_onset) if np.any(arch.onset) else "–",
+                *(rounded(rate) for rate in list(arch.by_curve.values())[1:]),
+            ]
+        )
+    return table("Rates of collapse", heads, rows, "compact")
 
 
 def _ratios(inputs: ReportInputs) -> Iterator[Markup]:

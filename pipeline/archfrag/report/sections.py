@@ -34,9 +34,8 @@ from archfrag.report.html import (
     table,
     three,
 )
-from archfrag.report.inputs import ArchResults, ReportInputs
+from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs
 from archfrag.report.limits import base_of
-from archfrag.report.papers import COUNTS
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.simulation.simulate import Onset
 from archfrag.simulation.standing import inset_loss, inset_text, joints_text
