@@ -223,7 +223,7 @@ def test_hinges_are_drawn_at_their_corners(voussoirs, drawn):
     arch, start = synthetic.arch_and_onset(voussoirs)
     assert (
         "sliding joint"
-        in arch_figure.arch_at_onset(arch, replace(start, sliding=[7]), "ring").svg
+        in arch_figure.arch_at_onset(replace(start, sliding=[7]), "ring").svg
     )
     pattern = r'<path d="M([\d.]+) ([\d.]+)a([\d.]+) [^>]*stroke="#fff"/>'
     for sheet in drawn:
@@ -320,7 +320,7 @@ class TestRepeated:
 
         def again():
             given = synthetic.inputs(cube=data, motions=[motion])
-            return film.repeat(given, 0, film.choose(given.results("ring")))
+            return film.repeat(given, "ring", film.choose(given.results("ring")))
 
         assert again() is None  # the cube does not hold its method
         data.attrs["archfrag_config"] = f'{{"method": {Method().model_dump_json()}}}'

@@ -126,7 +126,7 @@ class TestAnswer:
             assert row[8] == f"{study.answers['ring'].probability(level):.3f}"
 
     def test_without_curve_or_onset(self, study):
-        arch, onset = synthetic.arch_and_onset()
+        _, onset = synthetic.arch_and_onset()
         quiet = study.cube.assign(verdict=0 * study.cube["verdict"])
         given = replace(
             study, cube=quiet, answers={"ring": synthetic.none("no run collapsed")}
@@ -141,7 +141,7 @@ class TestAnswer:
             {"plus": np.inf, "hinges": [], "thrust_plus": None},
         ):
             page, _ = render(
-                replace(given, arches=[("ring", arch, replace(onset, **changes))])
+                replace(given, arches={"ring": replace(onset, **changes)})
             )
             assert not re.search(r"\b(nan|inf) g", page)
 
@@ -270,7 +270,7 @@ class TestFirstPage:
         two = {"both": synthetic.answer_of(4.1), "thick-ones": synthetic.answer_of(9.0)}
         answers = {"thin": synthetic.answer_of(4.1), "thick": synthetic.answer_of(9.0)}
         drawn = leading_arch(replace(given, cube=other, classes=two, answers=answers))
-        assert given.arches[drawn][0] == "thick"
+        assert drawn == "thick"
         several = replace(given, classes={})
         weakest = max(
             several.answers, key=lambda name: several.answers[name](0.35 * GRAVITY)

@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 
 from archfrag.report.curve_figures import effects_on_theta
-from archfrag.report.inputs import report_inputs
-from archfrag.report.papers import RUN_COLUMNS, write_papers
+from archfrag.report.inputs import RUN_COLUMNS, report_inputs, write_papers
 from archfrag.report.run_figures import fractiles, ida_line
 from archfrag.study.answer.fits import load_fits
 from archfrag.study.file.schema import load_study

@@ -13,9 +13,8 @@ import pandas as pd
 import pytest
 
 from archfrag.fragility.verdicts import Verdict
-from archfrag.report.inputs import report_inputs
+from archfrag.report.inputs import report_inputs, summary
 from archfrag.report.page import render
-from archfrag.report.papers import summary
 from archfrag.report.sections import class_sections
 from archfrag.study.file.schema import RiskKeys
 from archfrag.study.steps import products

@@ -70,12 +70,10 @@ def arch_panel(
 
 
 @figure
-def arch_at_onset(
-    sheet: Sheet, arch: Arch, onset: Onset, name: str
-) -> str | tuple[str, str]:
+def arch_at_onset(sheet: Sheet, onset: Onset, name: str) -> str | tuple[str, str]:
     """Draw the arch twice: ground accelerating towards +x, and towards -x."""
     if not onset.stands:
-        _at_onset(sheet, 0.5 * sheet.width, 0.0, arch, onset, "")
+        _at_onset(sheet, 0.5 * sheet.width, 0.0, onset, "")
         return (
             f"{name}, which does not stand under its own weight",
             "There is no onset.",
@@ -90,14 +88,15 @@ def arch_at_onset(
         limit, *_ = onset.mechanism(towards)
         words.append(f"{onset_text(limit)} towards {towards.replace('-', '−')}")
         sheet.text(left + 8.0, top + 14.0, f"ground accelerating: {words[-1]}", "b")
-        _at_onset(sheet, left + 0.25 * sheet.width, top + 20.0, arch, onset, towards)
+        _at_onset(sheet, left + 0.25 * sheet.width, top + 20.0, onset, towards)
     return f"{name} with hinges and thrust line at onset: {', '.join(words)}"
 
 
 def _at_onset(
-    sheet: Sheet, middle: float, top: float, arch: Arch, onset: Onset, towards: str
+    sheet: Sheet, middle: float, top: float, onset: Onset, towards: str
 ) -> None:
     """Draw an arch with its mechanism; `towards` is empty if it does not stand."""
+    arch = onset.arch
     panel = arch_panel(sheet, arch, middle, top + 20.0, (308.0, 260.0), ground=True)
     below = panel.box[3] + 15.0
     if towards:

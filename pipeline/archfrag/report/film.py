@@ -91,19 +91,18 @@ def farthest(results: ArchResults) -> Chosen | None:
     return (int(record), int(level), reason) if reach.any() else None
 
 
-def typical_run(inputs: ReportInputs, place: int) -> Example | None:
+def typical_run(inputs: ReportInputs, name: str) -> Example | None:
     """Simulate the run with the capacity nearest the median again; None if nothing moves."""
-    name, _, onset = inputs.arches[place]
     chosen = choose(inputs.results(name), inputs.curves[name].theta)
-    return repeat(inputs, place, chosen) if onset.stands else None
+    return repeat(inputs, name, chosen) if inputs.arches[name].stands else None
 
 
-def repeat(inputs: ReportInputs, place: int, chosen: Chosen | None) -> Example | None:
+def repeat(inputs: ReportInputs, name: str, chosen: Chosen | None) -> Example | None:
     """Simulate a run of a study again, with the study's method and its history."""
     method = dict(inputs.config.get("method", ()))
     if not method or chosen is None:
         return None
-    name, arch, _ = inputs.arches[place]
+    arch = inputs.arches[name].arch
     results = inputs.results(name)
     record, level, reason = chosen
     kind = method.pop("name")
@@ -140,16 +139,15 @@ def example_of(
     InputError if the study is not finished, or has no such arch or run.
     """
     inputs = report_inputs(study)
-    names = [name for name, _, _ in inputs.arches]
-    name = names[0] if arch is None else arch
+    names = list(inputs.arches)
+    name = arch or names[0]
     if name not in names:
         hint = meant(name, names) or f"the report shows {', '.join(names)}"
         raise InputError(f"--arch {name}: is not an arch of the report; {hint}")
-    place = names.index(name)
     if run == "median":
-        example = typical_run(inputs, place)
+        example = typical_run(inputs, name)
     else:
-        example = repeat(inputs, place, _named_run(inputs.results(name), run))
+        example = repeat(inputs, name, _named_run(inputs.results(name), run))
     if example is None:
         raise InputError(
             f"--run {run}: no run of {name} moved the arch, so there is no film"

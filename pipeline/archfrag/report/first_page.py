@@ -64,19 +64,19 @@ def leading(inputs: ReportInputs) -> tuple[str, Curve]:
     return min(inputs.quoted.items(), key=strength)
 
 
-def leading_arch(inputs: ReportInputs) -> int:
-    """Return the place among `inputs.arches` of the arch that is drawn first."""
-    return _place(inputs, *leading(inputs))
+def leading_arch(inputs: ReportInputs) -> str:
+    """Return which of `inputs.arches` is drawn first."""
+    return _drawn(inputs, *leading(inputs))
 
 
-def _place(inputs: ReportInputs, name: str, answer: Curve) -> int:
-    """Return the place of an arch, or for a class of its arch with the nearest median."""
-    names = [arch for arch, _, _ in inputs.arches]
+def _drawn(inputs: ReportInputs, name: str, answer: Curve) -> str:
+    """Return the arch that is drawn for an answer: of a class that with the nearest median."""
+    names = list(inputs.arches)
     if name in names or not answer.fitted:
-        return names.index(name) if name in names else 0
+        return name if name in names else names[0]
     away = np.abs(np.log(thetas(inputs.curves[arch] for arch in names) / answer.theta))
     foreign = np.array([inputs.of_class[arch] != name for arch in names])
-    return int(np.where(np.isnan(away) | foreign, np.inf, away).argmin())
+    return names[np.where(np.isnan(away) | foreign, np.inf, away).argmin()]
 
 
 def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
@@ -90,7 +90,6 @@ def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
     moving = example and film(
         example, "first", f"A {what}", what == "near miss", columns
     )
-    name, _, _ = inputs.arches[leading_arch(inputs)]
     about = [inputs.about.get(key) for key in ("project", "client", "author")]
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
     return template(
@@ -101,7 +100,7 @@ def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
         compared=before_and_after(inputs),
         film=moving,
         what=what,
-        which=f" of {name}" * (len(inputs.answers) > 1),
+        which=f" of {leading_arch(inputs)}" * (len(inputs.answers) > 1),
         run=example,
         arches=arches,
         curve=_curve(inputs),
@@ -182,7 +181,7 @@ def _noun(inputs: ReportInputs) -> str:
     """Name the only arch of a study, or the structure of a table."""
     if not inputs.arches:
         return next(iter(inputs.quoted))
-    _, arch, _ = inputs.arches[0]
+    arch = next(iter(inputs.arches.values())).arch
     column = "the column" if arch.free_end else "the arch"
     return "the block" if arch.parameters["profile"] == "block" else column
 
@@ -243,24 +242,23 @@ def _crossing(inputs: ReportInputs) -> Iterator[str]:
 
 def _arches(inputs: ReportInputs) -> Iterator[Picture]:
     """Draw the arch of the leading answer; of two that look different both."""
-    places = [leading_arch(inputs)]
+    names = [leading_arch(inputs)]
     most = _MOST
     if len(inputs.quoted) == 2:
-        both = [_place(inputs, *answer) for answer in inputs.quoted.items()]
-        marks = [inputs.arches[place][1].marks for place in both]
+        both = [_drawn(inputs, *answer) for answer in inputs.quoted.items()]
+        marks = [inputs.arches[name].arch.marks for name in both]
         one, two = ([mark.points.tolist() for mark in each] for each in marks)
         if both[0] != both[1] and one != two:
-            places = both
+            names = both
             most = _SMALL
     named = bool(inputs.classes) or len(inputs.quoted) > 1
-    for place in places:
-        yield _arch(*inputs.arches[place], named, most)
+    for name in names:
+        yield _arch(name, inputs.arches[name], named, most)
 
 
-def _arch(
-    name: str, arch: Arch, onset: Onset, named: bool, most: tuple[float, float]
-) -> Picture:
+def _arch(name: str, onset: Onset, named: bool, most: tuple[float, float]) -> Picture:
     """Draw an arch to scale with its dimensions and hinges at onset; `named` in the caption."""
+    arch = onset.arch
     sheet = Sheet(NARROW)
     panel = arch_panel(sheet, arch, 0.5 * sheet.width, 24.0, most)
     sheet.height = panel.box[3] + 8.0

@@ -13,7 +13,6 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from archfrag.arch import Arch
 from archfrag.errors import attempt
 from archfrag.files import counted, write_csv
 from archfrag.fragility.curve import Curve, FloatArray, IntArray
@@ -155,8 +154,8 @@ class ReportInputs:
     motions: Sequence[
         Motion
     ]  #: unscaled, one for each record of the cube, its name as `id`
-    #: Name in the cube, geometry and onset of each arch that has a section, in the page's order.
-    arches: Sequence[tuple[str, Arch, Onset]]
+    #: Onset of each arch that has a section by its name in the cube, in the page's order.
+    arches: Mapping[str, Onset]
     answers: Mapping[str, Curve]  #: of each arch of the cube, in the SI unit
     classes: Mapping[str, Curve] = field(
         default_factory=dict
@@ -276,11 +275,8 @@ def report_inputs(study: StudyKeys) -> ReportInputs:
     fitted = finished(study)
     plan = make_plan(study)
     entries = {member.id: member.entry for member in study.members}
-    arches = []
-    for place in shown(thetas(fitted.arches.values()).tolist()):
-        name = list(fitted.arches)[place]
-        arch = entries[name].build()
-        arches.append((name, arch, onset(arch)))
+    names = list(fitted.arches)
+    detailed = [names[i] for i in shown(thetas(fitted.arches.values()).tolist())]
     given: dict[str, list[Mapping[str, Any]]] = {}
     for member in study.members:
         keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
@@ -295,7 +291,7 @@ def report_inputs(study: StudyKeys) -> ReportInputs:
         scale=scale_of(study),
         motions=[plan.motion(record) for record in range(len(plan.records))],
         plan=plan,
-        arches=arches,
+        arches={name: onset(entries[name].build()) for name in detailed},
         answers=fitted.arches,
         classes=fitted.classes,
         cautions=cautions_of(study, fitted),
@@ -437,14 +433,13 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
     cube = inputs.cube
     attributes = cube.attrs
     scale = inputs.scale
-    onsets = {name: onset for name, _, onset in inputs.arches}
     of_runs = ("verdict", "lost_contact_time", "collapse_mode", "collapse_joint")
     tables = [
         cube[name].transpose("arch", "record", "level").values for name in of_runs
     ]
     arches = []
     for (name, of_class), *of_arch in zip(inputs.of_class.items(), *tables):
-        start = onsets.get(name)
+        start = inputs.arches.get(name)
         arches.append(
             {
                 "id": name,

@@ -94,7 +94,7 @@ def make_report(study: StudyKeys, table: Fitted | None = None) -> Path:
     OutputError if the folder holds the results of a study.
 
     Beside it are its numbers ``summary.json``, its curves as SVG files (``curves.svg`` in the
-    place of those of many arches), and the tables of `archfrag.report.papers`.
+    place of those of many arches), and the tables of `archfrag.report.inputs`.
     """
     out = study.folder / "report.html"
     if table is None:
@@ -113,7 +113,7 @@ def make_report(study: StudyKeys, table: Fitted | None = None) -> Path:
         table.cube,
         scale_of(study),
         (),
-        (),
+        {},
         table.arches,
         table.classes,
         cautions_of(study, table),
@@ -156,7 +156,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         first = Markup("<h1>{}</h1>").format(inputs.title) + lead_sentence(inputs)
     else:
         lead = leading_arch(inputs)
-        examples = [typical_run(inputs, place) for place in range(len(inputs.arches))]
+        examples = {name: typical_run(inputs, name) for name in inputs.arches}
         arches, appendix = arch_sections(inputs, examples, lead)
         sections += [
             *class_sections(inputs),
@@ -167,7 +167,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
             _glossary(inputs),
         ]
         first = first_page(inputs, examples[lead])
-        shown = [name for name, _, _ in inputs.arches if name in listed]
+        shown = [name for name in inputs.arches if name in listed]
     # Cautions that no section has; of those of arches that differ in numbers only the first.
     rest = [words for words in inputs.cautions if words.partition(": ")[0] not in shown]
     digest = base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()

@@ -80,11 +80,11 @@ def class_sections(inputs: ReportInputs) -> Iterator[PageSection]:
 
 
 def arch_sections(
-    inputs: ReportInputs, examples: Sequence[Example | None], lead: int
+    inputs: ReportInputs, examples: Mapping[str, Example | None], lead: str
 ) -> tuple[list[PageSection], list[PageSection]]:
     """Return a section for each arch that is shown, and an appendix of those that classes have.
 
-    `examples` are collapses of the arches; that of the arch at place `lead` is on the first page.
+    `examples` are collapses of the arches; that of the arch `lead` is on the first page.
     """
     members = [name for name in inputs.answers if name not in inputs.quoted]
     appendix = [folded("Answers", answers_table(inputs, members))]
@@ -92,10 +92,10 @@ def arch_sections(
     sections = list[PageSection]()
     # An arch that has the name of its study was not given any.
     unnamed = [inputs.cube.attrs.get("archfrag_study")] == list(inputs.answers)
-    for place, (name, _, _) in enumerate(inputs.arches):
+    for place, (name, example) in enumerate(examples.items()):
         curve = curve_figures.curve(inputs.results(name), inputs.curves[name])
         file = {} if len(inputs.answers) > SHOWN else {f"curve-{name}.svg": curve}
-        parts = list(_arch_parts(inputs, place, curve, examples[place], place == lead))
+        parts = list(_arch_parts(inputs, place, name, curve, example, name == lead))
         if name in members:
             appendix.append(folded(name, *parts))
             files |= file
@@ -128,12 +128,14 @@ def table_sections(inputs: ReportInputs) -> Iterator[PageSection]:
 def _arch_parts(
     inputs: ReportInputs,
     place: int,
+    name: str,
     curve: Picture,
     example: Example | None,
     leads: bool,
 ) -> Parts:
     """Yield the parts of an arch's section; a film of its `example` unless it `leads`."""
-    name, arch, onset = inputs.arches[place]
+    onset = inputs.arches[name]
+    arch = onset.arch
     answer = inputs.curves[name]
     results = inputs.results(name)
     more = answer.more
@@ -148,7 +150,7 @@ def _arch_parts(
     else:
         yield paragraph("No run collapsed.")
     if place < _MOST_ANIMATED and onset.stands:
-        yield from _films(inputs, place, None if leads else example)
+        yield from _films(inputs, place, name, None if leads else example)
     yield from _headed("How far it moves", run_figures.ida_curves(results))
     yield heading("Every run")
     single = results.own_levels is not None
@@ -157,7 +159,7 @@ def _arch_parts(
     if more.get("measures"):
         yield from _measures(inputs, more["measures"], name)
     yield heading("The arch and its onset")
-    yield arch_figure.arch_at_onset(arch, onset, name)
+    yield arch_figure.arch_at_onset(onset, name)
     texts = facts_text(arch), inset_text(arch, inset_loss(arch)), joints_text(arch)
     for words in filter(None, texts):
         yield paragraph(f"{words[0].upper()}{words[1:]}.")
@@ -195,13 +197,12 @@ def _fit_test(answer: Curve) -> Parts:
         yield paragraph(words)
 
 
-def _films(inputs: ReportInputs, place: int, fall: Example | None) -> Parts:
+def _films(inputs: ReportInputs, place: int, name: str, fall: Example | None) -> Parts:
     """Yield films of a collapse, unless it is shown elsewhere, and of a near miss."""
     films = []
-    results = inputs.results(inputs.arches[place][0])
     if fall is not None and fall.response.collapsed:
         films.append(film(fall, f"fall{place}", "A collapse"))
-    miss = repeat(inputs, place, farthest(results))
+    miss = repeat(inputs, name, farthest(inputs.results(name)))
     if miss is not None and not miss.response.collapsed:
         films.append(film(miss, f"miss{place}", "A near miss", enlarged=True))
     if any(films):
