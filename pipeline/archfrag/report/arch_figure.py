@@ -61,10 +61,12 @@ def arch_panel(
     """Draw an arch to scale below `top`, within a width and height [px]; return its panel."""
     marks = arch.marks
     points = np.concatenate([mark.points for mark in marks if mark.role in AREAS])
-    (left, low), size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-9)
+    least = points.min(axis=0)
+    size = np.maximum(np.ptp(points, axis=0), 1e-9)
     wide, high = (min(np.divide(most, size)) * size).tolist()
     box = (middle - 0.5 * wide, top, middle + 0.5 * wide, top + high)
-    panel = Panel(sheet, box, (left, left + size[0]), (low, low + size[1]))
+    x, y = zip(least, least + size)
+    panel = Panel(sheet, box, x, y)
     paint(panel, [mark for mark in marks if ground or mark.role != "ground"])
     return panel
 
@@ -108,7 +110,7 @@ def _at_onset(
         tip = f"M{middle + half + sign * 7:.1f} {below:.1f}l{-sign * 9:.1f} -4v8z"
         sheet.path(tip, fill=INK)
     for joint in range(0, arch.n_joint, -(-arch.n_joint // _MOST_NUMBERS)):
-        _label_joint(panel, arch, joint, 16.0, str(joint), "s q")
+        _label_joint(panel, arch, joint, 16.0, str(joint), "s q", [])
     sheet.height = max(sheet.height, below + 11.0)
 
 
@@ -119,7 +121,7 @@ def _label_joint(
     away: float,
     words: str,
     kind: str,
-    taken: list[FloatArray] | None = None,
+    taken: list[FloatArray],
 ) -> bool:
     """Write words outward of the extrados of a joint, or inward of its intrados if `away` [px] is
     negative, unless they would cover one of the boxes that are `taken`. Return whether they were
@@ -130,17 +132,16 @@ def _label_joint(
     right, up = away * along / np.linalg.norm(along)
     x = float(panel.at_x(place[0])) + right
     y = float(panel.at_y(place[1])) - up + 3.5
-    side = "m" if abs(right) < 0.3 * abs(away) else "e" if right < 0.0 else ""
-    if taken is not None:
-        wide = text_width(words, SMALL)
-        left = x - wide * {"m": 0.5, "e": 1.0, "": 0.0}[side]
-        box = np.array([left - 3.0, y - 8.5, left + wide + 3.0, y + 3.0])
-        if any(
-            ((box[:2] < other[2:]) & (box[2:] > other[:2])).all() for other in taken
-        ):
-            return False
-        taken.append(box)
-    panel.sheet.text(x, y, words, f"{kind} {side}".rstrip())
+    part = 1.0 if right < 0.0 else 0.0
+    if abs(right) < 0.3 * abs(away):
+        part = 0.5
+    wide = text_width(words, SMALL)
+    left = x - part * wide
+    box = np.array([left - 3.0, y - 8.5, left + wide + 3.0, y + 3.0])
+    if any(((box[:2] < other[2:]) & (box[2:] > other[:2])).all() for other in taken):
+        return False
+    taken.append(box)
+    panel.sheet.text(x, y, words, kind + {0.0: "", 0.5: " m", 1.0: " e"}[part])
     return True
 
 

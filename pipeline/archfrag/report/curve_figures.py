@@ -186,21 +186,19 @@ def all_curves(
     label = inputs.scale.label
     at = inputs.at
     reach = 1.05 * inputs.highest
-    members: dict[str, list[Curve]] = {name: [] for name in classes}
-    single = {}
-    for name, fit in curves.items():
-        if (of := inputs.of_class[name]) in members:
-            members[of].append(fit)
-        else:
-            single[name] = fit
+    of_class = inputs.of_class
+    single = {k: fit for k, fit in curves.items() if of_class[k] not in classes}
     thin = [
-        (_stroke("", i).colour, _thinned(fits))
-        for i, fits in enumerate(members.values())
+        (
+            _stroke("", i).colour,
+            [fit for k, fit in curves.items() if of_class[k] == name],
+        )
+        for i, name in enumerate(classes)
     ]
     if len(named) + len(single) <= MOST_NAMED:
         named |= single
     elif single:
-        thin.append((GREY, _thinned(single.values())))
+        thin.append((GREY, [*single.values()]))
     strokes = [_stroke(name, i) for i, name in enumerate(named)]
     thinned = any(fits for _, fits in thin)
     key = strokes + [Entry("each arch", "#b5bec8", "line")] * thinned
@@ -209,8 +207,9 @@ def all_curves(
         panel.upright(at)
     im = np.linspace(0.0, reach, 34)
     for colour, fits in thin:
-        opacity = float(np.clip(25.0 / max(len(fits), 1), 0.15, 0.5))
-        for fit in fits:
+        shown = _thinned(fits)
+        opacity = float(np.clip(25.0 / max(len(shown), 1), 0.15, 0.5))
+        for fit in shown:
             panel.line(im, fit(im), colour, 0.5, opacity=opacity)
     shaded = len(named) <= _SHADED
     observed = [name for name in named if name in inputs.answers]

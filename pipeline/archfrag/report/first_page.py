@@ -282,7 +282,8 @@ def _arch(name: str, onset: Onset, named: bool, most: tuple[float, float]) -> Pi
 
 def _dimensions(panel: Panel, arch: Arch) -> str:
     """Draw span, rise and thickness, or width and height; return them in words."""
-    sheet, (left, top, right, bottom) = panel.sheet, panel.box
+    sheet = panel.sheet
+    left, top, right, bottom = panel.box
     if arch.free_end:
         width, height = (f"{np.ptp(ends):.3g} m" for ends in (panel.x, panel.y))
         below = bottom + 12.0
@@ -317,7 +318,8 @@ def _measure(
     sheet: Sheet, start: tuple[float, float], end: tuple[float, float], words: str
 ) -> None:
     """Draw a dimension line with its number: below a level one, right of an upright one."""
-    (a, b), (c, d) = start, end
+    a, b = start
+    c, d = end
     tick = "m-4 0h8" if a == c else "m0 -4v8"
     line = (
         f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}M{a:.1f} {b:.1f}{tick}M{c:.1f} {d:.1f}{tick}"

@@ -186,11 +186,8 @@ class ReportInputs:
     @cached_property
     def curves(self) -> dict[str, Curve]:
         """Curves of all classes and arches in the unit of the scale."""
-        measure, unit, factor = self.scale.measure, self.scale.unit, self.scale.factor
-        return {
-            name: curve.in_unit(1.0 / factor, measure, unit)
-            for name, curve in self.fitted.curves.items()
-        }
+        to = 1.0 / self.scale.factor, self.scale.measure, self.scale.unit
+        return {k: curve.in_unit(*to) for k, curve in self.fitted.curves.items()}
 
     @cached_property
     def quoted(self) -> dict[str, Curve]:
@@ -410,12 +407,12 @@ def runs_in_words(
             names[name] = name if unit == "1" else f"{name} [{unit}]"
     names["intensity"] = intensity
     for piece in pieces:
-        own: dict[str, Any] = {
-            "intensity": [_stated(si, factor) for si in piece["intensity"]]
-        }
+        levels = [_stated(si, factor) for si in piece["intensity"]]
+        own: dict[str, Any] = {"intensity": levels}
         for name in names:
-            if codes := about[name].get("codes"):
-                words = {code: word.replace("_", " ") for word, code in codes.items()}
+            codes = about[name].get("codes", {})
+            words = {code: word.replace("_", " ") for word, code in codes.items()}
+            if words:
                 own[name] = piece[name].map(words)
             elif name.endswith("_joint"):
                 own[name] = piece[name].where(piece[name] >= 0).astype("Int64")

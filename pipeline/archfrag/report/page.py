@@ -81,7 +81,7 @@ from archfrag.study.file.schema import StudyKeys
 from archfrag.study.products import ALL_CURVES, README, REPORT_FILES
 from archfrag.study.provenance import OWNER, write_text
 
-_NOTES = TEXTS["notes"]
+_REMARKS = TEXTS["notes"]
 _PERIODS = np.geomspace(0.03, 4.0, 32)  # of the figure of spectra [s]
 _MOST_THUMBNAILS = 60
 _MOST_SPECTRA = 80
@@ -174,10 +174,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     text = template(
         "report.html.j2",
         inputs=inputs,
-        scale=inputs.scale,
         sections=sections,
-        n_level=inputs.cube.sizes["level"],
-        n_arch=len(inputs.answers),
         script=SCRIPT,
         script_hash=f"'sha256-{digest}'",
         first=first,
@@ -324,7 +321,7 @@ def _motions(inputs: ReportInputs) -> Iterator[Any]:
     if events:
         heads = ["earthquake", "records"]
         listed = table("Earthquakes", heads, events.items(), "compact")
-        yield folded("Earthquakes", paragraph(_NOTES["events"], "note"), listed)
+        yield folded("Earthquakes", paragraph(_REMARKS["events"], "note"), listed)
     yield from _first_shocks(inputs)
     if "accepted" in cube:
         waivers = zip(*(cube[key].values.astype(str) for key in ("record", "accepted")))
@@ -351,7 +348,7 @@ def _first_shocks(inputs: ReportInputs) -> Iterator[Any]:
     at = f"{scale.measure} {levels}"
     gap = arches[shaken[0]].shock[1]
     yield heading("First shocks")
-    yield paragraph(_NOTES["shocks"].format(names=listed, levels=at, gap=gap))
+    yield paragraph(_REMARKS["shocks"].format(names=listed, levels=at, gap=gap))
     first = table("First shocks", ["record", "first shock before it"], rows, "pairs", 2)
     yield folded("First shock of each record", first)
 
@@ -462,7 +459,7 @@ def _provenance(attributes: Mapping[str, Any]) -> PageSection:
             value = form.format(laid)
         rows.append((name, value))
     listed = pairs("Provenance", rows, "attribute of the cube")
-    words = paragraph(_NOTES["reproduce"].format(commit=commit))
+    words = paragraph(_REMARKS["reproduce"].format(commit=commit))
     parts = [words, folded("Attributes of the cube", listed)]
     return PageSection("provenance", "Provenance", parts)
 

@@ -54,7 +54,7 @@ _SPELT = {
 _UNITS = {name: _SPELT.get(unit, f" [{unit}]") for name, unit in UNITS.items()}
 _UNITS |= {"intrados": " [m]", "extrados": " [m]", "joints": ""}
 _UNITS |= {"stiffness": " [Pa/m]", "shear": " [Pa/m]"}
-_NOTES = TEXTS["notes"]
+_REMARKS = TEXTS["notes"]
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def table_sections(inputs: ReportInputs) -> Iterator[PageSection]:
         yield PageSection(f"curve{place}", name, parts)
     assumed = dict.fromkeys(each.assumptions for each in inputs.known.values())
     digest = inputs.cube.attrs["table_sha256"]
-    words = _NOTES["table"].format(digest=digest, version=__version__)
+    words = _REMARKS["table"].format(digest=digest, version=__version__)
     how = list(map(paragraph, (words, *assumed)))
     yield PageSection("glossary", "How the curves were found", how)
 
@@ -221,7 +221,7 @@ def _class_parts(
     if "none" in split:
         yield paragraph(f"The parts of β are not known: {split['none']}.")
     elif split:
-        yield paragraph(_NOTES["dispersion"].format(**split))
+        yield paragraph(_REMARKS["dispersion"].format(**split))
     yield from _limit_states(inputs, name)
     panels = curve_figures.theta_panels(inputs, members, name)
     yield from _headed("What θ depends on", panels)
@@ -343,7 +343,7 @@ def _limit_states(inputs: ReportInputs, name: str) -> Parts:
     if "none" in states:
         yield paragraph(f"They could not be found: {states['none']}.")
         return
-    yield paragraph(_NOTES["states"])
+    yield paragraph(_REMARKS["states"])
     yield curve_figures.limit_states(inputs, answer, name)
     yield paragraph(states["message"])
     rows = []
@@ -394,7 +394,7 @@ def _measures(inputs: ReportInputs, found: Mapping[str, Any], name: str) -> Part
     heads = ["measure", "efficiency: dispersion", "p of magnitude", "p of distance"]
     label = f"Intensity measures for {name}"
     yield table(label, [*heads, "θ", "unit"], cells, "dense narrow")
-    yield paragraph(_NOTES["efficiency"], "note")
+    yield paragraph(_REMARKS["efficiency"], "note")
 
 
 def _geometry(parameters: Mapping[str, Any]) -> Parts:
@@ -429,7 +429,7 @@ def _mechanism_table(
     yield table(f"Collapses of {results.arch} by mechanism", heads, rows, "compact")
     if results.own_levels is None and collapsed:
         numbers = {"collapses": collapsed, "effective": groups[0].n_effective}
-        yield paragraph(_NOTES["effective"].format(**numbers), "note")
+        yield paragraph(_REMARKS["effective"].format(**numbers), "note")
 
 
 def _computed(inputs: ReportInputs, results: ArchResults) -> Parts:

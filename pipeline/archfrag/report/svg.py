@@ -263,7 +263,8 @@ class Panel:
         """
         x = np.arange(mask.shape[1] + 1) - 0.5 if edges is None else edges
         steps = np.diff(mask.astype(int), axis=1, prepend=0, append=0)
-        (row, first), (_, last) = np.nonzero(steps > 0), np.nonzero(steps < 0)
+        row, first = np.nonzero(steps > 0)
+        _, last = np.nonzero(steps < 0)
         self.boxes(x[first], x[last], row - half, row + half, colour, mark)
 
     def stack(self, parts: Sequence[tuple[Entry, FloatArray]]) -> None:
