@@ -104,10 +104,10 @@ def svg_of(figure: Any) -> str:
     with matplotlib.rc_context(_SVG):
         metadata = dict.fromkeys(("Date", "Creator"))
         figure.savefig(text, format="svg", bbox_inches="tight", metadata=metadata)
-    svg = text.getvalue().partition("<!DOCTYPE")[2].partition(">")[2].strip()
+    svg = text.getvalue().partition("<svg ")[2].strip()
     # A style sheet inside would hold for the whole page that the element is put into.
     svg = re.sub("<style.*?</style>", "", svg, flags=re.DOTALL)
-    return svg.replace("<svg ", f'<svg style="{_ROOT}" ', 1)
+    return f'<svg style="{_ROOT}" {svg}'
 
 
 def html_of(thing: Any, size: tuple[float, float] = (6.4, 3.2)) -> str:

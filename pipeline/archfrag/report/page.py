@@ -148,7 +148,9 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     curves = all_curves(inputs, inputs.answers, list(inputs.classes))
     listed = inputs.quoted
     shown = list(listed)
-    sections = [*risk_section(inputs)]
+    sections = list[PageSection]()
+    if inputs.risk is not None:
+        sections.append(PageSection("risk", "Risk", list(_rates(inputs, inputs.risk))))
     if len(listed) > 1:
         sections.append(PageSection("all", "All arches", [curves, *_ratios(inputs)]))
     if not inputs.arches:  # runs of another program
@@ -187,13 +189,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     return text, figures
 
 
-def risk_section(inputs: ReportInputs) -> Iterator[PageSection]:
-    """Yield the section on rates of collapse, if the study has a hazard curve."""
-    if inputs.risk is not None:
-        yield PageSection("risk", "Risk", list(_parts(inputs, inputs.risk)))
-
-
-def _parts(inputs: ReportInputs, risk: StudyRisk | str) -> Iterator[Any]:
+def _rates(inputs: ReportInputs, risk: StudyRisk | str) -> Iterator[Any]:
     """Yield the rates of collapse, and figures of each arch; of many arches only of the first."""
     if isinstance(risk, str):
         yield paragraph(f"There are no rates of collapse: {risk}.", "none")
