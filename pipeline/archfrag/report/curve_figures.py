@@ -119,12 +119,12 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
         entries = [Entry(f"fraction, exact {percent} interval", INK, "dot")]
         isotonic = answer.more.get("free", {}).get("isotonic")
     reach = 1.05 * highest
+    median = scale.text(answer.theta)
+    stroke = Entry("lognormal curve", BLUE, "line")
     what = "no lognormal curve could be fitted"
     if answer.fitted:
-        stroke = Entry("lognormal curve", BLUE, "line")
         entries += [stroke, Entry(f"{percent} band", "#c9e3f5")]
-        what = f"lognormal curve with median {scale.text(answer.theta)}"
-        what += f" and dispersion {answer.beta:.3f}"
+        what = f"lognormal curve with median {median} and dispersion {answer.beta:.3f}"
         reach = min(max(reach, 1.1 * answer.theta), 3.0 * highest)
         caption += _band_words(answer)
     most = answer.likelihood or Curve()
@@ -136,8 +136,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
         entries.append(Entry("isotonic", GREY, "line"))
         caption += texts["isotonic"]
     panel = curve_panel(sheet, entries, reach, scale.label)
-    if answer.fitted:
-        draw_curve(panel, answer, stroke)
+    draw_curve(panel, answer, stroke)
     draw_curve(panel, most, likeliest, 0.9)
     if isotonic:
         im = scale.factor * np.array(isotonic["im"])
@@ -145,8 +144,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
     if answer.fitted and answer.theta <= reach:
         corner = [0.0, answer.theta, answer.theta]
         panel.line(corner, [0.5, 0.5, 0.0], GREY, 0.8, "4 3")
-        words = f"θ = {scale.text(answer.theta)}"
-        panel.label(answer.theta, panel.box[3] - 6.0, words, "s")
+        panel.label(answer.theta, panel.box[3] - 6.0, f"θ = {median}", "s")
     if reach > 1.05 * highest:
         panel.upright(highest)
         caption += texts["extrapolated"]

@@ -74,7 +74,15 @@ def class_sections(inputs: ReportInputs) -> Iterator[PageSection]:
     for place, name in enumerate(inputs.classes):
         members = [arch for arch, of in inputs.of_class.items() if of == name]
         curves = curve_figures.all_curves(inputs, members, [name])
-        parts = list(_class_parts(inputs, name, members, curves))
+        split = inputs.classes[name].more.get("dispersion") or {}
+        parts = [card(inputs, name), heading("Fragility curve of the class"), curves]
+        if "none" in split:
+            parts.append(paragraph(f"The parts of β are not known: {split['none']}."))
+        elif split:
+            parts.append(paragraph(_REMARKS["dispersion"].format(**split)))
+        parts += _limit_states(inputs, name)
+        panels = curve_figures.theta_panels(inputs, members, name)
+        parts += _headed("What θ depends on", panels)
         files = {f"curve-{name}.svg": curves}
         yield PageSection(f"class{place}", f"Class {name}", parts, files)
 
@@ -208,23 +216,6 @@ def _films(inputs: ReportInputs, place: int, name: str, fall: Example | None) ->
     if any(films):
         shown = lines(pair[0] for pair in films if pair is not None)
         yield Markup('<div class="motions">{}</div>').format(shown)
-
-
-def _class_parts(
-    inputs: ReportInputs, name: str, members: Sequence[str], curves: Picture
-) -> Parts:
-    """Yield the parts of the section of a class; `curves` is the figure of its curves."""
-    yield card(inputs, name)
-    yield heading("Fragility curve of the class")
-    yield curves
-    split = inputs.classes[name].more.get("dispersion") or {}
-    if "none" in split:
-        yield paragraph(f"The parts of β are not known: {split['none']}.")
-    elif split:
-        yield paragraph(_REMARKS["dispersion"].format(**split))
-    yield from _limit_states(inputs, name)
-    panels = curve_figures.theta_panels(inputs, members, name)
-    yield from _headed("What θ depends on", panels)
 
 
 def answers_table(inputs: ReportInputs, names: Iterable[str]) -> Markup:
