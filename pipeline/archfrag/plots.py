@@ -92,7 +92,7 @@ def legend(ax: Axes, **options: Any) -> None:
     ax.legend(entries.values(), entries.keys(), **options)
 
 
-def _write_beside(ax: Axes, words: str, at: Any, away: Any, **options: Any) -> None:
+def _annotate(ax: Axes, words: str, at: Any, away: Any, **options: Any) -> None:
     """Write words some points away from a place."""
     options |= {"textcoords": "offset points", "color": INK, "va": "center"}
     ax.annotate(words, at, away, **{"fontsize": SIZE, **options})
@@ -151,9 +151,7 @@ def plot_arch(arch: Any, ax: Axes | None = None) -> Axes:
         outer[joint] = place
     for joint in range(0, arch.n_joint, -(-arch.n_joint // MOST_NUMBERS)):
         away = 9.0 * along[joint]
-        _write_beside(
-            ax, str(joint), outer[joint], away, fontsize=SIZE - 1.0, ha="center"
-        )
+        _annotate(ax, str(joint), outer[joint], away, fontsize=SIZE - 1.0, ha="center")
     ax.autoscale_view()
     ax.margins(0.06)
     return ax
@@ -184,7 +182,7 @@ def plot_motion(motion: Any, ax: Axes | None = None) -> Axes:
         ax.plot(time, motion.vertical / GRAVITY, color=GREY, lw=0.6, label="vertical")
     ax.plot(time, values, color=BLUE, lw=0.8, label="horizontal")
     ax.plot(*peak, "o", color=VERMILION, ms=4.0)
-    _write_beside(ax, f"{abs(peak[1]):.3g} g", peak, (6.0, 0.0))
+    _annotate(ax, f"{abs(peak[1]):.3g} g", peak, (6.0, 0.0))
     ax.set(xlabel="time [s]", ylabel="acceleration [g]", xlim=(0.0, time[-1]))
     ax.set_title(motion.id, **_TITLE)
     if motion.vertical is not None:

@@ -288,8 +288,8 @@ def _dimensions(panel: Panel, arch: Arch) -> str:
         width, height = (f"{np.ptp(ends):.3g} m" for ends in (panel.x, panel.y))
         below = bottom + 12.0
         _measure(sheet, (left, below), (right, below), width)
-        beside = right + 12.0
-        _measure(sheet, (beside, bottom), (beside, top), height)
+        edge = right + 12.0
+        _measure(sheet, (edge, bottom), (edge, top), height)
         return f"width {width}, height {height}"
     line = 0.5 * (arch.intrados + arch.extrados)
     drawing = arch.parameters.get("span") is None
