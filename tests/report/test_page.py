@@ -140,9 +140,7 @@ class TestAnswer:
             {"stands": False, "plus": np.nan, "minus": np.nan},
             {"plus": np.inf, "hinges": [], "thrust_plus": None},
         ):
-            page, _ = render(
-                replace(given, arches={"ring": replace(onset, **changes)})
-            )
+            page, _ = render(replace(given, arches={"ring": replace(onset, **changes)}))
             assert not re.search(r"\b(nan|inf) g", page)
 
     def test_limit_states_measures_and_class(self, full):
