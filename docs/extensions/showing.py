@@ -60,7 +60,7 @@ def _written(value: object) -> str:
 
 def arch(shape: af.Arch, caption: str = "") -> HTML:
     """The arch with hinges and thrust line at onset, the ground accelerating to either side."""
-    drawn = arch_at_onset(shape, af.onset(shape), "arch")
+    drawn = arch_at_onset(af.onset(shape), "arch")
     return picture(drawn.file, caption)
 
 

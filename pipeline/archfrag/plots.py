@@ -92,16 +92,22 @@ def legend(ax: Axes, **options: Any) -> None:
     ax.legend(entries.values(), entries.keys(), **options)
 
 
+def _annotate(ax: Axes, words: str, at: Any, away: Any, **options: Any) -> None:
+    """Write words some points away from a place."""
+    options |= {"textcoords": "offset points", "color": INK, "va": "center"}
+    ax.annotate(words, at, away, **{"fontsize": SIZE, **options})
+
+
 def svg_of(figure: Any) -> str:
     """Return a figure as the text of an SVG element; equal figures give equal texts."""
     text = StringIO()
     with matplotlib.rc_context(_SVG):
         metadata = dict.fromkeys(("Date", "Creator"))
         figure.savefig(text, format="svg", bbox_inches="tight", metadata=metadata)
-    svg = text.getvalue().partition("<!DOCTYPE")[2].partition(">")[2].strip()
+    svg = text.getvalue().partition("<svg ")[2].strip()
     # A style sheet inside would hold for the whole page that the element is put into.
     svg = re.sub("<style.*?</style>", "", svg, flags=re.DOTALL)
-    return svg.replace("<svg ", f'<svg style="{_ROOT}" ', 1)
+    return f'<svg style="{_ROOT}" {svg}'
 
 
 def html_of(thing: Any, size: tuple[float, float] = (6.4, 3.2)) -> str:
@@ -130,9 +136,8 @@ def paint(ax: Axes, marks: Iterable[Any]) -> list[Any]:
 def plot_arch(arch: Any, ax: Axes | None = None) -> Axes:
     """Draw an arch to scale, with its fill, ties, ground and the numbers of its joints."""
     marks = arch.marks
-    width, height = np.maximum(
-        np.ptp(np.concatenate([s.points for s in marks]), axis=0), 1e-9
-    )
+    points = np.concatenate([mark.points for mark in marks])
+    width, height = np.maximum(np.ptp(points, axis=0), 1e-9)
     scale = min(6.0 / width, 3.6 / height)
     ax = axes_of(ax, (max(4.8, scale * width + 0.6), scale * height + 0.6))
     paint(ax, marks)
@@ -141,21 +146,12 @@ def plot_arch(arch: Any, ax: Axes | None = None) -> Axes:
     inner = arch.intrados[: arch.n_joint]
     outer = arch.extrados[: arch.n_joint].copy()
     along = (outer - inner) / np.linalg.norm(outer - inner, axis=1, keepdims=True)
-    for joint, ground in zip(
-        (0, -1), [mark for mark in marks if mark.role == "ground"]
-    ):
-        outer[joint] = ground.points[1]
+    grounds = [mark.points[1] for mark in marks if mark.role == "ground"]
+    for joint, place in zip((0, -1), grounds):
+        outer[joint] = place
     for joint in range(0, arch.n_joint, -(-arch.n_joint // MOST_NUMBERS)):
-        ax.annotate(
-            str(joint),
-            outer[joint],
-            9.0 * along[joint],
-            textcoords="offset points",
-            color=INK,
-            fontsize=SIZE - 1.0,
-            ha="center",
-            va="center",
-        )
+        away = 9.0 * along[joint]
+        _annotate(ax, str(joint), outer[joint], away, fontsize=SIZE - 1.0, ha="center")
     ax.autoscale_view()
     ax.margins(0.06)
     return ax
@@ -168,7 +164,8 @@ def plot_onset(onset: Any, ax: Axes | None = None, towards: str | None = None) -
     ax = plot_arch(onset.arch, ax)
     paint(ax, onset.marks(towards))
     words = f"moves from {limit:.3g} g" if np.isfinite(limit) else "never moves"
-    words = words if onset.stands else "does not stand under its own weight"
+    if not onset.stands:
+        words = "does not stand under its own weight"
     ax.set_title(f"ground accelerating towards {towards}: {words}", **_TITLE)
     legend(ax, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3)
     return ax
@@ -179,20 +176,13 @@ def plot_motion(motion: Any, ax: Axes | None = None) -> Axes:
     ax = axes_of(ax, (6.4, 2.2))
     time = motion.time
     values = motion.acceleration / GRAVITY
+    place = int(np.abs(values).argmax())
+    peak = time[place], values[place]
     if motion.vertical is not None:
         ax.plot(time, motion.vertical / GRAVITY, color=GREY, lw=0.6, label="vertical")
     ax.plot(time, values, color=BLUE, lw=0.8, label="horizontal")
-    place = int(np.abs(values).argmax())
-    ax.plot(time[place], values[place], "o", color=VERMILION, ms=4.0)
-    ax.annotate(
-        f"{abs(values[place]):.3g} g",
-        (time[place], values[place]),
-        (6.0, 0.0),
-        color=INK,
-        textcoords="offset points",
-        fontsize=SIZE,
-        va="center",
-    )
+    ax.plot(*peak, "o", color=VERMILION, ms=4.0)
+    _annotate(ax, f"{abs(peak[1]):.3g} g", peak, (6.0, 0.0))
     ax.set(xlabel="time [s]", ylabel="acceleration [g]", xlim=(0.0, time[-1]))
     ax.set_title(motion.id, **_TITLE)
     if motion.vertical is not None:
@@ -259,15 +249,13 @@ def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
             f"seconds = {seconds} and speed = {speed} must be positive numbers"
         )
     time, shift, rotation = response._arrays()
-    arch, (start, end) = response.arch, response._window(seconds)
+    arch = response.arch
+    start, end = response._window(seconds)
     if start == end:  # nothing moves
         end = float(min(time[-1], start + seconds))
     clock = np.linspace(start, end, max(2, round(FRAMES * (end - start) / speed)))
     state = np.dstack([shift + arch.centroids, rotation])
-    columns = [
-        np.interp(clock, time, column) for column in state.reshape(time.size, -1).T
-    ]
-    state = np.transpose(columns).reshape(clock.size, *state.shape[1:])
+    state = np.apply_along_axis(lambda column: np.interp(clock, time, column), 0, state)
     place = state[..., :2]
     angle = state[..., 2]
     near = np.searchsorted(time, clock).clip(max=time.size - 1)
@@ -279,11 +267,10 @@ def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
     now = lower.axvline(start, color=VERMILION, lw=1.4)
     still = [mark for mark in arch.marks if mark.role in ("stone", "ground")]
     moving = [mark for mark in arch.marks if mark.role in ("stone", "tie")]
+    joints = range(arch.n_joint)
     for corner in (0, 1):  # of each joint
         points = getattr(arch, arch.corner_name(corner))[: arch.n_joint]
-        moving.append(
-            still[0]._replace(role="hinge", points=points, bodies=range(len(points)))
-        )
+        moving.append(still[0]._replace(role="hinge", points=points, bodies=joints))
     paint(upper, [s._replace(role=s.role.replace("stone", "trace")) for s in still])
     artists = paint(upper, moving)
     paths = [mark.moved(arch.centroids, place, angle) for mark in moving]
@@ -345,16 +332,17 @@ def plot_spectra(
 
 def plot_plane(table: Any, runs: FloatArray, ax: Axes | None = None) -> Axes:
     """Draw contours of a table of probabilities, and runs: both intensities, 1 of a collapse."""
-    ax, (one, two) = axes_of(ax, (5.6, 4.2)), table.columns[:2]
-    for code, label, mark in ((1, "collapsed", "x"), (0, "survived", ".")):
+    ax = axes_of(ax, (5.6, 4.2))
+    one, two = table.columns[:2]
+    verdicts = (1, "collapsed", "x", VERMILION), (0, "survived", ".", GREY)
+    for code, label, mark, colour in verdicts:
         x, y, _ = runs[runs[:, 2] == code].T
-        ax.plot(x, y, mark, color=(GREY, VERMILION)[code], ms=4.0, label=label)
+        ax.plot(x, y, mark, color=colour, ms=4.0, label=label)
     grid = table.pivot(index=two, columns=one, values="probability")
     levels = 0.05, 0.25, 0.5, 0.75, 0.95
     ax.set(xscale="log", yscale="log", xlabel=one, ylabel=two)
-    ax.clabel(
-        ax.contour(grid.columns, grid.index, grid, levels, colors=BLUE), fontsize=SIZE
-    )
+    lines = ax.contour(grid.columns, grid.index, grid, levels, colors=BLUE)
+    ax.clabel(lines, fontsize=SIZE)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_formatter("{x:g}")
         axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))

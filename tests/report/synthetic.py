@@ -120,11 +120,16 @@ def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
         "cube": data,
         "scale": SCALE,
         "motions": items,
-        "arches": [(name, arch, start) for name in names],
+        "arches": dict.fromkeys(names, start),
         "answers": answers_of(changes.get("cube", data)),
         "timings": {name: [0.05] * (n_record * n_level) for name in names},
     }
     return ReportInputs(**(values | changes))
+
+
+def in_g(curve):
+    """A curve as the report shows it."""
+    return curve.in_unit(GRAVITY, "PGA", "g")
 
 
 def answers_of(data):

@@ -12,7 +12,7 @@ from archfrag.fragility.verdicts import Verdict
 from archfrag.physics.status import CollapseMode, Status
 from archfrag.report import arch_figure, curve_figures, film, page, run_figures, svg
 from archfrag.report.first_page import first_page
-from archfrag.report.inputs import arch_results, thetas
+from archfrag.report.inputs import arch_results
 from archfrag.simulation.response import MechanismChange
 from archfrag.study.answer.curves import runs_of_cube
 from archfrag.study.file.schema import Method
@@ -50,7 +50,7 @@ class TestLabelsKeepClear:
         data = results(n_level=n_level)
         run_figures.verdict_map(data)
         curve_figures.curve(data, synthetic.none("no run collapsed"))
-        curve_figures.curve(data, synthetic.answer_of(4.0))
+        curve_figures.curve(data, synthetic.in_g(synthetic.answer_of(4.0)))
         run_figures.fractions(run_figures.groupings(data, 0.9), data, "the base")
         assert "θ = 0.408 g" in {words for words, *_ in texts(drawn[2])}
 
@@ -84,7 +84,8 @@ class TestLabelsKeepClear:
         answers = {
             f"arch-number-{i}": synthetic.answer_of(2.0 + 0.2 * i) for i in range(count)
         }
-        shown = curve_figures.all_curves(synthetic.inputs(at=0.3), answers, {})
+        given = synthetic.inputs(tuple(answers), answers=answers, at=0.3)
+        shown = curve_figures.all_curves(given, answers, [])
         assert shown.svg.count("stroke-linejoin") >= count
 
     def test_classes_and_their_parameters(self, drawn):
@@ -95,16 +96,14 @@ class TestLabelsKeepClear:
         made = {"thin": synthetic.answer_of(3.0)}
         data = synthetic.cube(list(answers))
         data["arch_class"] = ("arch", ["thin"] * 20 + ["alone"])
-        curve_figures.all_curves(
-            synthetic.inputs(cube=data, answers=answers), answers, made
-        )
+        key = "a parameter with a very long name indeed"
+        data[f"arch_{key}"] = "arch", np.linspace(-1e-4, 1e-4, 21)
+        given = synthetic.inputs(cube=data, answers=answers, classes=made)
+        curve_figures.all_curves(given, answers, ["thin"])
         words = {words for words, *_ in texts(drawn[0])}
         assert {"thin", "alone", "each arch"} <= words
         assert "a3" not in words
-        values = {
-            "a parameter with a very long name indeed": np.linspace(-1e-4, 1e-4, 20)
-        }
-        curve_figures.theta_panels(thetas(members), values, "ring", "g")
+        curve_figures.theta_panels(given, list(answers)[:20], "thin")
         # A point for each arch.
         assert "".join(drawn[1].parts).count("a2.4 2.4 0 1 0 4.8") == 20
 
@@ -123,7 +122,8 @@ class TestLabelsKeepClear:
         ]
         answer = synthetic.answer_of(6.0)
         answer.more["limit_states"] = {"states": states}
-        curve_figures.limit_states(synthetic.inputs(), answer, "ring")
+        given = synthetic.inputs()
+        curve_figures.limit_states(given, synthetic.in_g(answer), "ring")
         named = ["motion, impact", "residual", "contact lost", "collapse"]
         for sheet in drawn:
             (panel,) = sheet.panels
@@ -223,7 +223,7 @@ def test_hinges_are_drawn_at_their_corners(voussoirs, drawn):
     arch, start = synthetic.arch_and_onset(voussoirs)
     assert (
         "sliding joint"
-        in arch_figure.arch_at_onset(arch, replace(start, sliding=[7]), "ring").svg
+        in arch_figure.arch_at_onset(replace(start, sliding=[7]), "ring").svg
     )
     pattern = r'<path d="M([\d.]+) ([\d.]+)a([\d.]+) [^>]*stroke="#fff"/>'
     for sheet in drawn:
@@ -280,16 +280,16 @@ def test_run_that_is_shown():
     data.verdict[2, 5] = 0
     assert film.choose(data, 1.02 * data.levels[4])[:2] == (2, 4)
     assert film.choose(data, 0.99 * data.levels[6])[:2] == (4, 6)
-    assert film.choose(data, None)[:2] == (0, 8)
+    assert film.choose(data)[:2] == (0, 8)
     data.verdict[:] = 0
     data.verdict[3, 8] = Verdict.UNFINISHED
     data["peak_rotation"][3, 8] = 9.0
     data["peak_rotation"][5, 2] = 8.0
-    assert film.choose(data, None)[:2] == film.farthest(data)[:2] == (5, 2)
+    assert film.choose(data)[:2] == film.farthest(data)[:2] == (5, 2)
     data["peak_rotation"][:] = 0.0
     assert film.farthest(data) is None
     data.verdict[:] = Verdict.FAILED
-    assert film.choose(data, None) is None
+    assert film.choose(data) is None
 
 
 def pulse(scale=1.0):
@@ -320,7 +320,7 @@ class TestRepeated:
 
         def again():
             given = synthetic.inputs(cube=data, motions=[motion])
-            return film.repeat(given, 0, film.choose(given.results("ring"), None))
+            return film.repeat(given, "ring", film.choose(given.results("ring")))
 
         assert again() is None  # the cube does not hold its method
         data.attrs["archfrag_config"] = f'{{"method": {Method().model_dump_json()}}}'

@@ -24,10 +24,7 @@ from tests.report.test_page import text
 @pytest.fixture(scope="module")
 def both():
     """A study of two arches with a hazard; the second one is stronger by a half."""
-    arches = [
-        (name, arch, af.onset(arch))
-        for name, arch in (("before", BEFORE), ("after", AFTER))
-    ]
+    arches = {"before": af.onset(BEFORE), "after": af.onset(AFTER)}
     study = synthetic.inputs(("before", "after"), n_record=24, arches=arches)
     data = study.cube.copy(deep=True)
     intensity = data["intensity"].values
@@ -99,9 +96,7 @@ class TestBeforeAndAfter:
         ] == [2, 2]
         assert [d.count('#0072B2" stroke-width="1.6"') for d in drawn] == [0, 1]
         assert "Drawn: after. Blue: 1 tie. Dashed: the surface of the fill." in html
-        alike = replace(
-            both, arches=[(name, *both.arches[0][1:]) for name in ("before", "after")]
-        )
+        alike = replace(both, arches=dict.fromkeys(both.arches, both.arches["before"]))
         assert "Drawn: after" not in first_page(alike, None)
 
     def test_the_other_curve_and_what_was_observed_are_drawn(self, both, drawn):

@@ -1,4 +1,4 @@
-"""Files for papers: tables beside the report, figures, and curves by number of voussoirs."""
+"""Files for papers: tables beside the report, and what its figures are drawn from."""
 
 import re
 
@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from archfrag.report.curve_figures import effects_on_theta
-from archfrag.report.papers import RUN_COLUMNS, write_papers
+from archfrag.report.inputs import RUN_COLUMNS, report_inputs, write_papers
 from archfrag.report.run_figures import fractiles, ida_line
 from archfrag.study.answer.fits import load_fits
 from archfrag.study.file.schema import load_study
@@ -66,7 +66,7 @@ def test_capacities_lie_between_the_levels_that_runs_show(finished):
 
 
 def test_the_readme_names_every_file_and_spares_one_of_the_user(finished, tmp_path):
-    _, out, fitted = finished
+    path, out, _ = finished
     named = {
         line.split()[0].strip("/")
         for line in (out / "README.txt").open()
@@ -78,7 +78,7 @@ def test_the_readme_names_every_file_and_spares_one_of_the_user(finished, tmp_pa
             *named,
         }
     (tmp_path / "README.txt").write_text("mine")
-    write_papers(fitted, "PGA", "g", 1 / 9.80665, tmp_path)
+    write_papers(report_inputs(load_study(path)), tmp_path)
     assert (tmp_path / "README.txt").read_text() == "mine"
     assert (tmp_path / "runs.csv").read_bytes() == (out / "runs.csv").read_bytes()
 
@@ -89,26 +89,6 @@ def test_a_table_that_is_gone_is_made_again(finished):
     (out / "capacities.csv").unlink()
     assert "nothing to do" not in command("run", path, "--quiet").output
     assert (out / "capacities.csv").read_bytes() == before
-
-
-def test_figures_of_all_arches_are_the_same_each_day(finished, tmp_path):
-    path, _, _ = finished
-    done = command("figures", path, "--to", tmp_path / "figures")
-    assert done.exit_code == 0, done.output
-    names = {entry.name for entry in (tmp_path / "figures").iterdir()}
-    own = {
-        f"{kind}-{arch}"
-        for kind in ("ida", "runs", "onset")
-        for arch in ("ring", "slab")
-    }
-    assert names == {
-        f"{name}.{end}" for name in {"fragility", *own} for end in ("pdf", "png")
-    }
-    assert {line.split("/")[-1] for line in done.stdout.split()} == names
-    for file in (tmp_path / "figures").glob("*.pdf"):
-        content = file.read_bytes()
-        assert b"/CreationDate" not in content
-        assert b"/Type3" not in content  # fonts that journals do not take
 
 
 def test_fractiles_end_where_the_capacities_of_the_other_side_are():

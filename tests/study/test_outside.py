@@ -9,7 +9,7 @@ import pytest
 
 import archfrag as af
 from archfrag.errors import FitError, InputError
-from archfrag.report.papers import runs_in_words
+from archfrag.report.inputs import runs_in_words
 from archfrag.study.answer.cube import write_cube
 from archfrag.study.answer.fits import fit_cube
 from archfrag.study.answer.tables import runs_table

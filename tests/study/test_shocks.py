@@ -15,8 +15,7 @@ from archfrag.fragility.verdicts import Verdict, find_brackets
 from archfrag.motions.index import write_index
 from archfrag.report.film import repeat
 from archfrag.report.first_page import first_page, leading
-from archfrag.report.inputs import report_inputs, summary
-from archfrag.report.papers import runs_in_words
+from archfrag.report.inputs import report_inputs, runs_in_words, summary
 from archfrag.study.answer.attributes import attributes
 from archfrag.study.answer.cube import open_cube
 from archfrag.study.answer.curves import Fitted, runs_of_cube
@@ -309,8 +308,7 @@ def test_scenes_have_the_intact_arches(reported, tmp_path):
 
 def test_a_film_is_of_both_motions(reported):
     inputs = report_inputs(reported)
-    place = [name for name, _, _ in inputs.arches].index("ring-after-0.6")
-    example = repeat(inputs, place, (0, 1, "any"))
+    example = repeat(inputs, "ring-after-0.6", (0, 1, "any"))
     assert example.same
     assert example.motion.duration > 20.0
 

@@ -8,18 +8,31 @@ import numpy as np
 from archfrag.arch import Arch
 from archfrag.arch.marks import AREAS, Mark
 from archfrag.fragility.verdicts import Verdict
-from archfrag.report import svg
 from archfrag.report.html import onset_text
 from archfrag.report.inputs import ArchResults
-from archfrag.report.svg import Entry, FloatArray, Panel, Sheet, figure
+from archfrag.report.svg import (
+    BLUE,
+    INK,
+    ORANGE,
+    SMALL,
+    SOFT,
+    VERMILION,
+    Entry,
+    FloatArray,
+    Panel,
+    Sheet,
+    figure,
+    text_width,
+    trace,
+)
 from archfrag.simulation.simulate import Onset
 
 _LINES: dict[str, tuple[Any, ...]] = {  # colour, width and dash of lines, by role
-    "tie": (svg.BLUE, 1.6),
-    "ground": (svg.SOFT, 1.4),
-    "rest": (svg.SOFT, 1.1, "4 2.5"),
-    "thrust": (svg.VERMILION, 1.5),
-    "sliding": (svg.ORANGE, 4.0),
+    "tie": (BLUE, 1.6),
+    "ground": (SOFT, 1.4),
+    "rest": (SOFT, 1.1, "4 2.5"),
+    "thrust": (VERMILION, 1.5),
+    "sliding": (ORANGE, 4.0),
 }
 _MOST_NUMBERS = 15  # of joints in a figure
 
@@ -29,10 +42,10 @@ def paint(panel: Panel, marks: Iterable[Mark]) -> None:
     for role, points, _ in marks:
         x, y = points.T
         if role in AREAS:
-            d = svg.trace(panel.at_x(x), panel.at_y(y))
+            d = trace(panel.at_x(x), panel.at_y(y))
             panel.sheet.path(f"{d}z", kind=role, stroke_width=0.8)
         elif role == "hinge":
-            panel.dots(x, y, svg.BLUE, "hinge", 4.0)
+            panel.dots(x, y, BLUE, "hinge", 4.0)
         else:
             panel.line(x, y, *_LINES[role])
 
@@ -48,43 +61,44 @@ def arch_panel(
     """Draw an arch to scale below `top`, within a width and height [px]; return its panel."""
     marks = arch.marks
     points = np.concatenate([mark.points for mark in marks if mark.role in AREAS])
-    (left, low), size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-9)
+    least = points.min(axis=0)
+    size = np.maximum(np.ptp(points, axis=0), 1e-9)
     wide, high = (min(np.divide(most, size)) * size).tolist()
     box = (middle - 0.5 * wide, top, middle + 0.5 * wide, top + high)
-    panel = Panel(sheet, box, (left, left + size[0]), (low, low + size[1]))
+    x, y = zip(least, least + size)
+    panel = Panel(sheet, box, x, y)
     paint(panel, [mark for mark in marks if ground or mark.role != "ground"])
     return panel
 
 
 @figure
-def arch_at_onset(
-    sheet: Sheet, arch: Arch, onset: Onset, name: str
-) -> str | tuple[str, str]:
+def arch_at_onset(sheet: Sheet, onset: Onset, name: str) -> str | tuple[str, str]:
     """Draw the arch twice: ground accelerating towards +x, and towards -x."""
     if not onset.stands:
-        _at_onset(sheet, 0.5 * sheet.width, 0.0, arch, onset, "")
+        _at_onset(sheet, 0.5 * sheet.width, 0.0, onset, "")
         return (
             f"{name}, which does not stand under its own weight",
             "There is no onset.",
         )
-    key = [Entry("thrust at onset", svg.VERMILION, "line")]
-    key += [Entry("thrust at rest", svg.SOFT, "dash"), Entry("hinge", svg.BLUE, "dot")]
+    key = [Entry("thrust at onset", VERMILION, "line")]
+    key += [Entry("thrust at rest", SOFT, "dash"), Entry("hinge", BLUE, "dot")]
     if len(onset.sliding) or len(onset.sliding_minus):
-        key.append(Entry("sliding joint", svg.ORANGE))
+        key.append(Entry("sliding joint", ORANGE))
     top = sheet.legend(8.0, 0.0, key, sheet.width - 16.0)
     words = []
     for left, towards in ((0.0, "+x"), (0.5 * sheet.width, "-x")):
         limit, *_ = onset.mechanism(towards)
         words.append(f"{onset_text(limit)} towards {towards.replace('-', '−')}")
         sheet.text(left + 8.0, top + 14.0, f"ground accelerating: {words[-1]}", "b")
-        _at_onset(sheet, left + 0.25 * sheet.width, top + 20.0, arch, onset, towards)
+        _at_onset(sheet, left + 0.25 * sheet.width, top + 20.0, onset, towards)
     return f"{name} with hinges and thrust line at onset: {', '.join(words)}"
 
 
 def _at_onset(
-    sheet: Sheet, middle: float, top: float, arch: Arch, onset: Onset, towards: str
+    sheet: Sheet, middle: float, top: float, onset: Onset, towards: str
 ) -> None:
     """Draw an arch with its mechanism; `towards` is empty if it does not stand."""
+    arch = onset.arch
     panel = arch_panel(sheet, arch, middle, top + 20.0, (308.0, 260.0), ground=True)
     below = panel.box[3] + 15.0
     if towards:
@@ -92,11 +106,11 @@ def _at_onset(
         sign = 1 if towards == "+x" else -1
         half = 0.16 * sign * np.ptp(panel.box[::2])
         line = f"M{middle - half:.1f} {below:.1f}H{middle + half:.1f}"
-        sheet.path(line, stroke=svg.INK, stroke_width=1.3)
+        sheet.path(line, stroke=INK, stroke_width=1.3)
         tip = f"M{middle + half + sign * 7:.1f} {below:.1f}l{-sign * 9:.1f} -4v8z"
-        sheet.path(tip, fill=svg.INK)
+        sheet.path(tip, fill=INK)
     for joint in range(0, arch.n_joint, -(-arch.n_joint // _MOST_NUMBERS)):
-        _label_joint(panel, arch, joint, 16.0, str(joint), "s q")
+        _label_joint(panel, arch, joint, 16.0, str(joint), "s q", [])
     sheet.height = max(sheet.height, below + 11.0)
 
 
@@ -107,7 +121,7 @@ def _label_joint(
     away: float,
     words: str,
     kind: str,
-    taken: list[FloatArray] | None = None,
+    taken: list[FloatArray],
 ) -> bool:
     """Write words outward of the extrados of a joint, or inward of its intrados if `away` [px] is
     negative, unless they would cover one of the boxes that are `taken`. Return whether they were
@@ -118,17 +132,16 @@ def _label_joint(
     right, up = away * along / np.linalg.norm(along)
     x = float(panel.at_x(place[0])) + right
     y = float(panel.at_y(place[1])) - up + 3.5
-    side = "m" if abs(right) < 0.3 * abs(away) else "e" if right < 0.0 else ""
-    if taken is not None:
-        wide = svg.text_width(words, svg.SMALL)
-        left = x - wide * {"m": 0.5, "e": 1.0, "": 0.0}[side]
-        box = np.array([left - 3.0, y - 8.5, left + wide + 3.0, y + 3.0])
-        if any(
-            ((box[:2] < other[2:]) & (box[2:] > other[:2])).all() for other in taken
-        ):
-            return False
-        taken.append(box)
-    panel.sheet.text(x, y, words, f"{kind} {side}".rstrip())
+    part = 1.0 if right < 0.0 else 0.0
+    if abs(right) < 0.3 * abs(away):
+        part = 0.5
+    wide = text_width(words, SMALL)
+    left = x - part * wide
+    box = np.array([left - 3.0, y - 8.5, left + wide + 3.0, y + 3.0])
+    if any(((box[:2] < other[2:]) & (box[2:] > other[:2])).all() for other in taken):
+        return False
+    taken.append(box)
+    panel.sheet.text(x, y, words, kind + {0.0: "", 0.5: " m", 1.0: " e"}[part])
     return True
 
 
@@ -149,7 +162,7 @@ def lost_joints(sheet: Sheet, arch: Arch, results: ArchResults) -> str | None:
         words = f"{100 * counts[i] / counts.sum():.0f} %"
         x, y = 0.5 * (arch.intrados[joint] + arch.extrados[joint])[:, None]
         radius = float(2.0 + 8.0 * np.sqrt(counts[i] / counts.max()))
-        panel.dots(x, y, svg.VERMILION, "hinge", radius)
+        panel.dots(x, y, VERMILION, "hinge", radius)
         if not _label_joint(panel, arch, joint, 14.0, words, "s", taken):
             _label_joint(panel, arch, joint, -14.0, words, "s", taken)
     sheet.height = panel.box[3] + 14.0

@@ -1,32 +1,49 @@
 """Figures of fragility curves, and of what the median capacities of a class depend on."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.fragility.verdicts import clopper_pearson
-from archfrag.report import svg
-from archfrag.report.html import TEXTS
-from archfrag.report.inputs import ArchResults, ReportInputs, Scale
-from archfrag.report.svg import Entry, Panel, Sheet, figure
-from archfrag.study.answer.curves import arch_classes
+from archfrag.report.html import (
+    TEXTS,
+    rounded,
+)
+from archfrag.report.inputs import ArchResults, ReportInputs, Scale, thetas
+from archfrag.report.run_figures import level_axis, stacked
+from archfrag.report.svg import (
+    BELOW,
+    BLUE,
+    COLOURS,
+    GREY,
+    INK,
+    LINE,
+    PALE,
+    SKY,
+    VERMILION,
+    Entry,
+    Panel,
+    Sheet,
+    figure,
+    log_ticks,
+    panel_below,
+    shortened,
+)
+from archfrag.study.answer.rates import ArchRisk
+from archfrag.study.hazard import Hazard
+
+_REACH = 1e-4  # of the greatest density of the rate, where the axis ends
+_LEFT = 66.0  # left of the panels and their heights [px]
+_HEIGHTS = (150.0, 110.0, 110.0)
 
 MOST_NAMED = 12  # curves with a colour and stroke of their own
 MOST_THIN = 60  # curves of arches that are drawn for their class
 _MOST_PANELS = 9  # values by which the arches of a class differ
 _SHADED = 6  # curves that are drawn with their bands
-_BAND = "#c9e3f5"  # in legends
-_THIN = "#b5bec8"
-_DAMAGE = (
-    "#f9a58a",
-    "#f4795b",
-    "#e34a33",
-    "#c4281c",
-    "#96120f",
-    "#67000d",
-)  # light to severe
+# Light to severe.
+_DAMAGE = ("#f9a58a", "#f4795b", "#e34a33", "#c4281c", "#96120f", "#67000d")
 _SAME = 0.01  # difference of probabilities that nobody sees
 
 
@@ -38,34 +55,28 @@ def curve_panel(
     words: str = "probability of collapse",
 ) -> Panel:
     """Draw the axes of a figure of curves below its legend; return their panel."""
-    panel = svg.panel_below(sheet, entries, 300.0, (0.0, reach), (0.0, 1.0))
-    panel.axis_y(svg.even_ticks(0.0, 1.0), words)
-    panel.axis_x(svg.even_ticks(0.0, reach, 9), title, grid=True)
+    panel = panel_below(sheet, entries, 300.0, (0.0, reach), (0.0, 1.0))
+    panel.axis_y(words)
+    panel.axis_x(title, 9, grid=True)
     return panel
 
 
 def draw_curve(
-    panel: Panel,
-    fit: Curve | None,
-    scale: Scale,
-    stroke: Entry,
-    width: float = 1.8,
-    band: bool = True,
+    panel: Panel, fit: Curve, stroke: Entry, width: float = 1.8, band: bool = True
 ) -> None:
     """Draw a curve with its band, if it has one; nothing if there is no curve."""
-    if fit is None or not fit.fitted:
+    if not fit.fitted:
         return
     if band and fit.im:
         im, low, high = np.array([fit.im, fit.lower, fit.upper])
-        seen = scale.factor * im <= panel.x[1]
-        shade = svg.SKY if stroke.colour == svg.BLUE else stroke.colour
-        panel.band(scale.factor * im[seen], low[seen], high[seen], shade, 0.25)
+        seen = im <= panel.x[1] * (1.0 + 1e-9)  # also where both end
+        shade = SKY if stroke.colour == BLUE else stroke.colour
+        panel.band(im[seen], low[seen], high[seen], shade, 0.25)
     im = np.linspace(0.0, panel.x[1], 100)
-    dash = "5 2.5" if stroke.mark == "dash" else ""
-    panel.line(im, fit.probability(im / scale.factor), stroke.colour, width, dash)
+    panel.line(im, fit(im), stroke.colour, width, stroke.dash)
 
 
-def _stroke(name: str, place: int, colours: Sequence[str] = svg.COLOURS) -> Entry:
+def _stroke(name: str, place: int, colours: Sequence[str] = COLOURS) -> Entry:
     """Choose the colour and the stroke of the curve at a place in a legend."""
     dashed = place // len(colours) % 2
     return Entry(name, colours[place % len(colours)], "dash" if dashed else "line")
@@ -78,16 +89,11 @@ def _thinned(fits: Iterable[Curve]) -> list[Curve]:
     return [ordered[i] for i in places.round().astype(int)]
 
 
-def _known(answers: Mapping[str, Curve]) -> dict[str, Curve]:
-    """Return those that have a curve."""
-    return {name: curve for name, curve in answers.items() if curve.fitted}
-
-
-def _medians(fits: Mapping[str, Curve], scale: Scale) -> str:
+def _medians(inputs: ReportInputs, fits: Mapping[str, Curve]) -> str:
     """Write the medians of curves in a line."""
-    return "Medians: " + "; ".join(
-        f"{name} {scale.text(fit.theta)}" for name, fit in fits.items()
-    )
+    text = inputs.scale.text
+    words = [f"{name} {text(fit.theta)}" for name, fit in fits.items()]
+    return f"Medians: {'; '.join(words)}"
 
 
 def _band_words(answer: Curve) -> str:
@@ -107,54 +113,54 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
     isotonic = None
     if results.runs.gaps:
         caption = texts["searched"]
-        entries = [Entry("capacities of the records", svg.INK, "line")]
+        entries = [Entry("capacities of the records", INK, "line")]
     else:
         caption = texts["stripes" if results.own_levels is None else "grouped"]
-        entries = [Entry(f"fraction, exact {percent} interval", svg.INK, "dot")]
+        entries = [Entry(f"fraction, exact {percent} interval", INK, "dot")]
         isotonic = answer.more.get("free", {}).get("isotonic")
     reach = 1.05 * highest
+    median = scale.text(answer.theta)
+    stroke = Entry("lognormal curve", BLUE, "line")
     what = "no lognormal curve could be fitted"
     if answer.fitted:
-        entries += [
-            Entry("lognormal curve", svg.BLUE, "line"),
-            Entry(f"{percent} band", _BAND),
-        ]
-        what = f"lognormal curve with median {scale.text(answer.theta)}"
-        what += f" and dispersion {answer.beta:.3f}"
-        reach = min(max(reach, 1.1 * answer.theta * scale.factor), 3.0 * highest)
+        entries += [stroke, Entry(f"{percent} band", "#c9e3f5")]
+        what = f"lognormal curve with median {median} and dispersion {answer.beta:.3f}"
+        reach = min(max(reach, 1.1 * answer.theta), 3.0 * highest)
         caption += _band_words(answer)
-    likeliest = Entry("by maximum likelihood", svg.BLUE, "dash")
-    if (most := answer.likelihood) is not None and most.fitted:
+    most = answer.likelihood or Curve()
+    likeliest = Entry("by maximum likelihood", BLUE, "dash")
+    if most.fitted:
         entries.append(likeliest)
         caption += f" Dashed: θ {scale.text(most.theta)}, β {most.beta:.3f}."
     if isotonic:
-        entries.append(Entry("isotonic", svg.GREY, "line"))
+        entries.append(Entry("isotonic", GREY, "line"))
         caption += texts["isotonic"]
     panel = curve_panel(sheet, entries, reach, scale.label)
-    draw_curve(panel, answer, scale, Entry("", svg.BLUE, "line"))
-    draw_curve(panel, answer.likelihood, scale, likeliest, 0.9)
+    draw_curve(panel, answer, stroke)
+    draw_curve(panel, most, likeliest, 0.9)
     if isotonic:
         im = scale.factor * np.array(isotonic["im"])
-        panel.line(im, isotonic["probability"], svg.GREY, 0.9)
-    if answer.fitted and (median := answer.theta * scale.factor) <= reach:
-        panel.line([0.0, median, median], [0.5, 0.5, 0.0], svg.GREY, 0.8, "4 3")
-        panel.label(median, panel.box[3] - 6.0, f"θ = {scale.text(answer.theta)}", "s")
+        panel.line(im, isotonic["probability"], GREY, 0.9)
+    if answer.fitted and answer.theta <= reach:
+        corner = [0.0, answer.theta, answer.theta]
+        panel.line(corner, [0.5, 0.5, 0.0], GREY, 0.8, "4 3")
+        panel.label(answer.theta, panel.box[3] - 6.0, f"θ = {median}", "s")
     if reach > 1.05 * highest:
-        panel.line([highest, highest], [0.0, 1.0], svg.GREY, 0.9, "2 2")
+        panel.upright(highest)
         caption += texts["extrapolated"]
     if results.runs.gaps:
         capacity = results.capacities
         seen = np.sort(capacity[capacity <= reach])
         height = np.arange(seen.size + 1) / max(capacity.size, 1)
         steps = np.concatenate([[0.0], np.repeat(seen, 2), [highest]])
-        panel.line(steps, np.repeat(height, 2), svg.INK, 1.1)
+        panel.line(steps, np.repeat(height, 2), INK, 1.1)
     else:
         used = results.counts["n"] > 0
         collapses, n = (results.counts[key][used] for key in ("collapsed", "n"))
         ends = clopper_pearson(collapses, n, answer.confidence)
-        bars = np.column_stack([*ends, np.full(ends[0].size, np.nan)])
-        panel.line(np.repeat(results.levels[used], 3), bars.ravel(), svg.INK, 0.9)
-        panel.dots(results.levels, results.fraction, svg.INK)
+        bars = np.column_stack([*ends, np.full(n.size, np.nan)])
+        panel.line(np.repeat(results.levels[used], 3), bars.ravel(), INK, 0.9)
+        panel.dots(results.levels, results.fraction, INK)
     return (
         f"Probability of collapse of {results.arch} against {scale.label}: {what}",
         caption,
@@ -163,67 +169,67 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
 
 @figure
 def all_curves(
-    sheet: Sheet,
-    inputs: ReportInputs,
-    answers: Mapping[str, Curve],
-    classes: Mapping[str, Curve],
+    sheet: Sheet, inputs: ReportInputs, arches: Collection[str], classes: Sequence[str]
 ) -> tuple[str, str] | None:
     """Draw the curves of some arches and classes in one figure; None if they are fewer than two.
 
     Curves with names lie over thin ones of one colour each.
     """
-    curves = _known(answers)
-    named = _known(classes)
-    of_class = arch_classes(inputs.cube)
-    if len(answers) + len(classes) < 2:
+    if len(arches) + len(classes) < 2:
         return None
-    scale = inputs.scale
+    named, curves = (
+        {k: inputs.curves[k] for k in some if inputs.curves[k].fitted}
+        for some in (classes, arches)
+    )
+    label = inputs.scale.label
     at = inputs.at
     reach = 1.05 * inputs.highest
-    single = {k: fit for k, fit in curves.items() if of_class.get(k) not in classes}
-    members = [
-        [fit for k, fit in curves.items() if of_class.get(k) == name]
-        for name in classes
+    of_class = inputs.of_class
+    single = {k: fit for k, fit in curves.items() if of_class[k] not in classes}
+    thin = [
+        (
+            _stroke("", i).colour,
+            [fit for k, fit in curves.items() if of_class[k] == name],
+        )
+        for i, name in enumerate(classes)
     ]
-    thin = [(_stroke("", i).colour, _thinned(fits)) for i, fits in enumerate(members)]
     if len(named) + len(single) <= MOST_NAMED:
         named |= single
     elif single:
-        thin.append((svg.GREY, _thinned(single.values())))
+        thin.append((GREY, [*single.values()]))
     strokes = [_stroke(name, i) for i, name in enumerate(named)]
-    key = strokes + [Entry("each arch", _THIN, "line")] * any(fits for _, fits in thin)
-    panel = curve_panel(sheet, key, reach, scale.label)
+    thinned = any(fits for _, fits in thin)
+    key = strokes + [Entry("each arch", "#b5bec8", "line")] * thinned
+    panel = curve_panel(sheet, key, reach, label)
     if at is not None and 0.0 < at < reach:
-        panel.line([at, at], [0.0, 1.0], svg.GREY, 0.9, "2 2")
+        panel.upright(at)
     im = np.linspace(0.0, reach, 34)
     for colour, fits in thin:
-        opacity = float(np.clip(25.0 / max(len(fits), 1), 0.15, 0.5))
-        for fit in fits:
-            panel.line(
-                im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity
-            )
+        shown = _thinned(fits)
+        opacity = float(np.clip(25.0 / max(len(shown), 1), 0.15, 0.5))
+        for fit in shown:
+            panel.line(im, fit(im), colour, 0.5, opacity=opacity)
     shaded = len(named) <= _SHADED
-    words = TEXTS["all_curves"]
+    observed = [name for name in named if name in inputs.answers]
     for stroke, (name, fit) in zip(strokes, named.items()):
-        draw_curve(panel, fit, scale, stroke, band=shaded)
-        if name in inputs.answers:
+        draw_curve(panel, fit, stroke, band=shaded)
+        if name in observed:
             results = inputs.results(name)
             seen = results.levels <= reach
-            panel.dots(
-                results.levels[seen], results.fraction[seen], stroke.colour, radius=2.2
-            )
+            dots = results.levels[seen], results.fraction[seen]
+            panel.dots(*dots, stroke.colour, radius=2.2)
+    words = TEXTS["all_curves"]
     kind = "Curves" if classes else "Lognormal curves"
-    one = len(classes) == 1
-    whose = f"class {next(iter(classes))}" if one else "a class"
+    whose = f"class {classes[0]}" if len(classes) == 1 else "a class"
     caption = words["bands" if shaded else "curves"].format(kind=kind)
-    caption += words["points"] * any(name in inputs.answers for name in named)
+    caption += words["points"] * bool(observed)
     caption += words["classes"].format(whose=whose) * bool(classes)
     caption += words["at"] * (at is not None)
-    if shaded:
-        bands = "".join(map(_band_words, classes.values()))
-        caption += bands if one else words["several"] * bool(classes)
-    what = f"Fragility curves of {len(curves)} arches against {scale.label}. "
-    what += _medians(named | dict(list(curves.items())[:40]), scale)
+    if shaded and classes:
+        only = _band_words(inputs.curves[classes[0]])
+        caption += only if len(classes) == 1 else words["several"]
+    what = f"Fragility curves of {len(curves)} arches against {label}. "
+    what += _medians(inputs, named | dict(list(curves.items())[:40]))
     return what, caption
 
 
@@ -232,104 +238,78 @@ def limit_states(
     sheet: Sheet, inputs: ReportInputs, answer: Curve, name: str
 ) -> str | None:
     """Draw the curves of the limit states of an arch or a class; None if none has one."""
-    curves = [
-        (_stroke(fit.state.replace("_", " "), i, _DAMAGE), fit)
+    curves = {
+        _stroke(fit.state.replace("_", " "), i, _DAMAGE): fit
         for i, fit in enumerate(answer.states)
         if fit.fitted
-    ]
+    }
     if not curves:
         return None
-    scale = inputs.scale
+    label = inputs.scale.label
     reach = 1.05 * inputs.highest
-    panel = curve_panel(sheet, [], reach, scale.label, "probability of reaching it")
+    panel = curve_panel(sheet, [], reach, label, "probability of reaching it")
     im = np.linspace(0.0, reach, 400)
     seen = list[tuple[str, FloatArray]]()
-    for stroke, fit in curves:
-        draw_curve(panel, fit, scale, stroke, band=False)
+    for stroke, fit in curves.items():
+        draw_curve(panel, fit, stroke, band=False)
         words = stroke.label
-        chance = fit.probability(im / scale.factor)
+        chance = fit(im)
         if seen and np.abs(chance - seen[-1][1]).max() < _SAME:
             words = f"{seen.pop()[0]}, {words}"
         seen.append((words, chance))
     # Above the curves is room on the left, below them on the right.
     for part, (words, chance) in zip(np.linspace(0.85, 0.2, len(seen)), seen):
         i = int(np.searchsorted(chance, part * chance[-1]))
-        panel.dots(im[[i]], chance[[i]], svg.INK, radius=2.4)
+        panel.dots(im[[i]], chance[[i]], INK, radius=2.4)
         panel.label(im[i], float(panel.at_y(chance[i])) + 4.0, words, left=part > 0.5)
-    medians = _medians({stroke.label: fit for stroke, fit in curves}, scale)
-    return f"Curves of limit states of {name} against {scale.label}. {medians}"
-
-
-@figure
-def two_studies(
-    sheet: Sheet, names: Sequence[str], sides: Sequence[tuple[ArchResults, Curve]]
-) -> str:
-    """Draw the curves of an arch in two studies with their bands, and the observed fractions."""
-    (first, _), (second, _) = sides
-    scale = first.scale
-    reach = 1.05 * max(first.levels.max(), second.levels.max())
-    strokes = [
-        Entry(names[0], svg.BLUE, "line"),
-        Entry(names[1], svg.VERMILION, "dash"),
-    ]
-    panel = curve_panel(sheet, strokes, reach, scale.label)
-    for stroke, (_, answer) in zip(strokes, sides):
-        draw_curve(panel, answer, scale, stroke)
-    for stroke, (results, _), mark in zip(strokes, sides, ("dot", "ring")):
-        panel.dots(results.levels, results.fraction, stroke.colour, mark)
-    medians = _medians(
-        _known({name: answer for name, (_, answer) in zip(names, sides)}), scale
-    )
-    what = (
-        f"Probability of collapse of {first.arch} against {scale.label} in two studies"
-    )
-    return f"{what}. {medians}"
+    medians = _medians(inputs, {stroke.label: fit for stroke, fit in curves.items()})
+    return f"Curves of limit states of {name} against {label}. {medians}"
 
 
 @figure
 def theta_panels(
-    sheet: Sheet,
-    theta: FloatArray,
-    differences: Mapping[str, NDArray],
-    name: str,
-    unit: str,
+    sheet: Sheet, inputs: ReportInputs, members: Sequence[str], name: str
 ) -> str | None:
-    """Draw theta of each arch against each value by which arches differ; None without such.
+    """Draw theta of each arch of a class against each value by which they differ; None without.
 
     Lines are `effects_on_theta`, if the arches are enough for it; the largest stands first.
     """
+    theta = thetas(inputs.curves[arch] for arch in members)
     fitted = np.isfinite(theta)
-    lines = {}
-    if not differences or fitted.sum() < 2:
-        return None
     theta = theta[fitted]
-    values = {key: each[fitted] for key, each in differences.items()}
-    finite = {
-        key: numbers for key, numbers in values.items() if np.isfinite(numbers).all()
-    }
+    values = {}
+    finite = []
+    lines = {}
+    for variable, numbers in inputs.cube.sel(arch=list(members)).data_vars.items():
+        if str(variable).startswith("arch_") and numbers.dtype.kind in "fiu":
+            each = numbers.values.astype(float)
+            each[np.isinf(each)] = np.nan  # has no place on an axis
+            if np.unique(each[~np.isnan(each)]).size > 1:
+                key = str(variable).removeprefix("arch_").replace("_", " ")
+                values[key] = each[fitted]
+                finite += [key] * bool(np.isfinite(values[key]).all())
+    if not values or theta.size < 2:
+        return None
     if finite and theta.size >= len(finite) + 2:
-        _, effects = effects_on_theta(theta, np.column_stack([*finite.values()]))
-        lines = dict(
-            sorted(
-                zip(finite, effects), key=lambda one: -abs(np.diff(np.log(one[1]))[0])
-            )
-        )
-    shown = [*lines, *(key for key in values if key not in lines)][:_MOST_PANELS]
+        columns = np.column_stack([values[key] for key in finite])
+        lines = dict(zip(finite, effects_on_theta(theta, columns)[1]))
+    order = sorted(lines, key=lambda key: -abs(np.diff(np.log(lines[key]))[0]))
+    shown = [*order, *(key for key in values if key not in lines)][:_MOST_PANELS]
     margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
     ends = float(theta.min()) - margin, float(theta.max()) + margin
-    for box, key in zip(sheet.grid(len(shown), 3, 150.0, svg.BELOW - svg.LINE), shown):
+    for box, key in zip(sheet.grid(len(shown), 3, 150.0, BELOW - LINE), shown):
         low = float(np.nanmin(values[key]))
         high = float(np.nanmax(values[key]))
         reach = low - 0.04 * (high - low), high + 0.04 * (high - low)
         panel = Panel(sheet, box, reach, ends)
-        panel.axis_x(svg.even_ticks(*reach, 4))
-        panel.axis_y(svg.even_ticks(*ends), f"θ [{unit}]")
-        panel.dots(values[key], theta, svg.BLUE, radius=2.4)
+        panel.axis_x(most=4)
+        panel.axis_y(f"θ [{inputs.scale.unit}]")
+        panel.dots(values[key], theta, BLUE, radius=2.4)
         if key in lines:
             middle = values[key].mean()
             away = values[key].std(ddof=1)
-            panel.line([middle - away, middle + away], lines[key], svg.VERMILION, 2.0)
-        panel.heading(svg.shortened(key, box[2] - box[0]))
+            panel.line([middle - away, middle + away], lines[key], VERMILION, 2.0)
+        panel.heading(shortened(key, box[2] - box[0]))
     return (
         f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}"
     )
@@ -345,3 +325,91 @@ def effects_on_theta(theta: FloatArray, values: FloatArray) -> tuple[float, Floa
     lines = np.column_stack([np.ones(len(unit)), unit])
     middle, *effects = np.linalg.lstsq(lines, np.log(theta), rcond=None)[0]
     return float(np.exp(middle)), np.exp(middle + np.outer(effects, (-1.0, 1.0)))
+
+
+@figure
+def hazard_and_fragility(
+    sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Scale
+) -> str:
+    """Draw the hazard curve, the fragility curve and where the rate of collapse comes from."""
+    # Intensities from which all but a small part of the rate comes.
+    wide = np.concatenate([arch.levels, hazard.main.im, [arch.fit.theta]])
+    im = np.geomspace(0.2 * wide.min(), 5.0 * wide.max(), 1200)
+    density = _density(arch, hazard, im)
+    used = im[density > _REACH * density.max()]
+    im = np.geomspace(min(used[0], arch.levels[0]), max(used[-1], arch.levels[-1]), 200)
+    density = _density(arch, hazard, im)
+    shown = scale.factor * im
+    rates = {key: curve.rate_at(im) for key, curve in hazard.curves.items()}
+    points = hazard.main.im * scale.factor
+    ends = (float(shown[0]), float(shown[-1]))
+    seen = (points >= ends[0]) & (points <= ends[1])
+    every = np.concatenate(list(rates.values()))
+    low = float(every[every > 0.0].min())
+    high = float(every.max())
+    entries = [Entry(f"hazard: {key}", GREY, "line") for key in rates]
+    entries[0] = entries[0]._replace(colour=VERMILION)
+    top = sheet.legend(_LEFT, 0.0, entries) - 8.0
+    panels: list[Panel] = []
+    reaches = (low, high), (0.0, 1.0), (0.0, 1.05 * density.max())
+    for height, y in zip(_HEIGHTS, reaches):
+        top += 14.0
+        box = (_LEFT, top, sheet.width - 10.0, top + height)
+        panels.append(Panel(sheet, box, ends, y, True, log_y=not panels))
+        top += height
+    first, second, third = panels
+    for i, rate in reversed(list(enumerate(rates.values()))):
+        first.line(shown, rate, entries[i].colour, 0.8 if i else 1.6)
+    first.dots(points[seen], hazard.main.rate[seen], VERMILION, radius=2.2)
+    second.line(shown, arch.fit.probability(im), BLUE)
+    third.band(shown, np.zeros(im.size), density, SKY, 0.5)
+    third.line(shown, density, BLUE)
+    first.axis_y("exceeded [1/year]", ticks=log_ticks(low, high, (1.0,)))
+    second.axis_y("P(collapse) [1]", 2)
+    third.axis_y(f"rate per ln {scale.measure} [1/year]", 4)
+    blank = [""] * log_ticks(*ends).size
+    for panel in panels:
+        for end in points[[0, -1]]:
+            if ends[0] < end < ends[1]:
+                panel.upright(end)
+        last = panel is third
+        panel.axis_x(scale.label * last, labels=[] if last else blank, grid=True)
+    sheet.height = third.box[3] + BELOW
+    words = f"{'at least ' * arch.rate.is_bound}{rounded(arch.rate.quoted)} a year"
+    return f"Hazard and fragility curve of {arch.arch} and their product; rate of collapse {words}"
+
+
+@figure
+def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
+    """Draw the rate by level and mechanism; None if no run collapsed or no mechanism is known."""
+    split = arch.by_mechanism
+    if not split.counts.any() or "not known" in split.categories:
+        return None
+    labels = [
+        f"{name} {100 * f:.0f} %" for name, f in zip(split.categories, split.fraction)
+    ]
+    parts = stacked(labels, split.rate)
+    if split.unassigned.any():
+        parts.append((Entry("no collapse seen", PALE), split.unassigned))
+    highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
+    ends = (-0.5, arch.levels.size - 0.5), (0.0, highest)
+    panel = panel_below(sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT)
+    panel.axis_y("rate of collapse [1/year]", 4)
+    panel.stack(parts)
+    level_axis(panel, scale.factor * arch.levels, scale.label)
+    texts = TEXTS["contributions"]
+    caption = texts["caption"] + texts["pale"] * bool(split.unassigned.any())
+    return f"Rate of collapse of {arch.arch} by level and mechanism", caption
+
+
+def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:
+    """Return the rate of collapse per unit of ln im [1/year].
+
+    It jumps where the slope of the hazard curve does.
+    """
+    curve = hazard.main
+    slope = curve.pieces(np.log(im))[2]
+    theta, beta = arch.fit.parts.T
+    z = np.log(im[:, None] / theta) / beta
+    chance = np.where(im[:, None] < arch.onset, 0.0, ndtr(z)).mean(axis=1)
+    return chance * slope * curve.rate_at(im)

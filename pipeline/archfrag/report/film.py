@@ -5,7 +5,6 @@ for reduced motion, get four still frames.
 """
 
 import re
-import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,20 +14,27 @@ from numpy.typing import ArrayLike
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import InputError
-from archfrag.files import counted, make_folder, number, replacing
+from archfrag.files import counted, make_folder, number
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.motion import Motion
 from archfrag.physics.methods.registry import AUTO
-from archfrag.report import html, svg
-from archfrag.report.html import TEXTS, Picture, digits
+from archfrag.report.html import TEXTS, Picture, digits, px, template
 from archfrag.report.inputs import ArchResults, ReportInputs, report_inputs
-from archfrag.report.svg import NARROW, FloatArray, Panel, Sheet
+from archfrag.report.svg import (
+    NARROW,
+    FloatArray,
+    Panel,
+    Sheet,
+    envelope,
+    ribbon,
+    trace,
+)
 from archfrag.simulation.response import Response
 from archfrag.simulation.simulate import simulate
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.keys import meant
+from archfrag.study.provenance import write_text
 
-KINDS = (".gif", ".mp4", ".svg")
 LONGEST = 8.0  # [s] of a run, shown in real time
 _SAME_LEVEL = 0.005  # a level is written with three digits
 _MOST_FRAMES = 40
@@ -59,7 +65,7 @@ class Example:
         return self.motion.acceleration * (self.factor / STANDARD_GRAVITY)
 
 
-def choose(results: ArchResults, median: float | None) -> Chosen | None:
+def choose(results: ArchResults, median: float = np.nan) -> Chosen | None:
     """Choose the run whose lowest collapsing level is nearest the median of the arch.
 
     Without a `median` it is nearest that of these levels; `farthest` if nothing collapsed.
@@ -70,9 +76,8 @@ def choose(results: ArchResults, median: float | None) -> Chosen | None:
         return farthest(results)
     first = collapsed[records].argmax(axis=1)
     logs = np.log(results.levels[first])
-    place = np.abs(
-        logs - (np.median(logs) if median is None else np.log(median))
-    ).argmin()
+    near = np.median(logs) if np.isnan(median) else np.log(median)
+    place = np.abs(logs - near).argmin()
     reason = "the record with the capacity nearest the median, at its lowest collapsing level"
     return int(records[place]), int(first[place]), reason
 
@@ -86,36 +91,29 @@ def farthest(results: ArchResults) -> Chosen | None:
     return (int(record), int(level), reason) if reach.any() else None
 
 
-def typical_run(inputs: ReportInputs, place: int) -> Example | None:
+def typical_run(inputs: ReportInputs, name: str) -> Example | None:
     """Simulate the run with the capacity nearest the median again; None if nothing moves."""
-    name, _, onset = inputs.arches[place]
-    if not onset.stands:
-        return None
-    curve = inputs.answers[name]
-    median = curve.theta * inputs.scale.factor if curve.fitted else None
-    return repeat(inputs, place, choose(inputs.results(name), median))
+    chosen = choose(inputs.results(name), inputs.curves[name].theta)
+    return repeat(inputs, name, chosen) if inputs.arches[name].stands else None
 
 
-def repeat(inputs: ReportInputs, place: int, chosen: Chosen | None) -> Example | None:
+def repeat(inputs: ReportInputs, name: str, chosen: Chosen | None) -> Example | None:
     """Simulate a run of a study again, with the study's method and its history."""
     method = dict(inputs.config.get("method", ()))
     if not method or chosen is None:
         return None
-    name, arch, _ = inputs.arches[place]
-    results, kind, (record, level, reason) = (
-        inputs.results(name),
-        method.pop("name"),
-        chosen,
-    )
+    arch = inputs.arches[name].arch
+    results = inputs.results(name)
+    record, level, reason = chosen
+    kind = method.pop("name")
     method["far"] = method.pop("delay", None)
     motion = next(m for m in inputs.motions if m.id == results.records[record])
     factor = float(results["scale_factor"][record, level])
     if inputs.plan is not None:
-        number = [member.id for member in inputs.plan.arches].index(name)
-        motion, factor, _ = inputs.plan.ground(number, record, factor)
-    status, steps, time = (
-        results[k][record, level] for k in ("status", "steps", "collapse_time")
-    )
+        ids = [member.id for member in inputs.plan.arches]
+        motion, factor, _ = inputs.plan.ground(ids.index(name), record, factor)
+    of_study = ("status", "steps", "collapse_time")
+    status, steps, time = (results[each][record, level] for each in of_study)
     # `auto` may take a history by events; the study's verdict came by steps.
     for tried in (kind, "time_stepping"):
         response = simulate(
@@ -125,8 +123,10 @@ def repeat(inputs: ReportInputs, place: int, chosen: Chosen | None) -> Example |
         same = same and (status, steps) == (response.status, response.steps)
         if same or kind != AUTO:
             break
-    about = "" if results.own_levels is None else "about "
-    shown = f"{about}{inputs.scale.measure} = {digits(results.levels[level])} {inputs.scale.unit}"
+    about = "about " * (results.own_levels is not None)
+    shown = (
+        f"{about}{inputs.scale.measure} = {inputs.scale.text(results.levels[level])}"
+    )
     ground = "the ground at its left end" if method["far"] else "the ground"
     return Example(arch, motion, factor, shown, response, reason, same, ground)
 
@@ -139,16 +139,15 @@ def example_of(
     InputError if the study is not finished, or has no such arch or run.
     """
     inputs = report_inputs(study)
-    names = [name for name, _, _ in inputs.arches]
-    name = names[0] if arch is None else arch
+    names = list(inputs.arches)
+    name = arch or names[0]
     if name not in names:
         hint = meant(name, names) or f"the report shows {', '.join(names)}"
         raise InputError(f"--arch {name}: is not an arch of the report; {hint}")
-    place = names.index(name)
     if run == "median":
-        example = typical_run(inputs, place)
+        example = typical_run(inputs, name)
     else:
-        example = repeat(inputs, place, _named_run(inputs.results(name), run))
+        example = repeat(inputs, name, _named_run(inputs.results(name), run))
     if example is None:
         raise InputError(
             f"--run {run}: no run of {name} moved the arch, so there is no film"
@@ -187,18 +186,13 @@ def _named_run(results: ArchResults, run: str) -> Chosen:
 
 
 def check_target(path: Path) -> None:
-    """Raise InputError unless a film can be written in the format of this name."""
-    kind = path.suffix.lower()
-    if kind not in KINDS:
-        raise InputError(f"--to {path}: a film is written as {', '.join(KINDS)}")
-    if kind == ".mp4" and shutil.which("ffmpeg") is None:
-        raise InputError(
-            f"--to {path}: .mp4 needs ffmpeg, which is not installed; use .gif"
-        )
+    """Raise InputError unless the name is that of an SVG file."""
+    if path.suffix.lower() != ".svg":
+        raise InputError(f"--to {path}: a film is written as .svg")
 
 
 def save_film(example: Example, path: Path) -> None:
-    """Write a film as .gif, .mp4 (if ffmpeg is installed) or .svg, which browsers play.
+    """Write a film as .svg, which browsers play.
 
     InputError if nothing moves, OutputError if the file cannot be written.
     """
@@ -210,19 +204,8 @@ def save_film(example: Example, path: Path) -> None:
         raise InputError(f"{path}: nothing moves in this run, so there is no film")
     make_folder(path.parent)
     picture, _ = shown
-    with replacing(path) as part:
-        if path.suffix.lower() == ".svg":
-            (moving,) = re.findall(
-                '<svg class="moving".*?</svg>', str(picture.svg), re.DOTALL
-            )
-            part.write_text(replace(picture, svg=moving).file, encoding="utf-8")
-            return
-        named = part.with_name(part.name + path.suffix.lower())
-        try:
-            example.response.animate().save(named)
-            named.replace(part)
-        finally:
-            named.unlink(missing_ok=True)
+    (moving,) = re.findall('<svg class="moving".*?</svg>', picture.svg, re.DOTALL)
+    write_text(path, replace(picture, svg=moving).file)
 
 
 def key_frames(example: Example) -> tuple[FloatArray, FloatArray, FloatArray] | None:
@@ -238,9 +221,8 @@ def key_frames(example: Example) -> tuple[FloatArray, FloatArray, FloatArray] | 
     state = np.dstack([shift, 0.1 * size * rotation]).reshape(time.size, -1)
     first = int(np.searchsorted(time, start))
     last = int(np.searchsorted(time, end, "right")) - 1
-    rows = np.unique(
-        np.linspace(first, last, min(_CANDIDATES, last - first + 1)).astype(int)
-    )
+    count = min(_CANDIDATES, last - first + 1)
+    rows = np.unique(np.linspace(first, last, count).astype(int))
     most = int(np.clip(_MOST_TRANSFORMS // rotation.shape[1], 12, _MOST_FRAMES))
     kept = rows[_most_telling(time[rows], state[rows], most)]
     return time[kept], example.arch.centroids + shift[kept], rotation[kept]
@@ -250,15 +232,13 @@ def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
     """Choose rows: first and last, then one by one where the state is farthest from linear."""
     kept = np.array([0, len(time) - 1])
     while kept.size < min(most, len(time)):
-        right = np.clip(
-            np.searchsorted(kept, np.arange(len(time)), side="left"), 1, None
-        )
+        right = np.searchsorted(kept, np.arange(len(time))).clip(1)
         a = kept[right - 1]
         b = kept[right]
         part = ((time - time[a]) / np.maximum(time[b] - time[a], 1e-12))[:, None]
         error = np.abs(state - (1.0 - part) * state[a] - part * state[b]).max(axis=1)
         error[kept] = -1.0
-        kept = np.sort(np.append(kept, int(error.argmax())))
+        kept = np.sort(np.append(kept, error.argmax()))
     return kept
 
 
@@ -272,23 +252,24 @@ def film(
     frames = key_frames(example)
     if frames is None:
         return None
-    arch, (time, place, rotation) = example.arch, frames
+    arch = example.arch
+    time, place, rotation = frames
     larger = 3.0 if enlarged and np.abs(rotation).max() < _SMALL else 1.0
     place = arch.centroids + larger * (place - arch.centroids)
     rotation = larger * rotation
-    low, high = arch._frame(place, rotation, 0.06)
     fill = [mark for mark in arch.marks if mark.role in ("earth", "backing")]
-    for mark in fill:
-        low = np.minimum(low, mark.points.min(axis=0))
-        high = np.maximum(high, mark.points.max(axis=0))
+    corners = np.vstack(
+        [*arch._frame(place, rotation, 0.06), *(mark.points for mark in fill)]
+    )
+    low = corners.min(axis=0)
+    high = corners.max(axis=0)
     wide, tall = (high - low).tolist()
     scale = min(NARROW / wide, 300.0 / tall)
     origin = (low[0] - 0.5 * (NARROW / scale - wide), high[1])
     height = scale * tall
 
-    def pixels(
-        points: FloatArray, at: ArrayLike = origin
-    ) -> FloatArray:  # pixel 0, 0 is `at` [m]
+    def pixels(points: FloatArray, at: ArrayLike = origin) -> FloatArray:
+        """Return pixels of points, of which 0, 0 is `at` [m]."""
         return scale * (points - np.asarray(at)) * (1.0, -1.0)
 
     rods = []  # left end [px], angle [degrees] and length [px] of each tie over time
@@ -312,9 +293,9 @@ def film(
         "height": height,
         "strip": _STRIP,
         "shapes": [
-            svg.trace(*pixels(o, at).T) for o, at in zip(arch.outlines, arch.centroids)
+            trace(*pixels(o, at).T) for o, at in zip(arch.outlines, arch.centroids)
         ],
-        "fill": [(mark.role, svg.trace(*pixels(mark.points).T)) for mark in fill],
+        "fill": [(mark.role, trace(*pixels(mark.points).T)) for mark in fill],
         "rest": pixels(arch.centroids).tolist(),
         "moves": moves.swapaxes(0, 1).tolist(),
         "ties": rods,
@@ -334,10 +315,9 @@ def film(
         start=time[0],
         end=time[-1],
     ) + TEXTS["film"]["fill"] * bool(fill)
-    strip = html.template("stills.html.j2", **drawn, columns=columns, kind="strip")
-    return Picture(html.template("film.html.j2", **drawn), caption), Picture(
-        strip, what
-    )
+    strip = template("stills.html.j2", **drawn, columns=columns, kind="strip")
+    moving = Picture(template("film.html.j2", **drawn), caption)
+    return moving, Picture(strip, what)
 
 
 def _stills(reach: FloatArray, collapsed: bool) -> list[int]:
@@ -345,10 +325,8 @@ def _stills(reach: FloatArray, collapsed: bool) -> list[int]:
     another run the largest in each quarter.
     """
     if collapsed:
-        return [
-            int(np.argmax(reach >= part * reach.max()))
-            for part in (0.0, 0.33, 0.67, 1.0)
-        ]
+        grown = reach >= np.outer([0.0, 0.33, 0.67, 1.0], reach.max())
+        return grown.argmax(axis=1).tolist()
     parts = np.array_split(np.arange(reach.size), min(4, reach.size))
     return [int(part[reach[part].argmax()]) for part in parts]
 
@@ -356,34 +334,27 @@ def _stills(reach: FloatArray, collapsed: bool) -> list[int]:
 def _ground_below(example: Example, height: float, ends: tuple[float, float]) -> Markup:
     """Return the acceleration of the ground between two times, drawn below `height` [px]."""
     sheet = Sheet(NARROW)
-    panel = Panel(
-        sheet, (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP), ends, (-1, 1)
-    )
+    box = 12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP
+    panel = Panel(sheet, box, ends, (-1, 1))
     seen = draw_ground(panel, example, 240)
-    which = (
-        "peak"
-        if seen > 0.995 * np.abs(example.acceleration).max()
-        else "peak of the window"
-    )
+    part = seen <= 0.995 * np.abs(example.acceleration).max()
+    which = "peak" + " of the window" * bool(part)
     words = f"time [s], with the ground acceleration ({which} {seen:.2g} g)"
-    panel.axis_x(svg.even_ticks(*ends, 6), words)
+    panel.axis_x(words)
     return Markup("".join(sheet.parts))
 
 
 def draw_ground(panel: Panel, example: Example, bins: int) -> float:
     """Draw the acceleration of the ground [g] in a panel over time; return its peak."""
-    (start, end), acceleration = panel.x, example.acceleration
+    start, end = panel.x
+    acceleration = example.acceleration
     times = np.arange(acceleration.size) * example.motion.dt
     shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
-    place, low, high = svg.envelope(
-        np.interp(shown, times, acceleration, right=0.0), bins
-    )
+    place, low, high = envelope(np.interp(shown, times, acceleration, right=0.0), bins)
     peak = max(float(np.abs([low, high]).max()), 1e-9)
     panel.y = (-1.05 * peak, 1.05 * peak)
-    zero = svg.number(float(panel.at_y(0.0)))
-    panel.sheet.path(
-        f"M{svg.number(panel.box[0])} {zero}H{svg.number(panel.box[2])}", kind="gr"
-    )
+    zero = f"{px(panel.box[0])} {px(float(panel.at_y(0.0)))}"
+    panel.sheet.path(f"M{zero}H{px(panel.box[2])}", kind="gr")
     x = panel.at_x(np.interp(place, np.arange(shown.size), shown))
-    panel.sheet.path(svg.ribbon(x, panel.at_y(low), panel.at_y(high)), kind="ground")
+    panel.sheet.path(ribbon(x, panel.at_y(low), panel.at_y(high)), kind="ground")
     return peak

@@ -1,7 +1,7 @@
 """Parts of the page: texts, tables and pictures, and how numbers are written."""
 
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
@@ -55,7 +55,7 @@ def raised(power: str) -> str:
     return f"10{str(int(power)).translate(_RAISED)}"
 
 
-def number(value: float) -> str:
+def px(value: float) -> str:
     """Write a coordinate to a tenth of a pixel."""
     return (
         f"{value:.1f}".removesuffix(".0").replace("-0.", "-.").removeprefix("-0") or "0"
@@ -69,8 +69,14 @@ def css_text(words: str) -> Markup:
     )
 
 
-_ENVIRONMENT.filters |= {"px": number, "css": css_text}
+_ENVIRONMENT.filters |= {"px": px, "css": css_text}
 heading = Markup("<h3>{}</h3>").format  # of words
+three = "{:#.3g}".format  # digits
+
+
+def lines(parts: Iterable[Any]) -> Markup:
+    """Return parts below each other."""
+    return Markup("\n").join(map(Markup.escape, parts))
 
 
 def template(file: str, **values: Any) -> Markup:
@@ -85,15 +91,14 @@ def paragraph(words: str, kind: str = "") -> Markup:
 
 def cautions(messages: Iterable[str]) -> Markup:
     """Return a paragraph for each message, which has neither a capital nor a full stop."""
-    return Markup("\n").join(
-        paragraph(f"Caution: {each}.", "caution") for each in messages
-    )
+    return lines(paragraph(f"Caution: {each}.", "caution") for each in messages)
 
 
-def folded(title: str, *parts: Markup | Picture) -> Markup:
-    """Return parts that a click on their title shows."""
-    inside = Markup("\n").join(map(Markup.escape, parts))
-    return Markup("<details><summary>{}</summary>{}</details>").format(title, inside)
+def folded(title: str, *parts: Markup | Picture | None) -> Markup | None:
+    """Return parts that a click on their title shows; None without a part."""
+    inside = lines(part for part in parts if part)
+    form = Markup("<details><summary>{}</summary>{}</details>")
+    return form.format(title, inside) if inside else None
 
 
 def facts(rows: Iterable[Sequence[str]], kind: str) -> Markup:
@@ -103,8 +108,7 @@ def facts(rows: Iterable[Sequence[str]], kind: str) -> Markup:
     entries = (
         form.format(a, b, Markup().join(map(remark, more))) for a, b, *more in rows
     )
-    shown = Markup("\n").join(entries)
-    return Markup('<dl class="{}">{}</dl>').format(kind, shown)
+    return Markup('<dl class="{}">{}</dl>').format(kind, lines(entries))
 
 
 def table(
@@ -118,13 +122,14 @@ def table(
 
     The first cell of each row is its head. Columns from `numeric_from` on hold numbers.
     """
-    values = {
-        "label": label,
-        "heads": heads,
-        "kind": kind,
-        "numeric_from": numeric_from,
-    }
-    return template("table.html.j2", **values, rows=[(row[0], row[1:]) for row in rows])
+    return template(
+        "table.html.j2",
+        label=label,
+        heads=heads,
+        rows=rows,
+        kind=kind,
+        numeric_from=numeric_from,
+    )
 
 
 def pairs(label: str, rows: Iterable[Sequence[object]], head: str = "figure") -> Markup:
@@ -158,14 +163,11 @@ def measured(value: float | str | None, form: str = "#.3g") -> str:
     return format(value, form).removesuffix(".") if np.isfinite(value) else "–"
 
 
-def interval(ends: Sequence[float], form: str = ".2f") -> str:
+def interval(
+    ends: Sequence[float], write: Callable[[float], str] = "{:.2f}".format
+) -> str:
     """Write two numbers, or a dash for nan."""
-    return f"{ends[0]:{form}} to {ends[1]:{form}}" if np.isfinite(ends[0]) else "–"
-
-
-def rounded_interval(low: float, high: float) -> str:
-    """Write two numbers as `rounded` does, or a dash for nan."""
-    return f"{rounded(low)} to {rounded(high)}" if np.isfinite(low) else "–"
+    return " to ".join(map(write, ends)) if np.isfinite(ends[0]) else "–"
 
 
 def percentages(values: Sequence[float]) -> str:

@@ -2,19 +2,19 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from archfrag.arch import Arch
-from archfrag.errors import InputError, attempt
-from archfrag.files import counted
+from archfrag.errors import attempt
+from archfrag.files import counted, write_csv
 from archfrag.fragility.curve import Curve, FloatArray, IntArray
 from archfrag.fragility.verdicts import Verdict, count_verdicts
 from archfrag.motions.motion import Motion
@@ -26,14 +26,43 @@ from archfrag.study.answer.compare import Table, compare
 from archfrag.study.answer.curves import Fitted, Runs, arch_classes
 from archfrag.study.answer.fits import cautions_of
 from archfrag.study.answer.rates import StudyRisk, risk_of_study
+from archfrag.study.answer.tables import runs_table
 from archfrag.study.file.members import shown
-from archfrag.study.file.schema import StudyKeys, load_study
-from archfrag.study.provenance import finite
+from archfrag.study.file.schema import StudyKeys
+from archfrag.study.products import README
+from archfrag.study.provenance import finite, write_text
 from archfrag.study.runs.store import Plan, make_plan
 from archfrag.study.steps import finished, read_timings
 from archfrag.study.validate import logo_url
+from archfrag.version import __version__
 
-SUMMARY_FORMAT = "archfrag-summary/2"
+RUN_COLUMNS = (
+    "arch",
+    "arch_class",
+    "record",
+    "event",
+    "magnitude",
+    "distance",
+    "intensity",
+    "scale_factor",
+    "verdict",
+    "collapse_mode",
+    "collapse_joint",
+    "collapse_time",
+    "lost_contact_time",
+    "lost_contact_joint",
+    "peak_rotation",
+    "residual_rotation",
+    "peak_displacement",
+    "residual_displacement",
+    "impacts",
+    "openings",
+    "slides",
+    "end_time",
+    "status",
+    "energy_error",
+    "moving_before",
+)
 COUNTS = ("runs", "collapsed", "survived", "unfinished", "failed", "collapsed_before")
 _MADE_BY = (
     "archfrag_commit",
@@ -42,6 +71,11 @@ _MADE_BY = (
     "archfrag_machine",
     "source",
 )
+_HEAD = "Results of archfrag"
+_FILES = (
+    Path(__file__).with_name("readme.txt").read_text("utf-8")
+)  # what each of them is
+
 _MODELLED = {
     "friction",
     "recess",
@@ -73,13 +107,9 @@ class Scale:
     def label(self) -> str:
         return f"{self.measure} [{self.unit}]"
 
-    def digits(self, value_si: float) -> str:
-        """Write a value in the unit with three digits."""
-        return digits(value_si * self.factor)
-
-    def text(self, value_si: float) -> str:
-        """Write a value with its unit."""
-        return f"{self.digits(value_si)} {self.unit}"
+    def text(self, value: float) -> str:
+        """Write a value in the unit with three digits and the unit."""
+        return f"{digits(value)} {self.unit}"
 
 
 @dataclass(frozen=True)
@@ -124,9 +154,9 @@ class ReportInputs:
     motions: Sequence[
         Motion
     ]  #: unscaled, one for each record of the cube, its name as `id`
-    #: Name in the cube, geometry and onset of each arch that has a section, in the page's order.
-    arches: Sequence[tuple[str, Arch, Onset]]
-    answers: Mapping[str, Curve]  #: of each arch of the cube, theta in the SI unit
+    #: Onset of each arch that has a section by its name in the cube, in the page's order.
+    arches: Mapping[str, Onset]
+    answers: Mapping[str, Curve]  #: of each arch of the cube, in the SI unit
     classes: Mapping[str, Curve] = field(
         default_factory=dict
     )  #: of classes of several arches
@@ -137,8 +167,6 @@ class ReportInputs:
     timings: Mapping[str, Sequence[float]] = field(default_factory=dict)
     title: str = "Fragility of masonry arches"
     confidence: float = 0.9  #: of all bands and intervals
-    #: Cube and answers of another study with the same measure, to be compared in common arches.
-    compared: tuple[xr.Dataset, Mapping[str, Curve]] | None = None
     at: float | None = (
         None  #: level at which the probability is asked for, in the study's unit
     )
@@ -156,9 +184,15 @@ class ReportInputs:
         return f"{100 * self.confidence:.0f} %"
 
     @cached_property
+    def curves(self) -> dict[str, Curve]:
+        """Curves of all classes and arches in the unit of the scale."""
+        to = 1.0 / self.scale.factor, self.scale.measure, self.scale.unit
+        return {k: curve.in_unit(*to) for k, curve in self.fitted.curves.items()}
+
+    @cached_property
     def quoted(self) -> dict[str, Curve]:
         """Curves of the classes, and of the arches without a class, in the order of the study."""
-        return self.fitted.quoted()
+        return {name: self.curves[name] for name in self.fitted.quoted()}
 
     @cached_property
     def config(self) -> Mapping[str, Any]:
@@ -169,6 +203,11 @@ class ReportInputs:
     def results(self) -> Callable[[str], ArchResults]:
         """Function that gives the runs of an arch or a class by its name."""
         return cache(lambda name: arch_results(self.fitted.runs[name], self.scale))
+
+    @cached_property
+    def of_class(self) -> dict[str, str]:
+        """Class of each arch."""
+        return arch_classes(self.cube)
 
     @cached_property
     def known(self) -> dict[str, Curve]:
@@ -187,27 +226,23 @@ class ReportInputs:
             return {}
         site = self.risk.hazard.main if isinstance(self.risk, StudyRisk) else None
 
-        def ratios() -> dict[str, Table]:
-            found = dict[str, Table]()
-            for name, reference in self.references.items():
-                found |= compare(
-                    [self.fitted] * 2, [reference, name], site, self.confidence
-                )
-            return found
-
-        return attempt(ratios)
+        both = [self.fitted] * 2
+        return attempt(
+            lambda: {
+                name: compare(both, [reference, name], site, self.confidence)[name]
+                for name, reference in self.references.items()
+            }
+        )
 
     @cached_property
     def references(self) -> dict[str, str]:
         """What others are compared with: an arch after a first shock with itself before it."""
-        names = list(self.known)
-        found = dict.fromkeys(names[1:], names[0])
-        for name in names:
+        first, *others = self.known
+        found = dict.fromkeys(others, first)
+        for name in self.known:
             if self.fitted.runs[name].shaken:
                 found[name] = name.rpartition("-after-")[0]
-        return {
-            name: reference for name, reference in found.items() if reference in names
-        }
+        return {name: of for name, of in found.items() if of in self.known}
 
     def stands_after(self, name: str) -> str:
         """Say of how many records the curve of an arch after a first shock is; else empty."""
@@ -228,46 +263,50 @@ def thetas(answers: Iterable[Curve]) -> FloatArray:
     return np.array([curve.theta for curve in answers])
 
 
-def report_inputs(study: StudyKeys, compared: Path | None = None) -> ReportInputs:
-    """Read the results of a finished study, and of another one whose file is `compared`.
+def report_inputs(study: StudyKeys) -> ReportInputs:
+    """Read the results of a finished study.
 
     InputError if results are missing or out of date, OutputError if the cube of another study is
     in the folder.
     """
     fitted = finished(study)
-    answers = fitted.arches
-    cube = fitted.cube
     plan = make_plan(study)
-    intensity = study.intensity
     entries = {member.id: member.entry for member in study.members}
-    names = [list(answers)[i] for i in shown(thetas(answers.values()).tolist())]
-    arches = {name: entries[name].build() for name in names}
+    names = list(fitted.arches)
+    detailed = [names[i] for i in shown(thetas(fitted.arches.values()).tolist())]
     given: dict[str, list[Mapping[str, Any]]] = {}
     for member in study.members:
         keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
         given.setdefault(member.arch_class, []).append(keys | {"shocks": member.shock})
+    about = study.report.model_dump(
+        include={"project", "client", "author"}, exclude_none=True
+    )
+    if study.report.logo is not None:
+        about["logo"] = logo_url(study.report.logo)
     return ReportInputs(
-        cube=cube,
-        scale=Scale(intensity.measure, intensity.unit, 1.0 / intensity.factor),
+        cube=fitted.cube,
+        scale=scale_of(study),
         motions=[plan.motion(record) for record in range(len(plan.records))],
         plan=plan,
-        arches=[(name, arch, onset(arch)) for name, arch in arches.items()],
-        answers=answers,
+        arches={name: onset(entries[name].build()) for name in detailed},
+        answers=fitted.arches,
         classes=fitted.classes,
         cautions=cautions_of(study, fitted),
         timings=read_timings(study),
         title=_title(study),
         confidence=study.report.confidence,
-        compared=None if compared is None else _compared(study, compared),
         at=study.report.at,
         risk=attempt(partial(risk_of_study, study, fitted)),
         target=target_of_index(study.motions.index),
         given=given,
-        about=study.report.model_dump(
-            include={"project", "client", "author"}, exclude_none=True
-        )
-        | ({} if study.report.logo is None else {"logo": logo_url(study.report.logo)}),
+        about=about,
     )
+
+
+def scale_of(study: StudyKeys) -> Scale:
+    """Return the scale of the levels of a study."""
+    levels = study.intensity
+    return Scale(levels.measure, levels.unit, 1.0 / levels.factor)
 
 
 def _title(study: StudyKeys) -> str:
@@ -277,17 +316,6 @@ def _title(study: StudyKeys) -> str:
     block = all(member.entry.profile == "block" for member in study.members)
     noun = "block" if block else "masonry arch"
     return f"Fragility of {f'a {noun}' if len(study.members) == 1 else counted(2, noun)[2:]}"
-
-
-def _compared(study: StudyKeys, path: Path) -> tuple[xr.Dataset, Mapping[str, Curve]]:
-    """Return the cube and the answers of another study; InputError if it has the same id."""
-    other = load_study(path)
-    if study.id == other.id:
-        raise InputError(
-            f"study {other.id!r} cannot be compared with another of the same id"
-        )
-    fitted = finished(other)
-    return fitted.cube, fitted.arches
 
 
 def arch_results(runs: Runs, scale: Scale) -> ArchResults:
@@ -343,25 +371,77 @@ def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntA
     return np.array([np.exp(np.log(own[members]).mean()) for members in groups]), place
 
 
+def write_papers(inputs: ReportInputs, folder: Path) -> None:
+    """Write ``summary.json``, ``capacities.csv``, ``runs.csv`` and ``README.txt``.
+
+    A README of somebody else is left alone.
+    """
+    scale = inputs.scale
+    cube = inputs.cube
+    units = {name: f"{name} [{scale.unit}]" for name in ("lower", "upper", "capacity")}
+    table = inputs.fitted.capacities(scale.factor).rename(columns=units)
+    runs = runs_in_words(cube, scale.label, scale.factor)
+    numbers = json.dumps(summary(inputs), indent=1, ensure_ascii=False, allow_nan=False)
+    write_text(folder / "summary.json", numbers + "\n")
+    for name, pieces in (
+        ("capacities.csv", [table.replace(np.inf, np.nan)]),
+        ("runs.csv", runs),
+    ):
+        write_csv(folder / name, pieces, float_format="%.7g")
+    path = folder / README
+    if not path.is_file() or path.read_bytes().startswith(_HEAD.encode()):
+        title, study = (cube.attrs.get(key, "") for key in ("title", "archfrag_study"))
+        about = f"{_HEAD} {__version__}: {title} (study {study})\nIntensities are "
+        write_text(path, f"{about}{scale.label}.\n\n{_FILES}")
+
+
+def runs_in_words(
+    cube: xr.Dataset, intensity: str, factor: float
+) -> Iterator[pd.DataFrame]:
+    """Yield the runs in pieces, with words for codes and units in the names."""
+    about, pieces = runs_table(cube)
+    names = {}
+    for name in RUN_COLUMNS:
+        if name in about:
+            unit = about[name].get("unit", "1")
+            names[name] = name if unit == "1" else f"{name} [{unit}]"
+    names["intensity"] = intensity
+    for piece in pieces:
+        levels = [_stated(si, factor) for si in piece["intensity"]]
+        own: dict[str, Any] = {"intensity": levels}
+        for name in names:
+            codes = about[name].get("codes", {})
+            words = {code: word.replace("_", " ") for word, code in codes.items()}
+            if words:
+                own[name] = piece[name].map(words)
+            elif name.endswith("_joint"):
+                own[name] = piece[name].where(piece[name] >= 0).astype("Int64")
+        yield piece.assign(**own)[list(names)].rename(columns=names)
+
+
+def _stated(si: float, factor: float) -> str:
+    """Write an SI level times `factor` as a study gives it, or in full."""
+    short = f"{factor * si:.12g}"
+    return short if float(short) * (1.0 / factor) == si else repr(float(factor * si))
+
+
 def summary(inputs: ReportInputs) -> dict[str, Any]:
     """Return the content of ``summary.json``, which docs/reference/results.md lists."""
     cube = inputs.cube
-    attributes = inputs.cube.attrs
+    attributes = cube.attrs
     scale = inputs.scale
-    of_class = arch_classes(cube)
-    onsets = {name: onset for name, _, onset in inputs.arches}
     of_runs = ("verdict", "lost_contact_time", "collapse_mode", "collapse_joint")
     tables = [
         cube[name].transpose("arch", "record", "level").values for name in of_runs
     ]
     arches = []
-    for name, *of_arch in zip(map(str, cube["arch"].values), *tables, strict=True):
-        start = onsets.get(name)
+    for (name, of_class), *of_arch in zip(inputs.of_class.items(), *tables):
+        start = inputs.arches.get(name)
         arches.append(
             {
                 "id": name,
-                "class": of_class[name],
-                **_answered(inputs.answers[name], scale, inputs.at),
+                "class": of_class,
+                **_answered(inputs, inputs.answers[name]),
                 **_counted(*of_arch),
                 "stands": start and bool(start.stands),
                 "onset": start and {"plus": start.plus, "minus": start.minus},
@@ -370,15 +450,15 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
     classes = [
         {
             "id": name,
-            "arches": list(of_class.values()).count(name),
-            **_answered(answer, scale, inputs.at),
+            "arches": list(inputs.of_class.values()).count(name),
+            **_answered(inputs, answer),
             "dispersion": answer.more.get("dispersion"),
         }
         for name, answer in inputs.classes.items()
     ]
     return finite(
         {
-            "format": SUMMARY_FORMAT,
+            "format": "archfrag-summary/2",
             "study": attributes.get("archfrag_study"),
             "title": inputs.title,
             "measure": scale.measure,
@@ -398,34 +478,26 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
     )
 
 
-def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
-    """Return the curve and the probability of an arch or a class, or why it has no curve."""
+def _answered(inputs: ReportInputs, answer: Curve) -> dict[str, Any]:
+    """Return the curve [SI] and the probability of an arch or a class, or why there is none."""
+    factor = inputs.scale.factor
+    at = inputs.at
     lost = answer.more.get("without_verdict") or None
     if lost and "runs" in lost:
         medians = {key: lost[key].get("theta") for key in ("collapsed", "survived")}
-        theta = {
-            key: median and scale.factor * median for key, median in medians.items()
-        }
+        theta = {key: median and factor * median for key, median in medians.items()}
         lost = {"runs": lost["runs"], "theta_if": theta}
-    likelihood = answer.likelihood
-    likeliest = None
-    chance = None
+    found: dict[str, Any] = {"reason": answer.reason or None, "without_verdict": lost}
+    found |= {"curve": None, "probability": None}
     if not answer.fitted:
-        none = {"curve": None, "probability": None}
-        return {"reason": answer.reason, "without_verdict": lost, **none}
-    if at is not None:
-        value, *ends = answer.at(at / scale.factor)
-        chance = {"level": at, "value": value, "interval": ends}
-    if likelihood is not None and likelihood.fitted:
-        theta_most = scale.factor * likelihood.theta
-        likeliest = {
-            "theta": theta_most,
-            "beta": likelihood.beta,
-            "kind": likelihood.kind,
-        }
-    curve = {
-        "theta": scale.factor * answer.theta,
-        "theta_interval": [scale.factor * end for end in answer.theta_interval],
+        return found
+    likeliest = None
+    most = answer.likelihood
+    if most is not None and most.fitted:
+        likeliest = {"theta": factor * most.theta, "beta": most.beta, "kind": most.kind}
+    found["curve"] = {
+        "theta": factor * answer.theta,
+        "theta_interval": [factor * end for end in answer.theta_interval],
         "beta": answer.beta,
         "beta_interval": list(answer.beta_interval),
         "method": answer.method,
@@ -435,12 +507,10 @@ def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
         "kind": answer.kind,
         "maximum_likelihood": likeliest,
     }
-    return {
-        "reason": None,
-        "without_verdict": lost,
-        "curve": curve,
-        "probability": chance,
-    }
+    if at is not None:
+        value, *ends = answer.at(at / factor)
+        found["probability"] = {"level": at, "value": value, "interval": ends}
+    return found
 
 
 def _counted(

@@ -64,12 +64,15 @@ def study_aspects(inputs: ReportInputs) -> list[Aspect]:
     of_class = arch_classes(inputs.cube)
     given = inputs.given
     if not given:  # a report without a study file
-        given = {of_class[name]: [arch.parameters] for name, arch, _ in inputs.arches}
+        given = {
+            of_class[name]: [each.arch.parameters]
+            for name, each in inputs.arches.items()
+        }
     return aspects(
         given,
         inputs.cube.attrs.get("vertical_component", "not used"),
         inputs.config.get("method", {}).get("delay"),
-        not all(arch.free_end for _, arch, _ in inputs.arches),
+        not all(each.arch.free_end for each in inputs.arches.values()),
     )
 
 

@@ -13,69 +13,92 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 from markupsafe import Markup, escape
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import InputError, OutputError, attempt
+from archfrag.errors import OutputError, attempt
 from archfrag.files import check_targets, make_folder
-from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
-from archfrag.report import curve_figures, html, svg
+from archfrag.report.curve_figures import (
+    all_curves,
+    contributions,
+    hazard_and_fragility,
+)
 from archfrag.report.film import typical_run
 from archfrag.report.first_page import first_page, lead_sentence, leading_arch
-from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
+from archfrag.report.html import (
+    SCRIPT,
+    TEXTS,
+    Picture,
+    cautions,
+    digits,
+    folded,
+    heading,
+    interval,
+    lines,
+    measured,
+    pairs,
+    paragraph,
+    rounded,
+    table,
+    template,
+)
 from archfrag.report.inputs import (
     ReportInputs,
-    Scale,
-    arch_results,
     report_inputs,
-    summary,
+    scale_of,
+    thetas,
+    write_papers,
 )
 from archfrag.report.limits import study_aspects
-from archfrag.report.papers import write_papers
-from archfrag.report.risk_section import risk_section
 from archfrag.report.sections import (
     PageSection,
     answers_table,
     arch_sections,
-    card,
     class_sections,
     table_sections,
 )
-from archfrag.report.svg import Entry, Sheet, figure, log_ticks
-from archfrag.study.answer.curves import Fitted, runs_of_cube
+from archfrag.report.svg import (
+    BLUE,
+    GREY,
+    INK,
+    SKY,
+    VERMILION,
+    Entry,
+    Sheet,
+    envelope,
+    figure,
+    panel_below,
+    ribbon,
+    shortened,
+)
+from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.fits import CURVE, FITS, cautions_of, gathered, store_fits
-from archfrag.study.answer.rates import risk_of_study
+from archfrag.study.answer.rates import ASSUMPTIONS, StudyRisk, risk_of_study
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.products import ALL_CURVES, README, REPORT_FILES
 from archfrag.study.provenance import OWNER, write_text
 
-SUMMARY = REPORT_FILES[1]  # beside the page
-_FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the figure of spectra [s]
-_BINS = 110  # of a thumbnail
-_NAME = 180.0  # of a record under its thumbnail [px]
+_REMARKS = TEXTS["notes"]
+_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the figure of spectra [s]
 _MOST_THUMBNAILS = 60
 _MOST_SPECTRA = 80
 
 
-def make_report(
-    study: StudyKeys, compared: Path | None = None, table: Fitted | None = None
-) -> Path:
-    """Write the report of a finished study, compared with that of another file; return its path.
+def make_report(study: StudyKeys, table: Fitted | None = None) -> Path:
+    """Write the report of a finished study and return its path.
 
     Of a `table` of verdicts it has no arches and no motions, and its curves are stored too;
     OutputError if the folder holds the results of a study.
 
     Beside it are its numbers ``summary.json``, its curves as SVG files (``curves.svg`` in the
-    place of those of many arches), and the tables of `archfrag.report.papers`.
+    place of those of many arches), and the tables of `archfrag.report.inputs`.
     """
     out = study.folder / "report.html"
     if table is None:
-        return write_report(report_inputs(study, compared), out)
+        return write_report(report_inputs(study), out)
     if (study.work / OWNER).exists():
         raise OutputError(
             f"{study.folder}: holds the results of a study; give another output"
@@ -86,14 +109,11 @@ def make_report(
     ]
     check_targets([study.folder / FITS, study.folder / CURVE], given)
     make_folder(study.folder)
-    scale = Scale(
-        study.intensity.measure, study.intensity.unit, 1.0 / study.intensity.factor
-    )
     inputs = ReportInputs(
         table.cube,
-        scale,
+        scale_of(study),
         (),
-        (),
+        {},
         table.arches,
         table.classes,
         cautions_of(study, table),
@@ -118,65 +138,122 @@ def write_report(
     check_targets([out.parent / name for name in names], given, of_study=True)
     for name, picture in figures.items():
         write_text(out.parent / name, picture.file)
-    numbers = json.dumps(summary(inputs), indent=1, ensure_ascii=False, allow_nan=False)
-    write_text(out.parent / SUMMARY, numbers + "\n")
-    scale = inputs.scale
-    write_papers(inputs.fitted, scale.measure, scale.unit, scale.factor, out.parent)
+    write_papers(inputs, out.parent)
     write_text(out, text)
     return out
 
 
 def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     """Return the page as text, and by file name the figures that are files too."""
-    curves = curve_figures.all_curves(inputs, inputs.answers, inputs.classes)
-    sections = [*risk_section(inputs), *overview(inputs, curves)]
+    curves = all_curves(inputs, inputs.answers, list(inputs.classes))
+    listed = inputs.quoted
+    shown = list(listed)
+    sections = list[PageSection]()
+    if inputs.risk is not None:
+        sections.append(PageSection("risk", "Risk", list(_rates(inputs, inputs.risk))))
+    if len(listed) > 1:
+        sections.append(PageSection("all", "All arches", [curves, *_ratios(inputs)]))
     if not inputs.arches:  # runs of another program
         sections += table_sections(inputs)
-        first = Markup("<h1>{}</h1>").format(inputs.title)
-        shown = list(inputs.quoted)
-        first += lead_sentence(inputs)
+        first = Markup("<h1>{}</h1>").format(inputs.title) + lead_sentence(inputs)
     else:
         lead = leading_arch(inputs)
-        examples = [typical_run(inputs, place) for place in range(len(inputs.arches))]
+        examples = {name: typical_run(inputs, name) for name in inputs.arches}
         arches, appendix = arch_sections(inputs, examples, lead)
         sections += [
             *class_sections(inputs),
             *arches,
-            *compared_section(inputs),
-            motions_section(inputs),
-            provenance_section(inputs.cube.attrs),
+            PageSection("motions", "Ground motions", list(_motions(inputs))),
+            _provenance(inputs.cube.attrs),
             *appendix,
-            glossary_section(inputs),
+            _glossary(inputs),
         ]
         first = first_page(inputs, examples[lead])
-        shown = [name for name, _, _ in inputs.arches if name in inputs.quoted]
+        shown = [name for name in inputs.arches if name in listed]
     # Cautions that no section has; of those of arches that differ in numbers only the first.
     rest = [words for words in inputs.cautions if words.partition(": ")[0] not in shown]
-    digest = base64.b64encode(hashlib.sha256(html.SCRIPT.encode()).digest()).decode()
-    listed = inputs.quoted
-    text = html.template(
+    digest = base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()
+    text = template(
         "report.html.j2",
         inputs=inputs,
-        scale=inputs.scale,
         sections=sections,
-        n_level=inputs.cube.sizes["level"],
-        n_arch=len(inputs.answers),
-        script=html.SCRIPT,
+        script=SCRIPT,
         script_hash=f"'sha256-{digest}'",
         first=first,
         answers=answers_table(inputs, listed) if len(listed) > 1 else "",
-        cautions=html.cautions(gathered(rest, inputs.cube, shown)),
+        cautions=cautions(gathered(rest, inputs.cube, shown)),
     )
-    figures = {
-        name: picture for section in sections for name, picture in section.files.items()
-    }
-    return text, figures | ({ALL_CURVES: curves} if len(inputs.answers) > SHOWN else {})
+    figures = {ALL_CURVES: curves} if len(inputs.answers) > SHOWN else {}
+    for section in sections:
+        figures |= section.files
+    return text, figures
 
 
-def overview(inputs: ReportInputs, curves: Picture) -> Iterator[PageSection]:
-    """Yield the section on all arches, if there are several; `curves` is their figure."""
-    if len(inputs.quoted) > 1:
-        yield PageSection("all", "All arches", [curves, *_ratios(inputs)])
+def _rates(inputs: ReportInputs, risk: StudyRisk | str) -> Iterator[Any]:
+    """Yield the rates of collapse, and figures of each arch; of many arches only of the first."""
+    if isinstance(risk, str):
+        yield paragraph(f"There are no rates of collapse: {risk}.", "none")
+        return
+    hazard = risk.hazard
+    first = next(iter(hazard.curves))
+    words = f"Rates with the hazard curve {first} of {Path(hazard.source).name}"
+    yield paragraph(". ".join([words, *hazard.messages, ""]), "note")
+    yield _rates_table(risk, inputs.percent)
+    rates = [arch.rate for arch in risk.arches.values() if not isinstance(arch, str)]
+    if any(rate.mean > rate.quoted for rate in rates):
+        yield paragraph(TEXTS["notes"]["mean_rate"], "note")
+    shown = SHOWN if len(risk.arches) <= SHOWN else 3
+    for name, arch in list(risk.arches.items())[:shown]:
+        if len(risk.arches) > 1:
+            yield heading(name)
+        if isinstance(arch, str):
+            yield paragraph(f"No rate: {arch}.", "none")
+            continue
+        yield cautions(arch.cautions)
+        yield hazard_and_fragility(arch, hazard, inputs.scale)
+        yield contributions(arch, inputs.scale)
+    assumed = (f"{words[0].upper()}{words[1:]}." for words in ASSUMPTIONS)
+    yield paragraph(" ".join(assumed), "note")
+
+
+def _rates_table(risk: StudyRisk, percent: str) -> Markup:
+    """Tabulate the rate of collapse of each arch with what it means over some years."""
+    heads = [
+        "arch",
+        "collapses a year",
+        percent,
+        "mean rate",
+        "return period [years]",
+        f"probability in {risk.years:g} years",
+        percent,
+        "beyond the hazard curve",
+        "left out below the onset",
+        *(f"a year, {key}" for key in list(risk.hazard.curves)[1:]),
+    ]
+    rows = []
+    for name, arch in risk.arches.items():
+        name += f", {risk.classes[name]} arches" if name in risk.classes else ""
+        if isinstance(arch, str):
+            rows.append([name, "no curve", *["–"] * (len(heads) - 2)])
+            continue
+        rate = arch.rate
+        likely, *ends = rate.probability_in(risk.years)
+        least, most = ("at least ", "at most ") if rate.is_bound else ("", "")
+        rows.append(
+            [
+                name,
+                least + rounded(rate.quoted),
+                interval((rate.lower, rate.upper), rounded),
+                rounded(rate.mean),
+                most + rounded(rate.return_period),
+                least + rounded(likely),
+                interval(ends, rounded),
+                f"{100 * (rate.below + rate.above):.1f} %",
+                rounded(rate.below_onset) if np.any(arch.onset) else "–",
+                *(rounded(rate) for rate in list(arch.by_curve.values())[1:]),
+            ]
+        )
+    return table("Rates of collapse", heads, rows, "compact")
 
 
 def _ratios(inputs: ReportInputs) -> Iterator[Markup]:
@@ -185,84 +262,26 @@ def _ratios(inputs: ReportInputs) -> Iterator[Markup]:
     if isinstance(ratios, str):
         yield paragraph(f"There are no ratios: {ratios}.", "note")
         return
-    words = {
-        "theta": f"median capacity θ [{inputs.scale.unit}]",
-        "rate": "collapses a year",
+    kinds = {
+        "theta": (
+            f"median capacity θ [{inputs.scale.unit}]",
+            inputs.scale.factor,
+            digits,
+        ),
+        "rate": ("collapses a year", 1.0, rounded),
     }
     rows = []
     for name, of_measure in ratios.items():
         for what, row in of_measure.items():
-            form = inputs.scale.digits if what == "theta" else html.rounded
-            pair = form(row["before"]), form(row["after"])
-            ends = f"{row['lower']:.2f} to {row['upper']:.2f}"
+            words, factor, write = kinds[what]
+            both = [write(factor * row[end]) for end in ("before", "after")]
+            ends = interval((row["lower"], row["upper"]))
             over = inputs.references[name]
-            rows.append([name, over, words[what], *pair, f"{row['ratio']:.2f}", ends])
+            rows.append([name, over, words, *both, f"{row['ratio']:.2f}", ends])
     if rows:
         heads = ["arch", "over", "", "that one", "this arch", "ratio", inputs.percent]
         yield table("Ratios of arches", heads, rows, "compact", 3)
         yield paragraph(TEXTS["ratios"]["how"], "note")
-
-
-def compared_section(inputs: ReportInputs) -> Iterator[PageSection]:
-    """Yield the section on the arches that another study has too, if there is one.
-
-    InputError if the two cannot be compared.
-    """
-    if inputs.compared is not None:
-        parts = list(_compared(inputs, *inputs.compared))
-        name = inputs.compared[0].attrs["archfrag_study"]
-        yield PageSection("compared", f"Compared with study {name}", parts)
-
-
-def _compared(
-    inputs: ReportInputs, other: xr.Dataset, answers: Mapping[str, Curve]
-) -> Iterator[Any]:
-    """Yield the parts on arches of two studies; InputError if these cannot be compared."""
-    cubes = (inputs.cube, other)
-    of_each = (inputs.answers, answers)
-    names = [str(cube.attrs["archfrag_study"]) for cube in cubes]
-    refused = f"study {names[1]!r} cannot be compared with {names[0]!r}"
-    kinds = ["{measure} [{units}]".format(**cube["intensity"].attrs) for cube in cubes]
-    if kinds[0] != kinds[1]:
-        raise InputError(f"{refused}: its levels are of {kinds[1]}, not of {kinds[0]}")
-    arches = [name for name, _, _ in inputs.arches]
-    common = [name for name in arches if name in answers]
-    if not common:
-        has = f"no arch {' or '.join(arches)}, but {', '.join(answers)}"
-        raise InputError(f"{refused}: it has {has}")
-    one, two = (set(cube["record"].values.tolist()) for cube in cubes)
-    sizes = {"names": names, "sizes": [len(one), len(two)], "common": len(one & two)}
-    yield paragraph(TEXTS["notes"]["compared"].format(**sizes), "note")
-    settings = (
-        pd.concat(map(_settings, cubes), axis=1, keys=names).fillna("–").sort_index()
-    )
-    differing = settings[settings[names[0]] != settings[names[1]]].itertuples(name=None)
-    label = "Settings in which the studies differ"
-    yield table(label, ["key", *names], differing, "pairs", numeric_from=3)
-    for arch in common:
-        yield html.heading(arch)
-        both = [runs_of_cube(cube, [arch])[arch] for cube in cubes]
-        results = [arch_results(runs, inputs.scale) for runs in both]
-        sides = [(runs, answers[arch]) for runs, answers in zip(results, of_each)]
-        yield curve_figures.two_studies(names, sides)
-        fits = [answer for _, answer in sides]
-        if fits[0].fitted and fits[1].fitted:
-            change = f"{100 * (fits[1].theta / fits[0].theta - 1):+.1f} %".replace(
-                "-", "−"
-            )
-            yield paragraph(f"Change of θ from {names[0]} to {names[1]}: {change}.")
-        for name, (runs, answer) in zip(names, sides):
-            yield paragraph(f"{arch} in {name}:")
-            yield card(answer, inputs.scale, inputs.percent, results=runs)
-
-
-def _settings(cube: xr.Dataset) -> pd.Series:
-    """Return the keys of a study, such as ``arches.ring.thickness``, that decide its results."""
-    config = json.loads(cube.attrs.get("archfrag_config", "{}"))
-    used = ("intensity", "motions", "design", "method")
-    parts = {key: config[key] for key in used if key in config}
-    parts["arches"] = {entry["id"]: entry for entry in config.get("arches", ())}
-    return pd.json_normalize(parts).iloc[0].map(str)
 
 
 def thumbnails(motions: Sequence[Motion]) -> Picture:
@@ -271,15 +290,15 @@ def thumbnails(motions: Sequence[Motion]) -> Picture:
     pieces = []
     for motion in shown:
         values = np.asarray(motion.acceleration, dtype=float)
-        _, low, high = svg.envelope(values / (np.abs(values).max() or 1.0), _BINS)
+        _, low, high = envelope(values / (np.abs(values).max() or 1.0), 110)
         place = np.linspace(0.5, 109.5, low.size)
-        outline = svg.ribbon(place, 20.0 - 19.0 * low, 20.0 - 19.0 * high)
+        outline = ribbon(place, 20.0 - 19.0 * low, 20.0 - 19.0 * high)
+        peak = measure(motion, "PGA") / STANDARD_GRAVITY
         pieces.append(
             f'<div><svg viewBox="0 0 110 40" preserveAspectRatio="none" aria-hidden="true">'
             f'<path d="M0 20H110" class="gr"/><path d="{outline}" class="wave"/></svg>'
-            f"<span>{escape(svg.shortened(motion.id, _NAME))}</span>"
-            f"<span>{measure(motion, 'PGA') / STANDARD_GRAVITY:.2f} g, {motion.duration:.0f} s"
-            "</span></div>"
+            f"<span>{escape(shortened(motion.id, 180.0))}</span>"
+            f"<span>{peak:.2f} g, {motion.duration:.0f} s</span></div>"
         )
     label = f"Accelerograms of {len(shown)} of {len(motions)} ground motions"
     return Picture(
@@ -288,226 +307,168 @@ def thumbnails(motions: Sequence[Motion]) -> Picture:
     )
 
 
-@figure
-def spectra(
-    sheet: Sheet,
-    periods: FloatArray,
-    scaled: FloatArray,
-    level: str,
-    target: FloatArray | None = None,
-    marks: Sequence[float] = (),
-) -> tuple[str, str]:
-    """Draw spectra (n_record, n_period) [g] at 5 % damping with their median and 16 to 84 %.
-
-    A `target` has rows of periods, median [g] and sd of ln Sa; `marks` are periods of the measure.
-    """
-    low, median, high = np.nanquantile(scaled, [0.16, 0.5, 0.84], axis=0)
-    floor = max(median.max() / 1000.0, 0.7 * float(np.nanmin(scaled[scaled > 0])))
-    entries = [
-        Entry("records", svg.GREY, "line"),
-        Entry("16 to 84 %", "#b9dcf2"),
-        Entry("median", svg.BLUE, "line"),
-    ]
-    if target is not None:
-        entries.append(Entry("target: median, 16 and 84 %", svg.VERMILION, "line"))
-    x = (float(periods[0]), float(periods[-1]))
-    y = (floor, 1.3 * float(np.nanmax(scaled)))
-    panel = svg.panel_below(sheet, entries, 240.0, x, y, log=True)
-    panel.axis_x(log_ticks(*x), "period [s]", grid=True)
-    panel.axis_y(log_ticks(*y), "Sa, 5 % damping [g]")
-    shown = scaled[:_MOST_SPECTRA]
-    for row in np.where(shown >= floor, shown, np.nan):
-        panel.line(periods, row, svg.GREY, 0.5, opacity=0.6)
-    panel.band(periods, np.maximum(low, floor), np.maximum(high, floor), svg.SKY, 0.35)
-    panel.line(periods, np.where(median >= floor, median, np.nan), svg.BLUE, 2.0)
-    if target is not None:
-        at, middle, sd = target[:, (target[0] >= x[0]) & (target[0] <= x[1])]
-        for z, width, dash in (
-            (0.0, 2.0, ""),
-            (1.0, 1.2, "5 2.5"),
-            (-1.0, 1.2, "5 2.5"),
-        ):
-            panel.line(
-                at, np.clip(middle * np.exp(z * sd), *y), svg.VERMILION, width, dash
-            )
-    for mark in marks:
-        panel.line([mark, mark], y, svg.INK, 0.9, "2 2")
-    return (
-        f"Response spectra of {len(scaled)} records {level}",
-        f"Pseudo-acceleration spectra at 5 % damping of {len(shown)} of {len(scaled)} records, "
-        f"{level}." + " Dotted: periods of the study's measure." * bool(marks),
-    )
-
-
-def motions_section(inputs: ReportInputs) -> PageSection:
-    """Return the section on the ground motions."""
+def _motions(inputs: ReportInputs) -> Iterator[Any]:
+    """Yield the parts of the section on the ground motions."""
     cube = inputs.cube
-    recorded = "Ground motions as recorded"
-    parts: list[Any] = [thumbnails(inputs.motions), _scaled_spectra(inputs)]
-    parts.append(html.folded(recorded, _motion_table(inputs)))
+    yield thumbnails(inputs.motions)
+    yield spectra(inputs)
+    yield folded("Ground motions as recorded", _motion_table(inputs))
     events = Counter(sorted(filter(None, cube["event"].values.astype(str).tolist())))
     if events:
-        listed = table(
-            "Earthquakes", ["earthquake", "records"], events.items(), "compact"
-        )
-        remark = paragraph(TEXTS["notes"]["events"], "note")
-        parts.append(html.folded("Earthquakes", remark, listed))
-    parts += _first_shocks(inputs)
-    waivers = cube["accepted"].values.astype(str) if "accepted" in cube else ()
-    named = [
-        f"{name!s} ({words})"
-        for name, words in zip(cube["record"].values, waivers)
-        if words
-    ]
-    if named:
-        words = f"Records accepted despite a warning: {', '.join(named)}."
-        parts.append(paragraph(words, "caution"))
-    return PageSection("motions", "Ground motions", parts)
+        heads = ["earthquake", "records"]
+        listed = table("Earthquakes", heads, events.items(), "compact")
+        yield folded("Earthquakes", paragraph(_REMARKS["events"], "note"), listed)
+    yield from _first_shocks(inputs)
+    if "accepted" in cube:
+        waivers = zip(*(cube[key].values.astype(str) for key in ("record", "accepted")))
+        named = ", ".join(f"{name} ({words})" for name, words in waivers if words)
+        words = f"Records accepted despite a warning: {named}."
+        if named:
+            yield paragraph(words, "caution")
 
 
 def _first_shocks(inputs: ReportInputs) -> Iterator[Any]:
     """Yield which first shocks come before the records, how strong, and which before which."""
     plan = inputs.plan
     scale = inputs.scale
-    shaken = (
-        [] if plan is None else [i for i, arch in enumerate(plan.arches) if arch.shock]
-    )
+    arches = [] if plan is None else plan.arches
+    shaken = [place for place, arch in enumerate(arches) if arch.shock]
     if plan is None or not shaken:
         return
-    levels = dict.fromkeys(scale.text(plan.arches[i].shock[0]) for i in shaken)
-    gap = plan.arches[shaken[0]].shock[1]
-    names = [*plan.records, *plan.first]
-    rows = []
-    for record, each in enumerate(plan.records):
-        if (shock := plan.shock(shaken[0], record)) is not None:
-            rows.append([each.id, names[shock[0]].id])
+    texts = [scale.text(scale.factor * arches[i].shock[0]) for i in shaken]
+    levels = " and ".join(dict.fromkeys(texts))
+    names = [each.id for each in (*plan.records, *plan.first)]
+    shocks = [plan.shock(shaken[0], record) for record in range(len(plan.records))]
+    rows = [(own, names[shock[0]]) for own, shock in zip(names, shocks) if shock]
     listed = ", ".join(dict.fromkeys(first for _, first in rows))
-    words = TEXTS["notes"]["shocks"]
-    at = f"{scale.measure} {' and '.join(levels)}"
-    yield html.heading("First shocks")
-    yield paragraph(words.format(names=listed, levels=at, gap=gap))
+    at = f"{scale.measure} {levels}"
+    gap = arches[shaken[0]].shock[1]
+    yield heading("First shocks")
+    yield paragraph(_REMARKS["shocks"].format(names=listed, levels=at, gap=gap))
     first = table("First shocks", ["record", "first shock before it"], rows, "pairs", 2)
-    yield html.folded("First shock of each record", first)
+    yield folded("First shock of each record", first)
 
 
 def _motion_table(inputs: ReportInputs) -> Markup:
     """Tabulate the motions as recorded, and the factors of the runs."""
     rows = []
-    cube = inputs.cube[["scale_factor", "magnitude", "distance"]]
     for motion in inputs.motions:
-        record = cube.sel(record=motion.id)
-        factor = record["scale_factor"].values[
-            np.isfinite(record["scale_factor"].values)
-        ]
+        record = inputs.cube.sel(record=motion.id)
+        factors = record["scale_factor"].values
+        factors = factors[np.isfinite(factors)]
+        scaled = "not run"
+        if factors.size:
+            scaled = f"{digits(factors.min())} – {digits(factors.max())}"
         rows.append(
-            [
-                motion.id,
-                measured(record["magnitude"].item(), ".2f"),
-                measured(record["distance"].item(), ".1f"),
-                f"{motion.duration:.1f}",
-                f"{motion.dt:g}",
-                f"{measure(motion, 'PGA') / STANDARD_GRAVITY:.4f}",
-                f"{100 * measure(motion, 'PGV'):.2f}",
-                measured(measure(motion, "Arias")),
-                f"{measure(motion, 'D5_95'):.1f}",
-                "no" if motion.vertical is None else "yes",
-                f"{digits(factor.min())} – {digits(factor.max())}"
-                if factor.size
-                else "not run",
-            ]
+            {
+                "record": motion.id,
+                "M": measured(record["magnitude"].item(), ".2f"),
+                "distance [km]": measured(record["distance"].item(), ".1f"),
+                "duration [s]": f"{motion.duration:.1f}",
+                "dt [s]": f"{motion.dt:g}",
+                "PGA [g]": f"{measure(motion, 'PGA') / STANDARD_GRAVITY:.4f}",
+                "PGV [cm/s]": f"{100 * measure(motion, 'PGV'):.2f}",
+                "Arias [m/s]": measured(measure(motion, "Arias")),
+                "D5\u2060–\u206095 [s]": f"{measure(motion, 'D5_95'):.1f}",
+                "vertical": "no" if motion.vertical is None else "yes",
+                "scale factors": scaled,
+            }
         )
-    heads = [
-        "record",
-        "M",
-        "distance [km]",
-        "duration [s]",
-        "dt [s]",
-        "PGA [g]",
-        "PGV [cm/s]",
-        "Arias [m/s]",
-        "D5\u2060–\u206095 [s]",
-        "vertical",
-        "scale factors",
-    ]
-    return table(
-        "Ground motions as recorded, and their scale factors", heads, rows, "dense"
-    )
+    label = "Ground motions as recorded, and their scale factors"
+    return table(label, list(rows[0]), [[*row.values()] for row in rows], "dense")
 
 
-def _scaled_spectra(inputs: ReportInputs) -> Picture:
-    """Draw the spectra of the motions at the level nearest to the median capacity.
+@figure
+def spectra(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
+    """Draw spectra at 5 % damping at the level nearest to the median capacity, with their median
+    and 16 to 84 %.
 
     They are at the middle level if no arch has a curve, as in the runs if each has a level of its
-    own, and as selected if there is a target.
+    own, and as selected if there is a target, which is drawn too.
     """
-    cube = inputs.cube
     scale = inputs.scale
     level = 0
     words = "scaled as in the runs"
-    intensity = cube["intensity"].values
+    intensity = inputs.cube["intensity"].values
     if intensity.ndim == 1:
-        medians = [each.theta for each in inputs.answers.values()]
+        medians = thetas(inputs.answers.values())
         level = intensity.size // 2
         why = "the middle level"
         if np.isfinite(medians).any():
-            level = int(
-                np.abs(np.log(intensity) - np.log(np.nanmedian(medians))).argmin()
-            )
+            away = np.log(intensity) - np.log(np.nanmedian(medians))
+            level = int(np.abs(away).argmin())
             why = "the level nearest to the median capacity"
-        words = (
-            f"scaled to {scale.measure} = {scale.text(float(intensity[level]))}, {why}"
-        )
-    chosen = (
-        cube["scale_factor"].isel(level=level, arch=0, missing_dims="ignore").values
-    )
+        at = scale.text(scale.factor * float(intensity[level]))
+        words = f"scaled to {scale.measure} = {at}, {why}"
+    place = {"level": level, "arch": 0}
+    chosen = inputs.cube["scale_factor"].isel(place, missing_dims="ignore").values
+    entries = [Entry("records", GREY, "line"), Entry("16 to 84 %", "#b9dcf2")]
+    entries.append(Entry("median", BLUE, "line"))
     target, factors = inputs.target or (None, {})
     if target is not None:
         words = "each with the factor with which it was selected for the target"
         names = [motion.id.removesuffix("-rev") for motion in inputs.motions]
         chosen = np.array([factors.get(name, np.nan) for name in names])
-    spectra_g = [
-        spectral_acceleration(motion, _FEW_PERIODS) * factor / STANDARD_GRAVITY
-        for motion, factor in zip(inputs.motions, chosen.tolist())
-        if np.isfinite(factor)
-    ]
+        entries.append(Entry("target: median, 16 and 84 %", VERMILION, "line"))
+    scaled = np.stack(
+        [
+            spectral_acceleration(motion, _PERIODS) * factor / STANDARD_GRAVITY
+            for motion, factor in zip(inputs.motions, chosen)
+            if np.isfinite(factor)
+        ]
+    )
+    low, median, high = np.nanquantile(scaled, [0.16, 0.5, 0.84], axis=0)
+    floor = max(median.max() / 1000.0, 0.7 * float(np.nanmin(scaled[scaled > 0])))
+    x = (float(_PERIODS[0]), float(_PERIODS[-1]))
+    y = (floor, 1.3 * float(np.nanmax(scaled)))
+    panel = panel_below(sheet, entries, 240.0, x, y, log=True)
+    panel.axis_x("period [s]", grid=True)
+    panel.axis_y("Sa, 5 % damping [g]")
+    shown = scaled[:_MOST_SPECTRA]
+    for row in np.where(shown >= floor, shown, np.nan):
+        panel.line(_PERIODS, row, GREY, 0.5, opacity=0.6)
+    panel.band(_PERIODS, np.maximum(low, floor), np.maximum(high, floor), SKY, 0.35)
+    panel.line(_PERIODS, np.where(median >= floor, median, np.nan), BLUE, 2.0)
+    if target is not None:
+        at, middle, sd = target[:, (target[0] >= x[0]) & (target[0] <= x[1])]
+        panel.line(at, np.clip(middle, *y), VERMILION, 2.0)
+        for ratio in (np.exp(sd), np.exp(-sd)):
+            panel.line(at, np.clip(middle * ratio, *y), VERMILION, 1.2, "5 2.5")
     marks = parse_measure(scale.measure).periods
-    return spectra(_FEW_PERIODS, np.stack(spectra_g), words, target, marks)
+    for mark in marks:
+        panel.upright(mark, INK)
+    return (
+        f"Response spectra of {len(scaled)} records {words}",
+        f"Pseudo-acceleration spectra at 5 % damping of {len(shown)} of {len(scaled)} records, "
+        f"{words}." + " Dotted: periods of the study's measure." * bool(marks),
+    )
 
 
-def provenance_section(attributes: Mapping[str, Any]) -> PageSection:
+def _provenance(attributes: Mapping[str, Any]) -> PageSection:
     """Return the section on what makes the results again, and the attributes of the cube."""
     commit = attributes.get("archfrag_commit", "not known")
     rows = []
     form = Markup('<pre tabindex="0">{}</pre>')
     for name, value in attributes.items():
         if str(value).startswith(("{", "[")):  # JSON, laid out in lines
-            value = form.format(
-                json.dumps(json.loads(value), indent=2, ensure_ascii=False)
-            )
+            laid = json.dumps(json.loads(value), indent=2, ensure_ascii=False)
+            value = form.format(laid)
         rows.append((name, value))
-    listed = html.pairs("Provenance", rows, "attribute of the cube")
-    words = paragraph(TEXTS["notes"]["reproduce"].format(commit=commit))
-    return PageSection(
-        "provenance",
-        "Provenance",
-        [words, html.folded("Attributes of the cube", listed)],
-    )
+    listed = pairs("Provenance", rows, "attribute of the cube")
+    words = paragraph(_REMARKS["reproduce"].format(commit=commit))
+    parts = [words, folded("Attributes of the cube", listed)]
+    return PageSection("provenance", "Provenance", parts)
 
 
-def glossary_section(inputs: ReportInputs) -> PageSection:
+def _glossary(inputs: ReportInputs) -> PageSection:
     """Return the section on terms and on what is modelled."""
-    loss = (
-        f"{100.0 * float(inputs.cube.attrs['loss_limit']):g} %"  # gap over joint length
-    )
-    values = {"percent": inputs.percent, "loss_limit": loss}
-    terms = [
-        (k.format(**values), v.format(**values)) for k, v in TEXTS["glossary"].items()
-    ]
-    terms.append(
-        ("Limits", " ".join(aspect.sentence for aspect in study_aspects(inputs)))
-    )
-    rows = Markup("\n").join(
-        Markup("<dt>{}</dt>\n<dd>{}</dd>").format(*term) for term in terms
-    )
+    loss = 100.0 * float(inputs.cube.attrs["loss_limit"])  # gap over joint length
+    values = {"percent": inputs.percent, "loss_limit": f"{loss:g} %"}
+    terms = {
+        k.format(**values): v.format(**values) for k, v in TEXTS["glossary"].items()
+    }
+    terms["Limits"] = " ".join(each.sentence for each in study_aspects(inputs))
+    form = Markup("<dt>{}</dt>\n<dd>{}</dd>")
+    rows = lines(form.format(*term) for term in terms.items())
     parts = [Markup('<dl class="glossary">\n{}\n</dl>').format(rows)]
     return PageSection("glossary", "Terms and limits", parts)

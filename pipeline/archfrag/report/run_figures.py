@@ -2,54 +2,76 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
 from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.risk import Contributions, contributions
 from archfrag.fragility.verdicts import Verdict
-from archfrag.report import svg
 from archfrag.report.film import Example, draw_ground
 from archfrag.report.html import TEXTS, digits
 from archfrag.report.inputs import ArchResults
 from archfrag.report.limits import base_of
-from archfrag.report.svg import BELOW, LEFT, LINE, Entry, Panel, Sheet, figure
+from archfrag.report.svg import (
+    BELOW,
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    LEFT,
+    LINE,
+    ORANGE,
+    PURPLE,
+    SKY,
+    SMALL,
+    VERMILION,
+    Entry,
+    Panel,
+    Sheet,
+    even_ticks,
+    figure,
+    legend_rows,
+    log_ticks,
+    panel_below,
+    shortened,
+    text_width,
+    tick_label,
+)
 from archfrag.simulation.response import MechanismChange
 
 VERDICTS = {
     Verdict.SURVIVED: Entry("survived", "#cfe0ee"),
-    Verdict.COLLAPSED: Entry("collapsed", svg.VERMILION),
+    Verdict.COLLAPSED: Entry("collapsed", VERMILION),
     Verdict.UNFINISHED: Entry("unfinished", "#d9b310", "slash"),
-    Verdict.FAILED: Entry("failed", svg.INK),
-    Verdict.COLLAPSED_BEFORE: Entry("collapsed in the first shock", svg.ORANGE, "dots"),
+    Verdict.FAILED: Entry("failed", INK),
+    Verdict.COLLAPSED_BEFORE: Entry("collapsed in the first shock", ORANGE, "dots"),
 }
 MODES = (  # by code of `CollapseMode`
-    Entry("mode not known", svg.GREY),
-    Entry("hinging", svg.BLUE),
-    Entry("sliding", svg.ORANGE, "slash"),
-    Entry("lift-off", svg.GREEN, "dots"),
-    Entry("overturning", svg.PURPLE, "cross"),
+    Entry("mode not known", GREY),
+    Entry("hinging", BLUE),
+    Entry("sliding", ORANGE, "slash"),
+    Entry("lift-off", GREEN, "dots"),
+    Entry("overturning", PURPLE, "cross"),
 )
 LOOKS = (
-    (svg.BLUE, "area"),
-    (svg.ORANGE, "slash"),
-    (svg.GREEN, "dots"),
-    (svg.PURPLE, "cross"),
-    (svg.VERMILION, "slash"),
-    (svg.SKY, "area"),
-    (svg.INK, "area"),
-    (svg.GREY, "area"),
+    (BLUE, "area"),
+    (ORANGE, "slash"),
+    (GREEN, "dots"),
+    (PURPLE, "cross"),
+    (VERMILION, "slash"),
+    (SKY, "area"),
+    (INK, "area"),
+    (GREY, "area"),
 )
 # What a joint may be seen doing, in words of the log, from code 1; a closed joint that sticks is
 # not drawn.
 JOINT_STATES = (
-    Entry("hinge intrados", svg.BLUE),
-    Entry("hinge extrados", svg.VERMILION),
-    Entry("hinge intrados sliding", svg.BLUE, "slash"),
-    Entry("hinge extrados sliding", svg.VERMILION, "slash"),
-    Entry("slides", svg.ORANGE, "cross"),
-    Entry("open", svg.INK),
+    Entry("hinge intrados", BLUE),
+    Entry("hinge extrados", VERMILION),
+    Entry("hinge intrados sliding", BLUE, "slash"),
+    Entry("hinge extrados sliding", VERMILION, "slash"),
+    Entry("slides", ORANGE, "cross"),
+    Entry("open", INK),
 )
 _LABELLED = 60  # records that have their names written
 _MOST_JOINTS = 4
@@ -58,7 +80,6 @@ MEASURED = {
     "peak_rotation": "peak rotation [°]",
     "residual_rotation": "residual rotation [°]",
 }
-FRACTILES = {"16 %": 0.16, "median": 0.5, "84 %": 0.84}
 
 
 def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
@@ -70,48 +91,38 @@ def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
     values = np.empty(0)
     logs = np.log(levels)
     if levels.size > 1:
-        spread = [
-            float(np.std(np.diff(x)) / np.mean(np.diff(x))) for x in (levels, logs)
-        ]
-        make = (
-            svg.log_ticks
-            if spread[1] < spread[0]
-            else partial(svg.even_ticks, most=most)
-        )
-        values = make(float(levels[0]), float(levels[-1]))
+        even, log = (np.std(x) / np.mean(x) for x in map(np.diff, (levels, logs)))
+        ends = float(levels[0]), float(levels[-1])
+        values = log_ticks(*ends) if log < even else even_ticks(*ends, most)
     if values.size < 2:
         values = levels
     places = np.interp(np.log(values), logs, np.arange(levels.size))
-    panel.axis_x(
-        places, title, [svg.tick_label(float(digits(value))) for value in values]
-    )
+    labels = [tick_label(float(digits(value))) for value in values]
+    panel.axis_x(title, ticks=places, labels=labels)
 
 
 @figure
 def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     """Draw the verdict of every run: records down, levels to the right."""
     collapsed = results.verdict == Verdict.COLLAPSED
-    lowest = np.where(
-        collapsed.any(axis=1), collapsed.argmax(axis=1), collapsed.shape[1]
-    )
+    n_record, n_level = collapsed.shape
+    lowest = np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), n_level)
     order = np.lexsort((collapsed.sum(axis=1), -lowest))
     rows = results.verdict[order]
     names = [results.records[i] for i in order]
-    n_record, n_level = rows.shape
     entries = [entry for code, entry in VERDICTS.items() if np.any(rows == code)]
     if not results.simulated.all():
         entries.append(Entry("blank: not run", "#ffffff"))
-    bounded = (
-        len(results.capacities) == n_record and np.isfinite(results.capacities).any()
-    )
+    bounded = len(results.capacities) == n_record
+    bounded = bounded and bool(np.isfinite(results.capacities).any())
     if bounded:
-        entries.append(Entry("capacity", svg.INK, "line"))
+        entries.append(Entry("capacity", INK, "line"))
     labelled = n_record <= _LABELLED
-    longest = max(svg.text_width(name, svg.SMALL) for name in names)
-    left = min(longest + 12.0, 0.36 * sheet.width) if labelled else svg.LEFT
+    longest = max(text_width(name, SMALL) for name in names)
+    left = min(longest + 12.0, 0.36 * sheet.width) if labelled else LEFT
     height = (14.0 if labelled else min(14.0, 620.0 / n_record)) * n_record
     ends = (-0.5, n_level - 0.5), (n_record - 0.5, -0.5)
-    panel = svg.panel_below(sheet, entries, height, *ends, left=left)
+    panel = panel_below(sheet, entries, height, *ends, left=left)
     for code, (_, colour, mark) in VERDICTS.items():
         panel.cells(rows == code, colour, mark, half=0.45 if labelled else 0.5)
     for edge in np.arange(1, n_level) - 0.5:
@@ -119,23 +130,17 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     if bounded:
         capacities = results.capacities[order]
         levels = np.log(results.levels)
-        x = np.interp(
-            np.log(capacities), levels, np.arange(n_level), right=n_level - 0.5
-        )
+        at = np.arange(n_level)
+        x = np.interp(np.log(capacities), levels, at, right=n_level - 0.5)
         x = np.where(capacities <= results.levels[0], -0.5, x)
         y = np.repeat(np.arange(n_record + 1), 2)[1:-1] - 0.5
-        panel.line(np.repeat(x, 2), y, svg.INK, 1.4)
+        panel.line(np.repeat(x, 2), y, INK, 1.4)
     for y, name in zip(panel.at_y(np.arange(n_record)), names if labelled else ()):
-        sheet.text(
-            left - 5.0, y + 3.5, svg.shortened(name, left - 12.0, svg.SMALL), "s e"
-        )
+        sheet.text(left - 5.0, y + 3.5, shortened(name, left - 12.0, SMALL), "s e")
     level_axis(panel, results.levels, results.scale.label)
     texts = TEXTS["verdict_map"]
-    caption = texts["caption"] + texts["capacity"] * bool(bounded)
-    return (
-        f"Verdicts of {results.arch} for {n_record} records at {n_level} levels",
-        caption,
-    )
+    words = f"Verdicts of {results.arch} for {n_record} records at {n_level} levels"
+    return words, texts["caption"] + texts["capacity"] * bounded
 
 
 @figure
@@ -147,14 +152,14 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     verdict = np.where(results.simulated, results.verdict, 0).sum(axis=1)[run]
     reach = results["peak_displacement"].sum(axis=1)[run]
     looks = {code: entry._replace(mark="dot") for code, entry in VERDICTS.items()}
-    looks[Verdict.SURVIVED] = Entry("survived", svg.SKY, "dot")
+    looks[Verdict.SURVIVED] = Entry("survived", SKY, "dot")
     entries = [entry for code, entry in looks.items() if np.any(verdict == code)]
     low = 1e-4
     high = 10.0 ** np.ceil(np.log10(max(np.nanmax(reach), 1e-3)))
     x = 0.95 * float(level.min()), 1.05 * float(level.max())
-    panel = svg.panel_below(sheet, entries, 220.0, x, (low, high), left=56.0, log=True)
-    panel.axis_x(svg.log_ticks(*x), results.scale.label, grid=True)
-    panel.axis_y(svg.log_ticks(low, high, subs=(1.0,)), "largest displacement [m]")
+    panel = panel_below(sheet, entries, 220.0, x, (low, high), left=56.0, log=True)
+    panel.axis_x(results.scale.label, grid=True)
+    panel.axis_y("largest displacement [m]", ticks=log_ticks(low, high, (1.0,)))
     for code, (_, colour, _) in looks.items():
         chosen = verdict == code
         panel.dots(level[chosen], np.clip(reach[chosen], low, high), colour, radius=2.6)
@@ -164,75 +169,60 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
 
 @figure
 def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
-    """Draw largest rotations of each record against intensity; None if no run survived."""
-    if (
-        results.own_levels is not None
-        or not (results.verdict == Verdict.SURVIVED).any()
-    ):
+    """Draw largest rotations of each record against intensity; None if no run survived.
+
+    A line ends flat, at the capacity of its record. Between the levels that were run it is
+    interpolated.
+    """
+    survived = results.verdict == Verdict.SURVIVED
+    if results.own_levels is not None or not survived.any():
         return None
-    entries = [
-        Entry("a record", svg.GREY, "line"),
-        Entry("median", svg.BLUE, "line"),
-        Entry("16 and 84 %", svg.BLUE, "dash"),
-    ]
+    levels = results.levels
+    capacities = results.capacities
+    median = Entry("median", BLUE, "line")
+    fractile = Entry("16 and 84 %", BLUE, "dash")
+    entries = [Entry("a record", GREY, "line"), median, fractile]
     top = sheet.legend(LEFT, 0.0, entries)
     boxes = sheet.grid(len(MEASURED), 2, 260.0, BELOW)
     sheet.height += top
-    highest = 1.05 * float(results.levels.max())
+    highest = 1.05 * float(levels.max())
     for (name, title), (left, up, right, down) in zip(MEASURED.items(), boxes):
-        reach, lines = ida_lines(results, name, 1.15)
-        panel = Panel(
-            sheet, (left, up + top, right, down + top), (0.0, reach), (0.0, highest)
-        )
-        panel.axis_x(svg.even_ticks(0.0, reach, 5), title, grid=True)
-        panel.axis_y(svg.even_ticks(0.0, highest), results.scale.label)
-        strokes = {"": (svg.GREY, 0.7, ""), "median": (svg.BLUE, 2.0, "")}
-        for x, y, part in lines:
-            panel.line(x, y, *strokes.get(part, (svg.BLUE, 1.3, "5 2.5")))
+        degrees = np.rad2deg(results[name])
+        curves = np.full(degrees.shape, np.nan)
+        for row, used in enumerate(survived & (levels < capacities[:, None])):
+            if used.any():
+                x = np.append(0.0, levels[used])
+                y = np.append(0.0, degrees[row, used])
+                curves[row] = np.interp(levels, x, y)
+        curves = np.where(levels > capacities[:, None], np.inf, curves)
+        reach = 1.15 * float(np.max(curves, initial=1e-6, where=np.isfinite(curves)))
+        ends = (0.0, reach), (0.0, highest)
+        panel = Panel(sheet, (left, up + top, right, down + top), *ends)
+        panel.axis_x(title, 5, grid=True)
+        panel.axis_y(results.scale.label)
+        for line, end in zip(curves, capacities.tolist()):
+            panel.line(*ida_line(levels, line, end, reach), GREY, 0.7)
+        strokes = (1.3, fractile.dash), (2.0, ""), (1.3, fractile.dash)
+        for (line, end), stroke in zip(fractiles(curves, capacities), strokes):
+            panel.line(*ida_line(levels, line, end, reach), BLUE, *stroke)
     return f"Peak and residual rotation of {results.arch} against {results.scale.label}"
-
-
-def ida_lines(
-    results: ArchResults, name: str, margin: float
-) -> tuple[float, list[tuple[FloatArray, FloatArray, str]]]:
-    """Return the largest rotation [degrees] times a margin, and lines of rotations and levels.
-
-    A line of each record has an empty name; those of `FRACTILES` follow with theirs. A line ends
-    flat, at the capacity of its record. Between the levels that were run it is interpolated.
-    """
-    levels = results.levels
-    survived = results.verdict == Verdict.SURVIVED
-    degrees = np.rad2deg(results[name])
-    capacities = results.capacities
-    curves = np.full(degrees.shape, np.nan)
-    for row, (used, value, capacity) in enumerate(zip(survived, degrees, capacities)):
-        used = used & (levels < capacity)
-        if used.any():
-            x = np.append(0.0, levels[used])
-            y = np.append(0.0, value[used])
-            curves[row] = np.interp(levels, x, y)
-    curves = np.where(levels > capacities[:, None], np.inf, curves)
-    reach = margin * float(np.max(curves, initial=1e-6, where=np.isfinite(curves)))
-    rows = [(row, end, "") for row, end in zip(curves, capacities.tolist())]
-    rows += fractiles(curves, capacities)
-    return reach, [
-        (*ida_line(levels, row, end, reach), part) for row, end, part in rows
-    ]
 
 
 def fractiles(
     curves: FloatArray, capacities: FloatArray
-) -> list[tuple[FloatArray, float, str]]:
-    """Return the fractiles of rotations (n_record, n_level), and where each ends."""
+) -> list[tuple[FloatArray, float]]:
+    """Return fractiles of rotations (n_record, n_level): 16, 50, 84 %, and where each ends."""
     ranked = np.sort(np.where(np.isnan(curves), np.inf, curves), axis=0)
     ends = np.sort(capacities)
-    lines = []
-    last = len(ranked) - 1
-    for name, part in FRACTILES.items():
-        # The 84 % fractile of demand ends at the 16 % fractile of capacity.
-        end = float(ends[min(int((1.0 - part) * len(ranked)), last)])
-        lines.append((ranked[min(int(part * len(ranked)), last)], end, name))
-    return lines
+    count = len(ranked)
+    # The 84 % fractile of demand ends at the 16 % fractile of capacity.
+    return [
+        (
+            ranked[min(int(part * count), count - 1)],
+            float(ends[min(int((1.0 - part) * count), count - 1)]),
+        )
+        for part in (0.16, 0.5, 0.84)
+    ]
 
 
 def ida_line(
@@ -279,13 +269,13 @@ def fractions(
     stacks = [stacked(group.categories, group.counts / divisor) for group in groups]
     keys = [[entry for entry, _ in parts] for parts in stacks]
     left, _, right, _ = sheet.grid(len(keys), 2, 150.0, BELOW)[0]
-    rows = 1 + max(svg.legend_rows(key, right - left)[-1][0] for key in keys)
+    rows = 1 + max(legend_rows(key, right - left)[-1][0] for key in keys)
     boxes = sheet.grid(len(keys), 2, 150.0, BELOW + rows * LINE)
     titles = "how it was moving", "joint that was lost"
     for box, parts, key, title in zip(boxes, stacks, keys, titles, strict=True):
         panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.0, 1.0))
         what = "runs" if every else "collapses"
-        panel.axis_y([0.0, 0.25, 0.5, 0.75, 1.0], f"fraction of the {what}")
+        panel.axis_y(f"fraction of the {what}", 4)
         panel.stack(parts)
         level_axis(panel, results.levels, results.scale.label)
         panel.heading(title)
@@ -333,7 +323,7 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     height = float(np.clip(15.0 * n_joint, 70.0, 400.0))
     upper = Panel(sheet, (LEFT, top, right, top + 62.0), (start, end), (-1.0, 1.0))
     draw_ground(upper, example, 300)
-    upper.axis_y(svg.even_ticks(*upper.y, 4), "ground [g]")
+    upper.axis_y("ground [g]", 4)
     ended = response.status.name.lower().replace("_", " ")
     if response.collapsed:
         ended = f"contact lost at {response.collapse_time:.2f} s, joint {response.collapse_joint}"
@@ -341,13 +331,13 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     box = LEFT, top + 72.0, right, top + 72.0 + height
     middle = Panel(sheet, box, (start, end), (-0.6, n_joint - 0.4))
     step = max(1, -(-n_joint // int(height / 13.0)))
-    middle.axis_y(np.arange(0, n_joint, step), "joint")
+    middle.axis_y("joint", ticks=np.arange(0, n_joint, step))
     for k, (_, colour, mark) in states:
         middle.cells((joints == k).T, colour, mark, edges, 0.4)
-    middle.axis_x(svg.even_ticks(start, end, 9), "time [s]")
+    middle.axis_x("time [s]", 9)
     if response.collapsed:
         line = f"M{float(middle.at_x(response.collapse_time)):.1f} {top:.1f}V{middle.box[3]:.1f}"
-        sheet.path(line, stroke=svg.INK, stroke_dasharray="4 2")
+        sheet.path(line, stroke=INK, stroke_dasharray="4 2")
     sheet.height = middle.box[3] + BELOW
     texts = TEXTS["timeline"]
     about = {"level": example.level, "reason": example.reason}

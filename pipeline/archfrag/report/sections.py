@@ -1,7 +1,7 @@
 """Sections of the page on arches and classes, part by part in the order of the page."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,23 +13,32 @@ from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import Contributions
 from archfrag.fragility.verdicts import Verdict, clopper_pearson
 from archfrag.motions.measures import LEVEL_UNITS
-from archfrag.report import arch_figure, curve_figures, html, run_figures
+from archfrag.report import arch_figure, curve_figures, run_figures
 from archfrag.report.film import Example, farthest, film, repeat
 from archfrag.report.html import (
     TEXTS,
     Picture,
+    cautions,
     digits,
+    facts,
+    folded,
     heading,
+    interval,
+    lines,
     measured,
+    median_and_largest,
+    onset_text,
+    pairs,
     paragraph,
+    percentages,
     table,
+    three,
 )
-from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, thetas
+from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs
 from archfrag.report.limits import base_of
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.simulation.simulate import Onset
 from archfrag.simulation.standing import inset_loss, inset_text, joints_text
-from archfrag.study.answer.curves import arch_classes
 from archfrag.study.file.arches import UNITS
 from archfrag.study.file.members import SHOWN
 from archfrag.version import __version__
@@ -45,6 +54,7 @@ _SPELT = {
 _UNITS = {name: _SPELT.get(unit, f" [{unit}]") for name, unit in UNITS.items()}
 _UNITS |= {"intrados": " [m]", "extrados": " [m]", "joints": ""}
 _UNITS |= {"stiffness": " [Pa/m]", "shear": " [Pa/m]"}
+_REMARKS = TEXTS["notes"]
 
 
 @dataclass(frozen=True)
@@ -61,103 +71,84 @@ class PageSection:
 
 def class_sections(inputs: ReportInputs) -> Iterator[PageSection]:
     """Yield a section for each class of several arches."""
-    of_class = arch_classes(inputs.cube)
     for place, name in enumerate(inputs.classes):
-        members = {
-            k: answer for k, answer in inputs.answers.items() if of_class[k] == name
-        }
-        curves = curve_figures.all_curves(inputs, members, {name: inputs.classes[name]})
-        parts = list(_class_parts(inputs, name, curves))
-        yield PageSection(
-            f"class{place}", f"Class {name}", parts, {f"curve-{name}.svg": curves}
-        )
+        members = [arch for arch, of in inputs.of_class.items() if of == name]
+        curves = curve_figures.all_curves(inputs, members, [name])
+        split = inputs.classes[name].more.get("dispersion") or {}
+        parts = [card(inputs, name), heading("Fragility curve of the class"), curves]
+        if "none" in split:
+            parts.append(paragraph(f"The parts of β are not known: {split['none']}."))
+        elif split:
+            parts.append(paragraph(_REMARKS["dispersion"].format(**split)))
+        parts += _limit_states(inputs, name)
+        panels = curve_figures.theta_panels(inputs, members, name)
+        parts += _headed("What θ depends on", panels)
+        files = {f"curve-{name}.svg": curves}
+        yield PageSection(f"class{place}", f"Class {name}", parts, files)
 
 
 def arch_sections(
-    inputs: ReportInputs, examples: Sequence[Example | None], lead: int
+    inputs: ReportInputs, examples: Mapping[str, Example | None], lead: str
 ) -> tuple[list[PageSection], list[PageSection]]:
     """Return a section for each arch that is shown, and an appendix of those that classes have.
 
-    `examples` are collapses of the arches; that of the arch at place `lead` is on the first page.
+    `examples` are collapses of the arches; that of the arch `lead` is on the first page.
     """
-    members = {
-        k: answer for k, answer in inputs.answers.items() if k not in inputs.quoted
-    }
-    folded = list[Markup]()
+    members = [name for name in inputs.answers if name not in inputs.quoted]
+    appendix = [folded("Answers", answers_table(inputs, members))]
     files = dict[str, Picture]()
     sections = list[PageSection]()
-    for place, (name, _, _) in enumerate(inputs.arches):
-        curve = curve_figures.curve(inputs.results(name), inputs.answers[name])
+    # An arch that has the name of its study was not given any.
+    unnamed = [inputs.cube.attrs.get("archfrag_study")] == list(inputs.answers)
+    for place, (name, example) in enumerate(examples.items()):
+        curve = curve_figures.curve(inputs.results(name), inputs.curves[name])
         file = {} if len(inputs.answers) > SHOWN else {f"curve-{name}.svg": curve}
-        parts = list(_arch_parts(inputs, place, curve, examples[place], place == lead))
+        parts = list(_arch_parts(inputs, place, name, curve, example, name == lead))
         if name in members:
-            folded.append(html.folded(name, *filter(None, parts)))
+            appendix.append(folded(name, *parts))
             files |= file
-            continue
-        # An arch that has the name of its study was not given any.
-        alone = len(inputs.answers) == 1 and name == inputs.cube.attrs.get(
-            "archfrag_study"
-        )
-        sections.append(
-            PageSection(f"arch{place}", "The arch" if alone else name, parts, file)
-        )
+        else:
+            title = "The arch" if unnamed else name
+            sections.append(PageSection(f"arch{place}", title, parts, file))
     if not members:
         return sections, []
-    folded.insert(0, html.folded("Answers", answers_table(inputs, members)))
-    return sections, [
-        PageSection("members", "Appendix: arches of classes", folded, files)
-    ]
+    title = "Appendix: arches of classes"
+    return sections, [PageSection("members", title, appendix, files)]
 
 
 def table_sections(inputs: ReportInputs) -> Iterator[PageSection]:
     """Yield a section for each structure of a table, and one on how the curves were found."""
     for place, (name, answer) in enumerate(inputs.quoted.items()):
         results = inputs.results(name)
-        start = f"{name}: "
-        parts = list[Any]()
-        own = [
-            words.removeprefix(start)
-            for words in inputs.cautions
-            if words.startswith(start)
-        ]
-        parts.append(card(answer, inputs.scale, inputs.percent, own, results))
-        parts.append(curve_figures.curve(results, answer))
-        if answer.more.get("limit_states"):
-            parts += _limit_states(inputs, answer, name)
-        if "test_of_fit" in (free := answer.more.get("free", {})):
-            parts += heading("Checks"), paragraph(free["test_of_fit"]["message"])
-        parts.append(
-            html.folded("Verdicts by level", _levels(results, answer, inputs.percent))
-        )
+        parts = [card(inputs, name), curve_figures.curve(results, answer)]
+        parts += _limit_states(inputs, name)
+        if "test_of_fit" in answer.more.get("free", {}):
+            parts += heading("Checks"), *_fit_test(answer)
+        parts.append(folded("Verdicts by level", _levels(results, answer)))
         yield PageSection(f"curve{place}", name, parts)
     assumed = dict.fromkeys(each.assumptions for each in inputs.known.values())
     digest = inputs.cube.attrs["table_sha256"]
-    words = TEXTS["notes"]["table"].format(digest=digest, version=__version__)
-    how = [paragraph(text) for text in (words, *assumed)]
+    words = _REMARKS["table"].format(digest=digest, version=__version__)
+    how = list(map(paragraph, (words, *assumed)))
     yield PageSection("glossary", "How the curves were found", how)
 
 
 def _arch_parts(
     inputs: ReportInputs,
     place: int,
+    name: str,
     curve: Picture,
     example: Example | None,
     leads: bool,
 ) -> Parts:
     """Yield the parts of an arch's section; a film of its `example` unless it `leads`."""
-    name, arch, onset = inputs.arches[place]
-    answer = inputs.answers[name]
-    percent = inputs.percent
+    onset = inputs.arches[name]
+    arch = onset.arch
+    answer = inputs.curves[name]
     results = inputs.results(name)
     more = answer.more
-    start = f"{name}: "
     design = results.runs.design
-    cautions = [
-        words.removeprefix(start)
-        for words in inputs.cautions
-        if words.startswith(start)
-    ]
-    yield card(answer, inputs.scale, percent, cautions, results, onset)
+    yield card(inputs, name, onset)
     groups = run_figures.groupings(results, inputs.confidence)
     yield heading("How it falls")
     yield arch_figure.lost_joints(arch, results)
@@ -167,251 +158,217 @@ def _arch_parts(
     else:
         yield paragraph("No run collapsed.")
     if place < _MOST_ANIMATED and onset.stands:
-        yield from _films(inputs, place, None if leads else example)
-    if picture := run_figures.ida_curves(results):
-        yield heading("How far it moves")
-        yield picture
+        yield from _films(inputs, place, name, None if leads else example)
+    yield from _headed("How far it moves", run_figures.ida_curves(results))
     yield heading("Every run")
-    of_runs = (
-        run_figures.verdict_map
-        if results.own_levels is None
-        else run_figures.single_runs
-    )
-    yield of_runs(results)
-    if more.get("limit_states"):
-        yield from _limit_states(inputs, answer, name)
+    single = results.own_levels is not None
+    yield (run_figures.single_runs if single else run_figures.verdict_map)(results)
+    yield from _limit_states(inputs, name)
     if more.get("measures"):
-        yield from _measures(more["measures"], name, inputs.scale)
+        yield from _measures(inputs, more["measures"], name)
     yield heading("The arch and its onset")
-    yield arch_figure.arch_at_onset(arch, onset, name)
+    yield arch_figure.arch_at_onset(onset, name)
     texts = facts_text(arch), inset_text(arch, inset_loss(arch)), joints_text(arch)
     for words in filter(None, texts):
         yield paragraph(f"{words[0].upper()}{words[1:]}.")
     yield heading("Checks")
     yield curve
-    free = more.get("free", {})
+    yield from _fit_test(answer)
+    yield paragraph(f"Design {design.kind}: {design.text}.")
+    if "cloud" in more:
+        yield paragraph(_cloud(inputs, more["cloud"]["logistic"]), "note")
+    yield folded("Verdicts by level", _levels(results, answer))
+    mechanisms = _mechanism_table(groups, results, inputs.percent)
+    yield folded("Collapses by mechanism", *mechanisms)
+    geometry = _geometry(arch.parameters)
+    yield folded("Geometry", pairs(f"Geometry of {name}", geometry, "parameter"))
+    computed = f"Models, time and accuracy of {name}", _computed(inputs, results)
+    yield folded("How it was computed", pairs(*computed))
+    if example is not None:
+        yield folded("The mechanism in one run", run_figures.timeline(example))
+
+
+def _headed(title: str, picture: Picture | None) -> Parts:
+    """Yield a heading and a picture, if there is one."""
+    if picture:
+        yield heading(title)
+        yield picture
+
+
+def _fit_test(answer: Curve) -> Parts:
+    """Yield what the test of fit found, or why there is none."""
+    free = answer.more.get("free", {})
     if "test_of_fit" in free:
         yield paragraph(free["test_of_fit"]["message"])
     elif "none" in free:
-        yield paragraph(
-            f"There is no isotonic curve and no test of fit: {free['none']}."
-        )
-    yield paragraph(f"Design {design.kind}: {design.text}.")
-    if "cloud" in more:
-        yield paragraph(_cloud(more["cloud"]["logistic"], inputs.scale), "note")
-    yield html.folded("Verdicts by level", _levels(results, answer, percent))
-    yield html.folded(
-        "Collapses by mechanism", *_mechanism_table(groups, results, percent)
-    )
-    geometry = html.pairs(
-        f"Geometry of {name}", _geometry(arch.parameters), "parameter"
-    )
-    yield html.folded("Geometry", geometry)
-    computed = html.pairs(
-        f"Models, time and accuracy of {name}", _computed(inputs, results)
-    )
-    yield html.folded("How it was computed", computed)
-    if example is not None and (picture := run_figures.timeline(example)):
-        yield html.folded("The mechanism in one run", picture)
+        words = f"There is no isotonic curve and no test of fit: {free['none']}."
+        yield paragraph(words)
 
 
-def _films(inputs: ReportInputs, place: int, fall: Example | None) -> Parts:
+def _films(inputs: ReportInputs, place: int, name: str, fall: Example | None) -> Parts:
     """Yield films of a collapse, unless it is shown elsewhere, and of a near miss."""
     films = []
-    results = inputs.results(inputs.arches[place][0])
     if fall is not None and fall.response.collapsed:
         films.append(film(fall, f"fall{place}", "A collapse"))
-    miss = repeat(inputs, place, farthest(results))
+    miss = repeat(inputs, name, farthest(inputs.results(name)))
     if miss is not None and not miss.response.collapsed:
         films.append(film(miss, f"miss{place}", "A near miss", enlarged=True))
     if any(films):
-        shown = Markup("\n").join(pair[0] for pair in films if pair is not None)
+        shown = lines(pair[0] for pair in films if pair is not None)
         yield Markup('<div class="motions">{}</div>').format(shown)
 
 
-def _class_parts(inputs: ReportInputs, name: str, curves: Picture) -> Parts:
-    """Yield the parts of the section of a class; `curves` is the figure of its curves."""
-    answer = inputs.classes[name]
-    yield card(answer, inputs.scale, inputs.percent)
-    yield heading("Fragility curve of the class")
-    yield curves
-    split = answer.more.get("dispersion") or {}
-    if "none" in split:
-        yield paragraph(f"The parts of β are not known: {split['none']}.")
-    elif split:
-        yield paragraph(TEXTS["notes"]["dispersion"].format(**split))
-    if answer.more.get("limit_states"):
-        yield from _limit_states(inputs, answer, name)
-    members = np.array(list(arch_classes(inputs.cube).values())) == name
-    differences = {}
-    for key, variable in inputs.cube.data_vars.items():
-        if str(key).startswith("arch_") and variable.dtype.kind in "fiu":
-            values = variable.values[members].astype(float)
-            values[np.isinf(values)] = np.nan  # has no place on an axis
-            if np.unique(values[~np.isnan(values)]).size > 1:
-                differences[str(key).removeprefix("arch_").replace("_", " ")] = values
-    theta = inputs.scale.factor * thetas(inputs.answers.values())[members]
-    if figure := curve_figures.theta_panels(
-        theta, differences, name, inputs.scale.unit
-    ):
-        yield heading("What θ depends on")
-        yield figure
-
-
-def answers_table(inputs: ReportInputs, listed: Mapping[str, Curve]) -> Markup:
-    """Tabulate the probability, the median and the dispersion of each answer."""
-    scale = inputs.scale
+def answers_table(inputs: ReportInputs, names: Iterable[str]) -> Markup:
+    """Tabulate the probability, the median and the dispersion of some answers."""
     at = inputs.at
-    count = Counter(arch_classes(inputs.cube).values())
-    heads = ["arch", f"median capacity θ [{scale.unit}] ({inputs.percent})"]
+    count = Counter(inputs.of_class.values())
+    heads = ["arch", f"median capacity θ [{inputs.scale.unit}] ({inputs.percent})"]
     heads.append(f"dispersion β ({inputs.percent})")
     if at is not None:
-        heads.insert(1, f"P(collapse) at {scale.text(at / scale.factor)}")
+        heads.insert(1, f"P(collapse) at {inputs.scale.text(at)}")
     rows = []
-    for name, answer in listed.items():
-        row = [f"{name}, {count[name]} arches" if name in inputs.classes else name]
-        row[0] = ", ".join(filter(None, [row[0], inputs.stands_after(name)]))
+    for name in names:
+        answer = inputs.curves[name]
+        about = f"{name}, {count[name]} arches" if name in inputs.classes else name
+        row = [", ".join(filter(None, [about, inputs.stands_after(name)]))]
         rows.append(row)
         if not answer.fitted:
             row += ["no curve", *["–"] * (len(heads) - 2)]
             continue
         if at is not None:
-            value, *ends = answer.at(at / scale.factor)
-            row.append(f"{html.percentages([value])} ({html.percentages(ends)})")
-        theta, low, high = map(scale.digits, (answer.theta, *answer.theta_interval))
-        row += [
-            f"{theta} ({low} to {high})",
-            "{} ({} to {})".format(*answer.dispersion_words()),
-        ]
+            value, *ends = answer.at(at)
+            row.append(f"{percentages([value])} ({percentages(ends)})")
+        row.append(
+            f"{digits(answer.theta)} ({interval(answer.theta_interval, digits)})"
+        )
+        row.append("{} ({} to {})".format(*answer.dispersion_words()))
     more = f", the first {_MOST_ROWS}" if len(rows) > _MOST_ROWS else ""
     return table(f"Answer for each arch{more}", heads, rows[:_MOST_ROWS], "compact")
 
 
-def card(
-    answer: Curve,
-    scale: Scale,
-    percent: str,
-    cautions: Sequence[str] = (),
-    results: ArchResults | None = None,
-    onset: Onset | None = None,
-) -> Markup:
-    """Return an answer in large digits with its cautions and the numbers of runs other than 0."""
-    lost = answer.undecided(scale.text)
-    parts = [html.cautions([*cautions, *filter(None, [lost])])]
+def card(inputs: ReportInputs, name: str, onset: Onset | None = None) -> Markup:
+    """Return an answer in large digits, with cautions and numbers of runs other than 0 of an arch
+    or a structure.
+    """
+    answer = inputs.curves[name]
+    scale = inputs.scale
+    percent = inputs.percent
+    messages = []
     figures = []
     counts = {}
-    if results is not None:
-        counts = {n.replace("_", " "): results.counts[n].sum() for n in COUNTS}
+    if name in inputs.answers:
+        starts = [each.partition(f"{name}: ") for each in inputs.cautions]
+        messages = [words for before, found, words in starts if found and not before]
+        verdicts = inputs.results(name).counts
+        counts = {each.replace("_", " "): verdicts[each].sum() for each in COUNTS}
+    lost = answer.undecided(lambda theta: scale.text(scale.factor * theta))
+    parts = [cautions([*messages, *[lost] * bool(lost)])]
     if not answer.fitted:
         parts.append(paragraph(f"No fragility curve: {answer.reason}.", "none"))
     else:
-        low, high = map(scale.digits, answer.theta_interval)
-        figures = [
-            [
-                f"median capacity θ ({scale.measure})",
-                scale.text(answer.theta),
-                f"{percent}: {low} to {high} {scale.unit}",
-            ],
-            [
-                "dispersion β",
-                f"{answer.beta:#.3g}",
-                f"{percent}: {html.interval(answer.beta_interval, '#.3g')}",
-            ],
-        ]
+        ends = f"{percent}: {interval(answer.theta_interval, digits)} {scale.unit}"
+        label = f"median capacity θ ({scale.measure})"
+        figures.append([label, scale.text(answer.theta), ends])
+        ends = f"{percent}: {interval(answer.beta_interval, three)}"
+        figures.append(["dispersion β", three(answer.beta), ends])
         counts["effective number"] = f"{answer.n_independent:.3g}"
         counts["non-monotone runs"] = answer.n_non_monotone
     if onset is not None:
-        plus, minus = map(html.onset_text, (onset.plus, onset.minus))
-        about = (
-            "in both directions" if plus == minus else f"towards +x; {minus} towards −x"
-        )
+        plus, minus = map(onset_text, (onset.plus, onset.minus))
+        about = f"towards +x; {minus} towards −x"
+        if plus == minus:
+            about = "in both directions"
         if not onset.stands:
             plus = "none"
             about = "does not stand under its own weight"
         figures.append(["onset of motion", plus, about])
-    shown = [[label, str(count)] for label, count in counts.items() if count]
-    parts += [html.facts(figures, "figures"), html.facts(shown, "figures counts")]
-    return Markup('<div class="answer">{}</div>').format(Markup("\n").join(parts))
+    shown = [(label, count) for label, count in counts.items() if count]
+    parts += [facts(figures, "figures"), facts(shown, "figures counts")]
+    return Markup('<div class="answer">{}</div>').format(lines(parts))
 
 
-def _levels(results: ArchResults, answer: Curve, percent: str) -> Markup:
+def _levels(results: ArchResults, answer: Curve) -> Markup:
     """Tabulate verdicts and probabilities at each level."""
-    counts = results.counts
     records = results.known
-    ends = zip(*clopper_pearson(records["collapsed"], records["n"], answer.confidence))
+    ends = clopper_pearson(records["collapsed"], records["n"], answer.confidence)
     chance = np.full(results.levels.size, np.nan)
     if answer.fitted:
-        chance = answer.probability(results.levels / results.scale.factor)
+        chance = answer(results.levels)
+    fraction, low, high, curve = (
+        [measured(value, ".3f") for value in values]
+        for values in (results.fraction, *ends, chance)
+    )
     columns = {
         results.scale.label: map(digits, results.levels),
-        **{name.replace("_", " "): counts[name] for name in COUNTS[:-1]},
-        "records with capacity below" if results.runs.gaps else "fraction": [
-            measured(value, ".3f") for value in results.fraction
-        ],
-        f"Clopper–Pearson {percent}": [
-            f"{measured(low, '.3f')} – {measured(high, '.3f')}" for low, high in ends
-        ],
-        "curve": [measured(value, ".3f") for value in chance],
+        **{name.replace("_", " "): results.counts[name] for name in COUNTS[:-1]},
+        "records with capacity below" if results.runs.gaps else "fraction": fraction,
+        f"Clopper–Pearson {100 * answer.confidence:.0f} %": map(
+            " – ".join, zip(low, high)
+        ),
+        "curve": curve,
     }
     label = f"Verdicts and probabilities of {results.arch} by level"
     return table(label, list(columns), zip(*columns.values()), "", 0)
 
 
-def _cloud(fit: Mapping[str, Any], scale: Scale) -> str:
-    """Write the curve of a logistic regression, or why there is none."""
+def _cloud(inputs: ReportInputs, fit: Mapping[str, Any]) -> str:
+    """Write the curve of a logistic regression [SI], or why there is none."""
     if "none" in fit:
         return f"There is no logistic regression: {fit['none']}."
-    theta, low, high = map(scale.digits, (fit["theta"], *fit["theta_interval"]))
-    beta = f"β {fit['beta']:.2f} ({html.interval(fit['beta_interval'])})"
-    words = f"θ {theta} {scale.unit} ({low} to {high}), {beta}"
+    scale = inputs.scale
+    theta, *ends = (
+        scale.factor * each for each in (fit["theta"], *fit["theta_interval"])
+    )
+    beta = f"β {fit['beta']:.2f} ({interval(fit['beta_interval'])})"
+    words = f"θ {scale.text(theta)} ({interval(ends, digits)}), {beta}"
     return f"Logistic regression of collapse against ln intensity: {words}."
 
 
-def _limit_states(inputs: ReportInputs, answer: Curve, name: str) -> Parts:
-    """Yield figure and table of limit states."""
-    states = answer.more["limit_states"]
+def _limit_states(inputs: ReportInputs, name: str) -> Parts:
+    """Yield figure and table of limit states, if there are any."""
+    answer = inputs.curves[name]
+    states = answer.more.get("limit_states")
+    if not states:
+        return
     yield heading("Limit states")
     if "none" in states:
         yield paragraph(f"They could not be found: {states['none']}.")
         return
-    yield paragraph(TEXTS["notes"]["states"])
+    yield paragraph(_REMARKS["states"])
     yield curve_figures.limit_states(inputs, answer, name)
     yield paragraph(states["message"])
     rows = []
-    scale = inputs.scale
     for own in answer.states:
         meaning = own.meaning
         numbers = ["–"] * 4
         if not own.fitted:
             meaning += f" (no curve: {own.reason})"
         else:
-            theta = html.interval(
-                [scale.factor * end for end in own.theta_interval], "#.3g"
-            )
-            beta = f"{own.beta:.3f}", html.interval(own.beta_interval)
-            numbers = [scale.digits(own.theta), theta, *beta]
+            theta = digits(own.theta), interval(own.theta_interval, three)
+            numbers = [*theta, f"{own.beta:.3f}", interval(own.beta_interval)]
         rows.append((own.state.replace("_", " "), meaning, *numbers))
+    percent = inputs.percent
     heads = [
         "limit state",
         "meaning",
-        f"θ [{scale.unit}]",
-        inputs.percent,
+        f"θ [{inputs.scale.unit}]",
+        percent,
         "β",
-        inputs.percent,
+        percent,
     ]
     yield table(f"Limit states of {name}", heads, rows, "compact", 2)
 
 
-def _measures(found: Mapping[str, Any], name: str, scale: Scale) -> Parts:
+def _measures(inputs: ReportInputs, found: Mapping[str, Any], name: str) -> Parts:
     """Yield the table of intensity measures, the most efficient first."""
     yield heading("Intensity measures compared")
     if "none" in found:
         yield paragraph(f"No comparison: {found['none']}")
         return
+    scale = inputs.scale
     efficiency = np.array([float(row["efficiency"] or np.nan) for row in found["rows"]])
-    percent = 100.0 * np.nan_to_num(
-        efficiency / max(np.nanmax(efficiency, initial=0.0), 1e-9)
-    )
+    largest = max(np.nanmax(efficiency, initial=0.0), 1e-9)
+    percent = 100.0 * np.nan_to_num(efficiency / largest)
     bar = Markup('{}<span class="bar"><i style="width:{:.0f}%"></i></span>')
     cells = []
     for i in np.argsort(efficiency):  # nan is last
@@ -425,16 +382,10 @@ def _measures(found: Mapping[str, Any], name: str, scale: Scale) -> Parts:
         theta = measured(float(row["theta"] or np.nan) / units.get(unit, 1.0))
         cells.append([label, shown, *numbers, theta, unit.replace("2", "²")])
     yield paragraph(found["message"])
-    heads = [
-        "measure",
-        "efficiency: dispersion",
-        "p of magnitude",
-        "p of distance",
-        "θ",
-        "unit",
-    ]
-    yield table(f"Intensity measures for {name}", heads, cells, "dense narrow")
-    yield paragraph(TEXTS["notes"]["efficiency"], "note")
+    heads = ["measure", "efficiency: dispersion", "p of magnitude", "p of distance"]
+    label = f"Intensity measures for {name}"
+    yield table(label, [*heads, "θ", "unit"], cells, "dense narrow")
+    yield paragraph(_REMARKS["efficiency"], "note")
 
 
 def _geometry(parameters: Mapping[str, Any]) -> Parts:
@@ -460,15 +411,16 @@ def _mechanism_table(
     collapsed = results.counts["collapsed"].sum()
     rows = [["all", collapsed, "", ""]]
     for group in groups:
-        for i in np.flatnonzero(group.counts.any(axis=1)):
-            limits = html.interval((group.lower[i], group.upper[i]))
-            fraction = f"{group.fraction[i]:.2f}"
-            rows.append([group.categories[i], group.counts[i].sum(), fraction, limits])
+        ends = zip(group.lower, group.upper)
+        parts = group.categories, group.counts.sum(axis=1), group.fraction, ends
+        for category, count, fraction, limits in zip(*parts):
+            if count:
+                rows.append([category, count, f"{fraction:.2f}", interval(limits)])
     heads = ["motion or joint", "collapses", "fraction", f"{percent} interval"]
     yield table(f"Collapses of {results.arch} by mechanism", heads, rows, "compact")
     if results.own_levels is None and collapsed:
         numbers = {"collapses": collapsed, "effective": groups[0].n_effective}
-        yield paragraph(TEXTS["notes"]["effective"].format(**numbers), "note")
+        yield paragraph(_REMARKS["effective"].format(**numbers), "note")
 
 
 def _computed(inputs: ReportInputs, results: ArchResults) -> Parts:
@@ -478,37 +430,24 @@ def _computed(inputs: ReportInputs, results: ArchResults) -> Parts:
     total = sum(time.values())
     yield "simulated time", f"{total:,.0f} s in {results.counts['runs'].sum():,} runs"
     for model, words in MODEL_WORDS.items():
-        if seconds := time[model.name.lower()]:
-            yield (
-                f"of this, {words}",
-                f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)",
-            )
-    wall = np.array(inputs.timings.get(results.arch, ()), dtype=float)
-    if wall.sum() > 0 and total > 0:
-        yield (
-            "wall time of the simulations, summed over workers",
-            f"{wall.sum():,.2f} s",
-        )
-        yield (
-            "wall time for one simulated second",
-            f"{1e3 * wall.sum() / total:#.3g} ms",
-        )
-    counted = TEXTS["computed"].items()
-    yield from ((words, f"{results[name].sum():,}") for name, words in counted)
+        seconds = time[model.name.lower()]
+        if seconds:
+            part = f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)"
+            yield f"of this, {words}", part
+    wall = sum(inputs.timings.get(results.arch, ()))
+    if wall > 0 and total > 0:
+        yield "wall time of the simulations, summed over workers", f"{wall:,.2f} s"
+        yield "wall time for one simulated second", f"{1e3 * wall / total:#.3g} ms"
+    for name, words in TEXTS["computed"].items():
+        yield words, f"{results[name].sum():,}"
     failed = results.verdict == Verdict.FAILED
     sound = results.simulated & ~failed
     displaced = sound & (results["peak_displacement"] >= 1e-4)
     of = f"{displaced.sum()} runs displaced by 0.1 mm or more"
-    error = results["energy_error"]
+    error = median_and_largest(results["energy_error"][displaced])
     residual = results["contact_residual"]
-    yield (
-        f"energy error, median and largest ({of})",
-        html.median_and_largest(error[displaced]),
-    )
-    yield (
-        "contact residual, median and largest",
-        html.median_and_largest(residual[sound]),
-    )
+    yield f"energy error, median and largest ({of})", error
+    yield "contact residual, median and largest", median_and_largest(residual[sound])
     if failed.any():
         label = "contact residual of solver failures, median and largest"
-        yield label, html.median_and_largest(residual[failed])
+        yield label, median_and_largest(residual[failed])

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.fragility.curve import FloatArray
-from archfrag.report.html import TEXTS, Picture, number, raised
+from archfrag.report.html import TEXTS, Picture, px, raised
 
 Range = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
@@ -40,11 +40,6 @@ SOFT = "#52606d"
 GREY = "#7b8794"
 PALE = "#d3dae2"
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)
-HATCHES = (
-    "slash",
-    "dots",
-    "cross",
-)  # white patterns over a colour, drawn by the page's template
 
 
 class Entry(NamedTuple):
@@ -53,6 +48,10 @@ class Entry(NamedTuple):
     label: str
     colour: str
     mark: str = "area"
+
+    @property
+    def dash(self) -> str:
+        return "5 2.5" if self.mark == "dash" else ""
 
 
 def figure(
@@ -89,28 +88,27 @@ class Sheet:
         self, x: float, y: float, words: str, kind: str = "", angle: int = 0
     ) -> None:
         """Write words with their baseline at y; `kind` holds classes of `STYLE`."""
-        left = number(x)
-        top = number(y)
+        place = f'x="{px(x)}" y="{px(y)}"'
         more = f' class="{kind}"' if kind else ""
-        more += f' transform="rotate({angle} {left} {top})"' if angle else ""
-        self.parts.append(f'<text x="{left}" y="{top}"{more}>{escape(words)}</text>')
+        if angle:
+            more += f' transform="rotate({angle} {px(x)} {px(y)})"'
+        self.parts.append(f"<text {place}{more}>{escape(words)}</text>")
 
     def path(self, d: str, **attributes: object) -> None:
         """Add a path; attributes with an underscore for a hyphen, `kind` for the class."""
-        kept = {
-            key: value for key, value in attributes.items() if value not in ("", None)
-        }
-        names = {
-            key: "class" if key == "kind" else key.replace("_", "-") for key in kept
-        }
-        written = "".join(f' {names[key]}="{value}"' for key, value in kept.items())
+        written = ""
+        for key, value in attributes.items():
+            if value not in ("", None):
+                written += (
+                    f' {key.replace("_", "-").replace("kind", "class")}="{value}"'
+                )
         if d:
             self.parts.append(f'<path d="{d}"{written}/>')
 
     def fill(self, d: str, colour: str, mark: str = "area") -> None:
         """Add a filled path, with its hatch if the mark is one."""
         self.path(d, fill=colour)
-        if mark in HATCHES:
+        if mark != "area":  # a white pattern, which the page's template draws
             self.path(d, fill=f"url(#hatch-{mark})")
 
     def dots(
@@ -121,10 +119,9 @@ class Sheet:
         mark: str = "dot",
     ) -> None:
         """Add circles of one colour: full (dot), with a white edge (hinge) or empty (ring)."""
-        r = number(radius)
-        diameter = number(2.0 * radius)
-        circle = f"a{r} {r} 0 1 0 {diameter} 0a{r} {r} 0 1 0 -{diameter} 0z"
-        d = "".join(f"M{number(x - radius)} {number(y)}{circle}" for x, y in points)
+        arc = f"a{px(radius)} {px(radius)} 0 1 0"
+        circle = f"{arc} {px(2.0 * radius)} 0{arc} -{px(2.0 * radius)} 0z"
+        d = "".join(f"M{px(x - radius)} {px(y)}{circle}" for x, y in points)
         edge = {"ring": colour, "hinge": "#fff"}.get(mark, "")
         self.path(d, fill="#fff" if mark == "ring" else colour, stroke=edge)
 
@@ -138,14 +135,13 @@ class Sheet:
             top = y + row * LINE
             if mark in ("line", "dash"):
                 dash = "4 2.5" if mark == "dash" else ""
-                d = f"M{number(left)} {number(top + 6.0)}h16"
+                d = f"M{px(left)} {px(top + 6.0)}h16"
                 self.path(d, stroke=colour, stroke_width=1.8, stroke_dasharray=dash)
             elif mark in ("dot", "ring"):
                 self.dots([(left + 8.0, top + 6.0)], 3.2, colour, mark)
             else:
-                self.fill(
-                    f"M{number(left + 2)} {number(top + 1)}h13v10h-13z", colour, mark
-                )
+                area = f"M{px(left + 2)} {px(top + 1)}h13v10h-13z"
+                self.fill(area, colour, mark)
             self.text(left + 20.0, top + 10.0, label)
         return y + (rows[-1][0] + 1) * LINE + 3.0 if rows else y
 
@@ -155,16 +151,17 @@ class Sheet:
         width = (self.width - 4.0) / columns
         step = LINE + 3.0 + height + below
         self.height = -(-count // columns) * step
-        corners = [
-            (i % columns * width, i // columns * step + LINE + 3.0)
-            for i in range(count)
-        ]
-        return [(x + LEFT, y, x + width - 10.0, y + height) for x, y in corners]
+        boxes = list[Box]()
+        for place in range(count):
+            left = place % columns * width
+            top = place // columns * step + LINE + 3.0
+            boxes.append((left + LEFT, top, left + width - 10.0, top + height))
+        return boxes
 
     def svg(self, alternative: str) -> str:
         """Return the sheet as an SVG element with its alternative text."""
-        size = f'viewBox="0 0 {number(self.width)} {number(self.height)}"'
-        style = f'style="min-width:{number(READABLE * self.width)}px"'
+        size = f'viewBox="0 0 {px(self.width)} {px(self.height)}"'
+        style = f'style="min-width:{px(READABLE * self.width)}px"'
         label = escape(alternative, quote=True)
         inside = "".join(self.parts)
         return f'<svg {size} role="img" {style} aria-label="{label}">{inside}</svg>'
@@ -209,13 +206,17 @@ class Panel:
             stroke_linejoin="round",
         )
 
+    def upright(self, x: float, colour: str = GREY) -> None:
+        """Draw a dotted line over the height of the panel."""
+        self.line([x, x], self.y, colour, 0.9, "2 2")
+
     def band(
         self,
         x: ArrayLike,
         low: ArrayLike,
         high: ArrayLike,
         colour: str,
-        opacity: float = 0.3,
+        opacity: float,
     ) -> None:
         d = ribbon(self.at_x(x), self.at_y(low), self.at_y(high))
         self.sheet.path(d, fill=colour, fill_opacity=opacity)
@@ -244,7 +245,7 @@ class Panel:
     ) -> None:
         """Fill rectangles with one colour, as one path."""
         sides = self.at_x(left), self.at_x(right), self.at_y(high), self.at_y(low)
-        corners = zip(*(map(number, side) for side in sides), strict=True)
+        corners = zip(*(map(px, side) for side in sides), strict=True)
         d = "".join(f"M{a} {c}H{b}V{e}H{a}z" for a, b, c, e in corners)
         self.sheet.fill(d, colour, mark)
 
@@ -262,7 +263,8 @@ class Panel:
         """
         x = np.arange(mask.shape[1] + 1) - 0.5 if edges is None else edges
         steps = np.diff(mask.astype(int), axis=1, prepend=0, append=0)
-        (row, first), (_, last) = np.nonzero(steps > 0), np.nonzero(steps < 0)
+        row, first = np.nonzero(steps > 0)
+        _, last = np.nonzero(steps < 0)
         self.boxes(x[first], x[last], row - half, row + half, colour, mark)
 
     def stack(self, parts: Sequence[tuple[Entry, FloatArray]]) -> None:
@@ -276,23 +278,28 @@ class Panel:
 
     def axis_x(
         self,
-        ticks: ArrayLike,
         title: str = "",
+        most: int = 6,
+        *,
+        ticks: NDArray | None = None,
         labels: Sequence[str] = (),
         grid: bool = False,
     ) -> None:
-        """Draw ticks below; labels too close to the one before are left out."""
+        """Draw ticks below, at most about `most` if they are not given.
+
+        Labels too close to the one before are left out.
+        """
         left, top, right, bottom = self.box
-        places = self.at_x(ticks)
+        values = _ticks(self.x, self.log_x, most) if ticks is None else ticks
+        places = self.at_x(values)
         end = -np.inf
         if grid:
-            lines = (f"M{number(x)} {number(top)}V{number(bottom)}" for x in places)
+            lines = (f"M{px(x)} {px(top)}V{px(bottom)}" for x in places)
             self.sheet.path("".join(lines), kind="gr")
-        marks = "".join(f"M{number(x)} {number(bottom)}v3" for x in places)
-        self.sheet.path(
-            f"M{number(left)} {number(bottom)}H{number(right)}{marks}", kind="ax"
-        )
-        for x, label in zip(places, labels or map(tick_label, np.atleast_1d(ticks))):
+        marks = "".join(f"M{px(x)} {px(bottom)}v3" for x in places)
+        base = f"M{px(left)} {px(bottom)}H{px(right)}"
+        self.sheet.path(base + marks, kind="ax")
+        for x, label in zip(places, labels or map(tick_label, values)):
             half = 0.5 * text_width(label, SMALL)
             if x - half >= end + 5.0:
                 self.sheet.text(x, bottom + 14.0, label, "s m")
@@ -300,24 +307,26 @@ class Panel:
         if title:
             self.sheet.text(0.5 * (left + right), bottom + 29.0, title, "m")
 
-    def axis_y(self, ticks: ArrayLike, title: str = "") -> None:
+    def axis_y(
+        self, title: str = "", most: int = 6, ticks: NDArray | None = None
+    ) -> None:
         """Draw a grid with ticks on the left, and the title upright left of them."""
         left, top, right, bottom = self.box
-        places = self.at_y(ticks)
+        values = _ticks(self.y, self.log_y, most) if ticks is None else ticks
+        places = self.at_y(values)
         end = np.inf
         widest = 0.0
-        lines = (f"M{number(left)} {number(y)}H{number(right)}" for y in places)
+        lines = (f"M{px(left)} {px(y)}H{px(right)}" for y in places)
         self.sheet.path("".join(lines), kind="gr")
-        self.sheet.path(f"M{number(left)} {number(top)}V{number(bottom)}", kind="ax")
-        for y, label in zip(places, map(tick_label, np.atleast_1d(ticks))):
+        self.sheet.path(f"M{px(left)} {px(top)}V{px(bottom)}", kind="ax")
+        for y, label in zip(places, map(tick_label, values)):
             if y <= end - 11.0:
                 self.sheet.text(left - 5.0, y + 3.5, label, "s e")
                 widest = max(widest, text_width(label, SMALL))
                 end = y
+        x = left - widest - 11.0
         if title:
-            self.sheet.text(
-                left - widest - 11.0, 0.5 * (top + bottom), title, "m", angle=-90
-            )
+            self.sheet.text(x, 0.5 * (top + bottom), title, "m", angle=-90)
 
     def label(
         self, x: float, y: float, words: str, kind: str = "", left: bool = False
@@ -326,9 +335,8 @@ class Panel:
         place = float(self.at_x(x))
         need = text_width(words) + 7.0
         left = place - need > self.box[0] if left else place + need > self.box[2]
-        self.sheet.text(
-            place + (-6.0 if left else 6.0), y, words, f"{kind} h{' e' * left}"
-        )
+        side = -6.0 if left else 6.0
+        self.sheet.text(place + side, y, words, f"{kind} h{' e' * left}")
 
     def heading(self, words: str) -> None:
         """Write words above the panel."""
@@ -353,8 +361,8 @@ def panel_below(
 
 def tick_label(value: float) -> str:
     """Write a number as :g does, but with powers of ten: 0.2, 10⁻⁵, 5·10⁻⁵."""
-    number, _, power = f"{value:g}".partition("e")
-    return f"{number}·{raised(power)}".removeprefix("1·") if power else number
+    mantissa, _, power = f"{value:g}".partition("e")
+    return f"{mantissa}·{raised(power)}".removeprefix("1·") if power else mantissa
 
 
 def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
@@ -363,8 +371,7 @@ def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
     step = 10.0 ** np.floor(np.log10(span / most))
     step *= next(k for k in (1.0, 2.0, 2.5, 5.0, 10.0, 20.0) if k * step * most >= span)
     first = np.ceil(low / step - 1e-9)
-    ticks = step * np.arange(first, np.floor(high / step + 1e-9) + 1)
-    return np.asarray(ticks + 0.0, dtype=float)  # no -0
+    return step * np.arange(first, np.floor(high / step + 1e-9) + 1) + 0.0  # no -0
 
 
 def log_ticks(
@@ -372,10 +379,8 @@ def log_ticks(
 ) -> FloatArray:
     """Return 1, 2 and 5 times powers of ten from low to high."""
     decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
-    ticks = np.unique(np.outer(decades, subs).ravel())
-    return np.asarray(
-        ticks[(ticks >= low * 0.999) & (ticks <= high * 1.001)], dtype=float
-    )
+    ticks = np.unique(np.outer(decades, subs))
+    return ticks[(ticks >= low * 0.999) & (ticks <= high * 1.001)]
 
 
 def legend_rows(
@@ -389,7 +394,7 @@ def legend_rows(
         label = shortened(entry.label, width - 22.0)
         need = 22.0 + text_width(label)
         if place > 0.0 and place + need > width:
-            row = row + 1
+            row += 1
             place = 0.0
         rows.append((row, place, entry._replace(label=label)))
         place += need + 12.0
@@ -409,19 +414,16 @@ def shortened(words: str, width: float, size: float = SIZE) -> str:
     """Shorten a text to fit a width; it loses its middle."""
     if text_width(words, size) <= width:
         return words
-    fitting = (
-        n
-        for n in range(len(words), 4, -1)
-        if text_width(words[:n], size) + size <= width
-    )
-    keep = next(fitting, 4)
+    keep = len(words)
+    while keep > 4 and text_width(words[:keep], size) + size > width:
+        keep -= 1
     return words[: keep // 2] + "…" + words[len(words) - (keep - keep // 2) :]
 
 
 def trace(x: FloatArray, y: FloatArray) -> str:
     """Return a path through points, with a gap where one is not finite."""
     pairs = np.stack([x, y], axis=1).tolist()
-    points = [f"{number(a)} {number(b)}" if isfinite(a + b) else "" for a, b in pairs]
+    points = [f"{px(a)} {px(b)}" if isfinite(a + b) else "" for a, b in pairs]
     lines = ("M" + " ".join(line) for seen, line in groupby(points, bool) if seen)
     return "".join(lines).replace(" -", "-")
 
@@ -437,21 +439,23 @@ def envelope(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the places among samples of bins as wide as a line, and the range of each."""
     # Each bin starts with the last sample of the one before it: the trace stays connected.
-    edges = np.unique(
-        np.linspace(0, values.size - 1, min(bins, values.size - 1) + 1, dtype=int)
-    )
+    last = values.size - 1
+    edges = np.unique(np.linspace(0, last, min(bins, last) + 1, dtype=int))
     pieces = [values[a : b + 1] for a, b in pairwise(edges)]
-    low, high = (np.array([end(piece) for piece in pieces]) for end in (np.min, np.max))
+    low, high = (np.array(list(map(end, pieces))) for end in (np.min, np.max))
     return 0.5 * (edges[:-1] + edges[1:]), low, high
 
 
 def _scaled(
     values: ArrayLike, ends: Range, log: bool, start: float, stop: float
 ) -> FloatArray:
-    numbers, (low, high) = np.asarray(values, dtype=float), ends
+    numbers = np.asarray(values, dtype=float)
+    low, high = np.log(ends) if log else ends
     if log:
         with np.errstate(divide="ignore", invalid="ignore"):
             numbers = np.log(numbers)
-            low = np.log(low)
-            high = np.log(high)
     return np.asarray(start + (numbers - low) / (high - low) * (stop - start))
+
+
+def _ticks(ends: Range, log: bool, most: int) -> FloatArray:
+    return log_ticks(*ends) if log else even_ticks(*ends, most)
