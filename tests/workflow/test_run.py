@@ -20,10 +20,9 @@ import xarray as xr
 
 import archfrag as af
 from archfrag.physics.kernels import cache as kernel_cache
-from archfrag.study.done import finished_folder
 from archfrag.study.file.schema import load_study
-from archfrag.study.provenance import sha256_of
-from archfrag.study.running import only_run
+from archfrag.study.provenance import finished_folder, sha256_of
+from archfrag.study.steps import only_run
 from archfrag.study.validate import shipped_folder
 from tests.study.small import ROOT, TEXT, command, files_below, small_study, write_at2
 
@@ -257,7 +256,7 @@ def test_a_command_with_nothing_to_do_imports_neither_dask_nor_xarray(finished):
     done = subprocess.run(asked, capture_output=True, text=True)
     assert NOTHING in done.stderr
     loaded = set(done.stdout.split("loaded")[1].split())
-    assert "archfrag.study.done" in loaded
+    assert "archfrag.study.provenance" in loaded
     assert not loaded & {"dask", "distributed", "xarray", "numba", "numpy"}
 
 
@@ -306,7 +305,7 @@ def test_export_of_what_is_finished_and_of_nothing_else(
     made = files_below(tmp_path)
     late = command(*asked, "--set", "intensity.levels=[0.1, 0.6]")
     assert late.exit_code == 2
-    assert "cube.nc: was made before these changed: levels" in late.stderr
+    assert "cube.nc: was made before these changed: intensity" in late.stderr
     assert files_below(tmp_path) == made
 
 
@@ -486,9 +485,7 @@ class TestNothingToDo:
             (still.parent / new).unlink()
         (still.parent / "notes.txt").write_text("of the user")
         assert finished_folder(still, ())
-        monkeypatch.setattr(
-            "archfrag.study.provenance.digest_of_code", lambda *patterns: "edited"
-        )
+        monkeypatch.setattr("archfrag.study.provenance.code", lambda: "edited")
         assert finished_folder(still, ()) is None
 
     def test_a_damaged_stamp_is_no_answer(self, still):
@@ -499,17 +496,11 @@ class TestNothingToDo:
             {},
             [],
             "text",
-            {"watched": 3},
-            {"watched": [[]]},
-            {"watched": ["\0"]},
+            {**whole, "from": 3},
+            {**whole, "inputs": {}},
+            {**whole, "inputs": {"\0": ""}},
+            {**whole, "files": {"report.html": []}},
         ):
-            own = (
-                {**whole["all"], **damage}
-                if isinstance(damage, dict) and damage
-                else damage
-            )
-            path.write_text(json.dumps({**whole, "all": own}))
-            assert finished_folder(still, ()) is None
             path.write_text(json.dumps(damage))
             assert finished_folder(still, ()) is None
         path.write_text(content)

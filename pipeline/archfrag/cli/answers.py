@@ -32,8 +32,7 @@ from archfrag.report.printed import save_figures
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
-from archfrag.study.products import REPORT_FILES
-from archfrag.study.provenance import CUBE, finite
+from archfrag.study.provenance import CUBE, REPORT_FILES, finite
 from archfrag.study.steps import finished
 
 members_option = click.option(

@@ -39,7 +39,7 @@ def run(
     """
     if not quiet:  # before the imports, which take a second or more
         warn(f"reading {study_file}")
-    from archfrag.study.done import finished_folder
+    from archfrag.study.provenance import finished_folder
 
     folder = finished_folder(study_file, overrides)
     if folder is None:

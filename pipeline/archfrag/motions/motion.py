@@ -440,3 +440,8 @@ def load_stored(path: Path) -> Motion:
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
         what = "not a motion stored by archfrag, or damaged"
         raise InputError(f"{path}: {what} ({error})") from None
+
+
+def record_start(motion: Motion) -> float:
+    """Return when a record begins in its motion, later than 0 behind a first shock [s]."""
+    return float(motion.metadata.get("begins", 0.0))

@@ -112,7 +112,7 @@ def repeat(inputs: ReportInputs, place: int, chosen: Chosen | None) -> Example |
     factor = float(results["scale_factor"][record, level])
     if inputs.plan is not None:
         number = [member.id for member in inputs.plan.arches].index(name)
-        motion, factor, _ = inputs.plan.ground(number, record, factor)
+        motion, factor = inputs.plan.ground(number, record, factor)
     status, steps, time = (
         results[k][record, level] for k in ("status", "steps", "collapse_time")
     )

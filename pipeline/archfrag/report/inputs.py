@@ -203,7 +203,7 @@ class ReportInputs:
         names = list(self.known)
         found = dict.fromkeys(names[1:], names[0])
         for name in names:
-            if self.fitted.runs[name].shaken:
+            if not self.fitted.runs[name].intact:
                 found[name] = name.rpartition("-after-")[0]
         return {
             name: reference for name, reference in found.items() if reference in names
@@ -245,11 +245,11 @@ def report_inputs(study: StudyKeys, compared: Path | None = None) -> ReportInput
     given: dict[str, list[Mapping[str, Any]]] = {}
     for member in study.members:
         keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
-        given.setdefault(member.arch_class, []).append(keys | {"shocks": member.shock})
+        given.setdefault(member.arch_class, []).append(keys | {"before": member.shock})
     return ReportInputs(
         cube=cube,
         scale=Scale(intensity.measure, intensity.unit, 1.0 / intensity.factor),
-        motions=[plan.motion(record) for record in range(len(plan.records))],
+        motions=[plan.motion(record) for record in plan.records],
         plan=plan,
         arches=[(name, arch, onset(arch)) for name, arch in arches.items()],
         answers=answers,

@@ -51,8 +51,13 @@ from archfrag.study.answer.fits import CURVE, FITS, cautions_of, gathered, store
 from archfrag.study.answer.rates import risk_of_study
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
-from archfrag.study.products import ALL_CURVES, README, REPORT_FILES
-from archfrag.study.provenance import OWNER, write_text
+from archfrag.study.provenance import (
+    ALL_CURVES,
+    OWNER,
+    README,
+    REPORT_FILES,
+    write_text,
+)
 
 SUMMARY = REPORT_FILES[1]  # beside the page
 _FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the figure of spectra [s]
@@ -369,18 +374,12 @@ def _first_shocks(inputs: ReportInputs) -> Iterator[Any]:
     """Yield which first shocks come before the records, how strong, and which before which."""
     plan = inputs.plan
     scale = inputs.scale
-    shaken = (
-        [] if plan is None else [i for i, arch in enumerate(plan.arches) if arch.shock]
-    )
-    if plan is None or not shaken:
+    shocks = [] if plan is None else [each.shock for each in plan.arches if each.shock]
+    if plan is None or not shocks:
         return
-    levels = dict.fromkeys(scale.text(plan.arches[i].shock[0]) for i in shaken)
-    gap = plan.arches[shaken[0]].shock[1]
-    names = [*plan.records, *plan.first]
-    rows = []
-    for record, each in enumerate(plan.records):
-        if (shock := plan.shock(shaken[0], record)) is not None:
-            rows.append([each.id, names[shock[0]].id])
+    levels = dict.fromkeys(scale.text(level) for level, _ in shocks)
+    gap = shocks[0][1]
+    rows = [[each.id, each.first.id] for each in plan.records if each.first]
     listed = ", ".join(dict.fromkeys(first for _, first in rows))
     words = TEXTS["notes"]["shocks"]
     at = f"{scale.measure} {' and '.join(levels)}"

@@ -11,8 +11,7 @@ import xarray as xr
 from archfrag.files import write_csv
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.tables import runs_table
-from archfrag.study.products import README
-from archfrag.study.provenance import write_text
+from archfrag.study.provenance import README, write_text
 from archfrag.version import __version__
 
 RUN_COLUMNS = (

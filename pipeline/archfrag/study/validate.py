@@ -29,12 +29,11 @@ from archfrag.study.file.schema import StudyKeys, study_schema
 from archfrag.study.file.sources import (
     VERTICAL_LEFT,
     find_sources,
-    first_shocks,
+    following,
     read_sources,
 )
 from archfrag.study.hazard import level_cautions, load_hazard
-from archfrag.study.products import check_outputs, step_names
-from archfrag.study.provenance import OWNER, PACKAGE, read_state
+from archfrag.study.provenance import OWNER, PACKAGE, check_outputs, read_state
 from archfrag.usual import unusual
 
 # Beyond these a unit may have been mistaken: size [m], levels over the onset.
@@ -176,9 +175,7 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
 
 def arch_texts(study: StudyKeys) -> tuple[str, ...]:
     """Return weights, forces and places of the first arches of a study, one of each class."""
-    first = {
-        each.arch_class: each for each in reversed(study.members) if not each.shock
-    }
+    first = {each.arch_class: each for each in reversed(study.members) if each.intact}
     texts = list[str]()
     for member in list(reversed(first.values()))[:MOST_ASKED]:
         arch = member.entry.build()
@@ -234,7 +231,7 @@ def check_start(study: StudyKeys) -> tuple[str, ...]:
             raise OSError(code, os.strerror(code))
     except OSError as error:
         raise cannot_write(folder, error) from error
-    check_outputs(study, step_names(study))
+    check_outputs(study, "cube", "fit", "report")
     owner = read_state(study.work / OWNER).get("id", study.id)
     if owner != study.id:
         whose = f"holds results of study {owner!r}, not of study {study.id!r}"
@@ -326,16 +323,16 @@ def _read_records(
             about["file"] in partnered or VERTICAL_LEFT in motion.log
         ):
             unused.add(records[-1].id)
-    records[:] = in_order(study.motions, records)
-    first = first_shocks(
+    records[:] = following(
         study.motions,
-        records,
+        in_order(study.motions, records),
         lambda asked: [
             described(study, motion, ())
             for motion in read_sources(asked, study.intensity.measure)
         ],
     )
-    if pairs := [f"{one.id} before {record.id}" for one, record in zip(first, records)]:
+    pairs = [f"{each.first.id} before {each.id}" for each in records if each.first]
+    if pairs:
         more = len(pairs) - MOST_ASKED
         listed = ", ".join(pairs[:MOST_ASKED]) + f" and {more} more" * (more > 0)
         partners.append(f"first shocks: {listed}")

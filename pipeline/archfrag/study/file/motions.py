@@ -117,6 +117,11 @@ class FirstShocks(Section):
     gap: Annotated[float, Field(ge=0.0, le=3600.0)] = 20.0
     """Time without acceleration between both motions [s]."""
 
+    def endings(self, unit: float) -> list[tuple[str, tuple[float, float]]]:
+        """Return what arches after each are named by, with its level [SI] and the gap [s]."""
+        levels = filter(None, self.level)
+        return [(f"-after-{each:.12g}", (each * unit, self.gap)) for each in levels]
+
 
 class Motions(Section):
     """The ground motions of the study."""

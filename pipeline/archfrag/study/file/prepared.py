@@ -4,6 +4,7 @@ import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,9 @@ from archfrag.motions.partners import earthquakes, recording_of
 from archfrag.study import provenance
 from archfrag.study.file.motions import Motions
 from archfrag.study.file.schema import StudyKeys
+from archfrag.study.provenance import MANIFEST
 from archfrag.study.yaml_text import relative
 
-MANIFEST = "motions.json"
 FOLDER = "motions"
 # Measures in which every run is known: the study's own is compared with them.
 COMPARED = (
@@ -66,6 +67,13 @@ class PreparedRecord:
     # What is suspicious about its samples, its sensor or its file.
     cautions: list[str] = field(default_factory=list, hash=False)
     samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
+    # What comes before it where an arch meets a first shock; None without first shocks.
+    first: "PreparedRecord | None" = None
+
+    @property
+    def motions(self) -> tuple["PreparedRecord", ...]:
+        """The stored motions that its runs need: what comes first, if anything, and itself."""
+        return (self,) if self.first is None else (self.first, self)
 
 
 def _sources() -> Any:
@@ -140,23 +148,21 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
     """
     inputs = study_inputs(study)
     folder = make_folder(study.work / FOLDER)
-    records = _stored(study, study.motions)
-    first = _sources().first_shocks(
-        study.motions, records, lambda asked: _stored(study, asked)
+    store_all = partial(_stored, study)
+    records: list[PreparedRecord] = _sources().following(
+        study.motions, store_all(study.motions), store_all
     )
-    manifest: dict[str, Any] = {
+    manifest = {
         "study": study.id,
         "key": motions_key(study),
         "inputs": inputs,
-    }
-    manifest |= {
+        "code": provenance.code(),
         "records": list(map(asdict, records)),
-        "first": list(map(asdict, first)),
     }
     provenance.write_text(
         study.work / MANIFEST, provenance.canonical_json(manifest) + "\n"
     )
-    kept = {study.work / record.file for record in (*records, *first)}
+    kept = {study.work / each.file for record in records for each in record.motions}
     for path in set(folder.glob("*.npz")) - kept:
         path.unlink()
     return records
@@ -191,15 +197,16 @@ def in_order(asked: Motions, records: list[PreparedRecord]) -> list[PreparedReco
 
 
 def read_manifest(study: StudyKeys) -> dict[str, Any]:
-    """Return the manifest that `prepare_motions` wrote: key, inputs, records and first shocks."""
+    """Return the manifest that `prepare_motions` wrote: key, inputs, code and records."""
     path = study.work / MANIFEST
     try:
-        stored = {"first": (), **provenance.read_json(path)}
-        lists = {
-            name: [PreparedRecord(**record) for record in stored[name]]
-            for name in ("records", "first")
-        }
-        return {"key": stored["key"], "inputs": dict(stored["inputs"]), **lists}
+        stored = {"code": "", **provenance.read_json(path)}
+        records = [PreparedRecord(**record) for record in stored["records"]]
+        for place, record in enumerate(records):
+            first: Any = record.first
+            if first:
+                records[place] = replace(record, first=PreparedRecord(**first))
+        return {**stored, "inputs": dict(stored["inputs"]), "records": records}
     except FileNotFoundError:
         raise InputError(
             f"{path}: the motions are not prepared yet; {_AGAIN}"
@@ -208,16 +215,16 @@ def read_manifest(study: StudyKeys) -> dict[str, Any]:
         raise InputError(f"{path}: is damaged ({error}); {_AGAIN}") from None
 
 
-def load_prepared(study: StudyKeys, name: str = "records") -> list[PreparedRecord]:
-    """Return the stored records or "first" shocks; InputError if they are not the study's."""
+def load_prepared(study: StudyKeys) -> list[PreparedRecord]:
+    """Return the stored records; InputError if they are not the study's."""
     manifest = read_manifest(study)
-    paired = len(manifest["first"]) in (0, len(manifest["records"]))
-    if not paired or manifest["key"] != motions_key(study):
+    records: list[PreparedRecord] = manifest["records"]
+    if manifest["key"] != motions_key(study):
         other = "other records or another measure than the study now has"
         raise InputError(f"{study.work / MANIFEST}: was made for {other}; {_AGAIN}")
-    for record in manifest[name]:
-        _check_stored(study.work, record)
-    return list(manifest[name])
+    for each in (each for record in records for each in record.motions):
+        _check_stored(study.work, each)
+    return records
 
 
 def load_record(work: Path, record: PreparedRecord) -> Motion:

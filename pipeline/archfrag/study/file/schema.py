@@ -30,6 +30,7 @@ from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.members import Members, check_buildable, checked, expand
 from archfrag.study.file.motions import Motions
 from archfrag.study.keys import PathText, Section, at, refuse
+from archfrag.study.provenance import origin_of
 from archfrag.study.yaml_text import read_keys
 
 PERIODS = (0.01, 20.0)  # of a spectral measure [s]
@@ -235,6 +236,7 @@ class StudyKeys(Section):
         return self
 
     _expanded: tuple[Any, Members] = (None, ())
+    _given: tuple[dict[str, Any], Path] = ({}, Path())  # keys as written, their folder
 
     @property
     def folder(self) -> Path:
@@ -250,22 +252,16 @@ class StudyKeys(Section):
     def members(self) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
         before = self.motions.before
-        factor = self.intensity.factor
-        shocks = (
-            [
-                (f"-after-{level:.12g}", (level * factor, before.gap))
-                for level in before.level
-                if level
-            ]
-            if before
-            else []
-        )
-        if self._expanded[0] != (
-            self.arches,
-            shocks,
-        ):  # not yet, or this is a changed copy
-            self._expanded = (self.arches, shocks), expand(self.arches, shocks)
+        endings = before.endings(self.intensity.factor) if before else []
+        given = self.arches, endings
+        if self._expanded[0] != given:  # not yet, or this is a changed copy
+            self._expanded = given, expand(*given)
         return self._expanded[1]
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """Digests of what the results follow from, but for files, by name."""
+        return origin_of(*self._given, self.folder)
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> StudyKeys:
@@ -286,6 +282,7 @@ def study_of(given: dict[str, Any], folder: Path, place: Any) -> StudyKeys:
     with at(place, given):
         study = StudyKeys.model_validate(given, context={"folder": folder})
         check_buildable(checked(study.members))
+    study._given = given, folder
     return study
 
 

@@ -136,25 +136,27 @@ def check_known(
             raise InputError(f"{key}: {name!r} is not a record of the study; {hint}")
 
 
-def first_shocks(
-    asked: Motions, records: Sequence[Any], make: Callable[[Motions], Any]
-) -> Any:
-    """Return the motion that comes before each record: one of `records`, or what `make` makes of
-    their index; empty without first shocks.
+def following(
+    asked: Motions, records: list[Any], make: Callable[[Motions], list[Any]]
+) -> list[Any]:
+    """Return records with what comes first before each: one of them, or of what `make` makes of
+    an index; as they are without first shocks.
 
     Before a record that is reversed comes the reversed one of what comes before the record.
     """
     if asked.before is None:
-        return []
+        return records
     known = {each.id: each for each in (make(asked.first) if asked.first else records)}
     senses = 1 + asked.both_senses  # each beside its reverse, as `_name` yields them
     names = asked.before.records or [*known][::senses]
     check_known(names, [*known], "motions.before.records")
     places = [[*known].index(name) for name in names]
-    turns = (divmod(number, senses) for number in range(len(records)))
-    return [
-        [*known.values()][places[turn % len(places)] ^ sense] for turn, sense in turns
-    ]
+    found = []
+    for number, record in enumerate(records):
+        turn, sense = divmod(number, senses)
+        first = [*known.values()][places[turn % len(places)] ^ sense]
+        found.append(replace(record, first=first))
+    return found
 
 
 def _matching(text: str) -> list[Path]:

@@ -40,18 +40,16 @@ def run_batch(
     batch: int = 0,
     workers: int | None = None,
     quiet: bool = False,
-    plan: Plan | None = None,
 ) -> tuple[dict[str, Any], "pd.DataFrame"]:
     """Make the runs of one batch that the design requests; those that are there are kept.
 
     Returned are the entry of the log (runs requested and of them kept, iterations, workers, wall
     time, of which compiling, time in the kernels summed over workers [s]) and a row for each run:
-    arch, record, level, verdict, steps, wall time [s]. `workers` take the place of the study's;
-    `plan` is that of the study, if it is known. WorkerError if workers cannot be started or are
-    lost.
+    arch, record, level, verdict, steps, wall time [s]. `workers` take the place of the study's.
+    WorkerError if workers cannot be started or are lost.
     """
     started = time.perf_counter()
-    known = plan or store.make_plan(study)
+    known = store.make_plan(study)
     table = store.read_parts(make_folder(known.parts))
     requests = known.requests(batch, study.execution.batches)
     estimate = (

@@ -20,6 +20,7 @@ import numpy as np
 
 from archfrag.errors import WorkerError
 from archfrag.files import counted
+from archfrag.motions.motion import record_start
 from archfrag.simulation.simulate import results_of_runs
 from archfrag.study.designs import Cases
 from archfrag.study.provenance import available_cores, commit, versions
@@ -52,13 +53,14 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
     runs = zip(
         cases["arch"].tolist(), cases["record"].tolist(), plan.factors(cases).tolist()
     )
-    motions, factors, begins = zip(*(plan.ground(*run) for run in runs))
+    motions, factors = zip(*(plan.ground(*run) for run in runs))
     method = plan.study.method
     options = method.model_dump(exclude={"name", "delay"})
     options |= {"method": method.name, "far": method.delay}
     arch = plan.arch(int(cases["arch"][0]))
     results, wall_time = results_of_runs(arch, motions, factors, **options)
-    columns = store.columns_of(results, begins) | {"wall_time": wall_time}
+    starts = [record_start(motion) for motion in motions]
+    columns = store.columns_of(results, starts) | {"wall_time": wall_time}
     return store.table_of(plan.keys(cases), columns)
 
 
