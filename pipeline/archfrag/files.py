@@ -19,7 +19,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from archfrag.errors import InputError, OutputError
 
@@ -71,6 +71,11 @@ def stated_unit(head: str) -> tuple[str, str | None]:
     """Split the name of a column, `name [unit]` or `name (unit)`; None if it states no unit."""
     found = re.fullmatch(r"(.+?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]", head.strip())
     return (found[1], found[2]) if found else (head, None)
+
+
+def absolute(path: str, folder: Path) -> str:
+    """Make a path of a study file absolute, whose folder is given."""
+    return os.path.abspath(os.path.join(folder, os.path.expanduser(path)))
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
@@ -200,10 +205,8 @@ def _registers(path: Path) -> list[Path]:
     """Return where the SHA-256 of what archfrag made stands: beside a study, and of the user."""
     from platformdirs import user_state_path  # start-up
 
-    places = path.parent / WORK / MADE, user_state_path("archfrag") / MADE
-    return [
-        place for place in places if place.is_absolute() or place.parent.name == WORK
-    ]
+    user = user_state_path("archfrag") / MADE
+    return [path.parent / WORK / MADE, *([user] if user.is_absolute() else [])]
 
 
 def register(path: Path, content: Path) -> None:
@@ -308,29 +311,21 @@ def unquoted(cell: str) -> str:
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell, 1) else cell
 
 
-def write_csv(
-    target: Path | TextIO, pieces: "Iterable[pd.DataFrame]", **form: Any
-) -> None:
-    """Write a table in pieces of the same columns as CSV; a file completely or not at all.
+def write_csv(target: Path, pieces: "Iterable[pd.DataFrame]", **form: Any) -> None:
+    """Write a table in pieces of the same columns as CSV, completely or not at all.
 
     `form` is handed to `pandas.DataFrame.to_csv`.
     """
-    if isinstance(target, Path):
-        with (
-            replacing(target) as part,
-            open(part, "w", encoding="utf-8", newline="") as file,
-        ):
-            return write_csv(file, pieces, **form)
-    for number, piece in enumerate(pieces):
-        texts = {
-            name: column.astype(object).map(quoted)
-            for name, column in piece.items()
-            if column.dtype.kind not in "biufc"
-        }
-        table = piece.assign(**texts).rename(columns=quoted)  # type: ignore[arg-type]
-        table.to_csv(
-            target, index=False, header=number == 0, lineterminator="\n", **form
-        )
+    form |= {"index": False, "lineterminator": "\n"}
+    with (
+        replacing(target) as part,
+        part.open("w", encoding="utf-8", newline="") as file,
+    ):
+        for number, piece in enumerate(pieces):
+            table = piece.rename(columns=quoted)
+            texts = table.select_dtypes(exclude=["number", "bool"])
+            table = table.assign(**texts.astype(object).map(quoted))
+            table.to_csv(file, header=number == 0, **form)
 
 
 Row = tuple[int, list[str]]  # number of the line, cells

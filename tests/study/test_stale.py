@@ -14,6 +14,7 @@ from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.provenance import finished_folder, out_of_date
 from archfrag.study.runs.store import gather, make_plan
 from archfrag.study.steps import changed_since, make_step
+from archfrag.study.yaml_text import read_keys
 from tests.study.small import (
     TEXT,
     command,
@@ -86,10 +87,10 @@ def test_what_only_the_cube_states_is_noticed(tmp_path):
     text = TEXT.replace("motions:", many).replace("unit: g", "unit: gal")
     path = small_study(tmp_path, text.replace("[0.1, 0.6, 1.2]", "[100, 600]"))
     assert command("run", path, "--quiet").exit_code == 0
-    assert finished_folder(path) == tmp_path / "out"
-    assert finished_folder(path, ["intensity.unit=cm/s2"]) is None
+    assert finished_folder(path, *read_keys(path)) == tmp_path / "out"
+    assert out_of_date(load_study(path, ["intensity.unit=cm/s2"]), "cube")
     table.write_text("id,width\none,0.4\n")
-    assert finished_folder(path) is None
+    assert finished_folder(path, *read_keys(path)) is None
 
 
 def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp_path):

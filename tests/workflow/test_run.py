@@ -20,10 +20,12 @@ import xarray as xr
 
 import archfrag as af
 from archfrag.physics.kernels import cache as kernel_cache
+from archfrag.study import provenance
 from archfrag.study.file.schema import load_study
-from archfrag.study.provenance import finished_folder, sha256_of
+from archfrag.study.provenance import sha256_of
 from archfrag.study.steps import only_run
 from archfrag.study.validate import shipped_folder
+from archfrag.study.yaml_text import read_keys
 from tests.study.small import ROOT, TEXT, command, files_below, small_study, write_at2
 
 # Long enough to be killed in the middle, by making each chunk one run.
@@ -84,6 +86,10 @@ def finished(tmp_path_factory):
     """Study file of an undisturbed run, what it printed, and its cube."""
     path = small_study(tmp_path_factory.mktemp("finished"), SLOW)
     return path, *run(path), xr.load_dataset(path.parent / "out" / "cube.nc")
+
+
+def finished_folder(path, overrides=()):
+    return provenance.finished_folder(path, *read_keys(path, overrides))
 
 
 def written(folder):
@@ -456,7 +462,7 @@ class TestNothingToDo:
     def test_all_that_counts_is_in_it(self, still, monkeypatch):
         """Files that change, are gone or are new; keys that are given; another code."""
         (work,) = still.parent.glob("out/.archfrag")
-        folder = finished_folder(still, ())
+        folder = finished_folder(still)
         assert folder == still.parent / "out"
         assert finished_folder(still, ["title=Other"]) is None
         for path in (
@@ -470,9 +476,9 @@ class TestNothingToDo:
         ):
             content = path.read_bytes()
             path.write_bytes(content.replace(b"1", b"2"))
-            assert (finished_folder(still, ()) is None) == (
-                content != path.read_bytes()
-            ), path
+            assert (finished_folder(still) is None) == (content != path.read_bytes()), (
+                path
+            )
             path.write_bytes(content)
         for new in (
             "records/index.csv",
@@ -481,12 +487,12 @@ class TestNothingToDo:
             "records/wave9.AT2",
         ):
             (still.parent / new).write_text("new")
-            assert finished_folder(still, ()) is None, new
+            assert finished_folder(still) is None, new
             (still.parent / new).unlink()
         (still.parent / "notes.txt").write_text("of the user")
-        assert finished_folder(still, ())
+        assert finished_folder(still)
         monkeypatch.setattr("archfrag.study.provenance.code", lambda: "edited")
-        assert finished_folder(still, ()) is None
+        assert finished_folder(still) is None
 
     def test_a_damaged_stamp_is_no_answer(self, still):
         path = still.parent / "out" / ".archfrag" / "stamp.json"
@@ -502,6 +508,6 @@ class TestNothingToDo:
             {**whole, "files": {"report.html": []}},
         ):
             path.write_text(json.dumps(damage))
-            assert finished_folder(still, ()) is None
+            assert finished_folder(still) is None
         path.write_text(content)
-        assert finished_folder(still, ())
+        assert finished_folder(still)

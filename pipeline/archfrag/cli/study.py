@@ -82,9 +82,7 @@ def run_all(
     ]
     with _stoppable(f"continue with `{shlex.join(words)} --resume`") as check:
         study = load_study(study_file, overrides)
-        anything = run_study(
-            study, study_file, check, make_report, cores, quiet, overrides
-        )
+        anything = run_study(study, study_file, check, make_report, cores, quiet)
         if not quiet:
             if anything:
                 _summary(study, load_fits(study))

@@ -245,7 +245,9 @@ def report_inputs(study: StudyKeys, compared: Path | None = None) -> ReportInput
     given: dict[str, list[Mapping[str, Any]]] = {}
     for member in study.members:
         keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
-        given.setdefault(member.arch_class, []).append(keys | {"before": member.shock})
+        given.setdefault(member.arch_class, []).append(
+            keys | {"before": not member.intact}
+        )
     return ReportInputs(
         cube=cube,
         scale=Scale(intensity.measure, intensity.unit, 1.0 / intensity.factor),

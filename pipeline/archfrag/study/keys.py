@@ -23,7 +23,8 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from archfrag.errors import InputError
-from archfrag.study.yaml_text import CONTROL, absolute
+from archfrag.files import absolute
+from archfrag.study.yaml_text import CONTROL
 
 # Rules where pydantic's own words name its classes or a regular expression.
 _RULES = {

@@ -18,7 +18,7 @@ import socket
 import subprocess
 import threading
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +27,7 @@ from archfrag.errors import OutputError
 from archfrag.files import (
     STAMPS,
     WORK,
+    absolute,
     check_targets,
     make_folder,
     opened,
@@ -34,7 +35,6 @@ from archfrag.files import (
     sha256_of,
     sweep,
 )
-from archfrag.study.yaml_text import absolute, read_keys
 from archfrag.version import __version__
 
 if TYPE_CHECKING:
@@ -177,9 +177,11 @@ def out_of_date(study: "StudyKeys", *steps: str) -> str:
             return f"{path}: is missing, changed or damaged"
     before = stamp["from"]
     now = study.origin
-    if changed := [name for name in now | before if now.get(name) != before.get(name)]:
-        return f"{study.folder / CUBE}: was made before these changed: {', '.join(changed)}"
-    return ""
+    changed = [name for name in now | before if now.get(name) != before.get(name)]
+    cube = study.folder / CUBE
+    return f"{cube}: was made before these changed: {', '.join(changed)}" * bool(
+        changed
+    )
 
 
 def origin_of(keys: dict[str, Any], place: Path, folder: Path) -> dict[str, str]:
@@ -213,14 +215,13 @@ def contents(folder: Path, places: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def finished_folder(path: Path, overrides: Sequence[str] = ()) -> Path | None:
+def finished_folder(path: Path, keys: dict[str, Any], place: Path) -> Path | None:
     """Return the folder of the results of a study file if nothing has changed since its run; else
     None.
 
-    None says little: the run tells what has changed. OutputError if the results are those of
-    another file.
+    `keys` are those of the file, in the folder `place`. None says little: the run tells what has
+    changed. OutputError if the results are those of another file.
     """
-    keys, place = read_keys(path, overrides)
     output = keys.get("output") or os.path.join("results", str(keys.get("id")))
     folder = Path(absolute(str(output), place))
     check_owner(folder, path)
@@ -334,17 +335,12 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     for kind in ("record", "index", "inventory"):
         old = before.get(kind, {})
         new = now.get(kind, {})
-        for path in sorted(
-            path for path in old | new if old.get(path) != new.get(path)
-        ):
-            what = (
-                "is new"
-                if path not in old
-                else "has changed"
-                if path in new
-                else "is gone"
-            )
-            lines.append(f"{kind} {os.path.normpath(folder / path)} {what}")
+        words = dict.fromkeys(old, "is gone") | dict.fromkeys(new, "is new")
+        words |= dict.fromkeys(old.keys() & new, "has changed")
+        for path in sorted(words):
+            if old.get(path) != new.get(path):
+                place = os.path.normpath(folder / path)
+                lines.append(f"{kind} {place} {words[path]}")
     return lines
 
 

@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
 from types import FrameType
@@ -162,14 +162,10 @@ def run_study(
     report: Report,
     cores: int | None = None,
     quiet: bool = False,
-    overrides: Sequence[str] = (),
 ) -> bool:
-    """Do all of a study that is not done yet; whether there was anything to do.
-
-    The study is that of its file with `overrides`.
-    """
+    """Do all of a study that is not done yet; whether there was anything to do."""
     provenance.check_own(study)
-    if provenance.finished_folder(study_file, overrides):
+    if provenance.finished_folder(study_file, *study.given):
         return False
     check_start(study)
 

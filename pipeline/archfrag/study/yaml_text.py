@@ -85,11 +85,6 @@ def relative(value: Any, folder: Path, key: str = "") -> Any:
     )
 
 
-def absolute(path: str, folder: Path) -> str:
-    """Make a path of a study file absolute, whose folder is given."""
-    return os.path.abspath(os.path.join(folder, os.path.expanduser(path)))
-
-
 def read_keys(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any], Path]:
     """Read the keys of a study file as they are written, with its folder.
 

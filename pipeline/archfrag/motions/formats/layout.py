@@ -136,7 +136,7 @@ def _read_bytes(source: Source, size: int = -1) -> bytes:
 def begins_with(*patterns: str) -> Callable[[Source], bool]:
     """Return a test of a file or open buffer: is it text whose first 4096 bytes match all?"""
 
-    def recognises(source: Source) -> bool:
+    def begins(source: Source) -> bool:
         try:
             content = _read_bytes(source, 4096)
         except (OSError, ValueError):  # obspy goes on to other formats
@@ -146,7 +146,7 @@ def begins_with(*patterns: str) -> Callable[[Source], bool]:
             re.search(pattern, text) for pattern in patterns
         )
 
-    return recognises
+    return begins
 
 
 def _lines(content: bytes) -> list[str]:

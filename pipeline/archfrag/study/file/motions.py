@@ -1,6 +1,7 @@
 """Motions of a study file: record files, and steps that process them in order."""
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -12,6 +13,7 @@ from archfrag.study.keys import PathText, Section, refuse
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
 
+MOST_LISTED = 12  # pairs of a first shock and its record
 with Path(__file__).with_name("steps.toml").open("rb") as _file:
     STEPS: dict[str, Any] = tomllib.load(_file)
 _KINDS: dict[str, Any] = {"float": float, "int": int, "bool": bool, "str": str}
@@ -121,6 +123,14 @@ class FirstShocks(Section):
         """Return what arches after each are named by, with its level [SI] and the gap [s]."""
         levels = filter(None, self.level)
         return [(f"-after-{each:.12g}", (each * unit, self.gap)) for each in levels]
+
+
+def pairs_text(records: Sequence[Any]) -> list[str]:
+    """List which first shock comes before which record, if any does, in one line."""
+    pairs = [f"{each.first.id} before {each.id}" for each in records if each.first]
+    more = len(pairs) - MOST_LISTED
+    listed = ", ".join(pairs[:MOST_LISTED]) + f" and {more} more" * (more > 0)
+    return [f"first shocks: {listed}"] * bool(pairs)
 
 
 class Motions(Section):

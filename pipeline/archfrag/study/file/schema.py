@@ -259,6 +259,11 @@ class StudyKeys(Section):
         return self._expanded[1]
 
     @property
+    def given(self) -> tuple[dict[str, Any], Path]:
+        """Keys as they were written, and the folder of the file."""
+        return self._given
+
+    @property
     def origin(self) -> dict[str, str]:
         """Digests of what the results follow from, but for files, by name."""
         return origin_of(*self._given, self.folder)
