@@ -25,9 +25,8 @@ def _mapping(given: Any) -> Any:
         return named
     if len(named) != 1:
         raise refuse(f"must have one of the keys {', '.join(STEPS)}")
-    return {
-        name: {} if settings is None else settings for name, settings in named.items()
-    }
+    ((name, settings),) = named.items()
+    return {name: {} if settings is None else settings}
 
 
 def _settings(step: str) -> Any:
@@ -39,7 +38,8 @@ def _settings(step: str) -> Any:
         else:
             bounds = {name: about[name] for name in ("gt", "ge", "le") if name in about}
             kind = Annotated[_KINDS[about["kind"]], Field(**bounds)]
-        if least := about.get("size", about.get("least")):
+        least = about.get("size", about.get("least"))
+        if least:
             kind = Annotated[
                 list[kind], Field(min_length=least, max_length=about.get("size"))
             ]
@@ -93,6 +93,9 @@ def _named(levels: list[float]) -> list[float]:
     return levels
 
 
+Pause = Annotated[float, Field(ge=0.0, le=3600.0)]  # [s]
+
+
 class FirstShocks(Section):
     """Motions that shake each arch before its record, after which it comes to rest."""
 
@@ -116,7 +119,7 @@ class FirstShocks(Section):
     ]
     """Level of the first shocks or a list of levels, in the study's measure and unit. Besides the
     intact arch ID the study then has an arch ID-after-LEVEL for each of them but 0."""
-    gap: Annotated[float, Field(ge=0.0, le=3600.0)] = 20.0
+    gap: Pause = 20.0
     """Time without acceleration between both motions [s]."""
 
     def endings(self, unit: float) -> list[tuple[str, tuple[float, float]]]:

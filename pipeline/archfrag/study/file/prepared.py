@@ -107,20 +107,16 @@ def described(
     """
     asked = study.intensity.measure
     about = motion.metadata
-    measures = {
-        name: measure(motion, name) for name in dict.fromkeys((asked, *compared))
-    }
+    names = dict.fromkeys((asked, *compared))
+    measures = {name: measure(motion, name) for name in names}
     samples = hashlib.sha256(float(motion.dt).hex().encode())
-    for part in (motion.acceleration, motion.vertical):
-        samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
-    cautions = [
-        *about.get("cautions", ()),
-        *sample_cautions(motion.acceleration, motion.dt),
-    ]
-    if motion.vertical is not None:
-        cautions += [
-            f"vertical: {text}" for text in sample_cautions(motion.vertical, motion.dt)
-        ]
+    cautions = list(about.get("cautions", ()))
+    for part, prefix in ((motion.acceleration, ""), (motion.vertical, "vertical: ")):
+        if part is None:
+            samples.update(b"/")
+            continue
+        samples.update(np.ascontiguousarray(part, "<f8").data)
+        cautions += (prefix + text for text in sample_cautions(part, motion.dt))
     return PreparedRecord(
         motion.id,
         "",
@@ -153,7 +149,6 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
         study.motions, store_all(study.motions), store_all
     )
     manifest = {
-        "study": study.id,
         "key": motions_key(study),
         "inputs": inputs,
         "code": provenance.code(),
@@ -170,22 +165,18 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
 
 def _stored(study: StudyKeys, asked: Motions) -> list[PreparedRecord]:
     """Store the motions that are asked for, and return them."""
-    records = list[PreparedRecord]()
-    facts = list[dict[str, Any]]()
-    folder = study.work / FOLDER
+    records = []
+    facts = []
+    new = study.work / FOLDER / "new.npz"
     for motion in _sources().read_sources(asked, study.intensity.measure):
-        record = described(study, motion)
-        store(folder / "new.npz", motion)
-        prepared = sha256_of(folder / "new.npz")
-        records.append(
-            replace(record, file=f"{FOLDER}/{prepared[:16]}.npz", prepared=prepared)
-        )
+        store(new, motion)
+        prepared = sha256_of(new)
+        file = f"{FOLDER}/{prepared[:16]}.npz"
+        records.append(replace(described(study, motion), file=file, prepared=prepared))
         facts.append(recording_of(motion))
-        os.replace(folder / "new.npz", study.work / records[-1].file)
-    records = [
-        replace(record, event=name) for record, name in zip(records, earthquakes(facts))
-    ]
-    return in_order(asked, records)
+        new.replace(study.work / file)
+    events = zip(records, earthquakes(facts))
+    return in_order(asked, [replace(each, event=name) for each, name in events])
 
 
 def in_order(asked: Motions, records: list[PreparedRecord]) -> list[PreparedRecord]:

@@ -191,16 +191,12 @@ class Cluster:
         except KilledWorker as error:
             lost = "workers were killed or ran out of memory again and again"
             raise WorkerError(f"{self._name}: {lost} ({error}); {_GO_ON}") from error
-        except (CancelledError, OSError, TimeoutError) as error:
+        except (CancelledError, OSError) as error:
             raise WorkerError(
                 f"{self._name}: the scheduler is gone; {_GO_ON}"
             ) from error
-        except (
-            ImportError,
-            NameError,
-            AttributeError,
-            TypeError,
-        ) as error:  # of other modules
+        # Of other modules.
+        except (ImportError, NameError, AttributeError, TypeError) as error:
             what = f"{type(error).__name__}: {error}; all workers must have {describe_code()}"
             raise WorkerError(f"a worker failed: {what}; {_GO_ON}") from error
 
@@ -251,13 +247,6 @@ def _client_of(given: str) -> "Client":
         read = given.endswith(".json")
         address = json.loads(Path(given).read_bytes())["address"] if read else given
         return Client(address, timeout=ANSWER_WITHIN, set_as_default=False)
-    except (
-        OSError,
-        TimeoutError,
-        ValueError,
-        RuntimeError,
-        LookupError,
-        TypeError,
-    ) as error:
+    except (OSError, ValueError, RuntimeError, LookupError, TypeError) as error:
         what = f"{given} cannot be used: {error or type(error).__name__}"
         raise WorkerError(f"execution.scheduler: {what}; {_GO_ON}") from error
