@@ -197,16 +197,13 @@ def run_study(
         inputs = provenance.contents(study.folder, _places(study))
         manifest = read_manifest(study)
         late = provenance.changes(manifest["inputs"], study_inputs(study), study.folder)
-        after = map(provenance.sha256_if_there, named)
-        late += [
-            f"{path} has changed"
-            for path, *two in zip(named, before, after)
-            if two[0] != two[1]
-        ]
+        for path, digest in zip(named, before):
+            if provenance.sha256_if_there(path) != digest:
+                late.append(f"{path} has changed")
         if late:
-            what = f"{late[0]}, while the run was at work"
             raise ArchfragError(
-                f"{study.folder}: {what}; the same command makes it again"
+                f"{study.folder}: {late[0]}, while the run was at work; the same command makes "
+                "it again"
             )
         provenance.write_stamp(study, "report", inputs=inputs)
     return True

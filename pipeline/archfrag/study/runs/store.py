@@ -61,12 +61,10 @@ with (
 _Variable: Any = namedtuple("_Variable", _rows[0])  # type: ignore[misc]  # names of a file
 VARIABLES: dict[str, Any] = {row[0]: _Variable(*row) for row in _rows[1:]}
 COLUMNS = tuple(each for each in VARIABLES.values() if each.dimensions == "run")
-# Any other status is a failure.
-_VERDICTS = {
-    Status.STANDING: Verdict.SURVIVED,
-    Status.COLLAPSED: Verdict.COLLAPSED,
-    Status.UNFINISHED: Verdict.UNFINISHED,
-}
+_VERDICTS = np.full(max(Status) + 1, Verdict.FAILED, np.int8)  # by status
+_VERDICTS[Status.STANDING] = Verdict.SURVIVED
+_VERDICTS[Status.COLLAPSED] = Verdict.COLLAPSED
+_VERDICTS[Status.UNFINISHED] = Verdict.UNFINISHED
 _ENTRIES: dict[str, Any] = {"count": Count, "loss": Loss, "peak": Peak}
 # A row: its key, all columns, the time simulated in each model, and how long it took.
 ROW = np.dtype(
@@ -93,10 +91,7 @@ def code_identity() -> str:
 
 def verdicts_of(status: NDArray) -> NDArray[np.int8]:
     """Return the verdicts of runs from the kernels' codes of `Status`, (n_run,)."""
-    table = np.full(max(Status) + 1, Verdict.FAILED, np.int8)
-    for each, verdict in _VERDICTS.items():
-        table[each] = verdict
-    return table[status]
+    return _VERDICTS[status]
 
 
 def columns_of(results: "Outcomes", starts: Any = 0.0) -> dict[str, NDArray]:
@@ -104,9 +99,8 @@ def columns_of(results: "Outcomes", starts: Any = 0.0) -> dict[str, NDArray]:
 
     What collapsed before its record `starts` [s] has a verdict of its own.
     """
-    balance, largest = results.energy[
-        :, [Energy.BALANCE_ERROR_PEAK, Energy.LARGEST_KINETIC]
-    ].T
+    balance = results.energy[:, Energy.BALANCE_ERROR_PEAK]
+    largest = results.energy[:, Energy.LARGEST_KINETIC]
     error = np.divide(balance, largest, out=np.zeros(len(largest)), where=largest > 0.0)
     columns: dict[str, NDArray] = {
         "verdict": verdicts_of(results.status),
@@ -228,16 +222,16 @@ class Plan:
         design = self.study.design
         requests = {}
         # An adaptive design follows from names: other arches and the order of all change nothing.
-        seeds, turns = (
-            np.array([zlib.crc32(each.id.encode()) for each in group])
-            for group in (self.arches, self.records)
-        )
-        for arch, seed in enumerate(seeds.tolist()):
+        turns = [zlib.crc32(record.id.encode()) for record in self.records]
+        for arch, member in enumerate(self.arches):
             records = np.argsort(turns, kind="stable")
             # What an adaptive design requests follows from all runs of an arch.
-            share = arch if design.adaptive else arch * len(self.records) + records
-            records = records[np.broadcast_to(share % batches == batch, records.shape)]
+            share = 0 * records + arch
+            if not design.adaptive:
+                share = arch * len(turns) + records
+            records = records[share % batches == batch]
             if records.size:
+                seed = zlib.crc32(member.id.encode())
                 about = self.levels, self.unscaled[records], self.power, seed
                 requests[arch] = design.requests(Grid(arch, records, *about))
         return requests
@@ -321,7 +315,8 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
 
     def known(cases: Cases) -> Verdicts:
         at = places(table, plan.keys(cases))
-        if missing := np.count_nonzero(at < 0):
+        missing = np.count_nonzero(at < 0)
+        if missing:
             what = f"{missing} of {at.size} runs are missing or damaged"
             how = f"`archfrag run` with the file of study {plan.study.id!r} makes them"
             raise InputError(f"{plan.parts.parent}: {what}; {how}")
