@@ -219,9 +219,8 @@ def register(path: Path, content: Path) -> None:
             if place.parent.name != WORK:
                 place.parent.mkdir(parents=True, exist_ok=True)
             with open(os.open(place, flags, 0o666), "ab") as file:
-                if (
-                    os.fstat(file.fileno()).st_nlink == 1
-                ):  # else it has another name as well
+                # Else it has another name as well.
+                if os.fstat(file.fileno()).st_nlink == 1:
                     file.write(f"{sha256_of(content)}\n".encode())
 
 
@@ -263,9 +262,9 @@ def check_targets(
             elif not _is_listed(path, *_registers(path)):
                 why = "not a file that archfrag wrote, or has changed since"
         if why:
-            how = "name another place, or move it away"
             raise OutputError(
-                f"{path}: is {why}, so archfrag does not replace it; {how}"
+                f"{path}: is {why}, so archfrag does not replace it; name another place, or move "
+                "it away"
             )
         seen.add(real)
 
@@ -394,9 +393,9 @@ def check_decimals(cells: Iterable[tuple[int, str]]) -> None:
     """Raise InputError for a comma within a number: it is a decimal or separates thousands."""
     for number, cell in cells:
         if _COMMA.fullmatch(cell):
-            how = "write decimal points, and no separators of thousands"
             raise InputError(
-                f"line {number}: {cell!r} has a comma within a number; {how}"
+                f"line {number}: {cell!r} has a comma within a number; write decimal points, "
+                "and no separators of thousands"
             )
 
 
@@ -425,9 +424,10 @@ def check_one_number(rows: Sequence[Row], column: int, separator: str) -> None:
         and len(set(map(len, rest))) == 1
     )
     if len(rest) > 2 and (thousands or decimals):
-        parts = f"{pairs[0][0]!r} and {pairs[0][1]!r} may be one number"
-        how = f"{NAMES[separator]} are between the cells; put another sign there"
-        raise InputError(f"line {rows[0][0]}: {parts}: {how}")
+        raise InputError(
+            f"line {rows[0][0]}: {pairs[0][0]!r} and {pairs[0][1]!r} may be one number: "
+            f"{NAMES[separator]} are between the cells; put another sign there"
+        )
 
 
 def check_years(cells: Sequence[str], name: str) -> None:
@@ -458,10 +458,11 @@ def with_points(rows: Sequence[Row], separator: str) -> list[Row]:
     ):
         check_decimals(commas)
     if commas and point:
-        (line, cell), (other, its) = commas[0], point
-        both = f"{cell!r} in line {line} has a comma, {its!r} in line {other} a point"
+        line, cell = commas[0]
+        other, its = point
         raise InputError(
-            f"{both}: one of the two must be the decimal in the whole file"
+            f"{cell!r} in line {line} has a comma, {its!r} in line {other} a point: one of the "
+            "two must be the decimal in the whole file"
         )
     return [
         (
@@ -485,17 +486,16 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
     if comments:
         text = re.sub(r"^#.*$", "", text, flags=re.MULTILINE)
     text = re.sub(r"(?i)\A\s*sep=.(?=\r?\n)", "", text)  # of Excel
-    separator = separator_of(
-        [next((line for line in text.splitlines() if line.strip()), "")]
-    )
-    separator = "," if separator == " " else separator
+    first = next(filter(str.strip, text.splitlines()), "")
+    separator = separator_of([first]).replace(" ", ",")
     rows = list[Row]()
     reader = csv.reader(
         io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True
     )
     try:
         for row in reader:
-            if any(cells := [cell.strip() for cell in row]):
+            cells = list(map(str.strip, row))
+            if any(cells):
                 rows.append((reader.line_num, cells))
     except csv.Error as error:
         raise InputError(f"is not a table in CSV ({error})") from None
@@ -508,15 +508,10 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
         (number, cells if any(cells[kept:]) else cells[:kept]) for number, cells in rows
     ]
     names = names[:kept]
-    if twice := [
-        name for name, times in Counter(names).items() if times > 1 or not name
-    ]:
-        what = (
-            f"column {twice[0]!r} is there twice"
-            if twice[0]
-            else "a column has no name"
-        )
-        raise InputError(f"line {head}: {what}; give each column a name of its own")
+    for name, times in Counter(names).items():
+        if times > 1 or not name:
+            what = f"column {name!r} is there twice" if name else "a column has no name"
+            raise InputError(f"line {head}: {what}; give each column a name of its own")
     check_counts(rows, separator, kept)
     return separator, names, rows
 

@@ -318,14 +318,12 @@ def refuse_foreign_cube(study: "StudyKeys") -> None:
                 if digest is not None and file.read(4) in (b"", b"\x89HDF"):
                     return
     if owner != study.id:
-        whose = (
-            f"the cube of study {owner!r}"
-            if owner
-            else "a file that is no cube of archfrag"
-        )
-        advice = "give the studies different output folders, or move the file"
+        whose = "a file that is no cube of archfrag"
+        if owner:
+            whose = f"the cube of study {owner!r}"
         raise OutputError(
-            f"{path}: {whose} is in the place of study {study.id!r}; {advice}"
+            f"{path}: {whose} is in the place of study {study.id!r}; give the studies different "
+            "output folders, or move the file"
         )
 
 

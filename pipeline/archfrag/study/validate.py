@@ -47,14 +47,14 @@ PICTURES = {
 }  # kinds, and how they begin
 MOST_ASKED = 12  # arches
 _LEVELS = "intensity.levels"
+# What an arch has besides the blocks of its drawing.
+_ADDED = ["piers", "fill", "recess", "joints", "strength", "springings", "ties", "vary"]
 
 
 def shipped_folder() -> Path:
     """Return the folder of Snakefile, rules and records: the checkout, or one of the package."""
     for folder in (PACKAGE.parents[1], PACKAGE / "workflow"):
-        if (folder / "Snakefile").is_file() and (
-            folder / "pipeline" / "rules"
-        ).is_dir():
+        if (folder / "Snakefile").is_file() and (folder / "pipeline/rules").is_dir():
             return folder
     raise OutputError(
         f"{PACKAGE}: this installation has no Snakefile; install archfrag again"
@@ -63,9 +63,8 @@ def shipped_folder() -> Path:
 
 def write_starter(folder: Path) -> Path:
     """Write a commented study file, its schema and the shipped motions; the study file last."""
-    records, schema, study = (
-        folder / n for n in ("records", "study.schema.json", "study.yaml")
-    )
+    names = ("records", "study.schema.json", "study.yaml")
+    records, schema, study = (folder / name for name in names)
     for path in (records, schema, study):
         if os.path.lexists(path):
             raise OutputError(f"{path}: exists already; choose a folder without it")
@@ -137,29 +136,16 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
     """Return a text on the blocks of a drawing, span first, and a caution if it shows more."""
     path = Path(str(entry.drawing))
     drawn = read_drawing(path, entry.layer, entry.unit)
-    layer = f"layer {drawn.layer}"
-    unit = drawn.unit
-    added = (
-        "piers",
-        "fill",
-        "recess",
-        "joints",
-        "strength",
-        "springings",
-        "ties",
-        "vary",
-    )
-    arch = entry.model_copy(update=dict.fromkeys(added)).build()
+    arch = entry.model_copy(update=dict.fromkeys(_ADDED)).build()
     size, high, thick = arch.dimensions
-    kind = "clear span"
-    rise = f", rise {high:.3g} m"
+    text = f"clear span {size:.3g} m, rise {high:.3g} m"
     if arch.free_end:
-        kind = "height"
-        rise = ""
-        size = float(np.ptp(np.concatenate(arch.outlines)[:, 1]))
+        text = f"height {np.ptp(np.concatenate(arch.outlines)[:, 1]):.3g} m"
     whole = repr(arch)[1:-1].partition(": ")[2]
-    text = f"{kind} {size:.3g} m{rise}, mean thickness {thick:.3g} m; {whole}"
-    text += f"; from {path.name}, {layer}, in {unit}"
+    text += (
+        f", mean thickness {thick:.3g} m; {whole}; from {path.name}, layer {drawn.layer}, in "
+        f"{drawn.unit}"
+    )
     return [text, *filter(None, [drawn.caution])]
 
 
@@ -198,8 +184,10 @@ def logo_url(logo: str) -> str:
             parser.Parse(content, True)
             kind = "svg+xml" if roots[0] == "http://www.w3.org/2000/svg svg" else None
     if kind is None:
-        kinds = f"PNG, JPEG or SVG of at most {LARGEST_LOGO / 1000:g} kB"
-        raise InputError(f"report.logo: {logo} holds no picture; it must be {kinds}")
+        raise InputError(
+            f"report.logo: {logo} holds no picture; it must be PNG, JPEG or SVG of at most "
+            f"{LARGEST_LOGO / 1000:g} kB"
+        )
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
@@ -227,9 +215,9 @@ def check_start(study: StudyKeys) -> tuple[str, ...]:
     check_outputs(study, "cube", "fit", "report")
     owner = read_state(study.work / OWNER).get("id", study.id)
     if owner != study.id:
-        whose = f"holds results of study {owner!r}, not of study {study.id!r}"
         raise OutputError(
-            f"{study.folder}: {whose}; give the studies different output folders"
+            f"{study.folder}: holds results of study {owner!r}, not of study {study.id!r}; give "
+            "the studies different output folders"
         )
     return messages
 
@@ -265,8 +253,10 @@ def check_study(study: StudyKeys) -> dict[str, Any]:
         del sizes_of[member.id]
     cautions[:0] = unit_warnings(study, found) + suspicious(records)
     if len(found) > len(some):
-        left = f"{len(found) - len(some)} of {len(found)} arches were not checked"
-        cautions.append(f"{left}; the run checks all of them before it simulates")
+        cautions.append(
+            f"{len(found) - len(some)} of {len(found)} arches were not checked; the run checks "
+            "all of them before it simulates"
+        )
     drawn = [
         entry
         for entry in (*study.arches, *(member.entry for member in some))
@@ -322,7 +312,7 @@ def _read_records(
     )
     partners += pairs_text(records)
     if unused:
-        what = (
-            "have a vertical component that is not used; motions.vertical: true uses it"
+        partners.append(
+            f"{len(unused)} of {counted(len(records), 'record')} have a vertical component that "
+            "is not used; motions.vertical: true uses it"
         )
-        partners.append(f"{len(unused)} of {counted(len(records), 'record')} {what}")

@@ -211,8 +211,10 @@ def load_prepared(study: StudyKeys) -> list[PreparedRecord]:
     manifest = read_manifest(study)
     records: list[PreparedRecord] = manifest["records"]
     if manifest["key"] != motions_key(study):
-        other = "other records or another measure than the study now has"
-        raise InputError(f"{study.work / MANIFEST}: was made for {other}; {_AGAIN}")
+        raise InputError(
+            f"{study.work / MANIFEST}: was made for other records or another measure than the "
+            f"study now has; {_AGAIN}"
+        )
     for each in (each for record in records for each in record.motions):
         _check_stored(study.work, each)
     return records
@@ -227,8 +229,10 @@ def _check_stored(work: Path, record: PreparedRecord) -> Path:
     """Return the path of a stored motion; InputError if it is missing or changed."""
     path = work / record.file
     if provenance.sha256_if_there(path) != record.prepared:
-        what = f"the prepared motion of record {record.id!r} is missing, changed or damaged"
-        raise InputError(f"{path}: {what}; {_AGAIN}")
+        raise InputError(
+            f"{path}: the prepared motion of record {record.id!r} is missing, changed or "
+            f"damaged; {_AGAIN}"
+        )
     return path
 
 

@@ -271,8 +271,10 @@ def _choose(recordings: Iterable[_Read], components: Sequence[str]) -> Iterator[
         used.add(record)
         yield file, motion, motions
     for lost in (name for record, name in left_out.items() if record not in used):
-        text = f"has none of the components {', '.join(components)} that motions.processing"
-        raise RecordError(f"{lost}: {text} chooses")
+        raise RecordError(
+            f"{lost}: has none of the components {', '.join(components)} that "
+            "motions.processing chooses"
+        )
 
 
 def _pair(
@@ -325,8 +327,10 @@ def _component(
         other = candidates[0] if len(candidates) == 1 else None
         if other and file.entry is None and not partners.belong_together(motion, other):
             other = None
-            alike = f"{path.name} has nearly the same name, but neither"
-            clue = f"{alike} start, event and station nor length show that it belongs. "
+            clue = (
+                f"{path.name} has nearly the same name, but neither start, event and station nor "
+                "length show that it belongs. "
+            )
     if other is None:
         remedy = "leave this record out"
         remedy += ", or set motions.vertical: false for all records" * vertical
@@ -373,18 +377,19 @@ def _name(
             twin = next((one for one in before if partners.are_one(one, facts)), None)
             before.append(facts)
             if twin is not None:
-                again = f"it is record {twin['id']} a second time (a copy, or another version)"
-                text = f"{again}, and both count; leave one out"
-                cautions = [*motion.metadata.get("cautions", ()), text]
-                motion = replace(
-                    motion, metadata={**motion.metadata, "cautions": cautions}
+                text = (
+                    f"it is record {twin['id']} a second time (a copy, or another version), and "
+                    "both count; leave one out"
                 )
+                cautions = [*motion.metadata.get("cautions", ()), text]
+                about = {**motion.metadata, "cautions": cautions}
+                motion = replace(motion, metadata=about)
         for sense in both_senses(motion) if asked.both_senses else [motion]:
             if sense.id in taken:
-                whose = (
-                    f"already belongs to {taken[sense.id]}; each record needs its own"
+                raise RecordError(
+                    f"{file.path}: the record id {sense.id!r} already belongs to "
+                    f"{taken[sense.id]}; each record needs its own"
                 )
-                raise RecordError(f"{file.path}: the record id {sense.id!r} {whose}")
             taken[sense.id] = file.path
             if selected:
                 yield sense

@@ -317,9 +317,10 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
         at = places(table, plan.keys(cases))
         missing = np.count_nonzero(at < 0)
         if missing:
-            what = f"{missing} of {at.size} runs are missing or damaged"
-            how = f"`archfrag run` with the file of study {plan.study.id!r} makes them"
-            raise InputError(f"{plan.parts.parent}: {what}; {how}")
+            raise InputError(
+                f"{plan.parts.parent}: {missing} of {at.size} runs are missing or damaged; "
+                f"`archfrag run` with the file of study {plan.study.id!r} makes them"
+            )
         found.append(at)
         verdicts: Verdicts = table["verdict"][at]
         return verdicts
@@ -333,9 +334,8 @@ def superfluous(plan: Plan) -> dict[str, list[Path]]:
     """Return the stored parts that a study no longer needs, by reason; no foreign files."""
     found: dict[str, list[Path]] = {}
     requested = None
-    with contextlib.suppress(
-        InputError
-    ):  # what it will ask for follows from runs to be made
+    # What it will ask for follows from runs to be made.
+    with contextlib.suppress(InputError):
         requested = plan.keys(gather(plan)[0])
     for path in sorted(plan.parts.parent.glob("*/*.npy")):
         table = read_part(path)

@@ -112,13 +112,10 @@ class Threads:
 
     def made(self) -> list[Made]:
         """Wait for the next chunk."""
-        found: Made | Future | None = None
-        while (
-            found is None
-        ):  # a signal may come just before a wait, and is heard after it
+        while True:  # a signal may come just before a wait, and is heard after it
             with contextlib.suppress(Empty):
                 found = self._made.get(timeout=HEARD_WITHIN)
-        return [found.result() if isinstance(found, Future) else found]
+                return [found.result() if isinstance(found, Future) else found]
 
     def close(self) -> None:
         """Begin nothing more. A kernel that runs goes on to the end of its chunk."""
@@ -185,12 +182,15 @@ class Cluster:
         try:
             yield
         except WorkerError as error:
-            how = "install the same code for all workers, and start them anew"
-            mine = f"the study is run by {describe_code()}"
-            raise WorkerError(f"{error}; {mine}; {how}") from error
+            raise WorkerError(
+                f"{error}; the study is run by {describe_code()}; install the same code for all "
+                "workers, and start them anew"
+            ) from error
         except KilledWorker as error:
-            lost = "workers were killed or ran out of memory again and again"
-            raise WorkerError(f"{self._name}: {lost} ({error}); {_GO_ON}") from error
+            raise WorkerError(
+                f"{self._name}: workers were killed or ran out of memory again and again "
+                f"({error}); {_GO_ON}"
+            ) from error
         except (CancelledError, OSError) as error:
             raise WorkerError(
                 f"{self._name}: the scheduler is gone; {_GO_ON}"
@@ -226,8 +226,10 @@ def workers_of(
         else:
             name = given or client.scheduler.address
             workers = Cluster(plan, client, name)
-            have = "no worker yet; runs begin when one comes"
-            have = counted(workers.count, "thread") if workers.count else have
+            threads = workers.count
+            have = counted(threads, "thread")
+            if not threads:
+                have = "no worker yet; runs begin when one comes"
             say(f"archfrag: cluster {name}: {have}")
         stack.callback(workers.close)
         yield workers
@@ -238,9 +240,9 @@ def _client_of(given: str) -> "Client":
     try:
         from distributed import Client
     except ImportError:
-        how = "which comes with `pip install archfrag[cluster]`"
         raise WorkerError(
-            f"execution.scheduler: {given} needs distributed, {how}"
+            f"execution.scheduler: {given} needs distributed, which comes with `pip install "
+            "archfrag[cluster]`"
         ) from None
     try:
         # Of a file that is not there dask would wait without end.
