@@ -52,8 +52,8 @@ _NUMBER = re.compile(REAL)
 
 def counted(number: int, noun: str) -> str:
     """Return a number of things: 1 arch, 2 arches."""
-    plural = "" if number == 1 else "es" if noun.endswith("ch") else "s"
-    return f"{number} {noun}{plural}"
+    plural = "es" if noun.endswith("ch") else "s"
+    return f"{number} {noun}{plural * (number != 1)}"
 
 
 def number(text: str) -> float:
@@ -124,7 +124,8 @@ def read_bytes(path: Path, largest: int, kind: type[InputError], what: str) -> b
 def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> str:
     """Return the UTF-8 text of a file, see `read_bytes`."""
     content = read_bytes(path, largest, kind, what)
-    if wide := wide_encoding(content):
+    wide = wide_encoding(content)
+    if wide:
         raise kind(f"{what} {path} is text in {wide}; save it as UTF-8")
     try:
         return content.decode("utf-8-sig")
@@ -139,11 +140,8 @@ def wide_encoding(content: bytes) -> str:
     head = content[:400]
     fewer, more = sorted((head[::2].count(0), head[1::2].count(0)))
     plain = len(head) > 8 and not fewer and more > 0.45 * len(head)
-    return (
-        "UTF-16"
-        if plain or head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-        else ""
-    )
+    marked = head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    return "UTF-16" if plain or marked else ""
 
 
 def sha256_of(path: Path) -> str:
@@ -226,12 +224,12 @@ def register(path: Path, content: Path) -> None:
 
 def _is_listed(path: Path, *places: Path) -> bool:
     """Tell whether some lists of SHA-256 have that of a file."""
+    lists = b""
+    for place in places:
+        with contextlib.suppress(OSError), opened(place) as file:
+            lists += file.read()
     with contextlib.suppress(OSError):
-        digest = sha256_of(path).encode()
-        for place in places:
-            with contextlib.suppress(OSError), opened(place) as file:
-                if digest in file.read():
-                    return True
+        return sha256_of(path).encode() in lists
     return False
 
 
@@ -374,19 +372,18 @@ def cells_of(lines: Iterable[tuple[int, str]], separator: str) -> list[Row]:
 
 def check_counts(rows: Sequence[Row], separator: str, count: int | None = None) -> None:
     """Raise InputError for the first row that has other than `count` cells, or than most have."""
-    if count is None:
-        count = (
-            Counter(len(cells) for _, cells in rows).most_common(1)[0][0] if rows else 0
-        )
+    if count is None and rows:
+        ((count, _),) = Counter(len(cells) for _, cells in rows).most_common(1)
     for number, cells in rows:
-        if len(cells) != count:
-            found = f"line {number} has {len(cells)} of {count} cells, {NAMES[separator]} between"
-            if len(cells) > count:
-                found = (
-                    f"line {number} has {len(cells)} cells, the other rows have {count}"
-                )
-            how = "a row is cut, or a comma, blank or other sign stands within a number"
-            raise InputError(f"{found}: {', '.join(cells)[:60]!r}; {how}")
+        found = len(cells)
+        if found != count:
+            what = f"{found} of {count} cells, {NAMES[separator]} between"
+            if count is not None and found > count:
+                what = f"{found} cells, the other rows have {count}"
+            raise InputError(
+                f"line {number} has {what}: {', '.join(cells)[:60]!r}; a row is cut, or a comma, "
+                "blank or other sign stands within a number"
+            )
 
 
 def check_decimals(cells: Iterable[tuple[int, str]]) -> None:

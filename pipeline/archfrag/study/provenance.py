@@ -155,7 +155,7 @@ def write_stamp(study: "StudyKeys", step: str, **others: Any) -> None:
         old = stamp["old"] | stamp["files"]
         stamp = {"from": study.origin, "files": {}, "old": old}
     made = filter(Path.is_file, products(study, step))
-    stamp["files"] |= {os.path.relpath(p, study.folder): sha256_of(p) for p in made}
+    stamp["files"] |= {path.name: sha256_of(path) for path in made}
     if step == "report":
         for name, digest in stamp.pop("old").items():
             path = study.folder / name

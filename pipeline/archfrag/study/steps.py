@@ -96,9 +96,10 @@ def make_step(
     elif step == "fit":
         _require(study, "cube")
         fitted = fit_cube(study)
-        answers, cautions = fit_lines(study, fitted) if say else ([], [])
-        for line in [*answers, *(f"caution: {each}" for each in cautions)]:
-            told(line)
+        if say:
+            answers, cautions = fit_lines(study, fitted)
+            for line in (*answers, *(f"caution: {each}" for each in cautions)):
+                say(line)
     elif report is not None:
         told(f"report: {report(study)}")
     provenance.write_stamp(study, step)
@@ -149,10 +150,10 @@ def changed_since(study: StudyKeys) -> tuple[bool, list[str]]:
         load_prepared(study)
     except InputError as error:
         return False, [str(error)] if products(study, "motions")[0].exists() else []
-    wrong = ""
     if provenance.read_stamp(study.folder)["from"]:
         wrong = provenance.out_of_date(study, "cube", "fit", "report")
-    return manifest["code"] == provenance.code(), [wrong] * bool(wrong)
+        changed = list(filter(None, [wrong]))
+    return manifest["code"] == provenance.code(), changed
 
 
 def run_study(
@@ -185,15 +186,13 @@ def run_study(
             )
         named = provenance.files_named(study)
         before = list(map(provenance.sha256_if_there, named))
-        for step in ("motions", *batches(study), "cube", "fit", "report"):
+        for step in (*["motions"] * (not ready), *batches(study)):
             check_stopped()
-            if step == "motions" and ready:
-                continue
-            of_runs = step == "motions" or step.startswith("batch")
-            with contextlib.nullcontext() if of_runs else clock(step, say, quiet):
-                # The answers are for the end of the run.
-                told = say if of_runs else None
-                make_step(study, step, told, report=report, cores=cores, quiet=quiet)
+            make_step(study, step, say, cores=cores, quiet=quiet)
+        for step in ("cube", "fit", "report"):
+            check_stopped()
+            with clock(step, say, quiet):  # the answers are for the end of the run
+                make_step(study, step, None, report=report)
         inputs = provenance.contents(study.folder, _places(study))
         manifest = read_manifest(study)
         late = provenance.changes(manifest["inputs"], study_inputs(study), study.folder)
