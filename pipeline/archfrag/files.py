@@ -5,8 +5,6 @@ import contextlib
 import csv
 import hashlib
 import io
-import multiprocessing
-import multiprocessing.connection
 import os
 import re
 import secrets
@@ -152,6 +150,8 @@ def sha256_of(path: Path) -> str:
 
 def end_with_parent() -> None:
     """End this process of `multiprocessing` when the one that started it is gone."""
+    import multiprocessing.connection  # start-up
+
     parent = multiprocessing.parent_process()
     assert parent is not None
 
