@@ -210,7 +210,9 @@ def load_prepared(study: StudyKeys) -> list[PreparedRecord]:
     """Return the stored records; InputError if they are not the study's."""
     manifest = read_manifest(study)
     records: list[PreparedRecord] = manifest["records"]
-    if manifest["key"] != motions_key(study):
+    follows = study.motions.before is not None
+    paired = all((record.first is not None) == follows for record in records)
+    if not paired or manifest["key"] != motions_key(study):
         raise InputError(
             f"{study.work / MANIFEST}: was made for other records or another measure than the "
             f"study now has; {_AGAIN}"
