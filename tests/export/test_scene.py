@@ -326,7 +326,7 @@ def test_needs_motions_but_no_runs(tmp_path):
     path = tmp_path / "small.yaml"
     refused = command("export", path, "--format=scene")
     assert refused.exit_code != 0
-    assert "`archfrag motions` on the study file makes it" in refused.stderr
+    assert "`archfrag motions` on the study file" in refused.stderr
     assert not (study.folder / "export").exists()
     assert command("export", path, "--format=dxf").exit_code == 0
     assert command("motions", path).exit_code == 0
