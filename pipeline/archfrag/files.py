@@ -5,8 +5,6 @@ import contextlib
 import csv
 import hashlib
 import io
-import multiprocessing
-import multiprocessing.connection
 import os
 import re
 import secrets
@@ -19,7 +17,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from archfrag.errors import InputError, OutputError
 
@@ -52,8 +50,8 @@ _NUMBER = re.compile(REAL)
 
 def counted(number: int, noun: str) -> str:
     """Return a number of things: 1 arch, 2 arches."""
-    plural = "" if number == 1 else "es" if noun.endswith("ch") else "s"
-    return f"{number} {noun}{plural}"
+    plural = "es" if noun.endswith("ch") else "s"
+    return f"{number} {noun}{plural * (number != 1)}"
 
 
 def number(text: str) -> float:
@@ -71,6 +69,11 @@ def stated_unit(head: str) -> tuple[str, str | None]:
     """Split the name of a column, `name [unit]` or `name (unit)`; None if it states no unit."""
     found = re.fullmatch(r"(.+?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]", head.strip())
     return (found[1], found[2]) if found else (head, None)
+
+
+def absolute(path: str, folder: Path) -> str:
+    """Make a path of a study file absolute, whose folder is given."""
+    return os.path.abspath(os.path.join(folder, os.path.expanduser(path)))
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
@@ -119,7 +122,8 @@ def read_bytes(path: Path, largest: int, kind: type[InputError], what: str) -> b
 def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> str:
     """Return the UTF-8 text of a file, see `read_bytes`."""
     content = read_bytes(path, largest, kind, what)
-    if wide := wide_encoding(content):
+    wide = wide_encoding(content)
+    if wide:
         raise kind(f"{what} {path} is text in {wide}; save it as UTF-8")
     try:
         return content.decode("utf-8-sig")
@@ -134,11 +138,8 @@ def wide_encoding(content: bytes) -> str:
     head = content[:400]
     fewer, more = sorted((head[::2].count(0), head[1::2].count(0)))
     plain = len(head) > 8 and not fewer and more > 0.45 * len(head)
-    return (
-        "UTF-16"
-        if plain or head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-        else ""
-    )
+    marked = head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    return "UTF-16" if plain or marked else ""
 
 
 def sha256_of(path: Path) -> str:
@@ -149,6 +150,8 @@ def sha256_of(path: Path) -> str:
 
 def end_with_parent() -> None:
     """End this process of `multiprocessing` when the one that started it is gone."""
+    import multiprocessing.connection  # start-up
+
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -200,10 +203,8 @@ def _registers(path: Path) -> list[Path]:
     """Return where the SHA-256 of what archfrag made stands: beside a study, and of the user."""
     from platformdirs import user_state_path  # start-up
 
-    places = path.parent / WORK / MADE, user_state_path("archfrag") / MADE
-    return [
-        place for place in places if place.is_absolute() or place.parent.name == WORK
-    ]
+    user = user_state_path("archfrag") / MADE
+    return [path.parent / WORK / MADE, *([user] if user.is_absolute() else [])]
 
 
 def register(path: Path, content: Path) -> None:
@@ -216,20 +217,19 @@ def register(path: Path, content: Path) -> None:
             if place.parent.name != WORK:
                 place.parent.mkdir(parents=True, exist_ok=True)
             with open(os.open(place, flags, 0o666), "ab") as file:
-                if (
-                    os.fstat(file.fileno()).st_nlink == 1
-                ):  # else it has another name as well
+                # Else it has another name as well.
+                if os.fstat(file.fileno()).st_nlink == 1:
                     file.write(f"{sha256_of(content)}\n".encode())
 
 
 def _is_listed(path: Path, *places: Path) -> bool:
     """Tell whether some lists of SHA-256 have that of a file."""
+    lists = b""
+    for place in places:
+        with contextlib.suppress(OSError), opened(place) as file:
+            lists += file.read()
     with contextlib.suppress(OSError):
-        digest = sha256_of(path).encode()
-        for place in places:
-            with contextlib.suppress(OSError), opened(place) as file:
-                if digest in file.read():
-                    return True
+        return sha256_of(path).encode() in lists
     return False
 
 
@@ -260,9 +260,9 @@ def check_targets(
             elif not _is_listed(path, *_registers(path)):
                 why = "not a file that archfrag wrote, or has changed since"
         if why:
-            how = "name another place, or move it away"
             raise OutputError(
-                f"{path}: is {why}, so archfrag does not replace it; {how}"
+                f"{path}: is {why}, so archfrag does not replace it; name another place, or move "
+                "it away"
             )
         seen.add(real)
 
@@ -308,29 +308,21 @@ def unquoted(cell: str) -> str:
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell, 1) else cell
 
 
-def write_csv(
-    target: Path | TextIO, pieces: "Iterable[pd.DataFrame]", **form: Any
-) -> None:
-    """Write a table in pieces of the same columns as CSV; a file completely or not at all.
+def write_csv(target: Path, pieces: "Iterable[pd.DataFrame]", **form: Any) -> None:
+    """Write a table in pieces of the same columns as CSV, completely or not at all.
 
     `form` is handed to `pandas.DataFrame.to_csv`.
     """
-    if isinstance(target, Path):
-        with (
-            replacing(target) as part,
-            open(part, "w", encoding="utf-8", newline="") as file,
-        ):
-            return write_csv(file, pieces, **form)
-    for number, piece in enumerate(pieces):
-        texts = {
-            name: column.astype(object).map(quoted)
-            for name, column in piece.items()
-            if column.dtype.kind not in "biufc"
-        }
-        table = piece.assign(**texts).rename(columns=quoted)  # type: ignore[arg-type]
-        table.to_csv(
-            target, index=False, header=number == 0, lineterminator="\n", **form
-        )
+    form |= {"index": False, "lineterminator": "\n"}
+    with (
+        replacing(target) as part,
+        part.open("w", encoding="utf-8", newline="") as file,
+    ):
+        for number, piece in enumerate(pieces):
+            table = piece.rename(columns=quoted)
+            texts = table.select_dtypes(exclude=["number", "bool"])
+            table = table.assign(**texts.astype(object).map(quoted))
+            table.to_csv(file, header=number == 0, **form)
 
 
 Row = tuple[int, list[str]]  # number of the line, cells
@@ -380,28 +372,27 @@ def cells_of(lines: Iterable[tuple[int, str]], separator: str) -> list[Row]:
 
 def check_counts(rows: Sequence[Row], separator: str, count: int | None = None) -> None:
     """Raise InputError for the first row that has other than `count` cells, or than most have."""
-    if count is None:
-        count = (
-            Counter(len(cells) for _, cells in rows).most_common(1)[0][0] if rows else 0
-        )
+    if count is None and rows:
+        ((count, _),) = Counter(len(cells) for _, cells in rows).most_common(1)
     for number, cells in rows:
-        if len(cells) != count:
-            found = f"line {number} has {len(cells)} of {count} cells, {NAMES[separator]} between"
-            if len(cells) > count:
-                found = (
-                    f"line {number} has {len(cells)} cells, the other rows have {count}"
-                )
-            how = "a row is cut, or a comma, blank or other sign stands within a number"
-            raise InputError(f"{found}: {', '.join(cells)[:60]!r}; {how}")
+        found = len(cells)
+        if found != count:
+            what = f"{found} of {count} cells, {NAMES[separator]} between"
+            if count is not None and found > count:
+                what = f"{found} cells, the other rows have {count}"
+            raise InputError(
+                f"line {number} has {what}: {', '.join(cells)[:60]!r}; a row is cut, or a comma, "
+                "blank or other sign stands within a number"
+            )
 
 
 def check_decimals(cells: Iterable[tuple[int, str]]) -> None:
     """Raise InputError for a comma within a number: it is a decimal or separates thousands."""
     for number, cell in cells:
         if _COMMA.fullmatch(cell):
-            how = "write decimal points, and no separators of thousands"
             raise InputError(
-                f"line {number}: {cell!r} has a comma within a number; {how}"
+                f"line {number}: {cell!r} has a comma within a number; write decimal points, "
+                "and no separators of thousands"
             )
 
 
@@ -430,9 +421,10 @@ def check_one_number(rows: Sequence[Row], column: int, separator: str) -> None:
         and len(set(map(len, rest))) == 1
     )
     if len(rest) > 2 and (thousands or decimals):
-        parts = f"{pairs[0][0]!r} and {pairs[0][1]!r} may be one number"
-        how = f"{NAMES[separator]} are between the cells; put another sign there"
-        raise InputError(f"line {rows[0][0]}: {parts}: {how}")
+        raise InputError(
+            f"line {rows[0][0]}: {pairs[0][0]!r} and {pairs[0][1]!r} may be one number: "
+            f"{NAMES[separator]} are between the cells; put another sign there"
+        )
 
 
 def check_years(cells: Sequence[str], name: str) -> None:
@@ -463,10 +455,11 @@ def with_points(rows: Sequence[Row], separator: str) -> list[Row]:
     ):
         check_decimals(commas)
     if commas and point:
-        (line, cell), (other, its) = commas[0], point
-        both = f"{cell!r} in line {line} has a comma, {its!r} in line {other} a point"
+        line, cell = commas[0]
+        other, its = point
         raise InputError(
-            f"{both}: one of the two must be the decimal in the whole file"
+            f"{cell!r} in line {line} has a comma, {its!r} in line {other} a point: one of the "
+            "two must be the decimal in the whole file"
         )
     return [
         (
@@ -490,17 +483,16 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
     if comments:
         text = re.sub(r"^#.*$", "", text, flags=re.MULTILINE)
     text = re.sub(r"(?i)\A\s*sep=.(?=\r?\n)", "", text)  # of Excel
-    separator = separator_of(
-        [next((line for line in text.splitlines() if line.strip()), "")]
-    )
-    separator = "," if separator == " " else separator
+    first = next(filter(str.strip, text.splitlines()), "")
+    separator = separator_of([first]).replace(" ", ",")
     rows = list[Row]()
     reader = csv.reader(
         io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True
     )
     try:
         for row in reader:
-            if any(cells := [cell.strip() for cell in row]):
+            cells = list(map(str.strip, row))
+            if any(cells):
                 rows.append((reader.line_num, cells))
     except csv.Error as error:
         raise InputError(f"is not a table in CSV ({error})") from None
@@ -513,15 +505,10 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
         (number, cells if any(cells[kept:]) else cells[:kept]) for number, cells in rows
     ]
     names = names[:kept]
-    if twice := [
-        name for name, times in Counter(names).items() if times > 1 or not name
-    ]:
-        what = (
-            f"column {twice[0]!r} is there twice"
-            if twice[0]
-            else "a column has no name"
-        )
-        raise InputError(f"line {head}: {what}; give each column a name of its own")
+    for name, times in Counter(names).items():
+        if times > 1 or not name:
+            what = f"column {name!r} is there twice" if name else "a column has no name"
+            raise InputError(f"line {head}: {what}; give each column a name of its own")
     check_counts(rows, separator, kept)
     return separator, names, rows
 

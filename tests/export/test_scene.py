@@ -26,7 +26,6 @@ from archfrag.motions.measures import measure
 from archfrag.study.file.prepared import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.store import make_plan
-from archfrag.study.steps import finish
 from tests.study.small import ROOT, command, small_study, write_at2
 
 RING = "profile: circular, radius: 10.0, thickness: 1.5, embrace: 157.5, voussoirs: 7"
@@ -60,7 +59,6 @@ def study_of(folder, arches=ARCHES, *, prepared=True, text=""):
     study = load_study(path)
     if prepared:
         prepare_motions(study)
-        finish(study, "motions")
     return study
 
 
@@ -278,7 +276,6 @@ def test_vertical_components(tmp_path):
     (tmp_path / "small.yaml").write_text(text)
     study = load_study(tmp_path / "small.yaml")
     prepare_motions(study)
-    finish(study, "motions")
     export_arches(study, ["scene"])
     scene = json.loads((study.folder / "export" / "small-scene.json").read_text())
     jsonschema.validate(scene, json.loads(scenes.SCHEMA.read_text()))
@@ -329,7 +326,7 @@ def test_needs_motions_but_no_runs(tmp_path):
     path = tmp_path / "small.yaml"
     refused = command("export", path, "--format=scene")
     assert refused.exit_code != 0
-    assert "`archfrag motions` on the study file makes it" in refused.stderr
+    assert "`archfrag motions` on the study file" in refused.stderr
     assert not (study.folder / "export").exists()
     assert command("export", path, "--format=dxf").exit_code == 0
     assert command("motions", path).exit_code == 0

@@ -17,7 +17,7 @@ from archfrag.report.inputs import report_inputs, summary
 from archfrag.report.page import render
 from archfrag.report.sections import class_sections
 from archfrag.study.file.schema import RiskKeys
-from archfrag.study.steps import products
+from archfrag.study.provenance import products
 from tests.study.small import command, made, small_study
 
 TEXT = Path(__file__).with_name("classes.yaml").read_text()

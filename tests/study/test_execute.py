@@ -19,10 +19,10 @@ from archfrag.errors import InputError
 from archfrag.motions.formats import one_reader, read_apart
 from archfrag.study.designs import Ida
 from archfrag.study.file.schema import Method
-from archfrag.study.running import only_run, stoppable
 from archfrag.study.runs import execute, workers
 from archfrag.study.runs.execute import method_to_compile, run_batch
 from archfrag.study.runs.store import gather, make_plan, read_part
+from archfrag.study.steps import only_run, stoppable
 from tests.study.small import ROOT, changed
 
 
@@ -163,7 +163,7 @@ def test_threads_and_chunks_change_no_bit_and_start_no_process(
         len(task[2]) for graph in graphs for key, task in graph.items() if key != "plan"
     )
     assert made == 3 * len(found[0][0])
-    assert all(graph["plan"].digests == make_plan(study).digests for graph in graphs)
+    assert all(graph["plan"].records == make_plan(study).records for graph in graphs)
 
 
 def test_what_two_arches_have_in_common_is_made_once(copied):
@@ -243,8 +243,8 @@ class TestStop:
     def test_code_that_does_not_return_is_ended(self):
         """A hash of many rounds stands for a compiler."""
         code = (
-            "import hashlib; from archfrag.study import running; running.GRACE = 0.5\n"
-            "with running.stoppable():\n"
+            "import hashlib; from archfrag.study import steps; steps.GRACE = 0.5\n"
+            "with steps.stoppable():\n"
             "    print('ready', flush=True)\n"
             "    hashlib.pbkdf2_hmac('sha256', b'a', b'b', 2**31 - 1)\n"
         )

@@ -14,7 +14,7 @@ from archfrag.fragility.risk import HazardCurve
 from archfrag.study.answer.fits import FITS
 from archfrag.study.answer.rates import risk_of
 from archfrag.study.hazard import _COLUMNS, Hazard, load_hazard
-from archfrag.study.steps import finish
+from archfrag.study.provenance import write_stamp
 from tests.report.synthetic import answers_of, cube, motions
 from tests.study.small import ROOT, command, made, small_study
 
@@ -378,7 +378,7 @@ def test_by_the_command(tmp_path):
         for name, curve in curves.items():
             made_up["arches"][name]["curve"] = curve
         (study.folder / FITS).write_text(json.dumps(made_up))
-        finish(study, "fit")
+        write_stamp(study, "fit")
 
     with_curves(ring=FIT.fit_dict())
     result = command(*asked, "--json", "--years", 100)

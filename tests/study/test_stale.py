@@ -11,11 +11,12 @@ import pytest
 from archfrag.errors import ArchfragError, InputError, RecordError
 from archfrag.study.file.prepared import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import StudyKeys, load_study
+from archfrag.study.provenance import finished_folder, out_of_date
 from archfrag.study.runs.store import gather, make_plan
-from archfrag.study.steps import finish, make_step, stale_steps
+from archfrag.study.steps import changed_since, make_step
+from archfrag.study.yaml_text import read_keys
 from tests.study.small import (
     TEXT,
-    changed,
     command,
     dumped,
     files_below,
@@ -28,8 +29,7 @@ from tests.study.small import (
 def prepared(folder, text=TEXT):
     study = load_study(small_study(folder, text))
     prepare_motions(study)
-    finish(study, "motions")
-    assert stale_steps(study)[0][0] == "batch-0of1"
+    assert changed_since(study) == (True, [])
     return study
 
 
@@ -51,9 +51,9 @@ def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_pat
             else:  # with a date before all others, as unpacking an archive gives
                 path.write_bytes(content)
                 os.utime(path, (1.0e9, 1.0e9))
-        stale, changed = stale_steps(study)
-        assert (stale[0] == "motions") == bool(changed)
-        return [line.partition(" (sha256 ")[0] for line in changed]
+        ready, changed = changed_since(study)
+        assert ready != bool(changed)
+        return changed
 
     contents = {path: path.read_bytes() for path in (one, two)}
     more = records / "more.AT2"
@@ -85,18 +85,12 @@ def test_what_only_the_cube_states_is_noticed(tmp_path):
     table.write_text("id,width,depth\none,0.4,1.0\n")
     many = "  - {id: many, table: table.csv, profile: block, height: 2, friction: .inf}\nmotions:"
     text = TEXT.replace("motions:", many).replace("unit: g", "unit: gal")
-    study = prepared(tmp_path, text.replace("[0.1, 0.6, 1.2]", "[100, 600]"))
-    for step in ("batch-0of1", "cube"):
-        make_step(study, step, print)
-    assert stale_steps(study)[0] == ["fit", "report"]
-    unit = load_study(tmp_path / "small.yaml", ["intensity.unit=cm/s2"])
-    assert stale_steps(unit)[0] == ["cube", "fit", "report"]
+    path = small_study(tmp_path, text.replace("[0.1, 0.6, 1.2]", "[100, 600]"))
+    assert command("run", path, "--quiet").exit_code == 0
+    assert finished_folder(path, *read_keys(path)) == tmp_path / "out"
+    assert out_of_date(load_study(path, ["intensity.unit=cm/s2"]), "cube")
     table.write_text("id,width\none,0.4\n")
-    assert stale_steps(load_study(tmp_path / "small.yaml"))[0] == [
-        "cube",
-        "fit",
-        "report",
-    ]
+    assert finished_folder(path, *read_keys(path)) is None
 
 
 def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp_path):
@@ -104,14 +98,14 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
     path = small_study(tmp_path)
     assert command("motions", path).exit_code == 0
     study = load_study(path)
-    digest = make_plan(study).digests
+    plan = make_plan(study)
     before = files_below(tmp_path / "out")
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
     (tmp_path / "records" / "wave1.AT2").write_text("garbage")
     failed = command("motions", path)
     assert (failed.exit_code, "wave1.AT2" in failed.stderr) == (2, True)
     assert before.items() <= files_below(tmp_path / "out").items()
-    assert make_plan(study).digests == digest
+    assert make_plan(study) == plan
     make_runs(study)
     own, others = (
         gather(plan)[1]["steps"].tolist() for plan in (make_plan(study), done.plan)
@@ -120,7 +114,7 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
     small_study(tmp_path)
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
     assert command("motions", path).exit_code == 0
-    assert make_plan(study).digests != digest
+    assert make_plan(study) != plan
     with pytest.raises(InputError, match="6 of 12 runs are missing"):
         gather(make_plan(study))
     assert len(list((tmp_path / "out" / ".archfrag" / "motions").iterdir())) == 2
@@ -134,8 +128,8 @@ def test_two_stored_motions_swapped_by_hand(copied):
     second = two.read_bytes()
     one.write_bytes(second)
     two.write_bytes(first)
-    stale, changed = stale_steps(copied.study)
-    assert stale[0] == "motions"
+    ready, changed = changed_since(copied.study)
+    assert not ready
     message = (
         f"{one}: the prepared motion of record 'wave0' is missing, changed or damaged"
     )
@@ -143,25 +137,27 @@ def test_two_stored_motions_swapped_by_hand(copied):
     with pytest.raises(InputError, match="missing, changed or damaged"):
         load_record(copied.study.work, copied.plan.records[0])
     prepare_motions(copied.study)
-    assert make_plan(copied.study).digests == copied.plan.digests
+    assert make_plan(copied.study) == copied.plan
 
 
-def test_steps_of_another_study_or_other_code_are_out_of_date(copied, monkeypatch):
+def test_results_of_another_study_or_other_code_are_out_of_date(
+    copied, tmp_path, monkeypatch
+):
     study = copied.study
-    finish(study, "motions")
-    make_step(study, "batch-0of1", print)
-    assert stale_steps(study)[0] == ["cube", "fit", "report"]
-    next(copied.plan.parts.glob("*.npy")).unlink()
-    assert stale_steps(study)[0][0] == "batch-0of1"
-    for step in ("batch-0of1", "cube"):
+    path = tmp_path / "copy" / "small.yaml"
+    asked = ("export", path, "--format", "csv")
+    assert "cube.nc: is missing, or no step of this" in command(*asked).stderr
+    for step in ("cube", "fit"):
         make_step(study, step, print)
-    monkeypatch.setattr("archfrag.study.runs.store.code_identity", lambda: "edited")
-    assert stale_steps(study)[0][0] == "batch-0of1"
-    stale, (why,) = stale_steps(changed(study, "intensity", levels=(0.1, 0.2)))
-    assert stale[0] == "batch-0of1"
-    assert why.endswith(
-        "cube.nc: was made before these changed: archfrag, levels, settings"
-    )
+    assert command(*asked).exit_code == 0
+    next(copied.plan.parts.glob("*.npy")).unlink()
+    assert "runs are missing or damaged" in command("cube", path).stderr
+    levels = command(*asked, "--set", "intensity.levels=[0.1, 0.2]")
+    monkeypatch.setattr("archfrag.study.provenance.code", lambda: "edited")
+    for result, what in ((levels, "intensity"), (command(*asked), "code")):
+        assert result.exit_code == 2
+        assert f"cube.nc: was made before these changed: {what}; `arch" in result.stderr
+    assert changed_since(study)[0] is False
 
 
 EVERY = Path(__file__).with_name("every.yaml").read_text()
@@ -222,21 +218,15 @@ def test_each_change_of_a_key_is_seen(tmp_path):
     (tmp_path / "hazard.csv").write_text(HAZARD)
     for name in ("table.csv", "other.csv"):
         (tmp_path / name).write_text(TABLE)
+    path.write_text(dumped(load_study(path)))
     for step in ("motions", "batch", "cube", "fit", "report"):
         done = command(step, path, *["--quiet"] * (step == "batch"))
         assert done.exit_code == 0, done.output
-    assert stale_steps(load_study(path))[0] == []
+    assert out_of_date(load_study(path), "cube", "fit", "report") == ""
     seen = set()
     for name, study in with_each_key_changed(path):
         seen.add(name)
-        if name.startswith("output"):
-            continue
-        with contextlib.suppress(
-            ArchfragError
-        ):  # what cannot be run is not called current
-            stale = stale_steps(study)[0]
-            assert (
-                bool(stale) == (not name.startswith(SAME))
-                or name == "execution.batches"
-            ), name
+        if not name.startswith("output"):
+            stale = out_of_date(study, "cube", "fit")
+            assert bool(stale) == (not name.startswith(SAME)), name
     assert len(seen) > 70, sorted(seen)

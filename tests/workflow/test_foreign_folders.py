@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from archfrag.study.file.prepared import MANIFEST
-from archfrag.study.provenance import STAMPS, sha256_of
+from archfrag.study.provenance import MANIFEST, STAMPS, sha256_of
 from tests.study.small import command, files_below, small_study
 
 PRECIOUS = b"years of work\n"
@@ -97,9 +96,7 @@ class Folder:
 
     def stamps(self, name):
         known = json.loads((self.work / STAMPS).read_text())
-        for step in ("motions", "cube", "fit", "report"):
-            known[step]["files"] = {name: "0" * 64}
-        self.json(STAMPS, **known)
+        self.json(STAMPS, **{key: {name: "0" * 64} for key in known if key != "from"})
 
     def motions(self, elsewhere=False):
         manifest = json.loads((self.work / MANIFEST).read_text())

@@ -20,11 +20,12 @@ import xarray as xr
 
 import archfrag as af
 from archfrag.physics.kernels import cache as kernel_cache
-from archfrag.study.done import finished_folder
+from archfrag.study import provenance
 from archfrag.study.file.schema import load_study
 from archfrag.study.provenance import sha256_of
-from archfrag.study.running import only_run
+from archfrag.study.steps import only_run
 from archfrag.study.validate import shipped_folder
+from archfrag.study.yaml_text import read_keys
 from tests.study.small import ROOT, TEXT, command, files_below, small_study, write_at2
 
 # Long enough to be killed in the middle, by making each chunk one run.
@@ -85,6 +86,10 @@ def finished(tmp_path_factory):
     """Study file of an undisturbed run, what it printed, and its cube."""
     path = small_study(tmp_path_factory.mktemp("finished"), SLOW)
     return path, *run(path), xr.load_dataset(path.parent / "out" / "cube.nc")
+
+
+def finished_folder(path, overrides=()):
+    return provenance.finished_folder(path, *read_keys(path, overrides))
 
 
 def written(folder):
@@ -257,7 +262,7 @@ def test_a_command_with_nothing_to_do_imports_neither_dask_nor_xarray(finished):
     done = subprocess.run(asked, capture_output=True, text=True)
     assert NOTHING in done.stderr
     loaded = set(done.stdout.split("loaded")[1].split())
-    assert "archfrag.study.done" in loaded
+    assert "archfrag.study.provenance" in loaded
     assert not loaded & {"dask", "distributed", "xarray", "numba", "numpy"}
 
 
@@ -306,7 +311,7 @@ def test_export_of_what_is_finished_and_of_nothing_else(
     made = files_below(tmp_path)
     late = command(*asked, "--set", "intensity.levels=[0.1, 0.6]")
     assert late.exit_code == 2
-    assert "cube.nc: was made before these changed: levels" in late.stderr
+    assert "cube.nc: was made before these changed: intensity" in late.stderr
     assert files_below(tmp_path) == made
 
 
@@ -457,7 +462,7 @@ class TestNothingToDo:
     def test_all_that_counts_is_in_it(self, still, monkeypatch):
         """Files that change, are gone or are new; keys that are given; another code."""
         (work,) = still.parent.glob("out/.archfrag")
-        folder = finished_folder(still, ())
+        folder = finished_folder(still)
         assert folder == still.parent / "out"
         assert finished_folder(still, ["title=Other"]) is None
         for path in (
@@ -471,9 +476,9 @@ class TestNothingToDo:
         ):
             content = path.read_bytes()
             path.write_bytes(content.replace(b"1", b"2"))
-            assert (finished_folder(still, ()) is None) == (
-                content != path.read_bytes()
-            ), path
+            assert (finished_folder(still) is None) == (content != path.read_bytes()), (
+                path
+            )
             path.write_bytes(content)
         for new in (
             "records/index.csv",
@@ -482,14 +487,12 @@ class TestNothingToDo:
             "records/wave9.AT2",
         ):
             (still.parent / new).write_text("new")
-            assert finished_folder(still, ()) is None, new
+            assert finished_folder(still) is None, new
             (still.parent / new).unlink()
         (still.parent / "notes.txt").write_text("of the user")
-        assert finished_folder(still, ())
-        monkeypatch.setattr(
-            "archfrag.study.provenance.digest_of_code", lambda *patterns: "edited"
-        )
-        assert finished_folder(still, ()) is None
+        assert finished_folder(still)
+        monkeypatch.setattr("archfrag.study.provenance.code", lambda: "edited")
+        assert finished_folder(still) is None
 
     def test_a_damaged_stamp_is_no_answer(self, still):
         path = still.parent / "out" / ".archfrag" / "stamp.json"
@@ -499,18 +502,12 @@ class TestNothingToDo:
             {},
             [],
             "text",
-            {"watched": 3},
-            {"watched": [[]]},
-            {"watched": ["\0"]},
+            {**whole, "from": 3},
+            {**whole, "inputs": {}},
+            {**whole, "inputs": {"\0": ""}},
+            {**whole, "files": {"report.html": []}},
         ):
-            own = (
-                {**whole["all"], **damage}
-                if isinstance(damage, dict) and damage
-                else damage
-            )
-            path.write_text(json.dumps({**whole, "all": own}))
-            assert finished_folder(still, ()) is None
             path.write_text(json.dumps(damage))
-            assert finished_folder(still, ()) is None
+            assert finished_folder(still) is None
         path.write_text(content)
-        assert finished_folder(still, ())
+        assert finished_folder(still)

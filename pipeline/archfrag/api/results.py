@@ -36,7 +36,14 @@ from archfrag.study.answer.rates import (
 )
 from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.hazard import Hazard, hazard_of_table, load_hazard
-from archfrag.study.provenance import OWNER, read_stamp, read_state, write_text
+from archfrag.study.provenance import (
+    CUBE,
+    OWNER,
+    out_of_date,
+    read_stamp,
+    read_state,
+    write_text,
+)
 from archfrag.study.steps import finished, make_step
 
 if TYPE_CHECKING:
@@ -115,7 +122,7 @@ class Results:
         self._study = study
         self._table = table
         self.folder = study.folder
-        self._made = read_stamp(study, "cube")
+        self._made = read_stamp(study.folder)["files"].get(CUBE)
         self._fitted = table or finished(study)
         self.curves = {
             name: in_unit(curve, name, study.intensity)
@@ -362,7 +369,7 @@ class Results:
 
     def _check_there(self) -> None:
         """See that the folder still holds these results: nothing else is written as theirs."""
-        if read_stamp(self._study, "cube") != self._made:
+        if read_stamp(self.folder)["files"].get(CUBE) != self._made:
             what = "holds other results than these, made since by another study or run"
             raise InputError(f"{self.folder}: {what}; open them with archfrag.open")
 
@@ -398,7 +405,8 @@ class Results:
         self._check_there()
         if self._table:
             return make_report(self._study, self._table)
-        make_step(self._study, "report", lambda text: None, report=make_report)
+        if out_of_date(self._study, "report"):
+            make_step(self._study, "report", None, report=make_report)
         return self.folder / "report.html"
 
     def to_nrml(

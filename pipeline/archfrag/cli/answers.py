@@ -30,8 +30,7 @@ from archfrag.report.film import check_target, example_of, save_film
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
-from archfrag.study.products import REPORT_FILES
-from archfrag.study.provenance import CUBE, finite
+from archfrag.study.provenance import CUBE, REPORT_FILES, finite
 from archfrag.study.steps import finished
 
 members_option = click.option(

@@ -39,9 +39,10 @@ def run(
     """
     if not quiet:  # before the imports, which take a second or more
         warn(f"reading {study_file}")
-    from archfrag.study.done import finished_folder
+    from archfrag.study.provenance import finished_folder
+    from archfrag.study.yaml_text import read_keys
 
-    folder = finished_folder(study_file, overrides)
+    folder = finished_folder(study_file, *read_keys(study_file, overrides))
     if folder is None:
         from archfrag.cli.study import (
             run_all,

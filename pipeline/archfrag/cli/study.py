@@ -38,11 +38,9 @@ from archfrag.study.answer.outside import read_runs
 from archfrag.study.answer.rates import answer_lines
 from archfrag.study.file.schema import RiskKeys, load_study
 from archfrag.study.hazard import load_hazard
-from archfrag.study.products import batch_step, products
-from archfrag.study.provenance import check_own
-from archfrag.study.running import only_run, stoppable
+from archfrag.study.provenance import check_own, claim, products
 from archfrag.study.runs.store import make_plan, superfluous
-from archfrag.study.steps import claim, make_step, run_study
+from archfrag.study.steps import make_step, only_run, run_study, stoppable
 from archfrag.study.validate import arch_texts, check_study
 
 
@@ -84,9 +82,7 @@ def run_all(
     ]
     with _stoppable(f"continue with `{shlex.join(words)} --resume`") as check:
         study = load_study(study_file, overrides)
-        anything = run_study(
-            study, study_file, check, make_report, cores, quiet, overrides
-        )
+        anything = run_study(study, study_file, check, make_report, cores, quiet)
         if not quiet:
             if anything:
                 _summary(study, load_fits(study))
@@ -152,7 +148,9 @@ def _step(name: str, help_: str, *options: Callable) -> click.Command:
         check_own(study)
         if name == "motions":  # the first step, of one process
             claim(study, click.get_current_context().params["study_file"])
-        step = batch_step(batch, study.execution.batches) if name == "batch" else name
+        step = name
+        if name == "batch":
+            step = f"batch-{batch}of{study.execution.batches}"
         with _stoppable("the same command goes on"):
             make_step(study, step, warn, report=make_report, **given)
         for path in filter(Path.is_file, products(study, step)):

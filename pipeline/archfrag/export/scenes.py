@@ -24,7 +24,6 @@ from archfrag.study.file.members import Member
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import commit, finite, write_text
 from archfrag.study.runs.store import make_plan
-from archfrag.study.steps import require
 from archfrag.version import __version__
 
 SCHEMA = Path(__file__).with_name("scene.schema.json")
@@ -43,9 +42,7 @@ def export_arches(
     Of a class there is its first arch, with `members` all. Returned are ``files`` and ``notes`` as
     of `export_study`. Nothing is written after an InputError: too many arches, or no motions yet.
     """
-    own = [
-        each for each in study.members if not each.shock
-    ]  # whose joints are as given
+    own = [each for each in study.members if each.intact]
     sizes = Counter(each.arch_class for each in own)
     found = {each.id if members else each.arch_class: each for each in reversed(own)}
     if len(found) > MOST_ARCHES:
@@ -86,12 +83,11 @@ def export_arches(
 
 def _scene(study: StudyKeys, chosen: Sequence[Member]) -> Any:
     """Return arches, levels, and motions at factor 1 with their factors, for strict JSON."""
-    require(study, "motions")
     plan = make_plan(study)
     levels = study.intensity
     motions = []
     for number, record in enumerate(plan.records):
-        motion = plan.motion(number)
+        motion = plan.motion(record)
         factors = plan.unscaled[number] * plan.levels**plan.power
         own = {"id": record.id, "event": record.event, "dt": motion.dt}
         rows = {

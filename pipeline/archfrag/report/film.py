@@ -110,8 +110,8 @@ def repeat(inputs: ReportInputs, name: str, chosen: Chosen | None) -> Example | 
     motion = next(m for m in inputs.motions if m.id == results.records[record])
     factor = float(results["scale_factor"][record, level])
     if inputs.plan is not None:
-        ids = [member.id for member in inputs.plan.arches]
-        motion, factor, _ = inputs.plan.ground(ids.index(name), record, factor)
+        number = [member.id for member in inputs.plan.arches].index(name)
+        motion, factor = inputs.plan.ground(number, record, factor)
     of_study = ("status", "steps", "collapse_time")
     status, steps, time = (results[each][record, level] for each in of_study)
     # `auto` may take a history by events; the study's verdict came by steps.

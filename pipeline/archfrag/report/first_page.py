@@ -57,7 +57,7 @@ def leading(inputs: ReportInputs) -> tuple[str, Curve]:
 
     def strength(item: tuple[str, Curve]) -> tuple[float, float]:
         name, answer = item
-        if not answer.fitted or inputs.fitted.runs[name].shaken:
+        if not (answer.fitted and inputs.fitted.runs[name].intact):
             return np.inf, np.inf
         return 0.0 if level is None else -float(answer(level[1])), answer.theta
 
@@ -166,7 +166,7 @@ def lead_sentence(inputs: ReportInputs) -> Markup:
 
 def _whose(inputs: ReportInputs, name: str) -> str:
     """Name the arch or the class of an answer in a sentence."""
-    count = sum(not inputs.fitted.runs[each].shaken for each in inputs.quoted)
+    count = sum(inputs.fitted.runs[each].intact for each in inputs.quoted)
     whose = name if len(inputs.quoted) > 1 else _noun(inputs)
     if name in inputs.classes:
         members = list(inputs.of_class.values()).count(name)

@@ -29,8 +29,7 @@ from archfrag.study.answer.rates import StudyRisk, risk_of_study
 from archfrag.study.answer.tables import runs_table
 from archfrag.study.file.members import shown
 from archfrag.study.file.schema import StudyKeys
-from archfrag.study.products import README
-from archfrag.study.provenance import finite, write_text
+from archfrag.study.provenance import README, finite, write_text
 from archfrag.study.runs.store import Plan, make_plan
 from archfrag.study.steps import finished, read_timings
 from archfrag.study.validate import logo_url
@@ -240,7 +239,7 @@ class ReportInputs:
         first, *others = self.known
         found = dict.fromkeys(others, first)
         for name in self.known:
-            if self.fitted.runs[name].shaken:
+            if not self.fitted.runs[name].intact:
                 found[name] = name.rpartition("-after-")[0]
         return {name: of for name, of in found.items() if of in self.known}
 
@@ -277,7 +276,9 @@ def report_inputs(study: StudyKeys) -> ReportInputs:
     given: dict[str, list[Mapping[str, Any]]] = {}
     for member in study.members:
         keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
-        given.setdefault(member.arch_class, []).append(keys | {"shocks": member.shock})
+        given.setdefault(member.arch_class, []).append(
+            keys | {"before": not member.intact}
+        )
     about = study.report.model_dump(
         include={"project", "client", "author"}, exclude_none=True
     )
@@ -286,7 +287,7 @@ def report_inputs(study: StudyKeys) -> ReportInputs:
     return ReportInputs(
         cube=fitted.cube,
         scale=scale_of(study),
-        motions=[plan.motion(record) for record in range(len(plan.records))],
+        motions=[plan.motion(record) for record in plan.records],
         plan=plan,
         arches={name: onset(entries[name].build()) for name in detailed},
         answers=fitted.arches,

@@ -78,8 +78,13 @@ from archfrag.study.answer.fits import CURVE, FITS, cautions_of, gathered, store
 from archfrag.study.answer.rates import ASSUMPTIONS, StudyRisk, risk_of_study
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
-from archfrag.study.products import ALL_CURVES, README, REPORT_FILES
-from archfrag.study.provenance import OWNER, write_text
+from archfrag.study.provenance import (
+    ALL_CURVES,
+    OWNER,
+    README,
+    REPORT_FILES,
+    write_text,
+)
 
 _REMARKS = TEXTS["notes"]
 _PERIODS = np.geomspace(0.03, 4.0, 32)  # of the figure of spectra [s]
@@ -331,18 +336,15 @@ def _first_shocks(inputs: ReportInputs) -> Iterator[Any]:
     """Yield which first shocks come before the records, how strong, and which before which."""
     plan = inputs.plan
     scale = inputs.scale
-    arches = [] if plan is None else plan.arches
-    shaken = [place for place, arch in enumerate(arches) if arch.shock]
-    if plan is None or not shaken:
+    shocks = [] if plan is None else [each.shock for each in plan.arches if each.shock]
+    if plan is None or not shocks:
         return
-    texts = [scale.text(scale.factor * arches[i].shock[0]) for i in shaken]
+    texts = [scale.text(scale.factor * level) for level, _ in shocks]
     levels = " and ".join(dict.fromkeys(texts))
-    names = [each.id for each in (*plan.records, *plan.first)]
-    shocks = [plan.shock(shaken[0], record) for record in range(len(plan.records))]
-    rows = [(own, names[shock[0]]) for own, shock in zip(names, shocks) if shock]
+    gap = shocks[0][1]
+    rows = [(each.id, each.first.id) for each in plan.records if each.first]
     listed = ", ".join(dict.fromkeys(first for _, first in rows))
     at = f"{scale.measure} {levels}"
-    gap = arches[shaken[0]].shock[1]
     yield heading("First shocks")
     yield paragraph(_REMARKS["shocks"].format(names=listed, levels=at, gap=gap))
     first = table("First shocks", ["record", "first shock before it"], rows, "pairs", 2)

@@ -41,7 +41,7 @@ from archfrag.simulation.rest import (
     own_time,
     warn_if_in_g,
 )
-from archfrag.simulation.springings import Far, begins_in, ground_of
+from archfrag.simulation.springings import Far, ground_of
 from archfrag.simulation.standing import check_stands
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ def simulate(
         arguments.check_rigid(arch, "initial")
         shift, velocity = check_initial(initial, arch)
         position += shift
-    ground = grounds_of([ground_of(motion, far)], [begins_in(motion)])
+    ground = grounds_of([ground_of(motion, far)], [motion.begins])
     n_frame = (
         int((motion.duration + follow) / options.frame_interval) + 64 if history else 0
     )
@@ -334,8 +334,8 @@ def results_of_runs(
     unique = list({id(motion): motion for motion in motions}.values())
     number = {id(motion): k for k, motion in enumerate(unique)}
     motion = np.array([number[id(each)] for each in motions], int)
-    begins = [begins_in(each) for each in unique]
-    grounds = grounds_of([ground_of(each, far) for each in unique], begins)
+    starts = [each.begins for each in unique]
+    grounds = grounds_of([ground_of(each, far) for each in unique], starts)
     factor = np.array(factors, float)
     started = time.perf_counter()
     assert info.load_many is not None

@@ -212,11 +212,6 @@ def _crossing(before: float, after: float, held: float, margin: float) -> float:
     return before + (after - before) * held / (held - margin)
 
 
-def begins_in(motion: Motion) -> float:
-    """Return when a record begins in its motion, later than 0 behind a first shock [s]."""
-    return motion.begins
-
-
 def ground_of(motion: Motion, far: Far) -> tuple[Any, ...]:
     """Return the ground motion for kernels, with that of the right springing relative to the left
     one.

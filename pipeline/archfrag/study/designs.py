@@ -49,18 +49,16 @@ class Grid:
         self.seen = np.full(shape, int(Verdict.NOT_RUN), np.int8)
 
     def run(
-        self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None
+        self, rows: IntArray, places: IntArray, level: FloatArray | None = None
     ) -> Asking[Verdicts]:
         """Request runs of some rows, wait for all of them and return their verdicts."""
-        row = np.asarray(rows, dtype=np.int64)
-        place = np.asarray(places, dtype=np.int64)
-        cases = self.cases(row, place, level)
-        waiting = row.size
+        cases = self.cases(rows, places, level)
+        waiting = cases.size
         while waiting:
             _, _, verdicts = yield from self.some(cases)
             cases = cases[:0]
-            waiting = waiting - verdicts.size
-        return self.seen[row, place]
+            waiting -= verdicts.size
+        return self.seen[rows, places]
 
     def some(self, cases: Cases) -> Asking[tuple[IntArray, IntArray, Verdicts]]:
         """Request runs, and return rows, places and verdicts of the first that are made."""
@@ -72,13 +70,12 @@ class Grid:
         return row, place, verdicts
 
     def cases(
-        self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None
+        self, rows: IntArray, places: IntArray, level: FloatArray | None = None
     ) -> Cases:
         """Return runs of some rows at the study's levels, or each at its own, (n,) of `CASE`."""
-        row = np.asarray(rows, dtype=np.int64)
-        cases = np.empty(row.size, CASE)
+        cases = np.empty(rows.size, CASE)
         cases["arch"] = self.arch
-        cases["record"] = self.records[row]
+        cases["record"] = self.records[rows]
         cases["place"] = places
         cases["level"] = self.levels[cases["place"]] if level is None else level
         return cases
@@ -137,11 +134,8 @@ class Stripes(Design):
 
     def requests(self, grid: Grid) -> Requests:
         """Ask for all runs at once."""
-        n_record = grid.records.size
-        n_level = grid.levels.size
-        verdicts = yield from grid.run(
-            *np.divmod(np.arange(n_record * n_level), n_level)
-        )
+        every = np.arange(grid.seen.size)
+        verdicts = yield from grid.run(*np.divmod(every, grid.levels.size))
         return {"runs": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
@@ -161,9 +155,8 @@ class Cloud(Design):
     def requests(self, grid: Grid) -> Requests:
         """Ask for all runs at once."""
         level = (self.factor / grid.unscaled) ** (1.0 / grid.power)
-        verdicts = yield from grid.run(
-            np.arange(level.size), np.zeros(level.size), level
-        )
+        every = np.arange(level.size)
+        verdicts = yield from grid.run(every, np.zeros_like(every), level)
         return {"runs": len(verdicts), "records": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
@@ -257,10 +250,11 @@ class Ida(Design):
         # Probability that level l is the first above the border, n_level if none does.
         expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
         first = min(FIRST_RECORDS, n_record)
-        yield from search(grid, low, high, expected, range(first))
+        every = np.arange(n_record)
+        yield from search(grid, low, high, expected, every[:first])
         if n_record > first:
             expected[first:] = expected_borders(grid.levels, low[:first], high[:first])
-            yield from search(grid, low, high, expected, range(first, n_record))
+            yield from search(grid, low, high, expected, every[first:])
         # Some cells near the borders, any as likely as another: how often do they contradict?
         place = np.arange(n_level)
         unseen = grid.seen == Verdict.NOT_RUN
@@ -292,56 +286,51 @@ class Ida(Design):
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Return the messages on checks that contradict the borders found."""
-        against = {
-            name: (own["contradictions"], own["checked"])
+        against = [
+            (name, own["contradictions"], own["checked"])
             for name, own in facts.items()
             if own.get("contradictions")
-        }
+        ]
         if len(against) > MOST_NAMED:
-            count, checked = np.sum(list(against.values()), axis=0).tolist()
-            against = {f"{len(against)} arches": (count, checked)}
+            _, counts, checks = zip(*against)
+            against = [(f"{len(against)} arches", sum(counts), sum(checks))]
         return [
             f"{name}: {count} of {checked} checks near the border contradict the capacity of "
             "their record. Such a record has several borders between survival and collapse; the "
             "search found one of them, not always the lowest. Beta includes the scatter of single "
             "runs"
-            for name, (count, checked) in against.items()
+            for name, count, checked in against
         ]
 
 
 def search(
-    grid: Grid, low: IntArray, high: IntArray, expected: FloatArray, rows: ArrayLike
+    grid: Grid, low: IntArray, high: IntArray, expected: FloatArray, left: IntArray
 ) -> Asking[None]:
-    """Narrow the brackets of some rows, from `low` to `high`, until neighbouring levels are left.
+    """Narrow the brackets of the rows `left`, from `low` to `high`, to neighbouring levels.
 
     The level to try next is the most informative one for its cost: the entropy of its verdict over
     the cost expected. Levels where a run had no verdict are not tried again. A row goes on when
     its own run is made: it waits for no other.
     """
-    left = np.asarray(rows, dtype=np.int64)
-    place = np.arange(grid.levels.size)
+    border = np.arange(grid.levels.size + 1)
+    place = border[:-1]
     waiting = 0
     while True:
         below = low[left, None]
         above = high[left, None]
-        within = (np.arange(place.size + 1) > below) & (
-            np.arange(place.size + 1) <= above
-        )
+        within = (border > below) & (border <= above)
         mass = np.cumsum(np.where(within, expected[left], 0.0), axis=1)
         collapse = mass[:, :-1] / mass[:, -1:]
         cost = collapse + COST_OF_SURVIVAL * (1.0 - collapse)
-        gain = (
-            scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)
-        ) / cost
+        entropy = scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)
         free = (place > below) & (place < above) & (grid.seen[left] == Verdict.NOT_RUN)
-        best = np.where(free, gain, -1.0).argmax(axis=1)
+        best = np.where(free, entropy / cost, -1.0).argmax(axis=1)
         some = free.any(axis=1)
         waiting += int(some.sum())
         if not waiting:
             return
-        left, places, verdicts = yield from grid.some(
-            grid.cases(left[some], best[some])
-        )
+        cases = grid.cases(left[some], best[some])
+        left, places, verdicts = yield from grid.some(cases)
         waiting -= left.size
         collapsed = verdicts == Verdict.COLLAPSED
         survived = verdicts == Verdict.SURVIVED

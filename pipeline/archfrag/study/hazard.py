@@ -88,26 +88,24 @@ def load_hazard(
         try:
             separator, names, rows = parse_table(text)
             rows = with_points(rows, separator)
-            if empty := next((line for line, cells in rows if "" in cells), None):
-                raise InputError(f"line {empty} has an empty cell; give it a number")
+            for line in (line for line, cells in rows if "" in cells):
+                raise InputError(f"line {line} has an empty cell; give it a number")
             table = table_of(names, rows)
             by_site = {"lon", "lat"} <= set(table)
             if site is not None and not by_site:
                 raise InputError(
                     "has no columns lon and lat; leave --site or risk.site out"
                 )
-            stated, own, curves = (
-                _openquake(text, table, site) if by_site else _plain(table)
-            )
+            file = _openquake(text, table, site) if by_site else _plain(table)
+            stated, own, curves = file
             factor = _factor(stated, own or unit, measure, unit, by_site)
             for name, curve in curves:
                 if name in found:
                     raise InputError(f"has a second curve {name!r}")
                 found[name] = replace(curve, im=curve.im * factor)
                 messages += level_cautions(measure, found[name].im, str(path))
-                messages += unusual(
-                    "rate", curve.rate.max(), f"{path}: the largest rate"
-                )
+                largest = curve.rate.max()
+                messages += unusual("rate", largest, f"{path}: the largest rate")
         except (InputError, ValueError) as error:
             must = "" if isinstance(error, InputError) else "must hold numbers, but: "
             raise InputError(f"{path}: {must}{error}") from None
@@ -116,13 +114,11 @@ def load_hazard(
                 f"{path}: does not name its measure, which is taken to be {measure}"
             )
         elif measure_of(stated) != parse_measure(measure):
-            what = f"states {stated} and no component, taken to be {measure}'s"
-            messages.append(f"{path}: the file {what}")
-    order = sorted(found, key=lambda name: name != "mean")
-    source = ", ".join(map(str, paths))
-    return Hazard(
-        measure, source, {name: found[name] for name in order}, tuple(messages)
-    )
+            messages.append(
+                f"{path}: the file states {stated} and no component, taken to be {measure}'s"
+            )
+    order = dict(sorted(found.items(), key=lambda pair: pair[0] != "mean"))
+    return Hazard(measure, ", ".join(map(str, paths)), order, tuple(messages))
 
 
 def level_cautions(measure: str, levels: Any, place: str) -> list[str]:
@@ -138,11 +134,9 @@ def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
     except (TypeError, ValueError):
         points = np.zeros(0)
     if points.ndim != 2 or points.shape[1] != 2:
-        rule = (
-            "a path, or a table of two columns: intensity and annual rate of exceedance"
-        )
         raise InputError(
-            f"hazard: {type(table).__name__} cannot be read; it must be {rule}"
+            f"hazard: {type(table).__name__} cannot be read; it must be a path, or a table of "
+            "two columns: intensity and annual rate of exceedance"
         )
     factor = _factor(None, unit, measure, None, False)
     curve = HazardCurve(factor * points[:, 0], points[:, 1])
@@ -201,10 +195,8 @@ def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
             return 0
         how = f"choose one by longitude and latitude, such as {'; '.join(names[:3])}"
         raise InputError(f"has {len(names)} sites; {how}")
-    (lon, lat), (lon0, lat0) = (
-        np.radians(np.reshape(sites, (-1, 2))).T,
-        np.radians(requested),
-    )
+    lon, lat = np.radians(np.reshape(sites, (-1, 2))).T
+    lon0, lat0 = np.radians(requested)
     # Great-circle distances [km] by the haversine formula.
     h = (
         np.sin((lat - lat0) / 2) ** 2
@@ -219,13 +211,12 @@ def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
 
 def _openquake(text: str, table: pd.DataFrame, site: Sequence[float] | None) -> _Stated:
     """Read OpenQuake's CSV: probabilities of one measure, with a site in each row."""
-    about = dict(
-        re.findall(r"\b(\w+)=[\"']*([^\s,\"']+)", text.lstrip().split("\n", 1)[0])
-    )
+    head = text.lstrip().split("\n", 1)[0]
+    about = dict(re.findall(r"\b(\w+)=[\"']*([^\s,\"']+)", head))
     if not {"imt", "investigation_time"} <= about.keys():
-        keys = "imt and investigation_time"
         raise InputError(
-            f"looks like OpenQuake's, but its first line does not state {keys}"
+            "looks like OpenQuake's, but its first line does not state imt and "
+            "investigation_time"
         )
     poe = table.filter(like="poe-")
     im = [number(str(head).removeprefix("poe-")) for head in poe]

@@ -23,7 +23,8 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from archfrag.errors import InputError
-from archfrag.study.yaml_text import CONTROL, absolute
+from archfrag.files import absolute
+from archfrag.study.yaml_text import CONTROL
 
 # Rules where pydantic's own words name its classes or a regular expression.
 _RULES = {
@@ -66,9 +67,9 @@ class Section(BaseModel):
             if key not in allowed:
                 hint = meant(str(key), allowed) or f"allowed are {', '.join(allowed)}"
                 raise refuse(f"is not a known key; {hint}", _shown(str(key)))
-        if missing := [
-            k for k in dict.fromkeys((*required, *needs)) if given.get(k) is None
-        ]:
+        needed = dict.fromkeys((*required, *needs))
+        missing = [key for key in needed if given.get(key) is None]
+        if missing:
             raise refuse("must be given", *missing)
         return given
 
@@ -123,9 +124,8 @@ PathText = Annotated[str, Field(min_length=1), AfterValidator(_absolute)]
 
 def key_path(parts: Sequence[Any]) -> str:
     """Return the keys and indices as people write them: ``arches[0].radius``."""
-    return "".join(
-        f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts
-    ).removeprefix(".")
+    written = (f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts)
+    return "".join(written).removeprefix(".")
 
 
 def first_message(
@@ -142,19 +142,17 @@ def first_message(
     value = first["input"]
     context = first.get("ctx", {})
     place: list[Any] = []
-    for part in first[
-        "loc"
-    ]:  # without names of union members, which are no keys of the file
+    # Without names of union members, which are no keys of the file.
+    for part in first["loc"]:
         with contextlib.suppress(LookupError, TypeError):
             given = given[part]
             place.append(part)
-    if keys := context.get("keys"):
-        return f"{', '.join(written([*place, key]) for key in keys)} {context['text']}"
-    shown = (
-        ""
-        if isinstance(value, Mapping)
-        else f" = {_shown(value, kind.endswith('_type'))}"
-    )
+    keys = [written([*place, key]) for key in context.get("keys", ())]
+    if keys:
+        return f"{', '.join(keys)} {context['text']}"
+    shown = f" = {_shown(value, kind.endswith('_type'))}"
+    if isinstance(value, Mapping):
+        shown = ""
     rule = re.sub("^.*? should ", "must ", _RULES.get(kind, first["msg"]))
     if kind.startswith("union_tag"):
         place.append(context["discriminator"].strip("'"))
@@ -167,8 +165,9 @@ def first_message(
 
 
 def _shown(value: Any, quotes: bool = False) -> str:
-    plain = isinstance(value, str) and value.isprintable() and not quotes
-    text = value if plain else "empty" if value is None else reprlib.repr(value)
+    text = "empty" if value is None else reprlib.repr(value)
+    if isinstance(value, str) and value.isprintable() and not quotes:
+        text = value
     return text if len(text) <= 80 else f"{text[:80]}…"
 
 

@@ -1,7 +1,13 @@
-"""Files that a study reads and writes, known by their content; and what results are made with."""
+"""What a study's results follow from, the files that it makes, and whether all of it is done.
+
+A study has one stamp: digests of what its cube follows from, and the SHA-256 of what was made.
+Times of modification decide nothing. That nothing is to be done is told before anything heavy is
+imported.
+"""
 
 import contextlib
 import functools
+import glob
 import hashlib
 import json
 import math
@@ -11,12 +17,24 @@ import re
 import socket
 import subprocess
 import threading
+from collections import Counter
+from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import OutputError
-from archfrag.files import STAMPS, opened, replacing, sha256_of, sweep
+from archfrag.files import (
+    STAMPS,
+    WORK,
+    absolute,
+    check_targets,
+    make_folder,
+    opened,
+    replacing,
+    sha256_of,
+    sweep,
+)
 from archfrag.version import __version__
 
 if TYPE_CHECKING:
@@ -24,6 +42,11 @@ if TYPE_CHECKING:
 
 PACKAGE = Path(__file__).resolve().parents[1]
 CUBE = "cube.nc"
+README = "README.txt"
+REPORT_FILES = ("report.html", "summary.json", "capacities.csv", "runs.csv", README)
+ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
+SHOWN = 12  # arches that a report shows one by one; of more it shows three
+MANIFEST = "motions.json"  # in the hidden folder
 OWNER = "study.json"  # in the hidden folder
 FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
 # netCDF's C library is not safe in threads, and xarray's own lock does not hold for attributes.
@@ -70,10 +93,10 @@ def files_of_code(*patterns: str) -> list[Path]:
 
 
 @functools.cache
-def digest_of_code(*patterns: str) -> str:
-    """Return the SHA-256 of files of this package, 64 hexadecimal digits."""
-    digest = hashlib.sha256()
-    for path in files_of_code(*patterns):
+def code() -> str:
+    """Return the SHA-256 of the files of this package and the versions of what they run on."""
+    digest = hashlib.sha256(canonical_json([versions(), platform.machine()]).encode())
+    for path in files_of_code("**/*"):
         digest.update(str(path.relative_to(PACKAGE)).encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()
@@ -109,28 +132,178 @@ def read_state(path: Path) -> dict[str, Any]:
         return {}
 
 
-def write_stamp(work: Path, step: str, stamp: dict[str, Any]) -> None:
-    """Put what a step was made from, and what it made, into the stamp of a study."""
-    write_text(
-        work / STAMPS, canonical_json(read_state(work / STAMPS) | {step: stamp}) + "\n"
+def read_stamp(folder: Path) -> dict[str, dict[str, str]]:
+    """Return the stamp of the results in a folder.
+
+    `from` are digests of what they follow from, by name; `files` and `old` SHA-256 of what was
+    made, now and for an earlier cube; `inputs` digests of what was read, once all is done.
+    """
+    stamp = {name: dict[str, str]() for name in ("from", "files", "old", "inputs")}
+    stamp |= read_state(folder / WORK / STAMPS)
+    return {
+        name: each if isinstance(each, dict) else {} for name, each in stamp.items()
+    }
+
+
+def write_stamp(study: "StudyKeys", step: str, **others: Any) -> None:
+    """Put the files of a step into the stamp of a study; remove figures that it no longer has.
+
+    What followed from an earlier cube is not of a new one.
+    """
+    stamp = read_stamp(study.folder)
+    if step == "cube":
+        old = stamp["old"] | stamp["files"]
+        stamp = {"from": study.origin, "files": {}, "old": old}
+    made = filter(Path.is_file, products(study, step))
+    stamp["files"] |= {path.name: sha256_of(path) for path in made}
+    if step == "report":
+        for name, digest in stamp.pop("old").items():
+            path = study.folder / name
+            gone = FIGURE.fullmatch(name) and name not in stamp["files"]
+            if gone and not path.is_symlink() and sha256_if_there(path) == digest:
+                path.unlink()
+    text = canonical_json(stamp | others) + "\n"
+    write_text(study.work / STAMPS, text)
+
+
+def out_of_date(study: "StudyKeys", *steps: str) -> str:
+    """Return why the files of cube, fit or report are out of date; empty if they are not."""
+    stamp = read_stamp(study.folder)
+    for path in (path for step in steps for path in products(study, step)):
+        known = stamp["files"].get(path.name)
+        if known is None and path.name != README:
+            return f"{path}: is missing, or no step of this study made it"
+        if known != sha256_if_there(path):
+            return f"{path}: is missing, changed or damaged"
+    before = stamp["from"]
+    now = study.origin
+    changed = [name for name in now | before if now.get(name) != before.get(name)]
+    cube = study.folder / CUBE
+    return f"{cube}: was made before these changed: {', '.join(changed)}" * bool(
+        changed
     )
 
 
-def read_stamp(
-    study: "StudyKeys", step: str
-) -> tuple[dict[str, Any] | None, dict[str, str]]:
-    """Return what a step was made from, None if it is not done, and digests of its files."""
-    try:
-        stamp = read_state(study.work / STAMPS)[step]
-        return dict(stamp["from"]), dict(stamp["files"])
-    except (ValueError, KeyError, TypeError):
-        return None, {}
+def origin_of(keys: dict[str, Any], place: Path, folder: Path) -> dict[str, str]:
+    """Return digests of what the results in a folder follow from, but for files, by name.
+
+    `keys` are those of a study file in the folder `place`.
+    """
+    found = {key: keys[key] for key in keys.keys() - {"output", "execution"}}
+    found["folder"] = os.path.relpath(place, os.path.realpath(folder))
+    found["home"] = os.path.expanduser("~")
+    found["code"] = code()
+    return {str(name): digest_of(value) for name, value in found.items()}
+
+
+def contents(folder: Path, places: Iterable[str]) -> dict[str, str]:
+    """Return digests of files and of lists of folders, by their places below or from a folder.
+
+    Of a pattern of folders it is of all their lists.
+    """
+    found = {}
+    for place in places:
+        path = os.path.join(folder, place)
+        paths = [path]
+        if glob.has_magic(path) and not os.path.exists(path):
+            paths = sorted(glob.glob(path, recursive=True))
+        lists = [
+            sorted(os.listdir(each)) if os.path.isdir(each) else sha256_if_there(each)
+            for each in paths
+        ]
+        found[place] = digest_of([*map(os.path.basename, paths), *lists])
+    return found
+
+
+def finished_folder(path: Path, keys: dict[str, Any], place: Path) -> Path | None:
+    """Return the folder of the results of a study file if nothing has changed since its run; else
+    None.
+
+    `keys` are those of the file, in the folder `place`. None says little: the run tells what has
+    changed. OutputError if the results are those of another file.
+    """
+    output = keys.get("output") or os.path.join("results", str(keys.get("id")))
+    folder = Path(absolute(str(output), place))
+    check_owner(folder, path)
+    with contextlib.suppress(OSError, ValueError, TypeError):
+        stamp = read_stamp(folder)
+        made = {name: sha256_if_there(folder / name) for name in stamp["files"]}
+        same = stamp["inputs"] and stamp["from"] == origin_of(keys, place, folder)
+        inputs = stamp["inputs"]
+        if same and made == stamp["files"] and contents(folder, inputs) == inputs:
+            return folder
+    return None
+
+
+def check_owner(folder: Path, study_file: Path) -> None:
+    """See that the results in a folder are not those of another study file; else OutputError."""
+    file = folder / str(read_state(folder / WORK / OWNER).get("file", ""))
+    if file.is_file() and not file.samefile(study_file):
+        raise OutputError(
+            f"{folder}: holds the results of {file.resolve()}; give {study_file.name} "
+            "another output, or another id if it names none"
+        )
+
+
+def claim(study: "StudyKeys", study_file: Path) -> None:
+    """Write whose the results of a study are, unless they are another file's (OutputError).
+
+    Its path is relative to them, so that both may be moved.
+    """
+    check_owner(study.folder, study_file)
+    here = os.path.relpath(study_file.resolve(), study.folder.resolve())
+    owner = canonical_json({"id": study.id, "file": here})
+    make_folder(study.work)
+    write_text(study.work / OWNER, owner + "\n")
+
+
+def products(study: "StudyKeys", step: str) -> list[Path]:
+    """Return the files that a step makes; parts of runs have checks of their own.
+
+    The steps are motions, batch-0of1 and so on, cube, fit and report.
+    """
+    if step.startswith("batch"):  # a table of its runs, with how long each took
+        return [study.work / "runs" / f"{step}.csv"]
+    if step == "motions":
+        return [study.work / MANIFEST]
+    names = {"cube": [CUBE], "fit": ["fits.json", "curve.csv"]}.get(
+        step, [*REPORT_FILES]
+    )
+    if step == "report":
+        sizes = Counter(member.arch_class for member in study.members)
+        drawn = [name for name, size in sizes.items() if size > 1]
+        if sizes.total() > SHOWN:
+            names.append(ALL_CURVES)
+        else:
+            drawn += [member.id for member in study.members]
+        names += [f"curve-{each}.svg" for each in drawn]
+    return [study.folder / name for name in names]
+
+
+def files_named(study: "StudyKeys") -> list[str]:
+    """Return the files that keys of a study name, but for records."""
+    named = [each for entry in study.arches for each in (entry.table, entry.drawing)]
+    hazard = study.risk.hazard if study.risk else None
+    named += [study.motions.index, study.report.logo, hazard]
+    return [each for each in named if each is not None]
+
+
+def check_outputs(study: "StudyKeys", *steps: str) -> None:
+    """See that the files of steps replace none of the study's inputs, and no file of others.
+
+    A README of somebody else stays as it is, and a cube of this study may be damaged.
+    """
+    refuse_foreign_cube(study)
+    made = (path for step in steps for path in products(study, step))
+    targets = [path for path in made if path.name not in (README, CUBE)]
+    check_targets(targets, files_named(study), of_study=True)
 
 
 def refuse_foreign_cube(study: "StudyKeys") -> None:
     """See that no other study's cube stands where this study's is to be; ours may be damaged."""
     path = study.folder / CUBE
-    digest = read_stamp(study, "cube")[1].get(CUBE)
+    stamp = read_stamp(study.folder)
+    digest = stamp["files"].get(CUBE, stamp["old"].get(CUBE))
     if not path.exists() or (digest is not None and sha256_if_there(path) == digest):
         return
     owner = None
@@ -145,14 +318,12 @@ def refuse_foreign_cube(study: "StudyKeys") -> None:
                 if digest is not None and file.read(4) in (b"", b"\x89HDF"):
                     return
     if owner != study.id:
-        whose = (
-            f"the cube of study {owner!r}"
-            if owner
-            else "a file that is no cube of archfrag"
-        )
-        advice = "give the studies different output folders, or move the file"
+        whose = "a file that is no cube of archfrag"
+        if owner:
+            whose = f"the cube of study {owner!r}"
         raise OutputError(
-            f"{path}: {whose} is in the place of study {study.id!r}; {advice}"
+            f"{path}: {whose} is in the place of study {study.id!r}; give the studies different "
+            "output folders, or move the file"
         )
 
 
@@ -162,17 +333,12 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     for kind in ("record", "index", "inventory"):
         old = before.get(kind, {})
         new = now.get(kind, {})
-        for path in sorted(
-            path for path in old | new if old.get(path) != new.get(path)
-        ):
-            what = (
-                "is new"
-                if path not in old
-                else "has changed"
-                if path in new
-                else "is gone"
-            )
-            lines.append(f"{kind} {os.path.normpath(folder / path)} {what}")
+        words = dict.fromkeys(old, "is gone") | dict.fromkeys(new, "is new")
+        words |= dict.fromkeys(old.keys() & new, "has changed")
+        for path in sorted(words):
+            if old.get(path) != new.get(path):
+                place = os.path.normpath(folder / path)
+                lines.append(f"{kind} {place} {words[path]}")
     return lines
 
 

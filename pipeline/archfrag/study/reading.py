@@ -157,6 +157,7 @@ def read_motions(
     with at("read_motions", keys):
         asked = Motions.model_validate(keys, context={"folder": Path.cwd()})
     motions = list(read_sources(asked, _MEASURE))
-    if ids := asked.select:
+    ids = asked.select
+    if ids:
         motions.sort(key=lambda motion: ids.index(motion.id))
     return MotionList(motions, asked)

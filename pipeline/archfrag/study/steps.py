@@ -1,55 +1,63 @@
-"""The steps of a study, one after the other: each does nothing where its result is current.
+"""The run of a study: its steps in their order, one run at a time in a folder, stopped by signals.
 
-A study has one stamp: of each step that is done digests of what it was made from, and the SHA-256
-of what it made; and one digest of all, if all is done. Times of modification decide nothing.
+Runs that are stored are kept. Cube, fit and report are made again whenever anything has changed.
 """
 
 import contextlib
+import errno
+import fcntl
 import os
+import signal
 import sys
-from collections.abc import Callable, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import FrameType
+from typing import TYPE_CHECKING
 
 import pandas as pd
+from tqdm import tqdm
 
 from archfrag.errors import ArchfragError, InputError, OutputError
-from archfrag.files import counted, make_folder, printable, write_csv
+from archfrag.files import cannot_write, counted, make_folder, printable, write_csv
+from archfrag.simulation.warmup import TICK, every
 from archfrag.study import provenance
-from archfrag.study.answer.attributes import attributes
 from archfrag.study.answer.cube import write_cube
 from archfrag.study.answer.fits import fit_cube, fit_lines, load_fits
-from archfrag.study.done import stamp_of_all
 from archfrag.study.file.prepared import (
-    MANIFEST,
+    load_prepared,
     prepare_motions,
     read_manifest,
     study_inputs,
 )
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.file.sources import input_paths
-from archfrag.study.products import check_outputs, products, step_names
-from archfrag.study.running import clock, only_run
+from archfrag.study.provenance import products
 from archfrag.study.runs.execute import run_batch
-from archfrag.study.runs.store import Plan, gather, make_plan
 from archfrag.study.validate import check_start
 
 if TYPE_CHECKING:
     from archfrag.study.answer.curves import Fitted
 
+GRACE = 4.0  # after a signal, for the run to end by itself [s]
+_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 _MOST_LINES = 8  # on what changed
 Say = Callable[[str], None]
 Report = Callable[[StudyKeys], Path]  # writes it: of a layer above
 
 
+def batches(study: StudyKeys) -> list[str]:
+    """Return the steps that make the runs of a study."""
+    count = study.execution.batches
+    return [f"batch-{number}of{count}" for number in range(count)]
+
+
 def _tables(study: StudyKeys) -> list[Path]:
     """Return the tables of the runs of all batches."""
-    return [
-        products(study, name)[0]
-        for name in step_names(study)
-        if name.startswith("batch")
-    ]
+    return [path for step in batches(study) for path in products(study, step)]
 
 
 def read_timings(study: StudyKeys) -> dict[str, list[float]]:
@@ -65,213 +73,87 @@ def make_step(
     study: StudyKeys,
     step: str,
     say: Say | None,
-    plan: Plan | None = None,
     *,
     report: Report | None = None,
     cores: int | None = None,
     quiet: bool = False,
 ) -> None:
-    """Make one step of `step_names`, whose inputs are there, unless it is current.
+    """Make motions, a batch of runs, cube, fit or report; what it follows from must be there.
 
-    `say`, if any, takes a line for the user; `plan` is that of the study, if known; `cores` take
-    the place of the study's workers.
+    `say`, if any, takes a line for the user; `cores` take the place of the study's workers.
     """
     told: Say = say or (lambda text: None)
     if step == "motions":
-        if "motions" not in stale_steps(study)[0]:
-            return
         check_start(study)
         told(f"motions: {counted(len(prepare_motions(study)), 'record')} ready")
-        return finish(study, step)
-    plan = plan or make_plan(study)
+        return
     if step.startswith("batch"):
-        return _make_batch(study, step, told, plan, cores, quiet)
-    if not out_of_date(study, step, plan):
-        return None
-    check_outputs(study, [step])
+        _make_batch(study, step, told, cores, quiet)
+        return
+    provenance.check_outputs(study, step)
     if step == "cube":
-        told(f"cube: {write_cube(study, plan)}")
+        told(f"cube: {write_cube(study)}")
     elif step == "fit":
-        require(study, "cube", plan)
+        _require(study, "cube")
         fitted = fit_cube(study)
-        answers, cautions = fit_lines(study, fitted) if say else ([], [])
-        for line in [*answers, *(f"caution: {each}" for each in cautions)]:
-            told(line)
+        if say:
+            answers, cautions = fit_lines(study, fitted)
+            for line in (*answers, *(f"caution: {each}" for each in cautions)):
+                say(line)
     elif report is not None:
         told(f"report: {report(study)}")
-    return finish(study, step, plan)
+    provenance.write_stamp(study, step)
 
 
 def _make_batch(
-    study: StudyKeys, step: str, told: Say, plan: Plan, cores: int | None, quiet: bool
+    study: StudyKeys, step: str, told: Say, cores: int | None, quiet: bool
 ) -> None:
     """Make the runs of a batch that are missing, and the table of all its runs."""
-    batch, batches = map(int, step.removeprefix("batch-").split("of"))
-    log, table = run_batch(study, batch, cores, quiet, plan)
+    batch, count = map(int, step.removeprefix("batch-").split("of"))
+    log, table = run_batch(study, batch, cores, quiet)
     (path,) = products(study, step)
     make_folder(path.parent)
     write_csv(path, [table])
-    name = f"batch {batch + 1} of {batches}: " if batches > 1 else "simulations: "
-    seconds = log["wall_time"] - log["compile_time"]
+    name = f"batch {batch + 1} of {count}: " if count > 1 else "simulations: "
     new = log["runs"] - log["kept"]
-    took = f"; {seconds:.1f} s on {counted(log['workers'], 'core')}" if new else ""
-    told(
-        f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new{took}"
-    )
+    text = f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new"
+    if new:
+        seconds = log["wall_time"] - log["compile_time"]
+        text += f"; {seconds:.1f} s on {counted(log['workers'], 'core')}"
+    told(text)
 
 
-def finish(study: StudyKeys, step: str, plan: Plan | None = None) -> None:
-    """Put a step into the study's stamp; remove figures that it made before and not now.
-
-    Batches, which may end at the same time, are not in it: their runs are known by their parts.
-    """
-    made = {
-        os.path.relpath(path, study.folder): provenance.sha256_if_there(path)
-        for path in products(study, step)
-        if path.is_file()
-    }
-    for name, digest in provenance.read_stamp(study, step)[1].items():
-        path = study.folder / name
-        ours = (
-            name not in made
-            and provenance.FIGURE.fullmatch(name)
-            and not path.is_symlink()
-        )
-        if ours and provenance.sha256_if_there(path) == digest:
-            path.unlink(missing_ok=True)
-    stamp = {"from": _made_from(study, step, plan), "files": made}
-    provenance.write_stamp(study.work, step, stamp)
-
-
-def require(study: StudyKeys, step: str, plan: Plan | None = None) -> None:
-    """See that the results of a step are those of the study as it is; else InputError."""
-    if wrong := out_of_date(study, step, plan):
-        raise InputError(f"{wrong}; `archfrag {step}` on the study file makes it again")
+def _require(study: StudyKeys, *steps: str) -> None:
+    """See that the results of steps are those of the study as it is; else InputError."""
+    for step in steps:
+        wrong = provenance.out_of_date(study, step)
+        if wrong:
+            raise InputError(
+                f"{wrong}; `archfrag {step}` on the study file makes it again"
+            )
 
 
 def finished(study: StudyKeys) -> "Fitted":
     """Return cube and answers of a study; InputError if they are out of date."""
-    require(study, "cube")
-    require(study, "fit")
+    _require(study, "cube", "fit")
     return load_fits(study)
 
 
-def stale_steps(study: StudyKeys) -> tuple[list[str], list[str]]:
-    """Return the steps to be done, and what has changed since they were done last."""
-    names = step_names(study)
+def changed_since(study: StudyKeys) -> tuple[bool, list[str]]:
+    """Return whether the motions are ready, and what has changed since a run of the study."""
     inputs = study_inputs(study)
     try:
-        if changed := provenance.changes(
-            read_manifest(study)["inputs"], inputs, study.folder
-        ):
-            return names, changed
-        plan = make_plan(study)
+        manifest = read_manifest(study)
+        changed = provenance.changes(manifest["inputs"], inputs, study.folder)
+        if changed:
+            return False, changed
+        load_prepared(study)
     except InputError as error:
-        return names, [str(error)] if (study.work / MANIFEST).exists() else []
-    for step in ("motions", *names[-3:]):
-        if wrong := out_of_date(study, step, plan):
-            known = provenance.read_stamp(study, step)[0]
-            if step == "cube" and not _runs_are_there(study, plan, known):
-                step = names[1]
-            return names[names.index(step) :], [wrong] * (known is not None)
-    return [], []
-
-
-def _runs_are_there(
-    study: StudyKeys, plan: Plan, before: dict[str, str] | None
-) -> bool:
-    """Return whether all runs of a plan are made, and that of the cube `before`, if any, was the
-    same.
-    """
-    now = {name: provenance.digest_of(digest) for name, digest in plan.digests.items()}
-    if before is not None and not now.items() <= before.items():
-        return False
-    with contextlib.suppress(InputError):
-        gather(plan)
-        return all(path.is_file() for path in _tables(study))
-    return False
-
-
-def out_of_date(study: StudyKeys, step: str, plan: Plan | None = None) -> str:
-    """Return why the results of a step are out of date; empty if they are not."""
-    own = {os.path.relpath(path, study.folder): path for path in products(study, step)}
-    main = next(iter(own.values()))
-    before, made = provenance.read_stamp(study, step)
-    if before is None:
-        return f"{main}: is missing, or no step of this study made it"
-    for name, digest in made.items():
-        if name not in own or provenance.sha256_if_there(own[name]) != digest:
-            return f"{study.folder / name}: is missing, changed or damaged"
-    now = _made_from(study, step, plan)
-    if changed := [name for name in now | before if now.get(name) != before.get(name)]:
-        return f"{main}: was made before these changed: {', '.join(changed)}"
-    return ""
-
-
-def _made_from(study: StudyKeys, step: str, plan: Plan | None = None) -> dict[str, str]:
-    """Return digests of a step's inputs, by the names that messages use."""
-    code = {
-        "code": provenance.digest_of_code("**/*"),
-        "packages": provenance.versions(),
-    }
-    if step == "cube":
-        inputs = _inputs_of_cube(study, plan or make_plan(study))
-    else:
-        inputs = _INPUTS[step](study) if step in _INPUTS else {}  # batches have none
-    return {
-        name: provenance.digest_of(value) for name, value in (code | inputs).items()
-    }
-
-
-def _inputs_of_motions(study: StudyKeys) -> dict[str, Any]:
-    return {name: read_manifest(study)[name] for name in ("key", "inputs")}
-
-
-def _inputs_of_cube(study: StudyKeys, plan: Plan) -> dict[str, Any]:
-    return {
-        **plan.digests,
-        "attributes of arches": [(m.arch_class, m.attributes) for m in plan.arches],
-        "parameters of arches": [(m.id, m.values) for m in plan.arches],
-        "title": study.title,
-        "institution": study.institution,
-        "settings": attributes(study, plan)
-        | {"archfrag_commit": ""},  # the code has a digest
-        "motions": provenance.sha256_if_there(study.work / MANIFEST),
-    }
-
-
-def _inputs_of_fit(
-    study: StudyKeys, before: Sequence[str] = ("cube",)
-) -> dict[str, Any]:
-    paths = [path for name in before for path in products(study, name)]
-    return {
-        **{path.name: provenance.sha256_if_there(path) for path in paths},
-        "report.confidence": study.report.confidence,
-        "limit_states": study.limit_states.model_dump(),
-    }
-
-
-def _inputs_of_report(study: StudyKeys) -> dict[str, Any]:
-    logo = Path(study.report.logo or "")
-    risk = {}
-    if study.risk is not None:
-        hazard = Path(study.risk.hazard)
-        given = study.risk.model_dump(exclude={"hazard"})
-        risk = {"risk": [given, hazard.name, provenance.sha256_if_there(hazard)]}
-    return {
-        **_inputs_of_fit(study, ("cube", "fit")),
-        "motions": provenance.sha256_if_there(study.work / MANIFEST),
-        "report": study.report.model_dump(exclude={"confidence", "logo"}),
-        "logo": [logo.name, provenance.sha256_if_there(logo)],
-        **risk,
-    }
-
-
-_INPUTS: dict[str, Callable[[StudyKeys], dict[str, Any]]] = {
-    "motions": _inputs_of_motions,
-    "fit": _inputs_of_fit,
-    "report": _inputs_of_report,
-}
+        return False, [str(error)] if products(study, "motions")[0].exists() else []
+    if provenance.read_stamp(study.folder)["from"]:
+        wrong = provenance.out_of_date(study, "cube", "fit", "report")
+        changed = list(filter(None, [wrong]))
+    return manifest["code"] == provenance.code(), changed
 
 
 def run_study(
@@ -281,15 +163,10 @@ def run_study(
     report: Report,
     cores: int | None = None,
     quiet: bool = False,
-    overrides: Sequence[str] | None = None,
 ) -> bool:
-    """Do all of a study that is not done yet; whether there was anything to do.
-
-    If the study is that of its file with `overrides`, `done.finished_folder` will know it again.
-    """
+    """Do all of a study that is not done yet; whether there was anything to do."""
     provenance.check_own(study)
-    claim(study, study_file, write=False)
-    if not stale_steps(study)[0]:
+    if provenance.finished_folder(study_file, *study.given):
         return False
     check_start(study)
 
@@ -299,59 +176,137 @@ def run_study(
 
     make_folder(study.work)
     with only_run(study):
-        claim(study, study_file)
-        stale, changed = stale_steps(study)
+        provenance.claim(study, study_file)
+        ready, changed = changed_since(study)
         for line in changed[:_MOST_LINES]:
             say(line)
         if changed:
             say(
                 "what follows from it is made again; other runs that are finished are kept"
             )
-        plan = None
-        for step in stale:
+        named = provenance.files_named(study)
+        before = list(map(provenance.sha256_if_there, named))
+        for step in (*["motions"] * (not ready), *batches(study)):
             check_stopped()
-            if step != "motions":
-                plan = plan or make_plan(study)
-            of_runs = step == "motions" or step.startswith("batch")
-            with contextlib.nullcontext() if of_runs else clock(step, say, quiet):
-                # The answers are for the end of the run.
-                told = say if of_runs else None
-                make_step(
-                    study, step, told, plan, report=report, cores=cores, quiet=quiet
-                )
-        stamp = {}
-        if overrides is not None:  # before the last look at all that it is of
-            made = chain.from_iterable(
-                products(study, step) for step in step_names(study)
-            )
-            manifest = read_manifest(study)
-            prepared = (*manifest["records"], *manifest["first"])
-            made = chain(made, (study.work / record.stored for record in prepared))
-            stamp = stamp_of_all(study, study_file, overrides, input_paths(study), made)
-        still, changed = stale_steps(study)
-        if still:
-            what = f"{(changed or still)[0]}, while the run was at work"
+            make_step(study, step, say, cores=cores, quiet=quiet)
+        for step in ("cube", "fit", "report"):
+            check_stopped()
+            with clock(step, say, quiet):  # the answers are for the end of the run
+                make_step(study, step, None, report=report)
+        inputs = provenance.contents(study.folder, _places(study))
+        manifest = read_manifest(study)
+        late = provenance.changes(manifest["inputs"], study_inputs(study), study.folder)
+        for path, digest in zip(named, before):
+            if provenance.sha256_if_there(path) != digest:
+                late.append(f"{path} has changed")
+        if late:
             raise ArchfragError(
-                f"{study.folder}: {what}; the same command makes it again"
+                f"{study.folder}: {late[0]}, while the run was at work; the same command makes "
+                "it again"
             )
-        provenance.write_stamp(study.work, "all", stamp)
+        provenance.write_stamp(study, "report", inputs=inputs)
     return True
 
 
-def claim(study: StudyKeys, study_file: Path, write: bool = True) -> None:
-    """See that results are not those of another study file (OutputError); `write` whose they are.
-
-    Its path is relative to them, so that both may be moved.
-    """
-    file = study.folder / str(
-        provenance.read_state(study.work / provenance.OWNER).get("file", "")
+def _places(study: StudyKeys) -> set[str]:
+    """Return where a study finds what it reads, and what it keeps for the next run."""
+    inputs = input_paths(study)
+    stored = [each.file for record in load_prepared(study) for each in record.motions]
+    paths: Iterator[str | Path] = chain(
+        *inputs.values(),
+        (path.parent for path in inputs["record"]),
+        (os.path.dirname(entry.path) for entry in study.motions.files),
+        provenance.files_named(study),
+        (study.work / file for file in stored),
+        products(study, "motions"),
+        _tables(study),
     )
-    if file.is_file() and not file.samefile(study_file):
-        raise OutputError(
-            f"{study.folder}: holds the results of {file.resolve()}; give {study_file.name} "
-            "another output, or another id if it names none"
-        )
-    if write:
-        here = os.path.relpath(study_file.resolve(), study.folder.resolve())
-        owner = provenance.canonical_json({"id": study.id, "file": here})
-        provenance.write_text(make_folder(study.work) / provenance.OWNER, owner + "\n")
+    return {os.path.relpath(path, study.folder) for path in paths}
+
+
+@contextlib.contextmanager
+def stoppable() -> Iterator[Callable[[], None]]:
+    """Let SIGTERM, SIGINT and SIGHUP raise `SystemExit` once; what follows the first is ignored.
+
+    Its code is 128 and the number of the signal. Given is a function that raises it again, where
+    an exception in a signal handler got lost. The process ends after `GRACE` also where code in C,
+    such as a compiler, does not return.
+    """
+    came: list[int] = []
+    ended = threading.Event()
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+
+    def check() -> None:
+        if came:
+            raise SystemExit(128 + came[0])
+
+    def record_stop(number: int, frame: FrameType | None) -> None:
+        for each in _SIGNALS:
+            signal.signal(each, signal.SIG_IGN)
+        came.append(number)
+        check()
+
+    def end_late() -> None:
+        while content := os.read(reader, 1):
+            if content[0] in _SIGNALS and not ended.wait(GRACE):
+                os._exit(128 + content[0])
+        os.close(reader)
+
+    for number in _SIGNALS:
+        if before[number] != signal.SIG_IGN:  # under nohup a hang-up does not matter
+            signal.signal(number, record_stop)
+    wakeup = signal.set_wakeup_fd(writer)
+    threading.Thread(target=end_late, daemon=True).start()
+    try:
+        yield check
+    except Exception:
+        check()  # what became of it where code in C reports errors of its own
+        raise
+    finally:
+        ended.set()
+        signal.set_wakeup_fd(wakeup)
+        os.close(writer)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def clock(what: str, say: Callable[[str], None], quiet: bool) -> Iterator[None]:
+    """Say how long a block took; at a terminal show meanwhile how long it has taken."""
+    started = time.perf_counter()
+    form = f"archfrag: {what}: {{elapsed}}"
+    hidden = quiet or not sys.stderr.isatty()
+    with (
+        tqdm(bar_format=form, leave=False, disable=hidden) as bar,
+        every(TICK, bar.refresh),
+    ):
+        yield
+    say(f"{what}: {time.perf_counter() - started:.1f} s")
+
+
+@contextlib.contextmanager
+def only_run(study: StudyKeys) -> Iterator[None]:
+    """Hold the lock of a study's folder, which the system takes back whatever ends the process.
+
+    OutputError if another run holds it.
+    """
+    path = study.work / "lock"
+    with contextlib.ExitStack() as stack:
+        try:
+            # Nothing is written to it: it may be a hard link that somebody else made.
+            lock = stack.enter_context(open(path, "ab"))
+            os.register_at_fork(
+                after_in_child=lock.close
+            )  # a reader of records holds no lock
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            what = f"another run of study {study.id!r} is at work here"
+            raise OutputError(
+                f"{study.folder}: {what}; wait for it or stop it"
+            ) from None
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:  # of the file system
+                raise cannot_write(path, error) from error
+        yield

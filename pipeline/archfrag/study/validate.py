@@ -23,18 +23,18 @@ from archfrag.simulation.rest import stays_at_rest
 from archfrag.simulation.simulate import onset
 from archfrag.simulation.standing import arch_cautions, joints_text
 from archfrag.study.file.arches import ArchEntry
-from archfrag.study.file.members import Members, check_standing, checked
+from archfrag.study.file.members import Member, Members, check_standing, checked
+from archfrag.study.file.motions import pairs_text
 from archfrag.study.file.prepared import PreparedRecord, described, in_order
 from archfrag.study.file.schema import StudyKeys, study_schema
 from archfrag.study.file.sources import (
     VERTICAL_LEFT,
     find_sources,
-    first_shocks,
+    following,
     read_sources,
 )
 from archfrag.study.hazard import level_cautions, load_hazard
-from archfrag.study.products import check_outputs, step_names
-from archfrag.study.provenance import OWNER, PACKAGE, read_state
+from archfrag.study.provenance import OWNER, PACKAGE, check_outputs, read_state
 from archfrag.usual import unusual
 
 # Beyond these a unit may have been mistaken: size [m], levels over the onset.
@@ -45,15 +45,16 @@ PICTURES = {
     "png": b"\x89PNG\r\n\x1a\n",
     "jpeg": b"\xff\xd8\xff",
 }  # kinds, and how they begin
-MOST_ASKED = 12  # arches, records
+MOST_ASKED = 12  # arches
+_LEVELS = "intensity.levels"
+# What an arch has besides the blocks of its drawing.
+_ADDED = ["piers", "fill", "recess", "joints", "strength", "springings", "ties", "vary"]
 
 
 def shipped_folder() -> Path:
     """Return the folder of Snakefile, rules and records: the checkout, or one of the package."""
     for folder in (PACKAGE.parents[1], PACKAGE / "workflow"):
-        if (folder / "Snakefile").is_file() and (
-            folder / "pipeline" / "rules"
-        ).is_dir():
+        if (folder / "Snakefile").is_file() and (folder / "pipeline/rules").is_dir():
             return folder
     raise OutputError(
         f"{PACKAGE}: this installation has no Snakefile; install archfrag again"
@@ -62,9 +63,8 @@ def shipped_folder() -> Path:
 
 def write_starter(folder: Path) -> Path:
     """Write a commented study file, its schema and the shipped motions; the study file last."""
-    records, schema, study = (
-        folder / n for n in ("records", "study.schema.json", "study.yaml")
-    )
+    names = ("records", "study.schema.json", "study.yaml")
+    records, schema, study = (folder / name for name in names)
     for path in (records, schema, study):
         if os.path.lexists(path):
             raise OutputError(f"{path}: exists already; choose a folder without it")
@@ -78,7 +78,7 @@ def write_starter(folder: Path) -> Path:
     return study
 
 
-def suspicious(records: Sequence[PreparedRecord]) -> tuple[str, ...]:
+def suspicious(records: Sequence[PreparedRecord]) -> list[str]:
     """Return cautions on files and samples of records, each with the records that it is on."""
     alike: dict[str, list[str]] = {}
     for record in records:
@@ -87,15 +87,14 @@ def suspicious(records: Sequence[PreparedRecord]) -> tuple[str, ...]:
             alike.setdefault(re.sub(r"\d[\d.e+-]*", "#", text), []).append(
                 f"{record.id}: {text}"
             )
-    return tuple(
-        f"{first} (and {len(more)} more of {counted(len(records), 'record')})"
-        if more
-        else first
+    of = counted(len(records), "record")
+    return [
+        first + f" (and {len(more)} more of {of})" * bool(more)
         for first, *more in alike.values()
-    )
+    ]
 
 
-def unit_warnings(study: StudyKeys, found: Members) -> tuple[str, ...]:
+def unit_warnings(study: StudyKeys, found: Members) -> list[str]:
     """Warn of values so unusual that a unit may be wrong, and of what a drawing has more.
 
     Only the first arches are looked at.
@@ -115,78 +114,55 @@ def unit_warnings(study: StudyKeys, found: Members) -> tuple[str, ...]:
         least = min(start.plus, start.minus)
         most = min(built.plus, built.minus)
         where = "the onset of motion ({:.3g} g); is their unit right?"
-        for wrong, text in (
-            *((True, text) for text in unit_cautions(arch)),
-            *(
-                (True, text)
-                for text in unusual("thickness_factor", member.entry.thickness_factor)
-            ),
-            (size > LARGEST, f"the arch is {size:.0f} m large; lengths are in m"),
-            (
-                known and stays_at_rest(levels.max(), start),
-                f"no level is above {where.format(least)}",
-            ),
-            (
-                known and levels.min() > FAR_BEYOND * most,
-                f"all levels are more than {FAR_BEYOND:.0f} times {where.format(most)}",
-            ),
-            *((True, text) for text in arch_cautions(arch, start)),
-        ):
-            if wrong:
-                found_of.setdefault(text, []).append(member.id)
+        texts = list(unit_cautions(arch))
+        texts += unusual("thickness_factor", member.entry.thickness_factor)
+        if size > LARGEST:
+            texts.append(f"the arch is {size:.0f} m large; lengths are in m")
+        if known and stays_at_rest(levels.max(), start):
+            texts.append(f"no level is above {where.format(least)}")
+        if known and levels.min() > FAR_BEYOND * most:
+            times = f"more than {FAR_BEYOND:.0f} times"
+            texts.append(f"all levels are {times} {where.format(most)}")
+        for text in (*texts, *arch_cautions(arch, start)):
+            found_of.setdefault(text, []).append(member.id)
     asked = study.intensity
-    levels_asked = (
-        [] if known else level_cautions(asked.measure, asked.si, "intensity.levels")
-    )
-    return tuple(levels_asked) + tuple(
-        f"{first}{f' and {len(more)} more' * bool(more)}: {text}"
-        for text, (first, *more) in found_of.items()
-    )
+    cautions = [] if known else level_cautions(asked.measure, asked.si, _LEVELS)
+    for text, (first, *more) in found_of.items():
+        cautions.append(f"{first}{f' and {len(more)} more' * bool(more)}: {text}")
+    return cautions
 
 
 def read_from_drawing(entry: ArchEntry) -> list[str]:
     """Return a text on the blocks of a drawing, span first, and a caution if it shows more."""
     path = Path(str(entry.drawing))
     drawn = read_drawing(path, entry.layer, entry.unit)
-    layer = f"layer {drawn.layer}"
-    unit = drawn.unit
-    added = (
-        "piers",
-        "fill",
-        "recess",
-        "joints",
-        "strength",
-        "springings",
-        "ties",
-        "vary",
-    )
-    arch = entry.model_copy(update=dict.fromkeys(added)).build()
+    arch = entry.model_copy(update=dict.fromkeys(_ADDED)).build()
     size, high, thick = arch.dimensions
-    kind = "clear span"
-    rise = f", rise {high:.3g} m"
+    text = f"clear span {size:.3g} m, rise {high:.3g} m"
     if arch.free_end:
-        kind = "height"
-        rise = ""
-        size = float(np.ptp(np.concatenate(arch.outlines)[:, 1]))
+        text = f"height {np.ptp(np.concatenate(arch.outlines)[:, 1]):.3g} m"
     whole = repr(arch)[1:-1].partition(": ")[2]
-    text = f"{kind} {size:.3g} m{rise}, mean thickness {thick:.3g} m; {whole}"
-    text += f"; from {path.name}, {layer}, in {unit}"
+    text += (
+        f", mean thickness {thick:.3g} m; {whole}; from {path.name}, layer {drawn.layer}, in "
+        f"{drawn.unit}"
+    )
     return [text, *filter(None, [drawn.caution])]
 
 
-def arch_texts(study: StudyKeys) -> tuple[str, ...]:
+def arch_texts(study: StudyKeys) -> list[str]:
     """Return weights, forces and places of the first arches of a study, one of each class."""
-    first = {
-        each.arch_class: each for each in reversed(study.members) if not each.shock
-    }
-    texts = list[str]()
-    for member in list(reversed(first.values()))[:MOST_ASKED]:
+    first: dict[str, Member] = {}
+    for member in study.members:
+        if member.intact:
+            first.setdefault(member.arch_class, member)
+    texts = []
+    for member in list(first.values())[:MOST_ASKED]:
         arch = member.entry.build()
         names = ", ".join(member.attributes)
-        other = f"columns that change no arch: {names}" if names else ""
-        told = "; ".join(filter(None, (facts_text(arch), joints_text(arch), other)))
-        texts.append(f"{member.id}: {told}")
-    return tuple(texts)
+        other = f"columns that change no arch: {names}" * bool(names)
+        told = filter(None, (facts_text(arch), joints_text(arch), other))
+        texts.append(f"{member.id}: {'; '.join(told)}")
+    return texts
 
 
 def logo_url(logo: str) -> str:
@@ -208,8 +184,10 @@ def logo_url(logo: str) -> str:
             parser.Parse(content, True)
             kind = "svg+xml" if roots[0] == "http://www.w3.org/2000/svg svg" else None
     if kind is None:
-        kinds = f"PNG, JPEG or SVG of at most {LARGEST_LOGO / 1000:g} kB"
-        raise InputError(f"report.logo: {logo} holds no picture; it must be {kinds}")
+        raise InputError(
+            f"report.logo: {logo} holds no picture; it must be PNG, JPEG or SVG of at most "
+            f"{LARGEST_LOGO / 1000:g} kB"
+        )
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
@@ -218,11 +196,11 @@ def check_start(study: StudyKeys) -> tuple[str, ...]:
 
     Returned is what was assumed of the hazard, and what is unusual in it.
     """
+    risk = study.risk
     messages: tuple[str, ...] = ()
-    if (risk := study.risk) is not None:
-        hazard = load_hazard(
-            [Path(risk.hazard)], study.intensity.measure, risk.unit, risk.site
-        )
+    if risk is not None:
+        paths = [Path(risk.hazard)]
+        hazard = load_hazard(paths, study.intensity.measure, risk.unit, risk.site)
         messages = hazard.messages
     if study.report.logo is not None:
         logo_url(study.report.logo)
@@ -234,12 +212,12 @@ def check_start(study: StudyKeys) -> tuple[str, ...]:
             raise OSError(code, os.strerror(code))
     except OSError as error:
         raise cannot_write(folder, error) from error
-    check_outputs(study, step_names(study))
+    check_outputs(study, "cube", "fit", "report")
     owner = read_state(study.work / OWNER).get("id", study.id)
     if owner != study.id:
-        whose = f"holds results of study {owner!r}, not of study {study.id!r}"
         raise OutputError(
-            f"{study.folder}: {whose}; give the studies different output folders"
+            f"{study.folder}: holds results of study {owner!r}, not of study {study.id!r}; give "
+            "the studies different output folders"
         )
     return messages
 
@@ -251,12 +229,13 @@ def check_study(study: StudyKeys) -> dict[str, Any]:
     Errors of hazard or folder, of records and of arches are raised together.
     """
     errors = list[ArchfragError]()
-    some = checked(study.members)
+    found = study.members
+    some = checked(found)
     records = list[PreparedRecord]()
     partners = list[str]()
-    hazard = list[str]()
+    cautions = list[str]()
     for check in (
-        lambda: hazard.extend(check_start(study)),
+        lambda: cautions.extend(check_start(study)),
         lambda: check_standing(some, study.method),
         lambda: _read_records(study, records, partners),
     ):
@@ -267,38 +246,36 @@ def check_study(study: StudyKeys) -> dict[str, Any]:
     if errors:
         several = "\n  ".join([f"{len(errors)} errors:", *map(str, errors)])
         raise type(errors[0])(several) if errors[1:] else errors[0]
-    found = study.members
-    design = study.design
     levels = len(study.intensity.si)
-    size, extent = design.size(len(records), levels)
+    size, extent = study.design.size(len(records), levels)
     sizes_of = Counter(member.arch_class for member in found)
-    ids = {member.id for member in found}
-    cautions = unit_warnings(study, found) + suspicious(records) + tuple(hazard)
-    if unchecked := len(found) - len(some):
-        left = f"{unchecked} of {len(found)} arches were not checked"
-        cautions += (f"{left}; the run checks all of them before it simulates",)
+    for member in found:
+        del sizes_of[member.id]
+    cautions[:0] = unit_warnings(study, found) + suspicious(records)
+    if len(found) > len(some):
+        cautions.append(
+            f"{len(found) - len(some)} of {len(found)} arches were not checked; the run checks "
+            "all of them before it simulates"
+        )
     drawn = [
         entry
         for entry in (*study.arches, *(member.entry for member in some))
         if entry.drawing and not entry.table
-    ][:MOST_ASKED]
-    drawings = [f"{entry.id}: {read_from_drawing(entry)[0]}" for entry in drawn]
+    ]
     return {
         "study": study.id,
         "arches": len(found),
         "records": len(records),
         "levels": levels,
-        "design": design.kind,
+        "design": study.design.kind,
         "runs": size * len(found),
         "extent": extent,
-        "classes": tuple(
-            f"{name}: {counted(n, 'arch')}"
-            for name, n in sizes_of.items()
-            if name not in ids
-        ),
+        "classes": [f"{name}: {counted(n, 'arch')}" for name, n in sizes_of.items()],
         "cautions": cautions,
-        "partners": tuple(partners),
-        "drawings": tuple(drawings),
+        "partners": partners,
+        "drawings": [
+            f"{each.id}: {read_from_drawing(each)[0]}" for each in drawn[:MOST_ASKED]
+        ],
         "facts": arch_texts(study),
     }
 
@@ -325,21 +302,17 @@ def _read_records(
             own.file in partnered or VERTICAL_LEFT in motion.log
         ):
             unused.add(records[-1].id)
-    records[:] = in_order(study.motions, records)
-    first = first_shocks(
+    records[:] = following(
         study.motions,
-        records,
+        in_order(study.motions, records),
         lambda asked: [
             described(study, motion, ())
             for motion in read_sources(asked, study.intensity.measure)
         ],
     )
-    if pairs := [f"{one.id} before {record.id}" for one, record in zip(first, records)]:
-        more = len(pairs) - MOST_ASKED
-        listed = ", ".join(pairs[:MOST_ASKED]) + f" and {more} more" * (more > 0)
-        partners.append(f"first shocks: {listed}")
+    partners += pairs_text(records)
     if unused:
-        what = (
-            "have a vertical component that is not used; motions.vertical: true uses it"
+        partners.append(
+            f"{len(unused)} of {counted(len(records), 'record')} have a vertical component that "
+            "is not used; motions.vertical: true uses it"
         )
-        partners.append(f"{len(unused)} of {counted(len(records), 'record')} {what}")

@@ -85,11 +85,6 @@ def relative(value: Any, folder: Path, key: str = "") -> Any:
     )
 
 
-def absolute(path: str, folder: Path) -> str:
-    """Make a path of a study file absolute, whose folder is given."""
-    return os.path.abspath(os.path.join(folder, os.path.expanduser(path)))
-
-
 def read_keys(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any], Path]:
     """Read the keys of a study file as they are written, with its folder.
 
@@ -119,16 +114,14 @@ def read_keys(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any]
         value = parse_value(value_text, f"--set {key}")
         try:
             for part in parts[1:]:
-                block = (
+                if isinstance(block, dict):
                     block.setdefault(place, {})
-                    if isinstance(block, dict)
-                    else block[place]
-                )
+                block = block[place]
                 place = int(part) if isinstance(block, list) else part
             block[place] = value
         except (LookupError, TypeError, ValueError):
-            what = "only a block has keys, and a list items, numbered from 0"
             raise InputError(
-                f"--set {text}: the study has no such place; {what}"
+                f"--set {text}: the study has no such place; only a block has keys, and a list "
+                "items, numbered from 0"
             ) from None
     return given, folder

@@ -36,7 +36,7 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
         "versions": provenance.versions(),
     }
     if before := study.motions.before:
-        pairs = {record.id: first.id for record, first in zip(plan.records, plan.first)}
+        pairs = {each.id: each.first.id for each in plan.records if each.first}
         names = list(dict.fromkeys(pairs.values()))
         facts["first_shocks"] = {"gap": before.gap, "records": names, "before": pairs}
     count = sum(record.vertical for record in plan.records)
@@ -66,7 +66,9 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
         **{f"archfrag_{name}": strict_json(fact) for name, fact in facts.items()},
         "archfrag_commit": provenance.commit(),
         "archfrag_machine": platform.machine(),
-        "archfrag_plan": provenance.digest_of(plan.digests),
+        "archfrag_plan": provenance.digest_of(
+            [plan.identity, facts, [member.chain for member in plan.arches]]
+        ),
     }
 
 

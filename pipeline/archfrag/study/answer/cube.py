@@ -47,13 +47,13 @@ _UDUNITS = {
 }
 
 
-def write_cube(study: StudyKeys, plan: Plan | None = None) -> Path:
+def write_cube(study: StudyKeys) -> Path:
     """Gather the parts of a study into its cube, written completely or not at all.
 
     InputError if results of runs are missing, OutputError if the file cannot be written.
     """
     provenance.refuse_foreign_cube(study)
-    plan = plan or make_plan(study)
+    plan = make_plan(study)
     cube = build_cube(study, plan, *gather(plan))
     path = make_folder(study.folder) / provenance.CUBE
     with replacing(path) as temporary:
@@ -109,10 +109,8 @@ def build_cube(
             units=about["intensity"].units
         )
         values["first_shock"] = [sum(member.shock[:1]) for member in plan.arches]
-        shaken = np.flatnonzero(values["first_shock"])
-        for arch in shaken[:1]:
-            shocks = [plan.shock(int(arch), place) for place in range(len(records))]
-            before = [(*records, *plan.first)[shock[0]] for shock in shocks if shock]
+        if any(values["first_shock"]):
+            before = [record.first for record in records if record.first]
             values["first_record"] = [each.id for each in before]
             values["first_event"] = [each.event or each.id for each in before]
     if regular:

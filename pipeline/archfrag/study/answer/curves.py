@@ -92,9 +92,9 @@ class Runs:
         return find_brackets(self.verdict, self.level)
 
     @property
-    def shaken(self) -> bool:
-        """Whether the arches were in a first shock before each record."""
-        return "first_shock" in self.cube and bool(self.cube["first_shock"].any())
+    def intact(self) -> bool:
+        """Whether no first shock shook the arches before their records."""
+        return "first_shock" not in self.cube or not self.cube["first_shock"].any()
 
     @property
     def moving(self) -> int:
@@ -134,7 +134,7 @@ class Runs:
         known = np.isfinite(self.cube["static_limit"].values)
         known &= str(self.cube["intensity"].attrs["measure"]) == "PGA"
         known &= (
-            not self.shaken and "row" not in self.groups
+            self.intact and "row" not in self.groups
         )  # others of a stock may move earlier
         least = np.where(known, _onset_peaks(self.cube), 0.0)
         return least if curve.members is not None else np.asarray(least.min())
@@ -490,7 +490,7 @@ def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str,
 
 def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], collapse: Curve) -> Curve:
     """Return the curve of runs that exceed a limit state, or the reason why there is none."""
-    if runs.shaken:
+    if not runs.intact:
         return Curve(
             reason="its measure is of the first shock too, so it has no curve after one"
         )

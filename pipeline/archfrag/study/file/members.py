@@ -33,13 +33,13 @@ from archfrag.study.file.arches import (
     JointScatter,
 )
 from archfrag.study.keys import at, meant
+from archfrag.study.provenance import SHOWN
 from archfrag.study.yaml_text import parse_value
 
 MOST_CHECKED = (
     500  # arches that are built to validate a study; a run builds all of them
 )
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
-SHOWN = 12  # arches that a report shows one by one; of more it shows three
 LARGEST_TABLE = 20_000_000  # [bytes]
 _UNIT_SIGNS = re.compile(r"[\s^]")
 _ALIKE = (
@@ -67,6 +67,11 @@ class Member:
     def id(self) -> str:
         """Name of the arch in results."""
         return self.entry.id
+
+    @property
+    def intact(self) -> bool:
+        """Whether nothing shakes it before its records."""
+        return not self.shock
 
     @cached_property
     def chain(self) -> str:

@@ -1,6 +1,7 @@
 """Motions of a study file: record files, and steps that process them in order."""
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -12,6 +13,7 @@ from archfrag.study.keys import PathText, Section, refuse
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
 
+MOST_LISTED = 12  # pairs of a first shock and its record
 with Path(__file__).with_name("steps.toml").open("rb") as _file:
     STEPS: dict[str, Any] = tomllib.load(_file)
 _KINDS: dict[str, Any] = {"float": float, "int": int, "bool": bool, "str": str}
@@ -23,9 +25,8 @@ def _mapping(given: Any) -> Any:
         return named
     if len(named) != 1:
         raise refuse(f"must have one of the keys {', '.join(STEPS)}")
-    return {
-        name: {} if settings is None else settings for name, settings in named.items()
-    }
+    ((name, settings),) = named.items()
+    return {name: {} if settings is None else settings}
 
 
 def _settings(step: str) -> Any:
@@ -37,7 +38,8 @@ def _settings(step: str) -> Any:
         else:
             bounds = {name: about[name] for name in ("gt", "ge", "le") if name in about}
             kind = Annotated[_KINDS[about["kind"]], Field(**bounds)]
-        if least := about.get("size", about.get("least")):
+        least = about.get("size", about.get("least"))
+        if least:
             kind = Annotated[
                 list[kind], Field(min_length=least, max_length=about.get("size"))
             ]
@@ -91,6 +93,9 @@ def _named(levels: list[float]) -> list[float]:
     return levels
 
 
+Pause = Annotated[float, Field(ge=0.0, le=3600.0)]  # [s]
+
+
 class FirstShocks(Section):
     """Motions that shake each arch before its record, after which it comes to rest."""
 
@@ -114,8 +119,21 @@ class FirstShocks(Section):
     ]
     """Level of the first shocks or a list of levels, in the study's measure and unit. Besides the
     intact arch ID the study then has an arch ID-after-LEVEL for each of them but 0."""
-    gap: Annotated[float, Field(ge=0.0, le=3600.0)] = 20.0
+    gap: Pause = 20.0
     """Time without acceleration between both motions [s]."""
+
+    def endings(self, unit: float) -> list[tuple[str, tuple[float, float]]]:
+        """Return what arches after each are named by, with its level [SI] and the gap [s]."""
+        levels = filter(None, self.level)
+        return [(f"-after-{each:.12g}", (each * unit, self.gap)) for each in levels]
+
+
+def pairs_text(records: Sequence[Any]) -> list[str]:
+    """List which first shock comes before which record, if any does, in one line."""
+    pairs = [f"{each.first.id} before {each.id}" for each in records if each.first]
+    more = len(pairs) - MOST_LISTED
+    listed = ", ".join(pairs[:MOST_LISTED]) + f" and {more} more" * (more > 0)
+    return [f"first shocks: {listed}"] * bool(pairs)
 
 
 class Motions(Section):

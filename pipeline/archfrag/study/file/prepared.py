@@ -4,6 +4,7 @@ import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,9 @@ from archfrag.motions.partners import earthquakes
 from archfrag.study import provenance
 from archfrag.study.file.motions import Motions
 from archfrag.study.file.schema import StudyKeys
+from archfrag.study.provenance import MANIFEST
 from archfrag.study.yaml_text import relative
 
-MANIFEST = "motions.json"
 FOLDER = "motions"
 # Measures in which every run is known: the study's own is compared with them.
 COMPARED = (
@@ -58,11 +59,18 @@ class PreparedRecord(Facts):
     samples: str  # SHA-256 of what moves an arch: the step in time and the samples
     stored: str = ""  # file of the motion, in the study's folder of work
     prepared: str = ""  # SHA-256 of that file
+    # What comes before it where an arch meets a first shock; None without first shocks.
+    first: "PreparedRecord | None" = None
 
     @property
     def waivers(self) -> str:
         """What is implausible and was accepted by a key of the study."""
         return str(self.accepted or "")
+
+    @property
+    def motions(self) -> tuple["PreparedRecord", ...]:
+        """The stored motions that its runs need: what comes first, if anything, and itself."""
+        return (self,) if self.first is None else (self.first, self)
 
 
 def _sources() -> Any:
@@ -99,14 +107,12 @@ def described(
     measures = {name: measure(motion, name) for name in names}
     samples = hashlib.sha256(float(motion.dt).hex().encode())
     cautions = list(motion.facts.cautions)
-    for kind in ("acceleration", "vertical"):
-        part = motion.components[kind]
+    for part, prefix in ((motion.acceleration, ""), (motion.vertical, "vertical: ")):
         if part is None:
             samples.update(b"/")
             continue
         samples.update(np.ascontiguousarray(part, "<f8").data)
-        place = "vertical: " if kind == "vertical" else ""
-        cautions += [f"{place}{text}" for text in sample_cautions(part, motion.dt)]
+        cautions += (prefix + text for text in sample_cautions(part, motion.dt))
     own = vars(motion.facts) | {"cautions": cautions}
     return PreparedRecord(
         **own,
@@ -128,23 +134,20 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
     """
     inputs = study_inputs(study)
     folder = make_folder(study.work / FOLDER)
-    records = _stored(study, study.motions)
-    first = _sources().first_shocks(
-        study.motions, records, lambda asked: _stored(study, asked)
+    store_all = partial(_stored, study)
+    records: list[PreparedRecord] = _sources().following(
+        study.motions, store_all(study.motions), store_all
     )
-    manifest: dict[str, Any] = {
-        "study": study.id,
+    manifest = {
         "key": motions_key(study),
         "inputs": inputs,
-    }
-    manifest |= {
+        "code": provenance.code(),
         "records": list(map(asdict, records)),
-        "first": list(map(asdict, first)),
     }
     provenance.write_text(
         study.work / MANIFEST, provenance.canonical_json(manifest) + "\n"
     )
-    kept = {study.work / record.stored for record in (*records, *first)}
+    kept = {study.work / each.stored for record in records for each in record.motions}
     for path in set(folder.glob("*.npz")) - kept:
         path.unlink()
     return records
@@ -161,11 +164,8 @@ def _stored(study: StudyKeys, asked: Motions) -> list[PreparedRecord]:
         record = replace(described(study, motion), stored=stored, prepared=prepared)
         records.append(record)
         new.replace(study.work / stored)
-    records = [
-        replace(record, event=name)
-        for record, name in zip(records, earthquakes(records))
-    ]
-    return in_order(asked, records)
+    events = zip(records, earthquakes(records))
+    return in_order(asked, [replace(each, event=name) for each, name in events])
 
 
 def in_order(asked: Motions, records: list[PreparedRecord]) -> list[PreparedRecord]:
@@ -177,15 +177,16 @@ def in_order(asked: Motions, records: list[PreparedRecord]) -> list[PreparedReco
 
 
 def read_manifest(study: StudyKeys) -> dict[str, Any]:
-    """Return the manifest that `prepare_motions` wrote: key, inputs, records and first shocks."""
+    """Return the manifest that `prepare_motions` wrote: key, inputs, code and records."""
     path = study.work / MANIFEST
     try:
-        stored = {"first": (), **provenance.read_json(path)}
-        lists = {
-            name: list(map(PreparedRecord.of, stored[name]))
-            for name in ("records", "first")
-        }
-        return {"key": stored["key"], "inputs": dict(stored["inputs"]), **lists}
+        stored = {"code": "", **provenance.read_json(path)}
+        records = list(map(PreparedRecord.of, stored["records"]))
+        for place, record in enumerate(records):
+            first: Any = record.first
+            if first:
+                records[place] = replace(record, first=PreparedRecord.of(first))
+        return {**stored, "inputs": dict(stored["inputs"]), "records": records}
     except FileNotFoundError:
         raise InputError(
             f"{path}: the motions are not prepared yet; {_AGAIN}"
@@ -194,16 +195,20 @@ def read_manifest(study: StudyKeys) -> dict[str, Any]:
         raise InputError(f"{path}: is damaged ({error}); {_AGAIN}") from None
 
 
-def load_prepared(study: StudyKeys, name: str = "records") -> list[PreparedRecord]:
-    """Return the stored records or "first" shocks; InputError if they are not the study's."""
+def load_prepared(study: StudyKeys) -> list[PreparedRecord]:
+    """Return the stored records; InputError if they are not the study's."""
     manifest = read_manifest(study)
-    paired = len(manifest["first"]) in (0, len(manifest["records"]))
+    records: list[PreparedRecord] = manifest["records"]
+    follows = study.motions.before is not None
+    paired = all((record.first is not None) == follows for record in records)
     if not paired or manifest["key"] != motions_key(study):
-        other = "other records or another measure than the study now has"
-        raise InputError(f"{study.work / MANIFEST}: was made for {other}; {_AGAIN}")
-    for record in manifest[name]:
-        _check_stored(study.work, record)
-    return list(manifest[name])
+        raise InputError(
+            f"{study.work / MANIFEST}: was made for other records or another measure than the "
+            f"study now has; {_AGAIN}"
+        )
+    for each in (each for record in records for each in record.motions):
+        _check_stored(study.work, each)
+    return records
 
 
 def load_record(work: Path, record: PreparedRecord) -> Motion:

@@ -28,13 +28,16 @@ from archfrag.simulation.arguments import method_names
 from archfrag.study.designs import AnyDesign, Stripes
 from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.members import Members, check_buildable, checked, expand
-from archfrag.study.file.motions import Motions
+from archfrag.study.file.motions import Motions, Pause
 from archfrag.study.keys import PathText, Section, at, refuse
+from archfrag.study.provenance import origin_of
 from archfrag.study.yaml_text import read_keys
 
 PERIODS = (0.01, 20.0)  # of a spectral measure [s]
 MOST_LEVELS = 1000
 Level = Annotated[float, Field(gt=0.0, le=1e6)]
+Part = Annotated[float, Field(gt=0.0, le=1.0)]
+Count = Annotated[int, Field(ge=1)]
 
 
 class LevelRange(Section):
@@ -79,9 +82,8 @@ class Intensity(Section):
     def _agree(self) -> Self:
         low, high = PERIODS
         with at(f"= {self.measure}", kind=lambda text: refuse(text, "measure")):
-            if not all(
-                low <= period <= high for period in parse_measure(self.measure).periods
-            ):
+            periods = parse_measure(self.measure).periods
+            if not all(low <= period <= high for period in periods):
                 raise InputError(f"must have periods from {low:g} to {high:g} s")
             if not scaling_exponent(self.measure):
                 raise InputError("no motion can be scaled to it")
@@ -119,7 +121,7 @@ class Method(Section):
     """Fixed time step [s]; if not given, steps follow rtol."""
     rtol: Annotated[float, Field(ge=1e-12, lt=1.0)] | None = None
     """Allowed relative error, unless dt is given; the method's default if not given."""
-    follow: Annotated[float, Field(ge=0.0, le=3600.0)] = 20.0
+    follow: Pause = 20.0
     """Longest time to simulate after a record while the arch still moves [s]."""
     loss_limit: Annotated[float, Field(ge=0.02, le=10.0)] = 0.5
     """Gap at both corners of a joint, over its length, beyond which contact is lost for good."""
@@ -143,9 +145,9 @@ class Method(Section):
 class LimitStates(Section):
     """Damage before collapse; motion, first impact, lost contact and collapse need no number."""
 
-    rotation: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
+    rotation: Part = 0.5
     """Peak rotation over that at which the mechanism of onset is in unstable equilibrium."""
-    residual: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
+    residual: Part = 0.01
     """Residual displacement over the mean length of the joints."""
 
 
@@ -160,7 +162,7 @@ class ReportKeys(Section):
     """Who answers for it."""
     logo: PathText | None = None
     """Picture for the head of the page: PNG, JPEG or SVG, at most 500 kB."""
-    at: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    at: Level | None = None
     """Level whose probability of collapse the report gives first, in the study's unit."""
     confidence: Annotated[float, Field(ge=0.5, lt=1.0)] = 0.9
     """Confidence of all bands and intervals, two-sided."""
@@ -189,13 +191,13 @@ def _place(scheduler: str, info: Any) -> str:
 class Execution(Section):
     """Workers and portions of the run; they never change a result."""
 
-    workers: Annotated[int, Field(ge=1)] | None = None
+    workers: Count | None = None
     """Number of threads of this process; as many as cores by default."""
     scheduler: Annotated[str, Field(min_length=1), AfterValidator(_place)] | None = None
     """Address of a running dask scheduler, or its scheduler file (.json), to use instead of
     threads. It executes any code sent to it: use tls:// with the certificates of dask's
     configuration, or a private network."""
-    chunk: Annotated[int, Field(ge=1)] | None = None
+    chunk: Count | None = None
     """Runs in one part file; depends on the number of runs if not given."""
     batches: Annotated[int, Field(ge=1, le=999)] = 1
     """Number of Snakemake jobs among which the runs are divided."""
@@ -225,16 +227,15 @@ class StudyKeys(Section):
 
     @model_validator(mode="after")
     def _steps_faces(self) -> Self:
+        name = self.method.name
         for place, entry in enumerate(self.arches):
-            if entry.soft.model == "face" and self.method.name not in (
-                "auto",
-                "time_stepping",
-            ):
-                rule = f"needs method time_stepping or auto, not {self.method.name}"
-                raise refuse(f"face {rule}", f"arches[{place}].joints.model")
+            if entry.soft.model == "face" and name not in ("auto", "time_stepping"):
+                text = f"face needs method time_stepping or auto, not {name}"
+                raise refuse(text, f"arches[{place}].joints.model")
         return self
 
     _expanded: tuple[Any, Members] = (None, ())
+    _given: tuple[dict[str, Any], Path] = ({}, Path())  # keys as written, their folder
 
     @property
     def folder(self) -> Path:
@@ -250,22 +251,21 @@ class StudyKeys(Section):
     def members(self) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
         before = self.motions.before
-        factor = self.intensity.factor
-        shocks = (
-            [
-                (f"-after-{level:.12g}", (level * factor, before.gap))
-                for level in before.level
-                if level
-            ]
-            if before
-            else []
-        )
-        if self._expanded[0] != (
-            self.arches,
-            shocks,
-        ):  # not yet, or this is a changed copy
-            self._expanded = (self.arches, shocks), expand(self.arches, shocks)
+        endings = before.endings(self.intensity.factor) if before else []
+        given = self.arches, endings
+        if self._expanded[0] != given:  # not yet, or this is a changed copy
+            self._expanded = given, expand(*given)
         return self._expanded[1]
+
+    @property
+    def given(self) -> tuple[dict[str, Any], Path]:
+        """Keys as they were written, and the folder of the file."""
+        return self._given
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """Digests of what the results follow from, but for files, by name."""
+        return origin_of(*self._given, self.folder)
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> StudyKeys:
@@ -286,12 +286,13 @@ def study_of(given: dict[str, Any], folder: Path, place: Any) -> StudyKeys:
     with at(place, given):
         study = StudyKeys.model_validate(given, context={"folder": folder})
         check_buildable(checked(study.members))
+    study._given = given, folder
     return study
 
 
 def study_schema() -> str:
     """Return the JSON schema of study files for editors: ``configs/study.schema.json``."""
-    schema = StudyKeys.model_json_schema() | {"title": "Study"}
+    schema = StudyKeys.model_json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "archfrag study"
     schema["$defs"]["Method"]["properties"]["name"]["enum"] = list(method_names())

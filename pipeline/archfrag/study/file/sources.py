@@ -66,30 +66,26 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
         RecordFile(row.path, row.options | {"columns": None}, row) for row in rows
     ]
     sources = listed
-    by_path = dict[Path, RecordFile]()
-    if (
-        asked.select and not asked.files
-    ):  # of files the ids are known when they are read
+    # Of files the ids are known when they are read.
+    if asked.select and not asked.files:
         check_known(asked.select, [row.id for row in rows])
         sources = [file for file, row in zip(listed, rows) if row.id in asked.select]
+    by_path = dict[Path, RecordFile]()
     for number, entry in enumerate(asked.files):
         options = entry.model_dump(exclude={"path"})
         with at(f"motions.files[{number}]"):
             if entry.columns is not None:
                 options["columns"] = parse_columns(entry.columns)
             for path in _matching(entry.path):
-                # Two patterns may match the same file.
                 file = RecordFile(path, options)
+                # Two patterns may match the same file.
                 if by_path.setdefault(path, file) != file:
-                    raise InputError(
-                        f"an earlier entry matches {path} with another unit, inventory, columns "
-                        "or accept"
-                    )
+                    differ = "another unit, inventory, columns or accept"
+                    raise InputError(f"an earlier entry matches {path} with {differ}")
     sources = [*sources, *by_path.values()]
     for file in sources:
-        read.check_file(file.path)
-        if file.options.get("inventory"):
-            read.check_file(Path(file.options["inventory"]))
+        for needed in filter(None, (file.path, file.options.get("inventory"))):
+            read.check_file(Path(needed))
     # Without those that hold only the vertical component of another one's record.
     verticals = partners.vertical_files(sorted({file.path for file in sources}))
     sites = {file.site for file in sources if not file.is_vertical} - {None}
@@ -107,22 +103,15 @@ def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
     """Return the files, by kind, that the motions follow from, or would if they appeared."""
     asked = [each for each in (study.motions, study.motions.first) if each is not None]
     sources = [s for each in asked for s in find_sources(each, study.intensity.measure)]
-    records = [s.path for s in sources] + [
-        path for s in sources for path in s.others.values()
-    ]
-    folders = list(dict.fromkeys(path.parent for path in records))
-    indices = [
-        place / index.INDEX_NAME
-        for folder in folders
-        for place in (folder, folder.parent)
-    ]
-    lists = [each.index for each in asked if each.index is not None]
-    indices[:0] = (Path(path, index.INDEX_NAME * os.path.isdir(path)) for path in lists)
+    records = [s.path for s in sources]
+    records += [path for s in sources for path in s.others.values()]
+    lists = (each.index for each in asked if each.index is not None)
+    indices = [Path(path, index.INDEX_NAME * os.path.isdir(path)) for path in lists]
     names = {name for path in records for name in (path.stem, path.name)}
-    inventories = [
-        Path(p) for s in sources if (p := s.options.get("inventory")) is not None
-    ]
-    for folder in folders:
+    given = (s.options.get("inventory") for s in sources)
+    inventories = [Path(path) for path in given if path is not None]
+    for folder in dict.fromkeys(path.parent for path in records):
+        indices += (place / index.INDEX_NAME for place in (folder, folder.parent))
         # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
         tables = sorted(folder.glob("*.xml"))
         inventories += [p for p in tables if p.stem in names or p.stem.count(".") == 1]
@@ -139,25 +128,27 @@ def check_known(
             raise InputError(f"{key}: {name!r} is not a record of the study; {hint}")
 
 
-def first_shocks(
-    asked: Motions, records: Sequence[Any], make: Callable[[Motions], Any]
-) -> Any:
-    """Return the motion that comes before each record: one of `records`, or what `make` makes of
-    their index; empty without first shocks.
+def following(
+    asked: Motions, records: list[Any], make: Callable[[Motions], list[Any]]
+) -> list[Any]:
+    """Return records with what comes first before each: one of them, or of what `make` makes of
+    an index; as they are without first shocks.
 
     Before a record that is reversed comes the reversed one of what comes before the record.
     """
     if asked.before is None:
-        return []
+        return records
     known = {each.id: each for each in (make(asked.first) if asked.first else records)}
     senses = 1 + asked.both_senses  # each beside its reverse, as `_name` yields them
     names = asked.before.records or [*known][::senses]
     check_known(names, [*known], "motions.before.records")
     places = [[*known].index(name) for name in names]
-    turns = (divmod(number, senses) for number in range(len(records)))
-    return [
-        [*known.values()][places[turn % len(places)] ^ sense] for turn, sense in turns
-    ]
+    found = []
+    for number, record in enumerate(records):
+        turn, sense = divmod(number, senses)
+        first = [*known.values()][places[turn % len(places)] ^ sense]
+        found.append(replace(record, first=first))
+    return found
 
 
 def _matching(text: str) -> list[Path]:
@@ -254,12 +245,12 @@ def _read(files: Iterable[RecordFile]) -> Iterator[_Read]:
         if path.parent not in pairs:
             pairs[path.parent] = partners.partners(folder_names(path.parent))[0]
         other = pairs[path.parent].get(path.name)
-        first = ""
-        if other and not partners.numbered(path.name, other):
-            first = sha256_of(path.with_name(min(path.name, other)))[:16]
         digest = sha256_of(path)
+        pair = ""
         for place, motion in enumerate(motions):
-            pair = first and f"{first} {motion.acceleration.size} {motion.dt:g}"
+            if other and not partners.numbered(path.name, other):
+                first = sha256_of(path.with_name(min(path.name, other)))[:16]
+                pair = f"{first} {motion.acceleration.size} {motion.dt:g}"
             motions[place] = motion.stating(file_sha256=digest, pair=pair)
         yield from ((file, motion, motions) for motion in motions)
 
@@ -280,10 +271,9 @@ def _choose(recordings: Iterable[_Read], components: Sequence[str]) -> Iterator[
             continue
         used.add(record)
         yield file, motion, motions
-    lost = [name for record, name in left_out.items() if record not in used]
-    if lost:
+    for lost in (name for record, name in left_out.items() if record not in used):
         raise RecordError(
-            f"{lost[0]}: has none of the components {', '.join(components)} that "
+            f"{lost}: has none of the components {', '.join(components)} that "
             "motions.processing chooses"
         )
 
@@ -296,6 +286,7 @@ def _pair(
     Where they are rotated, both horizontal components of a record give one motion.
     """
     turned = set[Any]()
+    kinds = [kind for kind, is_needed in needed.items() if is_needed]
     for file, motion, motions in recordings:
         if (file.path, motion.facts.component) in turned:
             continue
@@ -304,7 +295,7 @@ def _pair(
         if motion.vertical is not None and not needed["vertical"]:
             log = (*motion.log, VERTICAL_LEFT)
             paired = replace(motion.stating(of_vertical=None), vertical=None, log=log)
-        for kind in (kind for kind, is_needed in needed.items() if is_needed):
+        for kind in kinds:
             if kind == "transverse" or motion.vertical is None:
                 other = _component(kind, file, motion, motions)
                 if file.entry is not None:  # whose spelling headers need not have
@@ -327,23 +318,23 @@ def _component(
     """Return the "vertical" or "transverse" of a motion; RecordError if there is none."""
     path = file.others.get(kind)
     clue = ""
-    other = None
-    if kind == "transverse":
-        other = partners.other_horizontal(motion, motions)
+    vertical = kind == "vertical"
+    other = None if vertical else partners.other_horizontal(motion, motions)
     if other is None and path is not None:
-        if kind == "vertical":
+        if vertical:
             return read.read_vertical(path, **file.options)
         candidates = read.read_horizontals(path, **file.options)
         other = candidates[0] if len(candidates) == 1 else None
         if other and file.entry is None and not partners.belong_together(motion, other):
             other = None
-            alike = f"{path.name} has nearly the same name, but neither"
-            clue = f"{alike} start, event and station nor length show that it belongs. "
+            clue = (
+                f"{path.name} has nearly the same name, but neither start, event and station nor "
+                "length show that it belongs. "
+            )
     if other is None:
         remedy = "leave this record out"
-        if kind == "vertical":
-            remedy += ", or set motions.vertical: false for all records"
-        component = "vertical" if kind == "vertical" else "other horizontal"
+        remedy += ", or set motions.vertical: false for all records" * vertical
+        component = "vertical" if vertical else "other horizontal"
         raise RecordError(
             f"{file.path}: record {motion.id} has no {component} component, which the study "
             f"needs. {clue}It must be in this file, in one whose name differs in the "
@@ -377,7 +368,8 @@ def _name(
     before = list[dict[str, Any]]()
     for file, motion in processed:
         ids.append(motion.id)
-        if asked.select is None or motion.id in asked.select:
+        selected = asked.select is None or motion.id in asked.select
+        if selected:
             facts = partners.identity_of(motion)
             twin = next((one for one in before if partners.are_one(one, facts)), None)
             before.append(facts)
@@ -389,12 +381,12 @@ def _name(
                 motion = motion.stating(cautions=[*motion.facts.cautions, text])
         for sense in both_senses(motion) if asked.both_senses else [motion]:
             if sense.id in taken:
-                whose = (
-                    f"already belongs to {taken[sense.id]}; each record needs its own"
+                raise RecordError(
+                    f"{file.path}: the record id {sense.id!r} already belongs to "
+                    f"{taken[sense.id]}; each record needs its own"
                 )
-                raise RecordError(f"{file.path}: the record id {sense.id!r} {whose}")
             taken[sense.id] = file.path
-            if asked.select is None or motion.id in asked.select:
+            if selected:
                 yield sense
     check_known(asked.select or (), ids)
     if not ids:

@@ -5,8 +5,9 @@ import sys
 import time
 import uuid
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
-from itertools import count, islice
+from itertools import count, islice, repeat
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ LARGEST_CHUNK = 64
 CHUNKS_EACH = 8
 # Of an adaptive design a worker that is free takes its share of what waits.
 LARGEST_SHARE = 16
+_SHOWN = ["verdict", "steps", "wall_time"]  # of a run, in the table of a batch
 
 
 def run_batch(
@@ -40,23 +42,18 @@ def run_batch(
     batch: int = 0,
     workers: int | None = None,
     quiet: bool = False,
-    plan: Plan | None = None,
 ) -> tuple[dict[str, Any], "pd.DataFrame"]:
     """Make the runs of one batch that the design requests; those that are there are kept.
 
     Returned are the entry of the log (runs requested and of them kept, iterations, workers, wall
     time, of which compiling, time in the kernels summed over workers [s]) and a row for each run:
-    arch, record, level, verdict, steps, wall time [s]. `workers` take the place of the study's;
-    `plan` is that of the study, if it is known. WorkerError if workers cannot be started or are
-    lost.
+    arch, record, level, verdict, steps, wall time [s]. `workers` take the place of the study's.
+    WorkerError if workers cannot be started or are lost.
     """
     started = time.perf_counter()
-    known = plan or store.make_plan(study)
-    table = store.read_parts(make_folder(known.parts))
-    requests = known.requests(batch, study.execution.batches)
-    estimate = (
-        len(requests) * study.design.size(len(known.records), len(known.levels))[0]
-    )
+    plan = store.make_plan(study)
+    stored = store.read_parts(make_folder(plan.parts))
+    requests = plan.requests(batch, study.execution.batches)
     seen = sys.stderr.isatty() or "ipykernel" in sys.modules
     pause = 0.2 if seen else 10.0  # a file gets few lines
     bar = _Bar(
@@ -69,33 +66,26 @@ def run_batch(
         mininterval=pause,
         delay=pause,
     )
-    bar.estimate = estimate if study.design.adaptive and not quiet else 0
+    if study.design.adaptive and not quiet:
+        size, _ = study.design.size(len(plan.records), len(plan.levels))
+        bar.estimate = len(requests) * size
     with bar, contextlib.ExitStack() as stack:
-        maker = _Maker(known, table, workers or study.execution.workers, bar, stack)
-        cases = drive(requests, maker.answer)[0]
+        maker = _Maker(plan, stored, workers or study.execution.workers, bar, stack)
+        cases, _ = drive(requests, maker.answer)
         bar.finish(maker.log["runs"])
         bar.leave = False  # the caller tells what was done
-    if maker.made:
-        table = store.joined([table, *maker.made])
     log = maker.log | {"wall_time": time.perf_counter() - started}
     add_to_log(study.work, {"step": "runs", "batch": batch, **log, **machine()})
     cases = cases[order_of(cases)]
-    at = places(table, known.keys(cases))
-    names = np.array([member.name.lower() for member in Verdict], object)
-    return log, pd.DataFrame(
-        {
-            "arch": np.array([member.id for member in known.arches], object)[
-                cases["arch"]
-            ],
-            "record": np.array([record.id for record in known.records], object)[
-                cases["record"]
-            ],
-            "level": cases["level"],
-            "verdict": names[table["verdict"][at]],
-            "steps": table["steps"][at],
-            "wall_time": table["wall_time"][at],
-        }
-    )
+    table = store.joined([stored, *maker.made])
+    rows = pd.DataFrame(table[places(table, plan.keys(cases))][_SHOWN])
+    rows["verdict"] = [Verdict(code).name.lower() for code in rows["verdict"]]
+    for place, (name, named) in enumerate(
+        (("arch", plan.arches), ("record", plan.records))
+    ):
+        rows.insert(place, name, [named[number].id for number in cases[name]])
+    rows.insert(2, "level", cases["level"])
+    return log, rows
 
 
 class _Bar(tqdm):
@@ -117,87 +107,76 @@ class _Bar(tqdm):
             self.refresh()
 
 
+@dataclass
 class _Maker:
     """Answers requests: with runs that are stored, then with those that workers make."""
 
-    def __init__(
-        self,
-        plan: Plan,
-        stored: Table,
-        threads: int | None,
-        bar: "_Bar",
-        stack: contextlib.ExitStack,
-    ) -> None:
+    plan: Plan
+    stored: Table
+    threads: int | None
+    bar: _Bar
+    stack: contextlib.ExitStack
+
+    def __post_init__(self) -> None:
         self.made: list[Table] = []
-        self.log: dict[str, Any] = dict.fromkeys(
-            ("runs", "kept", "iterations", "workers"), 0
-        )
-        self.log |= {"kernel_time": 0.0, "compile_time": 0.0}
-        self._plan = plan
-        self._stored = stored
-        self._threads = threads
-        self._bar = bar
-        self._stack = stack
+        counts = dict.fromkeys(("runs", "kept", "iterations", "workers"), 0)
+        self.log: dict[str, Any] = {**counts, "kernel_time": 0.0, "compile_time": 0.0}
         self._workers: Threads | Cluster | None = None
         self._waiting = np.empty(0, CASE)
         self._alike = np.empty(0, CASE)  # runs that another is the same as
         self._chunks: dict[Any, Cases] = {}  # that workers have, by key
-        self._number = count()  # others' keys may be there
-        self._name = f"runs-{uuid.uuid4().hex}"
+        # Others' keys may be there.
+        self._keys = zip(repeat(f"runs-{uuid.uuid4().hex}"), count())
 
     def answer(self, cases: Cases) -> tuple[Cases, Verdicts]:
         """Take new requests; return some of those so far, and their verdicts."""
-        at = places(self._stored, keys := self._plan.keys(cases))
+        keys = self.plan.keys(cases)
+        at = places(self.stored, keys)
         log = self.log
-        bar = self._bar
+        bar = self.bar
         there = at >= 0
-        new = np.flatnonzero(at < 0)
+        kept = int(there.sum())
         log["iterations"] += bool(len(cases))
         log["runs"] += len(cases)
-        log["kept"] += len(cases) - new.size
+        log["kept"] += kept
         if not bar.disable:  # runs that are stored are shown as done, at no time
             bar.total = bar.estimate or log["runs"]
-            bar.initial += len(cases) - new.size
-            bar.update(len(cases) - new.size)
+            bar.initial += kept
+            bar.update(kept)
         # Arches that differ in id only have runs in common.
-        first = np.isin(np.arange(new.size), np.unique(keys[new], return_index=True)[1])
-        self._waiting = np.concatenate([self._waiting, cases[new[first]]])
-        self._alike = np.concatenate([self._alike, cases[new[~first]]])
-        if there.any():
-            return cases[there], self._stored["verdict"][at[there]]
+        new = cases[~there]
+        first = np.unique(keys[~there], return_index=True)[1]
+        self._waiting = np.concatenate([self._waiting, new[np.sort(first)]])
+        self._alike = np.concatenate([self._alike, np.delete(new, first)])
+        if kept:
+            return cases[there], self.stored["verdict"][at[there]]
         if self._workers is None:
-            log["compile_time"] = _prepare(self._plan, bar)
+            log["compile_time"] = _prepare(self.plan, bar)
             say = partial(bar.write, file=sys.stderr)
-            self._workers = self._stack.enter_context(
+            self._workers = self.stack.enter_context(
                 workers_of(
-                    self._plan, self._threads, lambda text: bar.disable or say(text)
+                    self.plan, self.threads, lambda text: bar.disable or say(text)
                 )
             )
-        self._send(self._workers)
+        if len(self._waiting):
+            self._send(self._workers)
         taken = self._take(self._workers.made())
         # An adaptive cluster has workers only now, or has let them go again.
-        self.log["workers"] = max(self.log["workers"], self._workers.count, 1)
+        log["workers"] = max(log["workers"], self._workers.count, 1)
         return taken
 
     def _send(self, workers: Threads | Cluster) -> None:
         """Give workers chunks of what waits: all of it, or of an adaptive design to free ones."""
-        waiting = self._waiting
-        adaptive = self._plan.study.design.adaptive
-        if not len(waiting):
-            return
-        threads = workers.count
-        room = (
-            max(threads + workers.spare - len(self._chunks), 0)
-            if adaptive
-            else len(waiting)
-        )
-        share = -(-len(waiting) // max(room if adaptive else threads, 1))
-        if adaptive:
-            size = min(share, LARGEST_SHARE)
+        waiting = len(self._waiting)
+        if self.plan.study.design.adaptive:
+            room = max(workers.count + workers.spare - len(self._chunks), 0)
+            size = min(-(-waiting // max(room, 1)), LARGEST_SHARE)
         else:
+            room = waiting
+            share = -(-waiting // max(workers.count, 1))
             size = min(max(share // CHUNKS_EACH, SMALLEST_CHUNK), share, LARGEST_CHUNK)
-        cut = chunks(waiting, self._plan.study.execution.chunk or size)
-        new = {(self._name, next(self._number)): chunk for chunk in islice(cut, room)}
+        cut = chunks(self._waiting, self.plan.study.execution.chunk or size)
+        new = dict(zip(self._keys, islice(cut, room)))
         if new:
             self._chunks |= new
             self._waiting = np.concatenate([np.empty(0, CASE), *cut])
@@ -205,20 +184,20 @@ class _Maker:
 
     def _take(self, made: list[tuple[Any, Table]]) -> tuple[Cases, Verdicts]:
         """Store rows, and return their runs and those that are the same."""
-        cases = [self._chunks.pop(key) for key, _ in made]
-        parts = [rows for _, rows in made]
-        for rows in parts:
-            store.write_part(self._plan.parts, rows)
+        cases = []
+        parts = []
+        for key, rows in made:
+            cases.append(self._chunks.pop(key))
+            parts.append(rows)
+            store.write_part(self.plan.parts, rows)
             self.log["kernel_time"] += float(rows["wall_time"].sum())
-            self._bar.update(len(rows))
+            self.bar.update(len(rows))
         self.made += parts
-        verdicts = [rows["verdict"] for rows in parts]
-        if len(self._alike):
-            table = store.joined(parts)
-            at = places(table, self._plan.keys(self._alike))
-            cases.append(self._alike[at >= 0])
-            verdicts.append(table["verdict"][at[at >= 0]])
-            self._alike = self._alike[at < 0]
+        table = store.joined(parts)
+        at = places(table, self.plan.keys(self._alike))
+        cases.append(self._alike[at >= 0])
+        verdicts = [*(rows["verdict"] for rows in parts), table["verdict"][at[at >= 0]]]
+        self._alike = self._alike[at < 0]
         return np.concatenate(cases), np.concatenate(verdicts)
 
 
@@ -254,10 +233,8 @@ def _prepare(plan: Plan, bar: tqdm) -> float:
 def method_to_compile(plan: Plan) -> str:
     """Return the name of the method whose kernels a study needs."""
     method = plan.study.method
-    if method.name != AUTO:
-        return method.name
-    defaults = {
-        parameter.name: parameter.default for parameter in METHODS[AUTO].parameters
-    }
-    rtol = defaults["rtol"] if method.rtol is None else method.rtol
-    return "event_driven" if goes_by_events(rtol) else AUTO
+    rtol = method.rtol
+    if rtol is None:
+        (rtol,) = (e.default for e in METHODS[AUTO].parameters if e.name == "rtol")
+    by_events = method.name == AUTO and goes_by_events(rtol)
+    return "event_driven" if by_events else method.name

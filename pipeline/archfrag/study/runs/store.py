@@ -13,8 +13,8 @@ import re
 import zlib
 from collections import namedtuple
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
-from functools import cache, cached_property, lru_cache, partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,12 +61,10 @@ with (
 _Variable: Any = namedtuple("_Variable", _rows[0])  # type: ignore[misc]  # names of a file
 VARIABLES: dict[str, Any] = {row[0]: _Variable(*row) for row in _rows[1:]}
 COLUMNS = tuple(each for each in VARIABLES.values() if each.dimensions == "run")
-# Any other status is a failure.
-_VERDICTS = {
-    Status.STANDING: Verdict.SURVIVED,
-    Status.COLLAPSED: Verdict.COLLAPSED,
-    Status.UNFINISHED: Verdict.UNFINISHED,
-}
+_VERDICTS = np.full(max(Status) + 1, Verdict.FAILED, np.int8)  # by status
+_VERDICTS[Status.STANDING] = Verdict.SURVIVED
+_VERDICTS[Status.COLLAPSED] = Verdict.COLLAPSED
+_VERDICTS[Status.UNFINISHED] = Verdict.UNFINISHED
 _ENTRIES: dict[str, Any] = {"count": Count, "loss": Loss, "peak": Peak}
 # A row: its key, all columns, the time simulated in each model, and how long it took.
 ROW = np.dtype(
@@ -93,20 +91,16 @@ def code_identity() -> str:
 
 def verdicts_of(status: NDArray) -> NDArray[np.int8]:
     """Return the verdicts of runs from the kernels' codes of `Status`, (n_run,)."""
-    table = np.full(max(Status) + 1, Verdict.FAILED, np.int8)
-    for each, verdict in _VERDICTS.items():
-        table[each] = verdict
-    return table[status]
+    return _VERDICTS[status]
 
 
-def columns_of(results: "Outcomes", begins: Any = 0.0) -> dict[str, NDArray]:
+def columns_of(results: "Outcomes", starts: Any = 0.0) -> dict[str, NDArray]:
     """Return the columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s].
 
-    What collapsed before its record `begins` [s] has a verdict of its own.
+    What collapsed before its record `starts` [s] has a verdict of its own.
     """
-    balance, largest = results.energy[
-        :, [Energy.BALANCE_ERROR_PEAK, Energy.LARGEST_KINETIC]
-    ].T
+    balance = results.energy[:, Energy.BALANCE_ERROR_PEAK]
+    largest = results.energy[:, Energy.LARGEST_KINETIC]
     error = np.divide(balance, largest, out=np.zeros(len(largest)), where=largest > 0.0)
     columns: dict[str, NDArray] = {
         "verdict": verdicts_of(results.status),
@@ -118,7 +112,7 @@ def columns_of(results: "Outcomes", begins: Any = 0.0) -> dict[str, NDArray]:
             name, _, entry = column.source.partition(".")
             values = getattr(results, name)
             columns[column.name] = values[:, _ENTRIES[name][entry]] if entry else values
-    early = (results.status == Status.COLLAPSED) & (results.collapse_time < begins)
+    early = (results.status == Status.COLLAPSED) & (results.collapse_time < starts)
     columns["verdict"][early] = Verdict.COLLAPSED_BEFORE
     return columns
 
@@ -134,47 +128,43 @@ class Plan:
     study: StudyKeys
     arches: Members
     records: tuple[PreparedRecord, ...]
-    first: tuple[PreparedRecord, ...] = ()  # the shock before each record, if any
-    identity: str = field(
-        default_factory=lambda: code_identity()
-    )  # of the code that makes runs
-    motions: tuple[
-        "Motion", ...
-    ] = ()  # of both, where the study's folder is not at hand
-    built: "dict[int, Arch]" = field(
-        default_factory=dict, compare=False
-    )  # so far, by number
+    # Of the code that makes runs.
+    identity: str = field(default_factory=lambda: code_identity())
+    # By their files, where the study's folder is not at hand.
+    motions: "dict[str, Motion]" = field(default_factory=dict, compare=False)
+    # So far, by number.
+    built: "dict[int, Arch]" = field(default_factory=dict, compare=False)
 
     def with_motions(self) -> "Plan":
         """Return the plan for workers that do not have the study's folder."""
-        load = cache(partial(load_record, self.study.work))  # one may come before many
-        return replace(self, motions=tuple(map(load, (*self.records, *self.first))))
+        stored = {each for record in self.records for each in record.motions}
+        loaded = {each.stored: load_record(self.study.work, each) for each in stored}
+        return replace(self, motions=loaded)
 
-    def motion(self, record: int) -> "Motion":
-        """Return the motion of a record by its number, or of a first shock, numbered after it."""
-        if self.motions:
-            return self.motions[record]
-        return _stored_motion(self.study.work, (*self.records, *self.first)[record])
+    def motion(self, record: PreparedRecord) -> "Motion":
+        """Return the motion of a record, or of what comes first before one."""
+        if record.stored in self.motions:
+            return self.motions[record.stored]
+        return _stored_motion(self.study.work, record)
 
-    def shock(self, arch: int, record: int) -> tuple[int, float, float] | None:
-        """Return number, factor and gap [s] of the first shock before a record; None without."""
-        if not (shock := self.arches[arch].shock):
+    def shock(
+        self, arch: int, record: int
+    ) -> tuple[PreparedRecord, float, float] | None:
+        """Return the first shock before a record, its factor and gap [s]; None without."""
+        first = self.records[record].first
+        if first is None or self.arches[arch].intact:
             return None
-        level, gap = shock
-        number = len(self.records) + record
-        return number, self.first[record].factor * level**self.power, gap
+        level, gap = self.arches[arch].shock
+        return first, first.factor * level**self.power, gap
 
-    def ground(
-        self, arch: int, record: int, factor: float
-    ) -> "tuple[Motion, float, float]":
-        """Return the motion of a run, the factor on it, and when the record begins in it [s]."""
-        motion = self.motion(record)
-        if (shock := self.shock(arch, record)) is None:
-            return motion, factor, 0.0
-        both = (
-            self.motion(shock[0]).scaled(shock[1]).then(motion.scaled(factor), shock[2])
-        )
-        return both, 1.0, both.begins
+    def ground(self, arch: int, record: int, factor: float) -> "tuple[Motion, float]":
+        """Return the motion of a run and the factor on it, 1 for one after a first shock."""
+        motion = self.motion(self.records[record])
+        shock = self.shock(arch, record)
+        if shock is None:
+            return motion, factor
+        first, scale, gap = shock
+        return self.motion(first).scaled(scale).then(motion.scaled(factor), gap), 1.0
 
     def arch(self, number: int) -> "Arch":
         """Return an arch, built once."""
@@ -198,24 +188,6 @@ class Plan:
         return 1.0 / scaling_exponent(self.study.intensity.measure)
 
     @cached_property
-    def digests(self) -> dict[str, str]:
-        """Return the digest of each part of the plan, by the name that a message gives it."""
-        study = self.study
-        parts = {
-            "archfrag": self.identity,
-            "study": study.id,
-            "arches": [
-                [each.entry.parameters, each.chain, *each.shock] for each in self.arches
-            ],
-            "records": [asdict(record) for record in (*self.records, *self.first)],
-            "levels": study.intensity.si,
-            "measure": study.intensity.measure,
-            "method": study.method.model_dump(),
-            "design": study.design.model_dump(mode="json"),
-        }
-        return {name: digest_of(part) for name, part in parts.items()}
-
-    @cached_property
     def unscaled(self) -> NDArray[np.float64]:
         """Return the factors that bring the records to 1 in the study's measure, (n_record,)."""
         return np.array([record.factor for record in self.records])
@@ -226,16 +198,17 @@ class Plan:
 
     def keys(self, cases: Cases) -> NDArray[np.bytes_]:
         """Return the identity of each run, by kernels, method, arch, motion and factor, (n,)."""
-        given = f"{self.identity}/{self.digests['method']}"
+        given = f"{self.identity}/{digest_of(self.study.method.model_dump())}"
         stems = {}
         keys = []
         pairs = zip(cases["arch"].tolist(), cases["record"].tolist())
         for pair, factor in zip(pairs, self.factors(cases).astype("<f8")):
             if pair not in stems:
                 own = f"{given}/{self.arches[pair[0]].chain}/{self.records[pair[1]].samples}/"
-                if shock := self.shock(*pair):
-                    first = (*self.records, *self.first)[shock[0]].samples
-                    own += f"{first}/{shock[1].hex()}/{shock[2].hex()}/"
+                shock = self.shock(*pair)
+                if shock is not None:
+                    first, scale, gap = shock
+                    own += f"{first.samples}/{scale.hex()}/{gap.hex()}/"
                 stems[pair] = hashlib.blake2b(own.encode(), digest_size=KEY)
             state = stems[pair].copy()
             state.update(factor.tobytes())
@@ -249,16 +222,16 @@ class Plan:
         design = self.study.design
         requests = {}
         # An adaptive design follows from names: other arches and the order of all change nothing.
-        seeds, turns = (
-            np.array([zlib.crc32(each.id.encode()) for each in group])
-            for group in (self.arches, self.records)
-        )
-        for arch, seed in enumerate(seeds.tolist()):
+        turns = [zlib.crc32(record.id.encode()) for record in self.records]
+        for arch, member in enumerate(self.arches):
             records = np.argsort(turns, kind="stable")
             # What an adaptive design requests follows from all runs of an arch.
-            share = arch if design.adaptive else arch * len(self.records) + records
-            records = records[np.broadcast_to(share % batches == batch, records.shape)]
+            share = 0 * records + arch
+            if not design.adaptive:
+                share = arch * len(turns) + records
+            records = records[share % batches == batch]
             if records.size:
+                seed = zlib.crc32(member.id.encode())
                 about = self.levels, self.unscaled[records], self.power, seed
                 requests[arch] = design.requests(Grid(arch, records, *about))
         return requests
@@ -266,10 +239,7 @@ class Plan:
 
 def make_plan(study: StudyKeys) -> Plan:
     """Return the plan of a study whose motions are prepared."""
-    records, first = (
-        tuple(load_prepared(study, name)) for name in ("records", "first")
-    )
-    return Plan(study, study.members, records, first)
+    return Plan(study, study.members, tuple(load_prepared(study)))
 
 
 def table_of(keys: NDArray[np.bytes_], columns: Mapping[str, Any]) -> Table:
@@ -345,10 +315,12 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
 
     def known(cases: Cases) -> Verdicts:
         at = places(table, plan.keys(cases))
-        if missing := np.count_nonzero(at < 0):
-            what = f"{missing} of {at.size} runs are missing or damaged"
-            how = f"`archfrag run` with the file of study {plan.study.id!r} makes them"
-            raise InputError(f"{plan.parts.parent}: {what}; {how}")
+        missing = np.count_nonzero(at < 0)
+        if missing:
+            raise InputError(
+                f"{plan.parts.parent}: {missing} of {at.size} runs are missing or damaged; "
+                f"`archfrag run` with the file of study {plan.study.id!r} makes them"
+            )
         found.append(at)
         verdicts: Verdicts = table["verdict"][at]
         return verdicts
@@ -362,9 +334,8 @@ def superfluous(plan: Plan) -> dict[str, list[Path]]:
     """Return the stored parts that a study no longer needs, by reason; no foreign files."""
     found: dict[str, list[Path]] = {}
     requested = None
-    with contextlib.suppress(
-        InputError
-    ):  # what it will ask for follows from runs to be made
+    # What it will ask for follows from runs to be made.
+    with contextlib.suppress(InputError):
         requested = plan.keys(gather(plan)[0])
     for path in sorted(plan.parts.parent.glob("*/*.npy")):
         table = read_part(path)

@@ -52,13 +52,14 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
     runs = zip(
         cases["arch"].tolist(), cases["record"].tolist(), plan.factors(cases).tolist()
     )
-    motions, factors, begins = zip(*(plan.ground(*run) for run in runs))
+    motions, factors = zip(*(plan.ground(*run) for run in runs))
     method = plan.study.method
     options = method.model_dump(exclude={"name", "delay"})
     options |= {"method": method.name, "far": method.delay}
     arch = plan.arch(int(cases["arch"][0]))
     results, wall_time = results_of_runs(arch, motions, factors, **options)
-    columns = store.columns_of(results, begins) | {"wall_time": wall_time}
+    starts = [motion.begins for motion in motions]
+    columns = store.columns_of(results, starts) | {"wall_time": wall_time}
     return store.table_of(plan.keys(cases), columns)
 
 
@@ -110,13 +111,10 @@ class Threads:
 
     def made(self) -> list[Made]:
         """Wait for the next chunk."""
-        found: Made | Future | None = None
-        while (
-            found is None
-        ):  # a signal may come just before a wait, and is heard after it
+        while True:  # a signal may come just before a wait, and is heard after it
             with contextlib.suppress(Empty):
                 found = self._made.get(timeout=HEARD_WITHIN)
-        return [found.result() if isinstance(found, Future) else found]
+                return [found.result() if isinstance(found, Future) else found]
 
     def close(self) -> None:
         """Begin nothing more. A kernel that runs goes on to the end of its chunk."""
@@ -183,22 +181,21 @@ class Cluster:
         try:
             yield
         except WorkerError as error:
-            how = "install the same code for all workers, and start them anew"
-            mine = f"the study is run by {describe_code()}"
-            raise WorkerError(f"{error}; {mine}; {how}") from error
+            raise WorkerError(
+                f"{error}; the study is run by {describe_code()}; install the same code for all "
+                "workers, and start them anew"
+            ) from error
         except KilledWorker as error:
-            lost = "workers were killed or ran out of memory again and again"
-            raise WorkerError(f"{self._name}: {lost} ({error}); {_GO_ON}") from error
-        except (CancelledError, OSError, TimeoutError) as error:
+            raise WorkerError(
+                f"{self._name}: workers were killed or ran out of memory again and again "
+                f"({error}); {_GO_ON}"
+            ) from error
+        except (CancelledError, OSError) as error:
             raise WorkerError(
                 f"{self._name}: the scheduler is gone; {_GO_ON}"
             ) from error
-        except (
-            ImportError,
-            NameError,
-            AttributeError,
-            TypeError,
-        ) as error:  # of other modules
+        # Of other modules.
+        except (ImportError, NameError, AttributeError, TypeError) as error:
             what = f"{type(error).__name__}: {error}; all workers must have {describe_code()}"
             raise WorkerError(f"a worker failed: {what}; {_GO_ON}") from error
 
@@ -228,8 +225,10 @@ def workers_of(
         else:
             name = given or client.scheduler.address
             workers = Cluster(plan, client, name)
-            have = "no worker yet; runs begin when one comes"
-            have = counted(workers.count, "thread") if workers.count else have
+            threads = workers.count
+            have = counted(threads, "thread")
+            if not threads:
+                have = "no worker yet; runs begin when one comes"
             say(f"archfrag: cluster {name}: {have}")
         stack.callback(workers.close)
         yield workers
@@ -240,22 +239,15 @@ def _client_of(given: str) -> "Client":
     try:
         from distributed import Client
     except ImportError:
-        how = "which comes with `pip install archfrag[cluster]`"
         raise WorkerError(
-            f"execution.scheduler: {given} needs distributed, {how}"
+            f"execution.scheduler: {given} needs distributed, which comes with `pip install "
+            "archfrag[cluster]`"
         ) from None
     try:
         # Of a file that is not there dask would wait without end.
         read = given.endswith(".json")
         address = json.loads(Path(given).read_bytes())["address"] if read else given
         return Client(address, timeout=ANSWER_WITHIN, set_as_default=False)
-    except (
-        OSError,
-        TimeoutError,
-        ValueError,
-        RuntimeError,
-        LookupError,
-        TypeError,
-    ) as error:
+    except (OSError, ValueError, RuntimeError, LookupError, TypeError) as error:
         what = f"{given} cannot be used: {error or type(error).__name__}"
         raise WorkerError(f"execution.scheduler: {what}; {_GO_ON}") from error
