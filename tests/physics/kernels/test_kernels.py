@@ -124,7 +124,7 @@ class TestStructs:
             state,
             new_work(model),
             new_path(model),
-            new_mega_voussoirs(model, state.tie),
+            new_mega_voussoirs(model, state),
             new_motion(model, FIFTH_ORDER, 1e-6),
             four.state,
             four.work,

@@ -13,20 +13,20 @@ and inertia.
 import math
 
 from archfrag.physics.contact import blocks, placing
-from archfrag.physics.contact.laws import slip_normal
+from archfrag.physics.contact.laws import (
+    across,
+    normal_of,
+    slip_normal,
+    touching,
+)
+from archfrag.physics.contact.ties import pull_mega_voussoirs
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.mega_voussoirs.pulls import pull_mega_voussoirs
+from archfrag.physics.numbers import copy_rows
 
 # Lines to the rotation centre closer to parallel than this leave too little accuracy (sine).
 PARALLEL = 1e-3
 # Where more than this part of gravity is left of the equations they are near singular.
 ILL_CONDITIONED = 1e-7
-
-
-@inlined
-def cross(a, b):
-    """Return the cross product of two vectors (x, y)."""
-    return a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
@@ -40,14 +40,14 @@ def _arm(centre, position, k):
 
 
 @kernel
-def centripetal_bias(position, velocity, slip, sense, work):
+def centripetal_bias(position, velocity, slips, sense, work):
     """Set ``work.bias``: what rotations add to relative accelerations (Eqs 17, 18).
 
     These are the centripetal accelerations of the material points, and where a vertex runs along
     a rotating face twice the product of both rates; `sense` is that of the friction of slips in
     progress, zero for none.
 
-    Reads: position, velocity, slip, sense, work (contact, normal, point, side_normal).
+    Reads: position, velocity, slips, sense, work (contact, normal, point, side_normal).
     Writes: work.bias.
     """
     for j in range(work.slide.shape[0]):
@@ -63,14 +63,14 @@ def centripetal_bias(position, velocity, slip, sense, work):
             x = before * before * bx - after * after * ax
             y = before * before * by - after * after * ay
             if sense[j] != 0.0:
-                ux, uy = placing.corner_rate_at(j, px, py, position, velocity)
-                nx = work.normal[j, 0]
-                ny = work.normal[j, 1]
-                if work.contact[j, 0] < 0.5 or work.contact[j, 1] < 0.5:
-                    nx, ny = slip_normal(j, k, sense[j] < 0.0, work)
-                place = slip[j] if slip[j] != 0.0 else -sense[j]
+                nx, ny = slip_normal(j, k, sense[j] < 0.0, work)
+                at_0, at_1 = touching(j, work)
+                if at_0 and at_1:
+                    nx, ny = normal_of(j, work)
+                slip = placing.corner_rate_at(j, px, py, position, velocity)
+                place = slips[j] if slips[j] != 0.0 else -sense[j]
                 face = before if placing.later_vertex_meets(k, place) else after
-                twice = 2.0 * face * (nx * uy - ny * ux)
+                twice = 2.0 * face * across((nx, ny), slip)
                 x = x + twice * nx
                 y = y + twice * ny
             work.bias[j, k, 0] = x
@@ -123,13 +123,6 @@ def _powers(model, work, k, u, x, y):
     return inertia, model.mass[k] * (x * fx + y * fy) + spin
 
 
-@inlined
-def _add(rate, u, x, y, k, work):
-    work.solved[k, 0] += rate * x
-    work.solved[k, 1] += rate * y
-    work.solved[k, 2] += rate * u
-
-
 @kernel
 def four_hinges(model, position, velocity, work):
     """Solve for accelerations and reactions of three bodies with four hinges.
@@ -147,18 +140,16 @@ def four_hinges(model, position, velocity, work):
     p = _from(c1, c12)
     q = _from(c3, c23)
     d = _from(c12, c23)
-    area = cross(p, q)
+    area = across(p, q)
     if abs(area) < PARALLEL * math.hypot(p[0], p[1]) * math.hypot(q[0], q[1]):
         return False
     # The rotation centre C2, where the lines C1 C12 and C3 C23 meet (Fig 10), and the rates of
     # the bodies about C1, C2 and C3 for which the hinges stay closed.
     c13 = _from(c1, c3)
-    along_p = cross(c13, q) / area
-    along_q = cross(c13, p) / area
-    c2 = c1[0] + along_p * p[0], c1[1] + along_p * p[1]
-    u1 = 1.0 - along_p
-    u2 = 1.0
-    u3 = 1.0 - along_q
+    along_p = across(c13, q) / area
+    along_q = across(c13, p) / area
+    centres = c1, (c1[0] + along_p * p[0], c1[1] + along_p * p[1]), c3
+    rates = 1.0 - along_p, 1.0, 1.0 - along_q
     # Centripetal terms (Eqs 17, 18), with no angular acceleration of the middle body.
     w1 = velocity[1, 2]
     w2 = velocity[2, 2]
@@ -168,27 +159,24 @@ def four_hinges(model, position, velocity, work):
     a1 = (ex * q[0] + ey * q[1]) / area
     a3 = (ex * p[0] + ey * p[1]) / area
     x, y = _perpendicular(a1, p)
-    _known((0.0, 0.0), w1, a1, _arm(c1, position, 1), 1, work)
-    _known(
-        (x - w1 * w1 * p[0], y - w1 * w1 * p[1]),
-        w2,
-        0.0,
-        _arm(c12, position, 2),
-        2,
-        work,
-    )
-    _known((0.0, 0.0), w3, a3, _arm(c3, position, 3), 3, work)
+    still = 0.0, 0.0
+    ahead = x - w1 * w1 * p[0], y - w1 * w1 * p[1]
+    _known(still, w1, a1, _arm(c1, position, 1), 1, work)
+    _known(ahead, w2, 0.0, _arm(c12, position, 2), 2, work)
+    _known(still, w3, a3, _arm(c3, position, 3), 3, work)
     # Balance along the mechanism (Eq 28 with inertia) gives the one unknown acceleration.
-    x1, y1 = _perpendicular(u1, _arm(c1, position, 1))
-    x2, y2 = _perpendicular(u2, _arm(c2, position, 2))
-    x3, y3 = _perpendicular(u3, _arm(c3, position, 3))
-    m1, f1 = _powers(model, work, 1, u1, x1, y1)
-    m2, f2 = _powers(model, work, 2, u2, x2, y2)
-    m3, f3 = _powers(model, work, 3, u3, x3, y3)
-    rate = (f1 + f2 + f3) / (m1 + m2 + m3)
-    _add(rate, u1, x1, y1, 1, work)
-    _add(rate, u2, x2, y2, 2, work)
-    _add(rate, u3, x3, y3, 3, work)
+    inertia = power = 0.0
+    for k in range(1, 4):
+        x, y = _perpendicular(rates[k - 1], _arm(centres[k - 1], position, k))
+        m, f = _powers(model, work, k, rates[k - 1], x, y)
+        inertia += m
+        power += f
+    rate = power / inertia
+    for k in range(1, 4):
+        x, y = _perpendicular(rates[k - 1], _arm(centres[k - 1], position, k))
+        work.solved[k, 0] += rate * x
+        work.solved[k, 1] += rate * y
+        work.solved[k, 2] += rate * rates[k - 1]
     _hinge_reactions(model, position, (c1, c12, c23, c3), work)
     return True
 
@@ -206,7 +194,7 @@ def _set_reaction(j, hinge, x, y, work):
     work.reaction[j, 0] = x
     work.reaction[j, 1] = y
     arm = hinge[0] - work.pivot[j, 0], hinge[1] - work.pivot[j, 1]
-    work.reaction[j, 2] = cross(arm, (x, y))
+    work.reaction[j, 2] = across(arm, (x, y))
 
 
 @inlined
@@ -223,13 +211,13 @@ def _hinge_reactions(model, position, hinge, work):
     f2, _ = _unbalanced(model, work, 2)
     f3, m3 = _unbalanced(model, work, 3)
     # Moments of the outer bodies about C1 and C3: the parts across p and q.
-    t12 = -(m1 + cross(_arm(c1, position, 1), f1)) / size_p
-    t32 = -(m3 + cross(_arm(c3, position, 3), f3)) / size_q
+    t12 = -(m1 + across(_arm(c1, position, 1), f1)) / size_p
+    t32 = -(m3 + across(_arm(c3, position, 3), f3)) / size_q
     # What is left for the parts along p and q, which meet at C2 (Eq 33).
     left = f2[0] + t12 * p[1] + t32 * q[1], f2[1] - t12 * p[0] - t32 * q[0]
-    sine = cross(p, q)
-    r12 = cross(left, q) / sine
-    r32 = cross(p, left) / sine
+    sine = across(p, q)
+    r12 = across(left, q) / sine
+    r32 = across(p, left) / sine
     x12 = r12 * p[0] - t12 * p[1]
     y12 = r12 * p[1] + t12 * p[0]
     x32 = r32 * q[0] - t32 * q[1]
@@ -247,7 +235,19 @@ def pose(mega, position):
     Reads: mega, position.
     Writes: mega.
     """
-    placing.place_chain(mega.model, position, mega.work, 0.0, mega.work.slip, mega.work)
+    work = mega.work
+    placing.place_chain(mega.model, position, work, 0.0, work.slip, work)
+
+
+@inlined
+def set_free(model, ground, free):
+    """Set the accelerations without reactions under that of the ground (`ground_after`)."""
+    for i in range(1, free.shape[0] - 1):
+        free[i, 0] = -ground[0]
+        free[i, 1] = -model.gravity - ground[1]
+        free[i, 2] = 0.0
+    free[-1, 0] = ground[2]
+    free[-1, 1] = ground[3]
 
 
 @kernel
@@ -263,30 +263,17 @@ def solve_first_level(mega, position, velocity, ground, scale):
     """
     model = mega.model
     work = mega.work
-    end = position.shape[0] - 1
     pose(mega, position)
-    for i in range(1, end):
-        work.free[i, 0] = -ground[0]
-        work.free[i, 1] = -model.gravity - ground[1]
-        work.free[i, 2] = 0.0
-    work.free[end, 0] = ground[2]
-    work.free[end, 1] = ground[3]
+    set_free(model, ground, work.free)
     pull_mega_voussoirs(mega, position, velocity)
     moves = ground[2] != 0.0 or ground[3] != 0.0
-    moves = moves or velocity[end, 0] != 0.0 or velocity[end, 1] != 0.0
+    moves = moves or velocity[-1, 0] != 0.0 or velocity[-1, 1] != 0.0
     four = not moves and is_four_hinges(work, position.shape[0])
     if four and four_hinges(model, position, velocity, work):
         return True
     centripetal_bias(position, velocity, work.slip, work.slide, work)
     left = blocks.solve_modes(model, position, work, scale, blocks.EXACT, 0)
     return left <= ILL_CONDITIONED * model.gravity
-
-
-@inlined
-def _set_bias(work, value):
-    for j in range(work.slide.shape[0]):
-        for k in range(2):
-            work.bias[j, k, 0] = work.bias[j, k, 1] = value
 
 
 @kernel
@@ -305,15 +292,13 @@ def project(mega, position, velocity, enough, limit):
     work = mega.work
     apart = 0.0
     blocks.set_rows(model, position, work)
-    _set_bias(work, 0.0)
-    for i in range(position.shape[0]):
-        for c in range(3):
-            work.solved[i, c] = velocity[i, c]
-            work.free[i, c] = 0.0
+    work.bias[:] = 0.0
+    work.free[:] = 0.0
+    copy_rows(velocity, work.solved, 0, position.shape[0])
     rate = blocks.measure_residual(position, work)
     for j in range(work.slide.shape[0]):
         for k in range(2):
-            ex, ey = placing.corner_offset(j, k, work.face, work.tangent, work.slip[j])
+            ex, ey = placing.corner_offset(j, k, work, work.slip[j])
             work.bias[j, k, 0] = ex
             work.bias[j, k, 1] = ey
             apart = max(apart, work.contact[j, k] * (abs(ex) + abs(ey)))
@@ -333,10 +318,8 @@ def project(mega, position, velocity, enough, limit):
     for i in range(position.shape[0]):
         for c in range(3):
             position[i, c] += work.solved[i, c]
-            work.free[i, c] = velocity[i, c]
-    _set_bias(work, 0.0)
+    copy_rows(velocity, work.free, 0, position.shape[0])
+    work.bias[:] = 0.0
     blocks.correct(model, position, work, math.inf)
-    for i in range(position.shape[0]):
-        for c in range(3):
-            velocity[i, c] = work.solved[i, c]
+    copy_rows(work.solved, velocity, 0, position.shape[0])
     return True

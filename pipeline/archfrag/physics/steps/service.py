@@ -9,7 +9,7 @@ import numpy as np
 from archfrag.physics import shared
 from archfrag.physics.contact.path import solve_with_fallback
 from archfrag.physics.contact.placing import clearance, place_contacts
-from archfrag.physics.contact.ties import pull_at_rest, pull_by_ties
+from archfrag.physics.contact.ties import pull_at_rest, pull_bodies
 from archfrag.physics.energy import kinetic_energy, record_work
 from archfrag.physics.ground import end_of_motion, end_rest, impulse_between
 from archfrag.physics.kernels.kernel import inlined, kernel
@@ -63,10 +63,10 @@ def rest_range(model, state, work, problem):
     Reads: model, state, work, problem.
     Writes: work (normal, pivot, point, side_normal, tie), problem.
     """
-    place_contacts(model, state.slip, work.face, work.tangent, work)
+    place_contacts(model, state.slip, work)
     for j in range(state.slip.size):
         for k in range(2):
-            gap = clearance(j, k, work.face, work.tangent)
+            gap = clearance(j, k, work)
             problem.candidate[j, k] = (
                 0 if gap > shared.CLOSED_GAP * model.length[j] else 1
             )
@@ -76,8 +76,8 @@ def rest_range(model, state, work, problem):
         for c in range(2):
             problem.centroid[i, c] = state.position[i, c]
     pull_at_rest(model, state, work, problem.pull)
-    found, plus, _ = find_rest_limit(model, work, problem, 1.0)
-    also, minus, _ = find_rest_limit(model, work, problem, -1.0)
+    found, plus = find_rest_limit(model, work, problem, 1.0)
+    also, minus = find_rest_limit(model, work, problem, -1.0)
     return found and also, plus, -minus
 
 
@@ -109,7 +109,7 @@ def write_rest(model, grounds, state, work, path, output):
     if output.frames.time.size == 0:
         return
     clock = state.clock
-    place_contacts(model, state.slip, work.face, work.tangent, work)
+    place_contacts(model, state.slip, work)
     tiny = 1e-9 * grounds.time_step[int(clock[Clock.MOTION])]
     time = clock[Clock.TIME]
     impulse = impulse_between(grounds, clock, time - tiny, time + tiny)
@@ -123,7 +123,7 @@ def write_rest(model, grounds, state, work, path, output):
         for k in range(2):
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
             work.candidate[j, k] = state.contact[j, k]
-    pull_by_ties(model, state, work)
+    pull_bodies(model, state, work)
     count = state.count
     taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
     solved, _ = solve_with_fallback(model, state, work, path)
