@@ -174,10 +174,12 @@ def _far_at(grounds, c, motion, time):
 
     Behind the last sample it stands where it is.
     """
+    far = grounds.far
+    if far.shape[0] == 0:
+        return 0.0, 0.0, 0.0, 0.0
     first, last, dt = _place_of(grounds, motion)
     place = max(time, 0.0) / dt
     i = first + int(place)
-    far = grounds.far
     if i >= last:
         return 0.0, 0.0, far[last, c, 2], 0.0
     a = far[i, c, 0]
@@ -258,16 +260,6 @@ def end_of_motion(grounds, clock, follow):
     return end
 
 
-@inlined
-def far_of(time, grounds, c):
-    """Return how the far springing moves in a direction from a time on; as `_far_at`."""
-    if grounds.far.shape[0] == 0:
-        return 0.0, 0.0, 0.0, 0.0
-    dt = grounds.time_step[0]
-    i = np.floor(time / dt + BARELY)
-    return _far_at(grounds, c, 0, max(time, i * dt))
-
-
 @kernel
 def segment_at(time, grounds):
     """Return the linear piece of the first ground motion that holds `time`.
@@ -279,8 +271,8 @@ def segment_at(time, grounds):
     x = grounds.horizontal
     y = grounds.vertical
     i = int(np.floor(time / dt + BARELY))
-    far_x = far_of(time, grounds, 0)
-    far_y = far_of(time, grounds, 1)
+    far_x = _far_at(grounds, 0, 0, max(time, i * dt))
+    far_y = _far_at(grounds, 1, 0, max(time, i * dt))
     if i >= grounds.first[1] - 1:
         return Segment(np.inf, 0.0, 0.0, 0.0, 0.0, far_x, far_y)
     part = time - i * dt

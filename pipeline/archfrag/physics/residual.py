@@ -18,7 +18,7 @@ from archfrag.physics.contact.laws import (
     normal_of,
     opening_rate,
     rate_of,
-    slip_normal,
+    side_of,
 )
 from archfrag.physics.kernels.kernel import inlined, kernel
 
@@ -64,7 +64,7 @@ def _if_corner(j, k, model, work, scale, force):
     outside = 0.0
     for side in range(2):
         sense = 1.0 - 2.0 * side
-        normal = slip_normal(j, k, side == 1, work)
+        normal = side_of(j, k, side, work)
         ray = cones[side][0] * size, cones[side][1] * size
         beyond = across(ray, push)
         outside = max(outside, sense * beyond)

@@ -101,19 +101,19 @@ def solve_block(f, x, y, z):
 
 
 @inlined
+def _along(a, j, k):
+    return a[j, k, 0], a[j, k, 1], a[j, k, 2]
+
+
+@inlined
+def _down(a, j, k):
+    return a[j, 0, k], a[j, 1, k], a[j, 2, k]
+
+
+@inlined
 def block_of(f, j):
     """Return an eliminated block as nine numbers."""
-    return (
-        f[j, 0, 0],
-        f[j, 0, 1],
-        f[j, 0, 2],
-        f[j, 1, 0],
-        f[j, 1, 1],
-        f[j, 1, 2],
-        f[j, 2, 0],
-        f[j, 2, 1],
-        f[j, 2, 2],
-    )
+    return _along(f, j, 0) + _along(f, j, 1) + _along(f, j, 2)
 
 
 @inlined
@@ -125,16 +125,6 @@ def _weighted(row, j, a, mass, inertia, arm):
 @inlined
 def _on(column, j, a, arm):
     return column[j, a, 0], column[j, a, 1], column[j, a, arm]
-
-
-@inlined
-def _along(a, j, k):
-    return a[j, k, 0], a[j, k, 1], a[j, k, 2]
-
-
-@inlined
-def _down(a, j, k):
-    return a[j, 0, k], a[j, 1, k], a[j, 2, k]
 
 
 @inlined

@@ -16,8 +16,8 @@ CLOSED_STICK = 7
 # Faces on whose side a slip is held: of friction along the tangent (Eq 23b), and against it (23a).
 PLUS = 0
 MINUS = 1
-# Margins of a joint in a mechanism; those that do not concern it are infinite. Normal forces at both
-# corners (at a corner that slides the force on it), Coulomb's law for a friction of either sense,
+# Margins of a joint in a mechanism; those that do not concern it are infinite. Normal forces at
+# both corners (at a corner that slides the force on it), Coulomb's law for a friction of either sense,
 # gaps at both corners, end of a slip. Ties use some of them.
 FORCE_0 = 0
 FORCE_1 = 1
@@ -124,11 +124,15 @@ def opening_rate(j, k, velocity, work):
 
 
 @inlined
+def side_of(j, k, side, work):
+    """Return the normal at a corner for friction along the tangent, PLUS, or against it, MINUS."""
+    return work.side_normal[j, k, side, 0], work.side_normal[j, k, side, 1]
+
+
+@inlined
 def slip_normal(j, k, backwards, work):
     """Return the normal at a sliding corner; `backwards` is against the tangent."""
-    side = work.side_normal
-    against = side[j, k, MINUS, 0], side[j, k, MINUS, 1]
-    return choose(backwards, against, (side[j, k, PLUS, 0], side[j, k, PLUS, 1]))
+    return choose(backwards, side_of(j, k, MINUS, work), side_of(j, k, PLUS, work))
 
 
 @inlined
@@ -176,8 +180,8 @@ def cone_rays(j, model, after, before):
 @inlined
 def cones_at(j, k, model, work):
     """Return the edges of Coulomb's cones at a corner, as `cone_rays`."""
-    after = slip_normal(j, k, False, work)
-    return cone_rays(j, model, after, slip_normal(j, k, True, work))
+    after = side_of(j, k, PLUS, work)
+    return cone_rays(j, model, after, side_of(j, k, MINUS, work))
 
 
 @kernel

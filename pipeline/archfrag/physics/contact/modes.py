@@ -57,10 +57,10 @@ def mode_if_corner(j, second, model, work, slip, slack, slack_force):
     be needed, and the sense of friction.
     """
     slide = work.slide[j]
-    after = laws.slip_normal(j, 0, False, work)
-    before = laws.slip_normal(j, 0, True, work)
-    after = choose(second, laws.slip_normal(j, 1, False, work), after)
-    before = choose(second, laws.slip_normal(j, 1, True, work), before)
+    after = laws.side_of(j, 0, laws.PLUS, work)
+    before = laws.side_of(j, 0, laws.MINUS, work)
+    after = choose(second, laws.side_of(j, 1, laws.PLUS, work), after)
+    before = choose(second, laws.side_of(j, 1, laws.MINUS, work), before)
     n = model.ray[j, 0]
     t = model.ray[j, 1]
     size = 1.0 / math.sqrt(n * n + t * t)

@@ -178,8 +178,8 @@ def _corner_normal(work, j, k, closed, slide):
     """Return the direction in which a corner is compressed or opens, or slips across."""
     if slide != 0.0 and not closed:
         return laws.slip_normal(j, k, slide < 0.0, work)
-    n = laws.slip_normal(j, k, False, work)
-    m = laws.slip_normal(j, k, True, work)
+    n = laws.side_of(j, k, laws.PLUS, work)
+    m = laws.side_of(j, k, laws.MINUS, work)
     x = n[0] + m[0]
     y = n[1] + m[1]
     norm = math.sqrt(x * x + y * y)
@@ -280,8 +280,8 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
             chosen = f
     if chosen < 0:
         return NO_BREAK
-    n = laws.slip_normal(j, k, False, work)
-    m = laws.slip_normal(j, k, True, work)
+    n = laws.side_of(j, k, laws.PLUS, work)
+    m = laws.side_of(j, k, laws.MINUS, work)
     alike = work.known[j] == 0.0 and abs(n[0] - m[0]) + abs(n[1] - m[1]) < 1e-12
     return Break(j, far, int(path.target[j, chosen]), k if alike else -1)
 
@@ -347,7 +347,7 @@ def follow_path(position, work, path, scale, compliance):
         k = found.decides
         if k >= 0:
             piece_functions(position, work, path, tau, path.at_start)
-            normal = laws.slip_normal(first, k, False, work)
+            normal = laws.side_of(first, k, laws.PLUS, work)
             slipping = laws.across(normal, laws.rate_of(first, k, work))
             mode = laws.corner_mode(k, -1.0 if slipping > 0.0 else 1.0)
         crossed = first, laws.mode_of(first, work)

@@ -43,17 +43,31 @@ def move_faces(model, position, work):
     for j in range(face.shape[0]):
         for side in range(2):
             i = j + side
-            c = work.rotated[i, 0]
-            s = work.rotated[i, 1]
             for k in range(2):
                 x = model.corner[j, side, k, 0]
-                y = model.corner[j, side, k, 1]
-                face[j, side, k, 0] = position[i, 0] + (c * x - s * y)
-                face[j, side, k, 1] = position[i, 1] + (s * x + c * y)
+                x, y = outwards(work, i, x, model.corner[j, side, k, 1])
+                face[j, side, k, 0] = position[i, 0] + x
+                face[j, side, k, 1] = position[i, 1] + y
             x = model.tangent[j, side, 0]
-            y = model.tangent[j, side, 1]
-            work.tangent[j, side, 0] = c * x - s * y
-            work.tangent[j, side, 1] = s * x + c * y
+            x, y = outwards(work, i, x, model.tangent[j, side, 1])
+            work.tangent[j, side, 0] = x
+            work.tangent[j, side, 1] = y
+
+
+@inlined
+def inwards(work, i, x, y):
+    """Return a vector in the axes at rest of a body that has rotated."""
+    c = work.rotated[i, 0]
+    s = work.rotated[i, 1]
+    return c * x + s * y, c * y - s * x
+
+
+@inlined
+def outwards(work, i, x, y):
+    """Return a vector that is given in the axes at rest of a body."""
+    c = work.rotated[i, 0]
+    s = work.rotated[i, 1]
+    return c * x - s * y, s * x + c * y
 
 
 @inlined

@@ -17,6 +17,7 @@ import math
 
 from archfrag.physics.contact import blocks, laws
 from archfrag.physics.contact.laws import across, along
+from archfrag.physics.contact.placing import inwards, outwards
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import select
 from archfrag.physics.numbers import copy_rows, larger, sine_cosine
@@ -455,12 +456,9 @@ def _end_on_mega(mega, t, side, position, velocity):
     tie = mega.model.tie[t]
     i = int(tie[Tie.BODY_0 + side])
     k = mega.group[i]
-    c = mega.work.rotated[k, 0]
-    s = mega.work.rotated[k, 1]
     a = mega.offset[i, 0] + tie[Tie.X_0 + 2 * side]
     b = mega.offset[i, 1] + tie[Tie.Y_0 + 2 * side]
-    x = c * a - s * b
-    y = s * a + c * b
+    x, y = outwards(mega.work, k, a, b)
     spin = velocity[k, 2]
     return i, k, x, y, velocity[k, 0] - spin * y, velocity[k, 1] + spin * x
 
@@ -495,13 +493,12 @@ def pull_mega_voussoirs(mega, position, velocity):
             fx = sense * force * dx
             fy = sense * force * dy
             moment = x * fy - y * fx
-            c = mega.work.rotated[k, 0]
-            s = mega.work.rotated[k, 1]
             free[k, 0] += model.inverse_mass[k] * fx
             free[k, 1] += model.inverse_mass[k] * fy
             free[k, 2] += model.inverse_inertia[k] * moment
-            mega.pull[i, 0] += c * fx + s * fy
-            mega.pull[i, 1] += c * fy - s * fx
+            fx, fy = inwards(mega.work, k, fx, fy)
+            mega.pull[i, 0] += fx
+            mega.pull[i, 1] += fy
             mega.pull[i, 2] += moment
 
 

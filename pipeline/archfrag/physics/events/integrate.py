@@ -247,26 +247,6 @@ def _accept(run, mega, part, peaks):
 
 
 @inlined
-def _shift_stages(mega, stages, last):
-    """Use the last stage as the first one of the next step."""
-    end = mega.position.shape[0]
-    copy_rows(stages.velocity[:, last], stages.velocity[:, 0], 1, end)
-    copy_rows(stages.acceleration[:, last], stages.acceleration[:, 0], 1, end)
-    for p in range(2):
-        stages.power[0, p] = stages.power[last, p]
-
-
-@inlined
-def _allowed_errors(mega, motion, farthest):
-    """Return the errors in position [m] and in velocity [m/s] that count as one."""
-    fastest = 0.0
-    for i in range(1, mega.velocity.shape[0] - 1):
-        fastest = max(fastest, abs(mega.velocity[i, 0]), abs(mega.velocity[i, 1]))
-    size = motion.tolerance * (np.sqrt(farthest) + FLOOR * motion.length)
-    return size, motion.tolerance * (fastest + FLOOR * motion.speed)
-
-
-@inlined
 def check_laws(motion, mega, step, ground):
     """Check all laws at the end of a step, and gaps inside it; return part, event."""
     now = ground_after(ground, step)
@@ -301,7 +281,12 @@ def integrate(run, mega, stop, output):
         cut = time + 1.001 * step >= until
         if cut:
             step = until - time
-        allowed = _allowed_errors(mega, motion, progress[Progress.FARTHEST])
+        fastest = 0.0
+        for i in range(1, mega.velocity.shape[0] - 1):
+            fastest = max(fastest, abs(mega.velocity[i, 0]), abs(mega.velocity[i, 1]))
+        size = np.sqrt(progress[Progress.FARTHEST]) + FLOOR * motion.length
+        rate = motion.tolerance * (fastest + FLOOR * motion.speed)
+        allowed = motion.tolerance * size, rate  # what counts as one [m], [m/s]
         error = runge_kutta.take_step(mega, motion, step, ground, allowed)
         count[Count.STEPS] += 1.0
         part = 1.0
@@ -332,7 +317,14 @@ def integrate(run, mega, stop, output):
         comes_back = look_outward(run, mega, mega.next_position, mega.next_velocity)
         # One that lands where it left has no rate at either end.
         _accept(run, mega, part, comes_back or event)
-        _shift_stages(mega, motion.stages, motion.scheme.time.shape[0] - 1)
+        # The last stage is the first one of the next step.
+        last = motion.scheme.time.shape[0] - 1
+        stages = motion.stages
+        rows = mega.position.shape[0]
+        copy_rows(stages.velocity[:, last], stages.velocity[:, 0], 1, rows)
+        copy_rows(stages.acceleration[:, last], stages.acceleration[:, 0], 1, rows)
+        stages.power[0, 0] = stages.power[last, 0]
+        stages.power[0, 1] = stages.power[last, 1]
         keep_margins(mega, motion)
         clock[Clock.TIME] = until if cut and not event else time + part * step
         if output.due[0] <= clock[Clock.TIME] and output.frames.time.size > 0:

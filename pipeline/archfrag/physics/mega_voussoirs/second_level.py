@@ -16,6 +16,7 @@ from archfrag.physics.contact.laws import (
     along,
     force_of,
 )
+from archfrag.physics.contact.placing import inwards, outwards
 from archfrag.physics.kernels.kernel import inlined, kernel
 
 
@@ -51,14 +52,6 @@ def _boundary(mega, k, position):
     force = force_of(k, work)
     arm = work.pivot[k, 0] - position[0], work.pivot[k, 1] - position[1]
     return force[0], force[1], work.reaction[k, 2] + across(arm, force)
-
-
-@inlined
-def _inwards(mega, k, x, y):
-    """Return a vector in the axes at rest of a mega-voussoir."""
-    c = mega.work.rotated[k, 0]
-    s = mega.work.rotated[k, 1]
-    return c * x + s * y, c * y - s * x
 
 
 @inlined
@@ -103,8 +96,8 @@ def solve_second_level(model, mega, position, velocity, ground, per_weight, valu
     y = ground[1] + model.gravity
     for k in range(1, mega.count[0] + 1):
         fx, fy, moment = _boundary(mega, k - 1, position[k])
-        fx, fy = _inwards(mega, k, fx, fy)
-        ahead_x, ahead_y = _inwards(mega, k, solved[k, 0] + x, solved[k, 1] + y)
+        fx, fy = inwards(mega.work, k, fx, fy)
+        ahead_x, ahead_y = inwards(mega.work, k, solved[k, 0] + x, solved[k, 1] + y)
         motion = ahead_x, ahead_y, solved[k, 2], velocity[k, 2] * velocity[k, 2]
         places = mega.first[k], mega.last[k], 1
         _propagate(model, mega, places, (fx, fy, moment), motion, per_weight, value)
@@ -137,16 +130,12 @@ def joint_reactions(mega, work):
             x, y, moment = _boundary(mega, k, work.pivot[j])
             k += 1
         else:
-            group = mega.group[j]
-            c = mega.work.rotated[group, 0]
-            s = mega.work.rotated[group, 1]
             wrench = mega.inner_reaction[j]
             point = mega.inner_point[j]
             px = 0.5 * (point[0, 0] + point[1, 0])
             py = 0.5 * (point[0, 1] + point[1, 1])
             moment = wrench[2] - across((px, py), wrench)
-            x = c * wrench[0] - s * wrench[1]
-            y = s * wrench[0] + c * wrench[1]
+            x, y = outwards(mega.work, mega.group[j], wrench[0], wrench[1])
         work.reaction[j, 0] = x
         work.reaction[j, 1] = y
         work.reaction[j, 2] = moment
