@@ -17,8 +17,8 @@ CLOSED_STICK = 7
 PLUS = 0
 MINUS = 1
 # Margins of a joint in a mechanism; those that do not concern it are infinite. Normal forces at
-# both corners (at a corner that slides the force on it), Coulomb's law for a friction of either sense,
-# gaps at both corners, end of a slip. Ties use some of them.
+# both corners (at a corner that slides the force on it), Coulomb's law for a friction of either
+# sense, gaps at both corners, end of a slip. Ties use some of them.
 FORCE_0 = 0
 FORCE_1 = 1
 FRICTION_PLUS = 2
