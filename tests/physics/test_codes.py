@@ -35,4 +35,5 @@ def test_a_member_put_into_the_middle_of_an_enum_changes_no_result():
         ).stdout
         for names in ([], codes)
     )
-    assert plain and more == plain
+    assert plain
+    assert more == plain

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.physics.contact.laws import normal_of
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.state import Model, Work
@@ -186,7 +185,8 @@ def set_inequalities(model, work, problem, size):
     row = problem.row
     count = 0
     for j in range(part.shape[0]):
-        nx, ny = normal_of(j, work)
+        nx = work.normal[j, 0]
+        ny = work.normal[j, 1]
         point = work.point[j]
         x0 = point[0, 0] / size
         y0 = point[0, 1] / size

@@ -43,7 +43,7 @@ class Attempt(NamedTuple):
     compliance: float  # of the joints: it keeps the pieces of hyperstatic ones regular
     size: float  # velocities at the start over those of the problem
     start: int  # GIVEN modes, those REACHED by the path before, or ALL_OPEN
-    soft: bool  # whether joints stay compliant at the end
+    compliant: bool  # whether joints stay compliant at the end
 
 
 ATTEMPTS = (
@@ -383,7 +383,7 @@ def solve_by_path(model, position, work, path, exact):
         return False, False, iterations, breaks
     for number in range(len(ATTEMPTS)):
         attempt = ATTEMPTS[number]
-        if exact and attempt.soft:
+        if exact and attempt.compliant:
             break
         if attempt.start == REACHED:
             copy_modes(path, work)
@@ -400,19 +400,19 @@ def solve_by_path(model, position, work, path, exact):
                 work.slide[j] = 0.0
         copy_modes(work, path)
         for loose in range(
-            1 if attempt.soft or (exact and number < EXACT_PATHS) else 2
+            1 if attempt.compliant or (exact and number < EXACT_PATHS) else 2
         ):
             copy_modes(path, work)
-            slack = DEGENERATE if loose or attempt.soft else blocks.EXACT.slack
+            slack = DEGENERATE if loose or attempt.compliant else blocks.EXACT.slack
             precision = Precision(blocks.EXACT.compliance, slack, slack)
-            if attempt.soft:
+            if attempt.compliant:
                 precision = Precision(attempt.compliance, slack, np.inf)
             solved, _, _, more = solve_contact(
                 model, position, work, True, 0.0, -1.0, precision
             )
             iterations += more
             if solved:
-                return True, attempt.soft, iterations, breaks
+                return True, attempt.compliant, iterations, breaks
     return False, False, iterations, breaks
 
 

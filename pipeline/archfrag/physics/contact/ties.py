@@ -21,6 +21,7 @@ from archfrag.physics.contact.placing import inwards, outwards
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import select
 from archfrag.physics.numbers import copy_rows, larger, sine_cosine
+from archfrag.physics.state import Model
 from archfrag.physics.status import Tie, TieMode, TieState, TieWork
 
 
@@ -144,6 +145,11 @@ def is_pulled(model):
     return model.tie.shape[0] > 0
 
 
+def pull_count(model: Model) -> int:
+    """Return how many ties there are."""
+    return len(model.tie)
+
+
 @inlined
 def add_stored(model, state, potential):
     """Return an energy with the elastic one of all ties [J]."""
@@ -209,15 +215,15 @@ def aim_pulls(model, state, work, step, ahead):
     """
     for t in range(model.tie.shape[0]):
         tie = work.tie[t]
-        stiffness = model.tie[t, Tie.STIFFNESS]
+        rigidity = model.tie[t, Tie.STIFFNESS]
         before = place_tie(model, t, state.position, work.tie)
         tie[TieWork.ENERGY] = tie_energy(model, t, state, before)
         elongation = place_tie(model, t, work.position, work.tie)
         rate = stretch_rate(model, t, state.velocity, work)
-        gain = ahead * step * step * stiffness
+        gain = ahead * step * step * rigidity
         stretch = elongation - state.tie[t, TieState.SET]
         tie[TieWork.RATE] = rate
-        tie[TieWork.KNOWN] = step * stiffness * stretch - gain * rate
+        tie[TieWork.KNOWN] = step * rigidity * stretch - gain * rate
         tie[TieWork.GAIN] = gain
         tie[TieWork.MOST] = step * model.tie[t, Tie.STRENGTH]
         tie[TieWork.GUESS] = step * tension(model, t, state, elongation)
@@ -515,8 +521,8 @@ def set_pull_margins(mega, motion):
         value = motion.value[first + t]
         mode = mega.tie[t, TieState.MODE]
         stretch = mega.stretch[t, 0]
-        stiffness = motion.per_weight * tie[Tie.STIFFNESS]
-        elastic = stiffness * (stretch - mega.tie[t, TieState.SET])
+        rigidity = motion.per_weight * tie[Tie.STIFFNESS]
+        elastic = rigidity * (stretch - mega.tie[t, TieState.SET])
         if mode == TieMode.TAUT:
             value[laws.FORCE_0] = elastic
             value[laws.FORCE_1] = motion.per_weight * tie[Tie.STRENGTH] - elastic
@@ -525,4 +531,4 @@ def set_pull_margins(mega, motion):
         elif mode == TieMode.YIELDS:
             value[laws.SLIP_END] = laws.SLIP_WEIGHT * mega.stretch[t, 1] / motion.speed
         if mode != TieMode.RUPTURED:
-            value[laws.FRICTION_PLUS] = stiffness * (tie[Tie.RUPTURE] - stretch)
+            value[laws.FRICTION_PLUS] = rigidity * (tie[Tie.RUPTURE] - stretch)

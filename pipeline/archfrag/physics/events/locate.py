@@ -15,7 +15,7 @@ import numpy as np
 from archfrag.physics.contact import laws
 from archfrag.physics.contact.laws import GAP_0, GAP_1, N_LAW, along
 from archfrag.physics.contact.placing import clearance, corner_rate_at, move_faces
-from archfrag.physics.contact.ties import set_pull_margins
+from archfrag.physics.contact.ties import pull_count, set_pull_margins
 from archfrag.physics.events import runge_kutta
 from archfrag.physics.events.runge_kutta import Scheme, Stages
 from archfrag.physics.ground import ground_after
@@ -63,7 +63,7 @@ def new_motion(model: Model, scheme: Scheme, tolerance: float) -> MechanismMotio
     """Allocate the workspace of a chain's motion, for a relative error of a step."""
     n_joint = model.friction.size
     length = float(model.length.min())
-    margins = np.full((2, n_joint + len(model.tie), N_LAW), np.inf)
+    margins = np.full((2, n_joint + pull_count(model), N_LAW), np.inf)
     gaps = np.full((2, n_joint, 2, 2), np.inf)
     return MechanismMotion(
         model=model,
