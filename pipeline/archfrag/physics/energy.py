@@ -2,7 +2,7 @@
 
 import math
 
-from archfrag.physics.contact.laws import across, contact_of, force_of
+from archfrag.physics.contact.laws import contact_of, cross, force_of
 from archfrag.physics.contact.placing import at_point
 from archfrag.physics.contact.ties import add_stored, is_pulled
 from archfrag.physics.kernels.kernel import inlined, kernel
@@ -46,7 +46,7 @@ def contact_works(state, work):
         if some(slides):
             nx, ny, px, py = contact_of(j, work)
             slip = at_point(ux, uy, u, px - work.pivot[j, 0], py - work.pivot[j, 1])
-            rubbed = across((nx, ny), (fx, fy)) * across((nx, ny), slip)
+            rubbed = cross((nx, ny), (fx, fy)) * cross((nx, ny), slip)
             rubbed = select(slides, rubbed, 0.0)
             friction += rubbed
             done = done - rubbed

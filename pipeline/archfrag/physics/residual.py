@@ -10,10 +10,10 @@ import math
 
 from archfrag.physics.contact import placing
 from archfrag.physics.contact.laws import (
-    across,
     along,
     closed_forces,
     cones_at,
+    cross,
     force_of,
     normal_of,
     opening_rate,
@@ -54,7 +54,7 @@ def _if_corner(j, k, model, work, scale, force):
     length = math.sqrt((far[0] - arm[0]) ** 2 + (far[1] - arm[1]) ** 2)
     fx, fy = force_of(j, work)
     push = fx / force, fy / force
-    moment = work.reaction[j, 2] / force - across(arm, push)
+    moment = work.reaction[j, 2] / force - cross(arm, push)
     common = max(abs(moment) / length, _approach(j, 1 - k, work, scale))
     ux, uy = rate_of(j, k, work)
     rate = ux / scale, uy / scale
@@ -66,13 +66,13 @@ def _if_corner(j, k, model, work, scale, force):
         sense = 1.0 - 2.0 * side
         normal = side_of(j, k, side, work)
         ray = cones[side][0] * size, cones[side][1] * size
-        beyond = across(ray, push)
+        beyond = cross(ray, push)
         outside = max(outside, sense * beyond)
         if work.known[j] == -sense:
             continue
         wrong = 0.0
         if work.known[j] != sense:
-            wrong = max(0.0, sense * across(normal, rate))
+            wrong = max(0.0, sense * cross(normal, rate))
         tension = max(0.0, -along(ray, push))
         worst = max(common, abs(beyond), tension, abs(along(normal, rate)), wrong)
         best = min(best, worst)
@@ -96,7 +96,7 @@ def _if_closed(j, model, work, scale, force):
     first = rate_of(j, 0, work)
     second = rate_of(j, 1, work)
     rate = max(abs(along(axis, first)), abs(along(axis, second)))
-    slip = across(axis, (first[0] + second[0], first[1] + second[1]))
+    slip = cross(axis, (first[0] + second[0], first[1] + second[1]))
     common = max(tension, rate / scale)
     slip = 0.5 * slip / scale
     best = math.inf
@@ -148,7 +148,7 @@ def _move_moments(work, sense):
     """Move the moments of reactions from the pivots to the origin, or back."""
     for j in range(work.slide.size):
         arm = work.pivot[j, 0], work.pivot[j, 1]
-        work.reaction[j, 2] += sense * across(arm, force_of(j, work))
+        work.reaction[j, 2] += sense * cross(arm, force_of(j, work))
 
 
 @kernel
@@ -182,7 +182,7 @@ def state_residual(model, state, work):
                 work.corner_rate[j, k, 0] = gap * nx
                 work.corner_rate[j, k, 1] = gap * ny
                 continue
-            slip = across((nx, ny), placing.corner_velocity(j, k, work.relative, work))
+            slip = cross((nx, ny), placing.corner_velocity(j, k, work.relative, work))
             rate = slip / math.sqrt(model.gravity * length[j])
             ex, ey = placing.corner_offset(j, k, work, state.slip[j])
             work.corner_rate[j, k, 0] = ex / length[j] - rate * ny

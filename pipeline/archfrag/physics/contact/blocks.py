@@ -68,15 +68,15 @@ def _set_rows_of(j, model, position, work):
     tangent = sticks & opposite(closed)
     has = select(closed | tangent, 1.0, 0.0)
     at = choose(closed, (work.point[j, 1, 0], work.point[j, 1, 1]), (px, py))
-    across = choose(tangent, (-ny, nx), (has * nx, has * ny))
-    _set_row(work.row, j, 1, at, across, position)
-    across = choose(tangent, (-ny, nx), (has * fx, has * fy))
-    _set_row(work.column, j, 1, at, across, position)
+    direction = choose(tangent, (-ny, nx), (has * nx, has * ny))
+    _set_row(work.row, j, 1, at, direction, position)
+    direction = choose(tangent, (-ny, nx), (has * fx, has * fy))
+    _set_row(work.column, j, 1, at, direction, position)
     has = select(closed & sticks, 1.0, 0.0)
     at = work.pivot[j, 0], work.pivot[j, 1]
-    across = -has * ny, has * nx
-    _set_row(work.row, j, 2, at, across, position)
-    _set_row(work.column, j, 2, at, across, position)
+    direction = -has * ny, has * nx
+    _set_row(work.row, j, 2, at, direction, position)
+    _set_row(work.column, j, 2, at, direction, position)
 
 
 @kernel

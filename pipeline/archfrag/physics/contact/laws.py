@@ -109,7 +109,7 @@ def along(n, v):
 
 
 @inlined
-def across(n, v):
+def cross(n, v):
     """Return the part of a vector along the tangent, the normal rotated by +90 degrees."""
     return n[0] * v[1] - n[1] * v[0]
 
@@ -161,9 +161,9 @@ def closed_forces(j, work):
     normal = along(axis, force)
     px = work.point[j, 0, 0] - work.pivot[j, 0]
     py = work.point[j, 0, 1] - work.pivot[j, 1]
-    difference = work.reaction[j, 2] / across((px, py), axis)
+    difference = work.reaction[j, 2] / cross((px, py), axis)
     first = 0.5 * (normal + difference)
-    return first, 0.5 * (normal - difference), normal, across(axis, force)
+    return first, 0.5 * (normal - difference), normal, cross(axis, force)
 
 
 @inlined
@@ -224,7 +224,7 @@ def functions_if_closed(j, model, work, value, target):
     elif work.known[j] == 0.0:
         ux = work.corner_rate[j, 0, 0] + work.corner_rate[j, 1, 0]
         uy = work.corner_rate[j, 0, 1] + work.corner_rate[j, 1, 1]
-        value[2] = -0.5 * slide * across(normal_of(j, work), (ux, uy))
+        value[2] = -0.5 * slide * cross(normal_of(j, work), (ux, uy))
         target[2] = CLOSED_STICK
 
 
@@ -241,17 +241,17 @@ def functions_if_corner(j, model, work, value, target):
     force = force_of(j, work)
     high, low = cones_at(j, k, model, work)
     if slide == 0.0:
-        sense = 1.0 if across(low, high) >= 0.0 else -1.0
-        value[0] = -sense * across(high, force)
+        sense = 1.0 if cross(low, high) >= 0.0 else -1.0
+        value[0] = -sense * cross(high, force)
         target[0] = corner_mode(k, 1)
-        value[1] = -sense * across(force, low)
+        value[1] = -sense * cross(force, low)
         target[1] = corner_mode(k, -1)
     else:
         value[0] = along(force, high if slide > 0.0 else low)
         target[0] = OPEN
         if work.known[j] == 0.0:
             normal = slip_normal(j, k, slide < 0.0, work)
-            value[1] = -slide * across(normal, rate_of(j, k, work))
+            value[1] = -slide * cross(normal, rate_of(j, k, work))
             target[1] = corner_mode(k, 0)
     if work.candidate[j, 1 - k] > 0.5:
         value[2] = along(normal_of(j, work), rate_of(j, 1 - k, work))

@@ -10,7 +10,7 @@ goes round in circles, and `archfrag.physics.contact.path` changes the modes one
 import math
 
 from archfrag.physics.contact import laws
-from archfrag.physics.contact.laws import across, along, opening_rate
+from archfrag.physics.contact.laws import along, cross, opening_rate
 from archfrag.physics.contact.placing import corner_velocity, relative_velocity
 from archfrag.physics.contact.ties import (
     ask_pulls,
@@ -39,7 +39,7 @@ def mode_if_closed(j, model, work, slip, slack, slack_force):
     slide = work.slide[j]
     force_0, force_1, normal, tangential = laws.closed_forces(j, work)
     sticks = slide == 0.0
-    against = slide * across(laws.normal_of(j, work), slip) > slack
+    against = slide * cross(laws.normal_of(j, work), slip) > slack
     asked = select(opposite(sticks) & against, 0.0, slide)
     if not math.isinf(model.friction[j]):
         excess = abs(tangential) - model.friction[j] * larger(normal, 0.0)
@@ -66,15 +66,15 @@ def mode_if_corner(j, second, model, work, slip, slack, slack_force):
     size = 1.0 / math.sqrt(n * n + t * t)
     high, low = laws.cone_rays(j, model, after, before)
     force = laws.force_of(j, work)
-    above = across(high, force) * size
-    below = across(force, low) * size
+    above = cross(high, force) * size
+    below = cross(force, low) * size
     outside = larger(above, below) > slack_force
     sticks = slide == 0.0
     onwards = slide > 0.0
     tensile = along(force, (after[0] + before[0], after[1] + before[1])) <= 0.0
     if_sticks = select(outside, select(above >= below, 1.0, -1.0), 0.0)
     push = select(onwards, along(force, high), along(force, low)) * size
-    against = slide * across(choose(onwards, after, before), slip) > slack
+    against = slide * cross(choose(onwards, after, before), slip) > slack
     lost = (sticks & outside & tensile) | (opposite(sticks) & (push < -slack_force))
     return lost, select(sticks, if_sticks, select(against, 0.0, slide))
 

@@ -348,7 +348,7 @@ def follow_path(position, work, path, scale, compliance):
         if k >= 0:
             piece_functions(position, work, path, tau, path.at_start)
             normal = laws.side_of(first, k, laws.PLUS, work)
-            slipping = laws.across(normal, laws.rate_of(first, k, work))
+            slipping = laws.cross(normal, laws.rate_of(first, k, work))
             mode = laws.corner_mode(k, -1.0 if slipping > 0.0 else 1.0)
         crossed = first, laws.mode_of(first, work)
         laws.set_mode(work, first, mode)

@@ -6,7 +6,7 @@ and 23b of the paper: a vertex of either body may meet the other's face.
 
 import math
 
-from archfrag.physics.contact.laws import MINUS, PLUS, across, along, touching
+from archfrag.physics.contact.laws import MINUS, PLUS, along, cross, touching
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import choose, larger, sine_cosine, smaller
@@ -147,8 +147,8 @@ def clearance(j, k, work):
     shift = _shift(j, k, work)
     before = tangent_of(j, BEFORE, work)
     slip = along(before, shift)
-    gap_a = across(shift, before)
-    gap_b = across(shift, tangent_of(j, AFTER, work))
+    gap_a = cross(shift, before)
+    gap_b = cross(shift, tangent_of(j, AFTER, work))
     face = work.face
     size = abs(face[j, BEFORE, 1, 0] - face[j, BEFORE, 0, 0])
     size += abs(face[j, BEFORE, 1, 1] - face[j, BEFORE, 0, 1])

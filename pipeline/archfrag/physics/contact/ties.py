@@ -16,7 +16,7 @@ bodies and joints to a unit impulse of each tie, and k equations.
 import math
 
 from archfrag.physics.contact import blocks, laws
-from archfrag.physics.contact.laws import across, along
+from archfrag.physics.contact.laws import along, cross
 from archfrag.physics.contact.placing import inwards, outwards
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import select
@@ -54,8 +54,8 @@ def _line(model, t, position):
     dy = q[1] - p[1]
     length = math.sqrt(dx * dx + dy * dy)
     unit = dx / length, dy / length
-    arm_0 = across((p[0] - before[0], p[1] - before[1]), unit)
-    arm_1 = across((q[0] - after[0], q[1] - after[1]), unit)
+    arm_0 = cross((p[0] - before[0], p[1] - before[1]), unit)
+    arm_1 = cross((q[0] - after[0], q[1] - after[1]), unit)
     return length - tie[Tie.LENGTH], unit, arm_0, arm_1
 
 

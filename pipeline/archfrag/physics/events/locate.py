@@ -108,8 +108,8 @@ def _cone_margins(k, c, model, work, per_weight, value):
     force = size * fx, size * fy
     high, low = laws.cones_at(k, c, model, work)
     if work.slide[k] == 0.0:
-        value[laws.FRICTION_PLUS] = laws.across(force, high)
-        value[laws.FRICTION_MINUS] = laws.across(low, force)
+        value[laws.FRICTION_PLUS] = laws.cross(force, high)
+        value[laws.FRICTION_MINUS] = laws.cross(low, force)
     else:
         value[laws.FORCE_0 + c] = along(high if work.slide[k] > 0.0 else low, force)
 

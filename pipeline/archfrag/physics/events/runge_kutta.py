@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.physics.contact.laws import across, along, contact_of, force_of
+from archfrag.physics.contact.laws import along, contact_of, cross, force_of
 from archfrag.physics.contact.placing import corner_rate_at
 from archfrag.physics.ground import ground_after
 from archfrag.physics.kernels.kernel import inlined, kernel
@@ -112,7 +112,7 @@ def sliding_rate(j, position, velocity, work):
     Writes: nothing.
     """
     nx, ny, px, py = contact_of(j, work)
-    rate = across((nx, ny), corner_rate_at(j, px, py, position, velocity))
+    rate = cross((nx, ny), corner_rate_at(j, px, py, position, velocity))
     return rate, (nx, ny)
 
 
@@ -153,7 +153,7 @@ def keep_stage(mega, stages, stage, position, velocity, ground):
     for j in range(work.slide.shape[0]):
         if work.slide[j] != 0.0:
             rate, normal = sliding_rate(j, position, velocity, work)
-            by_friction += rate * across(normal, force_of(j, work))
+            by_friction += rate * cross(normal, force_of(j, work))
     stages.power[stage, BY_GROUND] = by_ground
     stages.power[stage, BY_FRICTION] = by_friction
 

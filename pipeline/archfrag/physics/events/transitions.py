@@ -12,7 +12,7 @@ import numpy as np
 from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact import laws, placing
 from archfrag.physics.contact.blocks import EXACT, solve_modes
-from archfrag.physics.contact.laws import across, along, opening_rate
+from archfrag.physics.contact.laws import along, cross, opening_rate
 from archfrag.physics.contact.modes import solve_contact, velocity_scale
 from archfrag.physics.contact.path import copy_modes, solve_by_path
 from archfrag.physics.contact.ties import change_pull, pull_bodies, release_pulls
@@ -113,7 +113,7 @@ def _close_slow_joints(run):
                 changed = True
                 if math.isinf(model.friction[j]):
                     work.slide[j] = 0.0
-        rate = across(normal, work.relative[j])
+        rate = cross(normal, work.relative[j])
         if work.slide[j] != 0.0 and abs(rate) < slow:
             work.slide[j] = 0.0
             changed = True
@@ -183,7 +183,7 @@ def _find_touching(j, run):
             if apart or opening_rate(j, k, velocity, work) > STAYING * speed:
                 continue
         work.candidate[j, k] = 1.0
-        slip = across(laws.normal_of(j, work), velocity)
+        slip = cross(laws.normal_of(j, work), velocity)
         rate = slip if abs(slip) > abs(rate) else rate
     return rate
 

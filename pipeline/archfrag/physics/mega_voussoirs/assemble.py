@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from archfrag.physics.contact.laws import across
+from archfrag.physics.contact.laws import cross
 from archfrag.physics.contact.placing import BEFORE, later_vertex_meets
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import place_of, struct, struct_at
@@ -274,7 +274,7 @@ def gather_state(model, position, velocity, mega):
             vy = vy + m * velocity[i, 1]
         for i in range(mega.first[k], mega.last[k] + 1):
             arm = position[i, 0] - x, position[i, 1] - y
-            moment = across(arm, (velocity[i, 0] - vx, velocity[i, 1] - vy))
+            moment = cross(arm, (velocity[i, 0] - vx, velocity[i, 1] - vy))
             spin += model.inertia[i] * velocity[i, 2]
             spin += model.mass[i] * moment
         mega.position[k, 0] = x

@@ -14,7 +14,7 @@ import math
 
 from archfrag.physics.contact import blocks, placing
 from archfrag.physics.contact.laws import (
-    across,
+    cross,
     normal_of,
     slip_normal,
     touching,
@@ -70,7 +70,7 @@ def centripetal_bias(position, velocity, slips, sense, work):
                 slip = placing.corner_rate_at(j, px, py, position, velocity)
                 place = slips[j] if slips[j] != 0.0 else -sense[j]
                 face = before if placing.later_vertex_meets(k, place) else after
-                twice = 2.0 * face * across((nx, ny), slip)
+                twice = 2.0 * face * cross((nx, ny), slip)
                 x = x + twice * nx
                 y = y + twice * ny
             work.bias[j, k, 0] = x
@@ -140,14 +140,14 @@ def four_hinges(model, position, velocity, work):
     p = _from(c1, c12)
     q = _from(c3, c23)
     d = _from(c12, c23)
-    area = across(p, q)
+    area = cross(p, q)
     if abs(area) < PARALLEL * math.hypot(p[0], p[1]) * math.hypot(q[0], q[1]):
         return False
     # The rotation centre C2, where the lines C1 C12 and C3 C23 meet (Fig 10), and the rates of
     # the bodies about C1, C2 and C3 for which the hinges stay closed.
     c13 = _from(c1, c3)
-    along_p = across(c13, q) / area
-    along_q = across(c13, p) / area
+    along_p = cross(c13, q) / area
+    along_q = cross(c13, p) / area
     centres = c1, (c1[0] + along_p * p[0], c1[1] + along_p * p[1]), c3
     rates = 1.0 - along_p, 1.0, 1.0 - along_q
     # Centripetal terms (Eqs 17, 18), with no angular acceleration of the middle body.
@@ -194,7 +194,7 @@ def _set_reaction(j, hinge, x, y, work):
     work.reaction[j, 0] = x
     work.reaction[j, 1] = y
     arm = hinge[0] - work.pivot[j, 0], hinge[1] - work.pivot[j, 1]
-    work.reaction[j, 2] = across(arm, (x, y))
+    work.reaction[j, 2] = cross(arm, (x, y))
 
 
 @inlined
@@ -211,13 +211,13 @@ def _hinge_reactions(model, position, hinge, work):
     f2, _ = _unbalanced(model, work, 2)
     f3, m3 = _unbalanced(model, work, 3)
     # Moments of the outer bodies about C1 and C3: the parts across p and q.
-    t12 = -(m1 + across(_arm(c1, position, 1), f1)) / size_p
-    t32 = -(m3 + across(_arm(c3, position, 3), f3)) / size_q
+    t12 = -(m1 + cross(_arm(c1, position, 1), f1)) / size_p
+    t32 = -(m3 + cross(_arm(c3, position, 3), f3)) / size_q
     # What is left for the parts along p and q, which meet at C2 (Eq 33).
     left = f2[0] + t12 * p[1] + t32 * q[1], f2[1] - t12 * p[0] - t32 * q[0]
-    sine = across(p, q)
-    r12 = across(left, q) / sine
-    r32 = across(p, left) / sine
+    sine = cross(p, q)
+    r12 = cross(left, q) / sine
+    r32 = cross(p, left) / sine
     x12 = r12 * p[0] - t12 * p[1]
     y12 = r12 * p[1] + t12 * p[0]
     x32 = r32 * q[0] - t32 * q[1]

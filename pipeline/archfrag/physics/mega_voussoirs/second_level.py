@@ -12,8 +12,8 @@ from archfrag.physics.contact.laws import (
     FORCE_1,
     FRICTION_MINUS,
     FRICTION_PLUS,
-    across,
     along,
+    cross,
     force_of,
 )
 from archfrag.physics.contact.placing import inwards, outwards
@@ -34,13 +34,13 @@ def _joint_margins(model, mega, j, fx, fy, moment, per_weight, value):
     force = (fx, fy)
     first = mega.inner_point[j, 0]
     second = mega.inner_point[j, 1]
-    half = across((first[0] - second[0], first[1] - second[1]), normal)
+    half = cross((first[0] - second[0], first[1] - second[1]), normal)
     margin = value[j]
-    margin[FORCE_0] = per_weight * (moment - across(second, force)) / half
-    margin[FORCE_1] = -per_weight * (moment - across(first, force)) / half
+    margin[FORCE_0] = per_weight * (moment - cross(second, force)) / half
+    margin[FORCE_1] = -per_weight * (moment - cross(first, force)) / half
     if not math.isinf(model.friction[j]):
         bound = model.friction[j] * along(force, normal)
-        shear = across(normal, force)
+        shear = cross(normal, force)
         margin[FRICTION_PLUS] = per_weight * (bound - shear)
         margin[FRICTION_MINUS] = per_weight * (bound + shear)
 
@@ -51,7 +51,7 @@ def _boundary(mega, k, position):
     work = mega.work
     force = force_of(k, work)
     arm = work.pivot[k, 0] - position[0], work.pivot[k, 1] - position[1]
-    return force[0], force[1], work.reaction[k, 2] + across(arm, force)
+    return force[0], force[1], work.reaction[k, 2] + cross(arm, force)
 
 
 @inlined
@@ -72,7 +72,7 @@ def _propagate(model, mega, places, wrench, motion, per_weight, value):
         hy = model.mass[i] * (ahead_y + angular * x - square * y)
         fx = fx - sense * hx + sense * pull[0]
         fy = fy - sense * hy + sense * pull[1]
-        spin = across((x, y), (hx, hy)) + model.inertia[i] * angular
+        spin = cross((x, y), (hx, hy)) + model.inertia[i] * angular
         moment -= sense * (spin - pull[2])
         joint = i if sense > 0 else i - 1
         _joint_margins(model, mega, joint, fx, fy, moment, per_weight, value)
@@ -134,7 +134,7 @@ def joint_reactions(mega, work):
             point = mega.inner_point[j]
             px = 0.5 * (point[0, 0] + point[1, 0])
             py = 0.5 * (point[0, 1] + point[1, 1])
-            moment = wrench[2] - across((px, py), wrench)
+            moment = wrench[2] - cross((px, py), wrench)
             x, y = outwards(mega.work, mega.group[j], wrench[0], wrench[1])
         work.reaction[j, 0] = x
         work.reaction[j, 1] = y
