@@ -99,7 +99,7 @@ def new_rest_problem(model: Model) -> RestProblem:
         "inverse": N_UNKNOWN,
     }
     first |= dict.fromkeys(("bound", "level", "joint", "kind"), 8 * n_joint)
-    kinds = {"joint": np.int64, "active": np.int64}
+    kinds: dict[str, type] = {"joint": np.int64, "active": np.int64}
     kinds |= dict.fromkeys(("candidate", "kind", "mechanism"), np.int8)
     problem = RestProblem(
         *(
