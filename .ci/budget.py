@@ -42,9 +42,7 @@ COUNTED = (tokenize.NAME, tokenize.OP, tokenize.NUMBER, tokenize.STRING)
 def docstring_lines(tree: ast.AST) -> set[int]:
     """Return the lines of all docstrings of a module."""
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
-    owners = [
-        node for node in ast.walk(tree) if isinstance(node, documented) and node.body
-    ]
+    owners = [node for node in ast.walk(tree) if isinstance(node, documented) and node.body]
     firsts = [node.body[0] for node in owners]
     texts = [
         first
@@ -53,11 +51,7 @@ def docstring_lines(tree: ast.AST) -> set[int]:
         and isinstance(first.value, ast.Constant)
         and isinstance(first.value.value, str)
     ]
-    return {
-        line
-        for text in texts
-        for line in range(text.lineno, (text.end_lineno or 0) + 1)
-    }
+    return {line for text in texts for line in range(text.lineno, (text.end_lineno or 0) + 1)}
 
 
 def tokens_of(folder: Path) -> int:
@@ -104,8 +98,7 @@ def measure() -> dict[str, int]:
         "packages at the top": sum(path.is_dir() for path in PACKAGE.glob("[a-z]*")),
         "tokens of archbench": tokens_of(ROOT / "pipeline" / "archbench"),
         **{
-            row: sum(tokens_of(PACKAGE / room) for room in rooms)
-            for row, rooms in ROOMS.items()
+            row: sum(tokens_of(PACKAGE / room) for room in rooms) for row, rooms in ROOMS.items()
         },
     }
 

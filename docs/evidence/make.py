@@ -12,8 +12,7 @@ def main() -> None:
     """Draw the chart of README from the tables of the evidence page."""
     charts = dict(page.figures_of("speed", load_tables(HERE / "data", "speed")))
     charts["speed_overview"].savefig(
-        HERE.parent / "images" / "evidence.svg",
-        metadata={"Date": None, "Creator": None},
+        HERE.parent / "images" / "evidence.svg", metadata={"Date": None, "Creator": None}
     )
 
 
