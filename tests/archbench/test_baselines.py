@@ -143,7 +143,7 @@ class TestFourLink:
             moved = (places[1] - places[0]) / (2.0 * step)
             assert np.abs(unit - moved).max() < 1e-5 * (np.abs(moved).max() + 1.0)
             work = new_work(model)
-            move_faces(model, state.position, work.rotated, work.face, work.tangent)
+            move_faces(model, state.position, work)
             apart = np.abs(work.face[:, 1] - work.face[:, 0]).max(axis=2)
             assert apart[bars.contact > 0.5].max() < 1e-11
             assert apart[bars.contact < 0.5].min() > 1e-4
@@ -267,7 +267,7 @@ class TestPenalty:
         def energy(at):
             work.contact[:] = springs.shear[:] = 0.0
             state.position[1] = at
-            move_faces(model, state.position, work.rotated, work.face, work.tangent)
+            move_faces(model, state.position, work)
             press_joints(model, state, work, springs, 0.0)
             return springs.sums[Sum.ELASTIC]
 

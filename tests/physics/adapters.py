@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from archbench.paper.arch import cross
+from archfrag.physics.contact import laws
 from archfrag.physics.contact.blocks import EXACT
 from archfrag.physics.contact.modes import solve_contact
 from archfrag.physics.contact.path import new_path, solve_by_path
@@ -177,8 +178,8 @@ class Posed:
         )
         self.position = framed(position)
         self.velocity = framed(velocity)
-        move_faces(model, self.position, work.rotated, work.face, work.tangent)
-        place_contacts(model, slip, work.face, work.tangent, work)
+        move_faces(model, self.position, work)
+        place_contacts(model, slip, work)
         set_modes(modes, work.contact, work.slide)
         work.candidate[:] = work.contact
         work.known[:] = work.slide
@@ -208,7 +209,7 @@ class Posed:
         solved = mega.count[0] > 0 and first_level.solve_first_level(
             *state, 1e-3 * model.gravity
         )
-        self.value = np.full((self.slip.size, second_level.N_LAW), np.nan)
+        self.value = np.full((self.slip.size, laws.N_LAW), np.nan)
         second_level.solve_second_level(model, *state, 1.0, self.value)
         second_level.joint_reactions(mega, work)
         # Accelerations of all voussoirs from those of the mega-voussoirs.
@@ -226,7 +227,7 @@ class Posed:
         They are nan at joints between mega-voussoirs. Also the least of them.
         """
         assert self.by_levels().solved
-        value = self.value[:, second_level.FORCE_0 : second_level.FRICTION_MINUS + 1]
+        value = self.value[:, laws.FORCE_0 : laws.FRICTION_MINUS + 1]
         inside = np.isfinite(value[:, 0])
         if np.isinf(self.model.friction).all():
             value[inside, 2:] = np.inf

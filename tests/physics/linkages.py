@@ -127,8 +127,8 @@ def random_state(rng, n, mu, kind):
         if j < n:
             before = position[j + 1, :2] + rotate(model.corner[j + 1, 0], angle)
     work.rotated[-1] = np.cos(angle), np.sin(angle)
-    move_faces(model, position, work.rotated, work.face, work.tangent)
-    place_contacts(model, slip, work.face, work.tangent, work)
+    move_faces(model, position, work)
+    place_contacts(model, slip, work)
     set_modes(modes, work.contact, work.slide)
     work.candidate[:] = work.contact
     work.free[1:-1] = (

@@ -5,13 +5,13 @@ Names and layouts of the package stand here only.
 
 import numpy as np
 
-from archfrag.physics.contact.path import new_path
+from archfrag.physics.contact import laws
 from archfrag.physics.events import locate, runge_kutta, transitions
-from archfrag.physics.events.front import new_run
 from archfrag.physics.events.integrate import check_laws
+from archfrag.physics.events.phases import new_run
 from archfrag.physics.ground import Segment, ground_after, grounds_of
 from archfrag.physics.interface import Options
-from archfrag.physics.mega_voussoirs import assemble, second_level
+from archfrag.physics.mega_voussoirs import assemble
 from archfrag.physics.mega_voussoirs.first_level import solve_first_level
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Count, Energy
@@ -64,16 +64,10 @@ class Moving:
     def step(self, size):
         """Position, velocity of the mega-voussoirs after a step, and its error by itself [m]."""
         error = runge_kutta.take_step(
-            self.mega,
-            self.motion.stages,
-            self.motion.scheme,
-            size,
-            self.ground,
-            self.resolved,
-            (1.0, 1.0),
+            self.mega, self.motion, size, self.ground, (1.0, 1.0)
         )
         assert np.isfinite(error)
-        runge_kutta.make_dense(self.mega, self.motion.stages, self.motion.scheme, size)
+        runge_kutta.make_dense(self.mega, self.motion, size)
         return (
             self.mega.next_position[1:-1].copy(),
             self.mega.next_velocity[1:-1].copy(),
@@ -108,9 +102,9 @@ class Moving:
     def _used(self):
         between = set(self.mega.joint[: self.mega.count[1]].tolist())
         kinds = {
-            second_level.GAP_0: "gap",
-            second_level.GAP_1: "gap",
-            second_level.SLIP_END: "slip",
+            laws.GAP_0: "gap",
+            laws.GAP_1: "gap",
+            laws.SLIP_END: "slip",
         }
         gone = np.argwhere(np.abs(self.motion.value) < 10 * locate.THRESHOLD)
         return {
@@ -136,8 +130,7 @@ class Impact:
         moves = transitions.pose_impact(run, *closes)
         self.problem = Problem(run.model, state.position, work).copy()
         self.free = work.free[1:-1].copy()
-        given = run.model, state, work, new_path(run.model)
-        self.solved = not moves or bool(transitions.solve_posed(*given))
+        self.solved = not moves or bool(transitions.solve_posed(run))
         self.solution = solution_of(self.problem._replace(work=work), self.solved)
         if self.solved:
             transitions.take_impact(run)

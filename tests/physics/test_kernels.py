@@ -34,8 +34,8 @@ def placed(x=0.0, y=0.0, tilt=0.0, contact=(1.0, 1.0), slide=0.0):
     work = new_work(MODEL)
     shared.clear(state)
     state.position[1] = [CHAIN.centroid[0, 0] + x, CHAIN.centroid[0, 1] + y, tilt]
-    move_faces(MODEL, state.position, work.rotated, work.face, work.tangent)
-    place_contacts(MODEL, state.slip, work.face, work.tangent, work)
+    move_faces(MODEL, state.position, work)
+    place_contacts(MODEL, state.slip, work)
     work.contact[0] = contact
     work.slide[0] = slide
     return state, work

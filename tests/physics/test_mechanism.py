@@ -104,12 +104,10 @@ def test_momentum_and_energy_are_kept(moving):
 def test_joints_inside_stay_closed(moving):
     model, pattern, slip, _, position, _ = moving
     work = new_work(model)
-    move_faces(model, position, work.rotated, work.face, work.tangent)
+    move_faces(model, position, work)
     for j in set(range(len(slip))) - set(pattern):
         for k in range(2):
-            assert clearance(j, k, work.face, work.tangent) == pytest.approx(
-                0.0, abs=1e-13
-            )
+            assert clearance(j, k, work) == pytest.approx(0.0, abs=1e-13)
             apart = work.face[j, 1, k] - work.face[j, 0, k]
-            found = corner_slip(j, *apart, k == 0, work.tangent)
+            found = corner_slip(j, tuple(apart), k == 0, work)
             assert found == pytest.approx(slip[j], abs=1e-13)

@@ -17,8 +17,8 @@ AT_REST = np.column_stack([MODEL.centroid, np.zeros(ARCH.n_voussoir + 2)])
 def placed(position):
     """Workspace with the faces and contacts of bodies at (n_voussoir + 2, 3)."""
     work = new_work(MODEL)
-    placing.move_faces(MODEL, position, work.rotated, work.face, work.tangent)
-    placing.place_contacts(MODEL, np.zeros(ARCH.n_joint), work.face, work.tangent, work)
+    placing.move_faces(MODEL, position, work)
+    placing.place_contacts(MODEL, np.zeros(ARCH.n_joint), work)
     return work
 
 
@@ -43,13 +43,11 @@ def test_gap_is_measured_along_the_normal_and_slip_along_the_face(corner):
     tangent = work.tangent[3, 0]
     away = 0.02 * np.array([tangent[1], -tangent[0]]) + 0.05 * tangent
     work.face[3, 1] += away
-    assert placing.clearance(3, corner, work.face, work.tangent) == pytest.approx(0.02)
-    assert placing.corner_slip(3, *away, corner == 0, work.tangent) == pytest.approx(
-        0.05
-    )
+    assert placing.clearance(3, corner, work) == pytest.approx(0.02)
+    assert placing.corner_slip(3, tuple(away), corner == 0, work) == pytest.approx(0.05)
     # Where a slipped contact holds there is no offset.
     work.face[3, 1] -= away + 0.05 * tangent
-    offset = placing.corner_offset(3, corner, work.face, work.tangent, -0.05)
+    offset = placing.corner_offset(3, corner, work, -0.05)
     assert offset == pytest.approx((0.0, 0.0))
 
 
@@ -86,5 +84,5 @@ def test_gaps_and_relative_velocities_are_those_of_the_paper():
                 paper.relative_velocity(work.pivot[j], *bodies)
             )
             for corner in (0, 1):
-                found = placing.clearance(j, corner, work.face, work.tangent)
+                found = placing.clearance(j, corner, work)
                 assert np.abs(paper.gaps(*work.face[j], corner) - found).min() < 1e-12

@@ -51,7 +51,7 @@ def test_a_step_goes_by_its_middle_and_aims_beyond_its_end(friction):
         assert np.abs(state.position[1:-1] - end).max() < 1e-12
         there = new_work(model)
         bodies = framed(velocity)
-        move_faces(model, work.position, there.rotated, there.face, there.tangent)
+        move_faces(model, work.position, there)
         for j, normal in enumerate(work.normal):
             for k, corner in enumerate(work.point[j]):
                 pair = [(corner - work.position[i, :2], bodies[i]) for i in (j, j + 1)]

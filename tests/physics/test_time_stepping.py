@@ -38,7 +38,7 @@ def step_through(model, grounds, state, work, path, lengths, kinds):
     """
     clear(state)
     state.clock[Clock.FACTOR] = 1.0
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    move_faces(model, state.position, work)
     worst = 0.0
     shortest = 2e-5
     clock = state.clock

@@ -119,8 +119,8 @@ def accelerate(case, linkage, motion, q, speed, late):
     work = case.work
     if not place_linkage(model, linkage, q, speed, state):
         return np.nan, np.nan
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    place_contacts(model, state.slip, work.face, work.tangent, work)
+    move_faces(model, state.position, work)
+    place_contacts(model, state.slip, work)
     power = 0.0
     for i in range(1, state.position.shape[0] - 1):
         for c in range(2):
@@ -385,7 +385,7 @@ class Run:
         self.step = min(STEP * options.tolerance**0.25, LONGEST) * self.unit
         self.most = options.max_steps + 2.0 * self.stop / self.step
         self.mass = np.stack([model.mass, model.mass, model.inertia], axis=1)[1:-1]
-        place_contacts(model, self.state.slip, work.face, work.tangent, work)
+        place_contacts(model, self.state.slip, work)
         self.limits: list[float] = []
         self.linkages: list[Linkage | None] = []
         problem = new_rest_problem(model)

@@ -92,7 +92,7 @@ def gather_reactions(case, springs, span):
     """Impulses of the joints over a time `span` [s], about their pivots."""
     work = case.work
     reaction = case.work.reaction
-    place_contacts(case.model, case.state.slip, work.face, work.tangent, work)
+    place_contacts(case.model, case.state.slip, work)
     reaction[:, :] = 0.0
     for j in range(work.slide.size):
         for k in range(2):
@@ -245,13 +245,13 @@ def damp(case: Case, springs: Springs) -> None:
         stiffness = stiffness_matrix(model, state, work, springs, part)
         state.velocity[1:-1] = np.linalg.solve(stiffness, force.ravel()).reshape(-1, 3)
         state.position[:] += state.velocity
-        move_faces(model, state.position, work.rotated, work.face, work.tangent)
+        move_faces(model, state.position, work)
     else:
         state.position[:] = start
         for array in (springs.shear, springs.dashpot, work.contact):
             array[:] = 0.0
     state.velocity[:] = 0.0
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    move_faces(model, state.position, work)
 
 
 def critical_step(frequency: float, damping: float) -> float:

@@ -12,10 +12,10 @@ from archfrag.arch.shape import Shape
 from archfrag.arch.tie_rods import tie_name
 from archfrag.errors import StabilityError
 from archfrag.physics.contact.path import new_path
-from archfrag.physics.contact.ties import TAUT, tie_stretch
+from archfrag.physics.contact.ties import tie_stretch
 from archfrag.physics.shared import begin
 from archfrag.physics.state import new_model, new_state, new_work
-from archfrag.physics.status import Tie, TieState
+from archfrag.physics.status import Tie, TieMode, TieState
 from archfrag.physics.steps.creep import creep
 from archfrag.physics.steps.service import rest_range
 
@@ -156,7 +156,7 @@ class SlowArch(Generic[Kind]):
         row[Tie.STIFFNESS] = force / (SOFT * length)
         row[Tie.LENGTH] = (1.0 - SOFT) * length
         row[Tie.STRENGTH] = row[Tie.RUPTURE] = math.inf
-        self._state.tie[tie] = TAUT, 0.0
+        self._state.tie[tie] = TieMode.TAUT, 0.0
 
 
 def follow_tie(arch: Kind) -> Kind:

@@ -7,7 +7,8 @@ corners has passed a limit, the faces no longer overlap, or a joint has rotated 
 
 import math
 
-from archfrag.physics.contact.placing import clearance, slip_and_gap
+from archfrag.physics.contact.laws import touching
+from archfrag.physics.contact.placing import least_gap, slip_and_gap
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import flag, larger
@@ -20,21 +21,6 @@ SMALL = 0.02
 # below it joints part and meet again many times as they rock.
 NOTED_GAP = 0.02
 RIGHT_ANGLE = 0.5 * math.pi
-HINGING = float(CollapseMode.HINGING)
-SLIDING = float(CollapseMode.SLIDING)
-LIFT_OFF = float(CollapseMode.LIFT_OFF)
-NO_MODE = int(CollapseMode.NONE)
-OVERTURNING = int(CollapseMode.OVERTURNING)
-SLID = int(CollapseMode.SLIDING)
-
-
-@inlined
-def _record_loss(j, model, state, lost, rotation, time):
-    """Record the state in which joint j loses contact."""
-    state.lost_since[j] = select(lost, time, state.lost_since[j])
-    by_slip = abs(state.slip[j]) * (1.0 / model.length[j])
-    state.lost_slip[j] = select(lost, by_slip, state.lost_slip[j])
-    state.lost_rotation[j] = select(lost, abs(rotation), state.lost_rotation[j])
 
 
 @inlined
@@ -43,7 +29,8 @@ def loss_mode(j, state):
     slip = state.lost_slip[j]
     rotation = state.lost_rotation[j]
     little = (larger(slip, rotation) < SMALL) & (state.bore_face[j] > 0.5)
-    return select(little, LIFT_OFF, select(slip > rotation, SLIDING, HINGING))
+    slides = select(slip > rotation, CollapseMode.SLIDING, CollapseMode.HINGING)
+    return select(little, CollapseMode.LIFT_OFF, slides)
 
 
 @inlined
@@ -73,16 +60,20 @@ def follow_joints(model, state, work, where, loss_limit):
     time = state.clock[Clock.TIME]
     collapsed = False
     for j in range(state.slip.shape[0]):
-        is_0 = work.contact[j, 0] > 0.5
-        is_1 = work.contact[j, 1] > 0.5
+        is_0, is_1 = touching(j, work)
         none = where & opposite(is_0 | is_1)
         slides = where & (work.slide[j] != 0.0)
         rotation = state.position[j + 1, 2] - state.position[j, 2]
         if some(none | slides):
             unit = 1.0 / model.length[j]
-            had = (state.contact[j, 0] > 0.5) | (state.contact[j, 1] > 0.5)
-            _record_loss(j, model, state, none & had, rotation, time)
-            slip, gap = slip_and_gap(j, is_0, is_1, work.face, work.tangent)
+            was_0, was_1 = touching(j, state)
+            lost = none & (was_0 | was_1)
+            by_slip = abs(state.slip[j]) * unit
+            state.lost_since[j] = select(lost, time, state.lost_since[j])
+            state.lost_slip[j] = select(lost, by_slip, state.lost_slip[j])
+            turned = select(lost, abs(rotation), state.lost_rotation[j])
+            state.lost_rotation[j] = turned
+            slip, gap = slip_and_gap(j, is_0, is_1, work)
             state.slip[j] = select(none | slides, slip, state.slip[j])
             gap = gap * unit
             record_gap(j, state, gap, none)
@@ -101,23 +92,21 @@ def follow_joints(model, state, work, where, loss_limit):
 def collapse_of(model, state, work, loss_limit):
     """Find the joint that collapsed: its number or -1, CollapseMode, and time of the loss [s]."""
     found = -1
-    how = NO_MODE
+    how = CollapseMode.NONE
     since = math.nan
     for j in range(state.slip.size):
         slip = abs(state.slip[j]) / model.length[j]
         rotation = state.position[j + 1, 2] - state.position[j, 2]
-        none = state.contact[j, 0] < 0.5 and state.contact[j, 1] < 0.5
-        gap = 0.0
-        if none:
-            first = clearance(j, 0, work.face, work.tangent)
-            gap = min(first, clearance(j, 1, work.face, work.tangent)) / model.length[j]
-        if slip >= 1.0 or abs(rotation) >= RIGHT_ANGLE or (none and gap > loss_limit):
+        at_0, at_1 = touching(j, state)
+        none = not (at_0 or at_1)
+        lost = none and least_gap(j, work) / model.length[j] > loss_limit
+        if slip >= 1.0 or abs(rotation) >= RIGHT_ANGLE or lost:
             found = j
-            how = OVERTURNING
+            how = CollapseMode.OVERTURNING
             since = state.clock[Clock.TIME]
             if none:
                 how = int(loss_mode(j, state))
                 since = state.lost_since[j]
             elif slip >= 1.0:
-                how = SLID
+                how = CollapseMode.SLIDING
     return found, how, since

@@ -2,9 +2,9 @@
 
 import math
 
-from archfrag.physics.contact.laws import contact_of
+from archfrag.physics.contact.laws import contact_of, cross, force_of
 from archfrag.physics.contact.placing import at_point
-from archfrag.physics.contact.ties import tie_energy, tie_stretch
+from archfrag.physics.contact.ties import add_stored, is_pulled
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import larger, smaller
@@ -27,8 +27,7 @@ def contact_works(state, work):
     friction = impact = balance_error = 0.0
     hits = False
     for j in range(state.slip.shape[0]):
-        fx = work.reaction[j, 0]
-        fy = work.reaction[j, 1]
+        fx, fy = force_of(j, work)
         moment = work.reaction[j, 2]
         ux = 0.5 * (work.earlier[j, 0] + work.relative[j, 0])
         uy = 0.5 * (work.earlier[j, 1] + work.relative[j, 1])
@@ -43,10 +42,9 @@ def contact_works(state, work):
         slides = opposite(fresh) & ((work.slide[j] != 0.0) | (state.slide[j] != 0.0))
         if some(slides):
             nx, ny, px, py = contact_of(j, work)
-            px = px - work.pivot[j, 0]
-            py = py - work.pivot[j, 1]
-            ax, ay = at_point(ux, uy, u, px, py)
-            rubbed = select(slides, (fy * nx - fx * ny) * (ay * nx - ax * ny), 0.0)
+            slip = at_point(ux, uy, u, px - work.pivot[j, 0], py - work.pivot[j, 1])
+            rubbed = cross((nx, ny), (fx, fy)) * cross((nx, ny), slip)
+            rubbed = select(slides, rubbed, 0.0)
             friction += rubbed
             done = done - rubbed
         balance_error += select(fresh, 0.0, done)
@@ -92,7 +90,7 @@ def record_step(state, work, where):
 
 
 @inlined
-def record_ties(state, yielded, unexplained, where):
+def record_pulls(state, yielded, unexplained, where):
     """Record what ties dissipate by yielding, and the error of their work in a step [J]."""
     state.energy[Energy.FRICTION] += select(where, yielded, 0.0)
     _record_error(unexplained, where, state.energy)
@@ -132,9 +130,7 @@ def energies_of(model, state):
     for i in range(1, state.position.shape[0] - 1):
         rise = state.position[i, 1] - model.centroid[i, 1]
         potential += model.gravity * model.mass[i] * rise
-    for t in range(model.tie.shape[0]):
-        potential += tie_energy(model, t, state, tie_stretch(model, t, state.position))
-    return kinetic_energy(model, state.velocity), potential
+    return kinetic_energy(model, state.velocity), add_stored(model, state, potential)
 
 
 @inlined
@@ -143,7 +139,7 @@ def record_calm(model, state, kinetic, where):
     has just before the motion after a first shock begins.
     """
     clock = state.clock
-    tied = model.tie.shape[0] > 0
+    tied = is_pulled(model)
     left = clock[Clock.BEGINS] - clock[Clock.TIME]
     if tied or some(left > 0.0):
         weight = 0.0

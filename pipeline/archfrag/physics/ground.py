@@ -148,9 +148,9 @@ def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:
 
 
 @inlined
-def _impulse_until(time, acceleration, impulse, first, last, per_step, time_step):
+def _impulse_until(time, acceleration, impulse, first, last, time_step):
     """Return the integral of one motion from its first sample to `time` [m/s]."""
-    place = time * per_step
+    place = time * (1.0 / time_step)
     if place <= 0.0:
         return 0.0
     i = first + int(place)
@@ -162,22 +162,30 @@ def _impulse_until(time, acceleration, impulse, first, last, per_step, time_step
 
 
 @inlined
+def _place_of(grounds, motion):
+    """Return the first and the last sample of a motion, and its time step [s]."""
+    last = grounds.first[motion + 1] - 1
+    return grounds.first[motion], last, grounds.time_step[motion]
+
+
+@inlined
 def _far_at(grounds, c, motion, time):
     """Return acceleration, velocity, displacement and jerk of the far springing in a direction.
 
     Behind the last sample it stands where it is.
     """
-    first = grounds.first[motion]
-    last = grounds.first[motion + 1] - 1
-    dt = grounds.time_step[motion]
+    far = grounds.far
+    if far.shape[0] == 0:
+        return 0.0, 0.0, 0.0, 0.0
+    first, last, dt = _place_of(grounds, motion)
     place = max(time, 0.0) / dt
     i = first + int(place)
     if i >= last:
-        return 0.0, 0.0, grounds.far[last, c, 2], 0.0
-    a = grounds.far[i, c, 0]
-    v = grounds.far[i, c, 1]
-    u = grounds.far[i, c, 2]
-    jerk = (grounds.far[i + 1, c, 0] - a) / dt
+        return 0.0, 0.0, far[last, c, 2], 0.0
+    a = far[i, c, 0]
+    v = far[i, c, 1]
+    u = far[i, c, 2]
+    jerk = (far[i + 1, c, 0] - a) / dt
     s = (place - (i - first)) * dt
     u += s * (v + s * (0.5 * a + s * jerk / 6.0))
     return a + s * jerk, v + s * (a + 0.5 * s * jerk), u, jerk
@@ -206,6 +214,14 @@ def _far_between(grounds, clock, c, start, end):
     return middle, before, after
 
 
+@inlined
+def _gained(acceleration, impulse, start, end, place):
+    """Return the integral of one motion between two instants [m/s]."""
+    first, last, dt = place
+    late = _impulse_until(end, acceleration, impulse, first, last, dt)
+    return late - _impulse_until(start, acceleration, impulse, first, last, dt)
+
+
 @kernel
 def impulse_between(grounds, clock, start, end):
     """Return the velocity that the ground motion takes between two instants [s].
@@ -222,24 +238,13 @@ def impulse_between(grounds, clock, start, end):
     for k in range(width(clock[Clock.TIME])):
         motion = int(lane(clock[Clock.MOTION], k))
         factor = lane(clock[Clock.FACTOR], k)
+        place = _place_of(grounds, motion)
         a = lane(start, k)
         b = lane(end, k)
-        first = grounds.first[motion]
-        last = grounds.first[motion + 1] - 1
-        dt = grounds.time_step[motion]
-        per = 1.0 / dt
-        wave = grounds.horizontal
-        total = grounds.impulse_x
-        late = _impulse_until(b, wave, total, first, last, per, dt)
-        x = with_lane(
-            x, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt))
-        )
-        wave = grounds.vertical
-        total = grounds.impulse_y
-        late = _impulse_until(b, wave, total, first, last, per, dt)
-        y = with_lane(
-            y, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt))
-        )
+        given = _gained(grounds.horizontal, grounds.impulse_x, a, b, place)
+        x = with_lane(x, k, factor * given)
+        given = _gained(grounds.vertical, grounds.impulse_y, a, b, place)
+        y = with_lane(y, k, factor * given)
     return Impulse(x, y, far_x, far_y, before_x, before_y, after_x, after_y)
 
 
@@ -248,20 +253,9 @@ def end_of_motion(grounds, clock, follow):
     """Return the time at which a run ends at the latest [s]."""
     end = 0.0 * clock[Clock.TIME]
     for k in range(width(clock[Clock.TIME])):
-        m = int(lane(clock[Clock.MOTION], k))
-        size = grounds.first[m + 1] - grounds.first[m] - 1
-        end = with_lane(end, k, size * grounds.time_step[m] + follow)
+        first, last, dt = _place_of(grounds, int(lane(clock[Clock.MOTION], k)))
+        end = with_lane(end, k, (last - first) * dt + follow)
     return end
-
-
-@inlined
-def far_of(time, grounds, c):
-    """Return how the far springing moves in a direction from a time on; as `_far_at`."""
-    if grounds.far.shape[0] == 0:
-        return 0.0, 0.0, 0.0, 0.0
-    dt = grounds.time_step[0]
-    i = np.floor(time / dt + BARELY)
-    return _far_at(grounds, c, 0, max(time, i * dt))
 
 
 @kernel
@@ -274,17 +268,17 @@ def segment_at(time, grounds):
     x = grounds.horizontal
     y = grounds.vertical
     i = int(np.floor(time / dt + BARELY))
-    far_x = far_of(time, grounds, 0)
-    far_y = far_of(time, grounds, 1)
+    far_x = _far_at(grounds, 0, 0, max(time, i * dt))
+    far_y = _far_at(grounds, 1, 0, max(time, i * dt))
     if i >= grounds.first[1] - 1:
         return Segment(np.inf, 0.0, 0.0, 0.0, 0.0, far_x, far_y)
     part = time - i * dt
     rate_x = (x[i + 1] - x[i]) / dt
     rate_y = (y[i + 1] - y[i]) / dt
+    now_x = x[i] + rate_x * part
+    now_y = y[i] + rate_y * part
     end = grounds.next_break[i] * dt
-    return Segment(
-        end, x[i] + rate_x * part, rate_x, y[i] + rate_y * part, rate_y, far_x, far_y
-    )
+    return Segment(end, now_x, rate_x, now_y, rate_y, far_x, far_y)
 
 
 @inlined
@@ -308,12 +302,12 @@ def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
     limit_plus``, a convex cone, so that a force linear in time between two samples inside it
     stays inside.
     """
-    effective_gravity = gravity + vertical
-    margin = effective_gravity
+    effective = gravity + vertical
+    margin = effective
     if not np.isinf(limit_plus):
-        margin = min(margin, limit_plus * effective_gravity - horizontal)
+        margin = min(margin, limit_plus * effective - horizontal)
     if not np.isinf(limit_minus):
-        margin = min(margin, limit_minus * effective_gravity + horizontal)
+        margin = min(margin, limit_minus * effective + horizontal)
     return margin
 
 
@@ -335,11 +329,8 @@ def end_rest(model, grounds, clock, plus, minus):
 
     Reads: model.gravity, grounds (far, first, horizontal, time_step, vertical), clock.
     """
-    m = int(clock[Clock.MOTION])
     factor = clock[Clock.FACTOR]
-    first = grounds.first[m]
-    last = grounds.first[m + 1] - 1
-    dt = grounds.time_step[m]
+    first, last, dt = _place_of(grounds, int(clock[Clock.MOTION]))
     wave = grounds.horizontal
     rise = grounds.vertical
     g = model.gravity

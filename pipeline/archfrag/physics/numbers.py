@@ -20,6 +20,12 @@ def dot(a, b):
 
 
 @inlined
+def choose(mask, a, b):
+    """Return a pair of numbers where `mask` holds, else another one."""
+    return select(mask, a[0], b[0]), select(mask, a[1], b[1])
+
+
+@inlined
 def larger(x, y):
     """Return the larger of two numbers; `y` where one is nan."""
     return select(x > y, x, y)
@@ -35,6 +41,14 @@ def smaller(x, y):
 def flag(mask):
     """Return one where `mask` holds, else zero."""
     return select(mask, 1.0, 0.0)
+
+
+@inlined
+def copy_rows(of, to, first, last):
+    """Copy rows of three numbers from `first` to before `last`."""
+    for i in range(first, last):
+        for c in range(3):
+            to[i, c] = of[i, c]
 
 
 # Nearest integers by adding what leaves no bits for a fraction.

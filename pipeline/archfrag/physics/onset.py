@@ -37,20 +37,23 @@ class RestLimit(NamedTuple):
     reaction: (
         np.ndarray
     )  # (n_joint, 3) on the body after each joint, about the origin, at k
-    iterations: int
 
 
-@struct(
-    centroid=(2,),
-    pull=(3,),
-    candidate=(2,),
-    part=(3, 5),
-    row=(5,),
-    bound=(4,),
-    basis=(4,),
-    inverse=(4,),
-    reaction=(3,),
-)
+OF_REST = {
+    "centroid": (2,),
+    "pull": (3,),
+    "candidate": (2,),
+    "part": (3, 5),
+    "row": (5,),
+    "bound": (4,),
+    "basis": (4,),
+    "inverse": (4,),
+    "vertex": (4,),
+    "reaction": (3,),
+}
+
+
+@struct(**OF_REST)
 class RestProblem(NamedTuple):
     """Workspace for the range of rest of a chain."""
 
@@ -87,48 +90,50 @@ LEVEL, UNKNOWN, MULTIPLIER, WEIGHT, LEFT = range(5)
 
 def new_rest_problem(model: Model) -> RestProblem:
     """Allocate the workspace for a chain's range of rest."""
-    zeros = np.zeros
-    n_row = model.mass.size
     n_joint = model.friction.size
-    return RestProblem(
-        centroid=zeros((n_row, 2)),
-        pull=zeros((n_row, 3)),
-        candidate=np.ones((n_joint, 2), np.int8),
-        part=zeros((n_joint, 3, 5)),
-        row=zeros((3, 5)),
-        bound=zeros((8 * n_joint, N_UNKNOWN)),
-        level=zeros(8 * n_joint),
-        joint=zeros(8 * n_joint, np.int64),
-        kind=zeros(8 * n_joint, np.int8),
-        active=zeros(N_UNKNOWN, np.int64),
-        basis=zeros((N_UNKNOWN, N_UNKNOWN)),
-        inverse=zeros((N_UNKNOWN, N_UNKNOWN)),
-        vertex=zeros((5, N_UNKNOWN)),
-        mechanism=zeros(n_joint, np.int8),
-        reaction=zeros((n_joint, 3)),
+    first = {"centroid": model.mass.size, "pull": model.mass.size, "row": 3}
+    first |= {
+        "vertex": 5,
+        "active": N_UNKNOWN,
+        "basis": N_UNKNOWN,
+        "inverse": N_UNKNOWN,
+    }
+    first |= dict.fromkeys(("bound", "level", "joint", "kind"), 8 * n_joint)
+    kinds: dict[str, type] = {"joint": np.int64, "active": np.int64}
+    kinds |= dict.fromkeys(("candidate", "kind", "mechanism"), np.int8)
+    problem = RestProblem(
+        *(
+            np.zeros(
+                (first.get(name, n_joint), *OF_REST.get(name, ())), kinds.get(name)
+            )
+            for name in RestProblem._fields
+        )
     )
+    problem.candidate[:] = 1
+    return problem
 
 
 @kernel
-def _add_body(problem, j, i, gravity, mass, weight, size, sense):
+def _add_body(model, problem, j, i, weight, size, sense):
     """Add weight and pull of a body, or their opposite, to the resultants of a joint.
 
     Reads: problem (centroid, part, pull).
     Writes: problem.part.
     """
-    part = problem.part
-    centroid = problem.centroid
-    pull = problem.pull
-    w = mass * gravity / weight
-    part[j, 0, 3] += sense * w
-    part[j, 1, 4] += sense * w
-    part[j, 2, 3] -= sense * (w * centroid[i, 1] / size)
-    part[j, 2, 4] += sense * (w * centroid[i, 0] / size)
+    part = problem.part[j]
+    x = problem.centroid[i, 0]
+    y = problem.centroid[i, 1]
+    pull = problem.pull[i]
+    w = model.mass[i] * model.gravity / weight
+    part[0, 3] += sense * w
+    part[1, 4] += sense * w
+    part[2, 3] -= sense * (w * y / size)
+    part[2, 4] += sense * (w * x / size)
     # Pulls act on the other side than body forces, which are those of the frame.
-    part[j, 0, 4] -= sense * pull[i, 0] / weight
-    part[j, 1, 4] -= sense * pull[i, 1] / weight
-    moment = pull[i, 2] + centroid[i, 0] * pull[i, 1] - centroid[i, 1] * pull[i, 0]
-    part[j, 2, 4] -= sense * moment / (weight * size)
+    part[0, 4] -= sense * pull[0] / weight
+    part[1, 4] -= sense * pull[1] / weight
+    moment = pull[2] + x * pull[1] - y * pull[0]
+    part[2, 4] -= sense * moment / (weight * size)
 
 
 @kernel
@@ -139,21 +144,19 @@ def set_resultants(model, problem, weight, size):
     Writes: problem.part.
     """
     part = problem.part
-    n_joint = problem.part.shape[0]
+    n_joint = part.shape[0]
     n_body = model.mass.shape[0] - 2
-    for c in range(3):
-        for k in range(5):
-            part[0, c, k] = 0.0
+    part[0] = 0.0
     if n_joint == n_body:
         for i in range(1, n_body + 1):
-            _add_body(problem, 0, i, model.gravity, model.mass[i], weight, size, 1.0)
+            _add_body(model, problem, 0, i, weight, size, 1.0)
     else:
         part[0, 0, 0] = part[0, 1, 1] = part[0, 2, 2] = 1.0
     for j in range(1, n_joint):
         for c in range(3):
             for k in range(5):
                 part[j, c, k] = part[j - 1, c, k]
-        _add_body(problem, j, j, model.gravity, model.mass[j], weight, size, -1.0)
+        _add_body(model, problem, j, j, weight, size, -1.0)
 
 
 @kernel
@@ -180,15 +183,15 @@ def set_inequalities(model, work, problem, size):
     """
     part = problem.part
     row = problem.row
-    point = work.point
     count = 0
     for j in range(part.shape[0]):
         nx = work.normal[j, 0]
         ny = work.normal[j, 1]
-        x0 = point[j, 0, 0] / size
-        y0 = point[j, 0, 1] / size
-        x1 = point[j, 1, 0] / size
-        y1 = point[j, 1, 1] / size
+        point = work.point[j]
+        x0 = point[0, 0] / size
+        y0 = point[0, 1] / size
+        x1 = point[1, 0] / size
+        y1 = point[1, 1] / size
         length = (y1 - y0) * nx - (x1 - x0) * ny
         for k in range(5):
             fx = part[j, 0, k]
@@ -222,19 +225,18 @@ def set_inequalities(model, work, problem, size):
 def largest_load_factor(problem, n_row, sense):
     """Maximise ``sense * x[3]`` in four unknowns subject to the inequalities, by the dual simplex.
 
-    Return whether it is feasible, and iterations; -1 if there are too many.
+    Return whether it is feasible; False, too, if that takes too many iterations.
 
     Reads: problem (active, basis, bound, inverse, level, vertex).
     Writes: problem (active, basis, inverse, vertex).
     """
     bound = problem.bound
     level = problem.level
-    active = problem.active
     basis = problem.basis
     inverse = problem.inverse
     vertex = problem.vertex
     for i in range(N_UNKNOWN):
-        active[i] = n_row + i
+        problem.active[i] = n_row + i
         vertex[LEVEL, i] = BOX
         for k in range(N_UNKNOWN):
             basis[i, k] = inverse[i, k] = 1.0 if i == k else 0.0
@@ -245,7 +247,7 @@ def largest_load_factor(problem, n_row, sense):
             unused = unused and bound[q, k] == 0.0
         if unused:
             vertex[LEVEL, k] = 0.0
-    for iteration in range(50 + 20 * N_UNKNOWN + n_row):
+    for _ in range(50 + 20 * N_UNKNOWN + n_row):
         _set_vertex(problem)
         largest = 0.0
         for k in range(N_UNKNOWN):
@@ -254,20 +256,19 @@ def largest_load_factor(problem, n_row, sense):
         entering = -1
         worst = FEASIBLE * max(1.0, largest)
         for q in range(n_row):
-            violation = (
-                bound[q, 0] * vertex[UNKNOWN, 0] + bound[q, 1] * vertex[UNKNOWN, 1]
-            )
-            violation = violation + bound[q, 2] * vertex[UNKNOWN, 2]
-            violation = violation + bound[q, 3] * vertex[UNKNOWN, 3] - level[q]
+            violation = bound[q, 0] * vertex[UNKNOWN, 0]
+            for k in range(1, N_UNKNOWN):
+                violation += bound[q, k] * vertex[UNKNOWN, k]
+            violation -= level[q]
             if violation > worst:
                 worst = violation
                 entering = q
         if entering < 0:
-            return True, iteration
+            return True
         leaving = _leaving(problem, entering)
         if leaving < 0:
-            return False, iteration
-        active[leaving] = entering
+            return False
+        problem.active[leaving] = entering
         vertex[LEVEL, leaving] = level[entering]
         for i in range(N_UNKNOWN):
             basis[leaving, i] = bound[entering, i]
@@ -275,7 +276,7 @@ def largest_load_factor(problem, n_row, sense):
             for k in range(N_UNKNOWN):
                 if k != leaving:
                     inverse[i, k] -= vertex[WEIGHT, k] * inverse[i, leaving]
-    return False, -1
+    return False
 
 
 @kernel
@@ -286,11 +287,10 @@ def _leaving(problem, entering):
     Writes: problem.vertex.
     """
     vertex = problem.vertex
-    inverse = problem.inverse
+    vertex[WEIGHT] = 0.0
     for k in range(N_UNKNOWN):
-        vertex[WEIGHT, k] = 0.0
         for i in range(N_UNKNOWN):
-            vertex[WEIGHT, k] += problem.bound[entering, i] * inverse[i, k]
+            vertex[WEIGHT, k] += problem.bound[entering, i] * problem.inverse[i, k]
     leaving = -1
     best = np.inf
     size = 0.0
@@ -334,45 +334,46 @@ def find_rest_limit(model, work, problem, sense):
 
     Contacts are those of ``work.point`` and ``work.normal``; centroids, pulls and open corners
     are those of `problem`. `sense` is 1 for a ground that accelerates towards +x (body force
-    towards -x), -1 for the other way. Return the first two and the last of `RestLimit`; its arrays
-    are in `problem`.
+    towards -x), -1 for the other way. Return the first two of `RestLimit`; its arrays are in
+    `problem`.
+
+    Reads: model (friction, gravity, mass), work (normal, point), problem.
+    Writes: problem.
     """
     n_joint = problem.part.shape[0]
-    n_body = model.mass.shape[0] - 2
     size = 0.0
     weight = 0.0
     for j in range(n_joint):
         for c in range(2):
             size = max(size, abs(work.point[j, c, 0]), abs(work.point[j, c, 1]))
-    for i in range(1, n_body + 1):
+    for i in range(1, model.mass.shape[0] - 1):
         weight += model.mass[i] * model.gravity
     set_resultants(model, problem, weight, size)
     n_row = set_inequalities(model, work, problem, size)
-    if n_joint == n_body:
-        for q in range(n_row):
-            problem.bound[q, 0] = problem.bound[q, 1] = problem.bound[q, 2] = 0.0
-    found, iterations = largest_load_factor(problem, n_row, sense)
+    if n_joint == model.mass.shape[0] - 2:
+        problem.bound[:, :3] = 0.0
+    found = largest_load_factor(problem, n_row, sense)
     vertex = problem.vertex
-    part = problem.part
+    problem.mechanism[:] = 0
     for j in range(n_joint):
-        problem.mechanism[j] = 0
         for c in range(3):
-            total = part[j, c, 4]
+            part = problem.part[j, c]
+            total = part[4]
             for k in range(N_UNKNOWN):
-                total += part[j, c, k] * vertex[UNKNOWN, k]
+                total += part[k] * vertex[UNKNOWN, k]
             problem.reaction[j, c] = total * (weight * size if c == 2 else weight)
     for i in range(N_UNKNOWN):
         row = problem.active[i]
         if found and row < n_row and vertex[MULTIPLIER, i] > 1e-9:
             problem.mechanism[problem.joint[row]] |= problem.kind[row]
     factor = vertex[UNKNOWN, 3]
-    return found, np.inf * sense if abs(factor) > NO_LIMIT else factor, iterations
+    return found, np.inf * sense if abs(factor) > NO_LIMIT else factor
 
 
 def rest_limit(
     model: Model, work: Work, problem: RestProblem, sense: float
 ) -> RestLimit:
     """Return what `find_rest_limit` finds, with arrays of its own."""
-    found, factor, iterations = find_rest_limit(model, work, problem, sense)
+    found, factor = find_rest_limit(model, work, problem, sense)
     arrays = problem.mechanism.copy(), problem.reaction.copy()
-    return RestLimit(found, factor, *arrays, iterations)
+    return RestLimit(found, factor, *arrays)

@@ -10,11 +10,15 @@ import math
 
 from archfrag.physics.contact import placing
 from archfrag.physics.contact.laws import (
-    MINUS,
-    PLUS,
+    along,
     closed_forces,
-    cone_rays,
+    cones_at,
+    cross,
+    force_of,
+    normal_of,
     opening_rate,
+    rate_of,
+    side_of,
 )
 from archfrag.physics.kernels.kernel import inlined, kernel
 
@@ -27,17 +31,15 @@ def _approach(j, k, work, scale):
     """Return the rate at which a corner that may touch closes, by the law that is kept more nearly
     (Eq 5).
     """
-    rate = opening_rate(
-        j, k, work.corner_rate[j, k, 0], work.corner_rate[j, k, 1], work
-    )
+    rate = opening_rate(j, k, rate_of(j, k, work), work)
     return max(0.0, -rate) / scale if work.candidate[j, k] > 0.5 else 0.0
 
 
 @inlined
 def _arm(j, k, work):
-    return work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[
-        j, 1
-    ]
+    """Return where a corner is from the pivot."""
+    point = work.point[j, k]
+    return point[0] - work.pivot[j, 0], point[1] - work.pivot[j, 1]
 
 
 @kernel
@@ -46,39 +48,35 @@ def _if_corner(j, k, model, work, scale, force):
 
     Reads: model.ray, work (candidate, corner_rate, known, pivot, point, reaction, side_normal).
     """
-    px, py = _arm(j, k, work)
-    qx, qy = _arm(j, 1 - k, work)
-    length = math.sqrt((qx - px) ** 2 + (qy - py) ** 2)
-    fx = work.reaction[j, 0] / force
-    fy = work.reaction[j, 1] / force
-    moment = work.reaction[j, 2] / force
-    common = max(
-        abs(moment - (px * fy - py * fx)) / length, _approach(j, 1 - k, work, scale)
-    )
-    ux = work.corner_rate[j, k, 0] / scale
-    uy = work.corner_rate[j, k, 1] / scale
+    arm = _arm(j, k, work)
+    far = _arm(j, 1 - k, work)
+    length = math.sqrt((far[0] - arm[0]) ** 2 + (far[1] - arm[1]) ** 2)
+    fx, fy = force_of(j, work)
+    push = fx / force, fy / force
+    moment = work.reaction[j, 2] / force - cross(arm, push)
+    common = max(abs(moment) / length, _approach(j, 1 - k, work, scale))
+    ux, uy = rate_of(j, k, work)
+    rate = ux / scale, uy / scale
     size = 1.0 / math.sqrt(model.ray[j, 0] ** 2 + model.ray[j, 1] ** 2)
-    n = work.side_normal[j, k, PLUS]
-    m = work.side_normal[j, k, MINUS]
-    hx, hy, lx, ly = cone_rays(j, model, n[0], n[1], m[0], m[1])
+    cones = cones_at(j, k, model, work)
     best = math.inf
     outside = 0.0
     for side in range(2):
         sense = 1.0 - 2.0 * side
-        nx = work.side_normal[j, k, side, 0]
-        ny = work.side_normal[j, k, side, 1]
-        rx, ry = (hx * size, hy * size) if side == PLUS else (lx * size, ly * size)
-        beyond = rx * fy - ry * fx
+        normal = side_of(j, k, side, work)
+        ray = cones[side][0] * size, cones[side][1] * size
+        beyond = cross(ray, push)
         outside = max(outside, sense * beyond)
         if work.known[j] == -sense:
             continue
-        wrong = 0.0 if work.known[j] == sense else max(0.0, sense * (nx * uy - ny * ux))
-        tension = max(0.0, -(rx * fx + ry * fy))
-        best = min(
-            best, max(common, abs(beyond), tension, abs(nx * ux + ny * uy), wrong)
-        )
+        wrong = 0.0
+        if work.known[j] != sense:
+            wrong = max(0.0, sense * cross(normal, rate))
+        tension = max(0.0, -along(ray, push))
+        worst = max(common, abs(beyond), tension, abs(along(normal, rate)), wrong)
+        best = min(best, worst)
     if work.known[j] == 0.0:
-        best = min(best, max(common, outside, abs(ux), abs(uy)))
+        best = min(best, max(common, outside, abs(rate[0]), abs(rate[1])))
     return best
 
 
@@ -88,18 +86,15 @@ def _if_closed(j, model, work, scale, force):
 
     Reads: model.friction, work (corner_rate, known, normal, pivot, point, reaction).
     """
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
+    axis = normal_of(j, work)
     force_0, force_1, normal, tangential = closed_forces(j, work)
     normal = normal / force
     tangential = tangential / force
     tension = max(0.0, -force_0 / force, -force_1 / force)
-    parts = work.corner_rate[j]
-    rate = max(
-        abs(nx * parts[0, 0] + ny * parts[0, 1]),
-        abs(nx * parts[1, 0] + ny * parts[1, 1]),
-    )
-    slip = nx * (parts[0, 1] + parts[1, 1]) - ny * (parts[0, 0] + parts[1, 0])
+    first = rate_of(j, 0, work)
+    second = rate_of(j, 1, work)
+    rate = max(abs(along(axis, first)), abs(along(axis, second)))
+    slip = cross(axis, (first[0] + second[0], first[1] + second[1]))
     common = max(tension, rate / scale)
     slip = 0.5 * slip / scale
     best = math.inf
@@ -126,20 +121,18 @@ def contact_residual(model, work, scale, force):
     """
     largest = 0.0
     for j in range(work.slide.size):
-        fx = work.reaction[j, 0] / force
-        fy = work.reaction[j, 1] / force
+        fx, fy = force_of(j, work)
         px, py = _arm(j, 0, work)
         moment = work.reaction[j, 2] / force / (2.0 * math.sqrt(px * px + py * py))
-        first = _approach(j, 0, work, scale)
-        second = _approach(j, 1, work, scale)
-        best = max(abs(fx), abs(fy), abs(moment), first, second)
-        at_0 = work.candidate[j, 0] > 0.5
-        at_1 = work.candidate[j, 1] > 0.5
-        if at_0:
-            best = min(best, _if_corner(j, 0, model, work, scale, force))
-        if at_1:
-            best = min(best, _if_corner(j, 1, model, work, scale, force))
-        if at_0 and at_1:
+        best = max(abs(fx / force), abs(fy / force), abs(moment))
+        near = 0.0
+        for k in range(2):
+            best = max(best, _approach(j, k, work, scale))
+            near += work.candidate[j, k]
+        for k in range(2):
+            if work.candidate[j, k] > 0.5:
+                best = min(best, _if_corner(j, k, model, work, scale, force))
+        if near > 1.5:
             best = min(best, _if_closed(j, model, work, scale, force))
         largest = max(largest, best)
     return largest
@@ -149,9 +142,8 @@ def contact_residual(model, work, scale, force):
 def _move_moments(work, sense):
     """Move the moments of reactions from the pivots to the origin, or back."""
     for j in range(work.slide.size):
-        fx = work.reaction[j, 0]
-        fy = work.reaction[j, 1]
-        work.reaction[j, 2] += sense * (work.pivot[j, 0] * fy - work.pivot[j, 1] * fx)
+        arm = work.pivot[j, 0], work.pivot[j, 1]
+        work.reaction[j, 2] += sense * cross(arm, force_of(j, work))
 
 
 @kernel
@@ -163,30 +155,28 @@ def state_residual(model, state, work):
     """
     length = model.length
     _move_moments(work, 1.0)
-    placing.place_contacts(model, state.slip, work.face, work.tangent, work)
+    placing.place_contacts(model, state.slip, work)
     _move_moments(work, -1.0)
     placing.relative_velocity(state.position, state.velocity, work.pivot, work.relative)
     force = 0.0
     for i in range(model.mass.size):
         force += model.gravity * model.mass[i]
     for j in range(length.size):
-        fx = work.reaction[j, 0]
-        fy = work.reaction[j, 1]
+        fx, fy = force_of(j, work)
         force = max(force, abs(fx), abs(fy))
-        nx = work.normal[j, 0]
-        ny = work.normal[j, 1]
+        nx, ny = normal_of(j, work)
         work.known[j] = 0.0
         for k in range(2):
             work.candidate[j, k] = 1.0
-            gap = placing.clearance(j, k, work.face, work.tangent) / length[j]
+            gap = placing.clearance(j, k, work) / length[j]
             if gap > TOUCHING or (fx == 0.0 and fy == 0.0):
                 # Only the gap counts; how the faces slide past each other does not.
                 work.corner_rate[j, k, 0] = gap * nx
                 work.corner_rate[j, k, 1] = gap * ny
                 continue
-            ux, uy = placing.corner_velocity(j, k, work.relative, work)
-            rate = (nx * uy - ny * ux) / math.sqrt(model.gravity * length[j])
-            ex, ey = placing.corner_offset(j, k, work.face, work.tangent, state.slip[j])
+            slip = cross((nx, ny), placing.corner_velocity(j, k, work.relative, work))
+            rate = slip / math.sqrt(model.gravity * length[j])
+            ex, ey = placing.corner_offset(j, k, work, state.slip[j])
             work.corner_rate[j, k, 0] = ex / length[j] - rate * ny
             work.corner_rate[j, k, 1] = ey / length[j] + rate * nx
     return contact_residual(model, work, 1.0, force)

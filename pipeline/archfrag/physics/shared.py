@@ -4,24 +4,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.physics.collapse import NO_MODE, NOTED_GAP, collapse_of, loss_mode
-from archfrag.physics.contact.laws import mode_number
+from archfrag.physics.collapse import NOTED_GAP, collapse_of, loss_mode
+from archfrag.physics.contact.laws import mode_of
 from archfrag.physics.contact.placing import clearance, move_faces, slip_and_gap
-from archfrag.physics.contact.ties import set_ties
+from archfrag.physics.contact.ties import is_pulled, reset_pulls
 from archfrag.physics.energy import energies_of
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import struct
+from archfrag.physics.numbers import copy_rows
 from archfrag.physics.state import Clock, Model, model_of
-from archfrag.physics.status import Count, Energy, Level, Loss, Peak, Status, Wait
+from archfrag.physics.status import (
+    CollapseMode,
+    Count,
+    Energy,
+    Level,
+    Loss,
+    Peak,
+    Status,
+    Wait,
+)
 
-GO, UNSOLVED, PAUSE, COLLAPSES, AT_END, EXHAUSTED, BROKEN, IDLE = map(int, Wait)
-STANDING = int(Status.STANDING)
-COLLAPSED = int(Status.COLLAPSED)
-UNFINISHED = int(Status.UNFINISHED)
-NO_SOLUTION = int(Status.NO_CONTACT_SOLUTION)
-NOT_FINITE = int(Status.NOT_FINITE)
-WORK_BOUND = int(Status.WORK_BOUND)
+GO = int(Wait.GO)
+UNSOLVED = int(Wait.UNSOLVED)
+PAUSE = int(Wait.PAUSE)
+COLLAPSES = int(Wait.COLLAPSES)
+AT_END = int(Wait.AT_END)
+EXHAUSTED = int(Wait.EXHAUSTED)
+BROKEN = int(Wait.BROKEN)
+IDLE = int(Wait.IDLE)
 AT_REST = int(Level.REST)
 ALL = int(Level.ALL_VOUSSOIRS)
 # Gap over joint length below which a corner is closed in a chain at rest [1].
@@ -44,18 +55,14 @@ LEAST_OVERLAP = 1e-4
 
 def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
     """Complete options by what follows from the model and its range of rest [g]."""
-    largest = max(float(options.largest_step), float(options.time_step))
     still = float(STILL * np.sqrt(model.gravity * model.length.max()))
-    held = -1.0
-    if not options.rests:
-        held = still
-        rest = (np.nan, np.nan)
+    plus, minus = rest if options.rests else (np.nan, np.nan)
     return options._replace(
-        largest_step=largest,
+        largest_step=max(float(options.largest_step), float(options.time_step)),
         still=still,
-        held=held,
-        rest_plus=rest[0],
-        rest_minus=rest[1],
+        held=-1.0 if options.rests else still,
+        rest_plus=plus,
+        rest_minus=minus,
     )
 
 
@@ -90,16 +97,10 @@ class Output(NamedTuple):
 
 def output_to(frames: Frames, log: MechanismLog, interval: float) -> Output:
     """Make an empty output into given frames and log."""
+    written = np.zeros(2, np.int64)
     forces = np.zeros(frames.reaction.shape[1:])
-    return Output(
-        frames,
-        log,
-        np.zeros(2, np.int64),
-        np.zeros(1),
-        float(interval),
-        forces,
-        np.zeros(1),
-    )
+    due, span = np.zeros((2, 1))
+    return Output(frames, log, written, due, float(interval), forces, span)
 
 
 def no_output(n_body: int, n_joint: int) -> Output:
@@ -118,10 +119,14 @@ def no_output(n_body: int, n_joint: int) -> Output:
 
 @kernel
 def write_frame(model, state, work, output):
-    """Write a frame of the present state with the forces in ``work.reaction``, and count it."""
+    """Write a frame of the present state with the forces in ``work.reaction``, and count it.
+
+    Reads: model, state, work, output.
+    Writes: output.
+    """
     frames = output.frames
     n = output.written[0]
-    if frames.time.size == 0 or n >= frames.time.size:
+    if n >= frames.time.size:
         return
     output.written[0] += 1
     frames.time[n] = state.clock[Clock.TIME]
@@ -129,12 +134,9 @@ def write_frame(model, state, work, output):
         for c in range(3):
             frames.position[n, i, c] = state.position[i + 1, c] - model.start[i + 1, c]
             frames.velocity[n, i, c] = state.velocity[i + 1, c]
+    copy_rows(work.reaction, frames.reaction[n], 0, state.slip.size)
     for j in range(state.slip.size):
-        for c in range(3):
-            frames.reaction[n, j, c] = work.reaction[j, c]
-        frames.mode[n, j] = mode_number(
-            work.contact[j, 0], work.contact[j, 1], work.slide[j]
-        )
+        frames.mode[n, j] = mode_of(j, work)
 
 
 @kernel
@@ -154,9 +156,7 @@ def log_change(state, time, cause, joint, level, output):
     log.joint[entry] = joint
     log.model[entry] = level
     for j in range(state.slip.size):
-        log.mode[entry, j] = mode_number(
-            state.contact[j, 0], state.contact[j, 1], state.slide[j]
-        )
+        log.mode[entry, j] = mode_of(j, state)
 
 
 @kernel
@@ -164,17 +164,16 @@ def clear(state):
     """Reset the state and close all joints; keep positions and velocities.
 
     Reads: state.slip.
+    Writes: state.
     """
-    for j in range(state.slip.size):
-        state.contact[j, 0] = state.contact[j, 1] = state.bore_face[j] = 1.0
-        state.slide[j] = state.slip[j] = state.impact[j] = 0.0
-        state.lost_since[j] = np.nan
-        state.lost_slip[j] = state.lost_rotation[j] = 0.0
-        for c in range(3):
-            state.force[j, c] = 0.0
-    state.loss[:] = state.clock[:] = state.count[:] = state.energy[:] = state.peak[
-        :
-    ] = 0.0
+    state.contact[:] = 1.0
+    state.bore_face[:] = 1.0
+    state.lost_since[:] = np.nan
+    state.slide[:] = state.slip[:] = state.impact[:] = 0.0
+    state.lost_slip[:] = state.lost_rotation[:] = 0.0
+    state.force[:] = 0.0
+    state.loss[:] = state.clock[:] = state.count[:] = 0.0
+    state.energy[:] = state.peak[:] = 0.0
     state.loss[Loss.TIME] = np.nan
     state.loss[Loss.JOINT] = -1.0
 
@@ -185,29 +184,26 @@ def read_joints(model, state, work):
 
     A joint that is open at both corners has been without contact since time zero.
 
-    Writes: state (bore_face, contact, loss, lost_rotation, lost_since, lost_slip, slip).
+    Reads: model, state, work.
+    Writes: state.
     """
     for j in range(state.slip.size):
-        gaps = (
-            clearance(j, 0, work.face, work.tangent),
-            clearance(j, 1, work.face, work.tangent),
-        )
+        slip, gap = slip_and_gap(j, False, False, work)
         length = model.length[j]
-        k = 1 if gaps[1] < gaps[0] else 0
-        slip, _ = slip_and_gap(j, False, False, work.face, work.tangent)
-        state.slip[j] = 0.0 if abs(slip) < CLOSED_GAP * length else slip
-        if max(gaps) > CLOSED_GAP * length:
+        closed = CLOSED_GAP * length
+        k = 1 if clearance(j, 1, work) < clearance(j, 0, work) else 0
+        state.slip[j] = 0.0 if abs(slip) < closed else slip
+        if clearance(j, 1 - k, work) > closed:
             state.contact[j, 1 - k] = 0.0
             state.bore_face[j] = 0.0
-        if min(gaps) > CLOSED_GAP * length:
+        if gap > closed:
             state.contact[j, k] = 0.0
             state.bore_face[j] = 1.0
             state.lost_since[j] = 0.0
             state.lost_slip[j] = abs(state.slip[j]) / length
-            state.lost_rotation[j] = abs(
-                state.position[j + 1, 2] - state.position[j, 2]
-            )
-            gap = min(gaps) / length
+            turned = state.position[j + 1, 2] - state.position[j, 2]
+            state.lost_rotation[j] = abs(turned)
+            gap = gap / length
             state.loss[Loss.WIDEST] = max(state.loss[Loss.WIDEST], gap)
             if gap > NOTED_GAP and np.isnan(state.loss[Loss.TIME]):
                 state.loss[Loss.TIME] = 0.0
@@ -217,34 +213,37 @@ def read_joints(model, state, work):
 
 @kernel
 def read_state(model, state, work):
-    """Start a run from given positions and velocities; the factor on the motion is kept."""
-    factor = state.clock[Clock.FACTOR]
+    """Start a run from given positions and velocities; the factor on the motion is kept.
+
+    Reads: model, state, work (face, rotated, tangent).
+    Writes: state, work (face, rotated, tangent, tie).
+    """
     clock = state.clock
+    factor = clock[Clock.FACTOR]
+    motion = clock[Clock.MOTION]
     energy = state.energy
     clear(state)
-    set_ties(model, state, work)
+    reset_pulls(model, state, work)
     clock[Clock.FACTOR] = factor
+    clock[Clock.MOTION] = motion
     kinetic, clock[Clock.START] = energies_of(model, state)
     energy[Energy.START_KINETIC] = energy[Energy.LARGEST_KINETIC] = kinetic
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    move_faces(model, state.position, work)
     read_joints(model, state, work)
 
 
 @kernel
 def begin(model, state, work, motion, factor):
-    """Start a run from rest where the model starts."""
-    for i in range(state.position.shape[0]):
-        for c in range(3):
-            state.position[i, c] = model.start[i, c]
-            state.velocity[i, c] = 0.0
-    clear(state)
-    set_ties(model, state, work)
-    clock = state.clock
-    clock[Clock.MOTION] = motion
-    clock[Clock.FACTOR] = factor
-    _, clock[Clock.START] = energies_of(model, state)
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    read_joints(model, state, work)
+    """Start a run from rest where the model starts.
+
+    Reads: model, state, work (face, rotated, tangent).
+    Writes: state, work (face, rotated, tangent, tie).
+    """
+    copy_rows(model.start, state.position, 0, state.position.shape[0])
+    state.velocity[:] = 0.0
+    state.clock[Clock.MOTION] = motion
+    state.clock[Clock.FACTOR] = factor
+    read_state(model, state, work)
 
 
 @kernel
@@ -273,45 +272,49 @@ def sways_in_rest(model, state, options):
     position would have grown by many powers of ten, so the chain swings about a stable one.
 
     Reads: model.gravity, state.clock, options (follow, still).
+    Writes: nothing.
     """
     calm = state.clock[Clock.TIME] - state.clock[Clock.LIVELY]
     enough = CALM_TIME * options.still / (STILL * model.gravity)
-    return model.tie.shape[0] > 0 and min(calm, options.follow) >= enough
+    return is_pulled(model) and min(calm, options.follow) >= enough
 
 
 @inlined
-def _copy_row(values, out, row):
-    for i in range(values.size):
-        out[row, i] = values[i]
+def _copy(of, to):
+    for k in range(of.size):
+        to[k] = of[k]
 
 
 @kernel
 def end_run(model, state, work, options, output, results, row):
-    """Write the results of a run that has ended."""
+    """Write the results of a run that has ended.
+
+    Reads: model, state, work, options, output.
+    Writes: state, output, results.
+    """
     clock = state.clock
     energy = state.energy
     code = int(clock[Clock.CODE])
-    status = NO_SOLUTION
-    if code == IDLE:
-        status = STANDING
-    elif code == BROKEN:
-        status = NOT_FINITE
-    elif code == EXHAUSTED:
-        status = WORK_BOUND
-    elif code in (COLLAPSES, AT_END):
-        status = UNFINISHED
+    status = Status.NO_CONTACT_SOLUTION
+    if code == Wait.IDLE:
+        status = Status.STANDING
+    elif code == Wait.BROKEN:
+        status = Status.NOT_FINITE
+    elif code == Wait.EXHAUSTED:
+        status = Status.WORK_BOUND
+    elif code in (Wait.COLLAPSES, Wait.AT_END):
+        status = Status.UNFINISHED
         write_frame(model, state, work, output)
-        limit = options.loss_limit if code == COLLAPSES else NOTED_GAP
+        limit = options.loss_limit if code == Wait.COLLAPSES else NOTED_GAP
         joint, how, since = collapse_of(model, state, work, limit)
+        stops = clock[Clock.FASTEST] < options.still
         if joint >= 0:
-            status = COLLAPSED
+            status = Status.COLLAPSED
             results.collapse_joint[row] = joint
             results.collapse_mode[row] = how
             results.collapse_time[row] = since
-        elif code == AT_END and (
-            clock[Clock.FASTEST] < options.still or sways_in_rest(model, state, options)
-        ):
-            status = STANDING
+        elif code == Wait.AT_END and (stops or sways_in_rest(model, state, options)):
+            status = Status.STANDING
     kinetic, potential = energies_of(model, state)
     energy[Energy.KINETIC] = kinetic
     energy[Energy.POTENTIAL] = potential - clock[Clock.START]
@@ -327,12 +330,12 @@ def end_run(model, state, work, options, output, results, row):
     results.status[row] = status
     results.end_time[row] = clock[Clock.TIME]
     record_end(model, state)
-    _copy_row(state.loss, results.loss, row)
-    _copy_row(state.count, results.count, row)
-    _copy_row(energy, results.energy, row)
-    _copy_row(state.peak, results.peak, row)
-    results.model_time[row, AT_REST] = clock[Clock.RESTING]
-    results.model_time[row, ALL] = clock[Clock.MOVING]
+    _copy(state.loss, results.loss[row])
+    _copy(state.count, results.count[row])
+    _copy(energy, results.energy[row])
+    _copy(state.peak, results.peak[row])
+    results.model_time[row, Level.REST] = clock[Clock.RESTING]
+    results.model_time[row, Level.ALL_VOUSSOIRS] = clock[Clock.MOVING]
 
 
 def is_accurate(chain: Chain, options: Options, results: Outcomes) -> np.ndarray:
@@ -350,13 +353,19 @@ def is_accurate(chain: Chain, options: Options, results: Outcomes) -> np.ndarray
     tiny = NEGLIGIBLE * weight * float(model_of(chain).length.max())
     deepest = max(OVERLAP_ALLOWED * options.accuracy, LEAST_OVERLAP)
     good = energy[:, Energy.BALANCE_ERROR_PEAK] <= allowed * largest + tiny
-    ended = np.isin(results.status, (int(Status.STANDING), int(Status.COLLAPSED)))
+    ended = np.isin(results.status, (Status.STANDING, Status.COLLAPSED))
     return ~ended | (good & (overlap <= deepest))
 
 
 def refuse(results: Outcomes, rows: np.ndarray) -> None:
     """Mark inaccurate runs as failures, which are neither collapse nor survival."""
-    results.status[rows] = int(Status.INACCURATE)
+    results.status[rows] = Status.INACCURATE
     results.collapse_time[rows] = np.nan
     results.collapse_joint[rows] = -1
-    results.collapse_mode[rows] = NO_MODE
+    results.collapse_mode[rows] = CollapseMode.NONE
+
+
+def checked(chain: Chain, options: Options, results: Outcomes) -> Outcomes:
+    """Return results with inaccurate runs marked as failures."""
+    refuse(results, np.flatnonzero(~is_accurate(chain, options, results)))
+    return results

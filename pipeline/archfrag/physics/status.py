@@ -30,6 +30,29 @@ class Wait(IntEnum):
     IDLE = 7  # at rest for good
 
 
+class Stretch(IntEnum):
+    """How a stretch of motion between two events ends."""
+
+    COMPLETE = 0  # at the time given
+    EVENT = 1
+    FALL = 2  # with a collapse
+    SPENT = 3  # with the work allowed
+    STUCK = 4  # where the equations of motion have no solution
+
+
+class Phase(IntEnum):
+    """What a run by events does next."""
+
+    IMPACT = 0
+    MODES = 1
+    ASSEMBLE = 2
+    INTEGRATE = 3
+    UPON_EVENT = 4
+    STILL = 5
+    ALL_VOUSSOIRS = 6
+    DONE = 7
+
+
 class CollapseMode(IntEnum):
     """How the joint that lost contact was moving before it did."""
 
@@ -156,6 +179,15 @@ class Joint(IntEnum):
     SHEAR = 1  # [N/m2]
     DAMPING = 2  # of the first mode with all joints closed, over the critical one [1]
     POINTS = 3  # at which a joint bears, 2 or 3; 0: all along it
+
+
+class TieMode(IntEnum):
+    """Law that a tie follows."""
+
+    SLACK = 0
+    TAUT = 1
+    YIELDS = 2
+    RUPTURED = 3
 
 
 class TieState(IntEnum):

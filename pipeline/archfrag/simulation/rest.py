@@ -16,7 +16,7 @@ from archfrag.arch.marks import Mark, mechanism_marks
 from archfrag.errors import InputError, UnitWarning
 from archfrag.physics.contact.path import new_path, solve_with_fallback
 from archfrag.physics.contact.placing import clearance, move_faces, place_contacts
-from archfrag.physics.contact.ties import pull_at_rest, pull_by_ties
+from archfrag.physics.contact.ties import pull_at_rest, pull_bodies
 from archfrag.physics.onset import (
     HINGE_EXTRADOS,
     HINGE_INTRADOS,
@@ -167,7 +167,7 @@ def onset(arch: Arch) -> Onset:
         )
     model, state, work = _placed(arch)
     begin(model, state, work, 0, 0.0)
-    place_contacts(model, state.slip, work.face, work.tangent, work)
+    place_contacts(model, state.slip, work)
     work.candidate[:] = state.contact
     problem = new_rest_problem(model)
     problem.candidate[:] = state.contact
@@ -189,7 +189,7 @@ def onset(arch: Arch) -> Onset:
     if stands:
         work.free[1:-1, 1] = -model.gravity
         work.position[:] = state.position
-        pull_by_ties(model, state, work)
+        pull_bodies(model, state, work)
         solve_with_fallback(model, state, work, new_path(model))
         pivot = work.pivot
         weight = work.reaction.copy()
@@ -266,7 +266,7 @@ def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
             )
     model, _, work = _placed(arch, shift)
     for j, corner in np.ndindex(arch.n_joint, 2):
-        gap = clearance(j, corner, work.face, work.tangent) / model.length[j]
+        gap = clearance(j, corner, work) / model.length[j]
         if gap < -MOST_OVERLAP:
             raise InputError(
                 f"initial position lets the bodies at joint {j} overlap by {-gap:.2g} of its "
@@ -283,7 +283,7 @@ def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Wor
     work = new_work(model)
     state.position[:] = model.start
     state.position[1:-1] += shift
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    move_faces(model, state.position, work)
     return model, state, work
 
 

@@ -13,11 +13,11 @@ limit of infinite stiffness.
 
 from typing import NamedTuple
 
-from archfrag.physics.contact.laws import contact_of
+from archfrag.physics.contact.laws import contact_of, touching
 from archfrag.physics.contact.placing import relative_velocity
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import fused, opposite, select, some
-from archfrag.physics.numbers import dot, larger
+from archfrag.physics.numbers import choose, copy_rows, dot, larger
 
 MOST_CORRECTIONS = 6
 
@@ -38,8 +38,10 @@ EXACT = Precision(1e-10, 1e-11, 1e-11)
 
 
 @inlined
-def _set_row(out, j, k, px, py, dx, dy, position):
+def _set_row(out, j, k, at, along, position):
     """Set one direction at a point of joint j, with its arms on the bodies after and before."""
+    px, py = at
+    dx, dy = along
     out[j, k, 0] = dx
     out[j, k, 1] = dy
     out[j, k, 2] = (px - position[j + 1, 0]) * dy - (py - position[j + 1, 1]) * dx
@@ -49,40 +51,32 @@ def _set_row(out, j, k, px, py, dx, dy, position):
 @inlined
 def _set_rows_of(j, model, position, work):
     """Set the constrained and reaction directions of one joint in its present mode."""
-    contact = work.contact
-    slide = work.slide
-    point = work.point
-    at_0 = contact[j, 0] > 0.5
-    at_1 = contact[j, 1] > 0.5
-    sticks = slide[j] == 0.0
+    slide = work.slide[j]
+    at_0, at_1 = touching(j, work)
+    sticks = slide == 0.0
     closed = at_0 & at_1
-    none = opposite(at_0 | at_1)
     nx, ny, px, py = contact_of(j, work)
-    nx = select(none, 0.0, nx)
-    ny = select(none, 0.0, ny)
+    nx, ny = choose(opposite(at_0 | at_1), (0.0, 0.0), (nx, ny))
     # Friction on the cone (Eqs 6, 20); a rough joint's reaction lies in the tangent.
-    along = slide[j] * model.ray[j, 1]
+    along = slide * model.ray[j, 1]
     pressing = select(sticks, 1.0, model.ray[j, 0])
     fx = pressing * nx - along * ny
     fy = pressing * ny + along * nx
-    _set_row(work.row, j, 0, px, py, nx, ny, position)
-    _set_row(work.column, j, 0, px, py, fx, fy, position)
+    _set_row(work.row, j, 0, (px, py), (nx, ny), position)
+    _set_row(work.column, j, 0, (px, py), (fx, fy), position)
     # The normal at corner 1 of a closed joint, or the tangent at a corner that sticks.
     tangent = sticks & opposite(closed)
     has = select(closed | tangent, 1.0, 0.0)
-    px = select(closed, point[j, 1, 0], px)
-    py = select(closed, point[j, 1, 1], py)
-    dx = select(tangent, -ny, has * nx)
-    dy = select(tangent, nx, has * ny)
-    _set_row(work.row, j, 1, px, py, dx, dy, position)
-    dx = select(tangent, -ny, has * fx)
-    dy = select(tangent, nx, has * fy)
-    _set_row(work.column, j, 1, px, py, dx, dy, position)
+    at = choose(closed, (work.point[j, 1, 0], work.point[j, 1, 1]), (px, py))
+    direction = choose(tangent, (-ny, nx), (has * nx, has * ny))
+    _set_row(work.row, j, 1, at, direction, position)
+    direction = choose(tangent, (-ny, nx), (has * fx, has * fy))
+    _set_row(work.column, j, 1, at, direction, position)
     has = select(closed & sticks, 1.0, 0.0)
-    px = work.pivot[j, 0]
-    py = work.pivot[j, 1]
-    _set_row(work.row, j, 2, px, py, -has * ny, has * nx, position)
-    _set_row(work.column, j, 2, px, py, -has * ny, has * nx, position)
+    at = work.pivot[j, 0], work.pivot[j, 1]
+    direction = -has * ny, has * nx
+    _set_row(work.row, j, 2, at, direction, position)
+    _set_row(work.column, j, 2, at, direction, position)
 
 
 @kernel
@@ -107,19 +101,19 @@ def solve_block(f, x, y, z):
 
 
 @inlined
+def _along(a, j, k):
+    return a[j, k, 0], a[j, k, 1], a[j, k, 2]
+
+
+@inlined
+def _down(a, j, k):
+    return a[j, 0, k], a[j, 1, k], a[j, 2, k]
+
+
+@inlined
 def block_of(f, j):
     """Return an eliminated block as nine numbers."""
-    return (
-        f[j, 0, 0],
-        f[j, 0, 1],
-        f[j, 0, 2],
-        f[j, 1, 0],
-        f[j, 1, 1],
-        f[j, 1, 2],
-        f[j, 2, 0],
-        f[j, 2, 1],
-        f[j, 2, 2],
-    )
+    return _along(f, j, 0) + _along(f, j, 1) + _along(f, j, 2)
 
 
 @inlined
@@ -182,9 +176,7 @@ def _eliminate(model, work, j):
         lower[j, a, 1] = y
         lower[j, a, 2] = z
         for b in range(3):
-            f[j, a, b] -= dot(
-                (x, y, z), (upper[j - 1, 0, b], upper[j - 1, 1, b], upper[j - 1, 2, b])
-            )
+            f[j, a, b] -= dot((x, y, z), _down(upper, j - 1, b))
 
 
 @inlined
@@ -243,10 +235,10 @@ def _add_reaction(j, of, model, position, work):
     column = work.column
     solved = work.solved
     reaction = work.reaction
-    fx = dot(of, (column[j, 0, 0], column[j, 1, 0], column[j, 2, 0]))
-    fy = dot(of, (column[j, 0, 1], column[j, 1, 1], column[j, 2, 1]))
-    after = dot(of, (column[j, 0, 2], column[j, 1, 2], column[j, 2, 2]))
-    before = dot(of, (column[j, 0, 3], column[j, 1, 3], column[j, 2, 3]))
+    fx = dot(of, _down(column, j, 0))
+    fy = dot(of, _down(column, j, 1))
+    after = dot(of, _down(column, j, 2))
+    before = dot(of, _down(column, j, 3))
     px = work.pivot[j, 0] - position[j + 1, 0]
     py = work.pivot[j, 1] - position[j + 1, 1]
     reaction[j, 0] += fx
@@ -283,23 +275,12 @@ def substitute(model, position, work, where):
     residual = work.residual
     out = work.unknown
     last = residual.shape[0] - 1
-    x, y, z = solve_block(
-        block_of(f, 0), -residual[0, 0], -residual[0, 1], -residual[0, 2]
-    )
-    out[0, 0] = x
-    out[0, 1] = y
-    out[0, 2] = z
-    for j in range(1, last + 1):
+    x = y = z = 0.0
+    for j in range(last + 1):  # no joint comes before the first: its `lower` is zero
         known = x, y, z
-        x = -residual[j, 0] - dot(
-            (lower[j, 0, 0], lower[j, 0, 1], lower[j, 0, 2]), known
-        )
-        y = -residual[j, 1] - dot(
-            (lower[j, 1, 0], lower[j, 1, 1], lower[j, 1, 2]), known
-        )
-        z = -residual[j, 2] - dot(
-            (lower[j, 2, 0], lower[j, 2, 1], lower[j, 2, 2]), known
-        )
+        x = -residual[j, 0] - dot(_along(lower, j, 0), known)
+        y = -residual[j, 1] - dot(_along(lower, j, 1), known)
+        z = -residual[j, 2] - dot(_along(lower, j, 2), known)
         x, y, z = solve_block(block_of(f, j), x, y, z)
         out[j, 0] = x
         out[j, 1] = y
@@ -307,9 +288,9 @@ def substitute(model, position, work, where):
     for j in range(last, -1, -1):
         if j < last:
             known = x, y, z
-            x = out[j, 0] - dot((upper[j, 0, 0], upper[j, 0, 1], upper[j, 0, 2]), known)
-            y = out[j, 1] - dot((upper[j, 1, 0], upper[j, 1, 1], upper[j, 1, 2]), known)
-            z = out[j, 2] - dot((upper[j, 2, 0], upper[j, 2, 1], upper[j, 2, 2]), known)
+            x = out[j, 0] - dot(_along(upper, j, 0), known)
+            y = out[j, 1] - dot(_along(upper, j, 1), known)
+            z = out[j, 2] - dot(_along(upper, j, 2), known)
         of = select(where, x, 0.0), select(where, y, 0.0), select(where, z, 0.0)
         _add_reaction(j, of, model, position, work)
 
@@ -325,7 +306,6 @@ def measure_residual(position, work):
     relative_velocity(position, work.solved, work.pivot, work.relative)
     row = work.row
     bias = work.bias
-    point = work.point
     residual = work.residual
     largest = spoiled = 0.0
     for j in range(residual.shape[0]):
@@ -333,8 +313,8 @@ def measure_residual(position, work):
         uy = work.relative[j, 1]
         w = work.relative[j, 2]
         # The pivot lies halfway between the corners.
-        px = point[j, 0, 0] - work.pivot[j, 0]
-        py = point[j, 0, 1] - work.pivot[j, 1]
+        px = work.point[j, 0, 0] - work.pivot[j, 0]
+        py = work.point[j, 0, 1] - work.pivot[j, 1]
         x0 = fused(-w, py, ux) + bias[j, 0, 0]
         y0 = fused(w, px, uy) + bias[j, 0, 1]
         x1 = fused(w, py, ux) + bias[j, 1, 0]
@@ -343,14 +323,10 @@ def measure_residual(position, work):
         work.corner_rate[j, 0, 1] = y0
         work.corner_rate[j, 1, 0] = x1
         work.corner_rate[j, 1, 1] = y1
-        at_0 = work.contact[j, 0] > 0.5
-        at_1 = work.contact[j, 1] > 0.5
-        first = at_0 | opposite(at_1)
-        vx = select(first, x0, x1)
-        vy = select(first, y0, y1)
+        at_0, at_1 = touching(j, work)
+        vx, vy = choose(at_0 | opposite(at_1), (x0, y0), (x1, y1))
         a = fused(row[j, 0, 0], vx, row[j, 0, 1] * vy)
-        vx = select(at_1, x1, vx)
-        vy = select(at_1, y1, vy)
+        vx, vy = choose(at_1, (x1, y1), (vx, vy))
         b = fused(row[j, 1, 0], vx, row[j, 1, 1] * vy)
         c = fused(row[j, 2, 0], 0.5 * (x0 + x1), row[j, 2, 1] * (0.5 * (y0 + y1)))
         residual[j, 0] = a
@@ -371,12 +347,8 @@ def correct(model, position, work, enough):
 
     Writes: work (corner_rate, reaction, relative, residual, solved, unknown).
     """
-    for i in range(position.shape[0]):
-        for c in range(3):
-            work.solved[i, c] = work.free[i, c]
-    for j in range(work.slide.shape[0]):
-        for c in range(3):
-            work.reaction[j, c] = 0.0
+    copy_rows(work.free, work.solved, 0, position.shape[0])
+    work.reaction[:] = 0.0
     left = measure_residual(position, work)
     go = left == left
     # One substitution leaves what the compliance yields; where that counts it is corrected.

@@ -8,22 +8,39 @@ at both, each sticking, with friction along the tangent, or with friction agains
 """
 
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.kernels.primitives import fused, opposite, select
-from archfrag.physics.numbers import larger
+from archfrag.physics.kernels.primitives import fused, opposite
+from archfrag.physics.numbers import choose, larger
 
 OPEN = 0
 CLOSED_STICK = 7
 # Faces on whose side a slip is held: of friction along the tangent (Eq 23b), and against it (23a).
 PLUS = 0
 MINUS = 1
+# Margins of a joint in a mechanism; those that do not concern it are infinite. Normal forces at
+# both corners (at a corner that slides the force on it), Coulomb's law for a friction of either
+# sense, gaps at both corners, end of a slip. Ties use some of them.
+FORCE_0 = 0
+FORCE_1 = 1
+FRICTION_PLUS = 2
+FRICTION_MINUS = 3
+GAP_0 = 4
+GAP_1 = 5
+SLIP_END = 6
+N_LAW = 7
+SLIP_WEIGHT = 1e2
 
 
 @inlined
 def mode_number(contact_0, contact_1, slide):
     """Return the mode of a joint from its touching corners and the sense of its friction."""
     corners = int(contact_0) + 2 * int(contact_1)
-    sense = 0 if slide == 0.0 else (1 if slide > 0.0 else 2)
-    return 3 * corners - 2 + sense if corners > 0 else OPEN
+    return 3 * corners - 2 + int(slide) % 3 if corners > 0 else OPEN
+
+
+@inlined
+def mode_of(j, joints):
+    """Return the mode of joint j of a state, or of a workspace."""
+    return mode_number(joints.contact[j, 0], joints.contact[j, 1], joints.slide[j])
 
 
 @inlined
@@ -43,7 +60,15 @@ def corners_of(mode):
 def slide_of(mode):
     """Return the sense of friction: 1 along the tangent, -1 against it, 0 if the joint sticks."""
     sense = (mode + 2) % 3
-    return 0.0 if mode == OPEN or sense == 0 else (1.0 if sense == 1 else -1.0)
+    return 0.0 if mode == OPEN or sense == 0 else 3.0 - 2.0 * sense
+
+
+@inlined
+def function_of(mode):
+    """Return which of an open joint's functions (`functions_if_open`) leads to a mode at one
+    corner.
+    """
+    return 2 * corners_of(mode)[1] + (0 if slide_of(mode) > 0.0 else 1)
 
 
 @inlined
@@ -54,37 +79,74 @@ def set_mode(work, j, mode):
 
 
 @inlined
-def opening_rate(j, k, ux, uy, work):
+def touching(j, joints):
+    """Return whether joint j of a state or a workspace touches at corner 0, and at corner 1."""
+    return joints.contact[j, 0] > 0.5, joints.contact[j, 1] > 0.5
+
+
+@inlined
+def normal_of(j, work):
+    """Return the common normal of a joint."""
+    return work.normal[j, 0], work.normal[j, 1]
+
+
+@inlined
+def rate_of(j, k, work):
+    """Return the relative velocity of a joint at a corner, with its bias [m/s]."""
+    return work.corner_rate[j, k, 0], work.corner_rate[j, k, 1]
+
+
+@inlined
+def force_of(j, work):
+    """Return the reaction on the body after a joint, without its moment."""
+    return work.reaction[j, 0], work.reaction[j, 1]
+
+
+@inlined
+def along(n, v):
+    """Return the part of a vector along a normal."""
+    return n[0] * v[0] + n[1] * v[1]
+
+
+@inlined
+def cross(n, v):
+    """Return the part of a vector along the tangent, the normal rotated by +90 degrees."""
+    return n[0] * v[1] - n[1] * v[0]
+
+
+@inlined
+def opening_rate(j, k, velocity, work):
     """Return the opening rate of a corner: the larger of Eqs 23a and 23b."""
+    x, y = velocity
     side = work.side_normal
-    plus = fused(side[j, k, PLUS, 0], ux, side[j, k, PLUS, 1] * uy)
-    minus = fused(side[j, k, MINUS, 0], ux, side[j, k, MINUS, 1] * uy)
-    return larger(plus, minus)
+    plus = fused(side[j, k, PLUS, 0], x, side[j, k, PLUS, 1] * y)
+    return larger(plus, fused(side[j, k, MINUS, 0], x, side[j, k, MINUS, 1] * y))
+
+
+@inlined
+def side_of(j, k, side, work):
+    """Return the normal at a corner for friction along the tangent, PLUS, or against it, MINUS."""
+    return work.side_normal[j, k, side, 0], work.side_normal[j, k, side, 1]
 
 
 @inlined
 def slip_normal(j, k, backwards, work):
     """Return the normal at a sliding corner; `backwards` is against the tangent."""
-    side = work.side_normal
-    nx = select(backwards, side[j, k, MINUS, 0], side[j, k, PLUS, 0])
-    ny = select(backwards, side[j, k, MINUS, 1], side[j, k, PLUS, 1])
-    return nx, ny
+    return choose(backwards, side_of(j, k, MINUS, work), side_of(j, k, PLUS, work))
 
 
 @inlined
 def contact_of(j, work):
     """Return normal and contact point of a joint in its present mode; nx, ny, px, py."""
-    at_0 = work.contact[j, 0] > 0.5
-    at_1 = work.contact[j, 1] > 0.5
-    closed = at_0 & at_1
+    at_0, at_1 = touching(j, work)
     second = at_1 & opposite(at_0)
     backwards = work.slide[j] < 0.0
-    ax, ay = slip_normal(j, 0, backwards, work)
-    bx, by = slip_normal(j, 1, backwards, work)
-    nx = select(closed, work.normal[j, 0], select(second, bx, ax))
-    ny = select(closed, work.normal[j, 1], select(second, by, ay))
-    px = select(second, work.point[j, 1, 0], work.point[j, 0, 0])
-    py = select(second, work.point[j, 1, 1], work.point[j, 0, 1])
+    first = slip_normal(j, 0, backwards, work)
+    at_corner = choose(second, slip_normal(j, 1, backwards, work), first)
+    nx, ny = choose(at_0 & at_1, normal_of(j, work), at_corner)
+    point = work.point
+    end = point[j, 1, 0], point[j, 1, 1]
+    px, py = choose(second, end, (point[j, 0, 0], point[j, 0, 1]))
     return nx, ny, px, py
 
 
@@ -94,28 +156,32 @@ def closed_forces(j, work):
 
     The resultant acts at the contact centre: e of Eq 14 is the second over the sum.
     """
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
-    fx = work.reaction[j, 0]
-    fy = work.reaction[j, 1]
-    normal = fx * nx + fy * ny
-    tangential = fy * nx - fx * ny
+    axis = normal_of(j, work)
+    force = force_of(j, work)
+    normal = along(axis, force)
     px = work.point[j, 0, 0] - work.pivot[j, 0]
     py = work.point[j, 0, 1] - work.pivot[j, 1]
-    difference = work.reaction[j, 2] / (px * ny - py * nx)
-    return 0.5 * (normal + difference), 0.5 * (normal - difference), normal, tangential
+    difference = work.reaction[j, 2] / cross((px, py), axis)
+    first = 0.5 * (normal + difference)
+    return first, 0.5 * (normal - difference), normal, cross(axis, force)
 
 
 @inlined
-def cone_rays(j, model, ax, ay, bx, by):
-    """Return the edges of Coulomb's cones (Eq 20): along the tangent, and against it."""
+def cone_rays(j, model, after, before):
+    """Return the edges of Coulomb's cones (Eq 20) about two normals: along the tangent, against
+    it.
+    """
     n = model.ray[j, 0]
     t = model.ray[j, 1]
-    high_x = n * ax - t * ay
-    high_y = n * ay + t * ax
-    low_x = n * bx + t * by
-    low_y = n * by - t * bx
-    return high_x, high_y, low_x, low_y
+    high = n * after[0] - t * after[1], n * after[1] + t * after[0]
+    return high, (n * before[0] + t * before[1], n * before[1] - t * before[0])
+
+
+@inlined
+def cones_at(j, k, model, work):
+    """Return the edges of Coulomb's cones at a corner, as `cone_rays`."""
+    after = side_of(j, k, PLUS, work)
+    return cone_rays(j, model, after, side_of(j, k, MINUS, work))
 
 
 @kernel
@@ -132,10 +198,8 @@ def functions_if_open(j, work, value, target):
             sense = work.known[j]
             if sense == 0.0:
                 sense = 1.0 - 2.0 * c
-            nx, ny = slip_normal(j, k, sense < 0.0, work)
-            value[2 * k + c] = (
-                nx * work.corner_rate[j, k, 0] + ny * work.corner_rate[j, k, 1]
-            )
+            normal = slip_normal(j, k, sense < 0.0, work)
+            value[2 * k + c] = along(normal, rate_of(j, k, work))
             target[2 * k + c] = corner_mode(k, sense)
 
 
@@ -147,11 +211,10 @@ def functions_if_closed(j, model, work, value, target):
     Reads: model.friction, work (corner_rate, known, normal, pivot, point, reaction, slide).
     Writes: value, target.
     """
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
     slide = work.slide[j]
     value[0], value[1], normal, tangential = closed_forces(j, work)
-    target[0], target[1] = corner_mode(1, slide), corner_mode(0, slide)
+    target[0] = corner_mode(1, slide)
+    target[1] = corner_mode(0, slide)
     if slide == 0.0:
         limit = model.friction[j] * normal
         value[2] = limit - tangential
@@ -161,7 +224,7 @@ def functions_if_closed(j, model, work, value, target):
     elif work.known[j] == 0.0:
         ux = work.corner_rate[j, 0, 0] + work.corner_rate[j, 1, 0]
         uy = work.corner_rate[j, 0, 1] + work.corner_rate[j, 1, 1]
-        value[2] = -0.5 * slide * (nx * uy - ny * ux)
+        value[2] = -0.5 * slide * cross(normal_of(j, work), (ux, uy))
         target[2] = CLOSED_STICK
 
 
@@ -173,29 +236,22 @@ def functions_if_corner(j, model, work, value, target):
     Writes: value, target.
     """
     k = 0 if work.contact[j, 0] > 0.5 else 1
-    other = 1 - k
     slide = work.slide[j]
-    n = work.side_normal[j, k, PLUS]
-    m = work.side_normal[j, k, MINUS]
-    fx = work.reaction[j, 0]
-    fy = work.reaction[j, 1]
-    hx, hy, lx, ly = cone_rays(j, model, n[0], n[1], m[0], m[1])
+    force = force_of(j, work)
+    high, low = cones_at(j, k, model, work)
     if slide == 0.0:
-        sense = 1.0 if lx * hy - ly * hx >= 0.0 else -1.0
-        value[0], target[0] = -sense * (hx * fy - hy * fx), corner_mode(k, 1)
-        value[1], target[1] = -sense * (fx * ly - fy * lx), corner_mode(k, -1)
+        sense = 1.0 if cross(low, high) >= 0.0 else -1.0
+        value[0] = -sense * cross(high, force)
+        target[0] = corner_mode(k, 1)
+        value[1] = -sense * cross(force, low)
+        target[1] = corner_mode(k, -1)
     else:
-        nx, ny = slip_normal(j, k, slide < 0.0, work)
-        value[0] = fx * hx + fy * hy if slide > 0.0 else fx * lx + fy * ly
+        value[0] = along(force, high if slide > 0.0 else low)
         target[0] = OPEN
         if work.known[j] == 0.0:
-            ux = work.corner_rate[j, k, 0]
-            uy = work.corner_rate[j, k, 1]
-            value[1], target[1] = -slide * (nx * uy - ny * ux), corner_mode(k, 0)
-    if work.candidate[j, other] > 0.5:
-        nx = work.normal[j, 0]
-        ny = work.normal[j, 1]
-        value[2] = (
-            nx * work.corner_rate[j, other, 0] + ny * work.corner_rate[j, other, 1]
-        )
+            normal = slip_normal(j, k, slide < 0.0, work)
+            value[1] = -slide * cross(normal, rate_of(j, k, work))
+            target[1] = corner_mode(k, 0)
+    if work.candidate[j, 1 - k] > 0.5:
+        value[2] = along(normal_of(j, work), rate_of(j, 1 - k, work))
         target[2] = mode_number(1, 1, slide)

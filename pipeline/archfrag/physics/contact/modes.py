@@ -9,23 +9,18 @@ goes round in circles, and `archfrag.physics.contact.path` changes the modes one
 
 import math
 
-from archfrag.physics.contact.laws import (
-    MINUS,
-    PLUS,
-    closed_forces,
-    cone_rays,
-    opening_rate,
-)
+from archfrag.physics.contact import laws
+from archfrag.physics.contact.laws import along, cross, opening_rate
 from archfrag.physics.contact.placing import corner_velocity, relative_velocity
 from archfrag.physics.contact.ties import (
-    ask_ties,
-    solve_with_ties,
-    start_ties,
+    ask_pulls,
+    recall_pulls,
+    solve_with_pulls,
     take_asked,
 )
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
-from archfrag.physics.numbers import count_of, flag, larger
+from archfrag.physics.numbers import choose, count_of, flag, larger
 
 # Part of the bodies' velocities below which relative ones are not distinguished.
 ROUNDING = 1e-5
@@ -35,61 +30,53 @@ ITERATION_PER_JOINTS = 16
 
 
 @inlined
-def mode_if_closed(j, model, work, slide, ux, uy, slack, slack_force):
+def mode_if_closed(j, model, work, slip, slack, slack_force):
     """Return the mode that a closed joint asks for: whether each corner stays, and its slide.
 
     A corner that would need a tensile force opens (Eq 5); friction beyond Coulomb's limit makes
     a joint slide, a slip against its friction makes it stick (Eq 6).
     """
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
-    force_0, force_1, normal, tangential = closed_forces(j, work)
-    keeps_0 = force_0 >= -slack_force
-    keeps_1 = force_1 >= -slack_force
+    slide = work.slide[j]
+    force_0, force_1, normal, tangential = laws.closed_forces(j, work)
     sticks = slide == 0.0
-    asked = select(
-        sticks, slide, select(slide * (nx * uy - ny * ux) > slack, 0.0, slide)
-    )
+    against = slide * cross(laws.normal_of(j, work), slip) > slack
+    asked = select(opposite(sticks) & against, 0.0, slide)
     if not math.isinf(model.friction[j]):
         excess = abs(tangential) - model.friction[j] * larger(normal, 0.0)
         sense = select(tangential > 0.0, 1.0, -1.0)
         asked = select(sticks & (excess > slack_force), sense, asked)
-    return keeps_0, keeps_1, asked
+    return force_0 >= -slack_force, force_1 >= -slack_force, asked
 
 
 @inlined
-def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
+def mode_if_corner(j, second, model, work, slip, slack, slack_force):
     """Return the mode that a joint at one corner asks for; `second` where that is corner 1.
 
     Sticking needs a reaction inside the cones about both normals (Eqs 6, 20, 23), sliding one
     that pushes along its ray and a slip along its friction. Returned: where a tensile force would
     be needed, and the sense of friction.
     """
-    side = work.side_normal
-    ax = select(second, side[j, 1, PLUS, 0], side[j, 0, PLUS, 0])
-    ay = select(second, side[j, 1, PLUS, 1], side[j, 0, PLUS, 1])
-    bx = select(second, side[j, 1, MINUS, 0], side[j, 0, MINUS, 0])
-    by = select(second, side[j, 1, MINUS, 1], side[j, 0, MINUS, 1])
+    slide = work.slide[j]
+    after = laws.side_of(j, 0, laws.PLUS, work)
+    before = laws.side_of(j, 0, laws.MINUS, work)
+    after = choose(second, laws.side_of(j, 1, laws.PLUS, work), after)
+    before = choose(second, laws.side_of(j, 1, laws.MINUS, work), before)
     n = model.ray[j, 0]
     t = model.ray[j, 1]
     size = 1.0 / math.sqrt(n * n + t * t)
-    high_x, high_y, low_x, low_y = cone_rays(j, model, ax, ay, bx, by)
-    fx = work.reaction[j, 0]
-    fy = work.reaction[j, 1]
-    above = (high_x * fy - high_y * fx) * size
-    below = (fx * low_y - fy * low_x) * size
+    high, low = laws.cone_rays(j, model, after, before)
+    force = laws.force_of(j, work)
+    above = cross(high, force) * size
+    below = cross(force, low) * size
     outside = larger(above, below) > slack_force
     sticks = slide == 0.0
     onwards = slide > 0.0
-    tensile = fx * (ax + bx) + fy * (ay + by) <= 0.0
+    tensile = along(force, (after[0] + before[0], after[1] + before[1])) <= 0.0
     if_sticks = select(outside, select(above >= below, 1.0, -1.0), 0.0)
-    push = select(onwards, fx * high_x + fy * high_y, fx * low_x + fy * low_y) * size
-    nx = select(onwards, ax, bx)
-    ny = select(onwards, ay, by)
-    against = slide * (nx * uy - ny * ux) > slack
-    if_slides = select(against, 0.0, slide)
+    push = select(onwards, along(force, high), along(force, low)) * size
+    against = slide * cross(choose(onwards, after, before), slip) > slack
     lost = (sticks & outside & tensile) | (opposite(sticks) & (push < -slack_force))
-    return lost, select(sticks, if_sticks, if_slides)
+    return lost, select(sticks, if_sticks, select(against, 0.0, slide))
 
 
 @kernel
@@ -103,19 +90,14 @@ def ask_modes(model, work, slack, slack_force):
     """
     changed = False
     for j in range(work.slide.shape[0]):
-        at_0 = work.contact[j, 0] > 0.5
-        at_1 = work.contact[j, 1] > 0.5
+        at_0, at_1 = laws.touching(j, work)
         slide = work.slide[j]
-        ux_0 = work.corner_rate[j, 0, 0]
-        uy_0 = work.corner_rate[j, 0, 1]
-        ux_1 = work.corner_rate[j, 1, 0]
-        uy_1 = work.corner_rate[j, 1, 1]
-        closing_0 = (opening_rate(j, 0, ux_0, uy_0, work) < -slack) & (
-            work.candidate[j, 0] > 0.5
-        )
-        closing_1 = (opening_rate(j, 1, ux_1, uy_1, work) < -slack) & (
-            work.candidate[j, 1] > 0.5
-        )
+        rate_0 = laws.rate_of(j, 0, work)
+        rate_1 = laws.rate_of(j, 1, work)
+        closing_0 = opening_rate(j, 0, rate_0, work) < -slack
+        closing_0 = closing_0 & (work.candidate[j, 0] > 0.5)
+        closing_1 = opening_rate(j, 1, rate_1, work) < -slack
+        closing_1 = closing_1 & (work.candidate[j, 1] > 0.5)
         closed = at_0 & at_1
         one = at_0 ^ at_1
         # A joint without contact asks for the corners that close (Eq 5).
@@ -124,16 +106,15 @@ def ask_modes(model, work, slack, slack_force):
         asked = 0.0
         if some(closed):
             keeps_0, keeps_1, slides = mode_if_closed(
-                j, model, work, slide, ux_0, uy_0, slack, slack_force
+                j, model, work, rate_0, slack, slack_force
             )
             asks_0 = (closed & keeps_0) | (opposite(closed) & asks_0)
             asks_1 = (closed & keeps_1) | (opposite(closed) & asks_1)
             asked = select(closed, slides, asked)
         if some(one):
-            ux = select(at_1, ux_1, ux_0)
-            uy = select(at_1, uy_1, uy_0)
+            slip = choose(at_1, rate_1, rate_0)
             lost, slides = mode_if_corner(
-                j, at_1, model, work, slide, ux, uy, slack, slack_force
+                j, at_1, model, work, slip, slack, slack_force
             )
             kept = one & opposite(lost)
             shut = kept & ((at_0 & closing_1) | (at_1 & closing_0))
@@ -146,7 +127,8 @@ def ask_modes(model, work, slack, slack_force):
         if math.isinf(model.friction[j]):
             known = select(asks_0 & asks_1, 0.0, known)
         asked = select(asks_0 | asks_1, select(known == 0.0, asked, known), 0.0)
-        work.asked_contact[j, 0], work.asked_contact[j, 1] = flag(asks_0), flag(asks_1)
+        work.asked_contact[j, 0] = flag(asks_0)
+        work.asked_contact[j, 1] = flag(asks_1)
         work.asked_slide[j] = asked
         changed = changed | (asks_0 ^ at_0) | (asks_1 ^ at_1) | (asked != slide)
     return changed
@@ -195,7 +177,7 @@ def closes_soon(j, k, work, ahead):
     """
     ux = (1.0 + ahead) * work.corner_rate[j, k, 0] - ahead * work.bias[j, k, 0]
     uy = (1.0 + ahead) * work.corner_rate[j, k, 1] - ahead * work.bias[j, k, 1]
-    asks = (work.asked_contact[j, k] > 0.5) | (opening_rate(j, k, ux, uy, work) < 0.0)
+    asks = (work.asked_contact[j, k] > 0.5) | (opening_rate(j, k, (ux, uy), work) < 0.0)
     return (work.contact[j, k] < 0.5) & (work.candidate[j, k] > 0.5) & asks
 
 
@@ -209,17 +191,15 @@ def start_modes(state, work, where, expects):
         slide = state.slide[j]
         for k in range(2):
             ux, uy = corner_velocity(j, k, work.earlier, work)
-            gap = work.normal[j, 0] * (ux + work.bias[j, k, 0])
-            gap = gap + work.normal[j, 1] * (uy + work.bias[j, k, 1])
+            ahead = ux + work.bias[j, k, 0], uy + work.bias[j, k, 1]
+            closes = expects & (along(laws.normal_of(j, work), ahead) < 0.0)
             contact = state.contact[j, k]
-            closes = (
-                expects & (contact < 0.5) & (work.candidate[j, k] > 0.5) & (gap < 0.0)
-            )
+            closes = closes & (contact < 0.5) & (work.candidate[j, k] > 0.5)
             contact = select(closes, 1.0, contact)
             slide = select(closes, 0.0, slide)
             work.contact[j, k] = select(where, contact, work.contact[j, k])
         work.slide[j] = select(where, slide, work.slide[j])
-    start_ties(state, work, where)
+    recall_pulls(state, work, where)
 
 
 @kernel
@@ -241,11 +221,11 @@ def solve_contact(model, position, work, live, iterations, ahead, precision):
     refused = False
     first = 0
     while True:
-        left = solve_with_ties(model, position, work, scale, precision, first)
+        left = solve_with_pulls(model, position, work, scale, precision, first)
         slack = precision.slack * scale
         slack_force = precision.slack * largest_force(work)
         changed = ask_modes(model, work, slack, slack_force)
-        changed = changed | ask_ties(model, work, slack_force)
+        changed = changed | ask_pulls(model, work, slack_force)
         looks = active & (iterations == 0.0) & (ahead > -1.0)
         if some(looks):
             for j in range(n_joint):

@@ -21,9 +21,10 @@ from archfrag.physics.contact import blocks, laws
 from archfrag.physics.contact.blocks import Precision
 from archfrag.physics.contact.modes import solve_contact, velocity_scale
 from archfrag.physics.contact.placing import corner_velocity, relative_velocity
-from archfrag.physics.contact.ties import push_by_ties, start_ties
+from archfrag.physics.contact.ties import push_by_pulls, recall_pulls
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import struct
+from archfrag.physics.numbers import copy_rows
 from archfrag.physics.onset import RestProblem, new_rest_problem
 from archfrag.physics.state import Model
 from archfrag.physics.status import Count
@@ -42,7 +43,7 @@ class Attempt(NamedTuple):
     compliance: float  # of the joints: it keeps the pieces of hyperstatic ones regular
     size: float  # velocities at the start over those of the problem
     start: int  # GIVEN modes, those REACHED by the path before, or ALL_OPEN
-    soft: bool  # whether joints stay compliant at the end
+    compliant: bool  # whether joints stay compliant at the end
 
 
 ATTEMPTS = (
@@ -126,6 +127,15 @@ def new_path(model: Model) -> Path:
 
 
 @inlined
+def copy_modes(of, to):
+    """Copy the modes in ``contact`` and ``slide``."""
+    for j in range(to.slide.size):
+        to.contact[j, 0] = of.contact[j, 0]
+        to.contact[j, 1] = of.contact[j, 1]
+        to.slide[j] = of.slide[j]
+
+
+@inlined
 def _set_problem(work, path, part):
     """Set the problem's own velocities and bias plus a part of the start's additions."""
     for i in range(work.free.shape[0]):
@@ -150,8 +160,7 @@ def piece_functions(position, work, path, tau, value):
         for f in range(N_FUNCTION):
             value[j, f] = np.inf
             path.target[j, f] = NONE
-        at_0 = work.contact[j, 0] > 0.5
-        at_1 = work.contact[j, 1] > 0.5
+        at_0, at_1 = laws.touching(j, work)
         if at_0 and at_1:
             laws.functions_if_closed(j, path.model, work, value[j], path.target[j])
         elif at_0 or at_1:
@@ -164,18 +173,16 @@ def piece_functions(position, work, path, tau, value):
 @inlined
 def _corner_normal(work, j, k, closed, slide):
     """Return the direction in which a corner is compressed or opens, or slips across."""
-    if closed:
-        return work.normal[j, 0], work.normal[j, 1]
-    n = work.side_normal[j, k, laws.PLUS]
-    m = work.side_normal[j, k, laws.MINUS]
-    if slide != 0.0:
+    if slide != 0.0 and not closed:
         return laws.slip_normal(j, k, slide < 0.0, work)
+    n = laws.side_of(j, k, laws.PLUS, work)
+    m = laws.side_of(j, k, laws.MINUS, work)
     x = n[0] + m[0]
     y = n[1] + m[1]
     norm = math.sqrt(x * x + y * y)
-    return (
-        (x / norm, y / norm) if norm > 1e-3 else (work.normal[j, 0], work.normal[j, 1])
-    )
+    if closed or norm <= 1e-3:
+        return laws.normal_of(j, work)
+    return x / norm, y / norm
 
 
 @kernel
@@ -189,7 +196,6 @@ def set_start(position, work, path, scale):
     Writes: work (column, reaction, relative, row, solved, unknown), path (opening, push).
     """
     model = path.model
-    row = work.row
     unknown = work.unknown
     n_joint = work.slide.size
     force = scale * model.mass.sum()
@@ -202,6 +208,7 @@ def set_start(position, work, path, scale):
         unknown[j, 0] = unknown[j, 1] = unknown[j, 2] = 0.0
         for k in range(2):
             nx, ny = _corner_normal(work, j, k, closed, slide)
+            ux, uy = corner_velocity(j, k, work.relative, work)
             vx = scale * size * nx
             vy = scale * size * ny
             if work.contact[j, k] > 0.5:
@@ -210,17 +217,13 @@ def set_start(position, work, path, scale):
                     unknown[j, k if closed else 0] = -force * size
                 else:
                     for a in range(2):
-                        unknown[j, a] = (
-                            -force * size * (row[j, a, 0] * nx + row[j, a, 1] * ny)
-                        )
-            ux, uy = corner_velocity(j, k, work.relative, work)
+                        part = work.row[j, a, 0] * nx + work.row[j, a, 1] * ny
+                        unknown[j, a] = -force * size * part
             path.opening[j, k, 0] = vx - ux - path.bias[j, k, 0]
             path.opening[j, k, 1] = vy - uy - path.bias[j, k, 1]
     work.solved[:] = 0.0
     blocks.add_reactions(model, position, work)
-    for i in range(position.shape[0]):
-        for c in range(3):
-            path.push[i, c] = work.solved[i, c]
+    copy_rows(work.solved, path.push, 0, position.shape[0])
 
 
 @kernel
@@ -236,10 +239,7 @@ def direction_after(path, j, mode, left):
         back = path.target[j, f] == left
         if mode == laws.OPEN:
             # An open joint has two functions a corner, by the two senses of friction.
-            at_0, at_1 = laws.corners_of(left)
-            back = f == 2 * (at_0 + 2 * at_1 - 1) + (
-                0 if laws.slide_of(left) > 0.0 else 1
-            )
+            back = f == laws.function_of(left)
         if back:
             direction = ON if path.at_end[j, f] > path.at_start[j, f] else BACK
     return direction
@@ -274,8 +274,8 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
             chosen = f
     if chosen < 0:
         return NO_BREAK
-    n = work.side_normal[j, k, laws.PLUS]
-    m = work.side_normal[j, k, laws.MINUS]
+    n = laws.side_of(j, k, laws.PLUS, work)
+    m = laws.side_of(j, k, laws.MINUS, work)
     alike = work.known[j] == 0.0 and abs(n[0] - m[0]) + abs(n[1] - m[1]) < 1e-12
     return Break(j, far, int(path.target[j, chosen]), k if alike else -1)
 
@@ -319,12 +319,9 @@ def follow_path(position, work, path, scale, compliance):
         blocks.set_up(path.model, position, work, compliance, first)
         left = piece_functions(position, work, path, 0.0, path.at_start)
         left += piece_functions(position, work, path, 1.0, path.at_end)
-        j = crossed[0]
-        if j >= 0:
-            mode = laws.mode_number(
-                work.contact[j, 0], work.contact[j, 1], work.slide[j]
-            )
-            direction = direction_after(path, j, mode, crossed[1])
+        if crossed[0] >= 0:
+            mode = laws.mode_of(crossed[0], work)
+            direction = direction_after(path, crossed[0], mode, crossed[1])
         if direction == 0.0 or not math.isfinite(left):
             break
         found = next_break(work, path, tau, direction, crossed)
@@ -332,49 +329,19 @@ def follow_path(position, work, path, scale, compliance):
         if 0.0 < ahead <= found.distance or found.joint < 0:
             break
         tau += direction * found.distance
-        j = found.joint
+        first = found.joint
         mode = found.mode
         k = found.decides
         if k >= 0:
             piece_functions(position, work, path, tau, path.at_start)
-            n = work.side_normal[j, k, laws.PLUS]
-            slipping = (
-                n[0] * work.corner_rate[j, k, 1] - n[1] * work.corner_rate[j, k, 0]
-            )
+            normal = laws.side_of(first, k, laws.PLUS, work)
+            slipping = laws.cross(normal, laws.rate_of(first, k, work))
             mode = laws.corner_mode(k, -1.0 if slipping > 0.0 else 1.0)
-        crossed = (
-            j,
-            laws.mode_number(work.contact[j, 0], work.contact[j, 1], work.slide[j]),
-        )
-        laws.set_mode(work, j, mode)
-        first = j
+        crossed = first, laws.mode_of(first, work)
+        laws.set_mode(work, first, mode)
         breaks = breaks + 1
     _set_problem(work, path, 0.0)
     return breaks
-
-
-@inlined
-def copy_modes(of, to):
-    """Copy the modes in ``contact`` and ``slide``."""
-    for j in range(to.slide.size):
-        to.contact[j, 0] = of.contact[j, 0]
-        to.contact[j, 1] = of.contact[j, 1]
-        to.slide[j] = of.slide[j]
-
-
-@kernel
-def _stick_rough(model, work):
-    """Let closed joints of unlimited friction stick again after a path.
-
-    Reads: model.friction, work (contact, slide).
-    Writes: work.slide.
-    """
-    for j in range(work.slide.size):
-        if (
-            math.isinf(model.friction[j])
-            and work.contact[j, 0] + work.contact[j, 1] > 1.5
-        ):
-            work.slide[j] = 0.0
 
 
 @kernel
@@ -388,11 +355,8 @@ def solve_by_path(model, position, work, path, exact):
     iteration on modes, and breaks of the paths followed.
     """
     scale = velocity_scale(position, work)
-    push_by_ties(model, work, work.free, 1.0)  # on a path ties pull as before
-    for i in range(position.shape[0]):
-        for c in range(3):
-            path.free[i, c] = work.free[i, c]
-    push_by_ties(model, work, work.free, -1.0)
+    copy_rows(work.free, path.free, 0, position.shape[0])
+    push_by_pulls(model, work, path.free, 1.0)  # on a path ties pull as before
     for j in range(work.slide.size):
         for k in range(2):
             path.bias[j, k, 0] = work.bias[j, k, 0]
@@ -403,7 +367,7 @@ def solve_by_path(model, position, work, path, exact):
         return False, False, iterations, breaks
     for number in range(len(ATTEMPTS)):
         attempt = ATTEMPTS[number]
-        if exact and attempt.soft:
+        if exact and attempt.compliant:
             break
         if attempt.start == REACHED:
             copy_modes(path, work)
@@ -413,23 +377,26 @@ def solve_by_path(model, position, work, path, exact):
         breaks += follow_path(
             position, work, path, attempt.size * scale, attempt.compliance
         )
-        push_by_ties(path.model, work, work.free, -1.0)
-        _stick_rough(model, work)
+        push_by_pulls(model, work, work.free, -1.0)
+        for j in range(work.slide.size):  # joints of unlimited friction stick again
+            touches = work.contact[j, 0] + work.contact[j, 1]
+            if math.isinf(model.friction[j]) and touches > 1.5:
+                work.slide[j] = 0.0
         copy_modes(work, path)
         for loose in range(
-            1 if attempt.soft or (exact and number < EXACT_PATHS) else 2
+            1 if attempt.compliant or (exact and number < EXACT_PATHS) else 2
         ):
             copy_modes(path, work)
-            slack = DEGENERATE if loose or attempt.soft else blocks.EXACT.slack
+            slack = DEGENERATE if loose or attempt.compliant else blocks.EXACT.slack
             precision = Precision(blocks.EXACT.compliance, slack, slack)
-            if attempt.soft:
+            if attempt.compliant:
                 precision = Precision(attempt.compliance, slack, np.inf)
             solved, _, _, more = solve_contact(
                 model, position, work, True, 0.0, -1.0, precision
             )
             iterations += more
             if solved:
-                return True, attempt.soft, iterations, breaks
+                return True, attempt.compliant, iterations, breaks
     return False, False, iterations, breaks
 
 
@@ -441,7 +408,7 @@ def solve_with_fallback(model, state, work, path):
     """
     count = state.count
     copy_modes(state, work)
-    start_ties(state, work, True)
+    recall_pulls(state, work, True)
     for j in range(work.slide.size):
         work.known[j] = 0.0
     solved, compliant, iterations, breaks = solve_by_path(

@@ -6,10 +6,10 @@ and 23b of the paper: a vertex of either body may meet the other's face.
 
 import math
 
-from archfrag.physics.contact.laws import MINUS, PLUS
+from archfrag.physics.contact.laws import MINUS, PLUS, along, cross, touching
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
-from archfrag.physics.numbers import larger, sine_cosine, smaller
+from archfrag.physics.numbers import choose, larger, sine_cosine, smaller
 
 # Slip over joint length below which two vertices count as one point.
 COINCIDENT = 1e-9
@@ -31,44 +31,63 @@ def later_vertex_meets(corner, slip):
 
 
 @kernel
-def move_faces(model, position, rotated, face, tangent):
+def move_faces(model, position, work):
     """Set corners and unit tangents of all joint faces for given positions of the bodies.
 
-    Reads: model (corner, tangent), position, rotated.
-    Writes: rotated, face, tangent.
+    Reads: model (corner, tangent), position, work.rotated.
+    Writes: work (face, rotated, tangent).
     """
+    face = work.face
     for i in range(1, position.shape[0] - 1):
-        rotated[i, 1], rotated[i, 0] = sine_cosine(position[i, 2])
+        work.rotated[i, 1], work.rotated[i, 0] = sine_cosine(position[i, 2])
     for j in range(face.shape[0]):
         for side in range(2):
             i = j + side
-            c = rotated[i, 0]
-            s = rotated[i, 1]
             for k in range(2):
                 x = model.corner[j, side, k, 0]
-                y = model.corner[j, side, k, 1]
-                face[j, side, k, 0] = position[i, 0] + (c * x - s * y)
-                face[j, side, k, 1] = position[i, 1] + (s * x + c * y)
+                x, y = outwards(work, i, x, model.corner[j, side, k, 1])
+                face[j, side, k, 0] = position[i, 0] + x
+                face[j, side, k, 1] = position[i, 1] + y
             x = model.tangent[j, side, 0]
-            y = model.tangent[j, side, 1]
-            tangent[j, side, 0] = c * x - s * y
-            tangent[j, side, 1] = s * x + c * y
+            x, y = outwards(work, i, x, model.tangent[j, side, 1])
+            work.tangent[j, side, 0] = x
+            work.tangent[j, side, 1] = y
+
+
+@inlined
+def inwards(work, i, x, y):
+    """Return a vector in the axes at rest of a body that has rotated."""
+    c = work.rotated[i, 0]
+    s = work.rotated[i, 1]
+    return c * x + s * y, c * y - s * x
+
+
+@inlined
+def outwards(work, i, x, y):
+    """Return a vector that is given in the axes at rest of a body."""
+    c = work.rotated[i, 0]
+    s = work.rotated[i, 1]
+    return c * x - s * y, s * x + c * y
+
+
+@inlined
+def tangent_of(j, side, work):
+    """Return the unit tangent of a joint's face."""
+    return work.tangent[j, side, 0], work.tangent[j, side, 1]
 
 
 @kernel
-def place_contacts(model, slip, face, tangent, work):
+def place_contacts(model, slip, work):
     """Set contact points, pivots and normals of all joints from faces and slips [m].
 
-    Reads: model.length, slip, face, tangent, work (point, side_normal).
+    Reads: model.length, slip, work (face, point, side_normal, tangent).
     Writes: work (normal, pivot, point, side_normal).
     """
     point = work.point
     side_normal = work.side_normal
     for j in range(slip.shape[0]):
-        ax = tangent[j, BEFORE, 0]
-        ay = tangent[j, BEFORE, 1]
-        bx = tangent[j, AFTER, 0]
-        by = tangent[j, AFTER, 1]
+        ax, ay = tangent_of(j, BEFORE, work)
+        bx, by = tangent_of(j, AFTER, work)
         mx = ax + bx
         my = ay + by
         norm = math.sqrt(mx * mx + my * my)
@@ -80,79 +99,78 @@ def place_contacts(model, slip, face, tangent, work):
         for k in range(2):
             later = later_vertex_meets(k, slip[j])
             for c in range(2):
-                first = face[j, BEFORE, k, c]
-                second = face[j, AFTER, k, c]
+                first = work.face[j, BEFORE, k, c]
+                second = work.face[j, AFTER, k, c]
                 vertex = select(later, second, first)
                 point[j, k, c] = select(meet, 0.5 * (first + second), vertex)
-            if k == 0:
-                plus_a = later & opposite(meet)
-                minus_a = later | meet
-            else:
-                plus_a = later | meet
-                minus_a = later & opposite(meet)
-            side_normal[j, k, PLUS, 0] = select(plus_a, ay, by)
-            side_normal[j, k, PLUS, 1] = -select(plus_a, ax, bx)
-            side_normal[j, k, MINUS, 0] = select(minus_a, ay, by)
-            side_normal[j, k, MINUS, 1] = -select(minus_a, ax, bx)
+            # Where vertices coincide, that of the body whose face the slip runs along counts.
+            apart = later & opposite(meet)
+            for side in (PLUS, MINUS):
+                before = apart if side == k else later | meet
+                x, y = choose(before, (ay, ax), (by, bx))
+                side_normal[j, k, side, 0] = x
+                side_normal[j, k, side, 1] = -y
         for c in range(2):
             work.pivot[j, c] = 0.5 * (point[j, 0, c] + point[j, 1, c])
 
 
 @inlined
-def corner_offset(j, k, face, tangent, slip):
+def corner_offset(j, k, work, slip):
     """Return the offset of the later face's corner from its place in contact [m]."""
     later = later_vertex_meets(k, slip)
-    tx = select(later, tangent[j, BEFORE, 0], tangent[j, AFTER, 0])
-    ty = select(later, tangent[j, BEFORE, 1], tangent[j, AFTER, 1])
-    dx = face[j, AFTER, k, 0] - face[j, BEFORE, k, 0] - slip * tx
-    dy = face[j, AFTER, k, 1] - face[j, BEFORE, k, 1] - slip * ty
-    return dx, dy
+    tx, ty = choose(later, tangent_of(j, BEFORE, work), tangent_of(j, AFTER, work))
+    dx, dy = _shift(j, k, work)
+    return dx - slip * tx, dy - slip * ty
 
 
 @inlined
-def corner_slip(j, dx, dy, first, tangent):
-    """Return the slip of a joint whose corners are (dx, dy) apart, touching at corner 0 if `first`
+def _shift(j, k, work):
+    """Return how far the later face's corner is from the earlier one's."""
+    face = work.face
+    dx = face[j, AFTER, k, 0] - face[j, BEFORE, k, 0]
+    return dx, face[j, AFTER, k, 1] - face[j, BEFORE, k, 1]
+
+
+@inlined
+def corner_slip(j, shift, first, work):
+    """Return the slip of a joint whose corners are `shift` apart, touching at corner 0 if `first`
     [m].
     """
-    slip = tangent[j, BEFORE, 0] * dx + tangent[j, BEFORE, 1] * dy
-    by_b = tangent[j, AFTER, 0] * dx + tangent[j, AFTER, 1] * dy
-    return select((slip >= 0.0) ^ opposite(first), slip, by_b)
+    slip = along(tangent_of(j, BEFORE, work), shift)
+    by_after = along(tangent_of(j, AFTER, work), shift)
+    return select((slip >= 0.0) ^ opposite(first), slip, by_after)
 
 
 @inlined
-def clearance(j, k, face, tangent):
+def clearance(j, k, work):
     """Return the gap at a corner, by whichever of Eqs 23a and 23b applies [m]."""
-    dx = face[j, AFTER, k, 0] - face[j, BEFORE, k, 0]
-    dy = face[j, AFTER, k, 1] - face[j, BEFORE, k, 1]
-    ax = tangent[j, BEFORE, 0]
-    ay = tangent[j, BEFORE, 1]
-    bx = tangent[j, AFTER, 0]
-    by = tangent[j, AFTER, 1]
-    slip = ax * dx + ay * dy
-    gap_a = ay * dx - ax * dy
-    gap_b = by * dx - bx * dy
+    shift = _shift(j, k, work)
+    before = tangent_of(j, BEFORE, work)
+    slip = along(before, shift)
+    gap_a = cross(shift, before)
+    gap_b = cross(shift, tangent_of(j, AFTER, work))
+    face = work.face
     size = abs(face[j, BEFORE, 1, 0] - face[j, BEFORE, 0, 0])
     size += abs(face[j, BEFORE, 1, 1] - face[j, BEFORE, 0, 1])
-    both = abs(slip) <= COINCIDENT * (abs(dx) + abs(dy) + size)
+    both = abs(slip) <= COINCIDENT * (abs(shift[0]) + abs(shift[1]) + size)
     one = select(later_vertex_meets(k, slip), gap_a, gap_b)
     return select(both, larger(gap_a, gap_b), one)
 
 
 @inlined
-def slip_and_gap(j, at_0, at_1, face, tangent):
+def slip_and_gap(j, at_0, at_1, work):
     """Return the slip of a joint, at the nearer corner if none touches, and its gap [m]."""
-    gap_0 = clearance(j, 0, face, tangent)
-    gap_1 = clearance(j, 1, face, tangent)
-    none = opposite(at_0 | at_1)
-    first = (none & (gap_1 >= gap_0)) | at_0
-    dx = select(first, _shift(j, 0, 0, face), _shift(j, 1, 0, face))
-    dy = select(first, _shift(j, 0, 1, face), _shift(j, 1, 1, face))
-    return corner_slip(j, dx, dy, first, tangent), smaller(gap_0, gap_1)
+    gap_0 = clearance(j, 0, work)
+    gap_1 = clearance(j, 1, work)
+    first = (opposite(at_0 | at_1) & (gap_1 >= gap_0)) | at_0
+    shift = choose(first, _shift(j, 0, work), _shift(j, 1, work))
+    return corner_slip(j, shift, first, work), smaller(gap_0, gap_1)
 
 
 @inlined
-def _shift(j, k, c, face):
-    return face[j, AFTER, k, c] - face[j, BEFORE, k, c]
+def least_gap(j, work):
+    """Return the smaller of the gaps of a joint's corners [m]."""
+    return smaller(clearance(j, 0, work), clearance(j, 1, work))
 
 
 @kernel
@@ -165,17 +183,16 @@ def place_chain(model, position, joints, least, slip, work):
 
     Writes: slip, work (face, normal, pivot, point, rotated, side_normal, tangent).
     """
-    move_faces(model, position, work.rotated, work.face, work.tangent)
+    move_faces(model, position, work)
     for j in range(slip.shape[0]):
-        at_0 = joints.contact[j, 0] > 0.5
-        at_1 = joints.contact[j, 1] > 0.5
+        at_0, at_1 = touching(j, joints)
         moves = (joints.slide[j] != 0.0) | opposite(at_0 | at_1)
         slip[j] = joints.slip[j]
         if some(moves):
-            found, _ = slip_and_gap(j, at_0, at_1, work.face, work.tangent)
+            found, _ = slip_and_gap(j, at_0, at_1, work)
             found = select(abs(found) < least * model.length[j], 0.0, found)
             slip[j] = select(moves, found, slip[j])
-    place_contacts(model, slip, work.face, work.tangent, work)
+    place_contacts(model, slip, work)
 
 
 @inlined
@@ -195,17 +212,21 @@ def corner_velocity(j, k, relative, work):
 
 
 @inlined
+def _velocity_at(i, px, py, position, velocity):
+    """Return the velocity of a body at a point."""
+    x = px - position[i, 0]
+    y = py - position[i, 1]
+    return at_point(velocity[i, 0], velocity[i, 1], velocity[i, 2], x, y)
+
+
+@inlined
 def corner_rate_at(j, px, py, position, velocity):
     """Return the velocity at a point of the body after joint j relative to the one before it (Eq
     22).
     """
-    w = velocity[j + 1, 2]
-    v = velocity[j, 2]
-    ux = velocity[j + 1, 0] - w * (py - position[j + 1, 1])
-    uy = velocity[j + 1, 1] + w * (px - position[j + 1, 0])
-    ux = ux - (velocity[j, 0] - v * (py - position[j, 1]))
-    uy = uy - (velocity[j, 1] + v * (px - position[j, 0]))
-    return ux, uy
+    ax, ay = _velocity_at(j + 1, px, py, position, velocity)
+    bx, by = _velocity_at(j, px, py, position, velocity)
+    return ax - bx, ay - by
 
 
 @kernel

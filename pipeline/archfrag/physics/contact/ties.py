@@ -15,35 +15,48 @@ bodies and joints to a unit impulse of each tie, and k equations.
 
 import math
 
-from archfrag.physics.contact import blocks
+from archfrag.physics.contact import blocks, laws
+from archfrag.physics.contact.laws import along, cross
+from archfrag.physics.contact.placing import inwards, outwards
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import select
-from archfrag.physics.numbers import larger, sine_cosine
-from archfrag.physics.status import Tie, TieState, TieWork
-
-SLACK = 0.0
-TAUT = 1.0
-YIELDS = 2.0
-BROKEN = 3.0
+from archfrag.physics.numbers import copy_rows, larger, sine_cosine
+from archfrag.physics.state import Model
+from archfrag.physics.status import Tie, TieMode, TieState, TieWork
 
 
 @inlined
-def _end(model, t, side, x, y, angle):
-    """Return where an end of a tie is, of a body at x, y that has rotated."""
-    s, c = sine_cosine(angle)
-    a = model.tie[t, Tie.X_0 + 2 * side]
-    b = model.tie[t, Tie.Y_0 + 2 * side]
-    return x + c * a - s * b, y + s * a + c * b
+def _end(tie, side, body):
+    """Return where an end of a tie is, of a body that has moved and rotated."""
+    s, c = sine_cosine(body[2])
+    a = tie[Tie.X_0 + 2 * side]
+    b = tie[Tie.Y_0 + 2 * side]
+    return body[0] + c * a - s * b, body[1] + s * a + c * b
 
 
 @inlined
-def _ends(model, t, position):
-    """Return where the ends of a tie are, and the rows of its bodies."""
-    i = int(model.tie[t, Tie.BODY_0])
-    k = int(model.tie[t, Tie.BODY_1])
-    px, py = _end(model, t, 0, position[i, 0], position[i, 1], position[i, 2])
-    qx, qy = _end(model, t, 1, position[k, 0], position[k, 1], position[k, 2])
-    return i, k, px, py, qx, qy
+def _ends(model, t, bodies):
+    """Return the rows of a tie's bodies in an array."""
+    tie = model.tie[t]
+    return bodies[int(tie[Tie.BODY_0])], bodies[int(tie[Tie.BODY_1])]
+
+
+@inlined
+def _line(model, t, position):
+    """Return the elongation of a tie [m], its unit vector and the moments of that about its
+    bodies.
+    """
+    tie = model.tie[t]
+    before, after = _ends(model, t, position)
+    p = _end(tie, 0, before)
+    q = _end(tie, 1, after)
+    dx = q[0] - p[0]
+    dy = q[1] - p[1]
+    length = math.sqrt(dx * dx + dy * dy)
+    unit = dx / length, dy / length
+    arm_0 = cross((p[0] - before[0], p[1] - before[1]), unit)
+    arm_1 = cross((q[0] - after[0], q[1] - after[1]), unit)
+    return length - tie[Tie.LENGTH], unit, arm_0, arm_1
 
 
 @kernel
@@ -51,10 +64,9 @@ def tie_stretch(model, t, position):
     """Return the elongation of a tie [m].
 
     Reads: model.tie, position.
+    Writes: nothing.
     """
-    _, _, px, py, qx, qy = _ends(model, t, position)
-    length = math.sqrt((qx - px) * (qx - px) + (qy - py) * (qy - py))
-    return length - model.tie[t, Tie.LENGTH]
+    return _line(model, t, position)[0]
 
 
 @kernel
@@ -64,71 +76,90 @@ def place_tie(model, t, position, tie):
     Reads: model.tie, position.
     Writes: tie.
     """
-    i, k, px, py, qx, qy = _ends(model, t, position)
-    dx = qx - px
-    dy = qy - py
-    length = math.sqrt(dx * dx + dy * dy)
-    ux = dx / length
-    uy = dy / length
-    tie[t, TieWork.DX] = ux
-    tie[t, TieWork.DY] = uy
-    tie[t, TieWork.ARM_0] = (px - position[i, 0]) * uy - (py - position[i, 1]) * ux
-    tie[t, TieWork.ARM_1] = (qx - position[k, 0]) * uy - (qy - position[k, 1]) * ux
-    return length - model.tie[t, Tie.LENGTH]
+    stretch, unit, arm_0, arm_1 = _line(model, t, position)
+    tie[t, TieWork.DX] = unit[0]
+    tie[t, TieWork.DY] = unit[1]
+    tie[t, TieWork.ARM_0] = arm_0
+    tie[t, TieWork.ARM_1] = arm_1
+    return stretch
 
 
 @inlined
-def stretch_rate(model, t, velocity, tie):
+def stretch_rate(model, t, velocity, work):
     """Return the rate at which a tie grows longer [m/s]."""
-    i = int(model.tie[t, Tie.BODY_0])
-    k = int(model.tie[t, Tie.BODY_1])
-    rate = tie[t, TieWork.DX] * (velocity[k, 0] - velocity[i, 0])
-    rate += tie[t, TieWork.DY] * (velocity[k, 1] - velocity[i, 1])
-    return (
-        rate
-        + tie[t, TieWork.ARM_1] * velocity[k, 2]
-        - tie[t, TieWork.ARM_0] * velocity[i, 2]
-    )
+    before, after = _ends(model, t, velocity)
+    tie = work.tie[t]
+    apart = after[0] - before[0], after[1] - before[1]
+    rate = along((tie[TieWork.DX], tie[TieWork.DY]), apart)
+    return rate + tie[TieWork.ARM_1] * after[2] - tie[TieWork.ARM_0] * before[2]
 
 
 @inlined
-def _pull(model, t, impulse, tie, velocity):
+def _wrench(model, t, side, impulse, work):
+    """Return the row of the body at an end of a tie, and what an impulse of the tie gives it."""
+    tie = work.tie[t]
+    given = impulse if side == 0 else -impulse
+    x = given * tie[TieWork.DX]
+    y = given * tie[TieWork.DY]
+    moment = given * tie[TieWork.ARM_0 + side]
+    return int(model.tie[t, Tie.BODY_0 + side]), x, y, moment
+
+
+@inlined
+def _pull(model, t, impulse, work, velocity):
     """Add to velocities what a tie's impulse gives to its bodies."""
-    i = int(model.tie[t, Tie.BODY_0])
-    k = int(model.tie[t, Tie.BODY_1])
-    x = impulse * tie[t, TieWork.DX]
-    y = impulse * tie[t, TieWork.DY]
-    velocity[i, 0] += model.inverse_mass[i] * x
-    velocity[i, 1] += model.inverse_mass[i] * y
-    velocity[i, 2] += model.inverse_inertia[i] * (impulse * tie[t, TieWork.ARM_0])
-    velocity[k, 0] -= model.inverse_mass[k] * x
-    velocity[k, 1] -= model.inverse_mass[k] * y
-    velocity[k, 2] -= model.inverse_inertia[k] * (impulse * tie[t, TieWork.ARM_1])
+    for side in range(2):
+        i, x, y, moment = _wrench(model, t, side, impulse, work)
+        velocity[i, 0] += model.inverse_mass[i] * x
+        velocity[i, 1] += model.inverse_mass[i] * y
+        velocity[i, 2] += model.inverse_inertia[i] * moment
 
 
 @inlined
 def tension(model, t, state, elongation):
     """Return the tension of a tie in its present mode [N]."""
+    tie = model.tie[t]
     mode = state.tie[t, TieState.MODE]
-    strength = model.tie[t, Tie.STRENGTH]
-    elastic = model.tie[t, Tie.STIFFNESS] * (elongation - state.tie[t, TieState.SET])
-    return select(
-        mode == TAUT, elastic, select(mode == YIELDS, strength, 0.0 * elastic)
-    )
+    elastic = tie[Tie.STIFFNESS] * (elongation - state.tie[t, TieState.SET])
+    yields = select(mode == TieMode.YIELDS, tie[Tie.STRENGTH], 0.0 * elastic)
+    return select(mode == TieMode.TAUT, elastic, yields)
+
+
+@inlined
+def _placed_tension(model, t, state, work):
+    return tension(model, t, state, place_tie(model, t, state.position, work.tie))
 
 
 @inlined
 def tie_energy(model, t, state, elongation):
     """Return the elastic energy of a tie [J]."""
     stretch = larger(elongation - state.tie[t, TieState.SET], 0.0)
-    held = select(
-        state.tie[t, TieState.MODE] == BROKEN, 0.0, model.tie[t, Tie.STIFFNESS]
-    )
+    mode = state.tie[t, TieState.MODE]
+    held = select(mode == TieMode.RUPTURED, 0.0, model.tie[t, Tie.STIFFNESS])
     return 0.5 * held * (stretch * stretch)
 
 
+@inlined
+def is_pulled(model):
+    """Return whether there are ties."""
+    return model.tie.shape[0] > 0
+
+
+def pull_count(model: Model) -> int:
+    """Return how many ties there are."""
+    return len(model.tie)
+
+
+@inlined
+def add_stored(model, state, potential):
+    """Return an energy with the elastic one of all ties [J]."""
+    for t in range(model.tie.shape[0]):
+        potential += tie_energy(model, t, state, tie_stretch(model, t, state.position))
+    return potential
+
+
 @kernel
-def set_ties(model, state, work):
+def reset_pulls(model, state, work):
     """Let the ties of a state be taut or slack, without a set.
 
     Reads: model.tie, state.position.
@@ -136,7 +167,9 @@ def set_ties(model, state, work):
     """
     for t in range(model.tie.shape[0]):
         elongation = place_tie(model, t, state.position, work.tie)
-        state.tie[t, TieState.MODE] = TAUT if elongation >= 0.0 else SLACK
+        state.tie[t, TieState.MODE] = (
+            TieMode.TAUT if elongation >= 0.0 else TieMode.SLACK
+        )
         state.tie[t, TieState.SET] = 0.0
 
 
@@ -150,32 +183,28 @@ def pull_at_rest(model, state, work, pull):
     Writes: work.tie, pull.
     """
     for t in range(model.tie.shape[0]):
-        force = tension(model, t, state, place_tie(model, t, state.position, work.tie))
-        x = force * work.tie[t, TieWork.DX]
-        y = force * work.tie[t, TieWork.DY]
+        force = _placed_tension(model, t, state, work)
         for side in range(2):
-            i = int(model.tie[t, Tie.BODY_0 + side])
-            sense = 1.0 - 2.0 * side
-            pull[i, 0] += sense * x
-            pull[i, 1] += sense * y
-            pull[i, 2] += sense * force * work.tie[t, TieWork.ARM_0 + side]
+            i, x, y, moment = _wrench(model, t, side, force, work)
+            pull[i, 0] += x
+            pull[i, 1] += y
+            pull[i, 2] += moment
 
 
 @kernel
-def pull_by_ties(model, state, work):
+def pull_bodies(model, state, work):
     """Add what the tensions of ties give to the accelerations ``work.free``; no impulses.
 
     Reads: model (inverse_inertia, inverse_mass, tie), state (position, tie), work.tie.
     Writes: work (free, tie).
     """
     for t in range(model.tie.shape[0]):
-        force = tension(model, t, state, place_tie(model, t, state.position, work.tie))
-        _pull(model, t, force, work.tie, work.free)
-    release_ties(model, work)
+        _pull(model, t, _placed_tension(model, t, state, work), work, work.free)
+    release_pulls(work)
 
 
 @kernel
-def aim_ties(model, state, work, step, ahead):
+def aim_pulls(model, state, work, step, ahead):
     """Set the impulses of ties over a step, linear in the velocities after it.
 
     The tension is that of the elongation in the middle, changed by so much of the step (`ahead`)
@@ -185,59 +214,49 @@ def aim_ties(model, state, work, step, ahead):
     Writes: work.tie.
     """
     for t in range(model.tie.shape[0]):
-        tie = work.tie
-        stiffness = model.tie[t, Tie.STIFFNESS]
-        energy = tie_energy(model, t, state, place_tie(model, t, state.position, tie))
-        elongation = place_tie(model, t, work.position, tie)
-        rate = stretch_rate(model, t, state.velocity, tie)
-        gain = ahead * step * step * stiffness
+        tie = work.tie[t]
+        rigidity = model.tie[t, Tie.STIFFNESS]
+        before = place_tie(model, t, state.position, work.tie)
+        tie[TieWork.ENERGY] = tie_energy(model, t, state, before)
+        elongation = place_tie(model, t, work.position, work.tie)
+        rate = stretch_rate(model, t, state.velocity, work)
+        gain = ahead * step * step * rigidity
         stretch = elongation - state.tie[t, TieState.SET]
-        tie[t, TieWork.RATE] = rate
-        tie[t, TieWork.ENERGY] = energy
-        tie[t, TieWork.KNOWN] = step * stiffness * stretch - gain * rate
-        tie[t, TieWork.GAIN] = gain
-        tie[t, TieWork.MOST] = step * model.tie[t, Tie.STRENGTH]
-        tie[t, TieWork.GUESS] = step * tension(model, t, state, elongation)
+        tie[TieWork.RATE] = rate
+        tie[TieWork.KNOWN] = step * rigidity * stretch - gain * rate
+        tie[TieWork.GAIN] = gain
+        tie[TieWork.MOST] = step * model.tie[t, Tie.STRENGTH]
+        tie[TieWork.GUESS] = step * tension(model, t, state, elongation)
+
+
+@inlined
+def release_pulls(work):
+    """Let ties have no impulse in the next contact problem: an impact, or accelerations."""
+    work.tie[:] = 0.0
 
 
 @kernel
-def release_ties(model, work):
-    """Let ties have no impulse in the next contact problem: an impact, or accelerations.
-
-    Writes: work.tie.
-    """
-    for t in range(model.tie.shape[0]):
-        for column in (
-            TieWork.KNOWN,
-            TieWork.GAIN,
-            TieWork.MOST,
-            TieWork.GUESS,
-            TieWork.MODE,
-        ):
-            work.tie[t, column] = 0.0
-
-
-@kernel
-def start_ties(state, work, where):
+def recall_pulls(state, work, where):
     """Start from the modes of ties before the step.
 
     Reads: state.tie, work.tie.
     Writes: work.tie.
     """
     for t in range(state.tie.shape[0]):
-        mode = work.tie[t, TieWork.MODE]
-        work.tie[t, TieWork.MODE] = select(where, state.tie[t, TieState.MODE], mode)
+        tie = work.tie[t]
+        mode = state.tie[t, TieState.MODE]
+        tie[TieWork.MODE] = select(where, mode, tie[TieWork.MODE])
 
 
 @kernel
-def push_by_ties(model, work, velocity, sense):
+def push_by_pulls(model, work, velocity, sense):
     """Add impulses by the tensions before a step to velocities, or take them away.
 
     Reads: model (inverse_inertia, inverse_mass, tie), work.tie.
     Writes: velocity.
     """
     for t in range(model.tie.shape[0]):
-        _pull(model, t, sense * work.tie[t, TieWork.GUESS], work.tie, velocity)
+        _pull(model, t, sense * work.tie[t, TieWork.GUESS], work, velocity)
 
 
 @inlined
@@ -245,14 +264,9 @@ def _answer(model, position, work, t, where):
     """Find how bodies and joints answer a unit impulse of a tie, in the present modes."""
     row = work.row
     solved = work.solved
-    n_row = position.shape[0]
-    for i in range(n_row):
-        solved[i, 0] = solved[i, 1] = solved[i, 2] = 0.0 * work.free[i, 0]
-    for j in range(work.slide.shape[0]):
-        work.reaction[j, 0] = work.reaction[j, 1] = work.reaction[j, 2] = (
-            0.0 * solved[0, 0]
-        )
-    _pull(model, t, 1.0, work.tie, solved)
+    solved[:] = 0.0
+    work.reaction[:] = 0.0
+    _pull(model, t, 1.0, work, solved)
     for _ in range(2):  # what the compliance of the rows leaves is corrected once
         for j in range(work.slide.shape[0]):
             ux = solved[j + 1, 0] - solved[j, 0]
@@ -262,17 +276,28 @@ def _answer(model, position, work, t, where):
                 rate += row[j, a, 2] * solved[j + 1, 2] - row[j, a, 3] * solved[j, 2]
                 work.residual[j, a] = rate
         blocks.substitute(model, position, work, where)
-    _keep(work, t, n_row)
+    _keep(work, t)
 
 
 @inlined
-def _keep(work, place, n_row):
+def _keep(work, place):
     """Keep velocities and reactions in ``work.tie_answer``."""
-    for c in range(3):
-        for i in range(n_row):
-            work.tie_answer[place, i, c] = work.solved[i, c]
-        for j in range(work.slide.shape[0]):
-            work.tie_answer[place, n_row + j, c] = work.reaction[j, c]
+    n_row = work.solved.shape[0]
+    answer = work.tie_answer[place]
+    copy_rows(work.solved, answer, 0, n_row)
+    copy_rows(work.reaction, answer[n_row:], 0, work.reaction.shape[0])
+
+
+@inlined
+def _sum_answers(work, first, out):
+    """Add the answers to the impulses of all ties to that without ties."""
+    answer = work.tie_answer
+    n = work.tie.shape[0]
+    for i in range(out.shape[0]):
+        for c in range(3):
+            out[i, c] = answer[n, first + i, c]
+            for t in range(n):
+                out[i, c] += work.tie[t, TieWork.IMPULSE] * answer[t, first + i, c]
 
 
 @inlined
@@ -280,17 +305,20 @@ def _solve_impulses(model, work):
     """Solve the equations of all ties by elimination; their matrix is near a unit matrix."""
     n = model.tie.shape[0]
     system = work.tie_system
-    tie = work.tie
     for t in range(n):
-        taut = tie[t, TieWork.MODE] == TAUT
-        gain = tie[t, TieWork.GAIN]
-        held = select(tie[t, TieWork.MODE] == YIELDS, tie[t, TieWork.MOST], 0.0)
-        for s in range(n):
-            rate = stretch_rate(model, t, work.tie_answer[s], tie)
-            own = 1.0 if s == t else 0.0
-            system[t, s] = select(taut, own - gain * rate, own + 0.0 * gain)
-        rate = stretch_rate(model, t, work.tie_answer[n], tie)
-        system[t, n] = select(taut, tie[t, TieWork.KNOWN] + gain * rate, held)
+        tie = work.tie[t]
+        taut = tie[TieWork.MODE] == TieMode.TAUT
+        gain = tie[TieWork.GAIN]
+        for s in range(n + 1):
+            rate = stretch_rate(model, t, work.tie_answer[s], work)
+            if s == n:
+                held = select(
+                    tie[TieWork.MODE] == TieMode.YIELDS, tie[TieWork.MOST], 0.0
+                )
+                system[t, s] = select(taut, tie[TieWork.KNOWN] + gain * rate, held)
+            else:
+                own = 1.0 if s == t else 0.0
+                system[t, s] = select(taut, own - gain * rate, own + 0.0 * gain)
     for t in range(n):
         for r in range(n):
             if r != t:
@@ -298,38 +326,31 @@ def _solve_impulses(model, work):
                 for s in range(t, n + 1):
                     system[r, s] -= factor * system[t, s]
     for t in range(n):
-        tie[t, TieWork.IMPULSE] = system[t, n] / system[t, t]
+        work.tie[t, TieWork.IMPULSE] = system[t, n] / system[t, t]
 
 
 @kernel
-def solve_with_ties(model, position, work, scale, precision, first):
-    """Solve the contact problem in the present modes (`solve_modes`), with the impulses of ties."""
+def solve_with_pulls(model, position, work, scale, precision, first):
+    """Solve the contact problem in the present modes (`solve_modes`), with the impulses of ties.
+
+    Reads: model (inverse_inertia, inverse_mass, ray, tie), position, work, precision.left.
+    Writes: work.
+    """
     left = blocks.solve_modes(model, position, work, scale, precision, first)
     n = model.tie.shape[0]
-    n_row = position.shape[0]
     if n == 0:
         return left
-    _keep(work, n, n_row)
+    _keep(work, n)
     for t in range(n):
         _answer(model, position, work, t, left == left)
     _solve_impulses(model, work)
-    for c in range(3):
-        for i in range(n_row):
-            work.solved[i, c] = work.tie_answer[n, i, c]
-            for t in range(n):
-                work.solved[i, c] += (
-                    work.tie[t, TieWork.IMPULSE] * work.tie_answer[t, i, c]
-                )
-        for j in range(work.slide.shape[0]):
-            work.reaction[j, c] = work.tie_answer[n, n_row + j, c]
-            for t in range(n):
-                answer = work.tie_answer[t, n_row + j, c]
-                work.reaction[j, c] += work.tie[t, TieWork.IMPULSE] * answer
+    _sum_answers(work, 0, work.solved)
+    _sum_answers(work, position.shape[0], work.reaction)
     return blocks.measure_residual(position, work)
 
 
 @kernel
-def ask_ties(model, work, slack_force):
+def ask_pulls(model, work, slack_force):
     """Set the modes that ties ask for; return where one differs from its own.
 
     Reads: model.tie, work (solved, tie).
@@ -337,17 +358,21 @@ def ask_ties(model, work, slack_force):
     """
     changed = False
     for t in range(model.tie.shape[0]):
-        tie = work.tie
-        mode = tie[t, TieWork.MODE]
-        most = tie[t, TieWork.MOST]
-        rate = stretch_rate(model, t, work.solved, tie)
-        trial = tie[t, TieWork.KNOWN] + tie[t, TieWork.GAIN] * rate
-        tie[t, TieWork.TRIAL] = trial
-        low = select(mode == SLACK, slack_force, -slack_force)
-        high = select(mode == YIELDS, most - slack_force, most + slack_force)
-        asked = select(trial < low, SLACK, select(trial > high, YIELDS, TAUT))
-        tie[t, TieWork.ASKED] = select(mode == BROKEN, BROKEN, asked)
-        changed = changed | (tie[t, TieWork.ASKED] != mode)
+        tie = work.tie[t]
+        mode = tie[TieWork.MODE]
+        most = tie[TieWork.MOST]
+        rate = stretch_rate(model, t, work.solved, work)
+        trial = tie[TieWork.KNOWN] + tie[TieWork.GAIN] * rate
+        tie[TieWork.TRIAL] = trial
+        low = select(mode == TieMode.SLACK, slack_force, -slack_force)
+        high = select(mode == TieMode.YIELDS, most - slack_force, most + slack_force)
+        asked = select(
+            trial < low,
+            TieMode.SLACK,
+            select(trial > high, TieMode.YIELDS, TieMode.TAUT),
+        )
+        tie[TieWork.ASKED] = select(mode == TieMode.RUPTURED, TieMode.RUPTURED, asked)
+        changed = changed | (tie[TieWork.ASKED] != mode)
     return changed
 
 
@@ -355,13 +380,12 @@ def ask_ties(model, work, slack_force):
 def take_asked(work, where):
     """Take the modes that ties ask for."""
     for t in range(work.tie.shape[0]):
-        mode = work.tie[t, TieWork.MODE]
-        asked = work.tie[t, TieWork.ASKED]
-        work.tie[t, TieWork.MODE] = select(where, asked, mode)
+        tie = work.tie[t]
+        tie[TieWork.MODE] = select(where, tie[TieWork.ASKED], tie[TieWork.MODE])
 
 
 @kernel
-def accept_ties(model, state, work, step, where):
+def accept_pulls(model, state, work, step, where):
     """Accept the modes and sets of ties after a step; return works by yield, unexplained [J].
 
     What breaks gives up its energy.
@@ -372,32 +396,29 @@ def accept_ties(model, state, work, step, where):
     lost = 0.0 * step
     error = 0.0 * step
     for t in range(model.tie.shape[0]):
-        tie = work.tie
-        stiffness = model.tie[t, Tie.STIFFNESS]
-        mode = tie[t, TieWork.MODE]
-        impulse = tie[t, TieWork.IMPULSE]
-        mean = 0.5 * (tie[t, TieWork.RATE] + stretch_rate(model, t, work.solved, tie))
-        grows = select(
-            mode == YIELDS, tie[t, TieWork.TRIAL] - tie[t, TieWork.MOST], 0.0
-        )
-        grows = grows / (step * stiffness)
-        yielded = select(mode == YIELDS, model.tie[t, Tie.STRENGTH], 0.0) * grows
-        set_now = state.tie[t, TieState.SET] + grows
-        state.tie[t, TieState.SET] = select(where, set_now, state.tie[t, TieState.SET])
-        state.tie[t, TieState.MODE] = select(where, mode, state.tie[t, TieState.MODE])
-        elongation = place_tie(model, t, state.position, tie)
+        law = model.tie[t]
+        tie = work.tie[t]
+        own = state.tie[t]
+        mode = tie[TieWork.MODE]
+        yields = mode == TieMode.YIELDS
+        mean = 0.5 * (tie[TieWork.RATE] + stretch_rate(model, t, work.solved, work))
+        grows = select(yields, tie[TieWork.TRIAL] - tie[TieWork.MOST], 0.0)
+        grows = grows / (step * law[Tie.STIFFNESS])
+        yielded = select(yields, law[Tie.STRENGTH], 0.0) * grows
+        before = own[TieState.SET]
+        own[TieState.SET] = select(where, before + grows, before)
+        own[TieState.MODE] = select(where, mode, own[TieState.MODE])
+        elongation = place_tie(model, t, state.position, work.tie)
         energy = tie_energy(model, t, state, elongation)
-        breaks = where & (elongation > model.tie[t, Tie.RUPTURE]) & (mode != BROKEN)
-        state.tie[t, TieState.MODE] = select(
-            breaks, BROKEN, state.tie[t, TieState.MODE]
-        )
+        breaks = where & (elongation > law[Tie.RUPTURE]) & (mode != TieMode.RUPTURED)
+        own[TieState.MODE] = select(breaks, TieMode.RUPTURED, own[TieState.MODE])
         lost -= yielded + select(breaks, energy, 0.0)
-        error += energy + yielded - tie[t, TieWork.ENERGY] - impulse * mean
+        error += energy + yielded - tie[TieWork.ENERGY] - tie[TieWork.IMPULSE] * mean
     return lost, error
 
 
 @kernel
-def change_tie(model, state, t, yields, breaks):
+def change_pull(model, state, t, yields, breaks):
     """Change the mode of a tie whose law has ended; return the energy that it gives up [J].
 
     One that is taut becomes slack unless it `yields` or `breaks`, any other one becomes taut.
@@ -405,13 +426,13 @@ def change_tie(model, state, t, yields, breaks):
     Reads: model.tie, state (position, tie).
     Writes: state.tie.
     """
-    mode = state.tie[t, TieState.MODE]
+    own = state.tie[t]
     if breaks:
         lost = tie_energy(model, t, state, tie_stretch(model, t, state.position))
-        state.tie[t, TieState.MODE] = BROKEN
+        own[TieState.MODE] = TieMode.RUPTURED
         return lost
-    taut = YIELDS if yields else SLACK
-    state.tie[t, TieState.MODE] = taut if mode == TAUT else TAUT
+    taut = TieMode.YIELDS if yields else TieMode.SLACK
+    own[TieState.MODE] = taut if own[TieState.MODE] == TieMode.TAUT else TieMode.TAUT
     return 0.0
 
 
@@ -424,13 +445,90 @@ def stretch_yielding(model, state):
     """
     lost = 0.0
     for t in range(model.tie.shape[0]):
-        if state.tie[t, TieState.MODE] != YIELDS:
-            continue
-        strength = model.tie[t, Tie.STRENGTH]
-        longer = (
-            tie_stretch(model, t, state.position)
-            - strength / model.tie[t, Tie.STIFFNESS]
-        )
-        lost += strength * (longer - state.tie[t, TieState.SET])
-        state.tie[t, TieState.SET] = longer
+        tie = model.tie[t]
+        own = state.tie[t]
+        if own[TieState.MODE] == TieMode.YIELDS:
+            strength = tie[Tie.STRENGTH]
+            longer = tie_stretch(model, t, state.position)
+            longer = longer - strength / tie[Tie.STIFFNESS]
+            lost += strength * (longer - own[TieState.SET])
+            own[TieState.SET] = longer
     return lost
+
+
+@inlined
+def _end_on_mega(mega, t, side, position, velocity):
+    """Return voussoir and mega-voussoir at an end of a tie, the end's arm and its velocity."""
+    tie = mega.model.tie[t]
+    i = int(tie[Tie.BODY_0 + side])
+    k = mega.group[i]
+    a = mega.offset[i, 0] + tie[Tie.X_0 + 2 * side]
+    b = mega.offset[i, 1] + tie[Tie.Y_0 + 2 * side]
+    x, y = outwards(mega.work, k, a, b)
+    spin = velocity[k, 2]
+    return i, k, x, y, velocity[k, 0] - spin * y, velocity[k, 1] + spin * x
+
+
+@kernel
+def pull_mega_voussoirs(mega, position, velocity):
+    """Add what ties give to the accelerations ``work.free`` of mega-voussoirs, after `pose`.
+
+    Elongations are left in ``mega.stretch``, forces on voussoirs in ``mega.pull``.
+
+    Reads: mega, position, velocity.
+    Writes: mega (pull, stretch, work.free).
+    """
+    free = mega.work.free
+    model = mega.model
+    if is_pulled(model):
+        mega.pull[:] = 0.0
+    for t in range(model.tie.shape[0]):
+        first = _end_on_mega(mega, t, 0, position, velocity)
+        second = _end_on_mega(mega, t, 1, position, velocity)
+        _, k, px, py, vx, vy = first
+        _, m, qx, qy, wx, wy = second
+        dx = position[m, 0] + qx - position[k, 0] - px
+        dy = position[m, 1] + qy - position[k, 1] - py
+        length = math.sqrt(dx * dx + dy * dy)
+        dx = dx / length
+        dy = dy / length
+        mega.stretch[t, 0] = length - model.tie[t, Tie.LENGTH]
+        mega.stretch[t, 1] = dx * (wx - vx) + dy * (wy - vy)
+        force = tension(model, t, mega, mega.stretch[t, 0])
+        for sense, (i, k, x, y, _, _) in ((1.0, first), (-1.0, second)):
+            fx = sense * force * dx
+            fy = sense * force * dy
+            moment = x * fy - y * fx
+            free[k, 0] += model.inverse_mass[k] * fx
+            free[k, 1] += model.inverse_mass[k] * fy
+            free[k, 2] += model.inverse_inertia[k] * moment
+            fx, fy = inwards(mega.work, k, fx, fy)
+            mega.pull[i, 0] += fx
+            mega.pull[i, 1] += fy
+            mega.pull[i, 2] += moment
+
+
+@inlined
+def set_pull_margins(mega, motion):
+    """Set margins of ties, in the rows behind the joints.
+
+    Tension and what is left to the strength of a tie that is taut, the force that a slack one
+    lacks, the rate at which one yields, and what is left to its rupture.
+    """
+    first = motion.model.friction.size
+    for t in range(mega.model.tie.shape[0]):
+        tie = mega.model.tie[t]
+        value = motion.value[first + t]
+        mode = mega.tie[t, TieState.MODE]
+        stretch = mega.stretch[t, 0]
+        rigidity = motion.per_weight * tie[Tie.STIFFNESS]
+        elastic = rigidity * (stretch - mega.tie[t, TieState.SET])
+        if mode == TieMode.TAUT:
+            value[laws.FORCE_0] = elastic
+            value[laws.FORCE_1] = motion.per_weight * tie[Tie.STRENGTH] - elastic
+        elif mode == TieMode.SLACK:
+            value[laws.FORCE_0] = -elastic
+        elif mode == TieMode.YIELDS:
+            value[laws.SLIP_END] = laws.SLIP_WEIGHT * mega.stretch[t, 1] / motion.speed
+        if mode != TieMode.RUPTURED:
+            value[laws.FRICTION_PLUS] = rigidity * (tie[Tie.RUPTURE] - stretch)

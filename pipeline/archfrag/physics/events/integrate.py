@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.physics.collapse import RIGHT_ANGLE, record_gap
-from archfrag.physics.contact.path import Path
-from archfrag.physics.contact.placing import clearance, move_faces, place_contacts
+from archfrag.physics.contact.laws import touching
+from archfrag.physics.contact.path import Path, copy_modes
+from archfrag.physics.contact.placing import least_gap, move_faces, place_contacts
 from archfrag.physics.energy import kinetic_energy, record_calm
 from archfrag.physics.events import runge_kutta
 from archfrag.physics.events.locate import (
@@ -30,18 +31,11 @@ from archfrag.physics.kernels.structs import struct
 from archfrag.physics.mega_voussoirs.assemble import MegaVoussoirs, split_state
 from archfrag.physics.mega_voussoirs.first_level import pose, project, solve_first_level
 from archfrag.physics.mega_voussoirs.second_level import joint_reactions
-from archfrag.physics.numbers import sine_cosine
+from archfrag.physics.numbers import copy_rows, sine_cosine
 from archfrag.physics.shared import write_frame
 from archfrag.physics.state import Clock, Model, State, Work
-from archfrag.physics.status import Count, Energy, Peak
+from archfrag.physics.status import Count, Energy, Peak, Stretch
 
-# How a stretch of motion ends: at the time given, with an event, with a collapse, with the work
-# allowed spent, or where the equations of motion have no solution.
-STOPPED = 0
-EVENT = 1
-COLLAPSES = 2
-BOUND = 3
-BROKEN = 4
 # Largest step, over the time of a fall through a joint's length; first step after an event.
 LONGEST = 0.1
 FIRST = 0.02
@@ -103,13 +97,14 @@ def look_outward(run, mega, position, velocity):
     comes_back = False
     for k in range(1, position.shape[0] - 1):
         s, c = sine_cosine(position[k, 2])
+        v = velocity[k]
         for i in range(mega.first[k], mega.last[k] + 1):
-            x = c * mega.offset[i, 0] - s * mega.offset[i, 1]
-            y = s * mega.offset[i, 0] + c * mega.offset[i, 1]
-            dx = position[k, 0] + x - run.model.start[i, 0]
-            dy = position[k, 1] + y - run.model.start[i, 1]
-            rate = dx * (velocity[k, 0] - velocity[k, 2] * y)
-            rate += dy * (velocity[k, 1] + velocity[k, 2] * x)
+            offset = mega.offset[i]
+            start = run.model.start[i]
+            x = c * offset[0] - s * offset[1]
+            y = s * offset[0] + c * offset[1]
+            rate = (position[k, 0] + x - start[0]) * (v[0] - v[2] * y)
+            rate += (position[k, 1] + y - start[1]) * (v[1] + v[2] * x)
             comes_back = comes_back or (run.outward[i] > 0.0 > rate)
             run.outward[i] = rate
     return comes_back
@@ -121,13 +116,15 @@ def record_place(run, mega, position):
     rotation = run.state.peak[Peak.ROTATION]
     farthest = run.progress[Progress.FARTHEST]
     for k in range(1, position.shape[0] - 1):
-        s, c = sine_cosine(position[k, 2])
+        at = position[k]
+        s, c = sine_cosine(at[2])
         for i in range(mega.first[k], mega.last[k] + 1):
             x = mega.offset[i, 0]
             y = mega.offset[i, 1]
-            dx = position[k, 0] + c * x - s * y - run.model.start[i, 0]
-            dy = position[k, 1] + s * x + c * y - run.model.start[i, 1]
-            rotation = max(rotation, abs(position[k, 2] - run.model.start[i, 2]))
+            start = run.model.start[i]
+            dx = at[0] + c * x - s * y - start[0]
+            dy = at[1] + s * x + c * y - start[1]
+            rotation = max(rotation, abs(at[2] - start[2]))
             farthest = max(farthest, dx * dx + dy * dy)
     run.state.peak[Peak.ROTATION] = rotation
     run.progress[Progress.FARTHEST] = farthest
@@ -138,11 +135,11 @@ def _has_collapsed(run, mega, position):
     """Return whether a joint has lost contact for good; records gaps of joints without contact."""
     collapsed = False
     work = mega.work
-    for k in range(mega.work.slip.shape[0]):
+    for k in range(work.slip.shape[0]):
         per_length = 1.0 / mega.model.length[k]
-        if work.contact[k, 0] < 0.5 and work.contact[k, 1] < 0.5:
-            gap = clearance(k, 0, work.face, work.tangent)
-            gap = min(gap, clearance(k, 1, work.face, work.tangent)) * per_length
+        at_0, at_1 = touching(k, work)
+        if not (at_0 or at_1):
+            gap = least_gap(k, work) * per_length
             record_gap(mega.joint[k], run.state, gap, True)
             collapsed = collapsed or gap > run.options.loss_limit
         rotation = position[k + 1, 2] - position[k, 2]
@@ -174,9 +171,8 @@ def begin_motion(run, mega, segment):
     position = mega.position
     velocity = mega.velocity
     ground = ground_after(segment, 0.0)
-    end = position.shape[0] - 1
-    velocity[end, 0] = segment.far_x[1]
-    velocity[end, 1] = segment.far_y[1]
+    velocity[-1, 0] = segment.far_x[1]
+    velocity[-1, 1] = segment.far_y[1]
     pose(mega, position)
     if not project(mega, position, velocity, (0.0, 0.0), REGROUPED * motion.length):
         return False
@@ -193,18 +189,14 @@ def begin_motion(run, mega, segment):
 def recover_reactions(run, mega, position, velocity, ground):
     """Recover all voussoirs and their reactions; return whether the first level has a solution."""
     state = run.state
-    work = run.work
     if not solve_first_level(mega, position, velocity, ground, run.motion.acceleration):
         return False
     find_margins(run.motion, mega, position, velocity, ground)
     recover_voussoirs(mega, position, velocity, state)
-    move_faces(run.model, state.position, work.rotated, work.face, work.tangent)
-    place_contacts(run.model, state.slip, work.face, work.tangent, work)
-    joint_reactions(mega, work)
-    for j in range(state.slip.size):
-        work.contact[j, 0] = state.contact[j, 0]
-        work.contact[j, 1] = state.contact[j, 1]
-        work.slide[j] = state.slide[j]
+    move_faces(run.model, state.position, run.work)
+    place_contacts(run.model, state.slip, run.work)
+    joint_reactions(mega, run.work)
+    copy_modes(state, run.work)
     return True
 
 
@@ -212,16 +204,15 @@ def recover_reactions(run, mega, position, velocity, ground):
 def write_step(run, mega, start, step, shown, ground, output):
     """Write frames that are due in a step until it is `shown`, from its dense output."""
     clock = run.state.clock
-    now = run.state.clock[Clock.TIME]
+    now = clock[Clock.TIME]
     position = mega.next_position
     velocity = mega.next_velocity
     while output.due[0] <= shown:
         later = max(min(output.due[0], now) - start, 0.0)
         runge_kutta.dense_state(run.motion.stages, later / step, position, velocity)
         clock[Clock.TIME] = output.due[0]
-        if recover_reactions(
-            run, mega, position, velocity, ground_after(ground, later)
-        ):
+        then = ground_after(ground, later)
+        if recover_reactions(run, mega, position, velocity, then):
             write_frame(run.model, run.state, run.work, output)
         output.due[0] += output.interval
     clock[Clock.TIME] = now
@@ -232,16 +223,11 @@ def _accept(run, mega, part, peaks):
     """Accept the state at the end of a step or of its part; record works and peaks."""
     stages = run.motion.stages
     energy = run.state.energy
-    energy[Energy.GROUND] += runge_kutta.blend(
-        stages.dense_work[runge_kutta.BY_GROUND], part
-    )
-    energy[Energy.FRICTION] += runge_kutta.blend(
-        stages.dense_work[runge_kutta.BY_FRICTION], part
-    )
-    for i in range(1, mega.position.shape[0]):
-        for c in range(3):
-            mega.position[i, c] = mega.next_position[i, c]
-            mega.velocity[i, c] = mega.next_velocity[i, c]
+    work = stages.dense_work
+    energy[Energy.GROUND] += runge_kutta.blend(work[runge_kutta.BY_GROUND], part)
+    energy[Energy.FRICTION] += runge_kutta.blend(work[runge_kutta.BY_FRICTION], part)
+    copy_rows(mega.next_position, mega.position, 1, mega.position.shape[0])
+    copy_rows(mega.next_velocity, mega.velocity, 1, mega.position.shape[0])
     kinetic = kinetic_energy(mega.model, mega.velocity)
     energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
     record_calm(run.model, run.state, kinetic, True)
@@ -253,32 +239,11 @@ def _accept(run, mega, part, peaks):
 
 
 @inlined
-def _shift_stages(mega, stages, last):
-    """Use the last stage as the first one of the next step."""
-    for i in range(1, mega.position.shape[0]):
-        for c in range(3):
-            stages.velocity[i, 0, c] = stages.velocity[i, last, c]
-            stages.acceleration[i, 0, c] = stages.acceleration[i, last, c]
-    for p in range(2):
-        stages.power[0, p] = stages.power[last, p]
-
-
-@inlined
-def _allowed_errors(mega, motion, farthest):
-    """Return the errors in position [m] and in velocity [m/s] that count as one."""
-    fastest = 0.0
-    for i in range(1, mega.velocity.shape[0] - 1):
-        fastest = max(fastest, abs(mega.velocity[i, 0]), abs(mega.velocity[i, 1]))
-    size = motion.tolerance * (np.sqrt(farthest) + FLOOR * motion.length)
-    return size, motion.tolerance * (fastest + FLOOR * motion.speed)
-
-
-@inlined
 def check_laws(motion, mega, step, ground):
     """Check all laws at the end of a step, and gaps inside it; return part, event."""
     now = ground_after(ground, step)
     least = find_margins(motion, mega, mega.next_position, mega.next_velocity, now)
-    runge_kutta.make_dense(mega, motion.stages, motion.scheme, step)
+    runge_kutta.make_dense(mega, motion, step)
     end, searched = closed_inside(motion, mega, step)
     if searched:
         least = margins_at(motion, mega, end, step, ground)
@@ -299,7 +264,6 @@ def integrate(run, mega, stop, output):
     progress = run.progress
     clock = run.state.clock
     count = run.state.count
-    last = motion.scheme.time.shape[0] - 1
     unit = motion.length / motion.speed
     while count[Count.STEPS] < run.options.max_steps:
         time = clock[Clock.TIME]
@@ -309,16 +273,13 @@ def integrate(run, mega, stop, output):
         cut = time + 1.001 * step >= until
         if cut:
             step = until - time
-        allowed = _allowed_errors(mega, motion, progress[Progress.FARTHEST])
-        error = runge_kutta.take_step(
-            mega,
-            motion.stages,
-            motion.scheme,
-            step,
-            ground,
-            motion.acceleration,
-            allowed,
-        )
+        fastest = 0.0
+        for i in range(1, mega.velocity.shape[0] - 1):
+            fastest = max(fastest, abs(mega.velocity[i, 0]), abs(mega.velocity[i, 1]))
+        size = np.sqrt(progress[Progress.FARTHEST]) + FLOOR * motion.length
+        rate = motion.tolerance * (fastest + FLOOR * motion.speed)
+        allowed = motion.tolerance * size, rate  # what counts as one [m], [m/s]
+        error = runge_kutta.take_step(mega, motion, step, ground, allowed)
         count[Count.STEPS] += 1.0
         part = 1.0
         event = False
@@ -327,49 +288,51 @@ def integrate(run, mega, stop, output):
         if good:
             part, event = check_laws(motion, mega, step, ground)
             if np.isnan(part):
-                return BROKEN
+                return Stretch.STUCK
             # Other mega-voussoirs are formed of a state that lies on the contacts.
             drift = 0.0 if event or until >= stop else DRIFT
             farthest = min(allowed[0], FARTHEST * motion.length)
             enough = drift * allowed[0], drift * allowed[1]
-            good = project(
-                mega, mega.next_position, mega.next_velocity, enough, farthest
-            )
+            position = mega.next_position
+            good = project(mega, position, mega.next_velocity, enough, farthest)
             count[Count.REFUSED] += 0.0 if good else 1.0
             factor = factor if good else 0.25
         if not good:
             # Its error is too large, or its drift off the contacts.
             count[Count.SHORTENED] += 1.0
-            progress[Progress.STEP] = (
-                step * max(0.2, factor) if np.isfinite(error) else 0.1 * step
-            )
+            factor = max(0.2, factor) if np.isfinite(error) else 0.1
+            progress[Progress.STEP] = step * factor
             if progress[Progress.STEP] < SHORTEST * unit:
-                return BROKEN
+                return Stretch.STUCK
             continue
         collapsed = not event and _has_collapsed(run, mega, mega.next_position)
         comes_back = look_outward(run, mega, mega.next_position, mega.next_velocity)
         # One that lands where it left has no rate at either end.
         _accept(run, mega, part, comes_back or event)
-        _shift_stages(mega, motion.stages, last)
+        # The last stage is the first one of the next step.
+        last = motion.scheme.time.shape[0] - 1
+        stages = motion.stages
+        rows = mega.position.shape[0]
+        copy_rows(stages.velocity[:, last], stages.velocity[:, 0], 1, rows)
+        copy_rows(stages.acceleration[:, last], stages.acceleration[:, 0], 1, rows)
+        stages.power[0, 0] = stages.power[last, 0]
+        stages.power[0, 1] = stages.power[last, 1]
         keep_margins(mega, motion)
         clock[Clock.TIME] = until if cut and not event else time + part * step
         if output.due[0] <= clock[Clock.TIME] and output.frames.time.size > 0:
-            joint = motion.trigger[0]
-            law = motion.trigger[1]
+            trigger = motion.trigger[0], motion.trigger[1]
             # A frame due at the end is not left out by rounding; where the mechanism is refused
             # it shows the next one.
             near = 1e-9 * output.interval
             shown = clock[Clock.TIME] + (-near if event else near)
             write_step(run, mega, time, step, shown, ground, output)
-            motion.trigger[0] = joint
-            motion.trigger[1] = law
+            motion.trigger[0], motion.trigger[1] = trigger
         if event:
-            return EVENT
-        progress[Progress.STEP] = (
-            max(step * factor, progress[Progress.STEP]) if cut else step * factor
-        )
+            return Stretch.EVENT
+        least = progress[Progress.STEP] if cut else 0.0
+        progress[Progress.STEP] = max(step * factor, least)
         if collapsed:
-            return COLLAPSES
+            return Stretch.FALL
         if clock[Clock.TIME] >= stop:
-            return STOPPED
-    return BOUND
+            return Stretch.COMPLETE
+    return Stretch.SPENT

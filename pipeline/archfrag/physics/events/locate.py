@@ -3,8 +3,8 @@
 Every margin is dimensionless and positive while the mechanism holds (Sinopoli, section 3.5):
 forces over the weight, gaps over the joint's length, slip rates over the speed of a fall through
 that length. Gaps and rates weigh more, so that all are located to the same threshold. Each law
-has a margin of its own at each joint of the chain: `archfrag.physics.mega_voussoirs.
-second_level` numbers them.
+has a margin of its own at each joint of the chain: `archfrag.physics.contact.laws`
+numbers them.
 """
 
 import math
@@ -12,35 +12,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.physics.contact.laws import MINUS, PLUS, closed_forces, cone_rays
+from archfrag.physics.contact import laws
+from archfrag.physics.contact.laws import GAP_0, GAP_1, N_LAW, along
 from archfrag.physics.contact.placing import clearance, corner_rate_at, move_faces
-from archfrag.physics.contact.ties import BROKEN, SLACK, TAUT, YIELDS
+from archfrag.physics.contact.ties import pull_count, set_pull_margins
 from archfrag.physics.events import runge_kutta
 from archfrag.physics.events.runge_kutta import Scheme, Stages
 from archfrag.physics.ground import ground_after
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.mega_voussoirs.first_level import solve_first_level
-from archfrag.physics.mega_voussoirs.second_level import (
-    FORCE_0,
-    FORCE_1,
-    FRICTION_MINUS,
-    FRICTION_PLUS,
-    GAP_0,
-    GAP_1,
-    N_LAW,
-    SLIP_END,
-    solve_second_level,
-)
+from archfrag.physics.mega_voussoirs.second_level import solve_second_level
 from archfrag.physics.state import Model
-from archfrag.physics.status import Tie, TieState
 
 # Joint of the trigger where no law waits to be followed up.
 NONE = -1
 # A law counts as broken beyond this; the contact problem behind it resolves a hundredth of it.
 THRESHOLD = 1e-9
 GAP_WEIGHT = 1e4
-SLIP_WEIGHT = 1e2
 MOST_ITERATIONS = 60
 # A corner that overlaps by less than this part of the joint's length and parts has closed a
 # rounding too late; one that overlaps by more has been missed.
@@ -74,7 +63,7 @@ def new_motion(model: Model, scheme: Scheme, tolerance: float) -> MechanismMotio
     """Allocate the workspace of a chain's motion, for a relative error of a step."""
     n_joint = model.friction.size
     length = float(model.length.min())
-    margins = np.full((2, n_joint + len(model.tie), N_LAW), np.inf)
+    margins = np.full((2, n_joint + pull_count(model), N_LAW), np.inf)
     gaps = np.full((2, n_joint, 2, 2), np.inf)
     return MechanismMotion(
         model=model,
@@ -105,8 +94,8 @@ def keep_margins(mega, motion):
             motion.low[j, law] = motion.value[j, law]
     for k in range(mega.work.slip.shape[0]):
         for c in range(2):
-            for d in range(2):
-                motion.low_gap[k, c, d] = motion.gap[k, c, d]
+            motion.low_gap[k, c, 0] = motion.gap[k, c, 0]
+            motion.low_gap[k, c, 1] = motion.gap[k, c, 1]
 
 
 @inlined
@@ -114,80 +103,48 @@ def _cone_margins(k, c, model, work, per_weight, value):
     """Set margins of Coulomb's cones at a sticking corner, of force at a sliding one."""
     n = model.ray[k, 0]
     t = model.ray[k, 1]
-    side = work.side_normal
     size = per_weight / math.sqrt(n * n + t * t)
-    fx = size * work.reaction[k, 0]
-    fy = size * work.reaction[k, 1]
-    n = side[k, c, PLUS]
-    m = side[k, c, MINUS]
-    high_x, high_y, low_x, low_y = cone_rays(k, model, n[0], n[1], m[0], m[1])
+    fx, fy = laws.force_of(k, work)
+    force = size * fx, size * fy
+    high, low = laws.cones_at(k, c, model, work)
     if work.slide[k] == 0.0:
-        value[FRICTION_PLUS] = high_y * fx - high_x * fy
-        value[FRICTION_MINUS] = low_x * fy - low_y * fx
-    elif work.slide[k] > 0.0:
-        value[FORCE_0 + c] = high_x * fx + high_y * fy
+        value[laws.FRICTION_PLUS] = laws.cross(force, high)
+        value[laws.FRICTION_MINUS] = laws.cross(low, force)
     else:
-        value[FORCE_0 + c] = low_x * fx + low_y * fy
+        value[laws.FORCE_0 + c] = along(high if work.slide[k] > 0.0 else low, force)
 
 
 @inlined
 def margins_between(mega, motion, position, velocity):
     """Set margins at the joints between mega-voussoirs, after `solve_first_level`."""
     work = mega.work
-    for k in range(mega.work.slip.shape[0]):
+    for k in range(work.slip.shape[0]):
         value = motion.value[mega.joint[k]]
-        at = work.contact[k, 0] > 0.5, work.contact[k, 1] > 0.5
+        at_0, at_1 = laws.touching(k, work)
         per_length = 1.0 / mega.model.length[k]
         for c in range(2):
-            motion.gap[k, c, 0] = motion.gap[k, c, 1] = np.inf
-            if not at[c]:
-                gap = clearance(k, c, work.face, work.tangent)
+            gap = rate = np.inf
+            if work.contact[k, c] < 0.5:
+                gap = clearance(k, c, work)
                 x = work.point[k, c, 0]
                 y = work.point[k, c, 1]
-                ux, uy = corner_rate_at(k, x, y, position, velocity)
-                rate = work.normal[k, 0] * ux + work.normal[k, 1] * uy
-                motion.gap[k, c, 0] = gap
-                motion.gap[k, c, 1] = rate
+                slip = corner_rate_at(k, x, y, position, velocity)
+                rate = along(laws.normal_of(k, work), slip)
                 late = gap < 0.0 <= rate and gap * per_length > -ROUNDING
                 value[GAP_0 + c] = 0.0 if late else GAP_WEIGHT * gap * per_length
-        if at[0] and at[1]:
-            force_0, force_1, _, _ = closed_forces(k, work)
-            value[FORCE_0] = motion.per_weight * force_0
-            value[FORCE_1] = motion.per_weight * force_1
-        elif at[0] or at[1]:
-            c = 0 if at[0] else 1
+            motion.gap[k, c, 0] = gap
+            motion.gap[k, c, 1] = rate
+        if at_0 and at_1:
+            force_0, force_1, _, _ = laws.closed_forces(k, work)
+            value[laws.FORCE_0] = motion.per_weight * force_0
+            value[laws.FORCE_1] = motion.per_weight * force_1
+        elif at_0 or at_1:
+            c = 0 if at_0 else 1
             _cone_margins(k, c, mega.model, work, motion.per_weight, value)
         if work.slide[k] != 0.0:
-            rate, _, _ = runge_kutta.sliding_rate(k, position, velocity, work)
-            value[SLIP_END] = -SLIP_WEIGHT * work.slide[k] * rate / motion.speed
-
-
-@inlined
-def tie_margins(mega, motion):
-    """Set margins of ties, in the rows behind the joints.
-
-    Tension and what is left to the strength of a tie that is taut, the force that a slack one
-    lacks, the rate at which one yields, and what is left to its rupture.
-    """
-    ties = mega.model.tie
-    first = motion.model.friction.size
-    for t in range(ties.shape[0]):
-        value = motion.value[first + t]
-        mode = mega.tie[t, TieState.MODE]
-        strength = ties[t, Tie.STRENGTH]
-        stiffness = motion.per_weight * ties[t, Tie.STIFFNESS]
-        elastic = stiffness * (mega.stretch[t, 0] - mega.tie[t, TieState.SET])
-        if mode == TAUT:
-            value[FORCE_0] = elastic
-            value[FORCE_1] = motion.per_weight * strength - elastic
-        elif mode == SLACK:
-            value[FORCE_0] = -elastic
-        elif mode == YIELDS:
-            value[SLIP_END] = SLIP_WEIGHT * mega.stretch[t, 1] / motion.speed
-        if mode != BROKEN:
-            value[FRICTION_PLUS] = stiffness * (
-                ties[t, Tie.RUPTURE] - mega.stretch[t, 0]
-            )
+            rate, _ = runge_kutta.sliding_rate(k, position, velocity, work)
+            slips = -laws.SLIP_WEIGHT * work.slide[k] * rate
+            value[laws.SLIP_END] = slips / motion.speed
 
 
 @kernel
@@ -199,14 +156,12 @@ def find_margins(motion, mega, position, velocity, ground):
     Writes: motion (gap, trigger, value), mega.inner_reaction.
     """
     value = motion.value
-    for j in range(value.shape[0]):
-        for law in range(N_LAW):
-            value[j, law] = np.inf
+    value[:] = np.inf
     margins_between(mega, motion, position, velocity)
     solve_second_level(
         motion.model, mega, position, velocity, ground, motion.per_weight, value
     )
-    tie_margins(mega, motion)
+    set_pull_margins(mega, motion)
     least = np.inf
     for j in range(value.shape[0]):
         for law in range(N_LAW):
@@ -235,11 +190,10 @@ def _gap_at(motion, mega, part, k, c):
 
     Writes: mega (next_position, next_velocity, work.face, work.rotated, work.tangent).
     """
-    work = mega.work
     position = mega.next_position
     runge_kutta.dense_state(motion.stages, part, position, mega.next_velocity)
-    move_faces(mega.model, position, work.rotated, work.face, work.tangent)
-    return clearance(k, c, work.face, work.tangent)
+    move_faces(mega.model, position, mega.work)
+    return clearance(k, c, mega.work)
 
 
 @inlined
@@ -260,16 +214,13 @@ def closed_inside(motion, mega, step):
             falls = motion.low_gap[k, c, 1]
             last = motion.gap[k, c, 0]
             rises = motion.gap[k, c, 1]
-            if (
-                falls < 0.0 < rises
-                and first * rises - last * falls < -falls * rises * step
-            ):
+            below = first * rises - last * falls < -falls * rises * step
+            if falls < 0.0 < rises and below:
                 part = falls / (falls - rises)
                 searched = True
                 gap = _gap_at(motion, mega, part, k, c)
-                found = min(
-                    found, part if gap < -ROUNDING * mega.model.length[k] else 1.0
-                )
+                if gap < -ROUNDING * mega.model.length[k]:
+                    found = min(found, part)
     return found, searched
 
 
@@ -282,9 +233,8 @@ def _margin_at(motion, mega, part, step, ground, joint, law):
     k = 0
     while mega.joint[k] != joint:
         k += 1
-    return (
-        GAP_WEIGHT * _gap_at(motion, mega, part, k, law - GAP_0) / mega.model.length[k]
-    )
+    gap = _gap_at(motion, mega, part, k, law - GAP_0)
+    return GAP_WEIGHT * gap / mega.model.length[k]
 
 
 @inlined
@@ -314,9 +264,8 @@ def _root(motion, mega, step, ground, end, joint, law):
         part = (low * high_value - high * low_value) / (high_value - low_value)
         if number % 4 == 3 or not low < part < high:
             part = 0.5 * (low + high)
-        value = (
-            _margin_at(motion, mega, part, step, ground, joint, law) + 0.5 * THRESHOLD
-        )
+        value = _margin_at(motion, mega, part, step, ground, joint, law)
+        value = value + 0.5 * THRESHOLD
         if not abs(value) > 0.5 * THRESHOLD or high - low < 1e-15:
             break
         if value < 0.0:

@@ -13,49 +13,55 @@ import numpy as np
 
 from archfrag.physics import shared
 from archfrag.physics.collapse import follow_joints
+from archfrag.physics.contact.laws import GAP_0
+from archfrag.physics.contact.path import new_path
 from archfrag.physics.contact.placing import move_faces
 from archfrag.physics.contact.ties import stretch_yielding
 from archfrag.physics.energy import balance_energy, energies_of
 from archfrag.physics.events import transitions
 from archfrag.physics.events.integrate import (
-    BOUND,
-    COLLAPSES,
-    EVENT,
+    FIRST,
     REGROUPED,
-    STOPPED,
     Progress,
+    Run,
     begin_motion,
     integrate,
     recover_reactions,
     recover_voussoirs,
 )
-from archfrag.physics.events.locate import NONE
-from archfrag.physics.ground import end_of_motion, ground_after, segment_at
+from archfrag.physics.events.locate import NONE, new_motion
+from archfrag.physics.events.runge_kutta import FIFTH_ORDER, THIRD_ORDER
+from archfrag.physics.ground import (
+    Grounds,
+    end_of_motion,
+    ground_after,
+    one_of,
+    segment_at,
+)
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.mega_voussoirs import assemble
 from archfrag.physics.mega_voussoirs.first_level import is_four_hinges, pose
-from archfrag.physics.mega_voussoirs.second_level import GAP_0
-from archfrag.physics.state import Clock
-from archfrag.physics.status import Cause, Count, Energy, Level, Peak
+from archfrag.physics.state import Clock, Model, model_of, new_state, new_work
+from archfrag.physics.status import (
+    Cause,
+    Count,
+    Energy,
+    Level,
+    Peak,
+    Phase,
+    Stretch,
+    Wait,
+)
 from archfrag.physics.steps import service
 from archfrag.physics.steps.at_impacts import next_step
-from archfrag.physics.steps.run import start_at_rest, try_step
+from archfrag.physics.steps.run import UNKNOWN, rest_of, start_at_rest, try_step
 from archfrag.physics.steps.step import record_overlap
 
-BY_ACCUMULATION = int(Cause.ACCUMULATION)
-BY_QUIESCENCE = int(Cause.QUIESCENT)
-BY_UNSOLVED = int(Cause.UNSOLVED)
-FOUR = int(Level.FOUR_HINGES)
-MEGA = int(Level.MEGA_VOUSSOIRS)
-# Phases of a run: those that follow each other from event to event, and the others.
-IMPACT = 0
-MODES = 1
-ASSEMBLE = 2
-INTEGRATE = 3
-UPON_EVENT = 4
-STILL = 5
-ALL_VOUSSOIRS = 6
-DONE = 7
+# Tolerances above this are met by the method of order 3: what only grazes a joint needs order 5.
+COARSE = 1e-3
+# Steps that end with a sample of the ground motion, and what events and errors add to them.
+STEPS_PER_SAMPLE = 4
 # So many events within this part of that time accumulate; and so many closer to each other than
 # the options allow.
 ACCUMULATION = 64
@@ -82,68 +88,75 @@ def _set_cause(run, cause, joint):
     run.progress[Progress.JOINT] = joint
 
 
+@inlined
+def _log_change(run, cause, level, output):
+    clock = run.state.clock
+    joint = int(run.progress[Progress.JOINT])
+    shared.log_change(run.state, clock[Clock.TIME], int(cause), joint, level, output)
+
+
 @kernel
 def impact(run):
-    """Solve for velocities after an impact (Eqs 8, 9, 11, 21)."""
+    """Solve for velocities after an impact (Eqs 8, 9, 11, 21).
+
+    Reads: run.
+    Writes: run.
+    """
     trigger = run.motion.trigger
     joint = -1
     corner = -1
-    if run.progress[Progress.CAUSE] == transitions.BY_IMPACT:
+    if run.progress[Progress.CAUSE] == Cause.IMPACT:
         joint = trigger[0]
         corner = trigger[1] - GAP_0
     trigger[0] = NONE
-    model = run.model
-    state = run.state
-    work = run.work
-    if transitions.pose_impact(run, joint, corner) and not transitions.solve_posed(
-        model, state, work, run.path
-    ):
-        return ALL_VOUSSOIRS
+    if transitions.pose_impact(run, joint, corner) and not transitions.solve_posed(run):
+        return Phase.ALL_VOUSSOIRS
     transitions.take_impact(run)
-    return MODES
+    return Phase.MODES
 
 
 @kernel
 def modes_of_accelerations(run):
-    """Find the contact modes from now on (Eqs 15-19, 29-35)."""
+    """Find the contact modes from now on (Eqs 15-19, 29-35).
+
+    Reads: run.
+    Writes: run.
+    """
     trigger = run.motion.trigger
-    if run.progress[Progress.SWITCH] == BY_ACCUMULATION:
-        return ALL_VOUSSOIRS
+    if run.progress[Progress.SWITCH] == Cause.ACCUMULATION:
+        return Phase.ALL_VOUSSOIRS
     ground = transitions.ground_now(run, run.progress[Progress.LEAVES_REST] == 1.0)
-    run.progress[Progress.JAMMED] = (
-        1.0 if transitions.pose_accelerations(run, ground) else 0.0
-    )
+    jammed = transitions.pose_accelerations(run, ground)
+    run.progress[Progress.JAMMED] = 1.0 if jammed else 0.0
     if trigger[0] != NONE:
-        transitions.change_mode(
-            run, int(run.progress[Progress.CAUSE]), trigger[0], trigger[1]
-        )
+        cause = int(run.progress[Progress.CAUSE])
+        transitions.change_mode(run, cause, trigger[0], trigger[1])
         trigger[0] = NONE
-    model = run.model
-    state = run.state
-    work = run.work
-    solved = transitions.solve_posed(model, state, work, run.path)
-    return ASSEMBLE if solved and transitions.take_modes(run) else ALL_VOUSSOIRS
+    if transitions.solve_posed(run) and transitions.take_modes(run):
+        return Phase.ASSEMBLE
+    return Phase.ALL_VOUSSOIRS
 
 
 @kernel
 def assemble_mega_voussoirs(run, output):
-    """Assemble mega-voussoirs of the present modes (section 3.3)."""
+    """Assemble mega-voussoirs of the present modes (section 3.3).
+
+    Reads: run, output (log, log.time, written).
+    Writes: run, output (log.cause, log.joint, log.mode, log.model, log.time, written).
+    """
     model = run.model
     state = run.state
     work = run.work
     progress = run.progress
     clock = state.clock
-    motion = run.motion
     clock[Clock.FASTEST] = transitions.fastest_of(run)
-    if np.isnan(clock[Clock.FASTEST]):
-        clock[Clock.CODE] = shared.BROKEN
-        return DONE
+    fastest = clock[Clock.FASTEST]
+    if np.isnan(fastest):
+        clock[Clock.CODE] = Wait.BROKEN
+        return Phase.DONE
     had = balance_energy(model, state)
-    if (
-        clock[Clock.FASTEST] < run.options.still
-        and progress[Progress.LEAVES_REST] == 0.0
-    ):
-        return STILL
+    if fastest < run.options.still and progress[Progress.LEAVES_REST] == 0.0:
+        return Phase.STILL
     progress[Progress.LEAVES_REST] = 0.0
     if int(state.count[Count.EVENTS]) % MEASURED == MEASURED - 1:
         service.measure_state(model, state, work)
@@ -153,66 +166,66 @@ def assemble_mega_voussoirs(run, output):
     assemble.gather_state(model, state.position, state.velocity, mega)
     assemble.split_state(mega, mega.position, mega.velocity, work.position, work.solved)
     moved = assemble.farthest_move(model, state.position, work.position)
-    if mega.count[0] == 0 or not moved <= REGROUPED * motion.length:
+    if mega.count[0] == 0 or not moved <= REGROUPED * run.motion.length:
         state.count[Count.REFUSED] += 1.0 if mega.count[0] > 0 else 0.0
-        return ALL_VOUSSOIRS
+        return Phase.ALL_VOUSSOIRS
     ground = segment_at(clock[Clock.TIME], run.grounds)
     if not begin_motion(run, mega, ground):
-        return ALL_VOUSSOIRS
+        return Phase.ALL_VOUSSOIRS
     if progress[Progress.JAMMED] == 1.0:
         # What a corner without friction limit loses by sticking it loses by an impact.
-        recover_voussoirs(mega, mega.position, mega.velocity, run.state)
+        recover_voussoirs(mega, mega.position, mega.velocity, state)
         left, _ = energies_of(model, state)
         state.energy[Energy.IMPACT] += min(left - had, 0.0)
-    level = FOUR if is_four_hinges(mega.work, mega.position.shape[0]) else MEGA
-    cause = int(progress[Progress.CAUSE])
-    joint = int(progress[Progress.JOINT])
-    shared.log_change(state, clock[Clock.TIME], cause, joint, level, output)
-    return INTEGRATE
+    four = is_four_hinges(mega.work, mega.position.shape[0])
+    level = Level.FOUR_HINGES if four else Level.MEGA_VOUSSOIRS
+    _log_change(run, progress[Progress.CAUSE], level, output)
+    return Phase.INTEGRATE
 
 
 @kernel
 def integrate_to_next_event(run, output):
-    """Integrate mega-voussoirs until the next event (section 3.5)."""
+    """Integrate mega-voussoirs until the next event (section 3.5).
+
+    Reads: run, output (due, frames, frames.time, interval, written).
+    Writes: run, output.
+    """
     model = run.model
     state = run.state
-    work = run.work
-    clock = run.state.clock
+    clock = state.clock
     mega = assemble.in_use(run.mega)
     before = clock[Clock.TIME]
     record_end = end_of_motion(run.grounds, clock, 0.0)
     end = record_end + run.options.follow
     code = integrate(run, mega, record_end if before < record_end else end, output)
-    level = is_four_hinges(mega.work, mega.position.shape[0])
-    spent = Progress.FOUR_HINGES if level else Progress.MEGA_VOUSSOIRS
+    four = is_four_hinges(mega.work, mega.position.shape[0])
+    spent = Progress.FOUR_HINGES if four else Progress.MEGA_VOUSSOIRS
     run.progress[spent] += clock[Clock.TIME] - before
     pose(mega, mega.position)
-    recover_voussoirs(mega, mega.position, mega.velocity, run.state)
+    recover_voussoirs(mega, mega.position, mega.velocity, state)
     state.energy[Energy.FRICTION] -= stretch_yielding(model, state)
-    if code == EVENT:
-        return UPON_EVENT
+    if code == Stretch.EVENT:
+        return Phase.UPON_EVENT
     run.motion.trigger[0] = NONE
-    transitions.place_voussoirs(run.model, run.state, run.work)
-    if code == STOPPED and clock[Clock.TIME] < end:
-        return MODES
-    if code != STOPPED and code != COLLAPSES and code != BOUND:
-        return ALL_VOUSSOIRS
+    transitions.place_voussoirs(run)
+    if code == Stretch.STUCK:
+        return Phase.ALL_VOUSSOIRS
+    complete = code == Stretch.COMPLETE
+    if complete and clock[Clock.TIME] < end:
+        return Phase.MODES
     balance_energy(model, state)
     clock[Clock.FASTEST] = transitions.fastest_of(run)
     ground = ground_after(segment_at(clock[Clock.TIME], run.grounds), 0.0)
     recover_reactions(run, mega, mega.position, mega.velocity, ground)
-    clock[Clock.CODE] = shared.AT_END if code == STOPPED else shared.EXHAUSTED
-    if code == COLLAPSES:
-        follow_joints(model, state, work, True, run.options.loss_limit)
-        clock[Clock.CODE] = shared.COLLAPSES
-    written = output.written
-    frames = output.frames
-    if (
-        0 < written[0] <= frames.time.size
-        and frames.time[written[0] - 1] >= clock[Clock.TIME]
-    ):
-        written[0] -= 1  # the last frame is written again
-    return DONE
+    clock[Clock.CODE] = Wait.AT_END if complete else Wait.EXHAUSTED
+    if code == Stretch.FALL:
+        follow_joints(model, state, run.work, True, run.options.loss_limit)
+        clock[Clock.CODE] = Wait.COLLAPSES
+    n = output.written[0]
+    shown = output.frames.time
+    if 0 < n <= shown.size and shown[n - 1] >= clock[Clock.TIME]:
+        output.written[0] -= 1  # the last frame is written again
+    return Phase.DONE
 
 
 @inlined
@@ -230,28 +243,16 @@ def impact_or_mechanism_change(run):
     some = time - recent[slot - SOME]
     recent[slot] = time
     if many < ACCUMULATED * _unit(run) or some < SOME * run.options.crowding:
-        progress[Progress.SWITCH] = BY_ACCUMULATION
-    if cause == transitions.BY_IMPACT:
-        return IMPACT
-    transitions.place_voussoirs(run.model, run.state, run.work)
-    return MODES
+        progress[Progress.SWITCH] = Cause.ACCUMULATION
+    if cause == Cause.IMPACT:
+        return Phase.IMPACT
+    transitions.place_voussoirs(run)
+    return Phase.MODES
 
 
-@kernel
-def go_on(run, output, phase):
-    """Go from event to event, phase by phase, until another kind of phase is due."""
-    while phase <= UPON_EVENT:
-        if phase == IMPACT:
-            phase = impact(run)
-        elif phase == MODES:
-            phase = modes_of_accelerations(run)
-        elif phase == ASSEMBLE:
-            phase = assemble_mega_voussoirs(run, output)
-        elif phase == INTEGRATE:
-            phase = integrate_to_next_event(run, output)
-        else:
-            phase = impact_or_mechanism_change(run)
-    return phase
+@inlined
+def _changes(count):
+    return count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
 
 
 @inlined
@@ -260,27 +261,24 @@ def step_until(run, until, output):
     model = run.model
     state = run.state
     work = run.work
-    grounds = run.grounds
     options = run.options
     clock = state.clock
-    end = end_of_motion(grounds, clock, options.follow)
+    end = end_of_motion(run.grounds, clock, options.follow)
     quiet = 0.0
-    count = state.count
-    while clock[Clock.CODE] == shared.GO and clock[Clock.TIME] < until:
-        before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
-        impulse, solved, unsolved = try_step(model, grounds, state, work, options, True)
+    while clock[Clock.CODE] == Wait.GO and clock[Clock.TIME] < until:
+        before = _changes(state.count)
+        impulse, solved, unsolved = try_step(
+            model, run.grounds, state, work, options, True
+        )
         collapsed = broken = False
         if solved:
             collapsed, broken = service.accept_recorded(
                 model, state, work, impulse, options, output
             )
             next_step(state, options, True, end)
-        code = service.code_after(
-            state, options, end, (solved, unsolved, collapsed, broken)
-        )
-        clock[Clock.CODE] = code
-        after = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
-        quiet = quiet + 1.0 if after == before else 0.0
+        outcome = solved, unsolved, collapsed, broken
+        clock[Clock.CODE] = service.code_after(state, options, end, outcome)
+        quiet = quiet + 1.0 if _changes(state.count) == before else 0.0
         if quiet >= run.progress[Progress.QUIESCENT_STEPS]:
             return True
     return clock[Clock.TIME] >= until
@@ -288,7 +286,11 @@ def step_until(run, until, output):
 
 @kernel
 def step_all_voussoirs(run, output):
-    """Step all voussoirs for a while after events accumulate or a mechanism is not found."""
+    """Step all voussoirs for a while after events accumulate or a mechanism is not found.
+
+    Reads: run, output.
+    Writes: run, output.
+    """
     model = run.model
     state = run.state
     work = run.work
@@ -299,56 +301,53 @@ def step_all_voussoirs(run, output):
     balance_energy(
         model, state
     )  # what the events before have missed belongs to this instant
-    again = clock[Clock.TIME] < progress[Progress.QUIESCENT_UNTIL]
     window = WINDOW * unit
     quiet = QUIESCENT_STEPS
-    if again:
+    if clock[Clock.TIME] < progress[Progress.QUIESCENT_UNTIL]:
         window = min(2.0 * progress[Progress.WINDOW], LONGEST_WINDOW * unit)
         quiet = min(2.0 * progress[Progress.QUIESCENT_STEPS], MOST_QUIESCENT_STEPS)
     progress[Progress.WINDOW] = window
     progress[Progress.QUIESCENT_STEPS] = quiet
-    cause = int(progress[Progress.SWITCH])
-    joint = int(progress[Progress.JOINT])
-    shared.log_change(state, clock[Clock.TIME], cause, joint, shared.ALL, output)
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    _log_change(run, progress[Progress.SWITCH], Level.ALL_VOUSSOIRS, output)
+    move_faces(model, state.position, work)
     service.start_moving(state, run.options, output)
     work.known[:] = (
         0.0  # the sense of friction at slips in progress: no step may be held to it
     )
-    clock[Clock.CODE] = shared.GO
-    until = clock[Clock.TIME] + progress[Progress.WINDOW]
+    clock[Clock.CODE] = Wait.GO
+    until = clock[Clock.TIME] + window
     quiescent = False
     while not quiescent:
         quiescent = step_until(run, until, output)
-        if clock[Clock.CODE] != shared.GO:
+        if clock[Clock.CODE] != Wait.GO:
             code = service.handle(
                 model, run.grounds, state, work, run.path, run.options, output
             )
-            if code != shared.GO:
-                return DONE
-    progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + progress[Progress.WINDOW]
-    for i in range(ACCUMULATION):
-        run.recent[i] = -np.inf
-    _set_cause(run, BY_QUIESCENCE, -1)
-    progress[Progress.SWITCH] = BY_UNSOLVED
+            if code != Wait.GO:
+                return Phase.DONE
+    progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + window
+    run.recent[:] = -np.inf
+    _set_cause(run, Cause.QUIESCENT, -1)
+    progress[Progress.SWITCH] = Cause.UNSOLVED
     progress[Progress.LEAVES_REST] = 0.0
-    return IMPACT
+    return Phase.IMPACT
 
 
 @kernel
 def rest_if_still(run, output):
-    """Rest until the ground moves the chain, if the chain stays at rest now."""
+    """Rest until the ground moves the chain, if the chain stays at rest now.
+
+    Reads: run, output (frames, frames.time, log, log.time, written).
+    Writes: run, output.
+    """
     state = run.state
-    rests = run.state.count[Count.RESTS]
-    model = run.model
-    work = run.work
-    options = run.options
+    rests = state.count[Count.RESTS]
     code = service.handle_pause(
-        model, run.grounds, state, work, run.path, options, output
+        run.model, run.grounds, state, run.work, run.path, run.options, output
     )
     run.progress[Progress.LEAVES_REST] = 1.0
     if state.count[Count.RESTS] == rests:
-        return ASSEMBLE
+        return Phase.ASSEMBLE
     state.clock[Clock.CODE] = code
     return leave_rest(run, code, output)
 
@@ -356,18 +355,22 @@ def rest_if_still(run, output):
 @inlined
 def leave_rest(run, code, output):
     """Begin to move at the end of a rest."""
-    if code == shared.IDLE:
-        return DONE
+    if code == Wait.IDLE:
+        return Phase.DONE
     output.written[1] -= 1  # the mechanism that starts writes this entry of the log
-    _set_cause(run, service.BY_START, -1)
+    _set_cause(run, Cause.START, -1)
     run.progress[Progress.LEAVES_REST] = 1.0
-    transitions.place_voussoirs(run.model, run.state, run.work)
-    return MODES
+    transitions.place_voussoirs(run)
+    return Phase.MODES
 
 
 @kernel
 def follow_phases(run, at_rest, output, results, row):
-    """Run from beginning to end, phase by phase."""
+    """Run from beginning to end, phase by phase.
+
+    Reads: run, output, results.peak.
+    Writes: run, output, results.
+    """
     model = run.model
     state = run.state
     work = run.work
@@ -378,19 +381,106 @@ def follow_phases(run, at_rest, output, results, row):
         phase = leave_rest(run, int(state.clock[Clock.CODE]), output)
     else:
         shared.read_state(model, state, work)
-        _set_cause(run, service.BY_START, -1)
-        phase = IMPACT
-    while phase != DONE:
-        if phase <= UPON_EVENT:
-            phase = go_on(run, output, phase)
-        elif phase == STILL:
+        _set_cause(run, Cause.START, -1)
+        phase = Phase.IMPACT
+    while phase != Phase.DONE:
+        if phase == Phase.IMPACT:
+            phase = impact(run)
+        elif phase == Phase.MODES:
+            phase = modes_of_accelerations(run)
+        elif phase == Phase.ASSEMBLE:
+            phase = assemble_mega_voussoirs(run, output)
+        elif phase == Phase.INTEGRATE:
+            phase = integrate_to_next_event(run, output)
+        elif phase == Phase.UPON_EVENT:
+            phase = impact_or_mechanism_change(run)
+        elif phase == Phase.STILL:
             phase = rest_if_still(run, output)
         else:
             phase = step_all_voussoirs(run, output)
     shared.end_run(model, state, work, options, output, results, row)
-    results.model_time[row, FOUR] = run.progress[Progress.FOUR_HINGES]
-    results.model_time[row, MEGA] = run.progress[Progress.MEGA_VOUSSOIRS]
+    spent = results.model_time[row]
+    spent[Level.FOUR_HINGES] = run.progress[Progress.FOUR_HINGES]
+    spent[Level.MEGA_VOUSSOIRS] = run.progress[Progress.MEGA_VOUSSOIRS]
+    peak = results.peak[row]
     farthest = np.sqrt(run.progress[Progress.FARTHEST])
-    results.peak[row, Peak.DISPLACEMENT] = max(
-        results.peak[row, Peak.DISPLACEMENT], farthest
+    peak[Peak.DISPLACEMENT] = max(peak[Peak.DISPLACEMENT], farthest)
+
+
+def new_run(
+    model: Model, grounds: Grounds, options: Options, rest: tuple[float, float]
+) -> Run:
+    """Set up a run under one ground motion."""
+    scheme = THIRD_ORDER if options.tolerance > COARSE else FIFTH_ORDER
+    motion = new_motion(model, scheme, options.tolerance)
+    progress = np.zeros(len(Progress))
+    progress[Progress.STEP] = FIRST * motion.length / motion.speed
+    progress[Progress.QUIESCENT_UNTIL] = -np.inf
+    progress[Progress.SWITCH] = Cause.UNSOLVED
+    most = int(options.max_steps) + STEPS_PER_SAMPLE * grounds.horizontal.size
+    options = options._replace(
+        largest_step=0.0, max_steps=most, first_steps=float(most)
     )
+    state = new_state(model)
+    return Run(
+        model=model,
+        state=state,
+        work=new_work(model),
+        mega=assemble.new_mega_voussoirs(model, state),
+        motion=motion,
+        progress=progress,
+        recent=np.full(ACCUMULATION, -np.inf),
+        outward=np.zeros(model.mass.size),
+        grounds=grounds,
+        path=new_path(model),
+        options=shared.ready(options, model, rest),
+    )
+
+
+def run(
+    chain: Chain,
+    grounds: Grounds,
+    factor: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Outcomes:
+    """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`."""
+    model = model_of(chain)
+    results = shared.new_results(1)
+    rest = rest_of(model) if from_rest else UNKNOWN
+    made = new_run(model, one_of(grounds, 0, factor), options, rest)
+    state = made.state
+    output = shared.output_to(frames, log, options.frame_interval)
+    state.position[1:-1] = position
+    state.velocity[1:-1] = velocity
+    at_rest = from_rest and not np.isnan(made.options.rest_plus)
+    follow_phases(made, at_rest, output, results, 0)
+    position[:] = state.position[1:-1]
+    velocity[:] = state.velocity[1:-1]
+    results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
+    return shared.checked(chain, options, results)
+
+
+def run_many(
+    chain: Chain,
+    grounds: Grounds,
+    motion: np.ndarray,
+    factor: np.ndarray,
+    options: Options,
+) -> Outcomes:
+    """Make runs one after the other; arguments are those of
+    `archfrag.physics.steps.run.run_many`.
+    """
+    model = model_of(chain)
+    results = shared.new_results(len(motion))
+    rest = rest_of(model)
+    output = shared.no_output(chain.mass.size, chain.friction.size)
+    for row, (number, by) in enumerate(zip(motion, factor)):
+        made = new_run(model, one_of(grounds, number, by), options, rest)
+        made.state.position[:] = model.start
+        follow_phases(made, not np.isnan(rest[0]), output, results, row)
+    return shared.checked(chain, options, results)

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.physics.contact.laws import contact_of
+from archfrag.physics.contact.laws import along, contact_of, cross, force_of
 from archfrag.physics.contact.placing import corner_rate_at
 from archfrag.physics.ground import ground_after
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.mega_voussoirs.first_level import solve_first_level
+from archfrag.physics.numbers import copy_rows
 
 N_STAGE = 7
 C = (0.0, 0.2, 0.3, 0.8, 8.0 / 9.0, 1.0, 1.0)
@@ -84,14 +85,8 @@ def new_stages(n_row: int) -> Stages:
     """Allocate stages for a chain with `n_row` rows of bodies."""
     shape = (n_row, N_STAGE, 3)
     dense = (n_row, 3, 5)
-    return Stages(
-        np.zeros(shape),
-        np.zeros(shape),
-        np.zeros((N_STAGE, 2)),
-        np.zeros(dense),
-        np.zeros(dense),
-        np.zeros((2, 5)),
-    )
+    shapes = shape, shape, (N_STAGE, 2), dense, dense, (2, 5)
+    return Stages(*map(np.zeros, shapes))
 
 
 @inlined
@@ -111,13 +106,24 @@ def _travel(far, time):
 @kernel
 def sliding_rate(j, position, velocity, work):
     """Return the tangential velocity of the later body at a sliding joint [m/s], and the normal
-    there.
+    there (x, y).
 
     Reads: position, velocity, work (contact, normal, point, side_normal, slide).
     """
     nx, ny, px, py = contact_of(j, work)
-    ux, uy = corner_rate_at(j, px, py, position, velocity)
-    return nx * uy - ny * ux, nx, ny
+    rate = cross((nx, ny), corner_rate_at(j, px, py, position, velocity))
+    return rate, (nx, ny)
+
+
+@inlined
+def far_power(work, velocity):
+    """Return the power of the far springing if a joint bears on it, or its work in an impact."""
+    last = work.slide.shape[0] - 1
+    power = 0.0
+    if last == velocity.shape[0] - 2:
+        power -= work.reaction[last, 0] * velocity[-1, 0]
+        power -= work.reaction[last, 1] * velocity[-1, 1]
+    return power
 
 
 @kernel
@@ -127,53 +133,53 @@ def keep_stage(mega, stages, stage, position, velocity, ground):
     Writes: mega.work.solved, stages (acceleration, power, velocity).
     """
     work = mega.work
-    by_ground = 0.0
+    mass = mega.model.mass
     by_friction = 0.0
-    last = work.slide.shape[0] - 1
     end = position.shape[0] - 1
-    if last == end - 1:
-        by_ground -= work.reaction[last, 0] * velocity[end, 0]
-        by_ground -= work.reaction[last, 1] * velocity[end, 1]
+    by_ground = far_power(work, velocity)
     # Voussoirs that rest on the far springing move with it.
-    power = (
-        ground[2] * velocity[end, 0]
-        + (ground[3] + mega.model.gravity) * velocity[end, 1]
-    )
-    by_ground += mega.model.mass[end] * power
+    power = ground[2] * velocity[end, 0]
+    power += (ground[3] + mega.model.gravity) * velocity[end, 1]
+    by_ground += mass[end] * power
     work.solved[end, 0] = ground[2]
     work.solved[end, 1] = ground[3]
     work.solved[end, 2] = 0.0
-    for c in range(3):
-        stages.velocity[end, stage, c] = velocity[end, c]
-        stages.acceleration[end, stage, c] = work.solved[end, c]
+    copy_rows(velocity, stages.velocity[:, stage], 1, end + 1)
+    copy_rows(work.solved, stages.acceleration[:, stage], 1, end + 1)
     for i in range(1, end):
-        for c in range(3):
-            stages.velocity[i, stage, c] = velocity[i, c]
-            stages.acceleration[i, stage, c] = work.solved[i, c]
-        power = ground[0] * velocity[i, 0] + ground[1] * velocity[i, 1]
-        by_ground -= mega.model.mass[i] * power
+        by_ground -= mass[i] * along(ground, velocity[i])
     for j in range(work.slide.shape[0]):
         if work.slide[j] != 0.0:
-            rate, nx, ny = sliding_rate(j, position, velocity, work)
-            by_friction += rate * (work.reaction[j, 1] * nx - work.reaction[j, 0] * ny)
+            rate, normal = sliding_rate(j, position, velocity, work)
+            by_friction += rate * cross(normal, force_of(j, work))
     stages.power[stage, BY_GROUND] = by_ground
     stages.power[stage, BY_FRICTION] = by_friction
 
 
 @inlined
-def take_step(mega, stages, scheme, step, ground, scale, allowed):
+def _weighted(weights, n, rates, i, c):
+    """Return the weighted sum of the rates of the first `n` stages."""
+    total = 0.0
+    for s in range(n):
+        total += weights[s] * rates[i, s, c]
+    return total
+
+
+@inlined
+def take_step(mega, motion, step, ground, allowed):
     """Make one step from stage 0; return its error, inf if a stage has no solution."""
+    stages = motion.stages
+    scheme = motion.scheme
     position = mega.next_position
     velocity = mega.next_velocity
     n_stage = scheme.time.shape[0]
     end = position.shape[0] - 1
     for stage in range(1, n_stage):
+        weights = scheme.stage[stage]
         for i in range(1, end):
             for c in range(3):
-                q = v = 0.0
-                for s in range(stage):
-                    q += scheme.stage[stage, s] * stages.velocity[i, s, c]
-                    v += scheme.stage[stage, s] * stages.acceleration[i, s, c]
+                q = _weighted(weights, stage, stages.velocity, i, c)
+                v = _weighted(weights, stage, stages.acceleration, i, c)
                 position[i, c] = mega.position[i, c] + step * q
                 velocity[i, c] = mega.velocity[i, c] + step * v
         time = scheme.time[stage] * step
@@ -181,19 +187,17 @@ def take_step(mega, stages, scheme, step, ground, scale, allowed):
             moved, velocity[end, c] = _travel(far, time)
             position[end, c] = mega.position[end, c] + moved
         now = ground_after(ground, time)
-        if not solve_first_level(mega, position, velocity, now, scale):
+        if not solve_first_level(mega, position, velocity, now, motion.acceleration):
             return np.inf
         keep_stage(mega, stages, stage, position, velocity, now)
     worst = total = 0.0
     for i in range(1, end):
         for c in range(3):
-            q = v = 0.0
-            for s in range(n_stage):
-                q += scheme.error[s] * stages.velocity[i, s, c]
-                v += scheme.error[s] * stages.acceleration[i, s, c]
+            q = abs(_weighted(scheme.error, n_stage, stages.velocity, i, c))
+            v = abs(_weighted(scheme.error, n_stage, stages.acceleration, i, c))
             arm = step * mega.model.length[0] if c == 2 else step
-            worst = max(worst, abs(q) * arm / allowed[0], abs(v) * arm / allowed[1])
-            total += abs(q) + abs(v)
+            worst = max(worst, q * arm / allowed[0], v * arm / allowed[1])
+            total += q + v
     # The maximum of a number and of none is the number.
     return worst if np.isfinite(total) else np.inf
 
@@ -208,29 +212,33 @@ def _set_coefficients(out, start, end, first, last, highest):
 
 
 @inlined
-def make_dense(mega, stages, scheme, step):
-    """Set the coefficients of the dense output of a step."""
+def _set_dense(scheme, step, rates, start, end, out):
+    """Set the coefficients of the dense output of positions or velocities, by their rates."""
     last = scheme.time.shape[0] - 1
-    for i in range(1, mega.position.shape[0]):
-        v = stages.velocity[i]
-        a = stages.acceleration[i]
+    for i in range(1, start.shape[0]):
         for c in range(3):
-            dv = da = 0.0
-            for s in range(last + 1):
-                dv += scheme.dense[s] * v[s, c]
-                da += scheme.dense[s] * a[s, c]
-            start = mega.position[i, c]
-            end = mega.next_position[i, c]
-            out = stages.dense_position[i, c]
             _set_coefficients(
-                out, start, end, step * v[0, c], step * v[last, c], step * dv
+                out[i, c],
+                start[i, c],
+                end[i, c],
+                step * rates[i, 0, c],
+                step * rates[i, last, c],
+                step * _weighted(scheme.dense, last + 1, rates, i, c),
             )
-            start = mega.velocity[i, c]
-            end = mega.next_velocity[i, c]
-            out = stages.dense_velocity[i, c]
-            _set_coefficients(
-                out, start, end, step * a[0, c], step * a[last, c], step * da
-            )
+
+
+@inlined
+def make_dense(mega, motion, step):
+    """Set the coefficients of the dense output of a step."""
+    stages = motion.stages
+    scheme = motion.scheme
+    last = scheme.time.shape[0] - 1
+    out = stages.dense_position
+    _set_dense(scheme, step, stages.velocity, mega.position, mega.next_position, out)
+    out = stages.dense_velocity
+    _set_dense(
+        scheme, step, stages.acceleration, mega.velocity, mega.next_velocity, out
+    )
     for p in range(2):
         highest = end = 0.0
         for s in range(last + 1):

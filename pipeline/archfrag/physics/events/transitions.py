@@ -10,26 +10,21 @@ import math
 import numpy as np
 
 from archfrag.physics.collapse import follow_joints
-from archfrag.physics.contact import placing
+from archfrag.physics.contact import laws, placing
 from archfrag.physics.contact.blocks import EXACT, solve_modes
-from archfrag.physics.contact.laws import opening_rate
+from archfrag.physics.contact.laws import along, cross, opening_rate
 from archfrag.physics.contact.modes import solve_contact, velocity_scale
 from archfrag.physics.contact.path import copy_modes, solve_by_path
-from archfrag.physics.contact.ties import change_tie, pull_by_ties, release_ties
+from archfrag.physics.contact.ties import change_pull, pull_bodies, release_pulls
 from archfrag.physics.energy import kinetic_energy
+from archfrag.physics.events.runge_kutta import far_power
 from archfrag.physics.ground import ground_after, rest_margin, segment_at
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.mega_voussoirs import second_level
-from archfrag.physics.mega_voussoirs.first_level import centripetal_bias
+from archfrag.physics.mega_voussoirs.first_level import centripetal_bias, set_free
+from archfrag.physics.numbers import copy_rows
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Cause, Count, Energy
 
-BY_HINGE = int(Cause.HINGE)
-BY_SLIDE = int(Cause.SLIDE)
-BY_STICK = int(Cause.STICK)
-BY_IMPACT = int(Cause.IMPACT)
-BY_LOSS = int(Cause.LOSS)
-BY_TIE = int(Cause.TIE)
 # Corners this close, over the joint's length, touch; slower than this, over the speed of a fall
 # through it, they stay.
 TOUCHING = 1e-9
@@ -55,12 +50,16 @@ SOONEST = 1e-9
 
 
 @kernel
-def place_voussoirs(model, state, work):
+def place_voussoirs(run):
     """Place faces and contacts of all joints where the voussoirs are.
 
-    Writes: state.slip, work (face, normal, pivot, point, rotated, side_normal, tangent).
+    Reads: run.
+    Writes: run.
     """
-    placing.place_chain(model, state.position, state, TOUCHING, state.slip, work)
+    state = run.state
+    placing.place_chain(
+        run.model, state.position, state, TOUCHING, state.slip, run.work
+    )
 
 
 @inlined
@@ -72,21 +71,17 @@ def pose_impact(run, joint, corner):
     model = run.model
     state = run.state
     work = run.work
-    place_voussoirs(model, state, work)
+    place_voussoirs(run)
     for j in range(state.slip.size):
         for k in range(2):
-            near = (
-                placing.clearance(j, k, work.face, work.tangent)
-                <= TOUCHING * model.length[j]
-            )
+            near = placing.clearance(j, k, work) <= TOUCHING * model.length[j]
             held = state.contact[j, k] > 0.5 or (j == joint and k == corner)
             work.candidate[j, k] = work.contact[j, k] = 1.0 if near or held else 0.0
-            work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
-        work.slide[j] = work.known[j] = 0.0
-    release_ties(model, work)
-    for i in range(1, state.velocity.shape[0]):
-        for c in range(3):
-            work.free[i, c] = work.solved[i, c] = state.velocity[i, c]
+    work.bias[:] = 0.0
+    work.slide[:] = work.known[:] = 0.0
+    release_pulls(work)
+    copy_rows(state.velocity, work.free, 1, state.velocity.shape[0])
+    copy_rows(state.velocity, work.solved, 1, state.velocity.shape[0])
     return velocity_scale(state.position, work) > LEAST_SPEED * run.motion.speed
 
 
@@ -104,23 +99,21 @@ def _close_slow_joints(run):
     changed = False
     slow = motion.speed * max(SLOW * math.sqrt(motion.tolerance), SLOWEST)
     for j in range(work.slide.size):
-        at_0 = work.contact[j, 0] > 0.5
-        at_1 = work.contact[j, 1] > 0.5
+        at_0, at_1 = laws.touching(j, work)
         if not (at_0 or at_1):
             continue
-        nx = work.normal[j, 0]
-        ny = work.normal[j, 1]
+        normal = laws.normal_of(j, work)
         if at_0 != at_1:
             k = 1 if at_0 else 0
-            gap = placing.clearance(j, k, work.face, work.tangent)
-            ux, uy = placing.corner_velocity(j, k, work.relative, work)
+            gap = placing.clearance(j, k, work)
+            rate = along(normal, placing.corner_velocity(j, k, work.relative, work))
             near = work.candidate[j, k] > 0.5 and gap > -OVERLAP * model.length[j]
-            if near and nx * ux + ny * uy < slow:
+            if near and rate < slow:
                 work.contact[j, k] = 1.0
                 changed = True
                 if math.isinf(model.friction[j]):
                     work.slide[j] = 0.0
-        rate = nx * work.relative[j, 1] - ny * work.relative[j, 0]
+        rate = cross(normal, work.relative[j])
         if work.slide[j] != 0.0 and abs(rate) < slow:
             work.slide[j] = 0.0
             changed = True
@@ -135,9 +128,7 @@ def _approaches(run):
     approaches = False
     for j in range(work.slide.size):
         for k in range(2):
-            ux = work.corner_rate[j, k, 0]
-            uy = work.corner_rate[j, k, 1]
-            closes = opening_rate(j, k, ux, uy, work) < limit
+            closes = opening_rate(j, k, laws.rate_of(j, k, work), work) < limit
             approaches = approaches or (work.candidate[j, k] > 0.5 and closes)
     return approaches
 
@@ -149,7 +140,6 @@ def take_impact(run):
     state = run.state
     work = run.work
     had = kinetic_energy(model, state.velocity)
-    by_far = 0.0
     for j in range(state.slip.size):
         made_0 = work.contact[j, 0] > state.contact[j, 0]
         made = made_0 or work.contact[j, 1] > state.contact[j, 1]
@@ -157,9 +147,7 @@ def take_impact(run):
     by_far = _take_velocities(run)
     if _close_slow_joints(run):
         left = kinetic_energy(model, state.velocity)
-        for i in range(1, state.velocity.shape[0]):
-            for c in range(3):
-                work.free[i, c] = state.velocity[i, c]
+        copy_rows(state.velocity, work.free, 1, state.velocity.shape[0])
         solve_modes(model, state.position, work, run.motion.speed, EXACT, 0)
         # Where bringing velocities there would give energy, or another joint would have to be
         # struck, nothing is closed.
@@ -172,21 +160,10 @@ def take_impact(run):
 @inlined
 def _take_velocities(run):
     """Accept solved velocities and modes; return the work of the far springing [J]."""
-    state = run.state
-    work = run.work
-    last = state.slip.size - 1
-    end = state.velocity.shape[0] - 1
-    by_far = 0.0
-    if last == end - 1:
-        by_far -= work.reaction[last, 0] * state.velocity[end, 0]
-        by_far -= work.reaction[last, 1] * state.velocity[end, 1]
-    for i in range(1, state.velocity.shape[0] - 1):
-        for c in range(3):
-            state.velocity[i, c] = work.solved[i, c]
-    for j in range(state.slip.size):
-        state.slide[j] = work.slide[j]
-        for k in range(2):
-            state.contact[j, k] = work.contact[j, k]
+    velocity = run.state.velocity
+    by_far = far_power(run.work, velocity)
+    copy_rows(run.work.solved, velocity, 1, velocity.shape[0] - 1)
+    copy_modes(run.work, run.state)
     return by_far
 
 
@@ -200,18 +177,14 @@ def _find_touching(j, run):
     speed = run.motion.speed
     for k in range(2):
         work.candidate[j, k] = 0.0
-        ux, uy = placing.corner_velocity(j, k, work.relative, work)
+        velocity = placing.corner_velocity(j, k, work.relative, work)
         if state.contact[j, k] < 0.5:
-            if (
-                placing.clearance(j, k, work.face, work.tangent)
-                > TOUCHING * model.length[j]
-            ):
-                continue
-            if opening_rate(j, k, ux, uy, work) > STAYING * speed:
+            apart = placing.clearance(j, k, work) > TOUCHING * model.length[j]
+            if apart or opening_rate(j, k, velocity, work) > STAYING * speed:
                 continue
         work.candidate[j, k] = 1.0
-        along = work.normal[j, 0] * uy - work.normal[j, 1] * ux
-        rate = along if abs(along) > abs(rate) else rate
+        slip = cross(laws.normal_of(j, work), velocity)
+        rate = slip if abs(slip) > abs(rate) else rate
     return rate
 
 
@@ -232,10 +205,8 @@ def ground_now(run, leaves_rest):
         )
         if margin < -BEYOND * g or abs(ahead[2]) + abs(ahead[3]) > BEYOND * g:
             break
-        later = min(
-            max(2.0 * later, SOONEST * (run.motion.length / run.motion.speed)),
-            end - time,
-        )
+        soonest = SOONEST * (run.motion.length / run.motion.speed)
+        later = min(max(2.0 * later, soonest), end - time)
     return ground_after(segment, later)
 
 
@@ -249,46 +220,48 @@ def pose_accelerations(run, ground):
     state = run.state
     work = run.work
     jammed = False
+    copy_modes(state, work)
     placing.relative_velocity(state.position, state.velocity, work.pivot, work.relative)
     for j in range(state.slip.size):
         rate = _find_touching(j, run)
         slips = abs(rate) > SLIPPING * run.motion.speed
         rough = math.isinf(model.friction[j])
         jammed = jammed or (slips and rough)
-        for k in range(2):
-            work.contact[j, k] = state.contact[j, k]
-        work.known[j] = (-1.0 if rate > 0.0 else 1.0) if slips and not rough else 0.0
-        work.slide[j] = work.known[j] if work.known[j] != 0.0 else state.slide[j]
+        work.known[j] = 0.0
+        if slips and not rough:
+            work.known[j] = work.slide[j] = -1.0 if rate > 0.0 else 1.0
         if state.contact[j, 0] + state.contact[j, 1] == (2.0 if rough else 0.0):
             work.slide[j] = 0.0
-    for i in range(1, state.velocity.shape[0] - 1):
-        work.free[i, 0] = -ground[0]
-        work.free[i, 1] = -model.gravity - ground[1]
-        work.free[i, 2] = 0.0
-    work.free[-1, 0] = ground[2]
-    work.free[-1, 1] = ground[3]
-    pull_by_ties(model, state, work)
+    set_free(model, ground, work.free)
+    pull_bodies(model, state, work)
     centripetal_bias(state.position, state.velocity, state.slip, work.known, work)
     return jammed
 
 
 @kernel
-def solve_posed(model, state, work, path):
+def solve_posed(run):
     """Solve the problem that is posed, along solution paths where its modes go round in circles.
 
     Returns whether it is solved.
+
+    Reads: run.
+    Writes: run.
     """
-    count = state.count
+    model = run.model
+    position = run.state.position
+    work = run.work
+    path = run.path
+    count = run.state.count
     copy_modes(work, path)
     solved, _, _, iterations = solve_contact(
-        model, state.position, work, True, 0.0, -1.0, EXACT
+        model, position, work, True, 0.0, -1.0, EXACT
     )
     count[Count.LEVELS] += 1.0
     count[Count.LEVEL_ITERATIONS] += 1.0 if iterations > 1.0 else 0.0
     if not solved:
         count[Count.GENERAL] += 1.0
         copy_modes(path, work)
-        solved, _, more, breaks = solve_by_path(model, state.position, work, path, True)
+        solved, _, more, breaks = solve_by_path(model, position, work, path, True)
         iterations += more
         count[Count.PATHS] += 1.0 if breaks > 0 else 0.0
     count[Count.ITERATIONS] += iterations
@@ -302,10 +275,8 @@ def take_modes(run):
     state = run.state
     work = run.work
     for i in range(1, state.position.shape[0] - 1):
-        if (
-            not abs(work.solved[i, 0]) + abs(work.solved[i, 1])
-            <= IMPOSSIBLE * model.gravity
-        ):
+        size = abs(work.solved[i, 0]) + abs(work.solved[i, 1])
+        if not size <= IMPOSSIBLE * model.gravity:
             return False
     for j in range(state.slip.size):
         touches = work.contact[j, 0] + work.contact[j, 1]
@@ -325,17 +296,18 @@ def cause_of(run):
     """Return why the mechanism ends: the cause, and the joint of the chain."""
     joint = run.motion.trigger[0]
     law = run.motion.trigger[1]
-    contact = run.state.contact
-    if joint >= contact.shape[0]:
-        return BY_TIE, -1
-    if law == second_level.SLIP_END:
-        return BY_STICK, joint
-    if law in (second_level.GAP_0, second_level.GAP_1):
-        return BY_IMPACT, joint
-    if contact[joint, 0] > 0.5 and contact[joint, 1] > 0.5:
-        return (BY_HINGE if law < second_level.FRICTION_PLUS else BY_SLIDE), joint
+    if joint >= run.state.slip.size:
+        return Cause.TIE, -1
+    if law == laws.SLIP_END:
+        return Cause.STICK, joint
+    if law in (laws.GAP_0, laws.GAP_1):
+        return Cause.IMPACT, joint
+    by_force = law in (laws.FORCE_0, laws.FORCE_1)
+    at_0, at_1 = laws.touching(joint, run.state)
+    if at_0 and at_1:
+        return (Cause.HINGE if by_force else Cause.SLIDE), joint
     rough = math.isinf(run.model.friction[joint])
-    return (BY_LOSS if law < second_level.FRICTION_PLUS or rough else BY_SLIDE), joint
+    return (Cause.LOSS if by_force or rough else Cause.SLIDE), joint
 
 
 @inlined
@@ -343,22 +315,19 @@ def change_mode(run, cause, joint, law):
     """Change the mode of the joint whose law has ended, to start the search for modes."""
     contact = run.work.contact
     slide = run.work.slide
-    if cause == BY_TIE:
-        lost = change_tie(
-            run.model,
-            run.state,
-            joint - contact.shape[0],
-            law == second_level.FORCE_1,
-            law == second_level.FRICTION_PLUS,
-        )
+    if cause == Cause.TIE:
+        number = joint - slide.size
+        yields = law == laws.FORCE_1
+        breaks = law == laws.FRICTION_PLUS
+        lost = change_pull(run.model, run.state, number, yields, breaks)
         run.state.energy[Energy.FRICTION] -= lost
-    elif cause == BY_STICK:
+    elif cause == Cause.STICK:
         slide[joint] = 0.0
-    elif cause == BY_HINGE:
-        contact[joint, law - second_level.FORCE_0] = 0.0
-    elif cause == BY_SLIDE:
-        slide[joint] = 1.0 if law == second_level.FRICTION_PLUS else -1.0
-    elif cause == BY_LOSS:
+    elif cause == Cause.HINGE:
+        contact[joint, law - laws.FORCE_0] = 0.0
+    elif cause == Cause.SLIDE:
+        slide[joint] = 1.0 if law == laws.FRICTION_PLUS else -1.0
+    elif cause == Cause.LOSS:
         contact[joint, 0] = contact[joint, 1] = slide[joint] = 0.0
 
 

@@ -134,7 +134,7 @@ def pose_step(model, runs, impulse, step):
             work.position[i, c] = (
                 state.position[i, c] + 0.5 * step * state.velocity[i, c]
             )
-    move_faces(model, work.position, work.rotated, work.face, work.tangent)
+    move_faces(model, work.position, work)
     for j in range(state.slip.shape[0]):
         work.slip[j] = _place_joint(j, model, work, own)
     relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
@@ -360,7 +360,7 @@ def accept_step(model, state, work, impulse, where, loss_limit):
         none = (work.contact[j, 0] < 0.5) & (work.contact[j, 1] < 0.5)
         lost = lost | none | (work.slide[j] != 0.0)
     if some(lost):
-        move_faces(model, state.position, work.rotated, work.face, work.tangent)
+        move_faces(model, state.position, work)
     collapsed = follow_joints(model, state, work, where, loss_limit)
     broken = record_motion(model, state, where)
     clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])

@@ -223,7 +223,7 @@ def _end(scene, runs, output, results, row):
     model = scene.model
     state = runs.state
     work = runs.work
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    move_faces(model, state.position, work)
     shared.end_run(model, state, work, scene.options, output, results, row)
     results.energy[row, Energy.POTENTIAL] += runs.memory.stored[0] - scene.faces.stored
 

@@ -22,7 +22,6 @@ HOME = Path(__file__).resolve().parents[2]
 HOLDS_NO_KERNEL = (
     "registry.py",
     "auto.py",
-    "front.py",
     "__main__.py",
     "cache.py",
     "load.py",

@@ -55,7 +55,7 @@ class _Mask(_Four):
     pass
 
 
-lanes = _Lanes("lanes", types.Float | types.Integer)
+lanes = _Lanes("lanes", types.Float | types.Integer | types.IntEnumMember)
 mask = _Mask("mask", types.Boolean)
 
 
@@ -65,6 +65,7 @@ def _represent(kind: type[_Four], vector: ir.Type, plain: Any, of: Any) -> None:
         def __init__(self, manager: Any, of: Any) -> None:
             super().__init__(manager, of, vector)
 
+    @lower_cast(types.IntEnumMember, kind)
     @lower_cast(plain, kind)
     def broadcast(context: Any, builder: Any, given: Any, to: Any, value: Any) -> Any:
         nothing = ir.Constant(vector, ir.Undefined)
@@ -74,6 +75,11 @@ def _represent(kind: type[_Four], vector: ir.Type, plain: Any, of: Any) -> None:
         )
         everywhere = ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES)
         return builder.shuffle_vector(first, nothing, everywhere)
+
+
+@lower_cast(types.IntEnumMember, types.Float)
+def _number_of(context: Any, builder: Any, of: Any, to: Any, value: Any) -> Any:
+    return context.cast(builder, value, of.dtype, to)
 
 
 _represent(_Lanes, _VECTOR, types.Number, types.float64)

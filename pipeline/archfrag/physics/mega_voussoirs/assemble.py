@@ -10,33 +10,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from archfrag.physics.contact.laws import cross
 from archfrag.physics.contact.placing import BEFORE, later_vertex_meets
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import place_of, struct, struct_at
 from archfrag.physics.numbers import sine_cosine
-from archfrag.physics.state import Model, Work, new_work
+from archfrag.physics.state import Model, State, Work, new_state, new_work
 from archfrag.physics.status import TieState
 
 GROUND = 0
 
 
-# Arrays by whose lengths kernels count joints.
+# Arrays by whose lengths kernels count joints, and bodies.
 COUNTED = ("face", "slip", "pivot", "slide", "row", "unknown", "residual")
+OF_MOTION = ("position", "velocity", "next_position", "next_velocity")
+OF_BODIES = {"offset": (2,), "pull": (3,), **dict.fromkeys(OF_MOTION, (3,))}
+OF_JOINTS = {"inner_point": (2, 2), "inner_normal": (2,), "inner_reaction": (3,)}
 
 
-@struct(
-    offset=(2,),
-    inner_point=(2, 2),
-    inner_normal=(2,),
-    inner_reaction=(3,),
-    tie=(len(TieState),),
-    stretch=(2,),
-    pull=(3,),
-    position=(3,),
-    velocity=(3,),
-    next_position=(3,),
-    next_velocity=(3,),
-)
+@struct(**OF_BODIES, **OF_JOINTS, tie=(len(TieState),), stretch=(2,))
 class MegaVoussoirs(NamedTuple):
     """A chain of mega-voussoirs; arrays as long as the voussoirs', of which the first are used."""
 
@@ -70,7 +62,7 @@ class MegaVoussoirs(NamedTuple):
     cut: np.ndarray  # (n_joint + 1, n) int64, see `in_use`
 
 
-def new_mega_voussoirs(model: Model, tie: np.ndarray | None = None) -> MegaVoussoirs:
+def new_mega_voussoirs(model: Model, state: State | None = None) -> MegaVoussoirs:
     """Return the workspace for any mega-voussoirs of a chain, with the state of its ties."""
     n_row = model.mass.size
     n_joint = model.friction.size
@@ -78,19 +70,15 @@ def new_mega_voussoirs(model: Model, tie: np.ndarray | None = None) -> MegaVouss
     copies |= {"gravity": model.gravity, "rounding": model.rounding, "tie": model.tie}
     indices = {"count": np.zeros(2, np.int64), "joint": np.zeros(n_joint, np.int64)}
     indices |= {name: np.zeros(n_row, np.int64) for name in ("first", "last", "group")}
-    motion = ("position", "velocity", "next_position", "next_velocity")
+    arrays = {name: np.zeros((n_row, *shape)) for name, shape in OF_BODIES.items()}
+    arrays |= {name: np.zeros((n_joint, *shape)) for name, shape in OF_JOINTS.items()}
     mega: Any = MegaVoussoirs(
-        offset=np.zeros((n_row, 2)),
-        inner_point=np.zeros((n_joint, 2, 2)),
-        inner_normal=np.zeros((n_joint, 2)),
-        inner_reaction=np.zeros((n_joint, 3)),
-        tie=np.zeros((len(model.tie), len(TieState))) if tie is None else tie,
+        **arrays,
+        **indices,
+        tie=(state or new_state(model)).tie,
         stretch=np.zeros((len(model.tie), 2)),
-        pull=np.zeros((n_row, 3)),
         model=Model(**copies),
         work=new_work(model),
-        **indices,
-        **{name: np.zeros((n_row, 3)) for name in motion},
         cut=np.zeros((0, 0), np.int64),
     )
     size = mega.table.size + mega.work.table.size
@@ -112,7 +100,7 @@ def _set_cut(mega: Any) -> None:
         row[: own.size] = own
         row[own.size :] = work
         row[place_of(mega, "work")] = row[own.size :].ctypes.data
-        for name in ("position", "velocity", "next_position", "next_velocity"):
+        for name in OF_MOTION:
             row[place_of(mega, name) + 1] = n
         for name in ("free", "solved"):
             row[own.size + place_of(mega.work, name) + 1] = n
@@ -158,23 +146,24 @@ def _group(model, contact, slide, mega):
 def _place_at_rest(model, slip, mega):
     """Set ``mega.offset``: centroids with the slips of rigid joints, in the axes at rest."""
     n_row = mega.group.size
-    shift_x = shift_y = 0.0
+    offset = mega.offset
+    x = y = 0.0
     for i in range(1, n_row - 1):
         if mega.group[i] == mega.group[i - 1]:
-            shift_x += slip[i - 1] * model.tangent[i - 1, BEFORE, 0]
-            shift_y += slip[i - 1] * model.tangent[i - 1, BEFORE, 1]
+            x += slip[i - 1] * model.tangent[i - 1, BEFORE, 0]
+            y += slip[i - 1] * model.tangent[i - 1, BEFORE, 1]
         else:
-            shift_x = shift_y = 0.0
-        mega.offset[i, 0] = model.centroid[i, 0] + shift_x
-        mega.offset[i, 1] = model.centroid[i, 1] + shift_y
+            x = y = 0.0
+        offset[i, 0] = model.centroid[i, 0] + x
+        offset[i, 1] = model.centroid[i, 1] + y
     if slip.size == n_row - 1 and mega.count[1] > 0:
         # What rests on the far springing is held from there.
-        shift_x = shift_y = 0.0
+        x = y = 0.0
         for i in range(n_row - 2, mega.joint[mega.count[1] - 1], -1):
-            shift_x -= slip[i] * model.tangent[i, BEFORE, 0]
-            shift_y -= slip[i] * model.tangent[i, BEFORE, 1]
-            mega.offset[i, 0] = model.centroid[i, 0] + shift_x
-            mega.offset[i, 1] = model.centroid[i, 1] + shift_y
+            x -= slip[i] * model.tangent[i, BEFORE, 0]
+            y -= slip[i] * model.tangent[i, BEFORE, 1]
+            offset[i, 0] = model.centroid[i, 0] + x
+            offset[i, 1] = model.centroid[i, 1] + y
 
 
 @inlined
@@ -191,9 +180,10 @@ def _sum_masses(model, mega):
         x = x / mass
         y = y / mass
         for i in range(mega.first[k], mega.last[k] + 1):
-            offset[i, 0] -= x
-            offset[i, 1] -= y
-            square = offset[i, 0] * offset[i, 0] + offset[i, 1] * offset[i, 1]
+            own = offset[i]
+            own[0] -= x
+            own[1] -= y
+            square = own[0] * own[0] + own[1] * own[1]
             inertia += model.inertia[i] + model.mass[i] * square
         out.mass[k] = mass
         out.inertia[k] = inertia
@@ -207,27 +197,26 @@ def _sum_masses(model, mega):
 def _place_joints(model, contact, slide, slip, mega):
     """Set the joints between and inside mega-voussoirs, in the axes at rest."""
     out = mega.model
+    work = mega.work
     k = 0
     for j in range(slip.size):
         if is_rigid(j, contact, slide):
-            tx = model.tangent[j, BEFORE, 0]
-            ty = model.tangent[j, BEFORE, 1]
-            mega.inner_normal[j, 0] = ty
-            mega.inner_normal[j, 1] = -tx
+            mega.inner_normal[j, 0] = model.tangent[j, BEFORE, 1]
+            mega.inner_normal[j, 1] = -model.tangent[j, BEFORE, 0]
             for c in range(2):
                 side = 1 if later_vertex_meets(c, slip[j]) else 0
                 for d in range(2):
                     place = model.corner[j, side, c, d] + mega.offset[j + side, d]
                     mega.inner_point[j, c, d] = place
             continue
-        mega.work.slip[k] = slip[j]
-        mega.work.slide[k] = slide[j]
+        work.slip[k] = slip[j]
+        work.slide[k] = slide[j]
         out.length[k] = model.length[j]
         out.friction[k] = model.friction[j]
         for c in range(2):
             out.ray[k, c] = model.ray[j, c]
-            mega.work.contact[k, c] = contact[j, c]
-            mega.work.candidate[k, c] = 1.0
+            work.contact[k, c] = contact[j, c]
+            work.candidate[k, c] = 1.0
             for side in range(2):
                 out.tangent[k, side, c] = model.tangent[j, side, c]
                 for d in range(2):
@@ -252,11 +241,8 @@ def assemble(model, contact, slide, slip, mega):
         out.mass[end] += model.mass[i] if mega.group[i] == end else 0.0
     work.rotated[end, 0] = 1.0
     work.rotated[end, 1] = 0.0
-    for c in range(3):
-        mega.position[end, c] = mega.velocity[end, c] = work.free[end, c] = 0.0
-        mega.next_position[end, c] = mega.next_velocity[end, c] = work.solved[
-            end, c
-        ] = 0.0
+    mega.position[end] = mega.velocity[end] = work.free[end] = 0.0
+    mega.next_position[end] = mega.next_velocity[end] = work.solved[end] = 0.0
 
 
 @kernel
@@ -282,12 +268,10 @@ def gather_state(model, position, velocity, mega):
             vx = vx + m * velocity[i, 0]
             vy = vy + m * velocity[i, 1]
         for i in range(mega.first[k], mega.last[k] + 1):
-            rx = position[i, 0] - x
-            ry = position[i, 1] - y
+            arm = position[i, 0] - x, position[i, 1] - y
+            moment = cross(arm, (velocity[i, 0] - vx, velocity[i, 1] - vy))
             spin += model.inertia[i] * velocity[i, 2]
-            spin += model.mass[i] * (
-                rx * (velocity[i, 1] - vy) - ry * (velocity[i, 0] - vx)
-            )
+            spin += model.mass[i] * moment
         mega.position[k, 0] = x
         mega.position[k, 1] = y
         mega.position[k, 2] = position[mega.first[k], 2]
@@ -310,7 +294,7 @@ def split_state(mega, mega_position, mega_velocity, position, velocity):
         velocity[-1, c] = mega_velocity[end, c]
     s = 0.0
     c = 1.0
-    known = GROUND
+    turned = GROUND
     for i in range(1, position.shape[0] - 1):
         k = mega.group[i]
         rx = mega.offset[i, 0]
@@ -319,10 +303,11 @@ def split_state(mega, mega_position, mega_velocity, position, velocity):
             position[i, 0] = rx
             position[i, 1] = ry
             position[i, 2] = 0.0
-            velocity[i, 0] = velocity[i, 1] = velocity[i, 2] = 0.0
+            velocity[i] = 0.0
             continue
-        if k != known:
-            (s, c), known = sine_cosine(mega_position[k, 2]), k
+        if k != turned:
+            s, c = sine_cosine(mega_position[k, 2])
+            turned = k
         x = c * rx - s * ry
         y = s * rx + c * ry
         spin = mega_velocity[k, 2]

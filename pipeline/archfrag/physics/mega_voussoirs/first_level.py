@@ -13,20 +13,20 @@ and inertia.
 import math
 
 from archfrag.physics.contact import blocks, placing
-from archfrag.physics.contact.laws import slip_normal
+from archfrag.physics.contact.laws import (
+    cross,
+    normal_of,
+    slip_normal,
+    touching,
+)
+from archfrag.physics.contact.ties import pull_mega_voussoirs
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.mega_voussoirs.pulls import pull_mega_voussoirs
+from archfrag.physics.numbers import copy_rows
 
 # Lines to the rotation centre closer to parallel than this leave too little accuracy (sine).
 PARALLEL = 1e-3
 # Where more than this part of gravity is left of the equations they are near singular.
 ILL_CONDITIONED = 1e-7
-
-
-@inlined
-def cross(a, b):
-    """Return the cross product of two vectors (x, y)."""
-    return a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
@@ -40,14 +40,14 @@ def _arm(centre, position, k):
 
 
 @kernel
-def centripetal_bias(position, velocity, slip, sense, work):
+def centripetal_bias(position, velocity, slips, sense, work):
     """Set ``work.bias``: what rotations add to relative accelerations (Eqs 17, 18).
 
     These are the centripetal accelerations of the material points, and where a vertex runs along
     a rotating face twice the product of both rates; `sense` is that of the friction of slips in
     progress, zero for none.
 
-    Reads: position, velocity, slip, sense, work (contact, normal, point, side_normal).
+    Reads: position, velocity, slips, sense, work (contact, normal, point, side_normal).
     Writes: work.bias.
     """
     for j in range(work.slide.shape[0]):
@@ -63,14 +63,14 @@ def centripetal_bias(position, velocity, slip, sense, work):
             x = before * before * bx - after * after * ax
             y = before * before * by - after * after * ay
             if sense[j] != 0.0:
-                ux, uy = placing.corner_rate_at(j, px, py, position, velocity)
-                nx = work.normal[j, 0]
-                ny = work.normal[j, 1]
-                if work.contact[j, 0] < 0.5 or work.contact[j, 1] < 0.5:
-                    nx, ny = slip_normal(j, k, sense[j] < 0.0, work)
-                place = slip[j] if slip[j] != 0.0 else -sense[j]
+                nx, ny = slip_normal(j, k, sense[j] < 0.0, work)
+                at_0, at_1 = touching(j, work)
+                if at_0 and at_1:
+                    nx, ny = normal_of(j, work)
+                slip = placing.corner_rate_at(j, px, py, position, velocity)
+                place = slips[j] if slips[j] != 0.0 else -sense[j]
                 face = before if placing.later_vertex_meets(k, place) else after
-                twice = 2.0 * face * (nx * uy - ny * ux)
+                twice = 2.0 * face * cross((nx, ny), slip)
                 x = x + twice * nx
                 y = y + twice * ny
             work.bias[j, k, 0] = x
@@ -82,6 +82,7 @@ def is_four_hinges(work, n_row):
     """Return whether the joints are the four hinges, none sliding, of three mega-voussoirs.
 
     Reads: work (contact, slide).
+    Writes: nothing.
     """
     if n_row != 5 or work.slide.shape[0] != 4:
         return False
@@ -122,13 +123,6 @@ def _powers(model, work, k, u, x, y):
     return inertia, model.mass[k] * (x * fx + y * fy) + spin
 
 
-@inlined
-def _add(rate, u, x, y, k, work):
-    work.solved[k, 0] += rate * x
-    work.solved[k, 1] += rate * y
-    work.solved[k, 2] += rate * u
-
-
 @kernel
 def four_hinges(model, position, velocity, work):
     """Solve for accelerations and reactions of three bodies with four hinges.
@@ -136,6 +130,7 @@ def four_hinges(model, position, velocity, work):
     From contacts, modes, and accelerations without reactions in ``work.free``; False where the
     rotation centre of the middle body is so far off that the reactions do not follow from it.
 
+    Reads: model (inertia, mass), position, velocity, work (contact, free, pivot, point, solved).
     Writes: work (reaction, solved).
     """
     c1 = _hinge(0, work)
@@ -153,10 +148,8 @@ def four_hinges(model, position, velocity, work):
     c13 = _from(c1, c3)
     along_p = cross(c13, q) / area
     along_q = cross(c13, p) / area
-    c2 = c1[0] + along_p * p[0], c1[1] + along_p * p[1]
-    u1 = 1.0 - along_p
-    u2 = 1.0
-    u3 = 1.0 - along_q
+    centres = c1, (c1[0] + along_p * p[0], c1[1] + along_p * p[1]), c3
+    rates = 1.0 - along_p, 1.0, 1.0 - along_q
     # Centripetal terms (Eqs 17, 18), with no angular acceleration of the middle body.
     w1 = velocity[1, 2]
     w2 = velocity[2, 2]
@@ -166,27 +159,24 @@ def four_hinges(model, position, velocity, work):
     a1 = (ex * q[0] + ey * q[1]) / area
     a3 = (ex * p[0] + ey * p[1]) / area
     x, y = _perpendicular(a1, p)
-    _known((0.0, 0.0), w1, a1, _arm(c1, position, 1), 1, work)
-    _known(
-        (x - w1 * w1 * p[0], y - w1 * w1 * p[1]),
-        w2,
-        0.0,
-        _arm(c12, position, 2),
-        2,
-        work,
-    )
-    _known((0.0, 0.0), w3, a3, _arm(c3, position, 3), 3, work)
+    still = 0.0, 0.0
+    ahead = x - w1 * w1 * p[0], y - w1 * w1 * p[1]
+    _known(still, w1, a1, _arm(c1, position, 1), 1, work)
+    _known(ahead, w2, 0.0, _arm(c12, position, 2), 2, work)
+    _known(still, w3, a3, _arm(c3, position, 3), 3, work)
     # Balance along the mechanism (Eq 28 with inertia) gives the one unknown acceleration.
-    x1, y1 = _perpendicular(u1, _arm(c1, position, 1))
-    x2, y2 = _perpendicular(u2, _arm(c2, position, 2))
-    x3, y3 = _perpendicular(u3, _arm(c3, position, 3))
-    m1, f1 = _powers(model, work, 1, u1, x1, y1)
-    m2, f2 = _powers(model, work, 2, u2, x2, y2)
-    m3, f3 = _powers(model, work, 3, u3, x3, y3)
-    rate = (f1 + f2 + f3) / (m1 + m2 + m3)
-    _add(rate, u1, x1, y1, 1, work)
-    _add(rate, u2, x2, y2, 2, work)
-    _add(rate, u3, x3, y3, 3, work)
+    inertia = power = 0.0
+    for k in range(1, 4):
+        x, y = _perpendicular(rates[k - 1], _arm(centres[k - 1], position, k))
+        m, f = _powers(model, work, k, rates[k - 1], x, y)
+        inertia += m
+        power += f
+    rate = power / inertia
+    for k in range(1, 4):
+        x, y = _perpendicular(rates[k - 1], _arm(centres[k - 1], position, k))
+        work.solved[k, 0] += rate * x
+        work.solved[k, 1] += rate * y
+        work.solved[k, 2] += rate * rates[k - 1]
     _hinge_reactions(model, position, (c1, c12, c23, c3), work)
     return True
 
@@ -240,8 +230,24 @@ def _hinge_reactions(model, position, hinge, work):
 
 @kernel
 def pose(mega, position):
-    """Place faces, slips and contacts of mega-voussoirs at `position`."""
-    placing.place_chain(mega.model, position, mega.work, 0.0, mega.work.slip, mega.work)
+    """Place faces, slips and contacts of mega-voussoirs at `position`.
+
+    Reads: mega, position.
+    Writes: mega.
+    """
+    work = mega.work
+    placing.place_chain(mega.model, position, work, 0.0, work.slip, work)
+
+
+@inlined
+def set_free(model, ground, free):
+    """Set the accelerations without reactions under that of the ground (`ground_after`)."""
+    for i in range(1, free.shape[0] - 1):
+        free[i, 0] = -ground[0]
+        free[i, 1] = -model.gravity - ground[1]
+        free[i, 2] = 0.0
+    free[-1, 0] = ground[2]
+    free[-1, 1] = ground[3]
 
 
 @kernel
@@ -251,33 +257,23 @@ def solve_first_level(mega, position, velocity, ground, scale):
     `ground` is that of `archfrag.physics.ground.ground_after`. Accelerations and reactions are
     left in ``work.solved`` and ``work.reaction``; accelerations of `scale` count as one [m/s2].
     False where the equations have no solution.
+
+    Reads: mega, position, velocity, ground.
+    Writes: mega.
     """
     model = mega.model
     work = mega.work
-    end = position.shape[0] - 1
     pose(mega, position)
-    for i in range(1, end):
-        work.free[i, 0] = -ground[0]
-        work.free[i, 1] = -model.gravity - ground[1]
-        work.free[i, 2] = 0.0
-    work.free[end, 0] = ground[2]
-    work.free[end, 1] = ground[3]
+    set_free(model, ground, work.free)
     pull_mega_voussoirs(mega, position, velocity)
     moves = ground[2] != 0.0 or ground[3] != 0.0
-    moves = moves or velocity[end, 0] != 0.0 or velocity[end, 1] != 0.0
+    moves = moves or velocity[-1, 0] != 0.0 or velocity[-1, 1] != 0.0
     four = not moves and is_four_hinges(work, position.shape[0])
     if four and four_hinges(model, position, velocity, work):
         return True
     centripetal_bias(position, velocity, work.slip, work.slide, work)
     left = blocks.solve_modes(model, position, work, scale, blocks.EXACT, 0)
     return left <= ILL_CONDITIONED * model.gravity
-
-
-@inlined
-def _set_bias(work, value):
-    for j in range(work.slide.shape[0]):
-        for k in range(2):
-            work.bias[j, k, 0] = work.bias[j, k, 1] = value
 
 
 @kernel
@@ -288,20 +284,21 @@ def project(mega, position, velocity, enough, limit):
     a projection could gain energy. Nothing is done for distances [m] and rates [m/s] up to
     `enough`, nor if a body would move farther than `limit` [m], rotations by the length of the
     first joint; then it returns False.
+
+    Reads: mega, position, velocity, enough.
+    Writes: mega, position, velocity.
     """
     model = mega.model
     work = mega.work
     apart = 0.0
     blocks.set_rows(model, position, work)
-    _set_bias(work, 0.0)
-    for i in range(position.shape[0]):
-        for c in range(3):
-            work.solved[i, c] = velocity[i, c]
-            work.free[i, c] = 0.0
+    work.bias[:] = 0.0
+    work.free[:] = 0.0
+    copy_rows(velocity, work.solved, 0, position.shape[0])
     rate = blocks.measure_residual(position, work)
     for j in range(work.slide.shape[0]):
         for k in range(2):
-            ex, ey = placing.corner_offset(j, k, work.face, work.tangent, work.slip[j])
+            ex, ey = placing.corner_offset(j, k, work, work.slip[j])
             work.bias[j, k, 0] = ex
             work.bias[j, k, 1] = ey
             apart = max(apart, work.contact[j, k] * (abs(ex) + abs(ey)))
@@ -321,10 +318,8 @@ def project(mega, position, velocity, enough, limit):
     for i in range(position.shape[0]):
         for c in range(3):
             position[i, c] += work.solved[i, c]
-            work.free[i, c] = velocity[i, c]
-    _set_bias(work, 0.0)
+    copy_rows(velocity, work.free, 0, position.shape[0])
+    work.bias[:] = 0.0
     blocks.correct(model, position, work, math.inf)
-    for i in range(position.shape[0]):
-        for c in range(3):
-            velocity[i, c] = work.solved[i, c]
+    copy_rows(work.solved, velocity, 0, position.shape[0])
     return True

@@ -7,20 +7,17 @@ moment about its centroid, where the places of its voussoirs do not change.
 
 import math
 
+from archfrag.physics.contact.laws import (
+    FORCE_0,
+    FORCE_1,
+    FRICTION_MINUS,
+    FRICTION_PLUS,
+    along,
+    cross,
+    force_of,
+)
+from archfrag.physics.contact.placing import inwards, outwards
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.mega_voussoirs.first_level import cross
-
-# Laws of a joint; margins of those that do not concern it are infinite. Normal forces at both
-# corners (at a corner that slides the force on it), Coulomb's law for a friction of either sense,
-# gaps at both corners, end of a slip.
-FORCE_0 = 0
-FORCE_1 = 1
-FRICTION_PLUS = 2
-FRICTION_MINUS = 3
-GAP_0 = 4
-GAP_1 = 5
-SLIP_END = 6
-N_LAW = 7
 
 
 @inlined
@@ -33,27 +30,52 @@ def _joint_margins(model, mega, j, fx, fy, moment, per_weight, value):
     mega.inner_reaction[j, 0] = fx
     mega.inner_reaction[j, 1] = fy
     mega.inner_reaction[j, 2] = moment
-    normal = (mega.inner_normal[j, 0], mega.inner_normal[j, 1])
+    normal = mega.inner_normal[j]
     force = (fx, fy)
-    first = mega.inner_point[j, 0, 0], mega.inner_point[j, 0, 1]
-    second = mega.inner_point[j, 1, 0], mega.inner_point[j, 1, 1]
+    first = mega.inner_point[j, 0]
+    second = mega.inner_point[j, 1]
     half = cross((first[0] - second[0], first[1] - second[1]), normal)
-    value[j, FORCE_0] = per_weight * (moment - cross(second, force)) / half
-    value[j, FORCE_1] = -per_weight * (moment - cross(first, force)) / half
+    margin = value[j]
+    margin[FORCE_0] = per_weight * (moment - cross(second, force)) / half
+    margin[FORCE_1] = -per_weight * (moment - cross(first, force)) / half
     if not math.isinf(model.friction[j]):
-        bound = model.friction[j] * (fx * normal[0] + fy * normal[1])
-        shear = fy * normal[0] - fx * normal[1]
-        value[j, FRICTION_PLUS] = per_weight * (bound - shear)
-        value[j, FRICTION_MINUS] = per_weight * (bound + shear)
+        bound = model.friction[j] * along(force, normal)
+        shear = cross(normal, force)
+        margin[FRICTION_PLUS] = per_weight * (bound - shear)
+        margin[FRICTION_MINUS] = per_weight * (bound + shear)
 
 
 @inlined
 def _boundary(mega, k, position):
     """Return the reaction between mega-voussoirs k and k + 1, its moment about `position`."""
     work = mega.work
-    force = work.reaction[k, 0], work.reaction[k, 1]
+    force = force_of(k, work)
     arm = work.pivot[k, 0] - position[0], work.pivot[k, 1] - position[1]
     return force[0], force[1], work.reaction[k, 2] + cross(arm, force)
+
+
+@inlined
+def _propagate(model, mega, places, wrench, motion, per_weight, value):
+    """Set the margins at joints from a body's boundary inwards, by balance of its voussoirs.
+
+    `places` are the first voussoir, the one behind the last, and the sense; `motion` is the
+    acceleration of their body, with the square of its rate.
+    """
+    first, last, sense = places
+    fx, fy, moment = wrench
+    ahead_x, ahead_y, angular, square = motion
+    for i in range(first, last, sense):
+        x = mega.offset[i, 0]
+        y = mega.offset[i, 1]
+        pull = mega.pull[i]
+        hx = model.mass[i] * (ahead_x - angular * y - square * x)
+        hy = model.mass[i] * (ahead_y + angular * x - square * y)
+        fx = fx - sense * hx + sense * pull[0]
+        fy = fy - sense * hy + sense * pull[1]
+        spin = cross((x, y), (hx, hy)) + model.inertia[i] * angular
+        moment -= sense * (spin - pull[2])
+        joint = i if sense > 0 else i - 1
+        _joint_margins(model, mega, joint, fx, fy, moment, per_weight, value)
 
 
 @kernel
@@ -68,57 +90,30 @@ def solve_second_level(model, mega, position, velocity, ground, per_weight, valu
     Writes: mega.inner_reaction, value.
     """
     n_row = mega.group.size
-    work = mega.work
-    offset = mega.offset
-    pull = mega.pull
-    ground_x = ground[0]
-    body_y = ground[1] + model.gravity
+    solved = mega.work.solved
+    x = ground[0]
+    y = ground[1] + model.gravity
     for k in range(1, mega.count[0] + 1):
-        c = work.rotated[k, 0]
-        s = work.rotated[k, 1]
-        x, y, moment = _boundary(mega, k - 1, (position[k, 0], position[k, 1]))
-        fx = c * x + s * y
-        fy = c * y - s * x
-        x = work.solved[k, 0] + ground_x
-        y = work.solved[k, 1] + body_y
-        ahead_x = c * x + s * y
-        ahead_y = c * y - s * x
-        angular = work.solved[k, 2]
-        square = velocity[k, 2] * velocity[k, 2]
-        for i in range(mega.first[k], mega.last[k]):
-            x = offset[i, 0]
-            y = offset[i, 1]
-            hx = model.mass[i] * (ahead_x - angular * y - square * x)
-            hy = model.mass[i] * (ahead_y + angular * x - square * y)
-            fx = fx - hx + pull[i, 0]
-            fy = fy - hy + pull[i, 1]
-            moment -= cross((x, y), (hx, hy)) + model.inertia[i] * angular - pull[i, 2]
-            _joint_margins(model, mega, i, fx, fy, moment, per_weight, value)
+        fx, fy, moment = _boundary(mega, k - 1, position[k])
+        fx, fy = inwards(mega.work, k, fx, fy)
+        ahead_x, ahead_y = inwards(mega.work, k, solved[k, 0] + x, solved[k, 1] + y)
+        motion = ahead_x, ahead_y, solved[k, 2], velocity[k, 2] * velocity[k, 2]
+        places = mega.first[k], mega.last[k], 1
+        _propagate(model, mega, places, (fx, fy, moment), motion, per_weight, value)
     if mega.count[1] == 0:
         return
     # Voussoirs that rest on the ground before the first joint, and behind the last.
-    fx, fy, moment = _boundary(mega, 0, (0.0, 0.0))
-    for i in range(mega.joint[0], 0, -1):
-        hx = model.mass[i] * ground_x
-        hy = model.mass[i] * body_y
-        fx = fx + hx - pull[i, 0]
-        fy = fy + hy - pull[i, 1]
-        moment += cross((offset[i, 0], offset[i, 1]), (hx, hy)) - pull[i, 2]
-        _joint_margins(model, mega, i - 1, fx, fy, moment, per_weight, value)
+    wrench = _boundary(mega, 0, (0.0, 0.0))
+    places = mega.joint[0], 0, -1
+    _propagate(model, mega, places, wrench, (x, y, 0.0, 0.0), per_weight, value)
     if model.friction.size == n_row - 2:
         return
     last = mega.count[1] - 1
     end = mega.count[0] + 1
-    fx, fy, moment = _boundary(mega, last, (position[end, 0], position[end, 1]))
-    ahead_x = ground_x + work.solved[end, 0]
-    ahead_y = body_y + work.solved[end, 1]
-    for i in range(mega.joint[last] + 1, n_row - 1):
-        hx = model.mass[i] * ahead_x
-        hy = model.mass[i] * ahead_y
-        fx = fx - hx + pull[i, 0]
-        fy = fy - hy + pull[i, 1]
-        moment -= cross((offset[i, 0], offset[i, 1]), (hx, hy)) - pull[i, 2]
-        _joint_margins(model, mega, i, fx, fy, moment, per_weight, value)
+    wrench = _boundary(mega, last, position[end])
+    motion = x + solved[end, 0], y + solved[end, 1], 0.0, 0.0
+    places = mega.joint[last] + 1, n_row - 1, 1
+    _propagate(model, mega, places, wrench, motion, per_weight, value)
 
 
 @kernel
@@ -130,18 +125,15 @@ def joint_reactions(mega, work):
     k = 0
     for j in range(work.reaction.shape[0]):
         if k < mega.count[1] and mega.joint[k] == j:
-            x, y, moment = _boundary(mega, k, (work.pivot[j, 0], work.pivot[j, 1]))
+            x, y, moment = _boundary(mega, k, work.pivot[j])
             k += 1
         else:
-            c = mega.work.rotated[mega.group[j], 0]
-            s = mega.work.rotated[mega.group[j], 1]
-            x = mega.inner_reaction[j, 0]
-            y = mega.inner_reaction[j, 1]
-            moment = mega.inner_reaction[j, 2]
-            px = 0.5 * (mega.inner_point[j, 0, 0] + mega.inner_point[j, 1, 0])
-            py = 0.5 * (mega.inner_point[j, 0, 1] + mega.inner_point[j, 1, 1])
-            moment -= cross((px, py), (x, y))
-            x, y = c * x - s * y, s * x + c * y
+            wrench = mega.inner_reaction[j]
+            point = mega.inner_point[j]
+            px = 0.5 * (point[0, 0] + point[1, 0])
+            py = 0.5 * (point[0, 1] + point[1, 1])
+            moment = wrench[2] - cross((px, py), wrench)
+            x, y = outwards(mega.work, mega.group[j], wrench[0], wrench[1])
         work.reaction[j, 0] = x
         work.reaction[j, 1] = y
         work.reaction[j, 2] = moment

@@ -19,7 +19,7 @@ from types import ModuleType
 
 import numpy as np
 
-from archfrag.physics.events import front as events
+from archfrag.physics.events import phases as events
 from archfrag.physics.ground import Grounds
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.methods import stepping as stepper

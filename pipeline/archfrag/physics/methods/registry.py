@@ -128,9 +128,9 @@ METHODS = {
             "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; Dormand and "
             "Prince 1980, J. Comput. Appl. Math. 6(1), 19-26"
         ),
-        load=_from("events.front"),
+        load=_from("events.phases"),
         step_rule=own_step,
-        load_many=_from("events.front", "run_many"),
+        load_many=_from("events.phases", "run_many"),
     ),
     AUTO: MethodInfo(
         name=AUTO,

@@ -10,7 +10,7 @@ from archfrag.physics.contact import placing
 from archfrag.physics.contact.blocks import EXACT
 from archfrag.physics.contact.modes import solve_contact
 from archfrag.physics.contact.path import copy_modes, solve_with_fallback
-from archfrag.physics.contact.ties import accept_ties, aim_ties, start_ties
+from archfrag.physics.contact.ties import accept_pulls, aim_pulls, recall_pulls
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.numbers import flag
 from archfrag.physics.steps.step import offset_of
@@ -43,9 +43,9 @@ def creep(model, state, work, path, step, loss_limit):
             work.bias[j, k, 0] = ex / step
             work.bias[j, k, 1] = ey / step
             work.candidate[j, k] = flag(nx * ex + ny * ey < NEAR * model.length[j])
-    aim_ties(model, state, work, step, 1.0)
+    aim_pulls(model, state, work, step, 1.0)
     copy_modes(state, work)
-    start_ties(state, work, True)
+    recall_pulls(state, work, True)
     solved, _, _, _ = solve_contact(model, work.position, work, True, 0.0, -1.0, EXACT)
     if not solved:
         solved, _ = solve_with_fallback(model, state, work, path)
@@ -56,7 +56,7 @@ def creep(model, state, work, path, step, loss_limit):
         farthest = max(
             farthest, step * abs(work.solved[i, 0]), step * abs(work.solved[i, 1])
         )
-    placing.move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    accept_ties(model, state, work, step, True)
+    placing.move_faces(model, state.position, work)
+    accept_pulls(model, state, work, step, True)
     collapsed = follow_joints(model, state, work, True, loss_limit)
     return solved, farthest, collapsed

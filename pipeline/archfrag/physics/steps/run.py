@@ -234,22 +234,14 @@ def run_four(model, grounds, four, one, options, jobs, output, results):
         running += runs[number] >= 0
         return_run(one.returned, number, four.returned)
     while running > 0:
-        move_faces(
-            model,
-            four.state.position,
-            four.work.rotated,
-            four.work.face,
-            four.work.tangent,
-        )
+        move_faces(model, four.state.position, four.work)
         step_four(model, grounds, four.state, four.work, options)
         for number in range(LANES):
             code = int(lane(four.state.clock[Clock.CODE], number))
             if code in (shared.GO, shared.IDLE):
                 continue
             fetch_run(four.fetched, number, one.fetched)
-            move_faces(
-                model, state.position, one.work.rotated, one.work.face, one.work.tangent
-            )
+            move_faces(model, state.position, one.work)
             if code in (shared.UNSOLVED, shared.PAUSE):
                 code = service.handle(
                     model, grounds, state, one.work, one.path, options, output

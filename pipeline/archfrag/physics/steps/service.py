@@ -9,7 +9,7 @@ import numpy as np
 from archfrag.physics import shared
 from archfrag.physics.contact.path import solve_with_fallback
 from archfrag.physics.contact.placing import clearance, place_contacts
-from archfrag.physics.contact.ties import pull_at_rest, pull_by_ties
+from archfrag.physics.contact.ties import pull_at_rest, pull_bodies
 from archfrag.physics.energy import kinetic_energy, record_work
 from archfrag.physics.ground import end_of_motion, end_rest, impulse_between
 from archfrag.physics.kernels.kernel import inlined, kernel
@@ -46,6 +46,7 @@ def is_as_built(model, state):
     """Return whether all joints are closed and none has slipped: the chain is in its own geometry.
 
     Reads: model.length, state (contact, slip).
+    Writes: nothing.
     """
     for j in range(state.slip.size):
         if state.contact[j, 0] < 0.5 or state.contact[j, 1] < 0.5:
@@ -57,11 +58,15 @@ def is_as_built(model, state):
 
 @kernel
 def rest_range(model, state, work, problem):
-    """Return whether a configuration can rest, and its load factors plus and minus."""
-    place_contacts(model, state.slip, work.face, work.tangent, work)
+    """Return whether a configuration can rest, and its load factors plus and minus.
+
+    Reads: model, state, work, problem.
+    Writes: work (normal, pivot, point, side_normal, tie), problem.
+    """
+    place_contacts(model, state.slip, work)
     for j in range(state.slip.size):
         for k in range(2):
-            gap = clearance(j, k, work.face, work.tangent)
+            gap = clearance(j, k, work)
             problem.candidate[j, k] = (
                 0 if gap > shared.CLOSED_GAP * model.length[j] else 1
             )
@@ -71,8 +76,8 @@ def rest_range(model, state, work, problem):
         for c in range(2):
             problem.centroid[i, c] = state.position[i, c]
     pull_at_rest(model, state, work, problem.pull)
-    found, plus, _ = find_rest_limit(model, work, problem, 1.0)
-    also, minus, _ = find_rest_limit(model, work, problem, -1.0)
+    found, plus = find_rest_limit(model, work, problem, 1.0)
+    also, minus = find_rest_limit(model, work, problem, -1.0)
     return found and also, plus, -minus
 
 
@@ -96,11 +101,15 @@ def start_moving(state, options, output):
 
 @kernel
 def write_rest(model, grounds, state, work, path, output):
-    """Write a frame of the chain at rest, with reactions that balance the body force."""
+    """Write a frame of the chain at rest, with reactions that balance the body force.
+
+    Reads: model, grounds, state, work, path, output (frames, frames.time, written).
+    Writes: state, work, path, output.
+    """
     if output.frames.time.size == 0:
         return
     clock = state.clock
-    place_contacts(model, state.slip, work.face, work.tangent, work)
+    place_contacts(model, state.slip, work)
     tiny = 1e-9 * grounds.time_step[int(clock[Clock.MOTION])]
     time = clock[Clock.TIME]
     impulse = impulse_between(grounds, clock, time - tiny, time + tiny)
@@ -114,7 +123,7 @@ def write_rest(model, grounds, state, work, path, output):
         for k in range(2):
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
             work.candidate[j, k] = state.contact[j, k]
-    pull_by_ties(model, state, work)
+    pull_bodies(model, state, work)
     count = state.count
     taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
     solved, _ = solve_with_fallback(model, state, work, path)
@@ -127,7 +136,11 @@ def write_rest(model, grounds, state, work, path, output):
 
 @kernel
 def rest_until_onset(model, grounds, state, options, plus, minus, output):
-    """Let a chain rest until the ground motion moves it; returns the code."""
+    """Let a chain rest until the ground motion moves it; returns the code.
+
+    Reads: model, grounds, state, options, output.
+    Writes: state (clock, force, impact, peak), output.
+    """
     clock = state.clock
     leave, for_good = end_rest(model, grounds, clock, plus, minus)
     clock[Clock.BEGINS] = grounds.begins[int(clock[Clock.MOTION])]
@@ -148,6 +161,9 @@ def write_if_due(model, state, work, output):
     """Write a frame of the beginning of a solved step, if one is due.
 
     Reactions act at the middles of steps; those of the instant lie between them.
+
+    Reads: model, state, work, output.
+    Writes: output.
     """
     clock = state.clock
     frames = output.frames
@@ -191,6 +207,7 @@ def dominant_change(state, work):
     """Return the most important change of a joint in a solved step: cause, joint.
 
     Reads: state (contact, slide, slip), work (contact, slide).
+    Writes: nothing.
     """
     cause = -1
     joint = -1
@@ -232,6 +249,7 @@ def are_held(model, state, work, options):
     """Return whether the contacts hold all bodies where they stand in a solved step.
 
     Reads: model (gravity, length), state (clock, velocity), work.solved, options.held.
+    Writes: nothing.
     """
     most = HELD * model.gravity * state.clock[Clock.STEP]
     length = model.length[0]
@@ -270,7 +288,11 @@ def hold(model, state, work):
 
 @kernel
 def accept_recorded(model, state, work, impulse, options, output):
-    """Accept a solved step of one run, and write frames and log; as `accept_step`."""
+    """Accept a solved step of one run, and write frames and log; as `accept_step`.
+
+    Reads: model, state, work, impulse (x, y), options.held, output.
+    Writes: state, work (face, reaction, rotated, tangent, tie), output.
+    """
     write_if_due(model, state, work, output)
     cause = -1
     joint = -1
@@ -293,14 +315,22 @@ def accept_recorded(model, state, work, impulse, options, output):
 
 @kernel
 def measure_state(model, state, work):
-    """Record the contact residual of the present state."""
+    """Record the contact residual of the present state.
+
+    Reads: model, state, work.
+    Writes: state.peak, work.
+    """
     residual = state_residual(model, state, work)
     state.peak[Peak.RESIDUAL] = max(state.peak[Peak.RESIDUAL], residual)
 
 
 @kernel
 def handle_unsolved(model, grounds, state, work, path, options, output):
-    """Solve an unsolved step along paths, or halve it; return the code."""
+    """Solve an unsolved step along paths, or halve it; return the code.
+
+    Reads: model, grounds, state, work, path, options (held, largest_step, time_step), output.
+    Writes: state, work, path, output.
+    """
     clock = state.clock
     time = clock[Clock.TIME]
     step = clock[Clock.STEP]
@@ -326,7 +356,11 @@ def handle_unsolved(model, grounds, state, work, path, options, output):
 
 @kernel
 def handle_pause(model, grounds, state, work, path, options, output):
-    """Measure what is due, and let the chain rest if it stays at rest; return the code."""
+    """Measure what is due, and let the chain rest if it stays at rest; return the code.
+
+    Reads: model, grounds, state, work, path, options, output.
+    Writes: state, work, path, output.
+    """
     clock = state.clock
     if int(state.count[Count.STEPS]) % options.check_interval == 0:
         measure_state(model, state, work)
@@ -355,7 +389,11 @@ def handle_pause(model, grounds, state, work, path, options, output):
 
 @kernel
 def handle(model, grounds, state, work, path, options, output):
-    """Handle the reason for which a run waits; return the code that it goes on or ends with."""
+    """Handle the reason for which a run waits; return the code that it goes on or ends with.
+
+    Reads: model, grounds, state, work, path, options, output.
+    Writes: state, work, path, output.
+    """
     code = int(state.clock[Clock.CODE])
     if code == shared.UNSOLVED:
         code = handle_unsolved(model, grounds, state, work, path, options, output)

@@ -20,12 +20,12 @@ import math
 
 from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact import placing
-from archfrag.physics.contact.ties import accept_ties, aim_ties
+from archfrag.physics.contact.ties import accept_pulls, aim_pulls
 from archfrag.physics.energy import (
     kinetic_energy,
     record_calm,
+    record_pulls,
     record_step,
-    record_ties,
 )
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
@@ -93,7 +93,7 @@ def bend_of(j, k, velocity, work):
 @inlined
 def offset_of(j, k, model, work):
     """Return `corner_offset` at the middle of the step, zero if it is rounding [m]."""
-    ex, ey = placing.corner_offset(j, k, work.face, work.tangent, work.slip[j])
+    ex, ey = placing.corner_offset(j, k, work, work.slip[j])
     tiny = abs(ex) + abs(ey) < model.rounding
     return select(tiny, 0.0, ex), select(tiny, 0.0, ey)
 
@@ -224,7 +224,7 @@ def pose_step(model, state, work, impulse, step, shortest):
     free_fall(model, state, work, impulse, step)
     move_far_springing(state, work, impulse)
     go_to_middle(model, state, work, step)
-    aim_ties(model, state, work, step, MEAN)
+    aim_pulls(model, state, work, step, MEAN)
     span = time_before(state, step)
     if some(span > 0.0):
         carry_on(model, state, work, span)
@@ -361,9 +361,7 @@ def record_overlap(model, state, work, where):
     deepest = state.peak[Peak.OVERLAP]
     for j in range(state.slip.shape[0]):
         for k in range(2):
-            depth = -placing.clearance(j, k, work.face, work.tangent) * (
-                1.0 / model.length[j]
-            )
+            depth = -placing.clearance(j, k, work) * (1.0 / model.length[j])
             deepest = select(where & (depth > deepest), depth, deepest)
     state.peak[Peak.OVERLAP] = deepest
 
@@ -394,10 +392,9 @@ def make_step(model, state, work, impulse, where, loss_limit):
             work.reaction[j, c] = work.reaction[j, c] / step
             steady = select(hit > 0.0, 0.0, work.reaction[j, c])
             state.force[j, c] = select(where, steady, state.force[j, c])
-    placing.move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    yielded, unexplained = accept_ties(model, state, work, step, where)
-    if model.tie.shape[0] > 0:
-        record_ties(state, yielded, unexplained, where)
+    placing.move_faces(model, state.position, work)
+    yielded, unexplained = accept_pulls(model, state, work, step, where)
+    record_pulls(state, yielded, unexplained, where)
     collapsed = follow_joints(model, state, work, where, loss_limit)
     broken = record_motion(model, state, where)
     clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
