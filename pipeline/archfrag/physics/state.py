@@ -9,6 +9,7 @@ Kernels take model, state, work, options and output in this order; `model`, `sta
 those below unless a docstring says otherwise.
 """
 
+import functools
 from collections.abc import Callable
 from enum import IntEnum
 from typing import Any, NamedTuple
@@ -16,63 +17,26 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from archfrag.physics.interface import Chain
-from archfrag.physics.kernels.primitives import LaneArray, runs_of
+from archfrag.physics.kernels.primitives import LANES, LaneArray, runs_of
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.status import Count, Energy, Loss, Peak, Tie, TieState, TieWork
 
 # Gaps of this size, relative to the coordinates, are rounding. A closed ring is overdetermined:
 # it would answer them with reactions of any size.
 ROUNDING = 64 * 2.2e-16
+KEPT = 1024  # chains whose model, rest or range of rest is kept
+
+Zeros = Callable[[tuple[int, ...]], Any]
 
 
-# Shapes of arrays behind their first dimension.
-OF_JOINTS = {
-    "face": (2, 2, 2),
-    "tangent": (2, 2),
-    "slip": (),
-    "point": (2, 2),
-    "pivot": (2,),
-    "normal": (2,),
-    "side_normal": (2, 2, 2),
-    "candidate": (2,),
-    "known": (),
-    "bias": (2, 2),
-    "contact": (2,),
-    "slide": (),
-    "asked_contact": (2,),
-    "asked_slide": (),
-    "row": (3, 4),
-    "column": (3, 4),
-    "block": (3, 3),
-    "lower": (3, 3),
-    "upper": (3, 3),
-    "unknown": (3,),
-    "residual": (3,),
-    "reaction": (3,),
-    "relative": (3,),
-    "earlier": (3,),
-    "corner_rate": (2, 2),
-}
-OF_BODIES = {"rotated": (2,), "free": (3,), "solved": (3,), "position": (3,)}
-OF_WORK = {**OF_JOINTS, **OF_BODIES, "tie": (len(TieWork),)}
-OF_STATE = {
-    "position": (3,),
-    "velocity": (3,),
-    "contact": (2,),
-    "force": (3,),
-    "tie": (len(TieState),),
-}
-OF_MODEL = {
-    "centroid": (2,),
-    "corner": (2, 2, 2),
-    "tangent": (2, 2),
-    "ray": (2,),
-    "start": (3,),
-    "tie": (len(Tie),),
-}
-
-
-@struct(**OF_MODEL)
+@struct(
+    centroid=(2,),
+    corner=(2, 2, 2),
+    tangent=(2, 2),
+    ray=(2,),
+    start=(3,),
+    tie=(len(Tie),),
+)
 class Model(NamedTuple):
     """Constant data of a chain of rigid bodies."""
 
@@ -98,7 +62,13 @@ class Model(NamedTuple):
     rounding: float  # gaps smaller than this are none [m]
 
 
-@struct(**OF_STATE)
+@struct(
+    position=(3,),
+    velocity=(3,),
+    contact=(2,),
+    force=(3,),
+    tie=(len(TieState),),
+)
 class State(NamedTuple):
     """State of a run, or of four with shapes (…, 4)."""
 
@@ -144,9 +114,39 @@ class Clock(IntEnum):
         11  # when a chain with ties was last not calm, see `energy.record_calm` [s]
     )
     BEGINS = 12  # when the motion after a first shock begins; zero without [s]
+    RUN = 13  # number of the run
+    STORED = 14  # elastic energy of joints that give [J]
+    STORED_FIRST = 15  # the same of the initial state [J]
 
 
-@struct(**OF_WORK)
+@struct(
+    face=(2, 2, 2),
+    tangent=(2, 2),
+    rotated=(2,),
+    point=(2, 2),
+    pivot=(2,),
+    normal=(2,),
+    side_normal=(2, 2, 2),
+    candidate=(2,),
+    bias=(2, 2),
+    free=(3,),
+    solved=(3,),
+    contact=(2,),
+    asked_contact=(2,),
+    row=(3, 4),
+    column=(3, 4),
+    block=(3, 3),
+    lower=(3, 3),
+    upper=(3, 3),
+    unknown=(3,),
+    residual=(3,),
+    reaction=(3,),
+    relative=(3,),
+    earlier=(3,),
+    corner_rate=(2, 2),
+    position=(3,),
+    tie=(len(TieWork),),
+)
 class Work(NamedTuple):
     """Workspace of one step."""
 
@@ -198,40 +198,62 @@ class Work(NamedTuple):
     tie_system: np.ndarray  # (n_tie, n_tie + 1) equations of their impulses
 
 
+class Law(NamedTuple):
+    """Kernels of a law of joints; they are bound when a kernel that takes `Runs` is compiled."""
+
+    pose: Any  # (runs, step): set up the middle of a step
+    solve: Any  # (runs, live): find the velocities after it; returns solved, unsolved
+    accept: Any  # (runs, impulse, where): take the solved ones; returns collapsed
+    go_on: Any  # (runs, until, outcome): set the size of the next step, and the code
+    start: Any  # (runs, output): start where the model does; returns the code
+    handle: Any  # (runs, output): do for one run what it waits for; returns the code
+
+
+@struct()
+class Runs(NamedTuple):
+    """One run, or four side by side: all that kernels of the stepper take."""
+
+    law: Law
+    model: Model
+    grounds: Any  # archfrag.physics.ground.Grounds
+    options: Any  # archfrag.physics.interface.Options
+    state: State
+    work: Work
+    columns: tuple[np.ndarray, ...]  # (n,) or (n, 4) each: what a run has of its own
+    path: Any  # of rigid joints, for one run: archfrag.physics.contact.path.Path
+    faces: Any  # of joints that give: archfrag.physics.faces.law.Faces
+    memory: Any  # archfrag.physics.faces.velocities.Memory
+    own: Any  # archfrag.physics.faces.velocities.FaceWork
+
+
+@functools.lru_cache(maxsize=KEPT)
 def model_of(chain: Chain) -> Model:
-    """Return the model of a chain, with the ground before and behind it, which is kept with the
-    chain.
-    """
-    kept = chain.__dict__
-    if "model" not in kept:
-        kept["model"] = new_model(chain)
-        for values in filter(lambda each: isinstance(each, np.ndarray), kept["model"]):
+    """Return the model of a chain, with the ground before and behind it; it is kept."""
+    model = new_model(chain)
+    for values in model:
+        if isinstance(values, np.ndarray):
             values.flags.writeable = False
-    model: Model = kept["model"]
     return model
 
 
 def new_model(chain: Chain) -> Model:
     """Make a model of a chain, which nothing else holds."""
-    n_body = chain.mass.size
-    n_joint = chain.friction.size
 
     def framed(values: np.ndarray) -> np.ndarray:
         return np.pad(values, [(1, 1)] + [(0, 0)] * (values.ndim - 1))
 
+    assert chain.friction.size in (chain.mass.size, chain.mass.size + 1)
     corner = np.ascontiguousarray(
         np.stack([chain.face_before, chain.face_after], axis=1)
     )
     along = corner[:, :, 1] - corner[:, :, 0]
     sizes = np.hypot(along[..., 0], along[..., 1])
     rough = np.isinf(chain.friction)
-    ray = np.stack(
-        [np.where(rough, 0.0, 1.0), np.where(rough, 1.0, chain.friction)], axis=1
-    )
-    assert n_joint in (n_body, n_body + 1)
+    ray = [np.where(rough, 0.0, 1.0), np.where(rough, 1.0, chain.friction)]
     start = chain.start
     if start is None:
         start = np.pad(chain.centroid, [(0, 0), (0, 1)])
+    tie = () if chain.tie is None else chain.tie
     return Model(
         mass=framed(chain.mass),
         inertia=framed(chain.inertia),
@@ -242,51 +264,85 @@ def new_model(chain: Chain) -> Model:
         tangent=along / sizes[..., None],
         length=sizes.min(axis=1),
         friction=np.array(chain.friction, float),
-        ray=ray,
+        ray=np.stack(ray, axis=1),
         start=framed(start),
-        tie=np.zeros((0, len(Tie)))
-        if chain.tie is None
-        else np.array(chain.tie, float),
+        tie=np.array(tie, float).reshape(-1, len(Tie)),
         gravity=float(chain.gravity),
         rounding=ROUNDING * float(np.abs(chain.centroid).max()),
     )
 
 
-def new_state(
-    model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros
-) -> State:
+def allocate(kind: Any, model: Model, zeros: Zeros, **first: int) -> Any:
+    """Allocate the arrays of a struct; `first` are dimensions of those not of joints."""
+    n_joint = model.friction.size
+    return kind(
+        *(
+            zeros((first.get(name, n_joint), *kind.shapes.get(name, ())))
+            for name in kind._fields
+        )
+    )
+
+
+def new_state(model: Model, zeros: Zeros = np.zeros) -> State:
     """Allocate the state of one run, or of four with `lane_array` as `zeros`."""
     n_row = model.mass.size
-    n_joint = model.friction.size
-    first = {
-        "position": n_row,
-        "velocity": n_row,
+    sizes = {
         "loss": len(Loss),
         "clock": len(Clock),
+        "count": len(Count),
+        "energy": len(Energy),
+        "peak": len(Peak),
+        "tie": len(model.tie),
     }
-    first |= {"count": len(Count), "energy": len(Energy), "peak": len(Peak)}
-    first |= {"tie": len(model.tie)}
-    shapes = {name: OF_STATE.get(name, ()) for name in State._fields}
-    return State(
-        *(zeros((first.get(name, n_joint), *shape)) for name, shape in shapes.items())
+    state: State = allocate(
+        State, model, zeros, position=n_row, velocity=n_row, **sizes
     )
+    return state
 
 
-def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> Work:
+def new_work(model: Model, zeros: Zeros = np.zeros) -> Work:
     """Allocate the workspace of one run, or of four with `lane_array` as `zeros`."""
     n_row = model.mass.size
-    n_joint = model.friction.size
-    arrays = {name: zeros((n_joint, *shape)) for name, shape in OF_JOINTS.items()}
-    arrays |= {name: zeros((n_row, *shape)) for name, shape in OF_BODIES.items()}
     n_tie = len(model.tie)
-    arrays["tie"], arrays["tie_system"] = (
-        zeros((n_tie, len(TieWork))),
-        zeros((n_tie, n_tie + 1)),
+    rows = dict.fromkeys(("rotated", "free", "solved", "position"), n_row)
+    work: Work = allocate(Work, model, zeros, tie=n_tie, **rows)
+    work = work._replace(
+        tie_answer=zeros((n_tie and n_tie + 1, n_row + model.friction.size, 3)),
+        tie_system=zeros((n_tie, n_tie + 1)),
     )
-    answers = n_tie + 1 if n_tie else 0
-    work = Work(**arrays, tie_answer=zeros((answers, n_row + n_joint, 3)))
-    runs = (
-        runs_of(work.rotated) if isinstance(work.rotated, LaneArray) else work.rotated
-    )
-    runs[:, 0] = 1.0
+    plain_of(work.rotated)[:, 0] = 1.0
     return work
+
+
+def plain_of(array: np.ndarray) -> np.ndarray:
+    """View an array of one run or of four as numbers."""
+    return runs_of(array) if isinstance(array, LaneArray) else array
+
+
+def new_runs(
+    law: Law,
+    model: Model,
+    zeros: Zeros = np.zeros,
+    path: Any = (),
+    faces: Any = (),
+    memory: Any = (),
+    own: Any = (),
+) -> Runs:
+    """Allocate one run, or four with `lane_array` as `zeros`, without motions and options."""
+    state = new_state(model, zeros)
+    work = new_work(model, zeros)
+    shape = (-1,) if zeros is np.zeros else (-1, LANES)
+    columns = (*state, work.reaction, work.pivot, *memory)
+    return Runs(
+        law,
+        model,
+        (),
+        (),
+        state,
+        work,
+        tuple(plain_of(array).reshape(shape) for array in columns),
+        path,
+        faces,
+        memory,
+        own,
+    )

@@ -13,7 +13,7 @@ from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Out
 from archfrag.physics.mega_voussoirs.assemble import new_mega_voussoirs
 from archfrag.physics.state import Model, model_of, new_state, new_work
 from archfrag.physics.status import Count
-from archfrag.physics.steps.run import UNKNOWN, rest_of
+from archfrag.physics.steps.run import RIGID, UNKNOWN, rest_of
 
 # Tolerances above this are met by the method of order 3: what only grazes a joint needs order 5.
 COARSE = 1e-3
@@ -37,6 +37,7 @@ def new_run(
     )
     state = new_state(model)
     return Run(
+        law=RIGID,
         model=model,
         state=state,
         work=new_work(model),

@@ -32,7 +32,7 @@ from archfrag.physics.mega_voussoirs.first_level import pose, project, solve_fir
 from archfrag.physics.mega_voussoirs.second_level import joint_reactions
 from archfrag.physics.numbers import sine_cosine
 from archfrag.physics.shared import write_frame
-from archfrag.physics.state import Clock, Model, State, Work
+from archfrag.physics.state import Clock, Law, Model, State, Work
 from archfrag.physics.status import Count, Energy, Peak
 
 # How a stretch of motion ends: at the time given, with an event, with a collapse, with the work
@@ -81,6 +81,7 @@ class Progress(IntEnum):
 class Run(NamedTuple):
     """A run: the chain, its mega-voussoirs, ground motion and options."""
 
+    law: Law  # of all voussoirs
     model: Model
     state: State
     work: Work

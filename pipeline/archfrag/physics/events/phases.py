@@ -38,8 +38,7 @@ from archfrag.physics.mega_voussoirs.second_level import GAP_0
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Cause, Count, Energy, Level, Peak
 from archfrag.physics.steps import service
-from archfrag.physics.steps.at_impacts import next_step
-from archfrag.physics.steps.run import start_at_rest, try_step
+from archfrag.physics.steps.run import start_at_rest, step_one
 from archfrag.physics.steps.step import record_overlap
 
 BY_ACCUMULATION = int(Cause.ACCUMULATION)
@@ -277,28 +276,13 @@ def go_on(run, output, phase):
 @inlined
 def step_until(run, until, output):
     """Step all voussoirs while their modes go on changing."""
-    model = run.model
-    state = run.state
-    work = run.work
-    grounds = run.grounds
-    options = run.options
-    clock = state.clock
-    end = end_of_motion(grounds, clock, options.follow)
+    clock = run.state.clock
+    count = run.state.count
+    end = end_of_motion(run.grounds, clock, run.options.follow)
     quiet = 0.0
-    count = state.count
     while clock[Clock.CODE] == shared.GO and clock[Clock.TIME] < until:
         before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
-        impulse, solved, unsolved = try_step(model, grounds, state, work, options, True)
-        collapsed = broken = False
-        if solved:
-            collapsed, broken = service.accept_recorded(
-                model, state, work, impulse, options, output
-            )
-            next_step(state, options, True, end)
-        code = service.code_after(
-            state, options, end, (solved, unsolved, collapsed, broken)
-        )
-        clock[Clock.CODE] = code
+        step_one(run, end, output)
         after = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
         quiet = quiet + 1.0 if after == before else 0.0
         if quiet >= run.progress[Progress.QUIESCENT_STEPS]:
@@ -345,10 +329,7 @@ def step_all_voussoirs(run, output):
     while not quiescent:
         quiescent = step_until(run, until, output)
         if clock[Clock.CODE] != shared.GO:
-            code = service.handle(
-                model, run.grounds, state, work, run.path, run.options, output
-            )
-            if code != shared.GO:
+            if service.handle(run, output) != shared.GO:
                 return DONE
     progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + progress[Progress.WINDOW]
     for i in range(ACCUMULATION):
@@ -368,12 +349,7 @@ def rest_if_still(run, output):
     """
     state = run.state
     rests = run.state.count[Count.RESTS]
-    model = run.model
-    work = run.work
-    options = run.options
-    code = service.handle_pause(
-        model, run.grounds, state, work, run.path, options, output
-    )
+    code = service.handle_pause(run, output)
     run.progress[Progress.LEAVES_REST] = 1.0
     if state.count[Count.RESTS] == rests:
         return ASSEMBLE
@@ -406,7 +382,7 @@ def follow_phases(run, at_rest, output, results, row):
     options = run.options
     state.clock[Clock.FACTOR] = 1.0
     if at_rest:
-        start_at_rest(model, run.grounds, state, work, run.path, options, output)
+        start_at_rest(run, 0, 1.0, output)
         phase = leave_rest(run, int(state.clock[Clock.CODE]), output)
     else:
         shared.read_state(model, state, work)

@@ -45,6 +45,9 @@ class Faces(NamedTuple):
     stored: float  # elastic energy there [J]
     delay: float  # dashpots over springs [s]
     points: float  # at which a joint bears; zero: all along it
+    calm: float  # how long a chain is still that rests [s]
+    sway: float  # kinetic energy of a chain that is still [J]
+    still: float  # speed of its fastest body [m/s]
 
 
 class Gaps(NamedTuple):

@@ -7,35 +7,44 @@ so that what they do not explain of the work of reactions is the error of the st
 """
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact.placing import move_faces, relative_velocity
-from archfrag.physics.energy import record_faces
-from archfrag.physics.faces.law import ALONG, FLAT, ends_of, overlap_moments, places_of
-from archfrag.physics.faces.velocities import OF_ROWS, OF_WORK, FaceWork
-from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.kernels.primitives import (
-    LANES,
-    lane_array,
-    opposite,
-    runs_of,
-    select,
-    some,
+from archfrag.physics.energy import kinetic_energy, record_faces
+from archfrag.physics.faces.law import (
+    ALONG,
+    FLAT,
+    Faces,
+    ends_of,
+    overlap_moments,
+    places_of,
 )
-from archfrag.physics.kernels.structs import struct
+from archfrag.physics.faces.velocities import (
+    OF_BODIES,
+    FaceWork,
+    Memory,
+    find_velocities,
+)
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import flag, larger, smaller
-from archfrag.physics.state import Clock, Model, State, Work, new_state, new_work
+from archfrag.physics.shared import ALL, GO, IDLE, PAUSE, log_change
+from archfrag.physics.state import Clock, Law, Model, Runs, allocate, new_runs
 from archfrag.physics.status import Count
+from archfrag.physics.steps.service import (
+    BY_START,
+    MOST_STEPS,
+    SHORTEST,
+    code_after,
+)
 from archfrag.physics.steps.step import (
-    free_fall,
-    move_far_springing,
+    count_change,
+    move_to_middle,
     record_far_work,
-    record_motion,
-    take_velocities,
+    take_step,
 )
 
 # The law is asked at least this part of a step after its middle; see `delay_of`.
@@ -44,49 +53,9 @@ LEAST_DELAY = 0.6
 # store by more than this part.
 PIECES = 16
 SMOOTH = 1e-4
-
-
-@struct(slip=(3,))
-class Memory(NamedTuple):
-    """What joints that give remember between steps, of one run or of four."""
-
-    slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points [m]
-    touching: np.ndarray  # (n_joint,) length in contact [m]
-    half: np.ndarray  # (n_joint,) of the length along which faces lay opposite [m]
-    stored: np.ndarray  # (1,) elastic energy of all [J]
-
-
-@struct()
-class FaceRuns(NamedTuple):
-    """State and workspace of one run or of four, and the same memory as columns of numbers."""
-
-    state: State
-    memory: Memory
-    work: Work
-    own: FaceWork
-    columns: tuple[np.ndarray, ...]  # (n,) or (n, 4) each: arrays of state and memory
-
-
-def new_runs(
-    model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros
-) -> FaceRuns:
-    """Allocate the buffers of one run, or of four with `lane_array` as `zeros`."""
-    state = new_state(model, zeros)
-    n_joint = model.friction.size
-    n_row = model.mass.size
-    memory = Memory(
-        zeros((n_joint, 3)), zeros((n_joint,)), zeros((n_joint,)), zeros((1,))
-    )
-    own: Any = FaceWork(
-        *(
-            zeros((n_row if name in OF_ROWS else n_joint, *OF_WORK.get(name, ())))
-            for name in FaceWork._fields
-        )
-    )
-    shape = (-1,) if zeros is np.zeros else (-1, LANES)
-    plain = runs_of if zeros is lane_array else np.asarray
-    columns = tuple(plain(array).reshape(shape) for array in (*state, *memory))
-    return FaceRuns(state, memory, new_work(model, zeros), own, columns)
+BALANCED = 1e-6  # acceleration over gravity that a step may leave unbalanced
+ALMOST = 1e-6  # of a step is no step
+SLIDING_STEP = 0.5  # of the step, where a joint slides
 
 
 @inlined
@@ -122,22 +91,17 @@ def _place_joint(j, model, work, own):
 
 
 @kernel
-def pose_step(model, runs, impulse, step):
+def pose_faces(runs, step):
     """Move the chain to the middle of a step, and set up the gaps there.
 
-    Reads: model, runs, impulse.
+    Reads: runs.
     Writes: runs.
     """
+    model = runs.model
     state = runs.state
     work = runs.work
     own = runs.own
-    free_fall(model, state, work, impulse, step)
-    move_far_springing(state, work, impulse)
-    for i in range(1, state.position.shape[0] - 1):
-        for c in range(3):
-            work.position[i, c] = (
-                state.position[i, c] + 0.5 * step * state.velocity[i, c]
-            )
+    move_to_middle(state, work, step)
     move_faces(model, work.position, work.rotated, work.face, work.tangent)
     for j in range(state.slip.shape[0]):
         work.slip[j] = _place_joint(j, model, work, own)
@@ -149,8 +113,9 @@ def pose_step(model, runs, impulse, step):
         opens = nx * work.earlier[j, 0] + ny * work.earlier[j, 1]
         own.before[j, 0] = own.gap[j, 0] - 0.5 * step * opens
         own.before[j, 1] = own.gap[j, 1] + 0.5 * step * own.tilt[j] * work.earlier[j, 2]
-        ends = ends_of(own.before[j, 0], own.before[j, 1], own.half[j])
-        own.part[j, 0], own.part[j, 1] = ends
+        own.part[j, 0], own.part[j, 1] = ends_of(
+            own.before[j, 0], own.before[j, 1], own.half[j]
+        )
         own.touching[j] = runs.memory.touching[j]
         for i in range(3):
             own.slip[j, i] = runs.memory.slip[j, i] + 0.5 * step * rate
@@ -222,12 +187,12 @@ def _cut(slip, most):
 
 
 @inlined
-def _keep_slip(j, i, size, was, times, runs):
-    """Return the elastic slip of a point after a step and the work of its friction and of its
-    dashpot, over the stiffness of a metre [m3]; and the sense in which it slides.
+def _keep_slip(j, i, size, was, times, runs, where):
+    """Remember the elastic slip of a point after a step.
 
     It has the length `size` in contact then, and had `was`. What leaves loses what it stores, and
-    what comes has not slipped.
+    what comes has not slipped. Returns the sense in which it slides, what it stores, and the work
+    of its friction and of its dashpot [J].
     """
     memory = runs.memory
     work = runs.work
@@ -249,12 +214,42 @@ def _keep_slip(j, i, size, was, times, runs):
     lost = 0.5 * (size * kept * kept - held * end * end - (was - held) * start * start)
     friction = lost - held * asked * (moved - start - grown)
     damped = held * (0.5 * (start + end) - asked) * grown
-    return kept, friction, select(slips, smaller(damped, 0.0), damped), sense
+    damped = select(slips, smaller(damped, 0.0), damped)
+    memory.slip[j, i] = select(where, kept, memory.slip[j, i])
+    shear = runs.faces.shear[j]
+    return sense, 0.5 * shear * size * kept * kept, shear * friction, shear * damped
 
 
 @inlined
-def remember(j, model, faces, runs, times, where):
-    """Remember slips and contact of joint j after a step.
+def remember_face(j, runs, times, size, where, sums):
+    """Remember the slip of a joint that bears all along it, of which `size` is in contact then.
+
+    Returns the sense in which it slides, and `sums` with what it adds: what is stored, and the
+    work of friction and of dashpots [J].
+    """
+    was = runs.own.touching[j]
+    sense, stored, friction, damped = _keep_slip(j, 0, size, was, times, runs, where)
+    return sense, (sums[0] + stored, sums[1] + friction, sums[2] + damped)
+
+
+@inlined
+def remember_points(j, runs, times, gap, where, sums):
+    """Remember the slips of the points of a joint by gap and slope then; as `remember_face`."""
+    half = runs.own.half[j]
+    outer, inner = places_of(half, runs.faces.points)
+    sense = 0.0 * half
+    for i in range(3):
+        was = inner if i == 1 else outer
+        size = select(gap[0] + half * (i - 1.0) * gap[1] < 0.0, was, 0.0)
+        way, stored, friction, damped = _keep_slip(j, i, size, was, times, runs, where)
+        sums = (sums[0] + stored, sums[1] + friction, sums[2] + damped)
+        sense = select(sense == 0.0, way, sense)
+    return sense, sums
+
+
+@inlined
+def remember(j, runs, times, where):
+    """Remember slips and contact of joint j after a step; modes go into ``runs.work``.
 
     `times` are those after the middle of the step at which the law has been asked where faces
     overlapped already, and at which it ends. Returns the energy stored then, and the work of
@@ -266,115 +261,190 @@ def remember(j, model, faces, runs, times, where):
     nx = work.normal[j, 0]
     ny = work.normal[j, 1]
     opens = nx * work.relative[j, 0] + ny * work.relative[j, 1]
-    turns = own.tilt[j] * work.relative[j, 2]
     half = own.half[j]
-    points = faces.points
+    points = runs.faces.points
     d0 = own.gap[j, 0] + times[1] * opens
-    d1 = own.gap[j, 1] - times[1] * turns
-    stored, sprung, friction = _spring_works(
-        j, runs, (faces.stiffness[j], points), (d0, d1)
-    )
+    d1 = own.gap[j, 1] - times[1] * (own.tilt[j] * work.relative[j, 2])
+    law = runs.faces.stiffness[j], points
+    stored, sprung, friction = _spring_works(j, runs, law, (d0, d1))
     damped = own.force[j, 0] * (d0 - own.before[j, 0]) - sprung
     damped += own.force[j, 1] / own.tilt[j] * (d1 - own.before[j, 1])
-    l0, _, _ = overlap_moments(d0, d1, half, points)
-    outer, inner = places_of(half, points)
-    shear = faces.shear[j]
-    sense = 0.0 * half
-    for i in range(1 if points == ALONG else 3):
-        size = l0
-        was = own.touching[j]
-        if points != ALONG:
-            was = inner if i == 1 else outer
-            size = select(d0 + half * (i - 1.0) * d1 < 0.0, was, 0.0)
-        kept, rubbed, damp, way = _keep_slip(j, i, size, was, times, runs)
-        memory.slip[j, i] = select(where, kept, memory.slip[j, i])
-        stored += 0.5 * shear * size * kept * kept
-        friction += shear * rubbed
-        damped += shear * damp
-        sense = select(sense == 0.0, way, sense)
-    memory.touching[j] = select(where, l0, memory.touching[j])
+    sums = (stored, friction, damped)
+    size, _, _ = overlap_moments(d0, d1, half, points)
+    if points == ALONG:
+        sense, sums = remember_face(j, runs, times, size, where, sums)
+    else:
+        sense, sums = remember_points(j, runs, times, (d0, d1), where, sums)
+    memory.touching[j] = select(where, size, memory.touching[j])
     memory.half[j] = select(where, half, memory.half[j])
     work.contact[j, 0] = flag(d0 - half * d1 < 0.0)
     work.contact[j, 1] = flag(d0 + half * d1 < 0.0)
-    work.slide[j] = select(l0 > 0.0, sense, 0.0)
-    return stored, friction, damped
+    work.slide[j] = select(size > 0.0, sense, 0.0)
+    return sums
 
 
 @kernel
-def record_joints(model, faces, runs, step, where):
+def record_joints(runs, step, where):
     """Remember joints at the end of a solved step, and record their work; modes go into `work`.
 
-    Reads: faces (delay, points, shear, stiffness), runs.
+    Reads: runs.
     Writes: runs.
     """
-    memory = runs.memory
+    state = runs.state
+    clock = state.clock
     work = runs.work
     relative_velocity(work.position, work.solved, work.pivot, work.relative)
     stored = friction = damped = done = 0.0 * step
-    times = delay_of(faces, step), 0.5 * step
+    times = delay_of(runs.faces, step), 0.5 * step
     for j in range(work.slide.shape[0]):
         for c in range(3):
             mean = 0.5 * (work.earlier[j, c] + work.relative[j, c])
             done += work.reaction[j, c] * mean
-        energy, rubbed, damp = remember(j, model, faces, runs, times, where)
+        energy, rubbed, damp = remember(j, runs, times, where)
         stored += energy
         friction += rubbed
         damped += damp
-    unexplained = done + stored - memory.stored[0] - friction - damped
-    record_faces(friction, damped, unexplained, where, runs.state.energy)
-    memory.stored[0] = select(where, stored, memory.stored[0])
-
-
-@inlined
-def _count_changes(state, work, where):
-    """Count the changes of joints in a step."""
-    count = state.count
-    for j in range(state.slip.shape[0]):
-        was_0 = state.contact[j, 0] > 0.5
-        was_1 = state.contact[j, 1] > 0.5
-        is_0 = work.contact[j, 0] > 0.5
-        is_1 = work.contact[j, 1] > 0.5
-        count[Count.IMPACTS] += flag(
-            where & ((is_0 & opposite(was_0)) | (is_1 & opposite(was_1)))
-        )
-        count[Count.OPENINGS] += flag(
-            where & ((was_0 & opposite(is_0)) | (was_1 & opposite(is_1)))
-        )
-        starts = (work.slide[j] != 0.0) & (state.slide[j] == 0.0)
-        count[Count.SLIDES] += flag(where & starts)
-        count[Count.LOSSES] += flag(where & (was_0 | was_1) & opposite(is_0 | is_1))
+    unexplained = done + stored - clock[Clock.STORED] - friction - damped
+    record_faces(friction, damped, unexplained, where, state.energy)
+    clock[Clock.STORED] = select(where, stored, clock[Clock.STORED])
 
 
 @kernel
-def accept_step(model, state, work, impulse, where, loss_limit):
-    """Accept solved velocities and the positions that they reach; return collapsed, broken.
+def solve_faces(runs, live):
+    """Find the velocities after steps; returns solved, unsolved, as `Law.solve`.
 
-    ``work.reaction`` goes from impulses into the mean forces over the step.
+    The step of a run that is not solved is halved; it is unsolved where it is too short for that.
 
-    Reads: model, state, work, impulse (x, y).
-    Writes: state, work (face, reaction, rotated, tangent, tie).
+    Reads: runs.
+    Writes: runs.
     """
-    clock = state.clock
-    step = state.clock[Clock.STEP]
+    count = runs.state.count
+    clock = runs.state.clock
+    step = clock[Clock.STEP]
+    delay = delay_of(runs.faces, step)
+    solved, iterations = find_velocities(runs, step, delay, BALANCED, live)
+    count[Count.ITERATIONS] += select(live, iterations, 0.0)
+    failed = live & opposite(solved)
+    count[Count.SHORTENED] += flag(failed)
+    clock[Clock.STEP] = select(failed, 0.5 * step, step)
+    if some(solved):
+        record_joints(runs, step, solved)
+    short = clock[Clock.STEP] < SHORTEST * runs.options.time_step
+    return solved, short & opposite(solved)
+
+
+@kernel
+def accept_faces(runs, impulse, where):
+    """Take a solved step of joints that give; return where the chain has collapsed.
+
+    Reads: runs, impulse (x, y).
+    Writes: runs.
+    """
+    state = runs.state
+    work = runs.work
     record_far_work(state, work, where)
-    for i in range(1, state.position.shape[0]):
-        for c in range(3):
-            moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
-            state.position[i, c] = select(where, moved, state.position[i, c])
-    take_velocities(model, state, work, impulse, where)
-    _count_changes(state, work, where)
     lost = False
     for j in range(state.slip.shape[0]):
-        for c in range(3):
-            work.reaction[j, c] = work.reaction[j, c] / step
-        state.slip[j] = select(where, work.slip[j], state.slip[j])
+        count_change(j, state, work, where)
         none = (work.contact[j, 0] < 0.5) & (work.contact[j, 1] < 0.5)
         lost = lost | none | (work.slide[j] != 0.0)
+    take_step(runs, impulse, where)
     if some(lost):
-        move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    collapsed = follow_joints(model, state, work, where, loss_limit)
-    broken = record_motion(model, state, where)
-    clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
-    clock[Clock.MOVING] += select(where, step, 0.0)
-    state.count[Count.STEPS] += flag(where)
-    return collapsed, broken
+        move_faces(runs.model, state.position, work.rotated, work.face, work.tangent)
+    return follow_joints(runs.model, state, work, where, runs.options.loss_limit)
+
+
+@kernel
+def go_on_faces(runs, until, outcome):
+    """Set the next steps of runs on joints that give, and the codes of those that end or wait.
+
+    Reads: runs.
+    Writes: runs.
+    """
+    state = runs.state
+    faces = runs.faces
+    options = runs.options
+    clock = state.clock
+    solved = outcome[0]
+    time = clock[Clock.TIME]
+    left = until - time
+    slides = False
+    for j in range(state.slide.shape[0]):
+        slides = slides | (state.slide[j] != 0.0)
+    shortest = SLIDING_STEP * options.time_step
+    longest = select(slides, shortest, options.time_step)
+    step = smaller(2.0 * clock[Clock.STEP], longest)
+    step = select((left > 0.0) & (left < step), left, step)
+    clock[Clock.STEP] = select(solved, step, clock[Clock.STEP])
+    barely = ALMOST * options.time_step
+    shaken = time < until - options.follow - barely
+    # A chain that nothing has moved rests as soon as the motion is over.
+    lively = kinetic_energy(runs.model, state.velocity) >= faces.sway
+    lively = lively | (clock[Clock.FASTEST] >= faces.still)
+    moved = lively | (shaken & (clock[Clock.LIVELY] > 0.0))
+    since = select(solved & moved, time, clock[Clock.LIVELY])
+    clock[Clock.LIVELY] = since
+    calm = solved & opposite(shaken) & ((time - since >= faces.calm) | (since == 0.0))
+    over = solved & (time >= until - barely) & opposite(calm)
+    most = options.first_steps + until * (MOST_STEPS / shortest)
+    taken = state.count[Count.STEPS] + state.count[Count.SHORTENED]
+    spent = (taken >= most) & opposite(calm)
+    clock[Clock.CODE] = code_after(clock[Clock.CODE], outcome, over, spent, calm)
+
+
+@kernel
+def start_faces(runs, output):
+    """Start a run from rest on its joints; return the code.
+
+    Reads: runs, output.
+    Writes: runs, output.
+    """
+    clock = runs.state.clock
+    faces = runs.faces
+    memory = runs.memory
+    clock[Clock.STEP] = runs.options.time_step
+    clock[Clock.BEGINS] = runs.grounds.begins[int(clock[Clock.MOTION])]
+    clock[Clock.STORED] = clock[Clock.STORED_FIRST] = faces.stored
+    for j in range(memory.half.size):
+        memory.touching[j] = faces.touching[j]
+        memory.half[j] = faces.half[j]
+        for i in range(3):
+            memory.slip[j, i] = faces.slip[j, i]
+    log_change(runs.state, 0.0, BY_START, -1, ALL, output)
+    return GO
+
+
+@kernel
+def handle_faces(runs, output):
+    """Let a run that waits rest for good; return the code.
+
+    Reads: runs.state.clock.
+    Writes: runs.state.clock.
+    """
+    clock = runs.state.clock
+    if clock[Clock.CODE] == PAUSE:
+        clock[Clock.CODE] = IDLE
+    return int(clock[Clock.CODE])
+
+
+FACE = Law(
+    pose=pose_faces,
+    solve=solve_faces,
+    accept=accept_faces,
+    go_on=go_on_faces,
+    start=start_faces,
+    handle=handle_faces,
+)
+
+
+def new_face_runs(model: Model, faces: Faces, zeros: Any = np.zeros) -> Runs:
+    """Allocate one run on joints that give, or four with `lane_array` as `zeros`."""
+    rows = dict.fromkeys(OF_BODIES, model.mass.size)
+    return new_runs(
+        FACE,
+        model,
+        zeros,
+        faces=faces,
+        memory=allocate(Memory, model, zeros),
+        own=allocate(FaceWork, model, zeros, **rows),
+    )

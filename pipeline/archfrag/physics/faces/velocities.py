@@ -29,28 +29,35 @@ LEAST = 0.05
 SHORTEST = 1e-6
 
 
-# Shapes of arrays behind their first dimension, and those with a row for each body.
-OF_WORK = {
-    "gap": (2,),
-    "before": (2,),
-    "part": (2,),
-    "slip": (3,),
-    "held": (3,),
-    "most": (3,),
-    "force": (3,),
-    "stiffness": (3, 3),
-    "block": (3, 3),
-    "lower": (3, 3),
-    "upper": (3, 3),
-    "left": (3,),
-    "forward": (3,),
-    "base": (3,),
-    "change": (3,),
-}
-OF_ROWS = ("block", "left", "forward", "base", "change")
+OF_BODIES = ("block", "left", "forward", "base", "change")
 
 
-@struct(**OF_WORK)
+@struct(slip=(3,))
+class Memory(NamedTuple):
+    """What joints that give remember between steps, of one run or of four."""
+
+    slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points [m]
+    touching: np.ndarray  # (n_joint,) length in contact [m]
+    half: np.ndarray  # (n_joint,) of the length along which faces lay opposite [m]
+
+
+@struct(
+    gap=(2,),
+    before=(2,),
+    part=(2,),
+    slip=(3,),
+    held=(3,),
+    most=(3,),
+    force=(3,),
+    stiffness=(3, 3),
+    block=(3, 3),
+    lower=(3, 3),
+    upper=(3, 3),
+    left=(3,),
+    forward=(3,),
+    base=(3,),
+    change=(3,),
+)
 class FaceWork(NamedTuple):
     """Workspace of a step of joints that give, of one run or of four."""
 
@@ -266,7 +273,7 @@ def newton_step(own, last, where):
 
 
 @kernel
-def find_velocities(model, faces, runs, step, b, balanced, live):
+def find_velocities(runs, step, b, balanced, live):
     """Find the velocities after a step, ``work.solved``, and impulses in ``work.reaction``.
 
     What has overlapped before is asked a time `b` after the middle.
@@ -278,6 +285,7 @@ def find_velocities(model, faces, runs, step, b, balanced, live):
     Reads: model, faces, runs.
     Writes: runs.
     """
+    model = runs.model
     state = runs.state
     work = runs.work
     own = runs.own
@@ -301,7 +309,7 @@ def find_velocities(model, faces, runs, step, b, balanced, live):
     at_low = before
     at_high = before
     while True:
-        square, slope = balance(model, faces, work, own, step, b)
+        square, slope = balance(model, runs.faces, work, own, step, b)
         active = active & opposite(square <= enough)
         if not some(active & (iterations < MOST_ITERATIONS)):
             break

@@ -22,9 +22,9 @@ import numpy as np
 from archfrag.physics.events import front as events
 from archfrag.physics.ground import Grounds
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
-from archfrag.physics.methods import stepping as stepper
 from archfrag.physics.shared import is_accurate, new_results, refuse
 from archfrag.physics.status import Count, Status
+from archfrag.physics.steps import run as stepper
 
 # Outcomes that another method may better.
 AGAIN_BY_OTHERS = (int(Status.INACCURATE), int(Status.NO_CONTACT_SOLUTION))

@@ -109,9 +109,9 @@ METHODS = {
             "Moreau 1988, CISM 302, 1-82; Jean 1999, Comput. Methods Appl. Mech. Engrg. 177, "
             "235-257; Paoli and Schatzman 2002, SIAM J. Numer. Anal. 40(2), 702-733"
         ),
-        load=_from("methods.stepping"),
+        load=_from("steps.run"),
         step_rule=steps_of_tolerance,
-        load_many=_from("methods.stepping", "run_many"),
+        load_many=_from("steps.run", "run_many"),
     ),
     "event_driven": MethodInfo(
         name="event_driven",

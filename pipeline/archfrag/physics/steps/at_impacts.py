@@ -15,8 +15,9 @@ shortest and largest steps are equal none is refused.
 
 import math
 
+from archfrag.physics.contact.blocks import FOR_STEPS
 from archfrag.physics.contact.laws import MINUS, PLUS
-from archfrag.physics.contact.modes import closes_soon
+from archfrag.physics.contact.modes import closes_soon, solve_contact, start_modes
 from archfrag.physics.contact.placing import corner_velocity
 from archfrag.physics.energy import contact_works, kinetic_energy, unexplained_work
 from archfrag.physics.kernels.kernel import inlined, kernel
@@ -232,3 +233,40 @@ def locates(state, options, live):
     moves = clock[Clock.FASTEST] >= options.held
     long = moves & (step > NEARLY * options.time_step)
     return live & long & opposite(is_centred(clock, step))
+
+
+@kernel
+def solve_contacts(runs, live):
+    """Solve the contact problems of steps, and shorten these where that is due.
+
+    Returns solved, unsolved. What is neither has been shortened, or its modes go on changing in
+    the next call.
+
+    Reads: runs.
+    Writes: runs.
+    """
+    model = runs.model
+    state = runs.state
+    work = runs.work
+    options = runs.options
+    clock = state.clock
+    step = clock[Clock.STEP]
+    stops = locates(state, options, live)
+    start_modes(state, work, clock[Clock.ITERATIONS] == 0.0, opposite(stops))
+    lead = LEAD * options.time_step
+    ahead = select(stops, beyond(step, options.time_step, lead), -1.0)
+    solved, refused, active, iterations = solve_contact(
+        model, work.position, work, live, clock[Clock.ITERATIONS], ahead, FOR_STEPS
+    )
+    clock[Clock.ITERATIONS] = select(active, iterations, 0.0)
+    state.count[Count.ITERATIONS] += select(live & opposite(active), iterations, 0.0)
+    failed = live & opposite(solved | refused | active)
+    poor = failed & (step > 1.5 * options.time_step)
+    unsolved = failed & opposite(poor)
+    again, shorter = refuse_poor(model, state, work, solved, stops, options.tolerance)
+    solved = solved & opposite(again | shorter)
+    poor = poor | shorter
+    expect_impact(model, state, work, options, solved)
+    if some(refused | poor):
+        shorten(model, state, work, options, refused, poor)
+    return solved, unsolved

@@ -13,7 +13,7 @@ from archfrag.physics.contact.ties import pull_at_rest, pull_by_ties
 from archfrag.physics.energy import kinetic_energy, record_work
 from archfrag.physics.ground import end_of_motion, end_rest, impulse_between
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.kernels.primitives import select
+from archfrag.physics.kernels.primitives import select, some
 from archfrag.physics.numbers import nearest
 from archfrag.physics.onset import find_rest_limit
 from archfrag.physics.residual import state_residual
@@ -100,19 +100,22 @@ def start_moving(state, options, output):
 
 
 @kernel
-def write_rest(model, grounds, state, work, path, output):
+def write_rest(runs, output):
     """Write a frame of the chain at rest, with reactions that balance the body force.
 
-    Reads: model, grounds, state, work, path, output (frames, frames.time, written).
-    Writes: state, work, path, output.
+    Reads: runs, output (frames, frames.time, written).
+    Writes: runs, output.
     """
     if output.frames.time.size == 0:
         return
+    model = runs.model
+    state = runs.state
+    work = runs.work
     clock = state.clock
     place_contacts(model, state.slip, work.face, work.tangent, work)
-    tiny = 1e-9 * grounds.time_step[int(clock[Clock.MOTION])]
+    tiny = 1e-9 * runs.grounds.time_step[int(clock[Clock.MOTION])]
     time = clock[Clock.TIME]
-    impulse = impulse_between(grounds, clock, time - tiny, time + tiny)
+    impulse = impulse_between(runs.grounds, clock, time - tiny, time + tiny)
     for i in range(1, state.position.shape[0] - 1):
         work.free[i, 0] = -impulse.x / (2.0 * tiny)
         work.free[i, 1] = -impulse.y / (2.0 * tiny) - model.gravity
@@ -126,7 +129,7 @@ def write_rest(model, grounds, state, work, path, output):
     pull_by_ties(model, state, work)
     count = state.count
     taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
-    solved, _ = solve_with_fallback(model, state, work, path)
+    solved, _ = solve_with_fallback(model, state, work, runs.path)
     # A history does not change what a run has taken.
     count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT] = taken
     if not solved:
@@ -135,25 +138,38 @@ def write_rest(model, grounds, state, work, path, output):
 
 
 @kernel
-def rest_until_onset(model, grounds, state, options, plus, minus, output):
+def rest_until_onset(runs, plus, minus, output):
     """Let a chain rest until the ground motion moves it; returns the code.
 
-    Reads: model, grounds, state, options, output.
-    Writes: state (clock, force, impact, peak), output.
+    Reads: runs, output.
+    Writes: runs, output.
     """
+    state = runs.state
     clock = state.clock
-    leave, for_good = end_rest(model, grounds, clock, plus, minus)
-    clock[Clock.BEGINS] = grounds.begins[int(clock[Clock.MOTION])]
+    leave, for_good = end_rest(runs.model, runs.grounds, clock, plus, minus)
+    clock[Clock.BEGINS] = runs.grounds.begins[int(clock[Clock.MOTION])]
     if clock[Clock.TIME] < clock[Clock.BEGINS]:
         state.peak[Peak.MOVED_BEFORE] = 0.0
     clock[Clock.RESTING] += leave - clock[Clock.TIME]
     clock[Clock.TIME] = leave
     if for_good:
         return shared.IDLE
-    start_moving(state, options, output)
+    start_moving(state, runs.options, output)
     output.due[0] = leave
     log_change(state, leave, BY_START, -1, shared.ALL, output)
     return shared.GO
+
+
+@kernel
+def rest(runs, output):
+    """Let a chain of rigid joints rest in its own geometry until the ground moves it.
+
+    Reads: runs, output.
+    Writes: runs, output.
+    """
+    write_rest(runs, output)
+    options = runs.options
+    return rest_until_onset(runs, options.rest_plus, options.rest_minus, output)
 
 
 @kernel
@@ -287,26 +303,27 @@ def hold(model, state, work):
 
 
 @kernel
-def accept_recorded(model, state, work, impulse, options, output):
+def accept_recorded(runs, impulse, output):
     """Accept a solved step of one run, and write frames and log; as `accept_step`.
 
-    Reads: model, state, work, impulse (x, y), options.held, output.
-    Writes: state, work (face, reaction, rotated, tangent, tie), output.
+    Reads: runs, impulse (x, y), output.
+    Writes: runs, output.
     """
+    model = runs.model
+    state = runs.state
+    work = runs.work
     write_if_due(model, state, work, output)
-    cause = -1
-    joint = -1
     time = state.clock[Clock.TIME]
     step = state.clock[Clock.STEP]
-    if are_held(model, state, work, options):
+    if are_held(model, state, work, runs.options):
         hold(model, state, work)
         keep_forces(work, step, output)
         return False, False
+    cause = -1
+    joint = -1
     if output.log.time.size > 0:
         cause, joint = dominant_change(state, work)
-    collapsed, broken = accept_step(
-        model, state, work, impulse, True, options.loss_limit
-    )
+    collapsed, broken = accept_step(runs, impulse, True)
     keep_forces(work, step, output)
     if cause >= 0:
         log_change(state, time, cause, joint, shared.ALL, output)
@@ -325,25 +342,25 @@ def measure_state(model, state, work):
 
 
 @kernel
-def handle_unsolved(model, grounds, state, work, path, options, output):
+def handle_unsolved(runs, output):
     """Solve an unsolved step along paths, or halve it; return the code.
 
-    Reads: model, grounds, state, work, path, options (held, largest_step, time_step), output.
-    Writes: state, work, path, output.
+    Reads: runs, output.
+    Writes: runs, output.
     """
+    state = runs.state
     clock = state.clock
+    options = runs.options
     time = clock[Clock.TIME]
-    step = clock[Clock.STEP]
-    impulse = impulse_between(grounds, clock, time, time + step)
-    pose_step(model, state, work, impulse, step, options.time_step)
-    solved, compliant = solve_with_fallback(model, state, work, path)
+    impulse = impulse_between(runs.grounds, clock, time, time + clock[Clock.STEP])
+    pose_step(runs, impulse)
+    solved, compliant = solve_with_fallback(runs.model, state, runs.work, runs.path)
     if solved:
-        collapsed, broken = accept_recorded(
-            model, state, work, impulse, options, output
-        )
-        next_step(state, options, True, end_of_motion(grounds, clock, options.follow))
+        collapsed, broken = accept_recorded(runs, impulse, output)
+        until = end_of_motion(runs.grounds, clock, options.follow)
+        next_step(state, options, True, until)
         if compliant:
-            measure_state(model, state, work)
+            measure_state(runs.model, state, runs.work)
         if broken:
             return shared.BROKEN
         return shared.COLLAPSES if collapsed else shared.PAUSE
@@ -355,22 +372,26 @@ def handle_unsolved(model, grounds, state, work, path, options, output):
 
 
 @kernel
-def handle_pause(model, grounds, state, work, path, options, output):
+def handle_pause(runs, output):
     """Measure what is due, and let the chain rest if it stays at rest; return the code.
 
-    Reads: model, grounds, state, work, path, options, output.
-    Writes: state, work, path, output.
+    Reads: runs, output.
+    Writes: runs, output.
     """
+    model = runs.model
+    state = runs.state
+    options = runs.options
+    grounds = runs.grounds
     clock = state.clock
     if int(state.count[Count.STEPS]) % options.check_interval == 0:
-        measure_state(model, state, work)
+        measure_state(model, state, runs.work)
     if clock[Clock.FASTEST] >= options.still or not options.rests:
         return shared.GO
     found = True
     plus = options.rest_plus
     minus = options.rest_minus
     if np.isnan(plus) or not is_as_built(model, state):
-        found, plus, minus = rest_range(model, state, work, path.rest)
+        found, plus, minus = rest_range(model, state, runs.work, runs.path.rest)
     if not found:
         return shared.GO
     motion = int(clock[Clock.MOTION])
@@ -382,37 +403,58 @@ def handle_pause(model, grounds, state, work, path, options, output):
     record_work(0.0, 0.0, -kinetic_energy(model, state.velocity), True, state.energy)
     state.velocity[:] = 0.0
     state.count[Count.RESTS] += 1.0
-    write_rest(model, grounds, state, work, path, output)
+    write_rest(runs, output)
     log_change(state, clock[Clock.TIME], BY_REST, -1, shared.AT_REST, output)
-    return rest_until_onset(model, grounds, state, options, plus, minus, output)
+    return rest_until_onset(runs, plus, minus, output)
 
 
 @kernel
-def handle(model, grounds, state, work, path, options, output):
+def handle(runs, output):
     """Handle the reason for which a run waits; return the code that it goes on or ends with.
 
-    Reads: model, grounds, state, work, path, options, output.
-    Writes: state, work, path, output.
+    Reads: runs, output.
+    Writes: runs, output.
     """
-    code = int(state.clock[Clock.CODE])
+    code = int(runs.state.clock[Clock.CODE])
     if code == shared.UNSOLVED:
-        code = handle_unsolved(model, grounds, state, work, path, options, output)
+        code = handle_unsolved(runs, output)
     if code == shared.PAUSE:
-        code = handle_pause(model, grounds, state, work, path, options, output)
-    state.clock[Clock.CODE] = code
+        code = handle_pause(runs, output)
+    runs.state.clock[Clock.CODE] = code
     return code
 
 
 @inlined
-def code_after(state, options, until, outcome):
+def code_after(before, outcome, over, spent, due):
     """Return the codes of runs (`Wait`) after an attempt at a step.
 
     `outcome` are masks: solved, unsolved, collapsed, broken. Of several codes that apply
-    the first below counts.
+    the last below counts.
     """
+    _, unsolved, collapsed, broken = outcome
+    code = select(unsolved, float(shared.UNSOLVED), before)
+    code = select(due, float(shared.PAUSE), code)
+    code = select(spent, float(shared.EXHAUSTED), code)
+    code = select(over, float(shared.AT_END), code)
+    code = select(before > shared.PAUSE, before, code)
+    code = select(collapsed, float(shared.COLLAPSES), code)
+    return select(broken, float(shared.BROKEN), code)
+
+
+@kernel
+def go_on(runs, until, outcome):
+    """Set the next steps of runs with rigid joints, and the codes of those that end or wait.
+
+    Reads: runs.
+    Writes: runs.
+    """
+    state = runs.state
+    options = runs.options
     clock = state.clock
     count = state.count
-    solved, unsolved, collapsed, broken = outcome
+    solved = outcome[0]
+    if some(solved):
+        next_step(state, options, solved, until)
     checks = count[Count.STEPS] * (1.0 / options.check_interval)
     due = (clock[Clock.FASTEST] < options.still) | (checks == nearest(checks))
     over = clock[Clock.TIME] >= until
@@ -421,28 +463,4 @@ def code_after(state, options, until, outcome):
         count[Count.ITERATIONS] >= ITERATIONS_PER_STEP * most
     )
     before = clock[Clock.CODE]
-    return select(
-        broken,
-        float(shared.BROKEN),
-        select(
-            collapsed,
-            float(shared.COLLAPSES),
-            select(
-                before > shared.PAUSE,
-                before,
-                select(
-                    over,
-                    float(shared.AT_END),
-                    select(
-                        spent,
-                        float(shared.EXHAUSTED),
-                        select(
-                            solved & due,
-                            float(shared.PAUSE),
-                            select(unsolved, float(shared.UNSOLVED), before),
-                        ),
-                    ),
-                ),
-            ),
-        ),
-    )
+    clock[Clock.CODE] = code_after(before, outcome, over, spent, solved & due)

@@ -1,5 +1,8 @@
 """One step of Moreau's midpoint scheme, of one run or of four: pose, solve, accept.
 
+`pose_step` and `accept_step` are of every law of joints; what follows in this module, and in
+`at_impacts`, is that of rigid ones.
+
 From the positions q and velocities v of one instant the bodies move on for half the step h. There
 contacts are looked for (Moreau 1988, 1999; Jean 1999), and all forces act for the entire step:
 
@@ -162,15 +165,13 @@ def free_fall(model, state, work, impulse, span):
 
 
 @inlined
-def move_far_springing(state, work, impulse):
-    """Set where the far springing is in the middle of a step, and its velocities around that."""
-    end = state.position.shape[0] - 1
-    work.position[end, 0] = impulse.far_x
-    work.position[end, 1] = impulse.far_y
-    state.velocity[end, 0] = impulse.before_x
-    state.velocity[end, 1] = impulse.before_y
-    work.free[end, 0] = impulse.after_x
-    work.free[end, 1] = impulse.after_y
+def move_to_middle(state, work, step):
+    """Move bodies to the middle of a step."""
+    for i in range(1, state.position.shape[0] - 1):
+        for c in range(3):
+            work.position[i, c] = (
+                state.position[i, c] + 0.5 * step * state.velocity[i, c]
+            )
 
 
 @kernel
@@ -180,11 +181,7 @@ def go_to_middle(model, state, work, step):
     Reads: model, state, work.
     Writes: work.
     """
-    for i in range(1, state.position.shape[0] - 1):
-        for c in range(3):
-            work.position[i, c] = (
-                state.position[i, c] + 0.5 * step * state.velocity[i, c]
-            )
+    move_to_middle(state, work, step)
     placing.place_chain(model, work.position, state, 0.0, work.slip, work)
     placing.relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
 
@@ -224,20 +221,42 @@ def carry_on(model, state, work, span):
 
 
 @kernel
-def pose_step(model, state, work, impulse, step, shortest):
+def pose_contacts(runs, step):
     """Set up the contact problem of a step, without initial modes.
 
-    Reads: model, runs, impulse.
+    Reads: runs.
     Writes: runs.
     """
-    free_fall(model, state, work, impulse, step)
-    move_far_springing(state, work, impulse)
+    model = runs.model
+    state = runs.state
+    work = runs.work
     go_to_middle(model, state, work, step)
     aim_ties(model, state, work, step, MEAN)
     span = time_before(state, step)
     if some(span > 0.0):
         carry_on(model, state, work, span)
-    aim_contacts(model, state, work, step, shortest)
+    aim_contacts(model, state, work, step, runs.options.time_step)
+
+
+@kernel
+def pose_step(runs, impulse):
+    """Move the far springing to the middle of the next step, and pose that step.
+
+    Reads: runs, impulse.
+    Writes: runs.
+    """
+    state = runs.state
+    work = runs.work
+    step = state.clock[Clock.STEP]
+    free_fall(runs.model, state, work, impulse, step)
+    end = state.position.shape[0] - 1
+    work.position[end, 0] = impulse.far_x
+    work.position[end, 1] = impulse.far_y
+    state.velocity[end, 0] = impulse.before_x
+    state.velocity[end, 1] = impulse.before_y
+    work.free[end, 0] = impulse.after_x
+    work.free[end, 1] = impulse.after_y
+    runs.law.pose(runs, step)
 
 
 @kernel
@@ -296,6 +315,27 @@ def _is_complete(j, model, state, work):
     return complete
 
 
+@inlined
+def count_change(j, state, work, where):
+    """Count the changes of joint j in a step; return whether a corner closes."""
+    count = state.count
+    was_0 = state.contact[j, 0] > 0.5
+    was_1 = state.contact[j, 1] > 0.5
+    is_0 = work.contact[j, 0] > 0.5
+    is_1 = work.contact[j, 1] > 0.5
+    differs = (was_0 ^ is_0) | (was_1 ^ is_1) | (state.slide[j] != work.slide[j])
+    differs = differs & where
+    made = differs & ((is_0 & opposite(was_0)) | (is_1 & opposite(was_1)))
+    if some(differs):
+        opened = differs & ((was_0 & opposite(is_0)) | (was_1 & opposite(is_1)))
+        slides = differs & (work.slide[j] != 0.0) & (state.slide[j] == 0.0)
+        count[Count.IMPACTS] += flag(made)
+        count[Count.OPENINGS] += flag(opened)
+        count[Count.SLIDES] += flag(slides)
+        count[Count.LOSSES] += flag(opened & opposite(is_0 | is_1))
+    return made
+
+
 @kernel
 def count_changes(model, state, work, where):
     """Count changes of joints in a step, and mark impacts that go on after it.
@@ -303,24 +343,9 @@ def count_changes(model, state, work, where):
     Reads: model, state, work.
     Writes: state (count, impact).
     """
-    count = state.count
     for j in range(state.slip.shape[0]):
-        was_0 = state.contact[j, 0] > 0.5
-        was_1 = state.contact[j, 1] > 0.5
-        is_0 = work.contact[j, 0] > 0.5
-        is_1 = work.contact[j, 1] > 0.5
-        differs = (was_0 ^ is_0) | (was_1 ^ is_1) | (state.slide[j] != work.slide[j])
-        differs = differs & where
         hits = where & (state.impact[j] > 0.5)
-        if some(differs):
-            made = differs & ((is_0 & opposite(was_0)) | (is_1 & opposite(was_1)))
-            opened = differs & ((was_0 & opposite(is_0)) | (was_1 & opposite(is_1)))
-            slides = differs & (work.slide[j] != 0.0) & (state.slide[j] == 0.0)
-            count[Count.IMPACTS] += flag(made)
-            count[Count.OPENINGS] += flag(opened)
-            count[Count.SLIDES] += flag(slides)
-            count[Count.LOSSES] += flag(differs & opposite(is_0 | is_1))
-            hits = hits | made
+        hits = hits | count_change(j, state, work, where)
         if some(hits):
             going_on = select(_is_complete(j, model, state, work), ENDING, GOING_ON)
             state.impact[j] = select(hits, going_on, state.impact[j])
@@ -379,22 +404,39 @@ def record_overlap(model, state, work, where):
     state.peak[Peak.OVERLAP] = deepest
 
 
-@kernel
-def make_step(model, state, work, impulse, where, loss_limit):
-    """Accept solved velocities and the positions that they reach; as `accept_step`.
+@inlined
+def take_step(runs, impulse, where):
+    """Take solved velocities and the positions that they reach.
 
-    Reads: model, state, work, impulse (x, y).
-    Writes: state, work (face, reaction, rotated, tangent, tie).
+    ``work.reaction`` goes from impulses into the mean forces over the step.
     """
-    clock = state.clock
-    count = state.count
-    step = clock[Clock.STEP]
-    changes = False
+    state = runs.state
+    work = runs.work
+    step = state.clock[Clock.STEP]
     for i in range(1, state.position.shape[0]):
         for c in range(3):
             moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
             state.position[i, c] = select(where, moved, state.position[i, c])
-    take_velocities(model, state, work, impulse, where)
+    take_velocities(runs.model, state, work, impulse, where)
+    for j in range(state.slip.shape[0]):
+        state.slip[j] = select(where, work.slip[j], state.slip[j])
+        for c in range(3):
+            work.reaction[j, c] = work.reaction[j, c] / step
+
+
+@kernel
+def make_step(runs, impulse, where):
+    """Take a solved step of rigid joints; return where the chain has collapsed.
+
+    Reads: runs, impulse (x, y).
+    Writes: runs.
+    """
+    model = runs.model
+    state = runs.state
+    work = runs.work
+    step = state.clock[Clock.STEP]
+    take_step(runs, impulse, where)
+    changes = False
     hit = 0.0 * step
     for j in range(state.slip.shape[0]):
         hit = larger(hit, state.impact[j])
@@ -402,28 +444,22 @@ def make_step(model, state, work, impulse, where, loss_limit):
         state.impact[j] = select(
             where, larger(state.impact[j] - 1.0, 0.0), state.impact[j]
         )
-        state.slip[j] = select(where, work.slip[j], state.slip[j])
         for k in range(2):
             changes = changes | (work.contact[j, k] != state.contact[j, k])
         for c in range(3):
-            work.reaction[j, c] = work.reaction[j, c] / step
             steady = select(hit > 0.0, 0.0, work.reaction[j, c])
             state.force[j, c] = select(where, steady, state.force[j, c])
     placing.move_faces(model, state.position, work.rotated, work.face, work.tangent)
     yielded, unexplained = accept_ties(model, state, work, step, where)
     if model.tie.shape[0] > 0:
         record_ties(state, yielded, unexplained, where)
-    collapsed = follow_joints(model, state, work, where, loss_limit)
-    broken = record_motion(model, state, where)
-    clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
-    clock[Clock.MOVING] += select(where, step, 0.0)
-    count[Count.STEPS] += flag(where)
-    eighth = count[Count.STEPS] * (1.0 / OVERLAP_INTERVAL)
+    collapsed = follow_joints(model, state, work, where, runs.options.loss_limit)
+    eighth = (state.count[Count.STEPS] + 1.0) * (1.0 / OVERLAP_INTERVAL)
     # Faces that have turned past a right angle or left each other have no overlap that counts.
     looks = where & opposite(collapsed) & (changes | (eighth == nearest(eighth)))
     if some(looks):
         record_overlap(model, state, work, looks)
-    return collapsed, broken
+    return collapsed
 
 
 @kernel
@@ -439,15 +475,15 @@ def add_carried(state, work, span):
 
 
 @kernel
-def accept_step(model, state, work, impulse, where, loss_limit):
-    """Accept a step whose contact problem is solved; return collapsed, broken.
+def accept_contacts(runs, impulse, where):
+    """Take a step whose contact problem is solved, and what acted before its impact.
 
-    ``work.reaction`` goes from impulses into the mean forces over the step.
-
-    Reads: model, state, work, impulse (x, y).
-    Writes: state, work (face, reaction, rotated, tangent, tie).
+    Reads: runs, impulse (x, y).
+    Writes: runs.
     """
-    count_changes(model, state, work, where)
+    state = runs.state
+    work = runs.work
+    count_changes(runs.model, state, work, where)
     span = time_before(state, state.clock[Clock.STEP])
     if some(span > 0.0):  # what acted before the impact works too
         add_carried(state, work, span)
@@ -455,4 +491,23 @@ def accept_step(model, state, work, impulse, where, loss_limit):
     record_far_work(state, work, where)
     if some(span > 0.0):
         add_carried(state, work, -span)
-    return make_step(model, state, work, impulse, where, loss_limit)
+    return make_step(runs, impulse, where)
+
+
+@kernel
+def accept_step(runs, impulse, where):
+    """Accept a solved step; return where the chain has collapsed, and is broken.
+
+    ``work.reaction`` goes from impulses into the mean forces over the step.
+
+    Reads: runs, impulse (x, y).
+    Writes: runs.
+    """
+    clock = runs.state.clock
+    step = clock[Clock.STEP]
+    collapsed = runs.law.accept(runs, impulse, where)
+    broken = record_motion(runs.model, runs.state, where)
+    clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
+    clock[Clock.MOVING] += select(where, step, 0.0)
+    runs.state.count[Count.STEPS] += flag(where)
+    return collapsed, broken
