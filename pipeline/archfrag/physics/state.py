@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from archfrag.physics.interface import Chain
-from archfrag.physics.kernels.primitives import LANES, LaneArray, runs_of
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.status import Count, Energy, Loss, Peak, Tie, TieState, TieWork
 
@@ -215,15 +214,17 @@ class Runs(NamedTuple):
 
     law: Law
     model: Model
-    grounds: Any  # archfrag.physics.ground.Grounds
-    options: Any  # archfrag.physics.interface.Options
     state: State
     work: Work
-    columns: tuple[np.ndarray, ...]  # (n,) or (n, 4) each: what a run has of its own
-    path: Any  # of rigid joints, for one run: archfrag.physics.contact.path.Path
-    faces: Any  # of joints that give: archfrag.physics.faces.law.Faces
-    memory: Any  # archfrag.physics.faces.velocities.Memory
-    own: Any  # archfrag.physics.faces.velocities.FaceWork
+    columns: tuple[np.ndarray, ...]  # (n, 1) or (n, 4) each: what a run has of its own
+    grounds: Any = ()  # archfrag.physics.ground.Grounds
+    options: Any = ()  # archfrag.physics.interface.Options
+    path: Any = ()  # of rigid joints: archfrag.physics.contact.path.Path
+    # Of joints that give: `Faces` of archfrag.physics.faces.law, `Memory` and `FaceWork` of
+    # archfrag.physics.faces.velocities.
+    faces: Any = ()
+    memory: Any = ()
+    own: Any = ()
 
 
 @functools.lru_cache(maxsize=KEPT)
@@ -286,17 +287,11 @@ def allocate(kind: Any, model: Model, zeros: Zeros, **first: int) -> Any:
 def new_state(model: Model, zeros: Zeros = np.zeros) -> State:
     """Allocate the state of one run, or of four with `lane_array` as `zeros`."""
     n_row = model.mass.size
-    sizes = {
-        "loss": len(Loss),
-        "clock": len(Clock),
-        "count": len(Count),
-        "energy": len(Energy),
-        "peak": len(Peak),
-        "tie": len(model.tie),
-    }
-    state: State = allocate(
-        State, model, zeros, position=n_row, velocity=n_row, **sizes
-    )
+    sizes = {"loss": Loss, "clock": Clock, "count": Count, "energy": Energy}
+    first = {name: len(entries) for name, entries in sizes.items()}
+    first |= {"position": n_row, "velocity": n_row}
+    first |= {"peak": len(Peak), "tie": len(model.tie)}
+    state: State = allocate(State, model, zeros, **first)
     return state
 
 
@@ -306,43 +301,22 @@ def new_work(model: Model, zeros: Zeros = np.zeros) -> Work:
     n_tie = len(model.tie)
     rows = dict.fromkeys(("rotated", "free", "solved", "position"), n_row)
     work: Work = allocate(Work, model, zeros, tie=n_tie, **rows)
-    work = work._replace(
+    columns_of(work.rotated)[::2] = 1.0
+    return work._replace(
         tie_answer=zeros((n_tie and n_tie + 1, n_row + model.friction.size, 3)),
         tie_system=zeros((n_tie, n_tie + 1)),
     )
-    plain_of(work.rotated)[:, 0] = 1.0
-    return work
 
 
-def plain_of(array: np.ndarray) -> np.ndarray:
-    """View an array of one run or of four as numbers."""
-    return runs_of(array) if isinstance(array, LaneArray) else array
+def columns_of(array: np.ndarray) -> np.ndarray:
+    """View an array as numbers, in a column for each run."""
+    plain = array.reshape(-1).view(np.ndarray).view(float)
+    return plain.reshape(-1, array.itemsize // plain.itemsize)
 
 
-def new_runs(
-    law: Law,
-    model: Model,
-    zeros: Zeros = np.zeros,
-    path: Any = (),
-    faces: Any = (),
-    memory: Any = (),
-    own: Any = (),
-) -> Runs:
-    """Allocate one run, or four with `lane_array` as `zeros`, without motions and options."""
+def new_runs(law: Law, model: Model, zeros: Zeros = np.zeros, **own: Any) -> Runs:
+    """Allocate one run, or four with `lane_array` as `zeros`; `own` are fields of its law."""
     state = new_state(model, zeros)
     work = new_work(model, zeros)
-    shape = (-1,) if zeros is np.zeros else (-1, LANES)
-    columns = (*state, work.reaction, work.pivot, *memory)
-    return Runs(
-        law,
-        model,
-        (),
-        (),
-        state,
-        work,
-        tuple(plain_of(array).reshape(shape) for array in columns),
-        path,
-        faces,
-        memory,
-        own,
-    )
+    arrays = (*state, work.reaction, work.pivot, *own.get("memory", ()))
+    return Runs(law, model, state, work, tuple(map(columns_of, arrays)), **own)

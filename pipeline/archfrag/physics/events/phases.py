@@ -328,9 +328,8 @@ def step_all_voussoirs(run, output):
     quiescent = False
     while not quiescent:
         quiescent = step_until(run, until, output)
-        if clock[Clock.CODE] != shared.GO:
-            if service.handle(run, output) != shared.GO:
-                return DONE
+        if service.handle(run, output) != shared.GO:
+            return DONE
     progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + progress[Progress.WINDOW]
     for i in range(ACCUMULATION):
         run.recent[i] = -np.inf

@@ -27,6 +27,8 @@ from archfrag.physics.faces.velocities import (
     FaceWork,
     Memory,
     find_velocities,
+    parts_of,
+    three,
 )
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
@@ -59,9 +61,15 @@ SLIDING_STEP = 0.5  # of the step, where a joint slides
 
 
 @inlined
+def _middle_of(j, side, face):
+    """Return the middle of a face of joint j."""
+    x = 0.5 * (face[j, side, 0, 0] + face[j, side, 1, 0])
+    return x, 0.5 * (face[j, side, 0, 1] + face[j, side, 1, 1])
+
+
+@inlined
 def _place_joint(j, model, work, own):
-    """Set pivot, normal and gap of joint j between the faces as they are; return its slip [m]."""
-    face = work.face
+    """Set pivot, normal, gap and slip of joint j between the faces as they are."""
     tangent = work.tangent
     ax = tangent[j, 0, 0]
     ay = tangent[j, 0, 1]
@@ -71,10 +79,8 @@ def _place_joint(j, model, work, own):
     size = 1.0 / sum_of_both
     tx = size * (ax + bx)
     ty = size * (ay + by)
-    px = 0.5 * (face[j, 0, 0, 0] + face[j, 0, 1, 0])
-    py = 0.5 * (face[j, 0, 0, 1] + face[j, 0, 1, 1])
-    qx = 0.5 * (face[j, 1, 0, 0] + face[j, 1, 1, 0])
-    qy = 0.5 * (face[j, 1, 0, 1] + face[j, 1, 1, 1])
+    px, py = _middle_of(j, 0, work.face)
+    qx, qy = _middle_of(j, 1, work.face)
     dx = qx - px
     dy = qy - py
     work.normal[j, 0] = ty
@@ -82,12 +88,12 @@ def _place_joint(j, model, work, own):
     work.pivot[j, 0] = 0.5 * (px + qx)
     work.pivot[j, 1] = 0.5 * (py + qy)
     slip = tx * dx + ty * dy
+    work.slip[j] = slip
     own.gap[j, 0] = ty * dx - tx * dy
     # Twice the sine of half the angle between both faces, and the rate at which that grows.
     own.gap[j, 1] = -2.0 * size * (ax * by - ay * bx)
     own.tilt[j] = 0.5 * sum_of_both
     own.half[j] = 0.5 * larger(model.length[j] - abs(slip), 0.0)
-    return slip
 
 
 @kernel
@@ -104,18 +110,16 @@ def pose_faces(runs, step):
     move_to_middle(state, work, step)
     move_faces(model, work.position, work.rotated, work.face, work.tangent)
     for j in range(state.slip.shape[0]):
-        work.slip[j] = _place_joint(j, model, work, own)
+        _place_joint(j, model, work, own)
     relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
     for j in range(state.slip.shape[0]):
-        nx = work.normal[j, 0]
-        ny = work.normal[j, 1]
-        rate = nx * work.earlier[j, 1] - ny * work.earlier[j, 0]
-        opens = nx * work.earlier[j, 0] + ny * work.earlier[j, 1]
-        own.before[j, 0] = own.gap[j, 0] - 0.5 * step * opens
-        own.before[j, 1] = own.gap[j, 1] + 0.5 * step * own.tilt[j] * work.earlier[j, 2]
-        own.part[j, 0], own.part[j, 1] = ends_of(
-            own.before[j, 0], own.before[j, 1], own.half[j]
-        )
+        x, y, turns = three(work.earlier, j)
+        opens, rate = parts_of(j, work, x, y)
+        d0 = own.gap[j, 0] - 0.5 * step * opens
+        d1 = own.gap[j, 1] + 0.5 * step * own.tilt[j] * turns
+        own.before[j, 0] = d0
+        own.before[j, 1] = d1
+        own.part[j, 0], own.part[j, 1] = ends_of(d0, d1, own.half[j])
         own.touching[j] = runs.memory.touching[j]
         for i in range(3):
             own.slip[j, i] = runs.memory.slip[j, i] + 0.5 * step * rate
@@ -197,9 +201,7 @@ def _keep_slip(j, i, size, was, times, runs, where):
     memory = runs.memory
     work = runs.work
     own = runs.own
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
-    slides = nx * work.relative[j, 1] - ny * work.relative[j, 0]
+    _, slides = parts_of(j, work, work.relative[j, 0], work.relative[j, 1])
     held = own.held[j, i]
     most = own.most[j, i]
     start = memory.slip[j, i]
@@ -258,13 +260,12 @@ def remember(j, runs, times, where):
     memory = runs.memory
     work = runs.work
     own = runs.own
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
-    opens = nx * work.relative[j, 0] + ny * work.relative[j, 1]
+    x, y, turns = three(work.relative, j)
+    opens, _ = parts_of(j, work, x, y)
     half = own.half[j]
     points = runs.faces.points
     d0 = own.gap[j, 0] + times[1] * opens
-    d1 = own.gap[j, 1] - times[1] * (own.tilt[j] * work.relative[j, 2])
+    d1 = own.gap[j, 1] - times[1] * (own.tilt[j] * turns)
     law = runs.faces.stiffness[j], points
     stored, sprung, friction = _spring_works(j, runs, law, (d0, d1))
     damped = own.force[j, 0] * (d0 - own.before[j, 0]) - sprung

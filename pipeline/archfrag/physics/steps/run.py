@@ -180,15 +180,15 @@ def start_next(one, run, motion, factor, output, results):
 
 
 @kernel
-def return_run(one, number, four):
-    """Copy a run to its place among four.
+def copy_run(of, place, to, number):
+    """Copy what a run has of its own to another place.
 
-    Reads: one.columns.
-    Writes: four.columns.
+    Reads: of.columns.
+    Writes: to.columns.
     """
-    for k in range(len(one.columns)):
-        for i in range(one.columns[k].shape[0]):
-            four.columns[k][i, number] = one.columns[k][i]
+    for k in range(len(of.columns)):
+        for i in range(of.columns[k].shape[0]):
+            to.columns[k][i, number] = of.columns[k][i, place]
 
 
 @kernel
@@ -199,35 +199,32 @@ def run_four(four, one, motion, factor, output, results):
     Writes: four, one, output, results.
     """
     work = one.work
-    codes = four.state.clock
+    clock = four.state.clock
     running = 0
     run = -1
     for number in range(LANES):
         run = start_next(one, run + 1, motion, factor, output, results)
         running += run < motion.size
-        return_run(one, number, four)
+        copy_run(one, 0, four, number)
     while running > 0:
         step_four(four)
         for number in range(LANES):
-            code = lane(codes[Clock.CODE], number)
-            if code == shared.GO or code == shared.IDLE:
+            code = int(lane(clock[Clock.CODE], number))
+            if code in (shared.GO, shared.IDLE):
                 continue
-            for k in range(len(one.columns)):
-                for i in range(one.columns[k].shape[0]):
-                    one.columns[k][i] = four.columns[k][i, number]
+            copy_run(four, number, one, 0)
             position = one.state.position
             move_faces(one.model, position, work.rotated, work.face, work.tangent)
             if one.law.handle(one, output) != shared.GO:
                 end(one, output, results)
                 run = start_next(one, run + 1, motion, factor, output, results)
                 running -= run >= motion.size
-            return_run(one, number, four)
+            copy_run(one, 0, four, number)
 
 
 def new_rigid_runs(model: Model, zeros: Any = np.zeros) -> Runs:
     """Allocate one run with rigid joints, or four with `lane_array` as `zeros`."""
-    path = new_path(model) if zeros is np.zeros else ()
-    return new_runs(RIGID, model, zeros, path=path)
+    return new_runs(RIGID, model, zeros, path=new_path(model))
 
 
 @functools.lru_cache(maxsize=KEPT)

@@ -259,25 +259,6 @@ def pose_step(runs, impulse):
     runs.law.pose(runs, step)
 
 
-@kernel
-def take_velocities(model, state, work, impulse, where):
-    """Accept the solved velocities, and record the work of the ground.
-
-    Reads: model.mass, state.velocity, work.solved, impulse (x, y).
-    Writes: state (energy, velocity).
-    """
-    given = 0.0
-    for i in range(1, state.position.shape[0] - 1):
-        mean_x = 0.5 * (state.velocity[i, 0] + work.solved[i, 0])
-        mean_y = 0.5 * (state.velocity[i, 1] + work.solved[i, 1])
-        given -= model.mass[i] * (impulse.x * mean_x + impulse.y * mean_y)
-        for c in range(3):
-            state.velocity[i, c] = select(
-                where, work.solved[i, c], state.velocity[i, c]
-            )
-    state.energy[Energy.GROUND] += select(where, given, 0.0)
-
-
 @inlined
 def record_far_work(state, work, where):
     """Record the work of the far springing, where the last joint bears on it."""
@@ -406,7 +387,7 @@ def record_overlap(model, state, work, where):
 
 @inlined
 def take_step(runs, impulse, where):
-    """Take solved velocities and the positions that they reach.
+    """Take solved velocities and the positions that they reach; record the work of the ground.
 
     ``work.reaction`` goes from impulses into the mean forces over the step.
     """
@@ -417,7 +398,16 @@ def take_step(runs, impulse, where):
         for c in range(3):
             moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
             state.position[i, c] = select(where, moved, state.position[i, c])
-    take_velocities(runs.model, state, work, impulse, where)
+    given = 0.0
+    for i in range(1, state.position.shape[0] - 1):
+        mean_x = 0.5 * (state.velocity[i, 0] + work.solved[i, 0])
+        mean_y = 0.5 * (state.velocity[i, 1] + work.solved[i, 1])
+        given -= runs.model.mass[i] * (impulse.x * mean_x + impulse.y * mean_y)
+        for c in range(3):
+            state.velocity[i, c] = select(
+                where, work.solved[i, c], state.velocity[i, c]
+            )
+    state.energy[Energy.GROUND] += select(where, given, 0.0)
     for j in range(state.slip.shape[0]):
         state.slip[j] = select(where, work.slip[j], state.slip[j])
         for c in range(3):
