@@ -15,6 +15,7 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from archfrag.physics.interface import Chain
 from archfrag.physics.kernels.structs import struct
@@ -39,24 +40,24 @@ Zeros = Callable[[tuple[int, ...]], Any]
 class Model(NamedTuple):
     """Constant data of a chain of rigid bodies."""
 
-    mass: np.ndarray  # (n_body + 2,) [kg]; zero for the ground
-    inertia: np.ndarray  # (n_body + 2,) about the centroid [kg m2]; zero for the ground
-    inverse_mass: np.ndarray  # (n_body + 2,) [1/kg]; zero for the ground
-    inverse_inertia: np.ndarray  # (n_body + 2,) [1/(kg m2)]; zero for the ground
-    centroid: np.ndarray  # (n_body + 2, 2) at rest [m]; zero for the ground
+    mass: ndarray  # (n_body + 2,) [kg]; zero for the ground
+    inertia: ndarray  # (n_body + 2,) about the centroid [kg m2]; zero for the ground
+    inverse_mass: ndarray  # (n_body + 2,) [1/kg]; zero for the ground
+    inverse_inertia: ndarray  # (n_body + 2,) [1/(kg m2)]; zero for the ground
+    centroid: ndarray  # (n_body + 2, 2) at rest [m]; zero for the ground
     corner: (
-        np.ndarray
-    )  # (n_joint, 2, 2, 2) side, corner, xy: faces in the bodies' frames [m]
+        ndarray  # (n_joint, 2, 2, 2) side, corner, xy: faces in the bodies' frames [m]
+    )
     tangent: (
-        np.ndarray
-    )  # (n_joint, 2, 2) side, xy: unit tangents in the bodies' frames [1]
-    length: np.ndarray  # (n_joint,) the shorter face [m]
+        ndarray  # (n_joint, 2, 2) side, xy: unit tangents in the bodies' frames [1]
+    )
+    length: ndarray  # (n_joint,) the shorter face [m]
     friction: (
-        np.ndarray
-    )  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
-    ray: np.ndarray  # (n_joint, 2) normal and tangential part of a sliding reaction [1]
-    start: np.ndarray  # (n_body + 2, 3) where a run begins: centroid [m] and rotation
-    tie: np.ndarray  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
+        ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
+    )
+    ray: ndarray  # (n_joint, 2) normal and tangential part of a sliding reaction [1]
+    start: ndarray  # (n_body + 2, 3) where a run begins: centroid [m] and rotation
+    tie: ndarray  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
     gravity: float  # [m/s2]
     rounding: float  # gaps smaller than this are none [m]
 
@@ -71,28 +72,24 @@ class Model(NamedTuple):
 class State(NamedTuple):
     """State of a run, or of four with shapes (…, 4)."""
 
-    position: np.ndarray  # (n_body + 2, 3) centroid [m] and rotation [rad]
-    velocity: np.ndarray  # (n_body + 2, 3) relative to the ground [m/s], [rad/s]
-    contact: np.ndarray  # (n_joint, 2) one where a corner is in contact, else zero
-    force: (
-        np.ndarray
-    )  # (n_joint, 3) mean reactions of the last step; zero if it held an impact
-    tie: np.ndarray  # (n_tie, len(TieState)) by archfrag.physics.status.TieState
-    slide: (
-        np.ndarray
-    )  # (n_joint,) sense of the friction force along the tangent, zero: sticks
-    slip: np.ndarray  # (n_joint,) along the tangent, where last in contact [m]
-    bore_face: np.ndarray  # (n_joint,) one where the last contact was at both corners
-    lost_since: np.ndarray  # (n_joint,) when contact was lost last [s]; nan before
-    lost_slip: np.ndarray  # (n_joint,) slip over length at that instant [1]
-    lost_rotation: np.ndarray  # (n_joint,) relative rotation at that instant [rad]
-    impact: np.ndarray  # (n_joint,) one while an impact goes on after a step, else zero
-    loss: np.ndarray  # (len(Loss),) by archfrag.physics.status.Loss
-    clock: np.ndarray  # (len(Clock),)
+    position: ndarray  # (n_body + 2, 3) centroid [m] and rotation [rad]
+    velocity: ndarray  # (n_body + 2, 3) relative to the ground [m/s], [rad/s]
+    contact: ndarray  # (n_joint, 2) one where a corner is in contact, else zero
+    force: ndarray  # (n_joint, 3) mean reactions of the last step; zero if it held an impact
+    tie: ndarray  # (n_tie, len(TieState)) by archfrag.physics.status.TieState
+    slide: ndarray  # (n_joint,) sense of the friction force along the tangent, zero: sticks
+    slip: ndarray  # (n_joint,) along the tangent, where last in contact [m]
+    bore_face: ndarray  # (n_joint,) one where the last contact was at both corners
+    lost_since: ndarray  # (n_joint,) when contact was lost last [s]; nan before
+    lost_slip: ndarray  # (n_joint,) slip over length at that instant [1]
+    lost_rotation: ndarray  # (n_joint,) relative rotation at that instant [rad]
+    impact: ndarray  # (n_joint,) one while an impact goes on after a step, else zero
+    loss: ndarray  # (len(Loss),) by archfrag.physics.status.Loss
+    clock: ndarray  # (len(Clock),)
     # (len(Count),) by archfrag.physics.status.Count
-    count: np.ndarray  # type: ignore[assignment]
-    energy: np.ndarray  # (len(Energy),) [J]
-    peak: np.ndarray  # (len(Peak),)
+    count: ndarray  # type: ignore[assignment]
+    energy: ndarray  # (len(Energy),) [J]
+    peak: ndarray  # (len(Peak),)
 
 
 class Clock(IntEnum):
@@ -149,52 +146,44 @@ class Clock(IntEnum):
 class Work(NamedTuple):
     """Workspace of one step."""
 
-    face: np.ndarray  # (n_joint, 2, 2, 2) side, corner, xy: where the faces are [m]
-    tangent: np.ndarray  # (n_joint, 2, 2) side, xy: their unit tangents
-    slip: np.ndarray  # (n_joint,) where contacts hold in this step [m]
-    rotated: np.ndarray  # (n_body + 2, 2) cosine and sine of the rotations
-    point: np.ndarray  # (n_joint, 2, 2) corner, xy: contact points [m]
-    pivot: np.ndarray  # (n_joint, 2) in the middle between them [m]
-    normal: np.ndarray  # (n_joint, 2) common normal of a closed joint
+    face: ndarray  # (n_joint, 2, 2, 2) side, corner, xy: where the faces are [m]
+    tangent: ndarray  # (n_joint, 2, 2) side, xy: their unit tangents
+    slip: ndarray  # (n_joint,) where contacts hold in this step [m]
+    rotated: ndarray  # (n_body + 2, 2) cosine and sine of the rotations
+    point: ndarray  # (n_joint, 2, 2) corner, xy: contact points [m]
+    pivot: ndarray  # (n_joint, 2) in the middle between them [m]
+    normal: ndarray  # (n_joint, 2) common normal of a closed joint
     side_normal: (
-        np.ndarray
-    )  # (n_joint, 2, 2, 2) corner, PLUS or MINUS, xy: Eqs 23a and 23b
-    candidate: np.ndarray  # (n_joint, 2) one where the corner may touch in this step
-    known: (
-        np.ndarray
-    )  # (n_joint,) sense of the friction of a slip in progress; zero: not known
-    bias: np.ndarray  # (n_joint, 2, 2) corner, xy: added to the relative velocity [m/s]
-    free: np.ndarray  # (n_body + 2, 3) velocities without reactions
-    solved: np.ndarray  # (n_body + 2, 3) velocities that the contact problem gives
-    contact: np.ndarray  # (n_joint, 2) modes that the contact problem is solved for
-    slide: np.ndarray  # (n_joint,)
-    asked_contact: np.ndarray  # (n_joint, 2) modes that the solution asks for
-    asked_slide: np.ndarray  # (n_joint,)
-    row: (
-        np.ndarray
-    )  # (n_joint, 3, 4) constrained directions: x, y, arms on after, before
-    column: np.ndarray  # (n_joint, 3, 4) the same of the reactions
-    block: (
-        np.ndarray
-    )  # (n_joint, 3, 3) eliminated diagonal blocks, reciprocals on the diagonal
-    lower: np.ndarray  # (n_joint, 3, 3) coupling with the joint before
-    upper: np.ndarray  # (n_joint, 3, 3) eliminated coupling with the next joint
-    unknown: np.ndarray  # (n_joint, 3) multipliers
-    residual: (
-        np.ndarray
-    )  # (n_joint, 3) velocities left along the constrained directions
+        ndarray  # (n_joint, 2, 2, 2) corner, PLUS or MINUS, xy: Eqs 23a and 23b
+    )
+    candidate: ndarray  # (n_joint, 2) one where the corner may touch in this step
+    known: ndarray  # (n_joint,) sense of the friction of a slip in progress; zero: not known
+    bias: ndarray  # (n_joint, 2, 2) corner, xy: added to the relative velocity [m/s]
+    free: ndarray  # (n_body + 2, 3) velocities without reactions
+    solved: ndarray  # (n_body + 2, 3) velocities that the contact problem gives
+    contact: ndarray  # (n_joint, 2) modes that the contact problem is solved for
+    slide: ndarray  # (n_joint,)
+    asked_contact: ndarray  # (n_joint, 2) modes that the solution asks for
+    asked_slide: ndarray  # (n_joint,)
+    row: ndarray  # (n_joint, 3, 4) constrained directions: x, y, arms on after, before
+    column: ndarray  # (n_joint, 3, 4) the same of the reactions
+    block: ndarray  # (n_joint, 3, 3) eliminated diagonal blocks, reciprocals on the diagonal
+    lower: ndarray  # (n_joint, 3, 3) coupling with the joint before
+    upper: ndarray  # (n_joint, 3, 3) eliminated coupling with the next joint
+    unknown: ndarray  # (n_joint, 3) multipliers
+    residual: ndarray  # (n_joint, 3) velocities left along the constrained directions
     # (n_joint, 3) on the body after: x, y, moment about the pivot; impulses until a step is made,
     # then forces
-    reaction: np.ndarray
-    relative: np.ndarray  # (n_joint, 3) relative velocity at the pivot
-    earlier: np.ndarray  # (n_joint, 3) the same before the step
-    corner_rate: np.ndarray  # (n_joint, 2, 2) corner, xy: relative velocity with bias
-    position: np.ndarray  # (n_body + 2, 3) that the present velocities reach
-    tie: np.ndarray  # (n_tie, len(TieWork)) by archfrag.physics.status.TieWork
+    reaction: ndarray
+    relative: ndarray  # (n_joint, 3) relative velocity at the pivot
+    earlier: ndarray  # (n_joint, 3) the same before the step
+    corner_rate: ndarray  # (n_joint, 2, 2) corner, xy: relative velocity with bias
+    position: ndarray  # (n_body + 2, 3) that the present velocities reach
+    tie: ndarray  # (n_tie, len(TieWork)) by archfrag.physics.status.TieWork
     # (n_tie + 1, n_body + 2 + n_joint, 3) velocities and reactions by a unit impulse of each tie,
     # then those without ties
-    tie_answer: np.ndarray
-    tie_system: np.ndarray  # (n_tie, n_tie + 1) equations of their impulses
+    tie_answer: ndarray
+    tie_system: ndarray  # (n_tie, n_tie + 1) equations of their impulses
 
 
 class Law(NamedTuple):
@@ -216,7 +205,7 @@ class Runs(NamedTuple):
     model: Model
     state: State
     work: Work
-    columns: tuple[np.ndarray, ...]  # (n, 1) or (n, 4) each: what a run has of its own
+    columns: tuple[ndarray, ...]  # (n, 1) or (n, 4) each: what a run has of its own
     grounds: Any = ()  # archfrag.physics.ground.Grounds
     options: Any = ()  # archfrag.physics.interface.Options
     path: Any = ()  # of rigid joints: archfrag.physics.contact.path.Path
@@ -232,7 +221,7 @@ def model_of(chain: Chain) -> Model:
     """Return the model of a chain, with the ground before and behind it; it is kept."""
     model = new_model(chain)
     for values in model:
-        if isinstance(values, np.ndarray):
+        if isinstance(values, ndarray):
             values.flags.writeable = False
     return model
 
@@ -240,7 +229,7 @@ def model_of(chain: Chain) -> Model:
 def new_model(chain: Chain) -> Model:
     """Make a model of a chain, which nothing else holds."""
 
-    def framed(values: np.ndarray) -> np.ndarray:
+    def framed(values: ndarray) -> ndarray:
         return np.pad(values, [(1, 1)] + [(0, 0)] * (values.ndim - 1))
 
     assert chain.friction.size in (chain.mass.size, chain.mass.size + 1)
@@ -308,9 +297,9 @@ def new_work(model: Model, zeros: Zeros = np.zeros) -> Work:
     )
 
 
-def columns_of(array: np.ndarray) -> np.ndarray:
+def columns_of(array: ndarray) -> ndarray:
     """View an array as numbers, in a column for each run."""
-    plain = array.reshape(-1).view(np.ndarray).view(float)
+    plain = array.reshape(-1).view(ndarray).view(float)
     return plain.reshape(-1, array.itemsize // plain.itemsize)
 
 

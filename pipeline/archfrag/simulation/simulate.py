@@ -155,7 +155,7 @@ def simulate(
     )
     n_entry = LARGEST_LOG if history else 0
     start = (position, velocity)
-    run = info.load()
+    run: Any = info.load()
     started = time.perf_counter()
     while True:
         frames, log = output = empty_output(
@@ -338,8 +338,8 @@ def results_of_runs(
     grounds = grounds_of([ground_of(each, far) for each in unique], begins)
     factor = np.array(factors, float)
     started = time.perf_counter()
-    assert info.load_many is not None
-    results = info.load_many()(arch.chain, grounds, motion, factor, options, **own)
+    run: Any = info.load("run_many")
+    results = run(arch.chain, grounds, motion, factor, options, **own)
     spent = time.perf_counter() - started
     # The calls of several runs are timed together.
     work = 1.0 + results.count[:, Count.STEPS]
@@ -354,7 +354,7 @@ def simulate_runs(
     **given: Any,
 ) -> list[Response]:
     """Simulate many runs; return a response for each."""
-    if arguments.check_method(method).load_many is None:
+    if arguments.check_method(method).load("run_many") is None:
         pairs = zip(motions, factors, strict=True)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UnitWarning)

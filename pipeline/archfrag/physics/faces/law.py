@@ -15,7 +15,7 @@ comes into contact in a step is asked at its own time, so that nothing presses b
 
 from typing import NamedTuple
 
-import numpy as np
+from numpy import ndarray
 
 from archfrag.physics.kernels.kernel import inlined
 from archfrag.physics.kernels.primitives import select
@@ -33,15 +33,13 @@ ENDS = 2.0
 class Faces(NamedTuple):
     """Constant data of joints that give."""
 
-    stiffness: np.ndarray  # (n_joint,) of a metre of the joint [N/m2]
-    shear: np.ndarray  # (n_joint,) the same along the tangent [N/m2]
+    stiffness: ndarray  # (n_joint,) of a metre of the joint [N/m2]
+    shear: ndarray  # (n_joint,) the same along the tangent [N/m2]
     slip: (
-        np.ndarray
-    )  # (n_joint, 3) elastic part of the slip of points where runs start [m]
-    touching: np.ndarray  # (n_joint,) length in contact there [m]
-    half: (
-        np.ndarray
-    )  # (n_joint,) of the length along which faces lie opposite there [m]
+        ndarray  # (n_joint, 3) elastic part of the slip of points where runs start [m]
+    )
+    touching: ndarray  # (n_joint,) length in contact there [m]
+    half: ndarray  # (n_joint,) of the length along which faces lie opposite there [m]
     stored: float  # elastic energy there [J]
     delay: float  # dashpots over springs [s]
     points: float  # at which a joint bears; zero: all along it

@@ -46,6 +46,7 @@ from archfrag.physics.steps.step import (
     count_change,
     move_to_middle,
     record_far_work,
+    set_step,
     take_step,
 )
 
@@ -109,10 +110,10 @@ def pose_faces(runs, step):
     own = runs.own
     move_to_middle(state, work, step)
     move_faces(model, work.position, work.rotated, work.face, work.tangent)
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         _place_joint(j, model, work, own)
     relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         x, y, turns = three(work.earlier, j)
         opens, rate = parts_of(j, work, x, y)
         d0 = own.gap[j, 0] - 0.5 * step * opens
@@ -297,7 +298,7 @@ def record_joints(runs, step, where):
     relative_velocity(work.position, work.solved, work.pivot, work.relative)
     stored = friction = damped = done = 0.0 * step
     times = delay_of(runs.faces, step), 0.5 * step
-    for j in range(work.slide.shape[0]):
+    for j in range(work.slide.size):
         for c in range(3):
             mean = 0.5 * (work.earlier[j, c] + work.relative[j, c])
             done += work.reaction[j, c] * mean
@@ -345,7 +346,7 @@ def accept_faces(runs, impulse, where):
     work = runs.work
     record_far_work(state, work, where)
     lost = False
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         count_change(j, state, work, where)
         none = (work.contact[j, 0] < 0.5) & (work.contact[j, 1] < 0.5)
         lost = lost | none | (work.slide[j] != 0.0)
@@ -368,15 +369,13 @@ def go_on_faces(runs, until, outcome):
     clock = state.clock
     solved = outcome[0]
     time = clock[Clock.TIME]
-    left = until - time
     slides = False
-    for j in range(state.slide.shape[0]):
+    for j in range(state.slide.size):
         slides = slides | (state.slide[j] != 0.0)
     shortest = SLIDING_STEP * options.time_step
     longest = select(slides, shortest, options.time_step)
     step = smaller(2.0 * clock[Clock.STEP], longest)
-    step = select((left > 0.0) & (left < step), left, step)
-    clock[Clock.STEP] = select(solved, step, clock[Clock.STEP])
+    set_step(clock, step, until, solved)
     barely = ALMOST * options.time_step
     shaken = time < until - options.follow - barely
     # A chain that nothing has moved rests as soon as the motion is over.

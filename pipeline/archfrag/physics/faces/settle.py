@@ -123,7 +123,7 @@ def settle(runs, period, limit):
             continue
         relative_velocity(work.position, work.solved, work.pivot, work.relative)
         stored = moved = away = 0.0
-        for j in range(state.slip.shape[0]):
+        for j in range(state.slip.size):
             stored += remember(j, runs, (step, step), True)[0]
         for i in range(1, state.position.shape[0] - 1):
             for c in range(3):

@@ -11,7 +11,7 @@ along it.
 
 from typing import NamedTuple
 
-import numpy as np
+from numpy import ndarray
 
 from archfrag.physics.contact.blocks import block_of, factorise_block, solve_block
 from archfrag.physics.contact.placing import corner_rate_at
@@ -36,9 +36,9 @@ OF_BODIES = ("block", "left", "forward", "base", "change")
 class Memory(NamedTuple):
     """What joints that give remember between steps, of one run or of four."""
 
-    slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points [m]
-    touching: np.ndarray  # (n_joint,) length in contact [m]
-    half: np.ndarray  # (n_joint,) of the length along which faces lay opposite [m]
+    slip: ndarray  # (n_joint, 3) elastic part of the slip of points [m]
+    touching: ndarray  # (n_joint,) length in contact [m]
+    half: ndarray  # (n_joint,) of the length along which faces lay opposite [m]
 
 
 @struct(
@@ -61,28 +61,26 @@ class Memory(NamedTuple):
 class FaceWork(NamedTuple):
     """Workspace of a step of joints that give, of one run or of four."""
 
-    gap: (
-        np.ndarray
-    )  # (n_joint, 2) in the middle of the step: at the joint's middle [m], slope [1]
-    before: np.ndarray  # (n_joint, 2) the same at its begin, as it moves there
-    part: np.ndarray  # (n_joint, 2) ends of what overlaps then [m]
-    tilt: np.ndarray  # (n_joint,) by which the slope falls with the relative rotation
-    half: np.ndarray  # (n_joint,) of the length along which the faces lie opposite [m]
-    slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points there [m]
-    touching: np.ndarray  # (n_joint,) length in contact before the step [m]
-    held: np.ndarray  # (n_joint, 3) length of points at which a slip is held [m]
-    most: np.ndarray  # (n_joint, 3) elastic slip at which they slide [m]
-    force: np.ndarray  # (n_joint, 3) normal [N], its moment [N m], shear [N]
-    stiffness: np.ndarray  # (n_joint, 3, 3) of x, y and rotation about the pivot
-    block: np.ndarray  # (n_body + 2, 3, 3) of the system, eliminated
-    left: np.ndarray  # (n_body + 2, 3) impulses that are not balanced
+    gap: ndarray  # (n_joint, 2) in the middle of the step: at the joint's middle [m], slope [1]
+    before: ndarray  # (n_joint, 2) the same at its begin, as it moves there
+    part: ndarray  # (n_joint, 2) ends of what overlaps then [m]
+    tilt: ndarray  # (n_joint,) by which the slope falls with the relative rotation
+    half: ndarray  # (n_joint,) of the length along which the faces lie opposite [m]
+    slip: ndarray  # (n_joint, 3) elastic part of the slip of points there [m]
+    touching: ndarray  # (n_joint,) length in contact before the step [m]
+    held: ndarray  # (n_joint, 3) length of points at which a slip is held [m]
+    most: ndarray  # (n_joint, 3) elastic slip at which they slide [m]
+    force: ndarray  # (n_joint, 3) normal [N], its moment [N m], shear [N]
+    stiffness: ndarray  # (n_joint, 3, 3) of x, y and rotation about the pivot
+    block: ndarray  # (n_body + 2, 3, 3) of the system, eliminated
+    left: ndarray  # (n_body + 2, 3) impulses that are not balanced
     lower: (
-        np.ndarray
-    )  # (n_joint, 3, 3) coupling of the body after a joint with that before
-    upper: np.ndarray  # (n_joint, 3, 3) of the body before with that after
-    forward: np.ndarray  # (n_body + 2, 3) solution of the rows above each body
-    base: np.ndarray  # (n_body + 2, 3) velocities from which a Newton step goes
-    change: np.ndarray  # (n_body + 2, 3) by which it lowers them
+        ndarray  # (n_joint, 3, 3) coupling of the body after a joint with that before
+    )
+    upper: ndarray  # (n_joint, 3, 3) of the body before with that after
+    forward: ndarray  # (n_body + 2, 3) solution of the rows above each body
+    base: ndarray  # (n_body + 2, 3) velocities from which a Newton step goes
+    change: ndarray  # (n_body + 2, 3) by which it lowers them
 
 
 @inlined
@@ -233,7 +231,7 @@ def balance(runs, step, b):
             own.left[i, a] = mass * (work.solved[i, a] - work.free[i, a])
             for c in range(3):
                 own.block[i, a, c] = mass if a == c else 0.0
-    for j in range(work.slide.shape[0]):
+    for j in range(work.slide.size):
         _set_stiffness(j, runs, step, b)
         _add_joint(j, runs, step, b)
     square = slope = 0.0 * step

@@ -30,6 +30,7 @@ from archfrag.physics.steps.step import (
     bend_of,
     is_centred,
     offset_of,
+    set_step,
     time_before,
 )
 
@@ -81,7 +82,7 @@ def time_to_impact(model, state, work, shortest, ahead):
     step = state.clock[Clock.STEP]
     latest = step + ahead
     first = latest
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         for k in range(2):
             closes = closes_soon(j, k, work, beyond(step, shortest, ahead))
             if some(closes):
@@ -117,7 +118,7 @@ def errors_of_step(model, state, work, tolerance):
     Writes: nothing.
     """
     closes = False
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         for k in range(2):
             closes = closes | (work.contact[j, k] > state.contact[j, k])
     friction, impact, balance_error = contact_works(state, work)
@@ -139,7 +140,7 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
     Writes: state.force, work.reaction.
     """
     carries = False
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         carries = carries | (abs(state.force[j, 0]) + abs(state.force[j, 1]) > 0.0)
     again = solved & carries & is_centred(state.clock, state.clock[Clock.STEP])
     shorter = solved & stops
@@ -152,7 +153,7 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
         again = again & wrong
         shorter = shorter & (closes | wrong)
         if some(again):
-            for j in range(state.slip.shape[0]):
+            for j in range(state.slip.size):
                 for c in range(3):
                     state.force[j, c] = select(again, 0.0, state.force[j, c])
     return again, shorter
@@ -204,11 +205,11 @@ def shorten(model, state, work, options, refused, poor):
 
 @inlined
 def next_step(state, options, where, until):
-    """Set the size of the next step, which ends at `until` at the latest."""
+    """Set the size of the next step of rigid joints, which ends at `until` at the latest."""
     clock = state.clock
     ahead = clock[Clock.IMPACT] - clock[Clock.TIME]
     unfinished = False
-    for j in range(state.impact.shape[0]):
+    for j in range(state.impact.size):
         unfinished = unfinished | (state.impact[j] > 0.0)
     # An impact off the middle of its step ends in the next one.
     step = select(
@@ -217,9 +218,7 @@ def next_step(state, options, where, until):
     far = ahead - LEAD * options.time_step
     due = select(ahead < SOON * options.time_step, 2.0 * ahead, far)
     step = select((ahead > 0.0) & (due < step), due, step)
-    left = until - clock[Clock.TIME]
-    step = select((left > 0.0) & (left < step), left, step)
-    clock[Clock.STEP] = select(where, step, clock[Clock.STEP])
+    set_step(clock, step, until, where)
 
 
 @inlined

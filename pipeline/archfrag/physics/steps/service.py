@@ -7,28 +7,40 @@ contact residual.
 import numpy as np
 
 from archfrag.physics import shared
-from archfrag.physics.contact.path import solve_with_fallback
-from archfrag.physics.contact.placing import clearance, place_contacts
-from archfrag.physics.contact.ties import pull_at_rest, pull_by_ties
+from archfrag.physics.collapse import follow_joints
+from archfrag.physics.contact.blocks import EXACT
+from archfrag.physics.contact.modes import solve_contact
+from archfrag.physics.contact.path import copy_modes, solve_with_fallback
+from archfrag.physics.contact.placing import (
+    clearance,
+    move_faces,
+    place_chain,
+    place_contacts,
+)
+from archfrag.physics.contact.ties import (
+    accept_ties,
+    aim_ties,
+    pull_at_rest,
+    pull_by_ties,
+    start_ties,
+)
 from archfrag.physics.energy import kinetic_energy, record_work
 from archfrag.physics.ground import end_of_motion, end_rest, impulse_between
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import select, some
-from archfrag.physics.numbers import nearest
+from archfrag.physics.numbers import flag, nearest
 from archfrag.physics.onset import find_rest_limit
 from archfrag.physics.residual import state_residual
 from archfrag.physics.shared import log_change, write_frame
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Cause, Count, Peak
 from archfrag.physics.steps.at_impacts import next_step
-from archfrag.physics.steps.step import accept_step, pose_step
+from archfrag.physics.steps.step import accept_step, offset_of, pose_step
 
 # Changes of a joint's mode, the dominant one last.
-BY_STICK = int(Cause.STICK)
-BY_SLIDE = int(Cause.SLIDE)
-BY_HINGE = int(Cause.HINGE)
-BY_IMPACT = int(Cause.IMPACT)
-BY_LOSS = int(Cause.LOSS)
+CHANGES = tuple(
+    map(int, (Cause.STICK, Cause.SLIDE, Cause.HINGE, Cause.IMPACT, Cause.LOSS))
+)
 BY_REST = int(Cause.REST)
 BY_START = int(Cause.START)
 # A step whose contact problem no method solves is halved, down to this part of the shortest.
@@ -39,6 +51,8 @@ HELD = 1e-7
 # or several linear problems each; so many on average mean no advance.
 MOST_STEPS = 2.0
 ITERATIONS_PER_STEP = 16.0
+# Corners nearer than this part of the joint's length may close in a step of a slow motion.
+NEAR = 0.02
 
 
 @kernel
@@ -70,9 +84,8 @@ def rest_range(model, state, work, problem):
             problem.candidate[j, k] = (
                 0 if gap > shared.CLOSED_GAP * model.length[j] else 1
             )
+    problem.pull[:] = 0.0
     for i in range(state.position.shape[0]):
-        for c in range(3):
-            problem.pull[i, c] = 0.0
         for c in range(2):
             problem.centroid[i, c] = state.position[i, c]
     pull_at_rest(model, state, work, problem.pull)
@@ -93,10 +106,8 @@ def start_moving(state, options, output):
     clock[Clock.IMPACT] = -np.inf
     clock[Clock.FASTEST] = np.inf
     output.span[0] = 0.0
-    for j in range(state.impact.size):
-        state.impact[j] = 0.0
-        for c in range(3):
-            state.force[j, c] = 0.0
+    state.impact[:] = 0.0
+    state.force[:] = 0.0
 
 
 @kernel
@@ -124,8 +135,8 @@ def write_rest(runs, output):
             work.position[i, c] = state.position[i, c]
     for j in range(state.slip.size):
         for k in range(2):
-            work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
             work.candidate[j, k] = state.contact[j, k]
+    work.bias[:] = 0.0
     pull_by_ties(model, state, work)
     count = state.count
     taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
@@ -225,9 +236,8 @@ def dominant_change(state, work):
     Reads: state (contact, slide, slip), work (contact, slide).
     Writes: nothing.
     """
-    cause = -1
     joint = -1
-    rank = 0
+    rank = -1
     for j in range(state.slip.size):
         was = state.contact[j, 0] + state.contact[j, 1]
         now = work.contact[j, 0] + work.contact[j, 1]
@@ -235,29 +245,21 @@ def dominant_change(state, work):
             work.contact[j, 0] > state.contact[j, 0]
             or work.contact[j, 1] > state.contact[j, 1]
         )
-        changed = made or now != was or work.slide[j] != state.slide[j]
-        if not changed:
+        if not (made or now != was or work.slide[j] != state.slide[j]):
             continue
+        own = 0
         if now == 0.0:
-            this = BY_LOSS
-            own = 5
-        elif made:
-            this = BY_IMPACT
             own = 4
-        elif was == 2.0 and now < 2.0:
-            this = BY_HINGE
+        elif made:
             own = 3
-        elif work.slide[j] != 0.0:
-            this = BY_SLIDE
+        elif was == 2.0 and now < 2.0:
             own = 2
-        else:
-            this = BY_STICK
+        elif work.slide[j] != 0.0:
             own = 1
         if own > rank:
-            cause = this
             joint = j
             rank = own
-    return cause, joint
+    return CHANGES[rank] if rank >= 0 else -1, joint
 
 
 @kernel
@@ -296,8 +298,8 @@ def hold(model, state, work):
     clock[Clock.TIME] += step
     clock[Clock.MOVING] += step
     state.count[Count.STEPS] += 1.0
+    state.impact[:] = 0.0
     for j in range(state.impact.size):
-        state.impact[j] = 0.0
         for c in range(3):
             work.reaction[j, c] /= step
 
@@ -464,3 +466,53 @@ def go_on(runs, until, outcome):
     )
     before = clock[Clock.CODE]
     clock[Clock.CODE] = code_after(before, outcome, over, spent, solved & due)
+
+
+@kernel
+def creep(model, state, work, path, step, loss_limit):
+    """Make one step of a motion so slow that the chain is in equilibrium at every instant.
+
+    It is the contact problem of a time step in which bodies have no velocity before it:
+    M w = h S + H r. With h so long that M w is small beside h S, forces are in equilibrium, and
+    h w is how far the bodies move. Springings move by their joint faces.
+
+    Returns whether its contact problem is solved, the largest displacement of a centroid in it
+    [m], and whether a joint has lost its contact for good.
+
+    Reads: model, state, work, path.
+    Writes: state, work, path.
+    """
+    end = state.position.shape[0] - 1
+    for i in range(1, end):
+        work.free[i, 0] = 0.0
+        work.free[i, 1] = -step * model.gravity
+        work.free[i, 2] = 0.0
+        for c in range(3):
+            work.position[i, c] = state.position[i, c]
+    place_chain(model, work.position, state, 0.0, work.slip, work)
+    work.known[:] = 0.0
+    for j in range(state.slip.size):
+        nx = work.normal[j, 0]
+        ny = work.normal[j, 1]
+        for k in range(2):
+            ex, ey = offset_of(j, k, model, work)
+            work.bias[j, k, 0] = ex / step
+            work.bias[j, k, 1] = ey / step
+            work.candidate[j, k] = flag(nx * ex + ny * ey < NEAR * model.length[j])
+    aim_ties(model, state, work, step, 1.0)
+    copy_modes(state, work)
+    start_ties(state, work, True)
+    solved, _, _, _ = solve_contact(model, work.position, work, True, 0.0, -1.0, EXACT)
+    if not solved:
+        solved, _ = solve_with_fallback(model, state, work, path)
+    farthest = 0.0
+    for i in range(1, end):
+        for c in range(3):
+            state.position[i, c] += step * work.solved[i, c]
+        farthest = max(
+            farthest, step * abs(work.solved[i, 0]), step * abs(work.solved[i, 1])
+        )
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    accept_ties(model, state, work, step, True)
+    collapsed = follow_joints(model, state, work, True, loss_limit)
+    return solved, farthest, collapsed

@@ -75,16 +75,11 @@ def bend_of(j, k, velocity, work):
     """
     after = velocity[j + 1, 2]
     before = velocity[j, 2]
+    place = work.position
     px = work.point[j, k, 0]
     py = work.point[j, k, 1]
-    x = work.position[j, 0]
-    y = work.position[j, 1]
-    hx = before * before * (px - x)
-    hy = before * before * (py - y)
-    x = work.position[j + 1, 0]
-    y = work.position[j + 1, 1]
-    hx = hx - after * after * (px - x)
-    hy = hy - after * after * (py - y)
+    hx = before * before * (px - place[j, 0]) - after * after * (px - place[j + 1, 0])
+    hy = before * before * (py - place[j, 1]) - after * after * (py - place[j + 1, 1])
     nx = work.normal[j, 0]
     ny = work.normal[j, 1]
     ux, uy = placing.corner_velocity(j, k, work.earlier, work)
@@ -114,13 +109,13 @@ def aim_contacts(model, state, work, step, shortest):
     velocity = state.velocity
     gravity = model.gravity
     fastest = 0.0
-    for j in range(work.slip.shape[0]):
+    for j in range(work.slip.size):
         for k in range(2):
             ux, uy = placing.corner_velocity(j, k, work.earlier, work)
             fastest = larger(fastest, abs(ux) + abs(uy))
     reach = REACH * step * (fastest + gravity * step)
     half = 0.5 * step
-    for j in range(work.slip.shape[0]):
+    for j in range(work.slip.size):
         nx = work.normal[j, 0]
         ny = work.normal[j, 1]
         spin = larger(abs(velocity[j, 2]), abs(velocity[j + 1, 2]))
@@ -187,6 +182,14 @@ def go_to_middle(model, state, work, step):
 
 
 @inlined
+def set_step(clock, step, until, where):
+    """Set the size of the next step, which ends at `until` at the latest."""
+    left = until - clock[Clock.TIME]
+    step = select((left > 0.0) & (left < step), left, step)
+    clock[Clock.STEP] = select(where, step, clock[Clock.STEP])
+
+
+@inlined
 def is_centred(clock, step):
     """Return whether an impact is expected in the middle of the next step."""
     return abs(clock[Clock.IMPACT] - (clock[Clock.TIME] + 0.5 * step)) <= CENTRED * step
@@ -208,7 +211,7 @@ def carry_on(model, state, work, span):
     Reads: model (inverse_inertia, inverse_mass), state.force, work (pivot, position).
     Writes: work.free.
     """
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         fx = span * state.force[j, 0]
         fy = span * state.force[j, 1]
         for end, sense in ((j + 1, 1.0), (j, -1.0)):
@@ -260,15 +263,21 @@ def pose_step(runs, impulse):
 
 
 @inlined
+def _mean_velocity(i, state, work):
+    """Return the mean velocity of a centroid in a solved step."""
+    x = 0.5 * (state.velocity[i, 0] + work.solved[i, 0])
+    return x, 0.5 * (state.velocity[i, 1] + work.solved[i, 1])
+
+
+@inlined
 def record_far_work(state, work, where):
     """Record the work of the far springing, where the last joint bears on it."""
-    last = state.slip.shape[0] - 1
+    last = state.slip.size - 1
     end = state.position.shape[0] - 1
     if last < end - 1:
         return
-    mean_x = 0.5 * (state.velocity[end, 0] + work.solved[end, 0])
-    mean_y = 0.5 * (state.velocity[end, 1] + work.solved[end, 1])
-    given = work.reaction[last, 0] * mean_x + work.reaction[last, 1] * mean_y
+    x, y = _mean_velocity(end, state, work)
+    given = work.reaction[last, 0] * x + work.reaction[last, 1] * y
     state.energy[Energy.GROUND] -= select(where, given, 0.0)
     for c in range(2):
         state.velocity[end, c] = select(
@@ -324,7 +333,7 @@ def count_changes(model, state, work, where):
     Reads: model, state, work.
     Writes: state (count, impact).
     """
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         hits = where & (state.impact[j] > 0.5)
         hits = hits | count_change(j, state, work, where)
         if some(hits):
@@ -376,7 +385,7 @@ def record_overlap(model, state, work, where):
     Writes: state.peak.
     """
     deepest = state.peak[Peak.OVERLAP]
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         for k in range(2):
             depth = -placing.clearance(j, k, work.face, work.tangent) * (
                 1.0 / model.length[j]
@@ -400,15 +409,14 @@ def take_step(runs, impulse, where):
             state.position[i, c] = select(where, moved, state.position[i, c])
     given = 0.0
     for i in range(1, state.position.shape[0] - 1):
-        mean_x = 0.5 * (state.velocity[i, 0] + work.solved[i, 0])
-        mean_y = 0.5 * (state.velocity[i, 1] + work.solved[i, 1])
-        given -= runs.model.mass[i] * (impulse.x * mean_x + impulse.y * mean_y)
+        x, y = _mean_velocity(i, state, work)
+        given -= runs.model.mass[i] * (impulse.x * x + impulse.y * y)
         for c in range(3):
             state.velocity[i, c] = select(
                 where, work.solved[i, c], state.velocity[i, c]
             )
     state.energy[Energy.GROUND] += select(where, given, 0.0)
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         state.slip[j] = select(where, work.slip[j], state.slip[j])
         for c in range(3):
             work.reaction[j, c] = work.reaction[j, c] / step
@@ -428,9 +436,9 @@ def make_step(runs, impulse, where):
     take_step(runs, impulse, where)
     changes = False
     hit = 0.0 * step
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         hit = larger(hit, state.impact[j])
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         state.impact[j] = select(
             where, larger(state.impact[j] - 1.0, 0.0), state.impact[j]
         )
@@ -459,7 +467,7 @@ def add_carried(state, work, span):
     Reads: state.force.
     Writes: work.reaction.
     """
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         for c in range(3):
             work.reaction[j, c] += span * state.force[j, c]
 
