@@ -171,18 +171,17 @@ def _spring_works(j, runs, law, end):
     work in it, and what those store that have slid onto the joint or off it [J].
     """
     own = runs.own
-    g0 = own.before[j, 0]
-    g1 = own.before[j, 1]
     half = own.half[j]
-    way = end[0] - g0, end[1] - g1
-    had, _, _ = _press(g0, g1, runs.memory.half[j], *law)
-    has, _, _ = _press(g0, g1, half, *law)
-    stored, _, _ = _press(end[0], end[1], half, *law)
-    work = _simpson((g0, g1), way, half, law, 1)
+    start = own.before[j, 0], own.before[j, 1]
+    way = end[0] - start[0], end[1] - start[1]
+    had, _, _ = _press(*start, runs.memory.half[j], *law)
+    has, _, _ = _press(*start, half, *law)
+    stored, _, _ = _press(*end, half, *law)
+    work = _simpson(start, way, half, law, 1)
     # A face that closes or opens on its way presses by other laws before and after.
     bent = abs(stored - has + work) > SMOOTH * (stored + has)
     if some(bent):
-        work = select(bent, _simpson((g0, g1), way, half, law, PIECES), work)
+        work = select(bent, _simpson(start, way, half, law, PIECES), work)
     return stored, work, has - had
 
 
@@ -192,12 +191,12 @@ def _cut(slip, most):
 
 
 @inlined
-def _keep_slip(j, i, size, was, times, runs, where):
+def _keep_slip(j, i, size, was, times, runs, where, sums):
     """Remember the elastic slip of a point after a step.
 
     It has the length `size` in contact then, and had `was`. What leaves loses what it stores, and
-    what comes has not slipped. Returns the sense in which it slides, what it stores, and the work
-    of its friction and of its dashpot [J].
+    what comes has not slipped. Returns the sense in which it slides, and `sums` with what it adds:
+    what is stored, and the work of friction and of dashpots [J].
     """
     memory = runs.memory
     work = runs.work
@@ -220,19 +219,16 @@ def _keep_slip(j, i, size, was, times, runs, where):
     damped = select(slips, smaller(damped, 0.0), damped)
     memory.slip[j, i] = select(where, kept, memory.slip[j, i])
     shear = runs.faces.shear[j]
-    return sense, 0.5 * shear * size * kept * kept, shear * friction, shear * damped
+    stored = sums[0] + 0.5 * shear * size * kept * kept
+    return sense, (stored, sums[1] + shear * friction, sums[2] + shear * damped)
 
 
 @inlined
 def remember_face(j, runs, times, size, where, sums):
-    """Remember the slip of a joint that bears all along it, of which `size` is in contact then.
-
-    Returns the sense in which it slides, and `sums` with what it adds: what is stored, and the
-    work of friction and of dashpots [J].
+    """Remember the slip of a joint that bears all along it, of which `size` is in contact then;
+    returns as `_keep_slip`.
     """
-    was = runs.own.touching[j]
-    sense, stored, friction, damped = _keep_slip(j, 0, size, was, times, runs, where)
-    return sense, (sums[0] + stored, sums[1] + friction, sums[2] + damped)
+    return _keep_slip(j, 0, size, runs.own.touching[j], times, runs, where, sums)
 
 
 @inlined
@@ -244,8 +240,7 @@ def remember_points(j, runs, times, gap, where, sums):
     for i in range(3):
         was = inner if i == 1 else outer
         size = select(gap[0] + half * (i - 1.0) * gap[1] < 0.0, was, 0.0)
-        way, stored, friction, damped = _keep_slip(j, i, size, was, times, runs, where)
-        sums = (sums[0] + stored, sums[1] + friction, sums[2] + damped)
+        way, sums = _keep_slip(j, i, size, was, times, runs, where, sums)
         sense = select(sense == 0.0, way, sense)
     return sense, sums
 

@@ -59,7 +59,6 @@ def first_frequency(model: Model, chain: Chain) -> float:
         length = float(model.length[j])
         _, _, turn = overlap_moments(-1.0, 0.0, 0.5 * length, points)
         tx, ty = model.tangent[j, 0]
-        arms = [model.corner[j, side].mean(axis=0) for side in range(2)]
         for (dx, dy, w), size in (
             ((ty, -tx, 0.0), k * length),
             ((tx, ty, 0.0), along * length),
@@ -67,7 +66,7 @@ def first_frequency(model: Model, chain: Chain) -> float:
         ):
             row = np.zeros((n_row, 3))
             for side, sign in enumerate((-1.0, 1.0)):
-                x, y = arms[side]
+                x, y = model.corner[j, side].mean(axis=0)
                 row[j + side] = sign * dx, sign * dy, sign * (w + x * dy - y * dx)
             kept.append(math.sqrt(size) * row[1:-1].ravel())
     inverse = np.stack(

@@ -20,6 +20,7 @@ from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import fused, opposite, select, some
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.numbers import dot, flag, larger, smaller
+from archfrag.physics.steps.step import normal_of
 
 MOST_ITERATIONS = 40.0
 # A step along which the slope of the energy rises to more than this part of what it was is cut to
@@ -86,8 +87,7 @@ class FaceWork(NamedTuple):
 @inlined
 def parts_of(j, work, x, y):
     """Return the parts of a vector along the normal and the tangent of joint j."""
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
+    nx, ny = normal_of(j, work)
     return nx * x + ny * y, nx * y - ny * x
 
 
@@ -129,8 +129,7 @@ def _set_stiffness(j, runs, step, b):
     own.force[j, 0] = has.normal
     own.force[j, 1] = c * has.moment
     own.force[j, 2] = has.shear
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
+    nx, ny = normal_of(j, work)
     press = k * has.l0
     x = press * nx - has.rub_0 * ny
     y = press * ny + has.rub_0 * nx
@@ -197,8 +196,7 @@ def _add_joint(j, runs, step, b):
     """Add what joint j bears in the step, and its stiffness, to the system."""
     work = runs.work
     own = runs.own
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
+    nx, ny = normal_of(j, work)
     press = step * own.force[j, 0]
     rub = step * own.force[j, 2]
     work.reaction[j, 0] = press * nx - rub * ny
@@ -329,13 +327,8 @@ def find_velocities(runs, step, b, balanced, live):
     enough = balanced * model.gravity * step
     enough = enough * enough * mass
     active = live
-    part = 1.0 + 0.0 * step
-    before = 0.0 * step
-    iterations = 0.0 * step
-    low = 0.0 * step
-    high = part
-    at_low = before
-    at_high = before
+    before = iterations = low = at_low = at_high = 0.0 * step
+    part = high = 1.0 + before
     while True:
         square, slope = balance(runs, step, b)
         active = active & opposite(square <= enough)

@@ -22,7 +22,7 @@ from archfrag.physics.contact.placing import corner_velocity
 from archfrag.physics.energy import contact_works, kinetic_energy, unexplained_work
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
-from archfrag.physics.numbers import larger, smaller
+from archfrag.physics.numbers import flag, larger, smaller
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Count, Energy
 from archfrag.physics.steps.step import (
@@ -109,53 +109,45 @@ def time_to_impact(model, state, work, shortest, ahead):
 
 
 @kernel
-def errors_of_step(model, state, work, tolerance):
-    """Return where a solved step closes a corner, and where its energy error is too large.
-
-    A slip that ends inside a long step sticks until its end, held by a friction that made energy.
-
-    Reads: model (inertia, mass), state (contact, energy, impact, slide), work.
-    Writes: nothing.
-    """
-    closes = False
-    for j in range(state.slip.size):
-        for k in range(2):
-            closes = closes | (work.contact[j, k] > state.contact[j, k])
-    friction, impact, balance_error = contact_works(state, work)
-    error = abs(unexplained_work(friction, impact, balance_error))
-    kinetic = larger(
-        state.energy[Energy.LARGEST_KINETIC], kinetic_energy(model, work.solved)
-    )
-    return closes, error > ENERGY_OF_STEP * tolerance * kinetic
-
-
-@kernel
 def refuse_poor(model, state, work, solved, stops, tolerance):
     """Find solved steps that are not good enough: to repeat as they are, or shorter.
 
     Reactions of the last step may be wrong for the time before an impact, as they are where joints
-    open instead: such a step is made again without.
+    open instead: such a step is made again without. Shorter are those that close a corner, or have
+    too large an energy error: a slip that ends inside a long step sticks until its end, held by a
+    friction that made energy.
 
     Reads: model (inertia, mass), state (clock, contact, energy, force, impact, slide), work.
     Writes: state.force, work.reaction.
     """
+    force = state.force
     carries = False
     for j in range(state.slip.size):
-        carries = carries | (abs(state.force[j, 0]) + abs(state.force[j, 1]) > 0.0)
-    again = solved & carries & is_centred(state.clock, state.clock[Clock.STEP])
+        carries = carries | (abs(force[j, 0]) + abs(force[j, 1]) > 0.0)
+    step = state.clock[Clock.STEP]
+    again = solved & carries & is_centred(state.clock, step)
     shorter = solved & stops
     if some(again | shorter):
+        before = time_before(state, step)
         if some(again):
-            add_carried(state, work, time_before(state, state.clock[Clock.STEP]))
-        closes, wrong = errors_of_step(model, state, work, tolerance)
+            add_carried(state, work, before)
+        friction, impact, balance_error = contact_works(state, work)
         if some(again):
-            add_carried(state, work, -time_before(state, state.clock[Clock.STEP]))
+            add_carried(state, work, -before)
+        closes = False
+        for j in range(state.slip.size):
+            for k in range(2):
+                closes = closes | (work.contact[j, k] > state.contact[j, k])
+        kinetic = kinetic_energy(model, work.solved)
+        kinetic = larger(state.energy[Energy.LARGEST_KINETIC], kinetic)
+        error = abs(unexplained_work(friction, impact, balance_error))
+        wrong = error > ENERGY_OF_STEP * tolerance * kinetic
         again = again & wrong
         shorter = shorter & (closes | wrong)
         if some(again):
             for j in range(state.slip.size):
                 for c in range(3):
-                    state.force[j, c] = select(again, 0.0, state.force[j, c])
+                    force[j, c] = select(again, 0.0, force[j, c])
     return again, shorter
 
 
@@ -200,7 +192,7 @@ def shorten(model, state, work, options, refused, poor):
     if some(poor):
         part = larger(QUARTER * step, options.time_step)
         clock[Clock.STEP] = select(poor, part, clock[Clock.STEP])
-        state.count[Count.SHORTENED] += select(poor, 1.0, 0.0)
+        state.count[Count.SHORTENED] += flag(poor)
 
 
 @inlined

@@ -10,7 +10,6 @@ whichever path it takes.
 
 import functools
 import threading
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -236,21 +235,31 @@ def rest_of(model: Model) -> tuple[float, float]:
     return (plus, minus) if found else UNKNOWN
 
 
-def _made_for(
-    chain: Chain, options: Options, from_rest: bool = True
-) -> tuple[Callable[[Any], Runs], Model, Options] | Status:
-    """Return what allocates the runs of a chain, their model and complete options; a status if
-    the chain has no rest on its joints.
+_kept = threading.local()
+
+
+def _runs_for(
+    chain: Chain, grounds: Grounds, options: Options, from_rest: bool = True
+) -> list[Runs] | Status:
+    """Return four runs of a chain side by side, and one; a status if it has no rest on its joints.
+
+    A thread keeps the buffers that it used last.
     """
     if chain.joint is None:
         model = model_of(chain)
         rest = rest_of(model) if from_rest else UNKNOWN
         options = shared.ready(options, model, rest)
-        return functools.partial(new_rigid_runs, model), model, options
-    found = settled(chain)
-    if isinstance(found, Status):
-        return found
-    return functools.partial(new_face_runs, *found), found[0], options
+        make = functools.partial(new_rigid_runs, model)
+    else:
+        found = settled(chain)
+        if isinstance(found, Status):
+            return found
+        model = found[0]
+        make = functools.partial(new_face_runs, *found)
+    if getattr(_kept, "model", None) is not model:
+        _kept.model = model
+        _kept.runs = make(lane_array), make()
+    return [each._replace(grounds=grounds, options=options) for each in _kept.runs]
 
 
 def run(
@@ -282,26 +291,22 @@ def run(
         One row.
     """
     results = shared.new_results(1)
-    found = _made_for(chain, options, from_rest)
+    found = _runs_for(chain, grounds, options, from_rest)
     if isinstance(found, Status):
         results.status[:] = int(found)
         return results
-    make, _, options = found
-    one = make(np.zeros)._replace(grounds=grounds, options=options)
+    one = found[1]
     state = one.state
     output = shared.output_to(frames, log, options.frame_interval)
     state.clock[Clock.FACTOR] = factor
-    state.position[1:-1] = position
-    state.velocity[1:-1] = velocity
-    rests = from_rest and not np.isnan(options.rest_plus)
+    state.position[:] = np.pad(position, [(1, 1), (0, 0)])
+    state.velocity[:] = np.pad(velocity, [(1, 1), (0, 0)])
+    rests = from_rest and not np.isnan(one.options.rest_plus)
     run_one(one, rests or chain.joint is not None, output, results)
     position[:] = state.position[1:-1]
     velocity[:] = state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
     return results
-
-
-_kept = threading.local()
 
 
 def run_many(
@@ -314,22 +319,15 @@ def run_many(
     """Integrate one chain from rest under many scaled ground motions, four at a time.
 
     Run k is moved by the motion of number ``motion[k]``, times ``factor[k]``; its row of the
-    results is the same as of `run`. A thread keeps the buffers that it used last.
+    results is the same as of `run`.
     """
     results = shared.new_results(len(motion))
-    found = _made_for(chain, options)
+    found = _runs_for(chain, grounds, options)
     if isinstance(found, Status):
         results.status[:] = int(found)
         return results
-    make, model, options = found
-    if getattr(_kept, "model", None) is not model:
-        _kept.model = model
-        _kept.buffers = make(lane_array), make(np.zeros)
-    four, one = (
-        each._replace(grounds=grounds, options=options) for each in _kept.buffers
-    )
     output = shared.no_output(chain.mass.size, chain.friction.size)
     motion = np.ascontiguousarray(motion, np.int64)
     factor = np.ascontiguousarray(factor, float)
-    run_four(four, one, motion, factor, output, results)
+    run_four(*found, motion, factor, output, results)
     return results

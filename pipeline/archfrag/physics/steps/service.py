@@ -14,7 +14,6 @@ from archfrag.physics.contact.path import copy_modes, solve_with_fallback
 from archfrag.physics.contact.placing import (
     clearance,
     move_faces,
-    place_chain,
     place_contacts,
 )
 from archfrag.physics.contact.ties import (
@@ -35,7 +34,16 @@ from archfrag.physics.shared import log_change, write_frame
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Cause, Count, Peak
 from archfrag.physics.steps.at_impacts import next_step
-from archfrag.physics.steps.step import accept_step, offset_of, pose_step
+from archfrag.physics.steps.step import (
+    accept_step,
+    go_to_middle,
+    move_to_middle,
+    normal_of,
+    offset_of,
+    pass_time,
+    pose_step,
+    speed_of,
+)
 
 # Changes of a joint's mode, the dominant one last.
 CHANGES = tuple(
@@ -63,9 +71,8 @@ def is_as_built(model, state):
     Writes: nothing.
     """
     for j in range(state.slip.size):
-        if state.contact[j, 0] < 0.5 or state.contact[j, 1] < 0.5:
-            return False
-        if abs(state.slip[j]) > shared.CLOSED_GAP * model.length[j]:
+        slips = abs(state.slip[j]) > shared.CLOSED_GAP * model.length[j]
+        if slips or state.contact[j, 0] + state.contact[j, 1] < 1.5:
             return False
     return True
 
@@ -131,12 +138,11 @@ def write_rest(runs, output):
         work.free[i, 0] = -impulse.x / (2.0 * tiny)
         work.free[i, 1] = -impulse.y / (2.0 * tiny) - model.gravity
         work.free[i, 2] = 0.0
-        for c in range(3):
-            work.position[i, c] = state.position[i, c]
     for j in range(state.slip.size):
         for k in range(2):
             work.candidate[j, k] = state.contact[j, k]
     work.bias[:] = 0.0
+    move_to_middle(state, work, 0.0)
     pull_by_ties(model, state, work)
     count = state.count
     taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
@@ -272,13 +278,18 @@ def are_held(model, state, work, options):
     most = HELD * model.gravity * state.clock[Clock.STEP]
     length = model.length[0]
     for i in range(1, state.velocity.shape[0]):
-        v = state.velocity[i]
-        w = work.solved[i]
-        if max(abs(v[0]) + abs(v[1]), length * abs(v[2])) >= options.held:
+        if speed_of(i, state.velocity, length) >= options.held:
             return False
-        if max(abs(w[0]) + abs(w[1]), length * abs(w[2])) > most:
+        if speed_of(i, work.solved, length) > most:
             return False
     return True
+
+
+@inlined
+def stop(model, state):
+    """Stop all bodies; their kinetic energy is an error."""
+    record_work(0.0, 0.0, -kinetic_energy(model, state.velocity), True, state.energy)
+    state.velocity[:] = 0.0
 
 
 @kernel
@@ -290,14 +301,10 @@ def hold(model, state, work):
     Reads: model (inertia, mass), state (clock, energy, impact, velocity).
     Writes: state (clock, count, energy, impact, velocity), work.reaction.
     """
-    clock = state.clock
-    step = clock[Clock.STEP]
-    record_work(0.0, 0.0, -kinetic_energy(model, state.velocity), True, state.energy)
-    state.velocity[:] = 0.0
-    clock[Clock.FASTEST] = 0.0
-    clock[Clock.TIME] += step
-    clock[Clock.MOVING] += step
-    state.count[Count.STEPS] += 1.0
+    step = state.clock[Clock.STEP]
+    stop(model, state)
+    state.clock[Clock.FASTEST] = 0.0
+    pass_time(state, True)
     state.impact[:] = 0.0
     for j in range(state.impact.size):
         for c in range(3):
@@ -317,15 +324,14 @@ def accept_recorded(runs, impulse, output):
     write_if_due(model, state, work, output)
     time = state.clock[Clock.TIME]
     step = state.clock[Clock.STEP]
+    collapsed = broken = False
+    cause = joint = -1
     if are_held(model, state, work, runs.options):
         hold(model, state, work)
-        keep_forces(work, step, output)
-        return False, False
-    cause = -1
-    joint = -1
-    if output.log.time.size > 0:
-        cause, joint = dominant_change(state, work)
-    collapsed, broken = accept_step(runs, impulse, True)
+    else:
+        if output.log.time.size > 0:
+            cause, joint = dominant_change(state, work)
+        collapsed, broken = accept_step(runs, impulse, True)
     keep_forces(work, step, output)
     if cause >= 0:
         log_change(state, time, cause, joint, shared.ALL, output)
@@ -396,14 +402,11 @@ def handle_pause(runs, output):
         found, plus, minus = rest_range(model, state, runs.work, runs.path.rest)
     if not found:
         return shared.GO
-    motion = int(clock[Clock.MOTION])
-    samples = grounds.first[motion + 1] - grounds.first[motion] - 1
     leave, for_good = end_rest(model, grounds, clock, plus, minus)
-    over = clock[Clock.TIME] >= samples * grounds.time_step[motion]
+    over = clock[Clock.TIME] >= end_of_motion(grounds, clock, 0.0)
     if leave <= clock[Clock.TIME] and not (over and for_good):
         return shared.GO
-    record_work(0.0, 0.0, -kinetic_energy(model, state.velocity), True, state.energy)
-    state.velocity[:] = 0.0
+    stop(model, state)
     state.count[Count.RESTS] += 1.0
     write_rest(runs, output)
     log_change(state, clock[Clock.TIME], BY_REST, -1, shared.AT_REST, output)
@@ -487,13 +490,10 @@ def creep(model, state, work, path, step, loss_limit):
         work.free[i, 0] = 0.0
         work.free[i, 1] = -step * model.gravity
         work.free[i, 2] = 0.0
-        for c in range(3):
-            work.position[i, c] = state.position[i, c]
-    place_chain(model, work.position, state, 0.0, work.slip, work)
+    go_to_middle(model, state, work, 0.0)
     work.known[:] = 0.0
     for j in range(state.slip.size):
-        nx = work.normal[j, 0]
-        ny = work.normal[j, 1]
+        nx, ny = normal_of(j, work)
         for k in range(2):
             ex, ey = offset_of(j, k, model, work)
             work.bias[j, k, 0] = ex / step

@@ -68,6 +68,12 @@ def _limited_bias(bx, by, nx, ny, limit):
 
 
 @inlined
+def normal_of(j, work):
+    """Return the normal of joint j."""
+    return work.normal[j, 0], work.normal[j, 1]
+
+
+@inlined
 def bend_of(j, k, velocity, work):
     """Return the acceleration of a corner's offset at constant velocities [m/s2].
 
@@ -80,8 +86,7 @@ def bend_of(j, k, velocity, work):
     py = work.point[j, k, 1]
     hx = before * before * (px - place[j, 0]) - after * after * (px - place[j + 1, 0])
     hy = before * before * (py - place[j, 1]) - after * after * (py - place[j + 1, 1])
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
+    nx, ny = normal_of(j, work)
     ux, uy = placing.corner_velocity(j, k, work.earlier, work)
     face = select(placing.later_vertex_meets(k, work.slip[j]), before, after)
     coriolis = 2.0 * face * (nx * uy - ny * ux)
@@ -116,8 +121,7 @@ def aim_contacts(model, state, work, step, shortest):
     reach = REACH * step * (fastest + gravity * step)
     half = 0.5 * step
     for j in range(work.slip.size):
-        nx = work.normal[j, 0]
-        ny = work.normal[j, 1]
+        nx, ny = normal_of(j, work)
         spin = larger(abs(velocity[j, 2]), abs(velocity[j + 1, 2]))
         slow = step * (gravity + SWING * model.length[j] * (spin * spin))
         closing = True
@@ -141,12 +145,11 @@ def aim_contacts(model, state, work, step, shortest):
             work.candidate[j, k] = flag(gap < reach)
             nearing = abs(nx * ux + ny * uy)
             closing = closing & (gap < REACH * step * (nearing + gravity * step))
+        side = work.side_normal
         for k in range(2):
             for sense in range(2):
-                x = work.side_normal[j, k, sense, 0]
-                y = work.side_normal[j, k, sense, 1]
-                work.side_normal[j, k, sense, 0] = select(closing, nx, x)
-                work.side_normal[j, k, sense, 1] = select(closing, ny, y)
+                side[j, k, sense, 0] = select(closing, nx, side[j, k, sense, 0])
+                side[j, k, sense, 1] = select(closing, ny, side[j, k, sense, 1])
 
 
 @inlined
@@ -288,8 +291,7 @@ def record_far_work(state, work, where):
 @inlined
 def _is_complete(j, model, state, work):
     """Return whether no touching corner still closes, or opens again, at a rate that counts."""
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
+    nx, ny = normal_of(j, work)
     step = state.clock[Clock.STEP]
     fall = model.gravity * step
     complete = True
@@ -341,6 +343,13 @@ def count_changes(model, state, work, where):
             state.impact[j] = select(hits, going_on, state.impact[j])
 
 
+@inlined
+def speed_of(i, velocity, length):
+    """Return the speed of body i, rotation times joint length included [m/s]."""
+    straight = abs(velocity[i, 0]) + abs(velocity[i, 1])
+    return larger(straight, length * abs(velocity[i, 2]))
+
+
 @kernel
 def record_motion(model, state, where):
     """Record peaks of displacement, rotation, kinetic energy; return where they are not finite.
@@ -352,26 +361,23 @@ def record_motion(model, state, where):
     rotation = state.peak[Peak.ROTATION]
     length = model.length[0]
     spoiled = farthest
-    for i in range(1, state.position.shape[0] - 1):
-        dx = state.position[i, 0] - model.start[i, 0]
-        dy = state.position[i, 1] - model.start[i, 1]
-        ux = state.velocity[i, 0]
-        uy = state.velocity[i, 1]
-        w = state.velocity[i, 2]
+    position = state.position
+    start = model.start
+    for i in range(1, position.shape[0] - 1):
+        dx = position[i, 0] - start[i, 0]
+        dy = position[i, 1] - start[i, 1]
         farthest = larger(farthest, dx * dx + dy * dy)
-        rotation = larger(rotation, abs(state.position[i, 2] - model.start[i, 2]))
-        speed = larger(abs(ux) + abs(uy), length * abs(w))
-        fastest = larger(fastest, speed)
-        spoiled += 0.0 * (dx + dy + state.position[i, 2])
+        rotation = larger(rotation, abs(position[i, 2] - start[i, 2]))
+        fastest = larger(fastest, speed_of(i, state.velocity, length))
+        spoiled += 0.0 * (dx + dy + position[i, 2])
     peak = state.peak
     peak[Peak.ROTATION] = select(where, rotation, peak[Peak.ROTATION])
     far = larger(peak[Peak.DISPLACEMENT], math.sqrt(farthest))
     peak[Peak.DISPLACEMENT] = select(where, far, peak[Peak.DISPLACEMENT])
     kinetic = kinetic_energy(model, state.velocity)
-    most = larger(state.energy[Energy.LARGEST_KINETIC], kinetic)
-    state.energy[Energy.LARGEST_KINETIC] = select(
-        where, most, state.energy[Energy.LARGEST_KINETIC]
-    )
+    had = state.energy[Energy.LARGEST_KINETIC]
+    most = select(where, larger(had, kinetic), had)
+    state.energy[Energy.LARGEST_KINETIC] = most
     state.clock[Clock.FASTEST] = select(where, fastest, state.clock[Clock.FASTEST])
     record_calm(model, state, kinetic, where)
     return where & (spoiled != 0.0)
@@ -492,6 +498,16 @@ def accept_contacts(runs, impulse, where):
     return make_step(runs, impulse, where)
 
 
+@inlined
+def pass_time(state, where):
+    """Let the time of a step pass, and count it."""
+    clock = state.clock
+    step = clock[Clock.STEP]
+    clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
+    clock[Clock.MOVING] += select(where, step, 0.0)
+    state.count[Count.STEPS] += flag(where)
+
+
 @kernel
 def accept_step(runs, impulse, where):
     """Accept a solved step; return where the chain has collapsed, and is broken.
@@ -501,11 +517,7 @@ def accept_step(runs, impulse, where):
     Reads: runs, impulse (x, y).
     Writes: runs.
     """
-    clock = runs.state.clock
-    step = clock[Clock.STEP]
     collapsed = runs.law.accept(runs, impulse, where)
     broken = record_motion(runs.model, runs.state, where)
-    clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
-    clock[Clock.MOVING] += select(where, step, 0.0)
-    runs.state.count[Count.STEPS] += flag(where)
+    pass_time(runs.state, where)
     return collapsed, broken
