@@ -18,7 +18,7 @@ from archfrag.physics.kernels.primitives import lane_array, runs_of
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.mega_voussoirs.assemble import new_mega_voussoirs
 from archfrag.physics.state import model_of, new_state, new_work
-from archfrag.physics.steps.run import new_four
+from archfrag.physics.steps.run import new_rigid_runs
 from tests.physics.kernels import effects
 
 PACKAGE = Path(archfrag.__file__).parent
@@ -118,7 +118,7 @@ class TestStructs:
         """The law by which LLVM reorders loads and stores."""
         model = model_of(ARCH.chain)
         state = new_state(model)
-        four = new_four(model)
+        four = new_rigid_runs(model, lane_array)
         structs = [
             model,
             state,
