@@ -8,15 +8,15 @@ import pytest
 import archfrag as af
 from archbench.paper.many_points import ManyPoints
 from archfrag.errors import ArchfragError, InputError, StabilityError
-from archfrag.physics.faces import midpoint, settle
-from archfrag.physics.faces.law import Gaps, bear
-from archfrag.physics.faces.midpoint import delay_of, new_face_runs
-from archfrag.physics.faces.settle import first_frequency, settled
-from archfrag.physics.faces.velocities import balance, find_velocities
 from archfrag.physics.ground import Impulse
 from archfrag.physics.interface import Options
 from archfrag.physics.state import Clock, model_of
 from archfrag.physics.status import Energy, Status
+from archfrag.physics.steps import face_rest, face_step
+from archfrag.physics.steps.face_law import Gaps, bear
+from archfrag.physics.steps.face_rest import first_frequency, settled
+from archfrag.physics.steps.face_step import delay_of, new_face_runs
+from archfrag.physics.steps.face_velocities import balance, find_velocities
 from archfrag.physics.steps.step import accept_step, pose_step
 from archfrag.simulation.simulate import simulate_runs
 
@@ -246,7 +246,7 @@ class TestRest:
         assert (faces.touching > 0.0).all()
 
     def test_what_the_solver_does_not_find_is_not_said_to_fall(self, monkeypatch):
-        monkeypatch.setattr(settle, "settle", lambda *_: settle.MOVES_ON)
+        monkeypatch.setattr(face_rest, "settle", lambda *_: face_rest.MOVES_ON)
         with pytest.raises(ArchfragError, match="does not say that it falls") as raised:
             af.simulate(lemos(1.1e10), half_sine(0.25, 0.5))
         assert not isinstance(raised.value, StabilityError)
@@ -321,7 +321,7 @@ class TestEnergy:
                 runs.own.most[:] = math.inf
             if broken == "what is stored":
                 clock[Clock.STORED] *= 1.01
-            midpoint.record_joints.py_func(runs, step, True)
+            face_step.record_joints.py_func(runs, step, True)
             accept_step(runs, impulse, True)
         energy = runs.state.energy
         error = energy[Energy.BALANCE_ERROR_PEAK] / energy[Energy.LARGEST_KINETIC]

@@ -209,8 +209,8 @@ class Runs(NamedTuple):
     grounds: Any = ()  # archfrag.physics.ground.Grounds
     options: Any = ()  # archfrag.physics.interface.Options
     path: Any = ()  # of rigid joints: archfrag.physics.contact.path.Path
-    # Of joints that give: `Faces` of archfrag.physics.faces.law, `Memory` and `FaceWork` of
-    # archfrag.physics.faces.velocities.
+    # Of joints that give: `Faces` of archfrag.physics.steps.face_law, `Memory` and `FaceWork` of
+    # archfrag.physics.steps.face_velocities.
     faces: Any = ()
     memory: Any = ()
     own: Any = ()

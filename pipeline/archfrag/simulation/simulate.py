@@ -16,12 +16,12 @@ from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import ArchfragError, InputError, UnitWarning
 from archfrag.motions.motion import Motion
 from archfrag.physics.collapse import NOTED_GAP
-from archfrag.physics.faces.settle import damping_of_steps, longest_step
 from archfrag.physics.ground import grounds_of
 from archfrag.physics.interface import Options, Outcomes
 from archfrag.physics.methods.registry import AUTO, FACE_STEP, OWN_STEP, MethodInfo
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Count
+from archfrag.physics.steps.face_rest import damping_of_steps, longest_step
 from archfrag.simulation import arguments
 from archfrag.simulation.arguments import LOSS_LIMIT
 from archfrag.simulation.response import (

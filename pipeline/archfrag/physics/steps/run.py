@@ -17,8 +17,6 @@ import numpy as np
 from archfrag.physics import shared
 from archfrag.physics.contact.path import new_path
 from archfrag.physics.contact.placing import move_faces
-from archfrag.physics.faces.midpoint import new_face_runs
-from archfrag.physics.faces.settle import settled
 from archfrag.physics.ground import Grounds, end_of_motion, impulse_between
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import kernel
@@ -27,6 +25,8 @@ from archfrag.physics.state import KEPT, Clock, Law, Model, Runs, model_of, new_
 from archfrag.physics.status import Count, Energy, Status
 from archfrag.physics.steps import service
 from archfrag.physics.steps.at_impacts import solve_contacts
+from archfrag.physics.steps.face_rest import settled
+from archfrag.physics.steps.face_step import new_face_runs
 from archfrag.physics.steps.step import (
     accept_contacts,
     accept_step,

@@ -11,15 +11,15 @@ import math
 import numpy as np
 
 from archfrag.physics.contact.placing import relative_velocity
-from archfrag.physics.faces.law import Faces, overlap_moments
-from archfrag.physics.faces.midpoint import LEAST_DELAY, new_face_runs, remember
-from archfrag.physics.faces.velocities import find_velocities
 from archfrag.physics.ground import Impulse
 from archfrag.physics.interface import Chain
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.numbers import larger
 from archfrag.physics.state import KEPT, Clock, Model, model_of
 from archfrag.physics.status import Joint, Status
+from archfrag.physics.steps.face_law import Faces, overlap_moments
+from archfrag.physics.steps.face_step import LEAST_DELAY, new_face_runs, remember
+from archfrag.physics.steps.face_velocities import find_velocities
 from archfrag.physics.steps.step import pose_step
 
 # Steps to equilibrium, over the period of the first mode: the first, how they grow, the largest.

@@ -15,11 +15,11 @@ from numpy import ndarray
 
 from archfrag.physics.contact.blocks import block_of, factorise_block, solve_block
 from archfrag.physics.contact.placing import corner_rate_at
-from archfrag.physics.faces.law import Gaps, bear
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import fused, opposite, select, some
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.numbers import dot, flag, larger, smaller
+from archfrag.physics.steps.face_law import Gaps, bear
 from archfrag.physics.steps.step import normal_of
 
 MOST_ITERATIONS = 40.0

@@ -14,7 +14,13 @@ import numpy as np
 from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact.placing import move_faces, relative_velocity
 from archfrag.physics.energy import kinetic_energy, record_faces
-from archfrag.physics.faces.law import (
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.primitives import opposite, select, some
+from archfrag.physics.numbers import flag, larger, smaller
+from archfrag.physics.shared import ALL, GO, IDLE, PAUSE, log_change
+from archfrag.physics.state import Clock, Law, Model, Runs, allocate, new_runs
+from archfrag.physics.status import Count
+from archfrag.physics.steps.face_law import (
     ALONG,
     FLAT,
     Faces,
@@ -22,7 +28,7 @@ from archfrag.physics.faces.law import (
     overlap_moments,
     places_of,
 )
-from archfrag.physics.faces.velocities import (
+from archfrag.physics.steps.face_velocities import (
     OF_BODIES,
     FaceWork,
     Memory,
@@ -30,12 +36,6 @@ from archfrag.physics.faces.velocities import (
     parts_of,
     three,
 )
-from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.kernels.primitives import opposite, select, some
-from archfrag.physics.numbers import flag, larger, smaller
-from archfrag.physics.shared import ALL, GO, IDLE, PAUSE, log_change
-from archfrag.physics.state import Clock, Law, Model, Runs, allocate, new_runs
-from archfrag.physics.status import Count
 from archfrag.physics.steps.service import (
     BY_START,
     MOST_STEPS,
