@@ -203,7 +203,7 @@ def _cost(scene: Scene, setting: Setting, spent: float, quick: bool) -> float:
             np.median([spent, *(solve(scene, setting).seconds for _ in range(again))])
         )
     enough = 3 if quick or spent > LONGEST[0] else 5
-    factors = STUDY if known_methods()[setting.method].load_many else STUDY[:1]
+    factors = STUDY if known_methods()[setting.method].load("run_many") else STUDY[:1]
     times: list[float] = []
     while len(times) < enough or (
         len(factors) * sum(times) < SHORT and len(times) < MOST

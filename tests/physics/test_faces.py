@@ -8,14 +8,16 @@ import pytest
 import archfrag as af
 from archbench.paper.many_points import ManyPoints
 from archfrag.errors import ArchfragError, InputError, StabilityError
-from archfrag.physics.faces import midpoint, settle
-from archfrag.physics.faces.law import Gaps, bear
-from archfrag.physics.faces.midpoint import accept_step, delay_of, new_runs, pose_step
-from archfrag.physics.faces.settle import first_frequency, settled
-from archfrag.physics.faces.velocities import balance, find_velocities
 from archfrag.physics.ground import Impulse
+from archfrag.physics.interface import Options
 from archfrag.physics.state import Clock, model_of
 from archfrag.physics.status import Energy, Status
+from archfrag.physics.steps import face_rest, face_step
+from archfrag.physics.steps.face_law import Gaps, bear
+from archfrag.physics.steps.face_rest import first_frequency, settled
+from archfrag.physics.steps.face_step import delay_of, new_face_runs
+from archfrag.physics.steps.face_velocities import balance, find_velocities
+from archfrag.physics.steps.step import accept_step, pose_step
 from archfrag.simulation.simulate import simulate_runs
 
 K = 3e10
@@ -121,20 +123,21 @@ class TestSolve:
     def test_the_system_is_the_derivative_of_the_balance(self, points):
         arch = given(af.Arch.circular(4.0, 0.5, 180.0, 5, 0.4), 1e10, points)
         model, faces = settled(arch.chain)
-        runs = new_runs(model)
+        runs = new_face_runs(model, faces)
         draw = np.random.default_rng(3)
         step = 1e-3
+        runs.state.clock[Clock.STEP] = step
         runs.state.position[:] = model.start
         runs.state.velocity[1:-1] = 0.02 * draw.normal(size=(5, 3))
         runs.memory.touching[:] = faces.touching
         runs.memory.slip[:] = faces.slip
-        pose_step(model, runs, Impulse(*(8 * (0.0,))), step)
+        pose_step(runs, Impulse(*(8 * (0.0,))))
         work = runs.work
         own = runs.own
         work.solved[:] = runs.state.velocity
 
         def left():
-            balance(model, faces, work, own, step, step)
+            balance(runs, step, step)
             return own.left[1:-1].ravel().copy()
 
         left()
@@ -162,13 +165,14 @@ class TestSolve:
     def test_impulses_balance_momentum(self, stiffness):
         arch = given(af.Arch.circular(4.0, 0.5, 180.0, 9, 0.7), stiffness)
         model, faces = settled(given(arch, max(stiffness, 1e10)).chain)
-        runs = new_runs(model)
+        runs = new_face_runs(model, faces)
         draw = np.random.default_rng(5)
+        runs.state.clock[Clock.STEP] = 2e-4
         runs.state.position[:] = model.start
         runs.state.velocity[1:-1] = 0.1 * draw.normal(size=(9, 3))
         runs.memory.touching[:] = faces.touching
-        pose_step(model, runs, Impulse(*(8 * (0.0,))), 2e-4)
-        solved, _ = find_velocities(model, faces, runs, 2e-4, 2e-4, 1e-9, True)
+        pose_step(runs, Impulse(*(8 * (0.0,))))
+        solved, _ = find_velocities(runs, 2e-4, 2e-4, 1e-9, True)
         assert solved
         work = runs.work
         momentum = np.zeros((11, 2))
@@ -242,7 +246,7 @@ class TestRest:
         assert (faces.touching > 0.0).all()
 
     def test_what_the_solver_does_not_find_is_not_said_to_fall(self, monkeypatch):
-        monkeypatch.setattr(settle, "settle", lambda *_: settle.MOVES_ON)
+        monkeypatch.setattr(face_rest, "settle", lambda *_: face_rest.MOVES_ON)
         with pytest.raises(ArchfragError, match="does not say that it falls") as raised:
             af.simulate(lemos(1.1e10), half_sine(0.25, 0.5))
         assert not isinstance(raised.value, StabilityError)
@@ -292,19 +296,21 @@ class TestEnergy:
     def test_the_account_fails_if_a_law_is_broken(self, points, broken):
         arch = ring_that_slides(3e10, points)
         model, faces = settled(arch.chain)
-        runs = new_runs(model)
+        options = Options(*(len(Options._fields) * (0.5,)))
+        runs = new_face_runs(model, faces)._replace(options=options)
         step = 5e-4
-        begin = runs.memory
+        clock = runs.state.clock
         runs.state.position[:] = model.start
-        begin.slip[:] = faces.slip
-        begin.touching[:] = faces.touching
-        begin.half[:] = faces.half
-        begin.stored[0] = faces.stored
+        runs.memory.slip[:] = faces.slip
+        runs.memory.touching[:] = faces.touching
+        runs.memory.half[:] = faces.half
+        clock[Clock.STORED] = faces.stored
+        clock[Clock.STEP] = step
         for number in range(600):
             ground = 6.0 * math.sin(2.0 * math.pi * 1.6 * number * step)
             impulse = Impulse(ground * step, *(7 * (0.0,)))
-            pose_step(model, runs, impulse, step)
-            find_velocities(model, faces, runs, step, delay_of(faces, step), 1e-6, True)
+            pose_step(runs, impulse)
+            find_velocities(runs, step, delay_of(faces, step), 1e-6, True)
             if broken == "sense of shear":
                 reaction = runs.work.reaction
                 normal = runs.work.normal
@@ -314,10 +320,9 @@ class TestEnergy:
             if broken == "no friction limit":
                 runs.own.most[:] = math.inf
             if broken == "what is stored":
-                begin.stored[0] *= 1.01
-            midpoint.record_joints.py_func(model, faces, runs, step, True)
-            runs.state.clock[Clock.STEP] = step
-            accept_step(model, runs.state, runs.work, impulse, True, 0.5)
+                clock[Clock.STORED] *= 1.01
+            face_step.record_joints.py_func(runs, step, True)
+            accept_step(runs, impulse, True)
         energy = runs.state.energy
         error = energy[Energy.BALANCE_ERROR_PEAK] / energy[Energy.LARGEST_KINETIC]
         assert bool(error < 1e-3) is (broken == "nothing")

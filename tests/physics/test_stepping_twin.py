@@ -8,14 +8,12 @@ import pytest
 from archbench.paper import stepping
 from archbench.paper.arch import full_motion, rotated
 from archfrag.physics.contact.placing import move_faces
-from archfrag.physics.ground import grounds_of
-from archfrag.physics.state import model_of, new_work
+from archfrag.physics.state import new_work
 from archfrag.physics.status import Tie, TieWork
-from archfrag.physics.steps.run import new_one
 from tests.physics.adapters import Problem, framed, modes_of
 from tests.physics.linkages import random_hinged_arch, rotate
 from tests.physics.oracles import dense
-from tests.physics.test_time_stepping import step_through
+from tests.physics.test_time_stepping import runs_of, step_through
 
 STEP = 1e-3
 GROUND = 1.5, -0.4  # acceleration [m/s2]
@@ -23,16 +21,12 @@ GROUND = 1.5, -0.4  # acceleration [m/s2]
 
 def stepped(arch, position, velocity):
     """Model, state and workspace of a chain after one step."""
-    model = model_of(arch.chain)
-    one = new_one(model)
-    one.state.position[1:-1] = position
-    one.state.velocity[1:-1] = velocity
-    grounds = grounds_of([(np.full(3, GROUND[0]), np.full(3, GROUND[1]), 0.1)])
-    lengths = np.array([STEP])
-    kinds = np.zeros(5, np.int64)
-    worst = step_through(model, grounds, one.state, one.work, one.path, lengths, kinds)
+    runs = runs_of(arch, (np.full(3, GROUND[0]), np.full(3, GROUND[1]), 0.1))
+    runs.state.position[1:-1] = position
+    runs.state.velocity[1:-1] = velocity
+    worst = step_through(runs, np.array([STEP]), np.zeros(5, np.int64))
     assert math.isfinite(worst)
-    return model, one.state, one.work
+    return runs.model, runs.state, runs.work
 
 
 @pytest.mark.parametrize("friction", [0.7, np.inf])

@@ -16,8 +16,8 @@ from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.shared import AT_END, EXHAUSTED, PAUSE, UNSOLVED, clear
 from archfrag.physics.state import Clock, model_of
 from archfrag.physics.status import Count, Energy, Status
-from archfrag.physics.steps.run import new_one
-from archfrag.physics.steps.service import code_after
+from archfrag.physics.steps.run import new_rigid_runs
+from archfrag.physics.steps.service import go_on
 from archfrag.physics.steps.step import accept_step, pose_step, time_before
 from tests.validation.scenes import g, oppenheim, pulse, sampled
 
@@ -25,22 +25,25 @@ simulate = functools.partial(af.simulate, method="time_stepping")
 
 
 @kernel
-def code_of(state, options, until, solved):
+def code_of(runs, until, solved):
     """Why a run waits that has made a step, or could not."""
-    return code_after(state, options, until, (solved, not solved, False, False))
+    go_on(runs, until, (solved, not solved, False, False))
+    return int(runs.state.clock[Clock.CODE])
 
 
 @kernel
-def step_through(model, grounds, state, work, path, lengths, kinds):
+def step_through(runs, lengths, kinds):
     """Step a chain through steps of given lengths; the worst energy balance of one of them [J].
 
     Counted in `kinds` (5,): steps, with a slip, with an impact, with an opening, with a corner.
     """
+    model = runs.model
+    state = runs.state
+    work = runs.work
     clear(state)
     state.clock[Clock.FACTOR] = 1.0
     move_faces(model, state.position, work)
     worst = 0.0
-    shortest = 2e-5
     clock = state.clock
     energy = state.energy
     for length in lengths:
@@ -48,9 +51,9 @@ def step_through(model, grounds, state, work, path, lengths, kinds):
         if kinds[0] % 3 == 0:  # reactions before an expected impact
             clock[Clock.IMPACT] = time + 0.5 * length
         span = time_before(state, length)
-        impulse = impulse_between(grounds, clock, time, time + length)
-        pose_step(model, state, work, impulse, length, shortest)
-        solved, _ = solve_with_fallback(model, state, work, path)
+        impulse = impulse_between(runs.grounds, clock, time, time + length)
+        pose_step(runs, impulse)
+        solved, _ = solve_with_fallback(model, state, work, runs.path)
         if not solved:
             return np.inf
         kinetic, potential = energies_of(model, state)
@@ -75,7 +78,7 @@ def step_through(model, grounds, state, work, path, lengths, kinds):
                 opens = opens or work.contact[j, k] < state.contact[j, k]
         for kind, found in enumerate((True, slides, makes, opens, corner)):
             kinds[kind] += found
-        collapsed, broken = accept_step(model, state, work, impulse, True, 0.5)
+        collapsed, broken = accept_step(runs, impulse, True)
         if collapsed or broken:
             return worst
         kinetic, potential = energies_of(model, state)
@@ -89,16 +92,20 @@ def step_through(model, grounds, state, work, path, lengths, kinds):
     return worst
 
 
+def runs_of(arch, motion, steps=2e-5):
+    """A run of a chain under a motion, whose shortest steps are `steps`."""
+    options = Options(steps, 1e-3, 1e-3, 1.0, 10, 0.5, 64, 1e-2, 0.0, 1e-3, 1e-6)
+    runs = new_rigid_runs(model_of(arch.chain))
+    return runs._replace(grounds=grounds_of([motion]), options=options)
+
+
 def stepped(arch, motion, lengths):
     """State, worst energy balance and kinds of steps of a chain, every step integrated."""
-    model = model_of(arch.chain)
     kinds = np.zeros(5, np.int64)
-    one = new_one(model)
-    one.state.position[:, :2] = model.centroid
-    worst = step_through(
-        model, grounds_of([motion]), one.state, one.work, one.path, lengths, kinds
-    )
-    return one.state, worst, kinds
+    runs = runs_of(arch, motion)
+    runs.state.position[:, :2] = runs.model.centroid
+    worst = step_through(runs, lengths, kinds)
+    return runs.state, worst, kinds
 
 
 class TestRest:
@@ -140,11 +147,10 @@ class TestRest:
 def test_a_run_ends_in_time_though_every_step_needs_service(
     time, steps, ends, solved, else_
 ):
-    state = new_one(model_of(af.Block(0.6, 1.8, friction=0.4).chain)).state
-    state.clock[Clock.TIME] = time
-    state.count[Count.STEPS] = steps
-    options = Options(1e-3, 1e-3, 1e-3, 1.0, 10, 0.5, 64, 1e-2, 0.0, 1e-3, 1e-6)
-    assert code_of(state, options, 2.0, solved) == (else_ if ends is None else ends)
+    runs = runs_of(af.Block(0.6, 1.8, friction=0.4), (np.zeros(2), None, 0.1), 1e-3)
+    runs.state.clock[Clock.TIME] = time
+    runs.state.count[Count.STEPS] = steps
+    assert code_of(runs, 2.0, solved) == (else_ if ends is None else ends)
 
 
 def test_residual_falls_with_the_step(monkeypatch):

@@ -4,16 +4,9 @@
 """
 
 import json
-from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
 from archfrag.physics.methods.registry import FOLLOW, MethodInfo, Parameter, register
-
-
-def _from(module: str) -> Callable[[], Callable]:
-    return lambda: import_module(f"archbench.baselines.{module}").run
-
 
 _ROWS = json.loads(Path(__file__).with_name("methods.json").read_text(encoding="utf-8"))
 BASELINES = []
@@ -23,6 +16,8 @@ for _row in _ROWS:
         FOLLOW if each == "follow" else Parameter(*each) for each in _listed
     )
     BASELINES.append(
-        MethodInfo(parameters=_parameters, load=_from(_row["name"]), **_row)
+        MethodInfo(
+            parameters=_parameters, module=f"archbench.baselines.{_row['name']}", **_row
+        )
     )
 register(*BASELINES)

@@ -11,7 +11,7 @@ from archfrag.physics.ground import Grounds
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import struct
-from archfrag.physics.state import Clock, Model, State, Work, model_of
+from archfrag.physics.state import Clock, Law, Model, State, Work, model_of
 from archfrag.physics.status import Cause, Count
 from archfrag.physics.steps import run as stepper
 from archfrag.physics.steps.service import handle
@@ -23,6 +23,7 @@ BY_REST = int(Cause.REST)
 class Case(NamedTuple):
     """All that one run takes."""
 
+    law: Law
     model: Model
     grounds: Grounds
     state: State
@@ -46,11 +47,18 @@ def case_of(
     model = model_of(chain)
     rest = stepper.rest_of(model) if from_rest else stepper.UNKNOWN
     options = shared.ready(options, model, rest)
-    state, work, path = stepper.new_one(model)[:3]
-    state.clock[Clock.FACTOR] = factor
-    output = shared.output_to(frames, log, options.frame_interval)
+    one = stepper.new_rigid_runs(model)
+    one.state.clock[Clock.FACTOR] = factor
     return Case(
-        model, grounds, state, work, path, options, output, shared.new_results(1)
+        one.law,
+        model,
+        grounds,
+        one.state,
+        one.work,
+        one.path,
+        options,
+        shared.output_to(frames, log, options.frame_interval),
+        shared.new_results(1),
     )
 
 
@@ -58,18 +66,18 @@ def start(
     case: Case, position: np.ndarray, velocity: np.ndarray, from_rest: bool
 ) -> None:
     """Start a run at rest in the chain's own geometry, or with given positions and velocities."""
-    model, grounds, state, work, path, options, output, _ = case
-    if from_rest and not np.isnan(options.rest_plus):
-        stepper.start_at_rest(model, grounds, state, work, path, options, output)
+    state = case.state
+    if from_rest and not np.isnan(case.options.rest_plus):
+        stepper.start_at_rest(case, 0, state.clock[Clock.FACTOR], case.output)
         return
     state.position[1:-1] = position
     state.velocity[1:-1] = velocity
-    stepper.start_given(model, state, work, options, output)
+    stepper.start_given(case, case.output)
 
 
 def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Outcomes:
     """End a run; its final state goes into `position` and `velocity`."""
-    model, _, state, work, _, options, output, results = case
+    _, model, _, state, work, _, options, output, results = case
     shared.end_run(model, state, work, options, output, results, 0)
     position[:] = state.position[1:-1]
     velocity[:] = state.velocity[1:-1]
@@ -89,7 +97,7 @@ def integrate(
     while case.state.clock[Clock.CODE] == shared.GO:
         advance()
         if case.state.clock[Clock.CODE] == shared.PAUSE:
-            handle(*case[:-1])
+            handle(case, case.output)
     return finish(case, position, velocity)
 
 

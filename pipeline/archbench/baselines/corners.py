@@ -29,8 +29,7 @@ from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.state import Clock, Model
 from archfrag.physics.status import Count
-from archfrag.physics.steps.at_impacts import next_step
-from archfrag.physics.steps.service import accept_recorded, code_after, measure_state
+from archfrag.physics.steps.service import accept_recorded, go_on, measure_state
 from archfrag.physics.steps.step import free_fall, go_to_middle
 
 # Speed over that of a fall through the longest joint below which the chain may be at rest, and
@@ -156,16 +155,12 @@ def accept_corners(case, corners, impulse, converged):
     state = case.state
     options = case.options
     gather_joints(case, corners)
-    collapsed, broken = accept_recorded(
-        model, state, case.work, impulse, options, case.output
-    )
+    collapsed, broken = accept_recorded(case, impulse, case.output)
     if not converged:
         state.count[Count.UNCONVERGED] += 1.0
         measure_state(model, state, case.work)
     until = end_of_motion(case.grounds, state.clock, options.follow)
-    next_step(state, options, True, until)
-    outcome = True, False, collapsed, broken
-    state.clock[Clock.CODE] = code_after(state, options, until, outcome)
+    go_on(case, until, (True, False, collapsed, broken))
     if stands(state, options, until, corners.moved, REST_SPAN) and not (
         collapsed or broken
     ):

@@ -45,7 +45,12 @@ from archfrag.physics.shared import (
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Count, Energy
 from archfrag.physics.steps.service import dominant_change, measure_state, write_if_due
-from archfrag.physics.steps.step import count_changes, go_to_middle, make_step
+from archfrag.physics.steps.step import (
+    accept_step,
+    count_changes,
+    go_to_middle,
+    make_step,
+)
 
 # A run of more steps than this is refused before it starts.
 MOST_STEPS = 1e9
@@ -158,6 +163,13 @@ def _largest_slip(model, state):
 
 
 @kernel
+def take_counted(case, impulse, where):
+    """Take a step and count the changes of its joints; springs account for their work."""
+    count_changes(case.model, case.state, case.work, where)
+    return make_step(case, impulse, where)
+
+
+@kernel
 def make_steps(case, springs, most, shifted):
     """Step until the critical step has to be asked for again, or the run is over."""
     model = case.model
@@ -178,10 +190,7 @@ def make_steps(case, springs, most, shifted):
             gather_reactions(case, springs, clock[Clock.STEP])
         write_if_due(model, state, work, output)
         cause, joint = dominant_change(state, work)
-        count_changes(model, state, work, True)
-        collapsed, broken = make_step(
-            model, state, work, impulse, True, options.loss_limit
-        )
+        collapsed, broken = accept_step(case, impulse, True)
         if checks:
             measure_state(model, state, work)
         if cause >= 0:
@@ -310,7 +319,8 @@ def run(
     state = case.state
     work = case.work
     still = STILL * float(np.sqrt(model.gravity * model.length[0]))
-    case = case._replace(options=case.options._replace(still=still))
+    law = case.law._replace(accept=take_counted)
+    case = case._replace(law=law, options=case.options._replace(still=still))
     start(case, position, velocity, False)
     springs = new_springs(model, stiffness, shear_ratio, rounding)
     frequency = highest_frequency(model, state, work, springs)

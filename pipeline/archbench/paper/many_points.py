@@ -2,7 +2,7 @@
 
 Each point has a normal spring without tension, a shear spring and dashpots, and slides by
 Coulomb's law of its own. Bodies move by central differences, with steps a part of the critical
-one. With more points a joint tends to the elastic face of `archfrag.physics.faces`.
+one. With more points a joint tends to the elastic face of `archfrag.physics.steps.face_law`.
 """
 
 import math

@@ -16,8 +16,7 @@ from archfrag.physics.contact.ties import tie_stretch
 from archfrag.physics.shared import begin
 from archfrag.physics.state import new_model, new_state, new_work
 from archfrag.physics.status import Tie, TieMode, TieState
-from archfrag.physics.steps.creep import creep
-from archfrag.physics.steps.service import rest_range
+from archfrag.physics.steps.service import creep, rest_range
 
 LOST_GAP = 0.5  # gap at both corners of a joint, over its length, of an arch that has fallen [1]
 # Step of a movement over the shortest joint, or as a rotation [rad]; the step in time makes

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from archfrag.physics.kernels.structs import struct
 
@@ -19,20 +20,20 @@ class Chain(NamedTuple):
     ``j - 1`` to body ``j``: the tangent is the normal rotated by +90 degrees.
     """
 
-    mass: np.ndarray  # (n_body,) [kg]
-    inertia: np.ndarray  # (n_body,) about the centroid [kg m2]
-    centroid: np.ndarray  # (n_body, 2) at rest, ground frame [m]
-    face_before: np.ndarray  # (n_joint, 2, 2) corner, xy: face on body j - 1 [m]
-    face_after: np.ndarray  # (n_joint, 2, 2) corner, xy: face on body j [m]
+    mass: ndarray  # (n_body,) [kg]
+    inertia: ndarray  # (n_body,) about the centroid [kg m2]
+    centroid: ndarray  # (n_body, 2) at rest, ground frame [m]
+    face_before: ndarray  # (n_joint, 2, 2) corner, xy: face on body j - 1 [m]
+    face_after: ndarray  # (n_joint, 2, 2) corner, xy: face on body j [m]
     friction: (
-        np.ndarray
-    )  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
+        ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
+    )
     gravity: float  # [m/s2]
     # (n_body, 3) where a run begins: centroids [m] and rotations; None: as built
-    start: np.ndarray | None = None
-    tie: np.ndarray | None = None  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
+    start: ndarray | None = None
+    tie: ndarray | None = None  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
     # (n_joint, len(Joint)) by archfrag.physics.status.Joint: joints that give; None: rigid ones
-    joint: np.ndarray | None = None
+    joint: ndarray | None = None
 
 
 @struct()
@@ -74,15 +75,13 @@ class Options(NamedTuple):
 class Frames(NamedTuple):
     """Buffers for a history; empty arrays where none is wanted."""
 
-    time: np.ndarray  # (n_frame,) [s]
+    time: ndarray  # (n_frame,) [s]
     position: (
-        np.ndarray
-    )  # (n_frame, n_body, 3) displacement from rest: x, y [m], rotation [rad]
-    velocity: np.ndarray  # (n_frame, n_body, 3) relative to the ground [m/s], [rad/s]
-    reaction: (
-        np.ndarray
-    )  # (n_frame, n_joint, 3) force [N]; moment about the pivot [N m]
-    mode: np.ndarray  # (n_frame, n_joint) contact mode from then on
+        ndarray  # (n_frame, n_body, 3) displacement from rest: x, y [m], rotation [rad]
+    )
+    velocity: ndarray  # (n_frame, n_body, 3) relative to the ground [m/s], [rad/s]
+    reaction: ndarray  # (n_frame, n_joint, 3) force [N]; moment about the pivot [N m]
+    mode: ndarray  # (n_frame, n_joint) contact mode from then on
 
 
 @struct()
@@ -93,25 +92,25 @@ class MechanismLog(NamedTuple):
     ``Count.LOG_ENTRIES`` but not kept.
     """
 
-    time: np.ndarray  # (n_entry,) [s]
-    cause: np.ndarray  # (n_entry,) int8: archfrag.physics.status.Cause of the change
-    joint: np.ndarray  # (n_entry,) int32: the joint that caused it; -1 where none did
-    model: np.ndarray  # (n_entry,) int8: archfrag.physics.status.Model from then on
-    mode: np.ndarray  # (n_entry, n_joint) int8: contact modes from then on
+    time: ndarray  # (n_entry,) [s]
+    cause: ndarray  # (n_entry,) int8: archfrag.physics.status.Cause of the change
+    joint: ndarray  # (n_entry,) int32: the joint that caused it; -1 where none did
+    model: ndarray  # (n_entry,) int8: archfrag.physics.status.Model from then on
+    mode: ndarray  # (n_entry, n_joint) int8: contact modes from then on
 
 
 @struct()
 class Outcomes(NamedTuple):
     """Outcomes of runs, a row for each; every method returns them."""
 
-    status: np.ndarray  # (n_run,) archfrag.physics.status.Status
-    end_time: np.ndarray  # (n_run,) [s]
-    collapse_time: np.ndarray  # (n_run,) [s]; nan if none
-    collapse_joint: np.ndarray  # (n_run,); -1 if none
-    collapse_mode: np.ndarray  # (n_run,) archfrag.physics.status.CollapseMode
-    loss: np.ndarray  # (n_run, len(Loss))
+    status: ndarray  # (n_run,) archfrag.physics.status.Status
+    end_time: ndarray  # (n_run,) [s]
+    collapse_time: ndarray  # (n_run,) [s]; nan if none
+    collapse_joint: ndarray  # (n_run,); -1 if none
+    collapse_mode: ndarray  # (n_run,) archfrag.physics.status.CollapseMode
+    loss: ndarray  # (n_run, len(Loss))
     # (n_run, len(Count)) by archfrag.physics.status.Count
-    count: np.ndarray  # type: ignore[assignment]
-    energy: np.ndarray  # (n_run, len(Energy)) [J]
-    model_time: np.ndarray  # (n_run, len(Level)) time simulated at each levell [s]
-    peak: np.ndarray  # (n_run, len(Peak))
+    count: ndarray  # type: ignore[assignment]
+    energy: ndarray  # (n_run, len(Energy)) [J]
+    model_time: ndarray  # (n_run, len(Level)) time simulated at each levell [s]
+    peak: ndarray  # (n_run, len(Peak))

@@ -9,121 +9,87 @@ Kernels take model, state, work, options and output in this order; `model`, `sta
 those below unless a docstring says otherwise.
 """
 
+import functools
 from collections.abc import Callable
 from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from archfrag.physics.interface import Chain
-from archfrag.physics.kernels.primitives import LaneArray, runs_of
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.status import Count, Energy, Loss, Peak, Tie, TieState, TieWork
 
 # Gaps of this size, relative to the coordinates, are rounding. A closed ring is overdetermined:
 # it would answer them with reactions of any size.
 ROUNDING = 64 * 2.2e-16
+KEPT = 1024  # chains whose model, rest or range of rest is kept
+
+Zeros = Callable[[tuple[int, ...]], Any]
 
 
-# Shapes of arrays behind their first dimension.
-OF_JOINTS = {
-    "face": (2, 2, 2),
-    "tangent": (2, 2),
-    "slip": (),
-    "point": (2, 2),
-    "pivot": (2,),
-    "normal": (2,),
-    "side_normal": (2, 2, 2),
-    "candidate": (2,),
-    "known": (),
-    "bias": (2, 2),
-    "contact": (2,),
-    "slide": (),
-    "asked_contact": (2,),
-    "asked_slide": (),
-    "row": (3, 4),
-    "column": (3, 4),
-    "block": (3, 3),
-    "lower": (3, 3),
-    "upper": (3, 3),
-    "unknown": (3,),
-    "residual": (3,),
-    "reaction": (3,),
-    "relative": (3,),
-    "earlier": (3,),
-    "corner_rate": (2, 2),
-}
-OF_BODIES = {"rotated": (2,), "free": (3,), "solved": (3,), "position": (3,)}
-OF_WORK = {**OF_JOINTS, **OF_BODIES, "tie": (len(TieWork),)}
-OF_STATE = {
-    "position": (3,),
-    "velocity": (3,),
-    "contact": (2,),
-    "force": (3,),
-    "tie": (len(TieState),),
-}
-OF_MODEL = {
-    "centroid": (2,),
-    "corner": (2, 2, 2),
-    "tangent": (2, 2),
-    "ray": (2,),
-    "start": (3,),
-    "tie": (len(Tie),),
-}
-
-
-@struct(**OF_MODEL)
+@struct(
+    centroid=(2,),
+    corner=(2, 2, 2),
+    tangent=(2, 2),
+    ray=(2,),
+    start=(3,),
+    tie=(len(Tie),),
+)
 class Model(NamedTuple):
     """Constant data of a chain of rigid bodies."""
 
-    mass: np.ndarray  # (n_body + 2,) [kg]; zero for the ground
-    inertia: np.ndarray  # (n_body + 2,) about the centroid [kg m2]; zero for the ground
-    inverse_mass: np.ndarray  # (n_body + 2,) [1/kg]; zero for the ground
-    inverse_inertia: np.ndarray  # (n_body + 2,) [1/(kg m2)]; zero for the ground
-    centroid: np.ndarray  # (n_body + 2, 2) at rest [m]; zero for the ground
+    mass: ndarray  # (n_body + 2,) [kg]; zero for the ground
+    inertia: ndarray  # (n_body + 2,) about the centroid [kg m2]; zero for the ground
+    inverse_mass: ndarray  # (n_body + 2,) [1/kg]; zero for the ground
+    inverse_inertia: ndarray  # (n_body + 2,) [1/(kg m2)]; zero for the ground
+    centroid: ndarray  # (n_body + 2, 2) at rest [m]; zero for the ground
     corner: (
-        np.ndarray
-    )  # (n_joint, 2, 2, 2) side, corner, xy: faces in the bodies' frames [m]
+        ndarray  # (n_joint, 2, 2, 2) side, corner, xy: faces in the bodies' frames [m]
+    )
     tangent: (
-        np.ndarray
-    )  # (n_joint, 2, 2) side, xy: unit tangents in the bodies' frames [1]
-    length: np.ndarray  # (n_joint,) the shorter face [m]
+        ndarray  # (n_joint, 2, 2) side, xy: unit tangents in the bodies' frames [1]
+    )
+    length: ndarray  # (n_joint,) the shorter face [m]
     friction: (
-        np.ndarray
-    )  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
-    ray: np.ndarray  # (n_joint, 2) normal and tangential part of a sliding reaction [1]
-    start: np.ndarray  # (n_body + 2, 3) where a run begins: centroid [m] and rotation
-    tie: np.ndarray  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
+        ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
+    )
+    ray: ndarray  # (n_joint, 2) normal and tangential part of a sliding reaction [1]
+    start: ndarray  # (n_body + 2, 3) where a run begins: centroid [m] and rotation
+    tie: ndarray  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
     gravity: float  # [m/s2]
     rounding: float  # gaps smaller than this are none [m]
 
 
-@struct(**OF_STATE)
+@struct(
+    position=(3,),
+    velocity=(3,),
+    contact=(2,),
+    force=(3,),
+    tie=(len(TieState),),
+)
 class State(NamedTuple):
     """State of a run, or of four with shapes (…, 4)."""
 
-    position: np.ndarray  # (n_body + 2, 3) centroid [m] and rotation [rad]
-    velocity: np.ndarray  # (n_body + 2, 3) relative to the ground [m/s], [rad/s]
-    contact: np.ndarray  # (n_joint, 2) one where a corner is in contact, else zero
-    force: (
-        np.ndarray
-    )  # (n_joint, 3) mean reactions of the last step; zero if it held an impact
-    tie: np.ndarray  # (n_tie, len(TieState)) by archfrag.physics.status.TieState
-    slide: (
-        np.ndarray
-    )  # (n_joint,) sense of the friction force along the tangent, zero: sticks
-    slip: np.ndarray  # (n_joint,) along the tangent, where last in contact [m]
-    bore_face: np.ndarray  # (n_joint,) one where the last contact was at both corners
-    lost_since: np.ndarray  # (n_joint,) when contact was lost last [s]; nan before
-    lost_slip: np.ndarray  # (n_joint,) slip over length at that instant [1]
-    lost_rotation: np.ndarray  # (n_joint,) relative rotation at that instant [rad]
-    impact: np.ndarray  # (n_joint,) one while an impact goes on after a step, else zero
-    loss: np.ndarray  # (len(Loss),) by archfrag.physics.status.Loss
-    clock: np.ndarray  # (len(Clock),)
+    position: ndarray  # (n_body + 2, 3) centroid [m] and rotation [rad]
+    velocity: ndarray  # (n_body + 2, 3) relative to the ground [m/s], [rad/s]
+    contact: ndarray  # (n_joint, 2) one where a corner is in contact, else zero
+    force: ndarray  # (n_joint, 3) mean reactions of the last step; zero if it held an impact
+    tie: ndarray  # (n_tie, len(TieState)) by archfrag.physics.status.TieState
+    slide: ndarray  # (n_joint,) sense of the friction force along the tangent, zero: sticks
+    slip: ndarray  # (n_joint,) along the tangent, where last in contact [m]
+    bore_face: ndarray  # (n_joint,) one where the last contact was at both corners
+    lost_since: ndarray  # (n_joint,) when contact was lost last [s]; nan before
+    lost_slip: ndarray  # (n_joint,) slip over length at that instant [1]
+    lost_rotation: ndarray  # (n_joint,) relative rotation at that instant [rad]
+    impact: ndarray  # (n_joint,) one while an impact goes on after a step, else zero
+    loss: ndarray  # (len(Loss),) by archfrag.physics.status.Loss
+    clock: ndarray  # (len(Clock),)
     # (len(Count),) by archfrag.physics.status.Count
-    count: np.ndarray  # type: ignore[assignment]
-    energy: np.ndarray  # (len(Energy),) [J]
-    peak: np.ndarray  # (len(Peak),)
+    count: ndarray  # type: ignore[assignment]
+    energy: ndarray  # (len(Energy),) [J]
+    peak: ndarray  # (len(Peak),)
 
 
 class Clock(IntEnum):
@@ -144,94 +110,140 @@ class Clock(IntEnum):
         11  # when a chain with ties was last not calm, see `energy.record_calm` [s]
     )
     BEGINS = 12  # when the motion after a first shock begins; zero without [s]
+    RUN = 13  # number of the run
+    STORED = 14  # elastic energy of joints that give [J]
+    STORED_FIRST = 15  # the same of the initial state [J]
 
 
-@struct(**OF_WORK)
+@struct(
+    face=(2, 2, 2),
+    tangent=(2, 2),
+    rotated=(2,),
+    point=(2, 2),
+    pivot=(2,),
+    normal=(2,),
+    side_normal=(2, 2, 2),
+    candidate=(2,),
+    bias=(2, 2),
+    free=(3,),
+    solved=(3,),
+    contact=(2,),
+    asked_contact=(2,),
+    row=(3, 4),
+    column=(3, 4),
+    block=(3, 3),
+    lower=(3, 3),
+    upper=(3, 3),
+    unknown=(3,),
+    residual=(3,),
+    reaction=(3,),
+    relative=(3,),
+    earlier=(3,),
+    corner_rate=(2, 2),
+    position=(3,),
+    tie=(len(TieWork),),
+)
 class Work(NamedTuple):
     """Workspace of one step."""
 
-    face: np.ndarray  # (n_joint, 2, 2, 2) side, corner, xy: where the faces are [m]
-    tangent: np.ndarray  # (n_joint, 2, 2) side, xy: their unit tangents
-    slip: np.ndarray  # (n_joint,) where contacts hold in this step [m]
-    rotated: np.ndarray  # (n_body + 2, 2) cosine and sine of the rotations
-    point: np.ndarray  # (n_joint, 2, 2) corner, xy: contact points [m]
-    pivot: np.ndarray  # (n_joint, 2) in the middle between them [m]
-    normal: np.ndarray  # (n_joint, 2) common normal of a closed joint
+    face: ndarray  # (n_joint, 2, 2, 2) side, corner, xy: where the faces are [m]
+    tangent: ndarray  # (n_joint, 2, 2) side, xy: their unit tangents
+    slip: ndarray  # (n_joint,) where contacts hold in this step [m]
+    rotated: ndarray  # (n_body + 2, 2) cosine and sine of the rotations
+    point: ndarray  # (n_joint, 2, 2) corner, xy: contact points [m]
+    pivot: ndarray  # (n_joint, 2) in the middle between them [m]
+    normal: ndarray  # (n_joint, 2) common normal of a closed joint
     side_normal: (
-        np.ndarray
-    )  # (n_joint, 2, 2, 2) corner, PLUS or MINUS, xy: Eqs 23a and 23b
-    candidate: np.ndarray  # (n_joint, 2) one where the corner may touch in this step
-    known: (
-        np.ndarray
-    )  # (n_joint,) sense of the friction of a slip in progress; zero: not known
-    bias: np.ndarray  # (n_joint, 2, 2) corner, xy: added to the relative velocity [m/s]
-    free: np.ndarray  # (n_body + 2, 3) velocities without reactions
-    solved: np.ndarray  # (n_body + 2, 3) velocities that the contact problem gives
-    contact: np.ndarray  # (n_joint, 2) modes that the contact problem is solved for
-    slide: np.ndarray  # (n_joint,)
-    asked_contact: np.ndarray  # (n_joint, 2) modes that the solution asks for
-    asked_slide: np.ndarray  # (n_joint,)
-    row: (
-        np.ndarray
-    )  # (n_joint, 3, 4) constrained directions: x, y, arms on after, before
-    column: np.ndarray  # (n_joint, 3, 4) the same of the reactions
-    block: (
-        np.ndarray
-    )  # (n_joint, 3, 3) eliminated diagonal blocks, reciprocals on the diagonal
-    lower: np.ndarray  # (n_joint, 3, 3) coupling with the joint before
-    upper: np.ndarray  # (n_joint, 3, 3) eliminated coupling with the next joint
-    unknown: np.ndarray  # (n_joint, 3) multipliers
-    residual: (
-        np.ndarray
-    )  # (n_joint, 3) velocities left along the constrained directions
+        ndarray  # (n_joint, 2, 2, 2) corner, PLUS or MINUS, xy: Eqs 23a and 23b
+    )
+    candidate: ndarray  # (n_joint, 2) one where the corner may touch in this step
+    known: ndarray  # (n_joint,) sense of the friction of a slip in progress; zero: not known
+    bias: ndarray  # (n_joint, 2, 2) corner, xy: added to the relative velocity [m/s]
+    free: ndarray  # (n_body + 2, 3) velocities without reactions
+    solved: ndarray  # (n_body + 2, 3) velocities that the contact problem gives
+    contact: ndarray  # (n_joint, 2) modes that the contact problem is solved for
+    slide: ndarray  # (n_joint,)
+    asked_contact: ndarray  # (n_joint, 2) modes that the solution asks for
+    asked_slide: ndarray  # (n_joint,)
+    row: ndarray  # (n_joint, 3, 4) constrained directions: x, y, arms on after, before
+    column: ndarray  # (n_joint, 3, 4) the same of the reactions
+    block: ndarray  # (n_joint, 3, 3) eliminated diagonal blocks, reciprocals on the diagonal
+    lower: ndarray  # (n_joint, 3, 3) coupling with the joint before
+    upper: ndarray  # (n_joint, 3, 3) eliminated coupling with the next joint
+    unknown: ndarray  # (n_joint, 3) multipliers
+    residual: ndarray  # (n_joint, 3) velocities left along the constrained directions
     # (n_joint, 3) on the body after: x, y, moment about the pivot; impulses until a step is made,
     # then forces
-    reaction: np.ndarray
-    relative: np.ndarray  # (n_joint, 3) relative velocity at the pivot
-    earlier: np.ndarray  # (n_joint, 3) the same before the step
-    corner_rate: np.ndarray  # (n_joint, 2, 2) corner, xy: relative velocity with bias
-    position: np.ndarray  # (n_body + 2, 3) that the present velocities reach
-    tie: np.ndarray  # (n_tie, len(TieWork)) by archfrag.physics.status.TieWork
+    reaction: ndarray
+    relative: ndarray  # (n_joint, 3) relative velocity at the pivot
+    earlier: ndarray  # (n_joint, 3) the same before the step
+    corner_rate: ndarray  # (n_joint, 2, 2) corner, xy: relative velocity with bias
+    position: ndarray  # (n_body + 2, 3) that the present velocities reach
+    tie: ndarray  # (n_tie, len(TieWork)) by archfrag.physics.status.TieWork
     # (n_tie + 1, n_body + 2 + n_joint, 3) velocities and reactions by a unit impulse of each tie,
     # then those without ties
-    tie_answer: np.ndarray
-    tie_system: np.ndarray  # (n_tie, n_tie + 1) equations of their impulses
+    tie_answer: ndarray
+    tie_system: ndarray  # (n_tie, n_tie + 1) equations of their impulses
 
 
+class Law(NamedTuple):
+    """Kernels of a law of joints; they are bound when a kernel that takes `Runs` is compiled."""
+
+    pose: Any  # (runs, step): set up the middle of a step
+    solve: Any  # (runs, live): find the velocities after it; returns solved, unsolved
+    accept: Any  # (runs, impulse, where): take the solved ones; returns collapsed
+    go_on: Any  # (runs, until, outcome): set the size of the next step, and the code
+    start: Any  # (runs, output): start where the model does; returns the code
+    handle: Any  # (runs, output): do for one run what it waits for; returns the code
+
+
+@struct()
+class Runs(NamedTuple):
+    """One run, or four side by side: all that kernels of the stepper take."""
+
+    law: Law
+    model: Model
+    state: State
+    work: Work
+    columns: tuple[ndarray, ...]  # (n, 1) or (n, 4) each: what a run has of its own
+    grounds: Any = ()  # archfrag.physics.ground.Grounds
+    options: Any = ()  # archfrag.physics.interface.Options
+    path: Any = ()  # of rigid joints: archfrag.physics.contact.path.Path
+    # Of joints that give: `Faces` of archfrag.physics.steps.face_law, `Memory` and `FaceWork` of
+    # archfrag.physics.steps.face_velocities.
+    faces: Any = ()
+    memory: Any = ()
+    own: Any = ()
+
+
+@functools.lru_cache(maxsize=KEPT)
 def model_of(chain: Chain) -> Model:
-    """Return the model of a chain, with the ground before and behind it, which is kept with the
-    chain.
-    """
-    kept = chain.__dict__
-    if "model" not in kept:
-        kept["model"] = new_model(chain)
-        for values in filter(lambda each: isinstance(each, np.ndarray), kept["model"]):
+    """Return the model of a chain, with the ground before and behind it; it is kept."""
+    model = new_model(chain)
+    for values in model:
+        if isinstance(values, ndarray):
             values.flags.writeable = False
-    model: Model = kept["model"]
     return model
 
 
 def new_model(chain: Chain) -> Model:
     """Make a model of a chain, which nothing else holds."""
-    n_body = chain.mass.size
-    n_joint = chain.friction.size
 
-    def framed(values: np.ndarray) -> np.ndarray:
+    def framed(values: ndarray) -> ndarray:
         return np.pad(values, [(1, 1)] + [(0, 0)] * (values.ndim - 1))
 
+    assert chain.friction.size in (chain.mass.size, chain.mass.size + 1)
     corner = np.ascontiguousarray(
         np.stack([chain.face_before, chain.face_after], axis=1)
     )
     along = corner[:, :, 1] - corner[:, :, 0]
     sizes = np.hypot(along[..., 0], along[..., 1])
     rough = np.isinf(chain.friction)
-    ray = np.stack(
-        [np.where(rough, 0.0, 1.0), np.where(rough, 1.0, chain.friction)], axis=1
-    )
-    assert n_joint in (n_body, n_body + 1)
+    ray = [np.where(rough, 0.0, 1.0), np.where(rough, 1.0, chain.friction)]
     start = chain.start
     if start is None:
         start = np.pad(chain.centroid, [(0, 0), (0, 1)])
+    tie = () if chain.tie is None else chain.tie
     return Model(
         mass=framed(chain.mass),
         inertia=framed(chain.inertia),
@@ -242,51 +254,58 @@ def new_model(chain: Chain) -> Model:
         tangent=along / sizes[..., None],
         length=sizes.min(axis=1),
         friction=np.array(chain.friction, float),
-        ray=ray,
+        ray=np.stack(ray, axis=1),
         start=framed(start),
-        tie=np.zeros((0, len(Tie)))
-        if chain.tie is None
-        else np.array(chain.tie, float),
+        tie=np.array(tie, float).reshape(-1, len(Tie)),
         gravity=float(chain.gravity),
         rounding=ROUNDING * float(np.abs(chain.centroid).max()),
     )
 
 
-def new_state(
-    model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros
-) -> State:
+def allocate(kind: Any, model: Model, zeros: Zeros, **first: int) -> Any:
+    """Allocate the arrays of a struct; `first` are dimensions of those not of joints."""
+    n_joint = model.friction.size
+    return kind(
+        *(
+            zeros((first.get(name, n_joint), *kind.shapes.get(name, ())))
+            for name in kind._fields
+        )
+    )
+
+
+def new_state(model: Model, zeros: Zeros = np.zeros) -> State:
     """Allocate the state of one run, or of four with `lane_array` as `zeros`."""
     n_row = model.mass.size
-    n_joint = model.friction.size
-    first = {
-        "position": n_row,
-        "velocity": n_row,
-        "loss": len(Loss),
-        "clock": len(Clock),
-    }
-    first |= {"count": len(Count), "energy": len(Energy), "peak": len(Peak)}
-    first |= {"tie": len(model.tie)}
-    shapes = {name: OF_STATE.get(name, ()) for name in State._fields}
-    return State(
-        *(zeros((first.get(name, n_joint), *shape)) for name, shape in shapes.items())
-    )
+    sizes = {"loss": Loss, "clock": Clock, "count": Count, "energy": Energy}
+    first = {name: len(entries) for name, entries in sizes.items()}
+    first |= {"position": n_row, "velocity": n_row}
+    first |= {"peak": len(Peak), "tie": len(model.tie)}
+    state: State = allocate(State, model, zeros, **first)
+    return state
 
 
-def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> Work:
+def new_work(model: Model, zeros: Zeros = np.zeros) -> Work:
     """Allocate the workspace of one run, or of four with `lane_array` as `zeros`."""
     n_row = model.mass.size
-    n_joint = model.friction.size
-    arrays = {name: zeros((n_joint, *shape)) for name, shape in OF_JOINTS.items()}
-    arrays |= {name: zeros((n_row, *shape)) for name, shape in OF_BODIES.items()}
     n_tie = len(model.tie)
-    arrays["tie"], arrays["tie_system"] = (
-        zeros((n_tie, len(TieWork))),
-        zeros((n_tie, n_tie + 1)),
+    rows = dict.fromkeys(("rotated", "free", "solved", "position"), n_row)
+    work: Work = allocate(Work, model, zeros, tie=n_tie, **rows)
+    columns_of(work.rotated)[::2] = 1.0
+    return work._replace(
+        tie_answer=zeros((n_tie and n_tie + 1, n_row + model.friction.size, 3)),
+        tie_system=zeros((n_tie, n_tie + 1)),
     )
-    answers = n_tie + 1 if n_tie else 0
-    work = Work(**arrays, tie_answer=zeros((answers, n_row + n_joint, 3)))
-    runs = (
-        runs_of(work.rotated) if isinstance(work.rotated, LaneArray) else work.rotated
-    )
-    runs[:, 0] = 1.0
-    return work
+
+
+def columns_of(array: ndarray) -> ndarray:
+    """View an array as numbers, in a column for each run."""
+    plain = array.reshape(-1).view(ndarray).view(float)
+    return plain.reshape(-1, array.itemsize // plain.itemsize)
+
+
+def new_runs(law: Law, model: Model, zeros: Zeros = np.zeros, **own: Any) -> Runs:
+    """Allocate one run, or four with `lane_array` as `zeros`; `own` are fields of its law."""
+    state = new_state(model, zeros)
+    work = new_work(model, zeros)
+    arrays = (*state, work.reaction, work.pivot, *own.get("memory", ()))
+    return Runs(law, model, state, work, tuple(map(columns_of, arrays)), **own)

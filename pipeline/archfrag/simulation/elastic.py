@@ -1,7 +1,7 @@
 """Static balance of voussoirs on elastic faces: rest, and the largest steady acceleration.
 
-Faces are those of `physics.faces.law`, along all of their length and without sliding. Under an
-acceleration that grows slowly a mechanism turns, its hinges bear on strips that narrow with the
+Faces are those of `physics.steps.face_law`, along all of their length and without sliding. Under
+an acceleration that grows slowly a mechanism turns, its hinges bear on strips that narrow with the
 rotation, closed joints shorten under the forces of the load, and the arch becomes flatter by both.
 The largest acceleration is where all of these together cost least.
 """

@@ -16,12 +16,12 @@ from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import ArchfragError, InputError, UnitWarning
 from archfrag.motions.motion import Motion
 from archfrag.physics.collapse import NOTED_GAP
-from archfrag.physics.faces.settle import damping_of_steps, longest_step
 from archfrag.physics.ground import grounds_of
 from archfrag.physics.interface import Options, Outcomes
 from archfrag.physics.methods.registry import AUTO, FACE_STEP, OWN_STEP, MethodInfo
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Count
+from archfrag.physics.steps.face_rest import damping_of_steps, longest_step
 from archfrag.simulation import arguments
 from archfrag.simulation.arguments import LOSS_LIMIT
 from archfrag.simulation.response import (
@@ -155,7 +155,7 @@ def simulate(
     )
     n_entry = LARGEST_LOG if history else 0
     start = (position, velocity)
-    run = info.load()
+    run: Any = info.load()
     started = time.perf_counter()
     while True:
         frames, log = output = empty_output(
@@ -338,8 +338,8 @@ def results_of_runs(
     grounds = grounds_of([ground_of(each, far) for each in unique], starts)
     factor = np.array(factors, float)
     started = time.perf_counter()
-    assert info.load_many is not None
-    results = info.load_many()(arch.chain, grounds, motion, factor, options, **own)
+    run: Any = info.load("run_many")
+    results = run(arch.chain, grounds, motion, factor, options, **own)
     spent = time.perf_counter() - started
     # The calls of several runs are timed together.
     work = 1.0 + results.count[:, Count.STEPS]
@@ -354,7 +354,7 @@ def simulate_runs(
     **given: Any,
 ) -> list[Response]:
     """Simulate many runs; return a response for each."""
-    if arguments.check_method(method).load_many is None:
+    if arguments.check_method(method).load("run_many") is None:
         pairs = zip(motions, factors, strict=True)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UnitWarning)

@@ -13,9 +13,9 @@ from archfrag.arch.facts import no_unit_warnings
 from archfrag.arch.tie_rods import tie_name
 from archfrag.errors import ArchfragError, GeometryError, StabilityError
 from archfrag.physics.contact.ties import tie_stretch
-from archfrag.physics.faces.settle import settled
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Status, Tie
+from archfrag.physics.steps.face_rest import settled
 from archfrag.simulation.joints import inset_of
 from archfrag.simulation.response import STATUS_MESSAGE
 from archfrag.simulation.rest import Onset, onset

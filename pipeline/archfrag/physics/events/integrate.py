@@ -33,7 +33,7 @@ from archfrag.physics.mega_voussoirs.first_level import pose, project, solve_fir
 from archfrag.physics.mega_voussoirs.second_level import joint_reactions
 from archfrag.physics.numbers import copy_rows, sine_cosine
 from archfrag.physics.shared import write_frame
-from archfrag.physics.state import Clock, Model, State, Work
+from archfrag.physics.state import Clock, Law, Model, State, Work
 from archfrag.physics.status import Count, Energy, Peak, Stretch
 
 # Largest step, over the time of a fall through a joint's length; first step after an event.
@@ -75,6 +75,7 @@ class Progress(IntEnum):
 class Run(NamedTuple):
     """A run: the chain, its mega-voussoirs, ground motion and options."""
 
+    law: Law  # of all voussoirs
     model: Model
     state: State
     work: Work

@@ -54,8 +54,7 @@ from archfrag.physics.status import (
     Wait,
 )
 from archfrag.physics.steps import service
-from archfrag.physics.steps.at_impacts import next_step
-from archfrag.physics.steps.run import UNKNOWN, rest_of, start_at_rest, try_step
+from archfrag.physics.steps.run import RIGID, UNKNOWN, rest_of, start_at_rest, step_one
 from archfrag.physics.steps.step import record_overlap
 
 # Tolerances above this are met by the method of order 3: what only grazes a joint needs order 5.
@@ -258,27 +257,13 @@ def _changes(count):
 @inlined
 def step_until(run, until, output):
     """Step all voussoirs while their modes go on changing."""
-    model = run.model
-    state = run.state
-    work = run.work
-    options = run.options
-    clock = state.clock
-    end = end_of_motion(run.grounds, clock, options.follow)
+    clock = run.state.clock
+    end = end_of_motion(run.grounds, clock, run.options.follow)
     quiet = 0.0
     while clock[Clock.CODE] == Wait.GO and clock[Clock.TIME] < until:
-        before = _changes(state.count)
-        impulse, solved, unsolved = try_step(
-            model, run.grounds, state, work, options, True
-        )
-        collapsed = broken = False
-        if solved:
-            collapsed, broken = service.accept_recorded(
-                model, state, work, impulse, options, output
-            )
-            next_step(state, options, True, end)
-        outcome = solved, unsolved, collapsed, broken
-        clock[Clock.CODE] = service.code_after(state, options, end, outcome)
-        quiet = quiet + 1.0 if _changes(state.count) == before else 0.0
+        before = _changes(run.state.count)
+        step_one(run, end, output)
+        quiet = quiet + 1.0 if _changes(run.state.count) == before else 0.0
         if quiet >= run.progress[Progress.QUIESCENT_STEPS]:
             return True
     return clock[Clock.TIME] >= until
@@ -319,13 +304,9 @@ def step_all_voussoirs(run, output):
     quiescent = False
     while not quiescent:
         quiescent = step_until(run, until, output)
-        if clock[Clock.CODE] != Wait.GO:
-            code = service.handle(
-                model, run.grounds, state, work, run.path, run.options, output
-            )
-            if code != Wait.GO:
-                return Phase.DONE
-    progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + window
+        if service.handle(run, output) != Wait.GO:
+            return Phase.DONE
+    progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + progress[Progress.WINDOW]
     run.recent[:] = -np.inf
     _set_cause(run, Cause.QUIESCENT, -1)
     progress[Progress.SWITCH] = Cause.UNSOLVED
@@ -341,10 +322,8 @@ def rest_if_still(run, output):
     Writes: run, output.
     """
     state = run.state
-    rests = state.count[Count.RESTS]
-    code = service.handle_pause(
-        run.model, run.grounds, state, run.work, run.path, run.options, output
-    )
+    rests = run.state.count[Count.RESTS]
+    code = service.handle_pause(run, output)
     run.progress[Progress.LEAVES_REST] = 1.0
     if state.count[Count.RESTS] == rests:
         return Phase.ASSEMBLE
@@ -377,7 +356,7 @@ def follow_phases(run, at_rest, output, results, row):
     options = run.options
     state.clock[Clock.FACTOR] = 1.0
     if at_rest:
-        start_at_rest(model, run.grounds, state, work, run.path, options, output)
+        start_at_rest(run, 0, 1.0, output)
         phase = leave_rest(run, int(state.clock[Clock.CODE]), output)
     else:
         shared.read_state(model, state, work)
@@ -423,6 +402,7 @@ def new_run(
     )
     state = new_state(model)
     return Run(
+        law=RIGID,
         model=model,
         state=state,
         work=new_work(model),

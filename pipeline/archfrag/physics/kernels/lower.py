@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
-from numba import types
+from numba import typeof, types
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     infer_getattr,
@@ -251,6 +251,8 @@ def type_of(description: Any) -> Any:
             found = types.Array(_TYPES[name], others[0], others[1], aligned=True)
         elif kind == "struct":
             found = StructType(description)
+        elif kind == "kernel":
+            found = typeof(class_of(name))
         else:
             parts = [type_of(each) for each in others]
             of = {True: types.NamedUniTuple, False: types.NamedTuple}[

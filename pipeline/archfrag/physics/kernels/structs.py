@@ -30,10 +30,11 @@ class Source:
 
 
 def struct(**shapes: tuple[int, ...]) -> Callable[[type], Any]:
-    """Decorate a named tuple of arrays, numbers, structs and tuples of arrays.
+    """Decorate a named tuple of arrays, numbers, structs, and tuples of arrays or kernels.
 
     `shapes` are the sizes of arrays behind their first dimension, where the class determines them.
-    Entries may not be replaced, and a kernel may not be given other sizes later.
+    Entries may not be replaced, and a kernel may not be given other sizes later. A struct equals
+    only itself, so that `functools.lru_cache` keeps what follows from it.
     """
 
     def decorate(given: Any) -> Any:
@@ -45,6 +46,7 @@ def struct(**shapes: tuple[int, ...]) -> Callable[[type], Any]:
         members["description"] = functools.cached_property(_describe_struct)
         members["table"] = functools.cached_property(_table)
         members["address"] = property(lambda self: int(self.table.ctypes.data))
+        members |= {"__eq__": object.__eq__, "__hash__": object.__hash__}
         members["__getstate__"] = lambda self: None  # addresses are of this process
         return type(given.__name__, (given,), members)
 
@@ -59,6 +61,8 @@ def describe(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         of = "lanes" if isinstance(value, LaneArray) else value.dtype.str[1:]
         return ("array", of, value.ndim, "C" if value.flags.c_contiguous else "A")
+    if isinstance(value, Source):
+        return ("kernel", value.name)
     if isinstance(value, tuple):
         return ("tuple", name_of(kind), *map(describe, value))
     if value is None:
@@ -172,5 +176,5 @@ def _fill(table: Any, place: int, of: Any, shape: tuple[int, ...], entry: Any) -
         table[place] = entry.address
     elif of == "f8":
         table.view(np.float64)[place] = entry
-    else:
+    elif of[0] != "kernel":
         table[place] = int(entry)

@@ -22,9 +22,9 @@ import numpy as np
 from archfrag.physics.events import phases as events
 from archfrag.physics.ground import Grounds
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
-from archfrag.physics.methods import stepping as stepper
 from archfrag.physics.shared import is_accurate, new_results, refuse
 from archfrag.physics.status import Count, Status
+from archfrag.physics.steps import run as stepper
 
 # Outcomes that another method may better.
 AGAIN_BY_OTHERS = (int(Status.INACCURATE), int(Status.NO_CONTACT_SOLUTION))
@@ -66,28 +66,21 @@ def _attempts(
     chain: Chain, options: Options, by_events: bool
 ) -> list[tuple[ModuleType, Options]]:
     """List the methods to try with their options; each repeats what the last did inaccurately."""
+    step = options.time_step
+    shorter = options._replace(time_step=SHORTER * step)
     if chain.joint is not None:
-        shorter = options._replace(time_step=SHORTER * options.time_step)
         return [(stepper, options), (stepper, shorter)]
-    steady = options.time_step
-    if options.largest_step > options.time_step:
-        steady *= STEADY
-    close = SWITCH_STEPS * steady if options.tolerance <= COARSE else 0.0
-    fine = options._replace(tolerance=min(options.tolerance, AGAIN), crowding=0.0)
-    located = (stepper, options)
-    equal = (stepper, options._replace(largest_step=0.0))
-    if options.largest_step <= options.time_step:  # equal ones at once: shorter ones
-        equal = (
-            stepper,
-            options._replace(time_step=SHORTER * options.time_step, largest_step=0.0),
-        )
-    if not by_events:
-        return [located, (events, fine._replace(time_step=steady)), equal]
-    return [
-        (events, options._replace(time_step=steady, crowding=close)),
-        located,
-        equal,
-    ]
+    grows = options.largest_step > step
+    steady = STEADY * step if grows else step
+    # Equal steps at once are made again by shorter ones.
+    equal = (options if grows else shorter)._replace(largest_step=0.0)
+    last = [(stepper, options), (stepper, equal)]
+    if by_events:
+        close = SWITCH_STEPS * steady if options.tolerance <= COARSE else 0.0
+        return [(events, options._replace(time_step=steady, crowding=close)), *last]
+    fine = min(options.tolerance, AGAIN)
+    again = options._replace(tolerance=fine, crowding=0.0, time_step=steady)
+    return [last[0], (events, again), last[1]]
 
 
 def _made_well(

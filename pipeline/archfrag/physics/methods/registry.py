@@ -23,23 +23,25 @@ class Parameter(NamedTuple):
 
 
 class MethodInfo(NamedTuple):
-    """A method of integration; all have one signature (`load`).
+    """A method of integration: a module with `run`, which has one signature in all.
 
-    Parameters that only one method has follow the shared arguments, by keyword.
+    One that scales ground motions itself has `run_many` as well, as `archfrag.physics.steps.run`:
+    many runs at once. Parameters that only one method has follow the shared arguments, by keyword.
     """
 
     name: str
     meaning: str
     parameters: tuple[Parameter, ...]
     citation: str
-    load: Callable[[], Callable]
+    module: str
     needs: str | None = None  # package that it cannot run without
     # Steps at impacts and largest ones for a tolerance, both over the root of the shortest joint's
     # length over gravity [1]; equal ones are fixed.
     step_rule: Callable[[float, int], tuple[float, float]] | None = None
-    # For methods that scale ground motions themselves: many runs at once, as
-    # `archfrag.physics.steps.run.run_many`; own parameters follow by keyword.
-    load_many: Callable[[], Callable] | None = None
+
+    def load(self, function: str = "run") -> Callable | None:
+        """Import the method's module, and return a function of it; None if it has none."""
+        return getattr(import_module(self.module), function, None)
 
 
 # Default step of time stepping over the root of the shortest joint's length over gravity, so that
@@ -82,14 +84,10 @@ OF_FACES = (AUTO, "time_stepping")
 FACE_STEP = 0.5
 
 
-def _from(module: str, name: str = "run") -> Callable[[], Callable]:
-    """Return a function that imports `name` of a module of the physics."""
-    return lambda: getattr(import_module(f"archfrag.physics.{module}"), name)
-
-
 _OWN = (
     "if not given, it follows the root of the shortest joint's length: 0.5 ms for 1.5 m"
 )
+FIXED = Parameter("dt", "s", 5e-4, "fixed time step; if not given, steps follow rtol")
 FOLLOW = Parameter("follow", "s", 20.0, "how long to go on past the end of the record")
 METHODS = {
     "time_stepping": MethodInfo(
@@ -100,18 +98,15 @@ METHODS = {
         ),
         parameters=(
             Parameter("rtol", "1", 1e-3, "relative error that steps are chosen for"),
-            Parameter(
-                "dt", "s", 5e-4, "fixed time step; if not given, steps follow rtol"
-            ),
+            FIXED,
             FOLLOW,
         ),
         citation=(
             "Moreau 1988, CISM 302, 1-82; Jean 1999, Comput. Methods Appl. Mech. Engrg. 177, "
             "235-257; Paoli and Schatzman 2002, SIAM J. Numer. Anal. 40(2), 702-733"
         ),
-        load=_from("methods.stepping"),
+        module="archfrag.physics.steps.run",
         step_rule=steps_of_tolerance,
-        load_many=_from("methods.stepping", "run_many"),
     ),
     "event_driven": MethodInfo(
         name="event_driven",
@@ -128,9 +123,8 @@ METHODS = {
             "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; Dormand and "
             "Prince 1980, J. Comput. Appl. Math. 6(1), 19-26"
         ),
-        load=_from("events.phases"),
+        module="archfrag.physics.events.phases",
         step_rule=own_step,
-        load_many=_from("events.phases", "run_many"),
     ),
     AUTO: MethodInfo(
         name=AUTO,
@@ -140,15 +134,12 @@ METHODS = {
         ),
         parameters=(
             Parameter("rtol", "1", 1e-3, "relative error allowed"),
-            Parameter(
-                "dt", "s", 5e-4, "fixed time step; if not given, steps follow rtol"
-            ),
+            FIXED,
             FOLLOW,
         ),
         citation="as event_driven (Dormand and Prince 1980) and time_stepping (Moreau 1988)",
-        load=_from("methods.auto"),
+        module="archfrag.physics.methods.auto",
         step_rule=steps_of_tolerance,
-        load_many=_from("methods.auto", "run_many"),
     ),
 }
 

@@ -15,13 +15,14 @@ shortest and largest steps are equal none is refused.
 
 import math
 
+from archfrag.physics.contact.blocks import FOR_STEPS
 from archfrag.physics.contact.laws import MINUS, PLUS
-from archfrag.physics.contact.modes import closes_soon
+from archfrag.physics.contact.modes import closes_soon, solve_contact, start_modes
 from archfrag.physics.contact.placing import corner_velocity
 from archfrag.physics.energy import contact_works, kinetic_energy, unexplained_work
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
-from archfrag.physics.numbers import larger, smaller
+from archfrag.physics.numbers import flag, larger, smaller
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Count, Energy
 from archfrag.physics.steps.step import (
@@ -29,6 +30,7 @@ from archfrag.physics.steps.step import (
     bend_of,
     is_centred,
     offset_of,
+    set_step,
     time_before,
 )
 
@@ -73,11 +75,14 @@ def time_to_impact(model, state, work, shortest, ahead):
     """Return the time from now at which the first corner that asks to close will close [s].
 
     Returns step and time ahead where no corner does.
+
+    Reads: model.rounding, state (clock, velocity), work.
+    Writes: nothing.
     """
     step = state.clock[Clock.STEP]
     latest = step + ahead
     first = latest
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         for k in range(2):
             closes = closes_soon(j, k, work, beyond(step, shortest, ahead))
             if some(closes):
@@ -104,49 +109,45 @@ def time_to_impact(model, state, work, shortest, ahead):
 
 
 @kernel
-def errors_of_step(model, state, work, tolerance):
-    """Return where a solved step closes a corner, and where its energy error is too large.
-
-    A slip that ends inside a long step sticks until its end, held by a friction that made energy.
-    """
-    closes = False
-    for j in range(state.slip.shape[0]):
-        for k in range(2):
-            closes = closes | (work.contact[j, k] > state.contact[j, k])
-    friction, impact, balance_error = contact_works(state, work)
-    error = abs(unexplained_work(friction, impact, balance_error))
-    kinetic = larger(
-        state.energy[Energy.LARGEST_KINETIC], kinetic_energy(model, work.solved)
-    )
-    return closes, error > ENERGY_OF_STEP * tolerance * kinetic
-
-
-@kernel
 def refuse_poor(model, state, work, solved, stops, tolerance):
     """Find solved steps that are not good enough: to repeat as they are, or shorter.
 
     Reactions of the last step may be wrong for the time before an impact, as they are where joints
-    open instead: such a step is made again without.
+    open instead: such a step is made again without. Shorter are those that close a corner, or have
+    too large an energy error: a slip that ends inside a long step sticks until its end, held by a
+    friction that made energy.
 
+    Reads: model (inertia, mass), state (clock, contact, energy, force, impact, slide), work.
     Writes: state.force, work.reaction.
     """
+    force = state.force
     carries = False
-    for j in range(state.slip.shape[0]):
-        carries = carries | (abs(state.force[j, 0]) + abs(state.force[j, 1]) > 0.0)
-    again = solved & carries & is_centred(state.clock, state.clock[Clock.STEP])
+    for j in range(state.slip.size):
+        carries = carries | (abs(force[j, 0]) + abs(force[j, 1]) > 0.0)
+    step = state.clock[Clock.STEP]
+    again = solved & carries & is_centred(state.clock, step)
     shorter = solved & stops
     if some(again | shorter):
+        before = time_before(state, step)
         if some(again):
-            add_carried(state, work, time_before(state, state.clock[Clock.STEP]))
-        closes, wrong = errors_of_step(model, state, work, tolerance)
+            add_carried(state, work, before)
+        friction, impact, balance_error = contact_works(state, work)
         if some(again):
-            add_carried(state, work, -time_before(state, state.clock[Clock.STEP]))
+            add_carried(state, work, -before)
+        closes = False
+        for j in range(state.slip.size):
+            for k in range(2):
+                closes = closes | (work.contact[j, k] > state.contact[j, k])
+        kinetic = kinetic_energy(model, work.solved)
+        kinetic = larger(state.energy[Energy.LARGEST_KINETIC], kinetic)
+        error = abs(unexplained_work(friction, impact, balance_error))
+        wrong = error > ENERGY_OF_STEP * tolerance * kinetic
         again = again & wrong
         shorter = shorter & (closes | wrong)
         if some(again):
-            for j in range(state.slip.shape[0]):
+            for j in range(state.slip.size):
                 for c in range(3):
-                    state.force[j, c] = select(again, 0.0, state.force[j, c])
+                    force[j, c] = select(again, 0.0, force[j, c])
     return again, shorter
 
 
@@ -154,6 +155,7 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
 def expect_impact(model, state, work, options, solved):
     """Update the expected time of an impact in the step that leads up to it.
 
+    Reads: model.rounding, state (clock, velocity), work, options.time_step.
     Writes: state.clock.
     """
     clock = state.clock
@@ -190,16 +192,16 @@ def shorten(model, state, work, options, refused, poor):
     if some(poor):
         part = larger(QUARTER * step, options.time_step)
         clock[Clock.STEP] = select(poor, part, clock[Clock.STEP])
-        state.count[Count.SHORTENED] += select(poor, 1.0, 0.0)
+        state.count[Count.SHORTENED] += flag(poor)
 
 
 @inlined
 def next_step(state, options, where, until):
-    """Set the size of the next step, which ends at `until` at the latest."""
+    """Set the size of the next step of rigid joints, which ends at `until` at the latest."""
     clock = state.clock
     ahead = clock[Clock.IMPACT] - clock[Clock.TIME]
     unfinished = False
-    for j in range(state.impact.shape[0]):
+    for j in range(state.impact.size):
         unfinished = unfinished | (state.impact[j] > 0.0)
     # An impact off the middle of its step ends in the next one.
     step = select(
@@ -208,9 +210,7 @@ def next_step(state, options, where, until):
     far = ahead - LEAD * options.time_step
     due = select(ahead < SOON * options.time_step, 2.0 * ahead, far)
     step = select((ahead > 0.0) & (due < step), due, step)
-    left = until - clock[Clock.TIME]
-    step = select((left > 0.0) & (left < step), left, step)
-    clock[Clock.STEP] = select(where, step, clock[Clock.STEP])
+    set_step(clock, step, until, where)
 
 
 @inlined
@@ -224,3 +224,40 @@ def locates(state, options, live):
     moves = clock[Clock.FASTEST] >= options.held
     long = moves & (step > NEARLY * options.time_step)
     return live & long & opposite(is_centred(clock, step))
+
+
+@kernel
+def solve_contacts(runs, live):
+    """Solve the contact problems of steps, and shorten these where that is due.
+
+    Returns solved, unsolved. What is neither has been shortened, or its modes go on changing in
+    the next call.
+
+    Reads: runs.
+    Writes: runs.
+    """
+    model = runs.model
+    state = runs.state
+    work = runs.work
+    options = runs.options
+    clock = state.clock
+    step = clock[Clock.STEP]
+    stops = locates(state, options, live)
+    start_modes(state, work, clock[Clock.ITERATIONS] == 0.0, opposite(stops))
+    lead = LEAD * options.time_step
+    ahead = select(stops, beyond(step, options.time_step, lead), -1.0)
+    solved, refused, active, iterations = solve_contact(
+        model, work.position, work, live, clock[Clock.ITERATIONS], ahead, FOR_STEPS
+    )
+    clock[Clock.ITERATIONS] = select(active, iterations, 0.0)
+    state.count[Count.ITERATIONS] += select(live & opposite(active), iterations, 0.0)
+    failed = live & opposite(solved | refused | active)
+    poor = failed & (step > 1.5 * options.time_step)
+    unsolved = failed & opposite(poor)
+    again, shorter = refuse_poor(model, state, work, solved, stops, options.tolerance)
+    solved = solved & opposite(again | shorter)
+    poor = poor | shorter
+    expect_impact(model, state, work, options, solved)
+    if some(refused | poor):
+        shorten(model, state, work, options, refused, poor)
+    return solved, unsolved

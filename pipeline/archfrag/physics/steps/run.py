@@ -1,290 +1,265 @@
 """Time stepping as a method: one run, or many of one arch four at a time.
 
-While the body force stays inside the range of rest of the configuration nothing is integrated.
-Four runs go side by side for as long as nothing but Newton's iteration on the modes is needed;
-what else a run may need is done for it alone (`service`), and a run that has ended makes place for
-the next. A run's results are the same to the last bit whichever path it takes.
+The stepper is the same for rigid joints and for joints that give; what differs is a `Law`. With
+rigid joints nothing is integrated while the body force stays inside the range of rest of the
+configuration; a chain on springs is never at rest in a motion.
+Four runs go side by side until one waits for what has to be done for it alone (`Law.handle`), and
+a run that has ended makes place for the next. A run's results are the same to the last bit
+whichever path it takes.
 """
 
+import functools
 import threading
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from archfrag.physics import shared
-from archfrag.physics.contact.blocks import FOR_STEPS
-from archfrag.physics.contact.modes import solve_contact, start_modes
-from archfrag.physics.contact.path import Path, new_path
+from archfrag.physics.contact.path import new_path
 from archfrag.physics.contact.placing import move_faces
 from archfrag.physics.ground import Grounds, end_of_motion, impulse_between
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import kernel
-from archfrag.physics.kernels.primitives import (
-    LANES,
-    lane,
-    lane_array,
-    opposite,
-    runs_of,
-    select,
-    some,
+from archfrag.physics.kernels.primitives import LANES, lane, lane_array, some
+from archfrag.physics.state import KEPT, Clock, Law, Model, Runs, model_of, new_runs
+from archfrag.physics.status import Count, Energy, Status
+from archfrag.physics.steps import service
+from archfrag.physics.steps.at_impacts import solve_contacts
+from archfrag.physics.steps.face_rest import settled
+from archfrag.physics.steps.face_step import new_face_runs
+from archfrag.physics.steps.step import (
+    accept_contacts,
+    accept_step,
+    pose_contacts,
+    pose_step,
 )
-from archfrag.physics.kernels.structs import struct
-from archfrag.physics.state import (
-    Clock,
-    Model,
-    State,
-    Work,
-    model_of,
-    new_state,
-    new_work,
-)
-from archfrag.physics.status import Count
-from archfrag.physics.steps import at_impacts, service
-from archfrag.physics.steps.side_by_side import fetch_run, jobs_of, return_run
-from archfrag.physics.steps.step import accept_step, pose_step
 
 UNKNOWN = (np.nan, np.nan)
+RIGID = Law(
+    pose=pose_contacts,
+    solve=solve_contacts,
+    accept=accept_contacts,
+    go_on=service.go_on,
+    start=service.rest,
+    handle=service.handle,
+)
 
 
 @kernel
-def try_step(model, grounds, state, work, options, live):
-    """Pose the next step of every run, solve it, and shorten it where that is due.
+def try_step(runs, live):
+    """Pose the next step of every run, and solve it.
 
-    Returns impulse, solved, unsolved. What is neither has been shortened, or its modes go on
-    changing in the next call.
+    Returns impulse, solved, unsolved. What is neither has been shortened, or is not done yet.
+
+    Reads: runs.
+    Writes: runs.
     """
-    clock = state.clock
-    step = clock[Clock.STEP]
+    clock = runs.state.clock
     time = clock[Clock.TIME]
-    stops = at_impacts.locates(state, options, live)
-    impulse = impulse_between(grounds, clock, time, time + step)
-    pose_step(model, state, work, impulse, step, options.time_step)
-    start_modes(state, work, clock[Clock.ITERATIONS] == 0.0, opposite(stops))
-    lead = at_impacts.LEAD * options.time_step
-    ahead = select(stops, at_impacts.beyond(step, options.time_step, lead), -1.0)
-    solved, refused, active, iterations = solve_contact(
-        model, work.position, work, live, clock[Clock.ITERATIONS], ahead, FOR_STEPS
-    )
-    clock[Clock.ITERATIONS] = select(active, iterations, 0.0)
-    state.count[Count.ITERATIONS] += select(live & opposite(active), iterations, 0.0)
-    failed = live & opposite(solved | refused | active)
-    poor = failed & (step > 1.5 * options.time_step)
-    unsolved = failed & opposite(poor)
-    again, shorter = at_impacts.refuse_poor(
-        model, state, work, solved, stops, options.tolerance
-    )
-    solved = solved & opposite(again | shorter)
-    poor = poor | shorter
-    at_impacts.expect_impact(model, state, work, options, solved)
-    if some(refused | poor):
-        at_impacts.shorten(model, state, work, options, refused, poor)
+    impulse = impulse_between(runs.grounds, clock, time, time + clock[Clock.STEP])
+    pose_step(runs, impulse)
+    solved, unsolved = runs.law.solve(runs, live)
     return impulse, solved, unsolved
 
 
 @kernel
-def step_four(model, grounds, state, work, options):
-    """Step four runs until one waits; the reason is in ``state.clock[Clock.CODE]``."""
-    clock = state.clock
-    until = end_of_motion(grounds, clock, options.follow)
+def step_four(runs):
+    """Step four runs until one waits; the reason is in ``state.clock[Clock.CODE]``.
+
+    Reads: runs.
+    Writes: runs.
+    """
+    clock = runs.state.clock
+    until = end_of_motion(runs.grounds, clock, runs.options.follow)
     waits = False
     while not waits:
-        live = clock[Clock.CODE] == shared.GO
-        impulse, solved, unsolved = try_step(model, grounds, state, work, options, live)
+        impulse, solved, unsolved = try_step(runs, clock[Clock.CODE] == shared.GO)
         collapsed = broken = clock[Clock.CODE] != clock[Clock.CODE]
         if some(solved):
-            collapsed, broken = accept_step(
-                model, state, work, impulse, solved, options.loss_limit
-            )
-            at_impacts.next_step(state, options, solved, until)
-        code = service.code_after(
-            state, options, until, (solved, unsolved, collapsed, broken)
-        )
-        clock[Clock.CODE] = code
+            collapsed, broken = accept_step(runs, impulse, solved)
+        runs.law.go_on(runs, until, (solved, unsolved, collapsed, broken))
+        code = clock[Clock.CODE]
         waits = some((code != shared.GO) & (code != shared.IDLE))
 
 
 @kernel
-def step_one(model, grounds, state, work, options, output):
-    """Step one run with its history; as `step_four`."""
-    clock = state.clock
-    until = end_of_motion(grounds, clock, options.follow)
+def step_one(runs, until, output):
+    """Try a step of one run, with its history; as `step_four`.
+
+    Reads: runs, output.
+    Writes: runs, output.
+    """
+    impulse, solved, unsolved = try_step(runs, True)
+    collapsed = broken = False
+    if solved:
+        collapsed, broken = service.accept_recorded(runs, impulse, output)
+    runs.law.go_on(runs, until, (solved, unsolved, collapsed, broken))
+
+
+@kernel
+def end(runs, output, results):
+    """Write the results of a run that has ended; what joints store is potential energy.
+
+    Reads: runs, output.
+    Writes: runs, output, results.
+    """
+    clock = runs.state.clock
+    row = int(clock[Clock.RUN])
+    given = runs.model, runs.state, runs.work, runs.options
+    shared.end_run(*given, output, results, row)
+    stored = clock[Clock.STORED] - clock[Clock.STORED_FIRST]
+    results.energy[row, Energy.POTENTIAL] += stored
+
+
+@kernel
+def start_at_rest(runs, motion, factor, output):
+    """Start a run where the model does, from rest.
+
+    Reads: runs, output.
+    Writes: runs, output.
+    """
+    shared.begin(runs.model, runs.state, runs.work, motion, factor)
+    runs.state.clock[Clock.CODE] = runs.law.start(runs, output)
+
+
+@kernel
+def start_given(runs, output):
+    """Start from the positions and velocities of a given state.
+
+    Reads: runs, output.
+    Writes: runs, output.
+    """
+    shared.read_state(runs.model, runs.state, runs.work)
+    shared.log_change(runs.state, 0.0, service.BY_START, -1, shared.ALL, output)
+    service.start_moving(runs.state, runs.options, output)
+
+
+@kernel
+def run_one(runs, at_rest, output, results):
+    """Move one run to its end, with its history.
+
+    Reads: runs, output.
+    Writes: runs, output, results.
+    """
+    clock = runs.state.clock
+    work = runs.work
+    if at_rest:
+        start_at_rest(runs, 0, clock[Clock.FACTOR], output)
+    else:
+        start_given(runs, output)
+    until = end_of_motion(runs.grounds, clock, runs.options.follow)
     while clock[Clock.CODE] == shared.GO:
-        impulse, solved, unsolved = try_step(model, grounds, state, work, options, True)
-        collapsed = broken = False
-        if solved:
-            collapsed, broken = service.accept_recorded(
-                model, state, work, impulse, options, output
-            )
-            at_impacts.next_step(state, options, True, until)
-        clock[Clock.CODE] = service.code_after(
-            state, options, until, (solved, unsolved, collapsed, broken)
-        )
+        step_one(runs, until, output)
+        runs.law.handle(runs, output)
+    position = runs.state.position
+    move_faces(runs.model, position, work)
+    end(runs, output, results)
 
 
 @kernel
-def finish_one(model, grounds, state, work, path, options, output, results, row):
-    """Move one run to its end."""
-    code = int(state.clock[Clock.CODE])
-    while code == shared.GO:
-        step_one(model, grounds, state, work, options, output)
-        code = int(state.clock[Clock.CODE])
-        if code in (shared.UNSOLVED, shared.PAUSE):
-            code = service.handle(model, grounds, state, work, path, options, output)
-    shared.end_run(model, state, work, options, output, results, row)
-
-
-@kernel
-def start_at_rest(model, grounds, state, work, path, options, output):
-    """Let the chain rest in its own geometry until the ground moves it."""
-    shared.begin(model, state, work, 0, state.clock[Clock.FACTOR])
-    service.write_rest(model, grounds, state, work, path, output)
-    state.clock[Clock.CODE] = service.rest_until_onset(
-        model, grounds, state, options, options.rest_plus, options.rest_minus, output
-    )
-
-
-@kernel
-def start_given(model, state, work, options, output):
-    """Start from the positions and velocities of a given state."""
-    shared.read_state(model, state, work)
-    shared.log_change(state, 0.0, service.BY_START, -1, shared.ALL, output)
-    service.start_moving(state, options, output)
-
-
-@struct()
-class Four(NamedTuple):
-    """State and workspace of four runs, and the same memory as columns of numbers."""
-
-    state: State
-    work: Work
-    fetched: tuple[
-        np.ndarray, ...
-    ]  # (n, 4) each: the state's arrays, then what else is looked at
-    returned: tuple[np.ndarray, ...]  # (n, 4) each: the state's arrays
-
-
-@struct()
-class One(NamedTuple):
-    """State and workspace of one run, and the same memory as plain arrays."""
-
-    state: State
-    work: Work
-    path: Path
-    fetched: tuple[np.ndarray, ...]  # (n,) each
-    returned: tuple[np.ndarray, ...]  # (n,) each
-
-
-def new_one(model: Model) -> One:
-    """Return the buffers for one run."""
-    state = new_state(model)
-    work = new_work(model)
-    returned = tuple(array.reshape(-1) for array in state)
-    fetched = (*returned, work.reaction.reshape(-1), work.pivot.reshape(-1))
-    return One(state, work, new_path(model), fetched, returned)
-
-
-def new_four(model: Model) -> Four:
-    """Return the buffers for four runs."""
-    state = new_state(model, lane_array)
-    work = new_work(model, lane_array)
-    returned = tuple(runs_of(array).reshape(-1, LANES) for array in state)
-    also = (runs_of(array).reshape(-1, LANES) for array in (work.reaction, work.pivot))
-    return Four(state, work, (*returned, *also), returned)
-
-
-@kernel
-def next_run(model, grounds, one, options, jobs, output, results):
+def start_next(one, run, motion, factor, output, results):
     """Start the next run that moves at all; those that do not are over at once.
 
-    Returns its number, -1 if there is none.
+    Returns its number, that of all runs if there is none.
+
+    Reads: one, motion, factor, output.
+    Writes: one, output, results.
     """
-    state = one.state
-    while jobs.upcoming[0] < jobs.motion.size:
-        run = jobs.upcoming[0]
-        jobs.upcoming[0] += 1
-        motion = jobs.motion[run]
-        factor = jobs.factor[run]
-        shared.begin(model, state, one.work, motion, factor)
-        code = service.rest_until_onset(
-            model,
-            grounds,
-            state,
-            options,
-            options.rest_plus,
-            options.rest_minus,
-            output,
-        )
-        state.clock[Clock.CODE] = code
-        if code == shared.GO:
+    clock = one.state.clock
+    while run < motion.size:
+        start_at_rest(one, motion[run], factor[run], output)
+        clock[Clock.RUN] = run
+        if clock[Clock.CODE] == shared.GO:
             return run
-        shared.end_run(model, state, one.work, options, output, results, run)
-    state.clock[Clock.CODE] = shared.IDLE
-    state.clock[Clock.STEP] = options.largest_step
-    return -1
+        end(one, output, results)
+        run += 1
+    clock[Clock.CODE] = shared.IDLE
+    clock[Clock.STEP] = one.options.time_step
+    return run
 
 
 @kernel
-def run_four(model, grounds, four, one, options, jobs, output, results):
-    """Make many runs from rest, four at a time; arguments are those of `next_run`."""
-    state = one.state
-    runs = jobs.runs
+def copy_run(of, place, to, number):
+    """Copy what a run has of its own to another place.
+
+    Reads: of.columns.
+    Writes: to.columns.
+    """
+    for k in range(len(of.columns)):
+        for i in range(of.columns[k].shape[0]):
+            to.columns[k][i, number] = of.columns[k][i, place]
+
+
+@kernel
+def run_four(four, one, motion, factor, output, results):
+    """Make many runs from rest, four at a time.
+
+    Reads: four, one, motion, factor, output.
+    Writes: four, one, output, results.
+    """
+    work = one.work
+    clock = four.state.clock
     running = 0
+    run = -1
     for number in range(LANES):
-        runs[number] = next_run(model, grounds, one, options, jobs, output, results)
-        running += runs[number] >= 0
-        return_run(one.returned, number, four.returned)
+        run = start_next(one, run + 1, motion, factor, output, results)
+        running += run < motion.size
+        copy_run(one, 0, four, number)
     while running > 0:
-        move_faces(model, four.state.position, four.work)
-        step_four(model, grounds, four.state, four.work, options)
+        step_four(four)
         for number in range(LANES):
-            code = int(lane(four.state.clock[Clock.CODE], number))
+            code = int(lane(clock[Clock.CODE], number))
             if code in (shared.GO, shared.IDLE):
                 continue
-            fetch_run(four.fetched, number, one.fetched)
-            move_faces(model, state.position, one.work)
-            if code in (shared.UNSOLVED, shared.PAUSE):
-                code = service.handle(
-                    model, grounds, state, one.work, one.path, options, output
-                )
-            if code != shared.GO:
-                shared.end_run(
-                    model, state, one.work, options, output, results, runs[number]
-                )
-                runs[number] = next_run(
-                    model, grounds, one, options, jobs, output, results
-                )
-                running -= runs[number] < 0
-            return_run(one.returned, number, four.returned)
+            copy_run(four, number, one, 0)
+            position = one.state.position
+            move_faces(one.model, position, work)
+            if one.law.handle(one, output) != shared.GO:
+                end(one, output, results)
+                run = start_next(one, run + 1, motion, factor, output, results)
+                running -= run >= motion.size
+            copy_run(one, 0, four, number)
 
 
+def new_rigid_runs(model: Model, zeros: Any = np.zeros) -> Runs:
+    """Allocate one run with rigid joints, or four with `lane_array` as `zeros`."""
+    return new_runs(RIGID, model, zeros, path=new_path(model))
+
+
+@functools.lru_cache(maxsize=KEPT)
 def rest_of(model: Model) -> tuple[float, float]:
     """Return the rest range of a chain in its own geometry [g]; nan if it cannot rest."""
-    kept = model.__dict__
-    if "rest" not in kept:
-        one = new_one(model)
-        shared.begin(model, one.state, one.work, 0, 0.0)
-        found, plus, minus = service.rest_range(
-            model, one.state, one.work, one.path.rest
-        )
-        kept["rest"] = (plus, minus) if found else UNKNOWN
-    rest: tuple[float, float] = kept["rest"]
-    return rest
-
-
-def _buffers(model: Model) -> tuple[Four, One]:
-    """Return buffers for many runs of a chain; a thread keeps those that it used last."""
-    kept = _kept.__dict__
-    if kept.get("model") is not model:
-        kept["model"], kept["buffers"] = model, (new_four(model), new_one(model))
-        return kept["buffers"]
-    four, one = kept["buffers"]
-    for array in (*four.work, *one.work, *one.path[1:-1]):
-        array.view(np.ndarray).view(np.uint8)[...] = 0
-    runs_of(four.work.rotated)[:, 0] = one.work.rotated[:, 0] = 1.0
-    return four, one
+    one = new_rigid_runs(model)
+    shared.begin(model, one.state, one.work, 0, 0.0)
+    found, plus, minus = service.rest_range(model, one.state, one.work, one.path.rest)
+    return (plus, minus) if found else UNKNOWN
 
 
 _kept = threading.local()
+
+
+def _runs_for(
+    chain: Chain, grounds: Grounds, options: Options, from_rest: bool = True
+) -> list[Runs] | Status:
+    """Return four runs of a chain side by side, and one; a status if it has no rest on its joints.
+
+    A thread keeps the buffers that it used last.
+    """
+    if chain.joint is None:
+        model = model_of(chain)
+        rest = rest_of(model) if from_rest else UNKNOWN
+        options = shared.ready(options, model, rest)
+        make = functools.partial(new_rigid_runs, model)
+    else:
+        found = settled(chain)
+        if isinstance(found, Status):
+            return found
+        model = found[0]
+        make = functools.partial(new_face_runs, *found)
+    if getattr(_kept, "model", None) is not model:
+        _kept.model = model
+        _kept.runs = make(lane_array), make()
+    return [each._replace(grounds=grounds, options=options) for each in _kept.runs]
 
 
 def run(
@@ -305,7 +280,8 @@ def run(
     position, velocity : ndarray, (n_body, 3)
         Initial state; overwritten with the final one.
     from_rest : bool
-        Whether the initial state is the chain at rest in its own geometry.
+        Whether the initial state is the chain at rest in its own geometry. Chains whose joints
+        give begin at rest on them, whatever the state given.
     frames, log
         Overwritten with the history and the changes of the mechanism; of length zero for none.
 
@@ -314,19 +290,19 @@ def run(
     archfrag.physics.interface.Outcomes
         One row.
     """
-    model = model_of(chain)
     results = shared.new_results(1)
-    options = shared.ready(options, model, rest_of(model) if from_rest else UNKNOWN)
-    state, work, path = new_one(model)[:3]
+    found = _runs_for(chain, grounds, options, from_rest)
+    if isinstance(found, Status):
+        results.status[:] = int(found)
+        return results
+    one = found[1]
+    state = one.state
     output = shared.output_to(frames, log, options.frame_interval)
     state.clock[Clock.FACTOR] = factor
-    if from_rest and not np.isnan(options.rest_plus):
-        start_at_rest(model, grounds, state, work, path, options, output)
-    else:
-        state.position[1:-1] = position
-        state.velocity[1:-1] = velocity
-        start_given(model, state, work, options, output)
-    finish_one(model, grounds, state, work, path, options, output, results, 0)
+    state.position[:] = np.pad(position, [(1, 1), (0, 0)])
+    state.velocity[:] = np.pad(velocity, [(1, 1), (0, 0)])
+    rests = from_rest and not np.isnan(one.options.rest_plus)
+    run_one(one, rests or chain.joint is not None, output, results)
     position[:] = state.position[1:-1]
     velocity[:] = state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
@@ -345,10 +321,13 @@ def run_many(
     Run k is moved by the motion of number ``motion[k]``, times ``factor[k]``; its row of the
     results is the same as of `run`.
     """
-    model = model_of(chain)
     results = shared.new_results(len(motion))
-    options = shared.ready(options, model, rest_of(model))
+    found = _runs_for(chain, grounds, options)
+    if isinstance(found, Status):
+        results.status[:] = int(found)
+        return results
     output = shared.no_output(chain.mass.size, chain.friction.size)
-    jobs = jobs_of(motion, factor)
-    run_four(model, grounds, *_buffers(model), options, jobs, output, results)
+    motion = np.ascontiguousarray(motion, np.int64)
+    factor = np.ascontiguousarray(factor, float)
+    run_four(*found, motion, factor, output, results)
     return results

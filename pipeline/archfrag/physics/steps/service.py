@@ -7,28 +7,48 @@ contact residual.
 import numpy as np
 
 from archfrag.physics import shared
-from archfrag.physics.contact.path import solve_with_fallback
-from archfrag.physics.contact.placing import clearance, place_contacts
-from archfrag.physics.contact.ties import pull_at_rest, pull_bodies
+from archfrag.physics.collapse import follow_joints
+from archfrag.physics.contact.blocks import EXACT
+from archfrag.physics.contact.modes import solve_contact
+from archfrag.physics.contact.path import copy_modes, solve_with_fallback
+from archfrag.physics.contact.placing import (
+    clearance,
+    move_faces,
+    place_contacts,
+)
+from archfrag.physics.contact.ties import (
+    accept_pulls,
+    aim_pulls,
+    pull_at_rest,
+    pull_bodies,
+    recall_pulls,
+)
 from archfrag.physics.energy import kinetic_energy, record_work
 from archfrag.physics.ground import end_of_motion, end_rest, impulse_between
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.kernels.primitives import select
-from archfrag.physics.numbers import nearest
+from archfrag.physics.kernels.primitives import select, some
+from archfrag.physics.numbers import flag, nearest
 from archfrag.physics.onset import find_rest_limit
 from archfrag.physics.residual import state_residual
 from archfrag.physics.shared import log_change, write_frame
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Cause, Count, Peak
 from archfrag.physics.steps.at_impacts import next_step
-from archfrag.physics.steps.step import accept_step, pose_step
+from archfrag.physics.steps.step import (
+    accept_step,
+    go_to_middle,
+    move_to_middle,
+    normal_of,
+    offset_of,
+    pass_time,
+    pose_step,
+    speed_of,
+)
 
 # Changes of a joint's mode, the dominant one last.
-BY_STICK = int(Cause.STICK)
-BY_SLIDE = int(Cause.SLIDE)
-BY_HINGE = int(Cause.HINGE)
-BY_IMPACT = int(Cause.IMPACT)
-BY_LOSS = int(Cause.LOSS)
+CHANGES = tuple(
+    map(int, (Cause.STICK, Cause.SLIDE, Cause.HINGE, Cause.IMPACT, Cause.LOSS))
+)
 BY_REST = int(Cause.REST)
 BY_START = int(Cause.START)
 # A step whose contact problem no method solves is halved, down to this part of the shortest.
@@ -39,6 +59,8 @@ HELD = 1e-7
 # or several linear problems each; so many on average mean no advance.
 MOST_STEPS = 2.0
 ITERATIONS_PER_STEP = 16.0
+# Corners nearer than this part of the joint's length may close in a step of a slow motion.
+NEAR = 0.02
 
 
 @kernel
@@ -49,9 +71,8 @@ def is_as_built(model, state):
     Writes: nothing.
     """
     for j in range(state.slip.size):
-        if state.contact[j, 0] < 0.5 or state.contact[j, 1] < 0.5:
-            return False
-        if abs(state.slip[j]) > shared.CLOSED_GAP * model.length[j]:
+        slips = abs(state.slip[j]) > shared.CLOSED_GAP * model.length[j]
+        if slips or state.contact[j, 0] + state.contact[j, 1] < 1.5:
             return False
     return True
 
@@ -70,9 +91,8 @@ def rest_range(model, state, work, problem):
             problem.candidate[j, k] = (
                 0 if gap > shared.CLOSED_GAP * model.length[j] else 1
             )
+    problem.pull[:] = 0.0
     for i in range(state.position.shape[0]):
-        for c in range(3):
-            problem.pull[i, c] = 0.0
         for c in range(2):
             problem.centroid[i, c] = state.position[i, c]
     pull_at_rest(model, state, work, problem.pull)
@@ -93,40 +113,40 @@ def start_moving(state, options, output):
     clock[Clock.IMPACT] = -np.inf
     clock[Clock.FASTEST] = np.inf
     output.span[0] = 0.0
-    for j in range(state.impact.size):
-        state.impact[j] = 0.0
-        for c in range(3):
-            state.force[j, c] = 0.0
+    state.impact[:] = 0.0
+    state.force[:] = 0.0
 
 
 @kernel
-def write_rest(model, grounds, state, work, path, output):
+def write_rest(runs, output):
     """Write a frame of the chain at rest, with reactions that balance the body force.
 
-    Reads: model, grounds, state, work, path, output (frames, frames.time, written).
-    Writes: state, work, path, output.
+    Reads: runs, output (frames, frames.time, written).
+    Writes: runs, output.
     """
     if output.frames.time.size == 0:
         return
+    model = runs.model
+    state = runs.state
+    work = runs.work
     clock = state.clock
     place_contacts(model, state.slip, work)
-    tiny = 1e-9 * grounds.time_step[int(clock[Clock.MOTION])]
+    tiny = 1e-9 * runs.grounds.time_step[int(clock[Clock.MOTION])]
     time = clock[Clock.TIME]
-    impulse = impulse_between(grounds, clock, time - tiny, time + tiny)
+    impulse = impulse_between(runs.grounds, clock, time - tiny, time + tiny)
     for i in range(1, state.position.shape[0] - 1):
         work.free[i, 0] = -impulse.x / (2.0 * tiny)
         work.free[i, 1] = -impulse.y / (2.0 * tiny) - model.gravity
         work.free[i, 2] = 0.0
-        for c in range(3):
-            work.position[i, c] = state.position[i, c]
     for j in range(state.slip.size):
         for k in range(2):
-            work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
             work.candidate[j, k] = state.contact[j, k]
+    work.bias[:] = 0.0
+    move_to_middle(state, work, 0.0)
     pull_bodies(model, state, work)
     count = state.count
     taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
-    solved, _ = solve_with_fallback(model, state, work, path)
+    solved, _ = solve_with_fallback(model, state, work, runs.path)
     # A history does not change what a run has taken.
     count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT] = taken
     if not solved:
@@ -135,25 +155,38 @@ def write_rest(model, grounds, state, work, path, output):
 
 
 @kernel
-def rest_until_onset(model, grounds, state, options, plus, minus, output):
+def rest_until_onset(runs, plus, minus, output):
     """Let a chain rest until the ground motion moves it; returns the code.
 
-    Reads: model, grounds, state, options, output.
-    Writes: state (clock, force, impact, peak), output.
+    Reads: runs, output.
+    Writes: runs, output.
     """
+    state = runs.state
     clock = state.clock
-    leave, for_good = end_rest(model, grounds, clock, plus, minus)
-    clock[Clock.BEGINS] = grounds.begins[int(clock[Clock.MOTION])]
+    leave, for_good = end_rest(runs.model, runs.grounds, clock, plus, minus)
+    clock[Clock.BEGINS] = runs.grounds.begins[int(clock[Clock.MOTION])]
     if clock[Clock.TIME] < clock[Clock.BEGINS]:
         state.peak[Peak.MOVED_BEFORE] = 0.0
     clock[Clock.RESTING] += leave - clock[Clock.TIME]
     clock[Clock.TIME] = leave
     if for_good:
         return shared.IDLE
-    start_moving(state, options, output)
+    start_moving(state, runs.options, output)
     output.due[0] = leave
     log_change(state, leave, BY_START, -1, shared.ALL, output)
     return shared.GO
+
+
+@kernel
+def rest(runs, output):
+    """Let a chain of rigid joints rest in its own geometry until the ground moves it.
+
+    Reads: runs, output.
+    Writes: runs, output.
+    """
+    write_rest(runs, output)
+    options = runs.options
+    return rest_until_onset(runs, options.rest_plus, options.rest_minus, output)
 
 
 @kernel
@@ -209,9 +242,8 @@ def dominant_change(state, work):
     Reads: state (contact, slide, slip), work (contact, slide).
     Writes: nothing.
     """
-    cause = -1
     joint = -1
-    rank = 0
+    rank = -1
     for j in range(state.slip.size):
         was = state.contact[j, 0] + state.contact[j, 1]
         now = work.contact[j, 0] + work.contact[j, 1]
@@ -219,29 +251,21 @@ def dominant_change(state, work):
             work.contact[j, 0] > state.contact[j, 0]
             or work.contact[j, 1] > state.contact[j, 1]
         )
-        changed = made or now != was or work.slide[j] != state.slide[j]
-        if not changed:
+        if not (made or now != was or work.slide[j] != state.slide[j]):
             continue
+        own = 0
         if now == 0.0:
-            this = BY_LOSS
-            own = 5
-        elif made:
-            this = BY_IMPACT
             own = 4
-        elif was == 2.0 and now < 2.0:
-            this = BY_HINGE
+        elif made:
             own = 3
-        elif work.slide[j] != 0.0:
-            this = BY_SLIDE
+        elif was == 2.0 and now < 2.0:
             own = 2
-        else:
-            this = BY_STICK
+        elif work.slide[j] != 0.0:
             own = 1
         if own > rank:
-            cause = this
             joint = j
             rank = own
-    return cause, joint
+    return CHANGES[rank] if rank >= 0 else -1, joint
 
 
 @kernel
@@ -254,13 +278,18 @@ def are_held(model, state, work, options):
     most = HELD * model.gravity * state.clock[Clock.STEP]
     length = model.length[0]
     for i in range(1, state.velocity.shape[0]):
-        v = state.velocity[i]
-        w = work.solved[i]
-        if max(abs(v[0]) + abs(v[1]), length * abs(v[2])) >= options.held:
+        if speed_of(i, state.velocity, length) >= options.held:
             return False
-        if max(abs(w[0]) + abs(w[1]), length * abs(w[2])) > most:
+        if speed_of(i, work.solved, length) > most:
             return False
     return True
+
+
+@inlined
+def stop(model, state):
+    """Stop all bodies; their kinetic energy is an error."""
+    record_work(0.0, 0.0, -kinetic_energy(model, state.velocity), True, state.energy)
+    state.velocity[:] = 0.0
 
 
 @kernel
@@ -272,41 +301,37 @@ def hold(model, state, work):
     Reads: model (inertia, mass), state (clock, energy, impact, velocity).
     Writes: state (clock, count, energy, impact, velocity), work.reaction.
     """
-    clock = state.clock
-    step = clock[Clock.STEP]
-    record_work(0.0, 0.0, -kinetic_energy(model, state.velocity), True, state.energy)
-    state.velocity[:] = 0.0
-    clock[Clock.FASTEST] = 0.0
-    clock[Clock.TIME] += step
-    clock[Clock.MOVING] += step
-    state.count[Count.STEPS] += 1.0
+    step = state.clock[Clock.STEP]
+    stop(model, state)
+    state.clock[Clock.FASTEST] = 0.0
+    pass_time(state, True)
+    state.impact[:] = 0.0
     for j in range(state.impact.size):
-        state.impact[j] = 0.0
         for c in range(3):
             work.reaction[j, c] /= step
 
 
 @kernel
-def accept_recorded(model, state, work, impulse, options, output):
+def accept_recorded(runs, impulse, output):
     """Accept a solved step of one run, and write frames and log; as `accept_step`.
 
-    Reads: model, state, work, impulse (x, y), options.held, output.
-    Writes: state, work (face, reaction, rotated, tangent, tie), output.
+    Reads: runs, impulse (x, y), output.
+    Writes: runs, output.
     """
+    model = runs.model
+    state = runs.state
+    work = runs.work
     write_if_due(model, state, work, output)
-    cause = -1
-    joint = -1
     time = state.clock[Clock.TIME]
     step = state.clock[Clock.STEP]
-    if are_held(model, state, work, options):
+    collapsed = broken = False
+    cause = joint = -1
+    if are_held(model, state, work, runs.options):
         hold(model, state, work)
-        keep_forces(work, step, output)
-        return False, False
-    if output.log.time.size > 0:
-        cause, joint = dominant_change(state, work)
-    collapsed, broken = accept_step(
-        model, state, work, impulse, True, options.loss_limit
-    )
+    else:
+        if output.log.time.size > 0:
+            cause, joint = dominant_change(state, work)
+        collapsed, broken = accept_step(runs, impulse, True)
     keep_forces(work, step, output)
     if cause >= 0:
         log_change(state, time, cause, joint, shared.ALL, output)
@@ -325,25 +350,25 @@ def measure_state(model, state, work):
 
 
 @kernel
-def handle_unsolved(model, grounds, state, work, path, options, output):
+def handle_unsolved(runs, output):
     """Solve an unsolved step along paths, or halve it; return the code.
 
-    Reads: model, grounds, state, work, path, options (held, largest_step, time_step), output.
-    Writes: state, work, path, output.
+    Reads: runs, output.
+    Writes: runs, output.
     """
+    state = runs.state
     clock = state.clock
+    options = runs.options
     time = clock[Clock.TIME]
-    step = clock[Clock.STEP]
-    impulse = impulse_between(grounds, clock, time, time + step)
-    pose_step(model, state, work, impulse, step, options.time_step)
-    solved, compliant = solve_with_fallback(model, state, work, path)
+    impulse = impulse_between(runs.grounds, clock, time, time + clock[Clock.STEP])
+    pose_step(runs, impulse)
+    solved, compliant = solve_with_fallback(runs.model, state, runs.work, runs.path)
     if solved:
-        collapsed, broken = accept_recorded(
-            model, state, work, impulse, options, output
-        )
-        next_step(state, options, True, end_of_motion(grounds, clock, options.follow))
+        collapsed, broken = accept_recorded(runs, impulse, output)
+        until = end_of_motion(runs.grounds, clock, options.follow)
+        next_step(state, options, True, until)
         if compliant:
-            measure_state(model, state, work)
+            measure_state(runs.model, state, runs.work)
         if broken:
             return shared.BROKEN
         return shared.COLLAPSES if collapsed else shared.PAUSE
@@ -355,64 +380,86 @@ def handle_unsolved(model, grounds, state, work, path, options, output):
 
 
 @kernel
-def handle_pause(model, grounds, state, work, path, options, output):
+def handle_pause(runs, output):
     """Measure what is due, and let the chain rest if it stays at rest; return the code.
 
-    Reads: model, grounds, state, work, path, options, output.
-    Writes: state, work, path, output.
+    Reads: runs, output.
+    Writes: runs, output.
     """
+    model = runs.model
+    state = runs.state
+    options = runs.options
+    grounds = runs.grounds
     clock = state.clock
     if int(state.count[Count.STEPS]) % options.check_interval == 0:
-        measure_state(model, state, work)
+        measure_state(model, state, runs.work)
     if clock[Clock.FASTEST] >= options.still or not options.rests:
         return shared.GO
     found = True
     plus = options.rest_plus
     minus = options.rest_minus
     if np.isnan(plus) or not is_as_built(model, state):
-        found, plus, minus = rest_range(model, state, work, path.rest)
+        found, plus, minus = rest_range(model, state, runs.work, runs.path.rest)
     if not found:
         return shared.GO
-    motion = int(clock[Clock.MOTION])
-    samples = grounds.first[motion + 1] - grounds.first[motion] - 1
     leave, for_good = end_rest(model, grounds, clock, plus, minus)
-    over = clock[Clock.TIME] >= samples * grounds.time_step[motion]
+    over = clock[Clock.TIME] >= end_of_motion(grounds, clock, 0.0)
     if leave <= clock[Clock.TIME] and not (over and for_good):
         return shared.GO
-    record_work(0.0, 0.0, -kinetic_energy(model, state.velocity), True, state.energy)
-    state.velocity[:] = 0.0
+    stop(model, state)
     state.count[Count.RESTS] += 1.0
-    write_rest(model, grounds, state, work, path, output)
+    write_rest(runs, output)
     log_change(state, clock[Clock.TIME], BY_REST, -1, shared.AT_REST, output)
-    return rest_until_onset(model, grounds, state, options, plus, minus, output)
+    return rest_until_onset(runs, plus, minus, output)
 
 
 @kernel
-def handle(model, grounds, state, work, path, options, output):
+def handle(runs, output):
     """Handle the reason for which a run waits; return the code that it goes on or ends with.
 
-    Reads: model, grounds, state, work, path, options, output.
-    Writes: state, work, path, output.
+    Reads: runs, output.
+    Writes: runs, output.
     """
-    code = int(state.clock[Clock.CODE])
+    code = int(runs.state.clock[Clock.CODE])
     if code == shared.UNSOLVED:
-        code = handle_unsolved(model, grounds, state, work, path, options, output)
+        code = handle_unsolved(runs, output)
     if code == shared.PAUSE:
-        code = handle_pause(model, grounds, state, work, path, options, output)
-    state.clock[Clock.CODE] = code
+        code = handle_pause(runs, output)
+    runs.state.clock[Clock.CODE] = code
     return code
 
 
 @inlined
-def code_after(state, options, until, outcome):
+def code_after(before, outcome, over, spent, due):
     """Return the codes of runs (`Wait`) after an attempt at a step.
 
     `outcome` are masks: solved, unsolved, collapsed, broken. Of several codes that apply
-    the first below counts.
+    the last below counts.
     """
+    _, unsolved, collapsed, broken = outcome
+    code = select(unsolved, float(shared.UNSOLVED), before)
+    code = select(due, float(shared.PAUSE), code)
+    code = select(spent, float(shared.EXHAUSTED), code)
+    code = select(over, float(shared.AT_END), code)
+    code = select(before > shared.PAUSE, before, code)
+    code = select(collapsed, float(shared.COLLAPSES), code)
+    return select(broken, float(shared.BROKEN), code)
+
+
+@kernel
+def go_on(runs, until, outcome):
+    """Set the next steps of runs with rigid joints, and the codes of those that end or wait.
+
+    Reads: runs.
+    Writes: runs.
+    """
+    state = runs.state
+    options = runs.options
     clock = state.clock
     count = state.count
-    solved, unsolved, collapsed, broken = outcome
+    solved = outcome[0]
+    if some(solved):
+        next_step(state, options, solved, until)
     checks = count[Count.STEPS] * (1.0 / options.check_interval)
     due = (clock[Clock.FASTEST] < options.still) | (checks == nearest(checks))
     over = clock[Clock.TIME] >= until
@@ -421,28 +468,51 @@ def code_after(state, options, until, outcome):
         count[Count.ITERATIONS] >= ITERATIONS_PER_STEP * most
     )
     before = clock[Clock.CODE]
-    return select(
-        broken,
-        float(shared.BROKEN),
-        select(
-            collapsed,
-            float(shared.COLLAPSES),
-            select(
-                before > shared.PAUSE,
-                before,
-                select(
-                    over,
-                    float(shared.AT_END),
-                    select(
-                        spent,
-                        float(shared.EXHAUSTED),
-                        select(
-                            solved & due,
-                            float(shared.PAUSE),
-                            select(unsolved, float(shared.UNSOLVED), before),
-                        ),
-                    ),
-                ),
-            ),
-        ),
-    )
+    clock[Clock.CODE] = code_after(before, outcome, over, spent, solved & due)
+
+
+@kernel
+def creep(model, state, work, path, step, loss_limit):
+    """Make one step of a motion so slow that the chain is in equilibrium at every instant.
+
+    It is the contact problem of a time step in which bodies have no velocity before it:
+    M w = h S + H r. With h so long that M w is small beside h S, forces are in equilibrium, and
+    h w is how far the bodies move. Springings move by their joint faces.
+
+    Returns whether its contact problem is solved, the largest displacement of a centroid in it
+    [m], and whether a joint has lost its contact for good.
+
+    Reads: model, state, work, path.
+    Writes: state, work, path.
+    """
+    end = state.position.shape[0] - 1
+    for i in range(1, end):
+        work.free[i, 0] = 0.0
+        work.free[i, 1] = -step * model.gravity
+        work.free[i, 2] = 0.0
+    go_to_middle(model, state, work, 0.0)
+    work.known[:] = 0.0
+    for j in range(state.slip.size):
+        nx, ny = normal_of(j, work)
+        for k in range(2):
+            ex, ey = offset_of(j, k, model, work)
+            work.bias[j, k, 0] = ex / step
+            work.bias[j, k, 1] = ey / step
+            work.candidate[j, k] = flag(nx * ex + ny * ey < NEAR * model.length[j])
+    aim_pulls(model, state, work, step, 1.0)
+    copy_modes(state, work)
+    recall_pulls(state, work, True)
+    solved, _, _, _ = solve_contact(model, work.position, work, True, 0.0, -1.0, EXACT)
+    if not solved:
+        solved, _ = solve_with_fallback(model, state, work, path)
+    farthest = 0.0
+    for i in range(1, end):
+        for c in range(3):
+            state.position[i, c] += step * work.solved[i, c]
+        farthest = max(
+            farthest, step * abs(work.solved[i, 0]), step * abs(work.solved[i, 1])
+        )
+    move_faces(model, state.position, work)
+    accept_pulls(model, state, work, step, True)
+    collapsed = follow_joints(model, state, work, True, loss_limit)
+    return solved, farthest, collapsed

@@ -1,5 +1,8 @@
 """One step of Moreau's midpoint scheme, of one run or of four: pose, solve, accept.
 
+`pose_step` and `accept_step` are of every law of joints; what follows in this module, and in
+`at_impacts`, is that of rigid ones.
+
 From the positions q and velocities v of one instant the bodies move on for half the step h. There
 contacts are looked for (Moreau 1988, 1999; Jean 1999), and all forces act for the entire step:
 
@@ -65,6 +68,12 @@ def _limited_bias(bx, by, nx, ny, limit):
 
 
 @inlined
+def normal_of(j, work):
+    """Return the normal of joint j."""
+    return work.normal[j, 0], work.normal[j, 1]
+
+
+@inlined
 def bend_of(j, k, velocity, work):
     """Return the acceleration of a corner's offset at constant velocities [m/s2].
 
@@ -72,18 +81,12 @@ def bend_of(j, k, velocity, work):
     """
     after = velocity[j + 1, 2]
     before = velocity[j, 2]
+    place = work.position
     px = work.point[j, k, 0]
     py = work.point[j, k, 1]
-    x = work.position[j, 0]
-    y = work.position[j, 1]
-    hx = before * before * (px - x)
-    hy = before * before * (py - y)
-    x = work.position[j + 1, 0]
-    y = work.position[j + 1, 1]
-    hx = hx - after * after * (px - x)
-    hy = hy - after * after * (py - y)
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
+    hx = before * before * (px - place[j, 0]) - after * after * (px - place[j + 1, 0])
+    hy = before * before * (py - place[j, 1]) - after * after * (py - place[j + 1, 1])
+    nx, ny = normal_of(j, work)
     ux, uy = placing.corner_velocity(j, k, work.earlier, work)
     face = select(placing.later_vertex_meets(k, work.slip[j]), before, after)
     coriolis = 2.0 * face * (nx * uy - ny * ux)
@@ -105,20 +108,20 @@ def aim_contacts(model, state, work, step, shortest):
     An offset e at the middle becomes e + (h/2 + k) u + (h/8 + k/2) h b: after half the step h at
     the velocity u to come, and a time k at the one then reached. b is `bend_of`.
 
+    Reads: model (gravity, length, rounding), state (contact, velocity), work.
     Writes: work (bias, candidate, side_normal).
     """
     velocity = state.velocity
     gravity = model.gravity
     fastest = 0.0
-    for j in range(work.slip.shape[0]):
+    for j in range(work.slip.size):
         for k in range(2):
             ux, uy = placing.corner_velocity(j, k, work.earlier, work)
             fastest = larger(fastest, abs(ux) + abs(uy))
     reach = REACH * step * (fastest + gravity * step)
     half = 0.5 * step
-    for j in range(work.slip.shape[0]):
-        nx = work.normal[j, 0]
-        ny = work.normal[j, 1]
+    for j in range(work.slip.size):
+        nx, ny = normal_of(j, work)
         spin = larger(abs(velocity[j, 2]), abs(velocity[j + 1, 2]))
         slow = step * (gravity + SWING * model.length[j] * (spin * spin))
         closing = True
@@ -142,12 +145,11 @@ def aim_contacts(model, state, work, step, shortest):
             work.candidate[j, k] = flag(gap < reach)
             nearing = abs(nx * ux + ny * uy)
             closing = closing & (gap < REACH * step * (nearing + gravity * step))
+        side = work.side_normal
         for k in range(2):
             for sense in range(2):
-                x = work.side_normal[j, k, sense, 0]
-                y = work.side_normal[j, k, sense, 1]
-                work.side_normal[j, k, sense, 0] = select(closing, nx, x)
-                work.side_normal[j, k, sense, 1] = select(closing, ny, y)
+                side[j, k, sense, 0] = select(closing, nx, side[j, k, sense, 0])
+                side[j, k, sense, 1] = select(closing, ny, side[j, k, sense, 1])
 
 
 @inlined
@@ -161,27 +163,33 @@ def free_fall(model, state, work, impulse, span):
 
 
 @inlined
-def move_far_springing(state, work, impulse):
-    """Set where the far springing is in the middle of a step, and its velocities around that."""
-    end = state.position.shape[0] - 1
-    work.position[end, 0] = impulse.far_x
-    work.position[end, 1] = impulse.far_y
-    state.velocity[end, 0] = impulse.before_x
-    state.velocity[end, 1] = impulse.before_y
-    work.free[end, 0] = impulse.after_x
-    work.free[end, 1] = impulse.after_y
-
-
-@kernel
-def go_to_middle(model, state, work, step):
-    """Move bodies, faces and slips to the middle of a step."""
+def move_to_middle(state, work, step):
+    """Move bodies to the middle of a step."""
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
             work.position[i, c] = (
                 state.position[i, c] + 0.5 * step * state.velocity[i, c]
             )
+
+
+@kernel
+def go_to_middle(model, state, work, step):
+    """Move bodies, faces and slips to the middle of a step.
+
+    Reads: model, state, work.
+    Writes: work.
+    """
+    move_to_middle(state, work, step)
     placing.place_chain(model, work.position, state, 0.0, work.slip, work)
     placing.relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
+
+
+@inlined
+def set_step(clock, step, until, where):
+    """Set the size of the next step, which ends at `until` at the latest."""
+    left = until - clock[Clock.TIME]
+    step = select((left > 0.0) & (left < step), left, step)
+    clock[Clock.STEP] = select(where, step, clock[Clock.STEP])
 
 
 @inlined
@@ -206,7 +214,7 @@ def carry_on(model, state, work, span):
     Reads: model (inverse_inertia, inverse_mass), state.force, work (pivot, position).
     Writes: work.free.
     """
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         fx = span * state.force[j, 0]
         fy = span * state.force[j, 1]
         for end, sense in ((j + 1, 1.0), (j, -1.0)):
@@ -219,47 +227,60 @@ def carry_on(model, state, work, span):
 
 
 @kernel
-def pose_step(model, state, work, impulse, step, shortest):
-    """Set up the contact problem of a step, without initial modes."""
-    free_fall(model, state, work, impulse, step)
-    move_far_springing(state, work, impulse)
+def pose_contacts(runs, step):
+    """Set up the contact problem of a step, without initial modes.
+
+    Reads: runs.
+    Writes: runs.
+    """
+    model = runs.model
+    state = runs.state
+    work = runs.work
     go_to_middle(model, state, work, step)
     aim_pulls(model, state, work, step, MEAN)
     span = time_before(state, step)
     if some(span > 0.0):
         carry_on(model, state, work, span)
-    aim_contacts(model, state, work, step, shortest)
+    aim_contacts(model, state, work, step, runs.options.time_step)
 
 
 @kernel
-def take_velocities(model, state, work, impulse, where):
-    """Accept the solved velocities, and record the work of the ground.
+def pose_step(runs, impulse):
+    """Move the far springing to the middle of the next step, and pose that step.
 
-    Reads: model.mass, state.velocity, work.solved, impulse (x, y).
-    Writes: state (energy, velocity).
+    Reads: runs, impulse.
+    Writes: runs.
     """
-    given = 0.0
-    for i in range(1, state.position.shape[0] - 1):
-        mean_x = 0.5 * (state.velocity[i, 0] + work.solved[i, 0])
-        mean_y = 0.5 * (state.velocity[i, 1] + work.solved[i, 1])
-        given -= model.mass[i] * (impulse.x * mean_x + impulse.y * mean_y)
-        for c in range(3):
-            state.velocity[i, c] = select(
-                where, work.solved[i, c], state.velocity[i, c]
-            )
-    state.energy[Energy.GROUND] += select(where, given, 0.0)
+    state = runs.state
+    work = runs.work
+    step = state.clock[Clock.STEP]
+    free_fall(runs.model, state, work, impulse, step)
+    end = state.position.shape[0] - 1
+    work.position[end, 0] = impulse.far_x
+    work.position[end, 1] = impulse.far_y
+    state.velocity[end, 0] = impulse.before_x
+    state.velocity[end, 1] = impulse.before_y
+    work.free[end, 0] = impulse.after_x
+    work.free[end, 1] = impulse.after_y
+    runs.law.pose(runs, step)
+
+
+@inlined
+def _mean_velocity(i, state, work):
+    """Return the mean velocity of a centroid in a solved step."""
+    x = 0.5 * (state.velocity[i, 0] + work.solved[i, 0])
+    return x, 0.5 * (state.velocity[i, 1] + work.solved[i, 1])
 
 
 @inlined
 def record_far_work(state, work, where):
     """Record the work of the far springing, where the last joint bears on it."""
-    last = state.slip.shape[0] - 1
+    last = state.slip.size - 1
     end = state.position.shape[0] - 1
     if last < end - 1:
         return
-    mean_x = 0.5 * (state.velocity[end, 0] + work.solved[end, 0])
-    mean_y = 0.5 * (state.velocity[end, 1] + work.solved[end, 1])
-    given = work.reaction[last, 0] * mean_x + work.reaction[last, 1] * mean_y
+    x, y = _mean_velocity(end, state, work)
+    given = work.reaction[last, 0] * x + work.reaction[last, 1] * y
     state.energy[Energy.GROUND] -= select(where, given, 0.0)
     for c in range(2):
         state.velocity[end, c] = select(
@@ -270,8 +291,7 @@ def record_far_work(state, work, where):
 @inlined
 def _is_complete(j, model, state, work):
     """Return whether no touching corner still closes, or opens again, at a rate that counts."""
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
+    nx, ny = normal_of(j, work)
     step = state.clock[Clock.STEP]
     fall = model.gravity * step
     complete = True
@@ -287,65 +307,77 @@ def _is_complete(j, model, state, work):
     return complete
 
 
+@inlined
+def count_change(j, state, work, where):
+    """Count the changes of joint j in a step; return whether a corner closes."""
+    count = state.count
+    was_0 = state.contact[j, 0] > 0.5
+    was_1 = state.contact[j, 1] > 0.5
+    is_0 = work.contact[j, 0] > 0.5
+    is_1 = work.contact[j, 1] > 0.5
+    differs = (was_0 ^ is_0) | (was_1 ^ is_1) | (state.slide[j] != work.slide[j])
+    differs = differs & where
+    made = differs & ((is_0 & opposite(was_0)) | (is_1 & opposite(was_1)))
+    if some(differs):
+        opened = differs & ((was_0 & opposite(is_0)) | (was_1 & opposite(is_1)))
+        slides = differs & (work.slide[j] != 0.0) & (state.slide[j] == 0.0)
+        count[Count.IMPACTS] += flag(made)
+        count[Count.OPENINGS] += flag(opened)
+        count[Count.SLIDES] += flag(slides)
+        count[Count.LOSSES] += flag(opened & opposite(is_0 | is_1))
+    return made
+
+
 @kernel
 def count_changes(model, state, work, where):
     """Count changes of joints in a step, and mark impacts that go on after it.
 
+    Reads: model, state, work.
     Writes: state (count, impact).
     """
-    count = state.count
-    for j in range(state.slip.shape[0]):
-        was_0 = state.contact[j, 0] > 0.5
-        was_1 = state.contact[j, 1] > 0.5
-        is_0 = work.contact[j, 0] > 0.5
-        is_1 = work.contact[j, 1] > 0.5
-        differs = (was_0 ^ is_0) | (was_1 ^ is_1) | (state.slide[j] != work.slide[j])
-        differs = differs & where
+    for j in range(state.slip.size):
         hits = where & (state.impact[j] > 0.5)
-        if some(differs):
-            made = differs & ((is_0 & opposite(was_0)) | (is_1 & opposite(was_1)))
-            opened = differs & ((was_0 & opposite(is_0)) | (was_1 & opposite(is_1)))
-            slides = differs & (work.slide[j] != 0.0) & (state.slide[j] == 0.0)
-            count[Count.IMPACTS] += flag(made)
-            count[Count.OPENINGS] += flag(opened)
-            count[Count.SLIDES] += flag(slides)
-            count[Count.LOSSES] += flag(differs & opposite(is_0 | is_1))
-            hits = hits | made
+        hits = hits | count_change(j, state, work, where)
         if some(hits):
             going_on = select(_is_complete(j, model, state, work), ENDING, GOING_ON)
             state.impact[j] = select(hits, going_on, state.impact[j])
+
+
+@inlined
+def speed_of(i, velocity, length):
+    """Return the speed of body i, rotation times joint length included [m/s]."""
+    straight = abs(velocity[i, 0]) + abs(velocity[i, 1])
+    return larger(straight, length * abs(velocity[i, 2]))
 
 
 @kernel
 def record_motion(model, state, where):
     """Record peaks of displacement, rotation, kinetic energy; return where they are not finite.
 
+    Reads: model, state.
     Writes: state (clock, energy, peak).
     """
     farthest = fastest = 0.0
     rotation = state.peak[Peak.ROTATION]
     length = model.length[0]
     spoiled = farthest
-    for i in range(1, state.position.shape[0] - 1):
-        dx = state.position[i, 0] - model.start[i, 0]
-        dy = state.position[i, 1] - model.start[i, 1]
-        ux = state.velocity[i, 0]
-        uy = state.velocity[i, 1]
-        w = state.velocity[i, 2]
+    position = state.position
+    start = model.start
+    for i in range(1, position.shape[0] - 1):
+        dx = position[i, 0] - start[i, 0]
+        dy = position[i, 1] - start[i, 1]
         farthest = larger(farthest, dx * dx + dy * dy)
-        rotation = larger(rotation, abs(state.position[i, 2] - model.start[i, 2]))
-        speed = larger(abs(ux) + abs(uy), length * abs(w))
-        fastest = larger(fastest, speed)
-        spoiled += 0.0 * (dx + dy + state.position[i, 2])
+        rotation = larger(rotation, abs(position[i, 2] - start[i, 2]))
+        fastest = larger(fastest, speed_of(i, state.velocity, length))
+        spoiled += 0.0 * (dx + dy + position[i, 2])
     peak = state.peak
     peak[Peak.ROTATION] = select(where, rotation, peak[Peak.ROTATION])
     far = larger(peak[Peak.DISPLACEMENT], math.sqrt(farthest))
     peak[Peak.DISPLACEMENT] = select(where, far, peak[Peak.DISPLACEMENT])
     kinetic = kinetic_energy(model, state.velocity)
-    most = larger(state.energy[Energy.LARGEST_KINETIC], kinetic)
-    state.energy[Energy.LARGEST_KINETIC] = select(
-        where, most, state.energy[Energy.LARGEST_KINETIC]
-    )
+    had = state.energy[Energy.LARGEST_KINETIC]
+    most = select(where, larger(had, kinetic), had)
+    state.energy[Energy.LARGEST_KINETIC] = most
     state.clock[Clock.FASTEST] = select(where, fastest, state.clock[Clock.FASTEST])
     record_calm(model, state, kinetic, where)
     return where & (spoiled != 0.0)
@@ -359,53 +391,79 @@ def record_overlap(model, state, work, where):
     Writes: state.peak.
     """
     deepest = state.peak[Peak.OVERLAP]
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         for k in range(2):
-            depth = -placing.clearance(j, k, work) * (1.0 / model.length[j])
+            depth = -placing.clearance(j, k, work) * (
+                1.0 / model.length[j]
+            )
             deepest = select(where & (depth > deepest), depth, deepest)
     state.peak[Peak.OVERLAP] = deepest
 
 
-@kernel
-def make_step(model, state, work, impulse, where, loss_limit):
-    """Accept solved velocities and the positions that they reach; as `accept_step`."""
-    clock = state.clock
-    count = state.count
-    step = clock[Clock.STEP]
-    changes = False
+@inlined
+def take_step(runs, impulse, where):
+    """Take solved velocities and the positions that they reach; record the work of the ground.
+
+    ``work.reaction`` goes from impulses into the mean forces over the step.
+    """
+    state = runs.state
+    work = runs.work
+    step = state.clock[Clock.STEP]
     for i in range(1, state.position.shape[0]):
         for c in range(3):
             moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
             state.position[i, c] = select(where, moved, state.position[i, c])
-    take_velocities(model, state, work, impulse, where)
+    given = 0.0
+    for i in range(1, state.position.shape[0] - 1):
+        x, y = _mean_velocity(i, state, work)
+        given -= runs.model.mass[i] * (impulse.x * x + impulse.y * y)
+        for c in range(3):
+            state.velocity[i, c] = select(
+                where, work.solved[i, c], state.velocity[i, c]
+            )
+    state.energy[Energy.GROUND] += select(where, given, 0.0)
+    for j in range(state.slip.size):
+        state.slip[j] = select(where, work.slip[j], state.slip[j])
+        for c in range(3):
+            work.reaction[j, c] = work.reaction[j, c] / step
+
+
+@kernel
+def make_step(runs, impulse, where):
+    """Take a solved step of rigid joints; return where the chain has collapsed.
+
+    Reads: runs, impulse (x, y).
+    Writes: runs.
+    """
+    model = runs.model
+    state = runs.state
+    work = runs.work
+    step = state.clock[Clock.STEP]
+    take_step(runs, impulse, where)
+    changes = False
     hit = 0.0 * step
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         hit = larger(hit, state.impact[j])
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         state.impact[j] = select(
             where, larger(state.impact[j] - 1.0, 0.0), state.impact[j]
         )
-        state.slip[j] = select(where, work.slip[j], state.slip[j])
         for k in range(2):
             changes = changes | (work.contact[j, k] != state.contact[j, k])
         for c in range(3):
-            work.reaction[j, c] = work.reaction[j, c] / step
             steady = select(hit > 0.0, 0.0, work.reaction[j, c])
             state.force[j, c] = select(where, steady, state.force[j, c])
     placing.move_faces(model, state.position, work)
     yielded, unexplained = accept_pulls(model, state, work, step, where)
-    record_pulls(state, yielded, unexplained, where)
-    collapsed = follow_joints(model, state, work, where, loss_limit)
-    broken = record_motion(model, state, where)
-    clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
-    clock[Clock.MOVING] += select(where, step, 0.0)
-    count[Count.STEPS] += flag(where)
-    eighth = count[Count.STEPS] * (1.0 / OVERLAP_INTERVAL)
+    if model.tie.shape[0] > 0:
+        record_pulls(state, yielded, unexplained, where)
+    collapsed = follow_joints(model, state, work, where, runs.options.loss_limit)
+    eighth = (state.count[Count.STEPS] + 1.0) * (1.0 / OVERLAP_INTERVAL)
     # Faces that have turned past a right angle or left each other have no overlap that counts.
     looks = where & opposite(collapsed) & (changes | (eighth == nearest(eighth)))
     if some(looks):
         record_overlap(model, state, work, looks)
-    return collapsed, broken
+    return collapsed
 
 
 @kernel
@@ -415,18 +473,21 @@ def add_carried(state, work, span):
     Reads: state.force.
     Writes: work.reaction.
     """
-    for j in range(state.slip.shape[0]):
+    for j in range(state.slip.size):
         for c in range(3):
             work.reaction[j, c] += span * state.force[j, c]
 
 
 @kernel
-def accept_step(model, state, work, impulse, where, loss_limit):
-    """Accept a step whose contact problem is solved; return collapsed, broken.
+def accept_contacts(runs, impulse, where):
+    """Take a step whose contact problem is solved, and what acted before its impact.
 
-    ``work.reaction`` goes from impulses into the mean forces over the step.
+    Reads: runs, impulse (x, y).
+    Writes: runs.
     """
-    count_changes(model, state, work, where)
+    state = runs.state
+    work = runs.work
+    count_changes(runs.model, state, work, where)
     span = time_before(state, state.clock[Clock.STEP])
     if some(span > 0.0):  # what acted before the impact works too
         add_carried(state, work, span)
@@ -434,4 +495,29 @@ def accept_step(model, state, work, impulse, where, loss_limit):
     record_far_work(state, work, where)
     if some(span > 0.0):
         add_carried(state, work, -span)
-    return make_step(model, state, work, impulse, where, loss_limit)
+    return make_step(runs, impulse, where)
+
+
+@inlined
+def pass_time(state, where):
+    """Let the time of a step pass, and count it."""
+    clock = state.clock
+    step = clock[Clock.STEP]
+    clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
+    clock[Clock.MOVING] += select(where, step, 0.0)
+    state.count[Count.STEPS] += flag(where)
+
+
+@kernel
+def accept_step(runs, impulse, where):
+    """Accept a solved step; return where the chain has collapsed, and is broken.
+
+    ``work.reaction`` goes from impulses into the mean forces over the step.
+
+    Reads: runs, impulse (x, y).
+    Writes: runs.
+    """
+    collapsed = runs.law.accept(runs, impulse, where)
+    broken = record_motion(runs.model, runs.state, where)
+    pass_time(runs.state, where)
+    return collapsed, broken

@@ -5,21 +5,22 @@ far as the laws of the joints are asked for. Without friction each of them lower
 that a chain that can rest comes to rest, and one that cannot moves on.
 """
 
+import functools
 import math
-from typing import Any
 
 import numpy as np
 
 from archfrag.physics.contact.placing import relative_velocity
-from archfrag.physics.faces.law import Faces, overlap_moments
-from archfrag.physics.faces.midpoint import LEAST_DELAY, new_runs, pose_step, remember
-from archfrag.physics.faces.velocities import find_velocities
 from archfrag.physics.ground import Impulse
 from archfrag.physics.interface import Chain
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.numbers import larger
-from archfrag.physics.state import Model, model_of
+from archfrag.physics.state import KEPT, Clock, Model, model_of
 from archfrag.physics.status import Joint, Status
+from archfrag.physics.steps.face_law import Faces, overlap_moments
+from archfrag.physics.steps.face_step import LEAST_DELAY, new_face_runs, remember
+from archfrag.physics.steps.face_velocities import find_velocities
+from archfrag.physics.steps.step import pose_step
 
 # Steps to equilibrium, over the period of the first mode: the first, how they grow, the largest.
 FIRST_STEP = 0.1
@@ -32,6 +33,12 @@ LONG_ENOUGH = 0.5
 FAR = 0.5
 MOST_STEPS = 4000
 BALANCED = 1e-9
+# A chain rests when it has not been faster than this in the mean, nor any body than three times
+# this, over the root of gravity times joint length, for so long after the motion, over the root of
+# its size over gravity: longer than a turning point lasts. A loose voussoir rattles for long.
+STILL = 1e-2
+FASTEST_STILL = 3e-2
+REST_SPAN = 2.0
 RESTS = int(Status.STANDING)
 FALLS = int(Status.DOES_NOT_STAND)
 MOVES_ON = int(Status.NO_CONTACT_SOLUTION)
@@ -52,7 +59,6 @@ def first_frequency(model: Model, chain: Chain) -> float:
         length = float(model.length[j])
         _, _, turn = overlap_moments(-1.0, 0.0, 0.5 * length, points)
         tx, ty = model.tangent[j, 0]
-        arms = [model.corner[j, side].mean(axis=0) for side in range(2)]
         for (dx, dy, w), size in (
             ((ty, -tx, 0.0), k * length),
             ((tx, ty, 0.0), along * length),
@@ -60,7 +66,7 @@ def first_frequency(model: Model, chain: Chain) -> float:
         ):
             row = np.zeros((n_row, 3))
             for side, sign in enumerate((-1.0, 1.0)):
-                x, y = arms[side]
+                x, y = model.corner[j, side].mean(axis=0)
                 row[j + side] = sign * dx, sign * dy, sign * (w + x * dy - y * dx)
             kept.append(math.sqrt(size) * row[1:-1].ravel())
     inverse = np.stack(
@@ -92,28 +98,32 @@ def longest_step(chain: Chain) -> float:
 
 
 @kernel
-def settle(model, faces, runs, period, limit):
+def settle(runs, period, limit):
     """Bring a chain from where it is to equilibrium under its weight: it rests, falls or moves on
     after the most steps.
+
+    Reads: runs.
+    Writes: runs.
     """
+    model = runs.model
     state = runs.state
     work = runs.work
-    memory = runs.memory
     step = FIRST_STEP * period
     still = Impulse(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for _ in range(MOST_STEPS):
         state.velocity[:] = 0.0
-        pose_step(model, runs, still, step)
+        state.clock[Clock.STEP] = step
+        pose_step(runs, still)
         # What is not balanced moves bodies by its acceleration times the square of the step.
         balanced = BALANCED * min(1.0, (period / step) ** 2)
-        solved, _ = find_velocities(model, faces, runs, step, step, balanced, True)
+        solved, _ = find_velocities(runs, step, step, balanced, True)
         if not solved:
             step *= 0.25
             continue
         relative_velocity(work.position, work.solved, work.pivot, work.relative)
         stored = moved = away = 0.0
-        for j in range(state.slip.shape[0]):
-            stored += remember(j, model, faces, runs, (step, step), True)[0]
+        for j in range(state.slip.size):
+            stored += remember(j, runs, (step, step), True)[0]
         for i in range(1, state.position.shape[0] - 1):
             for c in range(3):
                 size = model.length[0] if c == 2 else 1.0
@@ -123,7 +133,7 @@ def settle(model, faces, runs, period, limit):
                 away = larger(
                     away, size * abs(state.position[i, c] - model.start[i, c])
                 )
-        memory.stored[0] = stored
+        state.clock[Clock.STORED] = stored
         if away > FAR * limit or math.isnan(away):
             return FALLS
         if moved < SETTLED * limit and step >= LONG_ENOUGH * period:
@@ -132,43 +142,44 @@ def settle(model, faces, runs, period, limit):
     return MOVES_ON
 
 
+@functools.lru_cache(maxsize=KEPT)
 def settled(chain: Chain) -> tuple[Model, Faces] | Status:
     """Return model and joints of a chain in equilibrium on joints that give; if there are none, a
     status: it falls, or the steps find neither.
 
-    They are kept with the chain. The model starts there.
+    They are kept. The model starts there.
     """
-    kept: dict[str, Any] = chain.__dict__
-    if "settled" not in kept:
-        kept["settled"] = _settled(chain)
-    found: tuple[Model, Faces] | Status = kept["settled"]
-    return found
-
-
-def _settled(chain: Chain) -> tuple[Model, Faces] | Status:
     assert chain.joint is not None
     model = model_of(chain)
     joint = np.ascontiguousarray(chain.joint.T)
     frequency = first_frequency(model, chain)
+    square = float(model.gravity * model.length.max())
+    # A slender body is as long as its radius of gyration says.
+    longest = np.sqrt(12.0 * (chain.inertia / chain.mass).max())
+    size = float(np.ptp(chain.centroid, axis=0).max() + longest)
     zeros = np.zeros(model.friction.size)
-    delay = float(joint[Joint.DAMPING, 0]) / (math.pi * frequency)
-    stiffness, shear, points = (
-        joint[k] for k in (Joint.STIFFNESS, Joint.SHEAR, Joint.POINTS)
+    faces = Faces(
+        stiffness=joint[Joint.STIFFNESS].copy(),
+        shear=joint[Joint.SHEAR].copy(),
+        slip=np.zeros((zeros.size, 3)),
+        touching=zeros,
+        half=zeros.copy(),
+        stored=0.0,
+        delay=0.0,
+        points=float(joint[Joint.POINTS, 0]),
+        calm=REST_SPAN * math.sqrt(size / chain.gravity),
+        sway=0.5 * STILL**2 * square * float(chain.mass.sum()),
+        still=FASTEST_STILL * math.sqrt(square),
     )
-    rest = np.zeros((zeros.size, 3)), zeros, zeros.copy(), 0.0, 0.0
-    faces: Any = Faces(stiffness.copy(), shear.copy(), *rest, float(points[0]))
-    runs = new_runs(model)
+    runs = new_face_runs(model, faces)
     runs.state.position[:] = model.start
     runs.memory.touching[:] = model.length
-    found = settle(model, faces, runs, 1.0 / frequency, float(model.length.min()))
+    found = settle(runs, 1.0 / frequency, float(model.length.min()))
     if found != RESTS:
         return Status(found)
-    start = model._replace(start=runs.state.position.copy())
-    slip, touching, half, stored = runs.memory
-    kept = {
-        "slip": slip,
-        "touching": touching,
-        "half": half,
-        "stored": float(stored[0]),
-    }
-    return start, faces._replace(**kept, delay=delay)
+    rest = faces._replace(
+        **runs.memory._asdict(),
+        stored=float(runs.state.clock[Clock.STORED]),
+        delay=float(joint[Joint.DAMPING, 0]) / (math.pi * frequency),
+    )
+    return model._replace(start=runs.state.position.copy()), rest

@@ -15,7 +15,7 @@ comes into contact in a step is asked at its own time, so that nothing presses b
 
 from typing import NamedTuple
 
-import numpy as np
+from numpy import ndarray
 
 from archfrag.physics.kernels.kernel import inlined
 from archfrag.physics.kernels.primitives import select
@@ -33,18 +33,19 @@ ENDS = 2.0
 class Faces(NamedTuple):
     """Constant data of joints that give."""
 
-    stiffness: np.ndarray  # (n_joint,) of a metre of the joint [N/m2]
-    shear: np.ndarray  # (n_joint,) the same along the tangent [N/m2]
+    stiffness: ndarray  # (n_joint,) of a metre of the joint [N/m2]
+    shear: ndarray  # (n_joint,) the same along the tangent [N/m2]
     slip: (
-        np.ndarray
-    )  # (n_joint, 3) elastic part of the slip of points where runs start [m]
-    touching: np.ndarray  # (n_joint,) length in contact there [m]
-    half: (
-        np.ndarray
-    )  # (n_joint,) of the length along which faces lie opposite there [m]
+        ndarray  # (n_joint, 3) elastic part of the slip of points where runs start [m]
+    )
+    touching: ndarray  # (n_joint,) length in contact there [m]
+    half: ndarray  # (n_joint,) of the length along which faces lie opposite there [m]
     stored: float  # elastic energy there [J]
     delay: float  # dashpots over springs [s]
     points: float  # at which a joint bears; zero: all along it
+    calm: float  # how long a chain is still that rests [s]
+    sway: float  # kinetic energy of a chain that is still [J]
+    still: float  # speed of its fastest body [m/s]
 
 
 class Gaps(NamedTuple):
@@ -116,22 +117,26 @@ def overlap_moments(d0, d1, half, points):
 
 
 @inlined
-def rub(normal, slip, hold, friction):
-    """Return the shear of a contact, the sense of its friction if it slides, else zero, and the
-    elastic slip at which it does.
+def rub(normal, slip, size, material):
+    """Return the shear of a contact of some length, its growth with slip and, over the length,
+    with the pressing gap, and the elastic slip at which it slides.
     """
+    stiffness, shear, friction = material
+    hold = shear * size
     along = -hold * slip
     most = smaller(friction, ROUGH) * normal
     slides = abs(along) > most
     sense = select(slides, select(along > 0.0, 1.0, -1.0), 0.0)
-    return select(slides, sense * most, along), sense, most / larger(hold, FLAT)
+    pressed = sense * smaller(friction, ROUGH) * stiffness
+    along = select(slides, sense * most, along)
+    return along, select(slides, 0.0, hold), pressed, most / larger(hold, FLAT)
 
 
 @inlined
 def _bear_along(gaps, half, slip, touching, material):
     """Return what a joint bears that bears along its length; arguments as of `bear`."""
     d0, d1, e0, e1, low, high, ratio, c0, c1 = gaps
-    stiffness, shear, friction = material
+    stiffness = material[0]
     first, last = ends_of(e0, e1, half)
     o0, o1, o2 = moments_between(larger(first, low), smaller(last, high))
     first, last = ends_of(d0, d1, half)
@@ -144,48 +149,31 @@ def _bear_along(gaps, half, slip, touching, material):
     moment = -stiffness * (e0 * o1 + e1 * o2 + d0 * n1 + d1 * n2)
     first, last = ends_of(c0, c1, half)
     held = smaller(last - first, touching)
-    none = 0.0 * half
-    along, sense, most = rub(normal, slip[0], shear * held, friction)
+    along, hold, pressed, most = rub(normal, slip[0], held, material)
     l0 = o0 + ratio * n0
     l1 = o1 + ratio * n1
     l2 = o2 + ratio * n2
-    hold = select(sense != 0.0, 0.0, shear * held)
-    pressed = sense * smaller(friction, ROUGH) * stiffness
-    held = (held, none, none)
-    most = (most, none, none)
-    return Bearing(
-        normal, moment, along, l0, l1, l2, hold, pressed * l0, pressed * l1, held, most
-    )
+    none = 0.0 * half
+    rubs = pressed * l0, pressed * l1
+    ends = (held, none, none), (most, none, none)
+    return Bearing(normal, moment, along, l0, l1, l2, hold, *rubs, *ends)
 
 
 @inlined
 def _bear_at(place, size, gaps, slip, material):
     """Return what a point bears, as a joint that has no other."""
     d0, d1, e0, e1, low, high, ratio, _, _ = gaps
-    stiffness, shear, friction = material
     old = (place >= low) & (place <= high) & (low < high)
     gap = select(old, e0 + place * e1, d0 + place * d1)
     size = select(gap < 0.0, size, 0.0)
-    normal = -stiffness * size * gap
-    along, sense, most = rub(normal, slip, shear * size, friction)
+    normal = -material[0] * size * gap
+    along, hold, pressed, most = rub(normal, slip, size, material)
     l0 = select(old, size, ratio * size)
-    hold = select(sense != 0.0, 0.0, shear * size)
-    pressed = sense * smaller(friction, ROUGH) * stiffness * l0
     l1 = place * l0
-    turning = pressed * place
-    return Bearing(
-        normal,
-        place * normal,
-        along,
-        l0,
-        l1,
-        place * l1,
-        hold,
-        pressed,
-        turning,
-        size,
-        most,
-    )
+    rub_0 = pressed * l0
+    rubs = rub_0, rub_0 * place
+    forces = normal, place * normal, along
+    return Bearing(*forces, l0, l1, place * l1, hold, *rubs, size, most)
 
 
 @inlined

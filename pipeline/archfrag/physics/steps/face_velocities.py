@@ -11,15 +11,16 @@ along it.
 
 from typing import NamedTuple
 
-import numpy as np
+from numpy import ndarray
 
 from archfrag.physics.contact.blocks import block_of, factorise_block, solve_block
 from archfrag.physics.contact.placing import corner_rate_at
-from archfrag.physics.faces.law import Gaps, bear
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import fused, opposite, select, some
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.numbers import dot, flag, larger, smaller
+from archfrag.physics.steps.face_law import Gaps, bear
+from archfrag.physics.steps.step import normal_of
 
 MOST_ITERATIONS = 40.0
 # A step along which the slope of the energy rises to more than this part of what it was is cut to
@@ -29,76 +30,98 @@ LEAST = 0.05
 SHORTEST = 1e-6
 
 
-# Shapes of arrays behind their first dimension, and those with a row for each body.
-OF_WORK = {
-    "gap": (2,),
-    "before": (2,),
-    "part": (2,),
-    "slip": (3,),
-    "held": (3,),
-    "most": (3,),
-    "force": (3,),
-    "stiffness": (3, 3),
-    "block": (3, 3),
-    "lower": (3, 3),
-    "upper": (3, 3),
-    "left": (3,),
-    "forward": (3,),
-    "base": (3,),
-    "change": (3,),
-}
-OF_ROWS = ("block", "left", "forward", "base", "change")
+OF_BODIES = ("block", "left", "forward", "base", "change")
 
 
-@struct(**OF_WORK)
+@struct(slip=(3,))
+class Memory(NamedTuple):
+    """What joints that give remember between steps, of one run or of four."""
+
+    slip: ndarray  # (n_joint, 3) elastic part of the slip of points [m]
+    touching: ndarray  # (n_joint,) length in contact [m]
+    half: ndarray  # (n_joint,) of the length along which faces lay opposite [m]
+
+
+@struct(
+    gap=(2,),
+    before=(2,),
+    part=(2,),
+    slip=(3,),
+    held=(3,),
+    most=(3,),
+    force=(3,),
+    stiffness=(3, 3),
+    block=(3, 3),
+    lower=(3, 3),
+    upper=(3, 3),
+    left=(3,),
+    forward=(3,),
+    base=(3,),
+    change=(3,),
+)
 class FaceWork(NamedTuple):
     """Workspace of a step of joints that give, of one run or of four."""
 
-    gap: (
-        np.ndarray
-    )  # (n_joint, 2) in the middle of the step: at the joint's middle [m], slope [1]
-    before: np.ndarray  # (n_joint, 2) the same at its begin, as it moves there
-    part: np.ndarray  # (n_joint, 2) ends of what overlaps then [m]
-    tilt: np.ndarray  # (n_joint,) by which the slope falls with the relative rotation
-    half: np.ndarray  # (n_joint,) of the length along which the faces lie opposite [m]
-    slip: np.ndarray  # (n_joint, 3) elastic part of the slip of points there [m]
-    touching: np.ndarray  # (n_joint,) length in contact before the step [m]
-    held: np.ndarray  # (n_joint, 3) length of points at which a slip is held [m]
-    most: np.ndarray  # (n_joint, 3) elastic slip at which they slide [m]
-    force: np.ndarray  # (n_joint, 3) normal [N], its moment [N m], shear [N]
-    stiffness: np.ndarray  # (n_joint, 3, 3) of x, y and rotation about the pivot
-    block: np.ndarray  # (n_body + 2, 3, 3) of the system, eliminated
-    left: np.ndarray  # (n_body + 2, 3) impulses that are not balanced
+    gap: ndarray  # (n_joint, 2) in the middle of the step: at the joint's middle [m], slope [1]
+    before: ndarray  # (n_joint, 2) the same at its begin, as it moves there
+    part: ndarray  # (n_joint, 2) ends of what overlaps then [m]
+    tilt: ndarray  # (n_joint,) by which the slope falls with the relative rotation
+    half: ndarray  # (n_joint,) of the length along which the faces lie opposite [m]
+    slip: ndarray  # (n_joint, 3) elastic part of the slip of points there [m]
+    touching: ndarray  # (n_joint,) length in contact before the step [m]
+    held: ndarray  # (n_joint, 3) length of points at which a slip is held [m]
+    most: ndarray  # (n_joint, 3) elastic slip at which they slide [m]
+    force: ndarray  # (n_joint, 3) normal [N], its moment [N m], shear [N]
+    stiffness: ndarray  # (n_joint, 3, 3) of x, y and rotation about the pivot
+    block: ndarray  # (n_body + 2, 3, 3) of the system, eliminated
+    left: ndarray  # (n_body + 2, 3) impulses that are not balanced
     lower: (
-        np.ndarray
-    )  # (n_joint, 3, 3) coupling of the body after a joint with that before
-    upper: np.ndarray  # (n_joint, 3, 3) of the body before with that after
-    forward: np.ndarray  # (n_body + 2, 3) solution of the rows above each body
-    base: np.ndarray  # (n_body + 2, 3) velocities from which a Newton step goes
-    change: np.ndarray  # (n_body + 2, 3) by which it lowers them
+        ndarray  # (n_joint, 3, 3) coupling of the body after a joint with that before
+    )
+    upper: ndarray  # (n_joint, 3, 3) of the body before with that after
+    forward: ndarray  # (n_body + 2, 3) solution of the rows above each body
+    base: ndarray  # (n_body + 2, 3) velocities from which a Newton step goes
+    change: ndarray  # (n_body + 2, 3) by which it lowers them
 
 
 @inlined
-def _set_stiffness(j, work, own, times, model, faces):
+def parts_of(j, work, x, y):
+    """Return the parts of a vector along the normal and the tangent of joint j."""
+    nx, ny = normal_of(j, work)
+    return nx * x + ny * y, nx * y - ny * x
+
+
+@inlined
+def _set_stiffness(j, runs, step, b):
     """Set what joint j bears, and how that changes with its relative displacement."""
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
-    ux, uy = corner_rate_at(
-        j, work.pivot[j, 0], work.pivot[j, 1], work.position, work.solved
-    )
-    c, (step, b), ratio = own.tilt[j], times, times[0] / times[1]
-    opens = nx * ux + ny * uy
+    work = runs.work
+    own = runs.own
+    faces = runs.faces
+    px = work.pivot[j, 0]
+    py = work.pivot[j, 1]
+    ux, uy = corner_rate_at(j, px, py, work.position, work.solved)
+    opens, along = parts_of(j, work, ux, uy)
+    c = own.tilt[j]
     turns = c * (work.solved[j + 1, 2] - work.solved[j, 2])
     g0 = own.gap[j, 0]
     g1 = own.gap[j, 1]
-    fresh = (g0 + step * opens, g1 - step * turns)
-    old = (g0 + b * opens, g1 - b * turns)
-    end = 0.5 * (g0 + fresh[0]), 0.5 * (g1 + fresh[1])
-    gaps = Gaps(*fresh, *old, own.part[j, 0], own.part[j, 1], ratio, *end)
-    along = b * (nx * uy - ny * ux)
-    slip = own.slip[j, 0] + along, own.slip[j, 1] + along, own.slip[j, 2] + along
+    d0 = g0 + step * opens
+    d1 = g1 - step * turns
+    gaps = Gaps(
+        d0,
+        d1,
+        g0 + b * opens,
+        g1 - b * turns,
+        own.part[j, 0],
+        own.part[j, 1],
+        step / b,
+        0.5 * (g0 + d0),
+        0.5 * (g1 + d1),
+    )
+    slides = b * along
+    slip = own.slip[j, 0] + slides, own.slip[j, 1] + slides, own.slip[j, 2] + slides
     k = faces.stiffness[j]
-    material = k, faces.shear[j], model.friction[j]
+    material = k, faces.shear[j], runs.model.friction[j]
     has = bear(gaps, own.half[j], slip, own.touching[j], material, faces.points)
     for i in range(3):
         own.held[j, i] = has.held[i]
@@ -106,18 +129,30 @@ def _set_stiffness(j, work, own, times, model, faces):
     own.force[j, 0] = has.normal
     own.force[j, 1] = c * has.moment
     own.force[j, 2] = has.shear
+    nx, ny = normal_of(j, work)
     press = k * has.l0
+    x = press * nx - has.rub_0 * ny
+    y = press * ny + has.rub_0 * nx
+    hold = has.hold
     tilt = c * k * has.l1
-    by_slip = has.hold
+    rub = c * has.rub_1
     s = own.stiffness
-    s[j, 0, 0] = nx * (press * nx - has.rub_0 * ny) + by_slip * ny * ny
-    s[j, 0, 1] = ny * (press * nx - has.rub_0 * ny) - by_slip * ny * nx
-    s[j, 1, 0] = nx * (press * ny + has.rub_0 * nx) - by_slip * nx * ny
-    s[j, 1, 1] = ny * (press * ny + has.rub_0 * nx) + by_slip * nx * nx
-    rub_1 = c * has.rub_1
-    s[j, 0, 2] = rub_1 * ny - tilt * nx
-    s[j, 1, 2] = -rub_1 * nx - tilt * ny
-    s[j, 2, 0], s[j, 2, 1], s[j, 2, 2] = -tilt * nx, -tilt * ny, c * c * k * has.l2
+    s[j, 0, 0] = nx * x + hold * ny * ny
+    s[j, 0, 1] = ny * x - hold * ny * nx
+    s[j, 0, 2] = rub * ny - tilt * nx
+    s[j, 1, 0] = nx * y - hold * nx * ny
+    s[j, 1, 1] = ny * y + hold * nx * nx
+    s[j, 1, 2] = -rub * nx - tilt * ny
+    s[j, 2, 0] = -tilt * nx
+    s[j, 2, 1] = -tilt * ny
+    s[j, 2, 2] = c * c * k * has.l2
+
+
+@inlined
+def _arm_of(j, side, work):
+    """Return the pivot of joint j from the centroid of the body before or after it."""
+    x = work.pivot[j, 0] - work.position[j + side, 0]
+    return x, work.pivot[j, 1] - work.position[j + side, 1]
 
 
 @inlined
@@ -139,57 +174,54 @@ def _add(out, i, size, rows, arm):
 
 
 @inlined
-def _push(own, i, fx, fy, moment, arm):
-    """Subtract an impulse at a pivot from those that are left on a body."""
-    own.left[i, 0] -= fx
-    own.left[i, 1] -= fy
-    own.left[i, 2] -= moment + arm[0] * fy - arm[1] * fx
+def _add_side(j, side, sense, runs, size, coupling):
+    """Add what joint j bears in a step, and its stiffness, for the body before or after it."""
+    own = runs.own
+    arm = _arm_of(j, side, runs.work)
+    other = _arm_of(j, 1 - side, runs.work)
+    force = runs.work.reaction
+    fx = sense * force[j, 0]
+    fy = sense * force[j, 1]
+    own.left[j + side, 0] -= fx
+    own.left[j + side, 1] -= fy
+    own.left[j + side, 2] -= sense * force[j, 2] + arm[0] * fy - arm[1] * fx
+    s = own.stiffness
+    rows = _turning(s, j, 0, arm), _turning(s, j, 1, arm), _turning(s, j, 2, arm)
+    _add(own.block, j + side, size, rows, arm)
+    _add(coupling, j, -size, rows, other)
 
 
 @inlined
-def _add_joint(j, work, own, step, b):
+def _add_joint(j, runs, step, b):
     """Add what joint j bears in the step, and its stiffness, to the system."""
-    nx = work.normal[j, 0]
-    ny = work.normal[j, 1]
-    px = work.pivot[j, 0]
-    py = work.pivot[j, 1]
-    after = px - work.position[j + 1, 0], py - work.position[j + 1, 1]
-    before = px - work.position[j, 0], py - work.position[j, 1]
+    work = runs.work
+    own = runs.own
+    nx, ny = normal_of(j, work)
     press = step * own.force[j, 0]
     rub = step * own.force[j, 2]
-    turn = step * own.force[j, 1]
-    fx = press * nx - rub * ny
-    fy = press * ny + rub * nx
-    work.reaction[j, 0] = fx
-    work.reaction[j, 1] = fy
-    work.reaction[j, 2] = -turn
-    _push(own, j + 1, fx, fy, -turn, after)
-    _push(own, j, -fx, -fy, turn, before)
-    s = own.stiffness
-    size = step * b
-    later = _turning(s, j, 0, after), _turning(s, j, 1, after), _turning(s, j, 2, after)
-    sooner = (
-        _turning(s, j, 0, before),
-        _turning(s, j, 1, before),
-        _turning(s, j, 2, before),
-    )
+    work.reaction[j, 0] = press * nx - rub * ny
+    work.reaction[j, 1] = press * ny + rub * nx
+    work.reaction[j, 2] = -(step * own.force[j, 1])
     for a in range(3):
         for c in range(3):
             own.upper[j, a, c] = own.lower[j, a, c] = 0.0
-    _add(own.block, j + 1, size, later, after)
-    _add(own.block, j, size, sooner, before)
-    _add(own.upper, j, -size, later, before)
-    _add(own.lower, j, -size, sooner, after)
+    _add_side(j, 1, 1.0, runs, step * b, own.upper)
+    _add_side(j, 0, -1.0, runs, step * b, own.lower)
 
 
 @kernel
-def balance(model, faces, work, own, step, b):
+def balance(runs, step, b):
     """Set up the balance of momentum at the velocities in ``work.solved``.
 
     Returns the square of what is not balanced, over masses, and the slope of the energy along
     ``own.change``.
+
+    Reads: runs.
+    Writes: runs.
     """
-    n_joint = work.slide.shape[0]
+    model = runs.model
+    work = runs.work
+    own = runs.own
     last = work.solved.shape[0] - 1
     for i in range(last + 1):
         for a in range(3):
@@ -197,24 +229,37 @@ def balance(model, faces, work, own, step, b):
             own.left[i, a] = mass * (work.solved[i, a] - work.free[i, a])
             for c in range(3):
                 own.block[i, a, c] = mass if a == c else 0.0
-    for j in range(n_joint):
-        _set_stiffness(j, work, own, (step, b), model, faces)
-        _add_joint(j, work, own, step, b)
+    for j in range(work.slide.size):
+        _set_stiffness(j, runs, step, b)
+        _add_joint(j, runs, step, b)
     square = slope = 0.0 * step
     for i in range(1, last):
-        x = own.left[i, 0]
-        y = own.left[i, 1]
-        z = own.left[i, 2]
+        left = three(own.left, i)
+        x, y, z = left
         square += model.inverse_mass[i] * (x * x + y * y) + model.inverse_inertia[i] * (
             z * z
         )
-        slope -= dot((x, y, z), (own.change[i, 0], own.change[i, 1], own.change[i, 2]))
+        slope -= dot(left, three(own.change, i))
     return square, slope
+
+
+@inlined
+def three(of, i):
+    """Return row i of an array."""
+    return of[i, 0], of[i, 1], of[i, 2]
 
 
 @inlined
 def _row(of, i, a):
     return of[i, a, 0], of[i, a, 1], of[i, a, 2]
+
+
+@inlined
+def _less(of, i, block, j, known):
+    """Return row i of an array less a block times what is known of a neighbour."""
+    x = of[i, 0] - dot(_row(block, j, 0), known)
+    y = of[i, 1] - dot(_row(block, j, 1), known)
+    return x, y, of[i, 2] - dot(_row(block, j, 2), known)
 
 
 @kernel
@@ -225,45 +270,36 @@ def newton_step(own, last, where):
     Writes: own (block, change, forward, upper).
     """
     block = own.block
-    lower = own.lower
     upper = own.upper
-    left = own.left
-    x = left[1, 0]
-    y = left[1, 1]
-    z = left[1, 2]
+    forward = own.forward
+    rest = three(own.left, 1)
     for i in range(1, last + 1):
-        if i > 1:
-            j = i - 1
-            f = block_of(block, i - 1)
-            x, y, z = solve_block(f, x, y, z)
-            known = x, y, z
-            for c in range(3):
-                solved = solve_block(f, upper[j, 0, c], upper[j, 1, c], upper[j, 2, c])
-                upper[j, 0, c], upper[j, 1, c], upper[j, 2, c] = solved
-                for a in range(3):
-                    block[i, a, c] -= dot(_row(lower, j, a), solved)
-            own.forward[i - 1, 0], own.forward[i - 1, 1], own.forward[i - 1, 2] = known
-            x = left[i, 0] - dot(_row(lower, j, 0), known)
-            y = left[i, 1] - dot(_row(lower, j, 1), known)
-            z = left[i, 2] - dot(_row(lower, j, 2), known)
         factorise_block(block, i)
-    x, y, z = solve_block(block_of(block, last), x, y, z)
-    slope = 0.0 * x
+        f = block_of(block, i)
+        known = solve_block(f, rest[0], rest[1], rest[2])
+        forward[i, 0], forward[i, 1], forward[i, 2] = known
+        if i < last:
+            for c in range(3):
+                solved = solve_block(f, upper[i, 0, c], upper[i, 1, c], upper[i, 2, c])
+                upper[i, 0, c], upper[i, 1, c], upper[i, 2, c] = solved
+                for a in range(3):
+                    block[i + 1, a, c] -= dot(_row(own.lower, i, a), solved)
+            rest = _less(own.left, i + 1, own.lower, i, known)
+    known = three(forward, last)
+    slope = 0.0 * known[0]
     for i in range(last, 0, -1):
         if i < last:
-            known = x, y, z
-            x = own.forward[i, 0] - dot(_row(upper, i, 0), known)
-            y = own.forward[i, 1] - dot(_row(upper, i, 1), known)
-            z = own.forward[i, 2] - dot(_row(upper, i, 2), known)
+            known = _less(forward, i, upper, i, known)
+        x, y, z = known
         own.change[i, 0] = select(where, x, own.change[i, 0])
         own.change[i, 1] = select(where, y, own.change[i, 1])
         own.change[i, 2] = select(where, z, own.change[i, 2])
-        slope -= dot((x, y, z), (left[i, 0], left[i, 1], left[i, 2]))
+        slope -= dot(known, three(own.left, i))
     return slope
 
 
 @kernel
-def find_velocities(model, faces, runs, step, b, balanced, live):
+def find_velocities(runs, step, b, balanced, live):
     """Find the velocities after a step, ``work.solved``, and impulses in ``work.reaction``.
 
     What has overlapped before is asked a time `b` after the middle.
@@ -271,7 +307,11 @@ def find_velocities(model, faces, runs, step, b, balanced, live):
     What is not balanced of accelerations is at most `balanced`, over gravity. Velocities are those
     that the impulses give to the bodies, so that momentum is balanced to rounding. Returns the
     mask of the runs that are solved, and their iterations.
+
+    Reads: model, faces, runs.
+    Writes: runs.
     """
+    model = runs.model
     state = runs.state
     work = runs.work
     own = runs.own
@@ -287,15 +327,10 @@ def find_velocities(model, faces, runs, step, b, balanced, live):
     enough = balanced * model.gravity * step
     enough = enough * enough * mass
     active = live
-    part = 1.0 + 0.0 * step
-    before = 0.0 * step
-    iterations = 0.0 * step
-    low = 0.0 * step
-    high = part
-    at_low = before
-    at_high = before
+    before = iterations = low = at_low = at_high = 0.0 * step
+    part = high = 1.0 + before
     while True:
-        square, slope = balance(model, faces, work, own, step, b)
+        square, slope = balance(runs, step, b)
         active = active & opposite(square <= enough)
         if not some(active & (iterations < MOST_ITERATIONS)):
             break

@@ -1,1 +1,0 @@
-"""Joints that give: elastic faces without tension, stepped with all voussoirs."""
