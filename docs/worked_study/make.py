@@ -27,7 +27,7 @@ CORES = 2
 # Sampled as before, each number a factor on an infinite stiffness.
 RIGID = [
     "arches.0.joints.stiffness=.inf",
-    "arches.0.vary.of.joints={distribution: lognormal, median: 1.0, beta: 1.0, relative: true}",
+    "arches.0.vary.of.joints.stiffness={distribution: lognormal, median: 1.0, beta: 1.0, relative: true}",
 ]
 
 

@@ -3,16 +3,48 @@
 `methods.json` has their names, meanings, citations and parameters (as of `Parameter`, in order).
 """
 
+import importlib.util
 import json
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
-from archfrag.physics.methods.registry import FOLLOW, MethodInfo, Parameter, register
+from archfrag.errors import InputError
+from archfrag.physics.methods.registry import (
+    FOLLOW,
+    MethodInfo,
+    Parameter,
+    known_methods,
+    register,
+)
+
+SHARED = ("dt", "rtol", "follow")  # parameters that are arguments of `simulate`
 
 
-def _from(module: str) -> Callable[[], Callable]:
-    return lambda: import_module(f"archbench.baselines.{module}").run
+def is_available(info: MethodInfo) -> bool:
+    """Return whether the package that a method needs, if any, is installed."""
+    return info.needs is None or importlib.util.find_spec(info.needs) is not None
+
+
+def variant(method: str, **own: float) -> MethodInfo:
+    """Return a baseline with other values of parameters of its own."""
+    info = known_methods()[method]
+    return info._replace(load=lambda: partial(info.load(), **own))
+
+
+def _from(name: str, parameters: tuple[Parameter, ...]) -> Callable[[], Callable]:
+    own = {each.name: each.default for each in parameters if each.name not in SHARED}
+
+    def load() -> Callable:
+        info = known_methods()[name]
+        if not is_available(info):
+            rule = f"needs the package {info.needs}: pip install {info.needs}"
+            raise InputError(f"method {name} {rule}")
+        run: Callable = import_module(f"archbench.baselines.{name}").run
+        return partial(run, **own) if own else run
+
+    return load
 
 
 _ROWS = json.loads(Path(__file__).with_name("methods.json").read_text(encoding="utf-8"))
@@ -23,6 +55,8 @@ for _row in _ROWS:
         FOLLOW if each == "follow" else Parameter(*each) for each in _listed
     )
     BASELINES.append(
-        MethodInfo(parameters=_parameters, load=_from(_row["name"]), **_row)
+        MethodInfo(
+            parameters=_parameters, load=_from(_row["name"], _parameters), **_row
+        )
     )
 register(*BASELINES)

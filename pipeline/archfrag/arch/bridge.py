@@ -15,6 +15,7 @@ from archfrag.arch.geometry import (
 )
 from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
+from archfrag.properties import MOST_VOUSSOIRS
 
 Piers = dict[str, Any]  # of each key the values of the left and the right pier
 _SIDES = ((-1.0, "left"), (1.0, "right"))
@@ -40,35 +41,27 @@ def checked_piers(
     depth: Any = None,
 ) -> Piers:
     """Return the values of the left and the right pier by key; None for what the ring gives."""
-    base_width = width if base_width is None else base_width
-    rows = (
-        ("height", height, "m", checks.SMALLEST),
-        ("width", width, "m", checks.SMALLEST),
-        ("base_width", base_width, "m", checks.SMALLEST),
-        ("above", above, "m", 0.0),
-        ("friction", friction, "", 0.0),
-        ("density", density, "kg/m3", checks.SMALLEST),
-        ("depth", depth, "m", checks.SMALLEST),
-    )
+    given = {
+        "height": height,
+        "width": width,
+        "base_width": width if base_width is None else base_width,
+        "above": above,
+        "friction": friction,
+        "density": density,
+        "depth": depth,
+        "courses": courses,
+    }
     found: Piers = {
         name: value
         if value is None
-        else checks.shared_or_each(
-            f"piers.{name}",
-            value,
-            2,
-            "pier",
-            unit,
-            least=least,
-            infinite=checks.ROUGH if name == "friction" else "",
-        ).tolist()
-        for name, value, unit, least in rows
+        else checks.shared_or_each(f"piers.{name}", value, 2, "pier").tolist()
+        for name, value in given.items()
     }
-    count = checks.shared_or_each("piers.courses", courses, 2, "pier", least=1.0)
-    if (count % 1.0).any() or count.sum() > checks.MOST_VOUSSOIRS:
-        most = f"integers, together at most {checks.MOST_VOUSSOIRS}"
+    count = np.array(found["courses"])
+    if (count % 1.0).any() or count.sum() > MOST_VOUSSOIRS:
+        most = f"integers, together at most {MOST_VOUSSOIRS}"
         raise GeometryError(
-            f"piers.courses = {count.tolist()} is impossible; it must be {most}"
+            f"piers.courses = {found['courses']} is impossible; it must be {most}"
         )
     return found | {"courses": count.astype(int).tolist()}
 
@@ -162,16 +155,13 @@ def checked_fill(
         raise GeometryError(
             f"fill.inertia = {inertia} is impossible; it must be 1: {why}"
         )
-    found = {
-        "height_over_crown": (height_over_crown, "m over the crown"),
-        "unit_weight": (unit_weight, "N/m3"),
-        "backing_height": (backing_height, "m over the springing"),
-        "backing_unit_weight": (backing_unit_weight, "N/m3"),
+    given = {
+        "height_over_crown": height_over_crown,
+        "unit_weight": unit_weight,
+        "backing_height": backing_height,
+        "backing_unit_weight": backing_unit_weight,
     }
-    numbers = {
-        key: checks.number(f"fill.{key}", *each, most=1e6)
-        for key, each in found.items()
-    }
+    numbers = {key: checks.number(f"fill.{key}", value) for key, value in given.items()}
     return numbers | {"inertia": 1.0}
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from archfrag.arch.bridge import fill_weighs
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.shape import Shape
-from archfrag.arch.tie_rods import tie_lines
 
 GROUND = -1
 AREAS = ("earth", "backing", "stone")  # roles of closed outlines
@@ -55,8 +54,8 @@ def arch_marks(arch: Shape) -> list[Mark]:
     roles = zip(AREAS, _fill_outlines(arch))
     marks = [Mark(role, outline) for role, outline in roles]
     marks += [Mark("stone", o, [body]) for body, o in enumerate(arch.outlines)]
-    ties = zip(tie_lines(arch), arch.tie_bodies.tolist())
-    marks += [Mark("tie", line, bodies) for line, bodies in ties]
+    rods = zip(arch.tie_lines, arch.tie_bodies.tolist())
+    marks += [Mark("tie", line, bodies) for line, bodies in rods]
     size = np.ptp(np.concatenate([mark.points for mark in marks]), axis=0).max()
     for joint in (0,) if arch.free_end else (0, arch.n_joint - 1):
         inner = arch.intrados[joint]

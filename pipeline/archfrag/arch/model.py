@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -14,16 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.arch import checks, facts
 from archfrag.arch import ring as rings
-from archfrag.arch.building import Given, fields_of, plain
+from archfrag.arch.building import Given, fields_of, plain, tie_row
 from archfrag.arch.drawing import read_drawing
 from archfrag.arch.marks import Mark, arch_marks, frame
 from archfrag.arch.polygons import Blocks, polygon_shape
 from archfrag.arch.quasi_static import follow_tie
 from archfrag.arch.shape import Shape
-from archfrag.arch.tie_rods import tie_lines, tie_row
 from archfrag.errors import GeometryError
 from archfrag.files import counted
-from archfrag.usual import unusual
+from archfrag.properties import LATER, SMALLEST, unusual
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +57,7 @@ class Arch(Shape):
         joint slides only where it has no normal force, as with a coefficient of 1e6.
     density, depth : float or (voussoirs,) array_like
         Of the masonry [kg/m3], 2000 if not given; across its plane [m], 1 if not given.
-    joints : (voussoirs + 1,) array_like, optional
+    joint_positions : (voussoirs + 1,) array_like, optional
         Positions of the joints from 0 at the left springing: up to `embrace` [degrees] for
         `circular`, up to 1, as fractions of the centre line, for the others. Equal if not given.
     dead_load : float or (voussoirs,) array_like, optional
@@ -77,11 +76,6 @@ class Arch(Shape):
     >>> af.Arch.pointed(span=6.0, rise=4.0, thickness=0.6, voussoirs=12, friction=0.7)
     <Arch pointed: 12 voussoirs, 13 joints; span 6 m, rise 4 m, thickness 0.6 m; 125 kN>
     """
-
-    @property
-    def tie_lines(self) -> NDArray[np.float64]:
-        """Ends of the ties at rest, (n_tie, 2, 2) [m]."""
-        return tie_lines(self)
 
     @property
     def marks(self) -> list[Mark]:
@@ -133,7 +127,7 @@ class Arch(Shape):
         friction: ArrayLike,
         *,
         sector: bool = True,
-        joints: ArrayLike | None = None,
+        joint_positions: ArrayLike | None = None,
         **material: Any,
     ) -> Arch:
         """Build a circular arch, symmetric about the vertical through its centre, the origin.
@@ -146,7 +140,7 @@ class Arch(Shape):
             Angle between the springings [degrees], less than 360.
         sector : bool
             Exact annular sectors; False: straight-sided, with the same joints.
-        thickness, voussoirs, friction, joints, **material
+        thickness, voussoirs, friction, joint_positions, **material
             See `Arch`; `thickness` is less than twice the radius.
 
         Examples
@@ -158,11 +152,11 @@ class Arch(Shape):
         """
         radius = checks.number("radius", radius)
         thickness = checks.number("thickness", thickness)
-        embrace = checks.number("embrace", embrace, "degrees", most=360.0, closed=False)
+        embrace = checks.number("embrace", embrace, closed=False)
         voussoirs = checks.count("voussoirs", voussoirs)
         sector = checks.flag("sector", sector)
         angle = np.radians(
-            checks.joint_positions(joints, voussoirs, embrace, "degrees")
+            checks.joint_positions(joint_positions, voussoirs, embrace, "degrees")
         )
         ring = rings.circular_ring(np.zeros(2), radius, thickness, angle, sector)
         shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
@@ -170,7 +164,7 @@ class Arch(Shape):
             **shape,
             "voussoirs": voussoirs,
             "sector": sector,
-            "joints": plain(joints),
+            "joint_positions": plain(joint_positions),
         }
         return cls._built_of("circular", given, ring, friction, **material)
 
@@ -270,7 +264,7 @@ class Arch(Shape):
         voussoirs: int,
         friction: ArrayLike,
         *,
-        joints: ArrayLike | None = None,
+        joint_positions: ArrayLike | None = None,
         sector: bool | None = None,
         **material: Any,
     ) -> Arch:
@@ -284,7 +278,7 @@ class Arch(Shape):
         thickness = checks.number("thickness", thickness)
         voussoirs = checks.count("voussoirs", voussoirs)
         position = checks.joint_positions(
-            joints, voussoirs, 1.0, "(the centre line's length)"
+            joint_positions, voussoirs, 1.0, "(the centre line's length)"
         )
         own = {} if sector is None else {"sector": sector}
         ring = ring_of(span, rise, thickness, position, **own)
@@ -294,7 +288,7 @@ class Arch(Shape):
             "thickness": thickness,
             "voussoirs": voussoirs,
         }
-        shape |= own | {"joints": plain(joints)}
+        shape |= own | {"joint_positions": plain(joint_positions)}
         return cls._built_of(profile, shape, ring, friction, **material)
 
     @classmethod
@@ -389,7 +383,9 @@ class Arch(Shape):
         (2, 0.2)
         """
         drawn = Blocks.from_points(outlines, ground)
-        return cls._of_blocks(drawn, tolerance, thickness_factor, friction, material)
+        return cls._of_blocks(
+            drawn, thickness_factor, tolerance, friction=friction, **material
+        )
 
     @classmethod
     def from_dxf(
@@ -425,7 +421,9 @@ class Arch(Shape):
         drawn = read_drawing(path, layer, unit)
         if drawn.caution:
             warnings.warn(drawn.caution, UserWarning, stacklevel=2)
-        return cls._of_blocks(drawn, tolerance, thickness_factor, friction, material)
+        return cls._of_blocks(
+            drawn, thickness_factor, tolerance, friction=friction, **material
+        )
 
     def tied(
         self,
@@ -515,23 +513,22 @@ class Arch(Shape):
         """
         if self.chain.start is not None:
             raise GeometryError("a springing has moved already; recessed comes before")
-        if self.joint_keys:
+        if self.joints:
             raise GeometryError(
                 "the arch has joints that give already; recessed comes before"
             )
         n_joint = self.n_joint
-        depths = []
-        for name, value in (("intrados", intrados), ("extrados", extrados)):
-            depths.append(
-                checks.shared_or_each(f"recess.{name}", value, n_joint, "joint", "m")
-            )
+        depths = [
+            checks.shared_or_each(f"recess.{name}", value, n_joint, "joint")
+            for name, value in (("intrados", intrados), ("extrados", extrados))
+        ]
         face = self.extrados[:n_joint] - self.intrados[:n_joint]
         length = np.hypot(*face.T)
         left = length - depths[0] - depths[1]
-        if not np.all(left > checks.SMALLEST):
+        if not np.all(left > SMALLEST):
             joint = int(np.argmin(left))
             rest = f"leaves {left[joint]:.6g} m of its {length[joint]:.6g} m"
-            most = f"it must leave more than {checks.SMALLEST:g} m"
+            most = f"it must leave more than {SMALLEST:g} m"
             raise GeometryError(f"recess of joint {joint} {rest}; {most}")
         along = face / length[:, None]
         moved = depths[0][:, None] * along, -depths[1][:, None] * along
@@ -610,9 +607,7 @@ class Arch(Shape):
         return self._with(fill={**given, **more})
 
     def _with(self, **more: dict[str, Any]) -> Arch:
-        later = {"recess", "strength", "springings", "ties"} & set(self.parameters)
-        if later := later | ({"joints"} if self.joint_keys else set()):
-            names = ", ".join(sorted(later))
+        if names := ", ".join(sorted(set(LATER) & set(self.parameters))):
             raise GeometryError(
                 f"the arch has {names} already; on_piers and filled come before"
             )
@@ -628,23 +623,17 @@ class Arch(Shape):
 
     @classmethod
     def _of_blocks(
-        cls,
-        drawn: Blocks,
-        tolerance: float | None,
-        factor: float,
-        friction: ArrayLike,
-        material: dict[str, Any],
+        cls, drawn: Blocks, factor: float, tolerance: float | None, **material: Any
     ) -> Arch:
         """Return the arch of polygons, see `from_polygons`, after warnings of unusual values."""
         shape, ring, free = polygon_shape(drawn, tolerance, factor)
-        given = Given("polygons", shape, ring, friction, free, **material)
-        return cls(**fields_of(given))._warned(
-            texts=unusual("thickness_factor", factor)
-        )
+        arch = cls._built_of("polygons", shape, ring, free_end=free, **material)
+        facts.warn_of_units(unusual("thickness_factor", factor))
+        return arch
 
-    def _warned(self, *keys: str, texts: Iterable[str] = ()) -> Self:
+    def _warned(self, *keys: str) -> Self:
         """Return the arch after warnings of values that are probably in another unit."""
-        facts.warn_of_units(self, *keys, texts=texts)
+        facts.warn_of_units(facts.unit_cautions(self, *keys))
         return self
 
 

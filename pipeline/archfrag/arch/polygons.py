@@ -19,6 +19,7 @@ from archfrag.arch.geometry import (
 )
 from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
+from archfrag.properties import MOST_VOUSSOIRS
 
 TOLERANCE = 1e-5  # of the size of all, within which corners and edges are the same
 _SHORTEST = 10.0  # joint, in tolerances
@@ -79,7 +80,7 @@ def polygon_shape(
     drawn: Blocks, tolerance: float | None, thickness_factor: float
 ) -> tuple[dict[str, Any], Ring, bool]:
     """Return the outlines and ground for `Arch.parameters`, ring, and whether an end is free."""
-    factor = checks.number("thickness_factor", thickness_factor, "", closed=False)
+    factor = checks.number("thickness_factor", thickness_factor, closed=False)
     ring, placed = polygon_ring(drawn, tolerance)
     if factor != 1.0:
         lines = [
@@ -137,8 +138,8 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     `tolerance` [m] is `TOLERANCE` of the size if not given. `GeometryError` names the block that
     is no simple polygon, overlaps, or does not fit into one chain.
     """
-    if not 0 < len(drawn.outlines) <= checks.MOST_VOUSSOIRS:
-        most = f"there must be 1 to {checks.MOST_VOUSSOIRS}"
+    if not 0 < len(drawn.outlines) <= MOST_VOUSSOIRS:
+        most = f"there must be 1 to {MOST_VOUSSOIRS}"
         raise GeometryError(f"outlines are {len(drawn.outlines)}; {most}")
     size = float(np.hypot(*np.ptp(np.concatenate(drawn.outlines)[:, :2], axis=0)))
     if tolerance is not None:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch.shape import Shape
-from archfrag.arch.tie_rods import tie_name
 from archfrag.errors import StabilityError
 from archfrag.physics.contact.path import new_path
 from archfrag.physics.contact.ties import TAUT, tie_stretch
@@ -183,3 +182,9 @@ def follow_tie(arch: Kind) -> Kind:
         most = f"it stands with up to {part * prestress:.4g} N"
         raise StabilityError(f"{arch!r}: the arch {falls}; {most}")
     return slow.arch()
+
+
+def tie_name(arch: Shape, tie: int) -> str:
+    """Name of a tie in messages: its place among the ties, and its level if it has one."""
+    level = arch.parameters["ties"][tie].get("level")
+    return f"tie {tie + 1}" + ("" if level is None else f" (level {level:g} m)")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -71,17 +73,14 @@ class Shape:
         return np.minimum(padded[:-1], padded[1:])[: self.n_joint]
 
     @property
-    def joint_keys(self) -> dict[str, Any]:
+    def joints(self) -> dict[str, Any]:
         """What was given of joints that give; empty of rigid ones."""
-        given = self.parameters.get(
-            "joints"
-        )  # a list: positions of the joints of a ring
-        return given if isinstance(given, dict) else {}
+        return self.parameters.get("joints") or {}
 
     @property
     def ring_lines(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Ends of the joints of the ring at intrados and extrados [m]; whole ones if they give."""
-        if self.joint_keys:
+        if self.joints:
             return self.given.ring.intrados, self.given.ring.extrados
         first, last = self.springings
         return self.intrados[first : last + 1], self.extrados[first : last + 1]
@@ -102,11 +101,26 @@ class Shape:
         ties = np.zeros((0, 2)) if self.chain.tie is None else self.chain.tie
         return ties[:, :2].astype(np.int64) - 1
 
+    @property
+    def tie_lines(self) -> NDArray[np.float64]:
+        """Ends of the ties at rest, (n_tie, 2, 2) [m]."""
+        rows = np.zeros((0, 6)) if self.chain.tie is None else self.chain.tie
+        lines = rows[:, 2:6].reshape(-1, 2, 2).copy()
+        bodies = self.tie_bodies
+        for end in map(tuple, np.argwhere((bodies >= 0) & (bodies < self.n_voussoir))):
+            body = bodies[end]
+            lines[end] = self.centroids[body] + lines[end] @ self.turn(body)
+        return lines
+
+    def turn(self, body: int) -> NDArray[np.float64]:
+        """Return the rotation of a body at rest: its axes as rows, (2, 2)."""
+        start = self.chain.start
+        angle = 0.0 if start is None else float(start[body, 2])
+        sine = math.sin(angle)
+        return np.array([[math.cos(angle), sine], [-sine, math.cos(angle)]])
+
     def changed(self, **fields: Any) -> Self:
-        """Return the arch with other attributes; of a `Block` it is an `Arch`."""
-        kind: Any = next(
-            each
-            for each in type(self).__mro__
-            if vars(each).get("__init__", Shape.__init__) is Shape.__init__
-        )
-        return kind(**{**vars(self), **fields})
+        """Return the arch with other attributes."""
+        other = copy(self)
+        vars(other).update(fields)
+        return other

@@ -6,7 +6,7 @@ An arch follows a slow movement of a springing in equilibrium, or falls.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,17 @@ Far = (
     Motion | float | None
 )  # motion of the right springing, or how much later it is [s]
 LATEST = 60.0  # [s]
+
+
+class Ground(NamedTuple):
+    """A ground motion for kernels."""
+
+    horizontal: NDArray[np.float64]  # (n,) acceleration of the left springing [m/s2]
+    vertical: NDArray[np.float64] | None  # (n,) upwards
+    dt: float  # [s]
+    # (n, 2) x, y: acceleration of the right springing less that of the left one; None if alike
+    apart: NDArray[np.float64] | None = None
+    begins: float = 0.0  # when the record begins, later than 0 behind a first shock [s]
 
 
 class SpringingPath(NamedTuple):
@@ -212,43 +223,33 @@ def _crossing(before: float, after: float, held: float, margin: float) -> float:
     return before + (after - before) * held / (held - margin)
 
 
-def begins_in(motion: Motion) -> float:
-    """Return when a record begins in its motion, later than 0 behind a first shock [s]."""
-    return float(motion.metadata.get("begins", 0.0))
-
-
-def ground_of(motion: Motion, far: Far) -> tuple[Any, ...]:
-    """Return the ground motion for kernels, with that of the right springing relative to the left
-    one.
-    """
-    own = motion.acceleration, motion.vertical, motion.dt
+def ground_of(motion: Motion, far: Far) -> Ground:
+    """Return the ground motion for kernels; InputError if that of the right springing is none."""
+    begins = float(motion.metadata.get("begins", 0.0))
+    ground = Ground(motion.acceleration, motion.vertical, motion.dt, begins=begins)
     if far is None:
-        return own
-    size = len(motion.acceleration)
-    vertical = motion.vertical is not None
-    if isinstance(far, Motion):
-        if far.dt != motion.dt:
-            raise InputError(
-                f"far has a time step of {far.dt:g} s and the motion one of {motion.dt:g} s; they "
-                "must be equal"
-            )
-        size = max(size, len(far.acceleration))
-        vertical = vertical or far.vertical is not None
-        others = [far.acceleration, far.vertical]
-    else:
+        return ground
+    if not isinstance(far, Motion):
         check_number("far", far, 0.0, LATEST, "s")
-        size += math.ceil(far / motion.dt)
-        time = motion.dt * np.arange(size)
-        others = [
-            None if wave is None else np.interp(time - far, motion.time, wave, 0.0, 0.0)
-            for wave in (motion.acceleration, motion.vertical)
-        ]
+        size = len(motion.acceleration) + math.ceil(far / motion.dt)
+        time = motion.dt * np.arange(size) - far
+        far = motion.changed(
+            lambda wave: np.interp(time, motion.time, wave, 0.0, 0.0), "Delayed."
+        )
+    elif far.dt != motion.dt:
+        raise InputError(
+            f"far has a time step of {far.dt:g} s and the motion one of {motion.dt:g} s; they "
+            "must be equal"
+        )
+    size = max(len(motion.acceleration), len(far.acceleration))
 
     def padded(wave: NDArray | None) -> NDArray:
         return np.zeros(size) if wave is None else np.pad(wave, (0, size - len(wave)))
 
     x = padded(motion.acceleration)
     y = padded(motion.vertical)
-    apart = np.column_stack([padded(others[0]) - x, padded(others[1]) - y])
-    # Motions that are equal are one.
-    return (x, y if vertical else None, motion.dt, apart) if apart.any() else own
+    apart = np.column_stack([padded(far.acceleration) - x, padded(far.vertical) - y])
+    if not apart.any():  # motions that are equal are one
+        return ground
+    flat = motion.vertical is None and far.vertical is None
+    return ground._replace(horizontal=x, vertical=None if flat else y, apart=apart)

@@ -9,8 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from archfrag.arch import Arch
-from archfrag.arch.facts import no_unit_warnings
-from archfrag.arch.tie_rods import tie_name
+from archfrag.arch.quasi_static import tie_name
 from archfrag.errors import ArchfragError, GeometryError, StabilityError
 from archfrag.physics.contact.ties import tie_stretch
 from archfrag.physics.faces.settle import settled
@@ -83,7 +82,7 @@ def joints_loss(arch: Arch) -> tuple[float, float]:
     if arch in _LOSSES:
         return _LOSSES[arch]
     given = arch.parameters
-    soft = arch.joint_keys
+    soft = arch.joints
     rigid = arch.rebuilt()
     if "recess" in given:
         rigid = rigid.recessed(**given["recess"])
@@ -100,8 +99,7 @@ def joints_loss(arch: Arch) -> tuple[float, float]:
         growth.append(found.growth)
         return rigid.recessed(found.lengths, found.lengths)
 
-    with no_unit_warnings():
-        loss = _loss(rigid, inset)
+    loss = _loss(rigid, inset)
     _LOSSES[arch] = loss, growth[-1]
     return _LOSSES[arch]
 
@@ -121,7 +119,7 @@ def _loss(arch: Arch, change: Callable[[], Arch]) -> float:
 
 def joints_text(arch: Arch) -> str:
     """Say which model of its joints an arch needs; empty if that is not known."""
-    (loss, growth), soft = joints_loss(arch), arch.joint_keys
+    (loss, growth), soft = joints_loss(arch), arch.joints
     if math.isnan(loss):
         return ""
     stiffness = np.min(np.array(soft.get("stiffness", USUAL_STIFFNESS), dtype=float))
@@ -149,7 +147,7 @@ def _growth_text(growth: float) -> str:
 def inset_text(arch: Arch, loss: float) -> str:
     """Say what hinges inside the edges do to the onset; empty if that is not known."""
     where = f"hinges {1000.0 * INSET:g} mm inside the edges of the joints"
-    if arch.joint_keys.get("model") == "inset":
+    if arch.joints.get("model") == "inset":
         where = f"hinges {1000.0 * INSET:g} mm further inside the joints"
     if math.isnan(loss):
         return ""
@@ -173,13 +171,13 @@ def arch_cautions(arch: Arch, start: Onset) -> list[str]:
             "each other at any load. Contact dynamics may still let it fall, so a run in which "
             "it stays at rest proves little; see limit_load"
         )
-    if not arch.joint_keys and loss > MOST_LOST:
+    if not arch.joints and loss > MOST_LOST:
         found.append(
             f"{inset_text(arch, loss)}; rigid joints bear at their very edges, which is on the "
             "unsafe side for an arch as thin as this: compare it with joints: {stiffness: "
             f"{USUAL_STIFFNESS:g}}}"
         )
-    if arch.joint_keys.get("model") == "inset":
+    if arch.joints.get("model") == "inset":
         told = joints_text(arch)
         if told.endswith("needed"):
             found.append(told)

@@ -19,6 +19,7 @@ from archfrag.arch.drawing import read_drawing
 from archfrag.arch.facts import facts_text, unit_cautions
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import cannot_write, counted, make_folder, read_bytes
+from archfrag.properties import LATER, unusual
 from archfrag.simulation.rest import stays_at_rest
 from archfrag.simulation.simulate import onset
 from archfrag.simulation.standing import arch_cautions, joints_text
@@ -35,7 +36,6 @@ from archfrag.study.file.sources import (
 from archfrag.study.hazard import level_cautions, load_hazard
 from archfrag.study.products import check_outputs, step_names
 from archfrag.study.provenance import OWNER, PACKAGE, read_state
-from archfrag.usual import unusual
 
 # Beyond these a unit may have been mistaken: size [m], levels over the onset.
 LARGEST = 300.0
@@ -150,16 +150,7 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
     drawn = read_drawing(path, entry.layer, entry.unit)
     layer = f"layer {drawn.layer}"
     unit = drawn.unit
-    added = (
-        "piers",
-        "fill",
-        "recess",
-        "joints",
-        "strength",
-        "springings",
-        "ties",
-        "vary",
-    )
+    added = ("piers", "fill", *LATER, "vary")
     arch = entry.model_copy(update=dict.fromkeys(added)).build()
     size, high, thick = arch.dimensions
     kind = "clear span"
