@@ -136,8 +136,8 @@ def tie_row(
     for (body, *_), point in zip(both, points):
         if 0 <= body < arch.n_voussoir:
             point[:] = arch.turn(body) @ (point - arch.centroids[body])
-    stiffness = stiff / length
-    stretched = prestress / stiffness
+    rate = stiff / length
+    stretched = prestress / rate
     if not rupture > stretched:
         raise GeometryError(
             f"rupture = {rupture:g} m is impossible; the tie is {stretched:.4g} m longer at rest, "
@@ -146,7 +146,7 @@ def tie_row(
         )
     bodies = [float(body + 1) for body, *_ in both]
     limits = [float(strength), float(rupture)]
-    return [*bodies, *points.ravel().tolist(), stiffness, length - stretched, *limits]
+    return [*bodies, *points.ravel().tolist(), rate, length - stretched, *limits]
 
 
 def _at_level(arch: Shape, level: float) -> list[End]:

@@ -112,6 +112,17 @@ class Shape:
             lines[end] = self.centroids[body] + lines[end] @ self.turn(body)
         return lines
 
+    @property
+    def rods(self) -> list[tuple[str, NDArray[np.float64], list[int]]]:
+        """Lines that bodies carry: role in a drawing, ends (2, 2) [m], bodies of the ends."""
+        ends = zip(self.tie_lines, self.tie_bodies.tolist())
+        return [("tie", line, bodies) for line, bodies in ends]
+
+    @property
+    def pulled(self) -> bool:
+        """Whether it has ties."""
+        return self.chain.tie is not None
+
     def turn(self, body: int) -> NDArray[np.float64]:
         """Return the rotation of a body at rest: its axes as rows, (2, 2)."""
         start = self.chain.start

@@ -29,7 +29,7 @@ from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, the
 from archfrag.report.limits import base_of
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.simulation.simulate import Onset
-from archfrag.simulation.standing import inset_loss, inset_text, joints_text
+from archfrag.simulation.standing import edge_loss, edge_text, joints_text
 from archfrag.study.answer.curves import arch_classes
 from archfrag.study.file.members import SHOWN
 from archfrag.version import __version__
@@ -177,7 +177,7 @@ def _arch_parts(
         yield from _measures(more["measures"], name, inputs.scale)
     yield heading("The arch and its onset")
     yield arch_figure.arch_at_onset(arch, onset, name)
-    texts = facts_text(arch), inset_text(arch, inset_loss(arch)), joints_text(arch)
+    texts = facts_text(arch), edge_text(arch, edge_loss(arch)), joints_text(arch)
     for words in filter(None, texts):
         yield paragraph(f"{words[0].upper()}{words[1:]}.")
     yield heading("Checks")

@@ -139,10 +139,8 @@ def jointed(
         "model": model,
         "points": points,
     }
-    given = {
-        **arch.parameters,
-        "joints": {k: each for k, each in told.items() if each is not None},
-    }
+    given = dict(arch.parameters)
+    given["joints"] = {k: each for k, each in told.items() if each is not None}
     if math.isfinite(strength):
         given["strength"] = strength
     if model == "face":
@@ -168,7 +166,7 @@ def jointed(
 
 def _check_first(arch: Arch, key: str) -> None:
     """See that an arch may still get joints that give, or crush."""
-    if arch.chain.start is not None or arch.chain.tie is not None:
+    if arch.chain.start is not None or arch.pulled:
         raise InputError(f"{key} comes before ties and before springings that move")
     if arch.joints:
         raise InputError(f"the arch has joints that give already; {key} cannot follow")

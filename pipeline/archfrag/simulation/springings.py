@@ -15,8 +15,6 @@ from archfrag.arch import Arch
 from archfrag.arch.quasi_static import HOLDS, STEP, SlowArch
 from archfrag.errors import InputError, StabilityError
 from archfrag.motions.motion import Motion
-from archfrag.physics.state import Model
-from archfrag.physics.status import Tie
 from archfrag.simulation.arguments import check_number
 from archfrag.simulation.rest import onset
 from archfrag.simulation.standing import check_stands
@@ -92,20 +90,25 @@ def springing_path(
     >>> path.limit, bool(path.plus[-1] < path.plus[0])
     (inf, True)
     """
-    joint, side = _checked(arch, spread, settlement, rotation, springing)
+    right = springing == "right"
+    if springing not in ("left", "right") or (right and arch.free_end):
+        allowed = "left" if arch.free_end else "left or right"
+        raise InputError(f"springing = {springing!r} must be {allowed}")
+    size = float(np.ptp(np.concatenate(arch.outlines), axis=0).max())
+    check_number("spread", spread, -size, size, "m")
+    check_number("settlement", settlement, -size, size, "m")
+    check_number("rotation", rotation, -45.0, 45.0, "degrees")
     check_stands(arch)
     slow = SlowArch(arch)
-    model = slow.model
-    outwards = 1.0 if springing == "right" else -1.0
+    outwards = 1.0 if right else -1.0
     move = np.array([outwards * spread, -settlement])
     turn = -outwards * math.radians(rotation)
-    before = model.corner[joint, side].copy(), model.tie.copy()
     steps = max(np.abs(move).max() / slow.length, abs(turn)) / STEP
     parts = np.linspace(0.0, 1.0, max(2, math.ceil(steps)) + 1)
     ranges = [slow.rest_range()]
     limit = math.inf
     for part in parts[1:]:
-        _place(model, joint, side, *before, part * move, part * turn)
+        slow.place(right, part * move, part * turn)
         made, _ = slow.step()
         now = slow.rest_range()
         stands = made and min(now) >= 0.0
@@ -118,9 +121,8 @@ def springing_path(
         limit = 1.0
     plus, minus = np.array(ranges).T
     end = slow.arch() if math.isinf(limit) else None
-    if (
-        end is not None and not onset(end).stands
-    ):  # a tie is all that holds it, in a mechanism
+    # A tie is all that holds it, in a mechanism.
+    if end is not None and not onset(end).stands:
         held = np.flatnonzero(np.minimum(plus, minus)[:-1] > HOLDS)
         end = None
         limit = float(parts[held.max(initial=-1) + 1])
@@ -161,59 +163,11 @@ def move_springing(
             if value
         )
         falls = f"{arch!r}: the arch falls at {far} of its {springing} springing"
-        if arch.chain.tie is not None:
+        if arch.pulled:
             falls += " with its ties; move the springing less, or first, and tie the arch then"
         raise StabilityError(falls)
     moved = {**given, "springing": springing}
     return path.arch.changed(parameters={**arch.parameters, "springings": moved})
-
-
-def _checked(
-    arch: Arch, spread: float, settlement: float, rotation: float, springing: str
-) -> tuple[int, int]:
-    """Return the joint of the springing that moves and the side of its ground, 0 before it or 1
-    behind.
-    """
-    if springing not in ("left", "right") or (springing == "right" and arch.free_end):
-        allowed = "left" if arch.free_end else "left or right"
-        raise InputError(f"springing = {springing!r} must be {allowed}")
-    size = float(np.ptp(np.concatenate(arch.outlines), axis=0).max())
-    for name, value, most, unit in (
-        ("spread", spread, size, "m"),
-        ("settlement", settlement, size, "m"),
-        ("rotation", rotation, 45.0, "degrees"),
-    ):
-        check_number(name, value, -most, most, unit)
-    return (arch.n_joint - 1, 1) if springing == "right" else (0, 0)
-
-
-def _place(
-    model: Model,
-    joint: int,
-    side: int,
-    faces: NDArray,
-    ties: NDArray,
-    move: NDArray,
-    turn: float,
-) -> None:
-    """Place a springing that has moved by `move` and rotated by `turn` about its joint's middle.
-
-    With its joint face go the ends of ties in it; `faces` and `ties` are those before.
-    """
-    middle = faces.mean(axis=0)
-    cosine = math.cos(turn)
-    sine = math.sin(turn)
-    rotation = np.array([[cosine, sine], [-sine, cosine]])
-    model.corner[joint, side] = middle + move + (faces - middle) @ rotation
-    along = model.corner[joint, side, 1] - model.corner[joint, side, 0]
-    model.tangent[joint, side] = along / np.hypot(*along)
-    row = 0 if side == 0 else len(model.mass) - 1
-    for end in range(2):
-        held = ties[:, Tie.BODY_0 + end] == row
-        columns = slice(Tie.X_0 + 2 * end, Tie.X_0 + 2 * end + 2)
-        model.tie[held, columns] = (
-            middle + move + (ties[held, columns] - middle) @ rotation
-        )
 
 
 def _crossing(before: float, after: float, held: float, margin: float) -> float:
