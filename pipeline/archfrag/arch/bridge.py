@@ -24,9 +24,9 @@ _SIDES = ((-1.0, "left"), (1.0, "right"))
 def check_upright(ring: Ring, free_end: bool) -> None:
     """Refuse a chain on which piers or fill have no meaning."""
     if free_end or ring.sense < 0 or ring.intrados[0, 0] >= ring.intrados[-1, 0]:
-        listed = "its joints listed from the left one and its intrados below"
         raise GeometryError(
-            f"piers and fill need an arch between two springings, {listed}"
+            "piers and fill need an arch between two springings, its joints listed "
+            "from the left one and its intrados below"
         )
 
 
@@ -59,9 +59,9 @@ def checked_piers(
     }
     count = np.array(found["courses"])
     if (count % 1.0).any() or count.sum() > MOST_VOUSSOIRS:
-        most = f"integers, together at most {MOST_VOUSSOIRS}"
         raise GeometryError(
-            f"piers.courses = {found['courses']} is impossible; it must be {most}"
+            f"piers.courses = {found['courses']} is impossible; it must be integers, "
+            f"together at most {MOST_VOUSSOIRS}"
         )
     return found | {"courses": count.astype(int).tolist()}
 
@@ -99,20 +99,20 @@ def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
     level = base + height * np.arange(courses) / courses
     slip = 1e-9 * width
     if level[-1] >= outer[1]:
-        below = (
-            f"reaches down to {outer[1]:.6g} m, below the last bed at {level[-1]:.6g} m"
+        raise GeometryError(
+            f"piers: the {name} springing joint reaches down to {outer[1]:.6g} m, "
+            f"below the last bed at {level[-1]:.6g} m; the pier must have fewer "
+            "courses or more height"
         )
-        remedy = "the pier must have fewer courses or more height"
-        raise GeometryError(f"piers: the {name} springing joint {below}; {remedy}")
 
     def out(y: Any) -> Any:
         return base_width + (width - base_width) * (y - base) / (top - base)
 
     if not -slip <= reach <= min(width, out(outer[1])) + slip:
-        outwards = f"the {name} springing joint reaches {reach:.6g} m outwards"
-        within = "which must be from 0 to the width of the pier there"
         raise GeometryError(
-            f"piers.width = {width:g} m is impossible; {outwards}, {within}"
+            f"piers.width = {width:g} m is impossible; the {name} springing joint "
+            f"reaches {reach:.6g} m outwards, which must be from 0 to the width of "
+            "the pier there"
         )
     if (
         above > 0.0
@@ -151,9 +151,9 @@ def checked_fill(
             )
         backing_unit_weight = unit_weight
     if inertia != 1.0:
-        why = "a voussoir has one mass, and what weighs on it also moves with it"
         raise GeometryError(
-            f"fill.inertia = {inertia} is impossible; it must be 1: {why}"
+            f"fill.inertia = {inertia} is impossible; it must be 1: a voussoir has "
+            "one mass, and what weighs on it also moves with it"
         )
     given = {
         "height_over_crown": height_over_crown,
@@ -193,9 +193,10 @@ def weight_of_fill(
     level = crown + fill["height_over_crown"]
     backed = springing + fill["backing_height"]
     if backed > level and fill["backing_height"] > 0.0:
-        most = f"it must be at most {level - springing:.6g} m"
-        height = f"fill.backing_height = {fill['backing_height']:g} m"
-        raise GeometryError(f"{height} reaches above the fill; {most}")
+        raise GeometryError(
+            f"fill.backing_height = {fill['backing_height']:g} m reaches above the "
+            f"fill; it must be at most {level - springing:.6g} m"
+        )
     more = fill["backing_unit_weight"] - fill["unit_weight"]
     weight = np.zeros(len(depth))
     place = np.array(ring.backs)

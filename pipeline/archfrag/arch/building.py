@@ -8,10 +8,11 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.arch import bridge, checks
 from archfrag.arch import ring as rings
+from archfrag.arch.checks import FloatArray
 from archfrag.errors import GeometryError
 from archfrag.properties import SMALLEST, VARIABLE
 
@@ -92,7 +93,7 @@ def fields_of(given: Given) -> dict[str, Any]:
     }
 
 
-def _coefficients(given: Given, bodies: int) -> NDArray[np.float64]:
+def _coefficients(given: Given, bodies: int) -> FloatArray:
     joints = bodies + (not given.free_end)
     return checks.shared_or_each("friction", given.friction, joints, "joint")
 
@@ -161,9 +162,11 @@ def _at_level(arch: Shape, level: float) -> list[End]:
     outermost = [end(found, key=itemgetter(1)) for end in (min, max) if found]
     if len({body for body, *_ in outermost}) < 2:
         height = np.concatenate(arch.outlines)[:, 1]
-        reach = f"the arch lies between {height.min():.4g} and {height.max():.4g} m"
-        rule = f"there must be a voussoir at either end, and {reach}"
-        raise GeometryError(f"level = {level:g} m is impossible for a tie; {rule}")
+        raise GeometryError(
+            f"level = {level:g} m is impossible for a tie; there must be a voussoir "
+            f"at either end, and the arch lies between {height.min():.4g} and "
+            f"{height.max():.4g} m"
+        )
     return outermost
 
 

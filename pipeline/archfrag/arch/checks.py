@@ -105,8 +105,10 @@ def joint_positions(
         # Integer numerators make mirrored joints equal to the last bit.
         index = np.arange(voussoirs + 1, dtype=np.float64)
         return end * ((2.0 * index - voussoirs) / (2.0 * voussoirs))
-    ends = f"from 0 at the left springing to {end:.9g} {unit} at the right one"
-    allowed = f"one of {voussoirs + 1} numbers that increase {ends}"
+    allowed = (
+        f"one of {voussoirs + 1} numbers that increase from 0 at the left springing "
+        f"to {end:.9g} {unit} at the right one"
+    )
 
     def fits(x: FloatArray) -> NDArray[np.bool_]:
         good = np.append(True, x[1:] > x[:-1])

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.arch import checks, facts
 from archfrag.arch import ring as rings
 from archfrag.arch.building import Given, fields_of, plain, tie_row
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.drawing import read_drawing
 from archfrag.arch.marks import Mark, arch_marks, frame
 from archfrag.arch.polygons import Blocks, polygon_shape
@@ -82,7 +83,7 @@ class Arch(Shape):
         """What a drawing shows of the arch at rest: fill, voussoirs, ties and ground."""
         return arch_marks(self)
 
-    def _frame(self, *motion: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _frame(self, *motion: Any) -> tuple[FloatArray, FloatArray]:
         return frame(self, *motion)
 
     def corner_name(self, corner: int) -> str:
@@ -332,8 +333,10 @@ class Arch(Shape):
         inner = checks.points("intrados", intrados, least, why)
         outer = checks.points("extrados", extrados, least, why)
         if inner.shape != outer.shape:
-            counts = f"intrados has {len(inner)} points and extrados {len(outer)}"
-            raise GeometryError(f"{counts}; they must be equal")
+            raise GeometryError(
+                f"intrados has {len(inner)} points and extrados {len(outer)}; they "
+                "must be equal"
+            )
         shape = {
             "intrados": inner.tolist(),
             "extrados": outer.tolist(),
@@ -527,9 +530,10 @@ class Arch(Shape):
         left = length - depths[0] - depths[1]
         if not np.all(left > SMALLEST):
             joint = int(np.argmin(left))
-            rest = f"leaves {left[joint]:.6g} m of its {length[joint]:.6g} m"
-            most = f"it must leave more than {SMALLEST:g} m"
-            raise GeometryError(f"recess of joint {joint} {rest}; {most}")
+            raise GeometryError(
+                f"recess of joint {joint} leaves {left[joint]:.6g} m of its "
+                f"{length[joint]:.6g} m; it must leave more than {SMALLEST:g} m"
+            )
         along = face / length[:, None]
         moved = depths[0][:, None] * along, -depths[1][:, None] * along
         ends = {"intrados": self.intrados.copy(), "extrados": self.extrados.copy()}

@@ -119,8 +119,9 @@ class SlowArch:
             after[-1] = model.corner[-1, 1]
         chain = arch.chain._replace(start=start, face_before=before, face_after=after)
         if len(model.tie):
-            chain = chain._replace(tie=model.tie.copy())
-            chain.tie[:, Tie.LENGTH] += self._state.tie[:, TieState.SET]
+            tie = model.tie.copy()
+            tie[:, Tie.LENGTH] += self._state.tie[:, TieState.SET]
+            chain = chain._replace(tie=tie)
         angle = start[:, 2].copy()
         if arch.chain.start is not None:  # its outlines have rotated so far already
             angle -= arch.chain.start[:, 2]
@@ -193,11 +194,11 @@ def follow_tie(arch: Shape) -> Any:
         return arch
     part = slow.tension(tie, prestress)
     if math.isfinite(part):
-        falls = (
-            f"falls when its {tie_name(arch, tie)} gets a prestress of {prestress:g} N"
+        raise StabilityError(
+            f"{arch!r}: the arch falls when its {tie_name(arch, tie)} gets a "
+            f"prestress of {prestress:g} N; it stands with up to "
+            f"{part * prestress:.4g} N"
         )
-        most = f"it stands with up to {part * prestress:.4g} N"
-        raise StabilityError(f"{arch!r}: the arch {falls}; {most}")
     return slow.arch()
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import bridge
 from archfrag.arch.building import Given
+from archfrag.arch.checks import FloatArray
 from archfrag.physics.interface import Chain
 
 
@@ -26,9 +27,9 @@ class Shape:
     """
 
     chain: Chain
-    intrados: NDArray[np.float64]
-    extrados: NDArray[np.float64]
-    outlines: tuple[NDArray[np.float64], ...]
+    intrados: FloatArray
+    extrados: FloatArray
+    outlines: tuple[FloatArray, ...]
     free_end: bool
     flipped: bool
     parameters: dict[str, Any]
@@ -46,7 +47,7 @@ class Shape:
         return len(self.chain.friction)
 
     @property
-    def centroids(self) -> NDArray[np.float64]:
+    def centroids(self) -> FloatArray:
         """Centroids of the bodies at rest, (n_voussoir, 2) [m]."""
         start = self.chain.start
         return self.chain.centroid if start is None else start[:, :2]
@@ -58,7 +59,7 @@ class Shape:
         return left, self.n_voussoir - right
 
     @property
-    def depths(self) -> NDArray[np.float64]:
+    def depths(self) -> FloatArray:
         """Depth of each body across the plane, (n_voussoir,) [m]."""
         given, (first, last) = self.parameters, self.springings
         ring = np.broadcast_to(np.asarray(given["depth"], float), last - first)
@@ -67,7 +68,7 @@ class Shape:
         )
 
     @property
-    def joint_depths(self) -> NDArray[np.float64]:
+    def joint_depths(self) -> FloatArray:
         """Depth of each joint, that of the shallower of its bodies, (n_joint,) [m]."""
         padded = np.pad(self.depths, 1, mode="edge")
         return np.minimum(padded[:-1], padded[1:])[: self.n_joint]
@@ -78,7 +79,7 @@ class Shape:
         return self.parameters.get("joints") or {}
 
     @property
-    def ring_lines(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def ring_lines(self) -> tuple[FloatArray, FloatArray]:
         """Ends of the joints of the ring at intrados and extrados [m]; whole ones if they give."""
         if self.joints:
             return self.given.ring.intrados, self.given.ring.extrados
@@ -102,7 +103,7 @@ class Shape:
         return ties[:, :2].astype(np.int64) - 1
 
     @property
-    def tie_lines(self) -> NDArray[np.float64]:
+    def tie_lines(self) -> FloatArray:
         """Ends of the ties at rest, (n_tie, 2, 2) [m]."""
         rows = np.zeros((0, 6)) if self.chain.tie is None else self.chain.tie
         lines = rows[:, 2:6].reshape(-1, 2, 2).copy()
@@ -113,7 +114,7 @@ class Shape:
         return lines
 
     @property
-    def rods(self) -> list[tuple[str, NDArray[np.float64], list[int]]]:
+    def rods(self) -> list[tuple[str, FloatArray, list[int]]]:
         """Lines that bodies carry: role in a drawing, ends (2, 2) [m], bodies of the ends."""
         ends = zip(self.tie_lines, self.tie_bodies.tolist())
         return [("tie", line, bodies) for line, bodies in ends]
@@ -123,7 +124,7 @@ class Shape:
         """Whether it has ties."""
         return self.chain.tie is not None
 
-    def turn(self, body: int) -> NDArray[np.float64]:
+    def turn(self, body: int) -> FloatArray:
         """Return the rotation of a body at rest: its axes as rows, (2, 2)."""
         start = self.chain.start
         angle = 0.0 if start is None else float(start[body, 2])

@@ -7,10 +7,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy  # whose parts are loaded when they are used
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.arch import Arch, checks
 from archfrag.arch.building import plain
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.facts import unit_cautions, warn_of_units
 from archfrag.errors import GeometryError, InputError, StabilityError
 from archfrag.physics.status import Joint
@@ -206,14 +207,12 @@ def _check_model(
 class Inset(NamedTuple):
     """How far inside the ends of its joints an arch bears, and what that costs."""
 
-    lengths: NDArray[np.float64]  # (n_joint,) [m]
+    lengths: FloatArray  # (n_joint,) [m]
     loss: float  # part of the largest steady load without sliding that is lost [1]
     growth: float  # largest normal force under that load over the largest at rest [1]
 
 
-def inset_of(
-    arch: Arch, stiffness: NDArray[np.float64], shear: NDArray[np.float64]
-) -> Inset:
+def inset_of(arch: Arch, stiffness: FloatArray, shear: FloatArray) -> Inset:
     """Find the contact points with which rigid joints bear what elastic faces bear at most.
 
     Parameters
@@ -278,14 +277,14 @@ def inset_of(
     )
 
 
-def _too_soft(arch: Arch, stiffness: NDArray[np.float64]) -> str:
+def _too_soft(arch: Arch, stiffness: FloatArray) -> str:
     return (
         f"{arch!r}: the arch does not stand with joints of {stiffness.min():g} Pa/m, which "
         "bear inside their ends; make it thicker or them stiffer, or try joints.model face"
     )
 
 
-def _turn(arch: Arch, strip: NDArray[np.float64], length: NDArray[np.float64]) -> float:
+def _turn(arch: Arch, strip: FloatArray, length: FloatArray) -> float:
     """Return the rotation at which a block as high as an arch bears most [rad].
 
     `strip` is the length on which each joint bears at a rotation of 1 rad.
@@ -298,7 +297,7 @@ def _turn(arch: Arch, strip: NDArray[np.float64], length: NDArray[np.float64]) -
     return float((middle / (6.0 * height)) ** (2.0 / 3.0))
 
 
-def _shortened(arch: Arch, inset: NDArray[np.float64], strength: float) -> Arch | None:
+def _shortened(arch: Arch, inset: FloatArray, strength: float) -> Arch | None:
     """Return the arch whose joints have lost what gives or crushes; None if it does not stand.
 
     A joint loses `inset` [m], or half of the depth that crushes under the normal force that it

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import cross
 from archfrag.arch.marks import Mark, mechanism_marks
 from archfrag.errors import InputError, UnitWarning
@@ -84,10 +85,10 @@ class Onset:
     sliding: list[int]
     hinges_minus: list[Hinge]
     sliding_minus: list[int]
-    thrust: NDArray[np.float64] | None
-    thrust_plus: NDArray[np.float64] | None
-    thrust_minus: NDArray[np.float64] | None
-    normal: NDArray[np.float64] | None
+    thrust: FloatArray | None
+    thrust_plus: FloatArray | None
+    thrust_minus: FloatArray | None
+    normal: FloatArray | None
     arch: Arch = field(compare=False)
 
     def mechanism(self, towards: str) -> tuple[float, list[Hinge], list[int]]:
@@ -98,7 +99,7 @@ class Onset:
             return self.minus, self.hinges_minus, self.sliding_minus
         raise InputError(f"towards = {towards!r} must be +x or -x")
 
-    def thrust_line(self, towards: str | None = None) -> NDArray[np.float64] | None:
+    def thrust_line(self, towards: str | None = None) -> FloatArray | None:
         """Return the thrust line for a drawing: contact centres, and curves between them,
         (n_point, 2) [m].
 
@@ -212,7 +213,7 @@ def onset(arch: Arch) -> Onset:
     )
 
 
-def contact_centres(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.float64]:
+def contact_centres(work: Work, reaction: FloatArray) -> FloatArray:
     """Return the contact centres (Eq 34): where on each joint the reaction has no moment [m]."""
     point = work.point
     normal = work.normal
@@ -227,7 +228,7 @@ def contact_centres(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.flo
     return point[:, 0] + fraction[:, None] * (point[:, 1] - point[:, 0])
 
 
-def thrust_curve(arch: Arch, centre: NDArray, load: float) -> NDArray[np.float64]:
+def thrust_curve(arch: Arch, centre: NDArray, load: float) -> FloatArray:
     """Return the thrust line through contact centres under weights and a steady load [g].
 
     Ties add forces to bodies; their lines between contact centres are straight.
@@ -411,8 +412,8 @@ def _limit(arch: Arch, hinges: list[Hinge], sense: float) -> float:
 
 
 def _linkage(
-    points: NDArray[np.complex128], angle: NDArray[np.float64]
-) -> list[tuple[NDArray[np.complex128], NDArray[np.float64]]]:
+    points: NDArray[np.complex128], angle: FloatArray
+) -> list[tuple[NDArray[np.complex128], FloatArray]]:
     """Place of the first hinge of each of three bars, and how far the bar has rotated.
 
     The first bar rotates by `angle`; nan where the bars cannot reach.

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import Arch
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.quasi_static import HOLDS, STEP, SlowArch
 from archfrag.errors import InputError, StabilityError
 from archfrag.motions.motion import Motion
@@ -28,20 +29,20 @@ LATEST = 60.0  # [s]
 class Ground(NamedTuple):
     """A ground motion for kernels."""
 
-    horizontal: NDArray[np.float64]  # (n,) acceleration of the left springing [m/s2]
-    vertical: NDArray[np.float64] | None  # (n,) upwards
+    horizontal: FloatArray  # (n,) acceleration of the left springing [m/s2]
+    vertical: FloatArray | None  # (n,) upwards
     dt: float  # [s]
     # (n, 2) x, y: acceleration of the right springing less that of the left one; None if alike
-    apart: NDArray[np.float64] | None = None
+    apart: FloatArray | None = None
     begins: float = 0.0  # when the record begins, later than 0 behind a first shock [s]
 
 
 class SpringingPath(NamedTuple):
     """An arch while one of its springings moves."""
 
-    part: NDArray[np.float64]  # (n,) of the movement, from 0 to 1
-    plus: NDArray[np.float64]  # (n,) onset with the ground accelerating towards +x [g]
-    minus: NDArray[np.float64]  # (n,) and towards -x
+    part: FloatArray  # (n,) of the movement, from 0 to 1
+    plus: FloatArray  # (n,) onset with the ground accelerating towards +x [g]
+    minus: FloatArray  # (n,) and towards -x
     arch: Arch | None  # at the end; None if it falls before
     limit: float  # part of the movement at which it falls; inf if it does not
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import (
     BeforeValidator,
     Discriminator,
@@ -20,6 +20,7 @@ from pydantic import (
 from scipy import stats
 
 from archfrag import arch
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.drawing import read_drawing
 from archfrag.arch.facts import quiet
 from archfrag.arch.polygons import polygon_ring
@@ -226,7 +227,7 @@ class Distribution(Section):
             self.quantile(0.5)
         return self
 
-    def quantile(self, probability: ArrayLike) -> NDArray[np.float64]:
+    def quantile(self, probability: ArrayLike) -> FloatArray:
         """Return the values that are not exceeded with the probabilities given, same shape."""
         keys: Any = self
         if self.distribution == "normal":
@@ -242,9 +243,11 @@ class Distribution(Section):
         upper = math.inf if self.upper is None else self.upper
         low, high = law.cdf([lower, upper]).tolist()
         if high - low < LEAST_KEPT:
-            between = f"lies between lower = {lower:g} and upper = {upper:g}"
-            few = f"only {max(high - low, 0.0):.1g} of the distribution {between}"
-            raise InputError(f"{few}; it must be at least {LEAST_KEPT:g}")
+            raise InputError(
+                f"only {max(high - low, 0.0):.1g} of the distribution lies between "
+                f"lower = {lower:g} and upper = {upper:g}; it must be at least "
+                f"{LEAST_KEPT:g}"
+            )
         inside = low + np.asarray(probability, dtype=float) * (high - low)
         return np.clip(law.ppf(inside), lower, upper)
 
@@ -325,8 +328,12 @@ def _plain_key(row: Any) -> tuple[Any, Any]:
     )
 
 
+_ID = (
+    "Name of the arch or class of arches in results: letters, digits and _ . + - only."
+)
 _plain: dict[str, Any] = {
-    k: _plain_key(row) for k, row in PROPERTIES.items() if row.text
+    "id": (Identifier, Field(description=_ID)),
+    **{key: _plain_key(row) for key, row in PROPERTIES.items() if row.text},
 }
 _PlainKeys: Any = create_model("_PlainKeys", __base__=Section, **_plain)
 _COMMON = ("id", "friction", "density", "depth", "recess", "joints", "vary")
@@ -356,8 +363,6 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         },
     }
 
-    id: Identifier
-    """Name of the arch or class of arches in results: letters, digits and _ . + - only."""
     profile: Literal[PROFILES] | None = None  # type: ignore[valid-type]
     """Shape of the arch; not with drawing, and with table only if its rows do not give it."""
     table: PathText | None = None

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import qmc
 
+from archfrag.arch.checks import FloatArray
 from archfrag.errors import InputError, StabilityError
 from archfrag.files import (
     check_decimals,
@@ -108,9 +109,9 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
         bases = list(_listed(entry, where))
         each = 1 if entry.vary is None else entry.vary.samples
         if (count := len(found) + each * len(bases) * (1 + len(shocks))) > MOST_MEMBERS:
-            most = f"a study must have at most {MOST_MEMBERS}"
             raise InputError(
-                f"{where}: makes {count} arches with those before it; {most}"
+                f"{where}: makes {count} arches with those before it; a study must "
+                f"have at most {MOST_MEMBERS}"
             )
         new = [member for base in bases for member in _drawn(base)]
         new += [
@@ -153,14 +154,10 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         if "id" not in table or table.empty:
             raise InputError("must have arches and a column id")
         table.columns = table.columns.map(_key_or_attribute)
-        if same := list(table.columns[table.columns.duplicated()]):
-            raise InputError(
-                f"column {same[0]!r} is there twice, with a unit and without"
-            )
-        if (twice := table["id"].duplicated()).any():
-            raise InputError(
-                f"several arches have the id {table['id'][twice].iloc[0]!r}"
-            )
+        for name in table.columns[table.columns.duplicated()]:
+            raise InputError(f"column {name!r} is there twice, with a unit and without")
+        for name in table["id"][table["id"].duplicated()]:
+            raise InputError(f"several arches have the id {name!r}")
     keys = [name for name in map(str, table) if name in COLUMNS and name != "id"]
     for row in table.to_dict("records"):
         given: dict[str, Any] = {"id": row["id"]}
@@ -241,20 +238,17 @@ def _drawn(base: Member) -> Iterator[Member]:
                 given[key] = to_digits(np.multiply(entry.value(key), value)).tolist()
             many = isinstance(given[key], list)
             own[f"{key}_factor" if many else key] = value if many else given[key]
-        if "embrace" in given and (positions := entry.joint_positions):
+        if "embrace" in given and entry.joint_positions:
             # Joints in degrees keep their parts of an angle of embrace that varies.
             ratio = given["embrace"] / entry.embrace
-            inner = (place * ratio for place in positions[:-1])
+            inner = (place * ratio for place in entry.joint_positions[:-1])
             given["joint_positions"] = [*inner, given["embrace"]]
         if vary.each_joint is not None:
             # Zeros behind a seed are the same seed to numpy: 1 separates joints from keys.
             generator = np.random.default_rng([*seed, i, 1])
             given |= _of_each_joint(vary.each_joint, entry, given, n_joint, generator)
-        told = (
-            ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
-            or "joints"
-        )
-        place = f"{base.place}: sample {i + 1} ({told})"
+        told = ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
+        place = f"{base.place}: sample {i + 1} ({told or 'joints'})"
         arch = entry.varied(given, place, "vary")
         yield replace(base, entry=arch, place=place, values=own)
 
@@ -291,7 +285,7 @@ def _of_each_joint(
     return keys
 
 
-def sample(vary: Vary, seed: Sequence[int]) -> dict[str, NDArray[np.float64]]:
+def sample(vary: Vary, seed: Sequence[int]) -> dict[str, FloatArray]:
     """Sample the uncertain keys of an arch, as many values of each as it has samples.
 
     Points fill the unit cube evenly (quasi-Monte Carlo), and the quantile function of each
@@ -316,12 +310,12 @@ def sample(vary: Vary, seed: Sequence[int]) -> dict[str, NDArray[np.float64]]:
     }
 
 
-def _inside(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inside(points: FloatArray) -> FloatArray:
     """Return points away from the faces of the unit cube, where quantiles may be infinite."""
     return np.clip(points, 2.0**-32, 1.0 - 2.0**-32)
 
 
-def to_digits(values: ArrayLike) -> NDArray[np.float64]:
+def to_digits(values: ArrayLike) -> FloatArray:
     """Return the values to ten significant digits, same shape: the same on every machine."""
     array = np.asarray(values, dtype=float)
     return np.array([float(f"{v:.10g}") for v in array.ravel()]).reshape(array.shape)
@@ -356,7 +350,9 @@ def check_standing(given: Members, method: Any = None) -> None:
             if method is not None:
                 check_can_run(arch, check_method(method.name), method.delay)
             if not onset(arch).stands:
-                how = "make it thicker, raise the friction, or narrow the distributions"
-                why = f"does not stand under its own weight; {how} of what varies"
+                why = (
+                    "does not stand under its own weight; make it thicker, raise the "
+                    "friction, or narrow the distributions of what varies"
+                )
                 raise StabilityError(prestress_text(arch) or why)
             check_stands(arch)
