@@ -346,10 +346,11 @@ def empty_output(
     body = (n_frame, n_body, 3)
     joint = (n_frame, n_joint, 3)
     codes = (np.float64, np.int8, np.int32, np.int8)
-    entries: Any = [np.zeros(n_entry, code) for code in codes]
-    log = MechanismLog(*entries, np.zeros((n_entry, n_joint), np.int8))
-    numbers: Any = [np.zeros(shape) for shape in (n_frame, body, body, joint)]
-    return Frames(*numbers, np.zeros(joint[:2], np.int8)), log
+    entries = [np.zeros(n_entry, code) for code in codes]
+    modes = np.zeros((n_entry, n_joint), np.int8)
+    log = MechanismLog._make([*entries, modes])
+    numbers = [np.zeros(shape) for shape in (n_frame, body, body, joint)]
+    return Frames._make([*numbers, np.zeros(joint[:2], np.int8)]), log
 
 
 def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
