@@ -81,13 +81,14 @@ def on_piers(ring: Ring, piers: Piers) -> Ring:
         for name in Ring._fields
         if name != "sense"
     }
-    rows |= {name: np.array(rows[name]) for name in ("intrados", "extrados")}
-    return Ring(**rows, sense=ring.sense)
+    ends = {name: np.array(rows.pop(name)) for name in ("intrados", "extrados")}
+    return ring._replace(**rows, **ends)
 
 
 def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
     """Return the level joints and courses of the left or the right pier, from its base up."""
-    (side, name), end = _SIDES[place], -place
+    side, name = _SIDES[place]
+    end = -place
     keys = ("height", "width", "base_width", "above")
     height, width, base_width, above = (piers[key][place] for key in keys)
     inner = ring.intrados[end]
@@ -204,7 +205,8 @@ def weight_of_fill(
         both = fill["unit_weight"] * _column(line, level) + more * _column(line, backed)
         if both[0] > 0.0:
             x = both[1] / both[0]
-            weight[body], place[body] = both[0] * depth[body], (x, height_at(line, x))
+            weight[body] = both[0] * depth[body]
+            place[body] = x, height_at(line, x)
     return weight, place
 
 

@@ -32,11 +32,12 @@ def _floats(
         wrong = f"{name} = {reprlib.repr(value)}"
     elif not shape_fits(array.shape):
         wrong = f"{name} of shape {array.shape}"
-    elif not (good := np.asarray(fits(array))).all():
-        place = np.argwhere(~good)[0].tolist()
-        wrong = f"{name}{place or ''} = {array[tuple(place)]}"
     else:
-        return array.astype(np.float64)
+        bad = np.argwhere(~np.asarray(fits(array)))
+        if not len(bad):
+            return array.astype(np.float64)
+        place = bad[0].tolist()
+        wrong = f"{name}{place or ''} = {array[tuple(place)]}"
     raise GeometryError(f"{wrong} is impossible; it must be {allowed}")
 
 

@@ -120,7 +120,8 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
     values.pop("ties", None)
     for key in PROPERTIES:
         yield from ((key, text) for text in unusual(key, value_of(values, key)))
-    if load := np.sum(given.get("dead_load") or 0.0):
+    load = np.sum(given.get("dead_load") or 0.0)
+    if load:
         load *= 1 if np.ndim(given["dead_load"]) else last - first
         weight = facts_of(arch)["weights"]["ring"]
         if not LOADS[0] <= load / weight <= LOADS[1]:

@@ -93,10 +93,8 @@ class Arch(Shape):
         return ("intrados", "extrados")[corner != self.flipped]
 
     def __repr__(self) -> str:
-        given, (width, height) = (
-            self.parameters,
-            np.ptp(np.concatenate(self.outlines), axis=0),
-        )
+        given = self.parameters
+        width, height = np.ptp(np.concatenate(self.outlines), axis=0)
         facts = [f"{key} {given[key]:g} m" for key in _SHOWN if key in given]
         facts = facts or [f"{width:.3g} m wide", f"{height:.3g} m high"]
         weight = self.chain.mass.sum() * self.chain.gravity / 1e3
@@ -535,19 +533,23 @@ class Arch(Shape):
                 f"{length[joint]:.6g} m; it must leave more than {SMALLEST:g} m"
             )
         along = face / length[:, None]
-        moved = depths[0][:, None] * along, -depths[1][:, None] * along
-        ends = {"intrados": self.intrados.copy(), "extrados": self.extrados.copy()}
-        for line, step in zip(ends.values(), moved):
-            line[:n_joint] += step
-        corner = np.stack(moved[::-1] if self.flipped else moved, axis=1)
-        before = self.chain.face_before + corner
-        after = self.chain.face_after + corner
-        chain = self.chain._replace(face_before=before, face_after=after)
+        lost = np.stack([depths[0][:, None] * along, -depths[1][:, None] * along])
+        lines = np.stack([self.intrados, self.extrados])
+        lines[:, :n_joint] += lost
+        corner = np.stack(lost[::-1] if self.flipped else lost, axis=1)
+        chain = self.chain._replace(
+            face_before=self.chain.face_before + corner,
+            face_after=self.chain.face_after + corner,
+        )
         recess = {"intrados": plain(intrados), "extrados": plain(extrados)}
         for side, lost in self.parameters.get("recess", {}).items():
             recess[side] = plain(np.add(lost, recess[side]))
-        given = {**self.parameters, "recess": recess}
-        return self.changed(**ends, chain=chain, parameters=given)
+        return self.changed(
+            intrados=lines[0],
+            extrados=lines[1],
+            chain=chain,
+            parameters={**self.parameters, "recess": recess},
+        )
 
     def on_piers(self, height: ArrayLike, width: ArrayLike, **more: Any) -> Arch:
         """Return the arch on two piers or buttresses, which are further bodies of its chain.
@@ -611,7 +613,8 @@ class Arch(Shape):
         return self._with(fill={**given, **more})
 
     def _with(self, **more: dict[str, Any]) -> Arch:
-        if names := ", ".join(sorted(set(LATER) & set(self.parameters))):
+        names = ", ".join(sorted(set(LATER) & set(self.parameters)))
+        if names:
             raise GeometryError(
                 f"the arch has {names} already; on_piers and filled come before"
             )

@@ -195,9 +195,8 @@ def follow_tie(arch: Shape) -> Any:
     part = slow.tension(tie, prestress)
     if math.isfinite(part):
         raise StabilityError(
-            f"{arch!r}: the arch falls when its {tie_name(arch, tie)} gets a "
-            f"prestress of {prestress:g} N; it stands with up to "
-            f"{part * prestress:.4g} N"
+            f"{arch!r}: the arch falls when its {tie_name(arch, tie)} gets a prestress "
+            f"of {prestress:g} N; it stands with up to {part * prestress:.4g} N"
         )
     return slow.arch()
 

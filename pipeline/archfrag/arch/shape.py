@@ -61,11 +61,11 @@ class Shape:
     @property
     def depths(self) -> FloatArray:
         """Depth of each body across the plane, (n_voussoir,) [m]."""
-        given, (first, last) = self.parameters, self.springings
-        ring = np.broadcast_to(np.asarray(given["depth"], float), last - first)
-        return (
-            bridge.extended(ring, given["piers"], "depth") if "piers" in given else ring
-        )
+        first, last = self.springings
+        piers = self.parameters.get("piers")
+        depth = np.asarray(self.parameters["depth"], float)
+        ring = np.broadcast_to(depth, last - first)
+        return bridge.extended(ring, piers, "depth") if piers else ring
 
     @property
     def joint_depths(self) -> FloatArray:

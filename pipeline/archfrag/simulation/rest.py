@@ -402,8 +402,8 @@ def _limit(arch: Arch, hinges: list[Hinge], sense: float) -> float:
     if not rise.size or rise[0] <= 0.0:
         return np.inf
     place = float(rise.size)
-    if (past := rise <= 0.0).any():
-        top = int(np.argmax(past))
+    if (rise <= 0.0).any():
+        top = int(np.argmax(rise <= 0.0))
         # The energy is a parabola about its top: its slope vanishes between two positions.
         place = top - 0.5 + rise[top - 1] / (rise[top - 1] - rise[top])
     return float(

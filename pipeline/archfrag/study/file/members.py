@@ -108,7 +108,8 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
         where = f"arches[{i}] ({entry.id})"
         bases = list(_listed(entry, where))
         each = 1 if entry.vary is None else entry.vary.samples
-        if (count := len(found) + each * len(bases) * (1 + len(shocks))) > MOST_MEMBERS:
+        count = len(found) + each * len(bases) * (1 + len(shocks))
+        if count > MOST_MEMBERS:
             raise InputError(
                 f"{where}: makes {count} arches with those before it; a study must "
                 f"have at most {MOST_MEMBERS}"
@@ -170,11 +171,11 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         own = f"{place}, arch {row['id']}"
         arch = entry.varied(given, own, "table", "rows")
         # Of rows that leave a cell empty too: the study's entry gives what they have.
-        values = {
-            key: arch.value(key) for key in keys if key in ("voussoirs", *VARIABLE)
-        }
         numbers = {
-            key: float(v) for key, v in values.items() if isinstance(v, float | int)
+            key: float(arch.value(key))
+            for key in keys
+            if key in ("voussoirs", *VARIABLE)
+            and isinstance(arch.value(key), float | int)
         }
         attributes = {str(key): text for key, text in row.items() if key not in COLUMNS}
         sampled = row["id"] if entry.rows == "sample" else ""
