@@ -7,10 +7,10 @@ import pytest
 
 import archfrag as af
 from archfrag.errors import UnitWarning
+from archfrag.properties import PROPERTIES, unusual
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
 from archfrag.study.validate import check_study
-from archfrag.properties import PROPERTIES, unusual
 from tests.study.small import TEXT, small_study
 
 

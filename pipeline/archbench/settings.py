@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
-from archbench.baselines import is_available, variant
+from archbench.baselines import SHARED, is_available, variant
 from archfrag.physics.methods.registry import known_methods
 from archfrag.simulation.arguments import default_of
 
@@ -33,17 +33,20 @@ class Setting:
         return self.method in known_methods()
 
     @property
+    def _refined(self) -> dict[str, float]:
+        return {self.parameter: self.value}
+
+    @property
     def own(self) -> dict[str, float]:
         """Values of the method's own parameters that differ from their defaults."""
-        shared = self.parameter in ("dt", "rtol")
-        return {**self.settings, **({} if shared else {self.parameter: self.value})}
+        return {**self.settings, **({} if self.parameter in SHARED else self._refined)}
 
     @property
     def options(self) -> dict[str, Any]:
         """Keyword arguments of `archfrag.simulate`."""
         method = variant(self.method, **self.own) if self.own else self.method
-        shared = self.parameter in ("dt", "rtol")
-        return {"method": method, **({self.parameter: self.value} if shared else {})}
+        shared = self._refined if self.parameter in SHARED else {}
+        return {"method": method, **shared}
 
     @property
     def columns(self) -> dict[str, Any]:

@@ -12,8 +12,7 @@ from tests.physics.linkages import joined
 from tests.validation.scenes import g, oppenheim, pulse, tilted
 
 import archfrag as af
-from archbench.baselines import variant
-from archbench.baselines import common
+from archbench.baselines import common, variant
 from archbench.baselines.corners import corner_case
 from archbench.baselines.four_bars import linkage_of, place_linkage, speed_after_impact
 from archbench.baselines.four_link import Motion, accelerate
@@ -22,7 +21,6 @@ from archbench.baselines.quadratic_programme import Programme
 from archbench.baselines.springs import Sum, new_springs, press_joints
 from archbench.exact import Rocking
 from archbench.paper.arch import hinge_matrix
-from archfrag.errors import InputError
 from archfrag.physics.contact.placing import move_faces
 from archfrag.physics.ground import grounds_of
 from archfrag.physics.interface import Options
@@ -232,9 +230,7 @@ class TestPenalty:
         self,
     ):
         block = af.Block(1.0, 2.0, friction=0.6)
-        response = self.run(
-            block, still(0.1), method=variant(SPRINGS, stiffness=1e8)
-        )
+        response = self.run(block, still(0.1), method=variant(SPRINGS, stiffness=1e8))
         assert response.overlap == pytest.approx(2000.0 * 2.0 * g / 1e8, rel=1e-6)
         moved = self.run(
             oppenheim(), still(2.0), history=True
@@ -298,9 +294,7 @@ class TestPenalty:
         assert below.energy_error < 0.1
         assert above.status == Status.NOT_FINITE
         block = af.Block(1.0, 2.0, friction=0.6)
-        far = self.run(
-            block, still(2000.0), method=variant(SPRINGS, stiffness=1e16)
-        )
+        far = self.run(block, still(2000.0), method=variant(SPRINGS, stiffness=1e16))
         assert far.status == Status.WORK_BOUND
 
     @pytest.mark.parametrize(("amplitude", "falls"), [(0.60, False), (0.80, True)])
@@ -396,12 +390,6 @@ class TestSweeps:
         assert five.work["unconverged"] > 0.8 * five.steps
         assert many.work["unconverged"] == 0
         assert many.residual < 0.1 * five.residual
-
-
-def test_a_missing_solver_is_one_message_that_names_it(monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match="needs the package piqp"):
-        af.simulate(oppenheim(), pulse(0.1, 0.1), method=PROGRAMME)
 
 
 @needs_solver

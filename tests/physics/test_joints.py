@@ -205,7 +205,9 @@ class TestSettings:
         }
         assert soft.parameters["strength"] == 1e8
         at = [0.0, 20.0, 60.0, 80.0]
-        ring = af.Arch.circular(10.0, 1.5, 80.0, voussoirs=3, friction=0.7, joint_positions=at)
+        ring = af.Arch.circular(
+            10.0, 1.5, 80.0, voussoirs=3, friction=0.7, joint_positions=at
+        )
         assert af.jointed(ring, 3e10).parameters["joint_positions"] == at
 
     def test_a_face_is_a_row_of_each_joint_and_changes_no_geometry(self):

@@ -200,7 +200,10 @@ BAD = [
                 "null, vary: {samples: 4, of: {joints.stiffness: {NORMAL, relative: true}}}",
                 "vary.of.joints.stiffness.relative needs a key joints.stiffness of the",
             ),
-            ("[0, 20]", "joints is a block with stiffness; positions are joint_positions"),
+            (
+                "[0, 20]",
+                "joints is a block with stiffness; positions are joint_positions",
+            ),
             ("{positions: [0, 20]}", "joints is a block with stiffness; positions are"),
             (
                 "null, vary: {samples: 4, of: {joints: {NORMAL}}}",

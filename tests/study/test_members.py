@@ -97,7 +97,9 @@ class TestVary:
             (BLOCK, 1),
             (COLUMN, 2),
         ):  # a block has one, a column no free end
-            own = drawn({"each_joint": {"friction": vary["friction"]}}, **NO_RING | given)
+            own = drawn(
+                {"each_joint": {"friction": vary["friction"]}}, **NO_RING | given
+            )
             assert {len(arch.friction) for arch in entries(own)} == {count}
 
     @pytest.mark.parametrize(
@@ -228,7 +230,9 @@ class TestJointsThatGive:
             "strength": 4e6,
         }
         soft = ArchEntry.model_validate(keys).build()
-        ring = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7, joint_positions=at).recessed(0.02)
+        ring = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7, joint_positions=at).recessed(
+            0.02
+        )
         expected = af.jointed(ring, [*[2e10] * 7, np.inf], strength=4e6)
         np.testing.assert_array_equal(soft.chain.face_after, expected.chain.face_after)
         assert soft.parameters == {
@@ -246,9 +250,7 @@ class TestJointsThatGive:
         for name, value in rigid.chain._asdict().items():
             np.testing.assert_array_equal(getattr(same.chain, name), value)
 
-    @pytest.mark.parametrize(
-        "joints", [None, SOFT, {"model": "face", "damping": 0.1}]
-    )
+    @pytest.mark.parametrize("joints", [None, SOFT, {"model": "face", "damping": 0.1}])
     def test_stiffness_varies_and_other_keys_stay(self, joints):
         law = {"of": {"joints.stiffness": lognormal(3e10, 1.0)}}
         found = drawn(law, 64, joints=joints)
@@ -296,7 +298,11 @@ class TestJointsThatGive:
             1e10,
             np.inf,
         ]
-        assert [member.values["joints.stiffness"] for member in found] == [2e10, 1e10, np.inf]
+        assert [member.values["joints.stiffness"] for member in found] == [
+            2e10,
+            1e10,
+            np.inf,
+        ]
         assert {member.entry.joints.damping for member in found} == {0.2}
 
     def test_a_study_of_python_keeps_scatter_and_stiffness_apart(self):
@@ -311,7 +317,8 @@ class TestJointsThatGive:
 
     def test_a_sample_that_does_not_stand_is_named(self):
         with pytest.raises(
-            StabilityError, match=r"^arches\[0\] \(ring\): sample 1 \(joints.stiffness = "
+            StabilityError,
+            match=r"^arches\[0\] \(ring\): sample 1 \(joints.stiffness = ",
         ):
             drawn({"of": {"joints.stiffness": lognormal(2e6, 0.1)}})
 

@@ -10,7 +10,6 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 
-from archfrag.errors import InputError
 from archfrag.physics.methods.registry import (
     FOLLOW,
     MethodInfo,
@@ -35,28 +34,15 @@ def variant(method: str, **own: float) -> MethodInfo:
 
 def _from(name: str, parameters: tuple[Parameter, ...]) -> Callable[[], Callable]:
     own = {each.name: each.default for each in parameters if each.name not in SHARED}
-
-    def load() -> Callable:
-        info = known_methods()[name]
-        if not is_available(info):
-            rule = f"needs the package {info.needs}: pip install {info.needs}"
-            raise InputError(f"method {name} {rule}")
-        run: Callable = import_module(f"archbench.baselines.{name}").run
-        return partial(run, **own) if own else run
-
-    return load
+    return lambda: partial(import_module(f"archbench.baselines.{name}").run, **own)
 
 
 _ROWS = json.loads(Path(__file__).with_name("methods.json").read_text(encoding="utf-8"))
 BASELINES = []
 for _row in _ROWS:
-    _listed = _row.pop("parameters")
-    _parameters = tuple(
-        FOLLOW if each == "follow" else Parameter(*each) for each in _listed
+    _row["parameters"] = tuple(
+        FOLLOW if each == "follow" else Parameter(*each) for each in _row["parameters"]
     )
-    BASELINES.append(
-        MethodInfo(
-            parameters=_parameters, load=_from(_row["name"], _parameters), **_row
-        )
-    )
+    load = _from(_row["name"], _row["parameters"])
+    BASELINES.append(MethodInfo(load=load, **_row))
 register(*BASELINES)

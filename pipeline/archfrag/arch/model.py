@@ -536,7 +536,7 @@ class Arch(Shape):
         lost = np.stack([depths[0][:, None] * along, -depths[1][:, None] * along])
         lines = np.stack([self.intrados, self.extrados])
         lines[:, :n_joint] += lost
-        corner = np.stack(lost[::-1] if self.flipped else lost, axis=1)
+        corner = np.stack([*(lost[::-1] if self.flipped else lost)], axis=1)
         chain = self.chain._replace(
             face_before=self.chain.face_before + corner,
             face_after=self.chain.face_after + corner,
