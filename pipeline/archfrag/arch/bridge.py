@@ -81,7 +81,9 @@ def on_piers(ring: Ring, piers: Piers) -> Ring:
         for name in Ring._fields
         if name != "sense"
     }
-    ends = {name: np.array(rows.pop(name)) for name in ("intrados", "extrados")}
+    ends: dict[str, Any] = {
+        name: np.array(rows.pop(name)) for name in ("intrados", "extrados")
+    }
     return ring._replace(**rows, **ends)
 
 
