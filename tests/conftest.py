@@ -130,14 +130,15 @@ def change_last_bits(k: int) -> None:
     simulation: Any = import_module("archfrag.simulation.simulate")
     exact = simulation.ground_of
 
-    def changed(*given: Any) -> tuple[Any, ...]:
-        x, y, dt, *apart = exact(*given)
-        factor = 1.0 + k * STEP
-        return (
-            factor * x,
-            None if y is None else factor * y,
-            dt,
-            *(factor * a for a in apart),
+    def changed(*given: Any) -> Any:
+        ground = exact(*given)
+        names = ("horizontal", "vertical", "apart")
+        waves = {name: getattr(ground, name) for name in names}
+        return ground._replace(
+            **{
+                name: None if wave is None else (1.0 + k * STEP) * wave
+                for name, wave in waves.items()
+            }
         )
 
     if k:

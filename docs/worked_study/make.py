@@ -27,7 +27,10 @@ CORES = 2
 # Sampled as before, each number a factor on an infinite stiffness.
 RIGID = [
     "arches.0.joints.stiffness=.inf",
-    "arches.0.vary.of.joints={distribution: lognormal, median: 1.0, beta: 1.0, relative: true}",
+    "arches.0.vary.of={"
+    "thickness_factor: {distribution: normal, mean: 1.0, cov: 0.05, lower: 0.85, upper: 1.15}, "
+    "friction: {distribution: lognormal, median: 0.6, beta: 0.25, lower: 0.35, upper: 1.0}, "
+    "joints.stiffness: {distribution: lognormal, median: 1.0, beta: 1.0, relative: true}}",
 ]
 
 

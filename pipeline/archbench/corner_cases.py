@@ -11,11 +11,10 @@ from archbench.exact import Rocking, least_friction
 from archbench.facts import Run, judge_run
 from archbench.runner import Bench, Row
 from archbench.scene import Scene
-from archbench.settings import default_setting
+from archbench.settings import available_methods, default_setting
 from archbench.solve import arch_of, solve
 from archfrag.errors import ArchfragError
 from archfrag.physics.status import Status
-from archfrag.simulation.arguments import available_methods
 from archfrag.simulation.simulate import onset
 
 FOLDER = Path(__file__).parent / "cases"

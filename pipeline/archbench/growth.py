@@ -14,10 +14,14 @@ from scipy import stats
 from archbench.quantities import lengths, positions_at
 from archbench.runner import Bench, Row
 from archbench.scene import Array, Scene, load_scene
-from archbench.settings import COLUMNS, Setting, default_setting
+from archbench.settings import (
+    COLUMNS,
+    Setting,
+    available_methods,
+    default_setting,
+)
 from archbench.solve import Solution, solve
 from archfrag.errors import ArchfragError
-from archfrag.simulation.arguments import available_methods
 
 NUMBERS = {
     True: (7, 10, 14, 20, 27, 38, 54),

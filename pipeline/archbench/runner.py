@@ -19,10 +19,10 @@ from typing import Any
 import pandas as pd
 import psutil
 
+from archbench.settings import available_methods
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
 from archfrag.physics.kernels.cache import kernel_hash
-from archfrag.simulation.arguments import available_methods
 from archfrag.simulation.warmup import warmup
 from archfrag.study.provenance import commit, machine, strict_json, versions
 

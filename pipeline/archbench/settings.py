@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
+from archbench.baselines import SHARED, is_available, variant
 from archfrag.physics.methods.registry import known_methods
-from archfrag.simulation.arguments import available_methods, default_of
+from archfrag.simulation.arguments import default_of
 
 OTHERS = "other solvers"
 COLUMNS = ("method", "parameter", "value", "settings")
@@ -32,13 +33,20 @@ class Setting:
         return self.method in known_methods()
 
     @property
+    def _refined(self) -> dict[str, float]:
+        return {self.parameter: self.value}
+
+    @property
+    def own(self) -> dict[str, float]:
+        """Values of the method's own parameters that differ from their defaults."""
+        return {**self.settings, **({} if self.parameter in SHARED else self._refined)}
+
+    @property
     def options(self) -> dict[str, Any]:
         """Keyword arguments of `archfrag.simulate`."""
-        own = {self.parameter: self.value}
-        given = {"method": self.method}
-        if self.parameter in ("dt", "rtol"):
-            return given | own | {"settings": dict(self.settings)}
-        return given | {"settings": {**self.settings, **own}}
+        method = variant(self.method, **self.own) if self.own else self.method
+        shared = self._refined if self.parameter in SHARED else {}
+        return {"method": method, **shared}
 
     @property
     def columns(self) -> dict[str, Any]:
@@ -51,6 +59,11 @@ class Setting:
     def finer(self, factor: float) -> Self:
         """The same with its parameter multiplied."""
         return replace(self, value=factor * self.value)
+
+
+def available_methods() -> tuple[str, ...]:
+    """Names of the methods that can run here, in the registry's order."""
+    return tuple(name for name, info in known_methods().items() if is_available(info))
 
 
 def ladders(column: str, solvers: Iterable[str] = ()) -> dict[str, list[Setting]]:

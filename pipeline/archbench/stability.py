@@ -15,11 +15,11 @@ from archbench.facts import DEEPEST_OVERLAP, MOST_ENERGY_GAIN, NOTHING, energy_m
 from archbench.measures import joint_faces, kinetic_energy, overlap
 from archbench.runner import Bench, Row
 from archbench.scene import STANDARD_GRAVITY, Scene, load_scene
-from archbench.settings import Setting
+from archbench.settings import Setting, available_methods
 from archbench.solve import Frames, arch_of, solve
 from archfrag.errors import ArchfragError
 from archfrag.physics.methods.registry import known_methods
-from archfrag.simulation.arguments import available_methods, default_of
+from archfrag.simulation.arguments import default_of
 
 # Kinds of failure from the worst to the mildest.
 FAILURES = (
@@ -135,7 +135,7 @@ def elastic(scene: Scene, setting: Setting, frames: Frames) -> tuple[float, floa
     }
     if "stiffness" not in own:
         return 0.0, 0.0
-    own |= setting.options["settings"]
+    own |= setting.own
     arch = arch_of(scene)
     before, after = joint_faces(arch, frames.displacement, frames.rotation)
     along = np.diff(0.5 * (before + after), axis=2)[:, :, 0]

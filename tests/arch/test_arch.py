@@ -91,7 +91,7 @@ def test_mirror_image_is_the_same_arch(name, n):
 def test_joints_and_friction_of_each():
     joints = [0.0, 30.0, 67.5, 100.0, 157.5]
     friction = [0.5, math.inf, 0.7, 0.8, 0.9]
-    arch = Arch.circular(10.0, 1.5, 157.5, 4, friction, joints=joints)
+    arch = Arch.circular(10.0, 1.5, 157.5, 4, friction, joint_positions=joints)
     np.testing.assert_array_equal(arch.chain.friction, friction)
     assert arch.parameters["friction"] == [0.5, "inf", 0.7, 0.8, 0.9]
     from_left = np.degrees(np.arctan2(*arch.intrados.T)) + 78.75

@@ -271,7 +271,7 @@ def test_an_entry_with_all_of_them_varies():
             "rise": {"distribution": "uniform", "start": 1.8, "stop": 2.2},
             "density": {"distribution": "uniform", "start": 1900.0, "stop": 2100.0},
         },
-        "joints": {
+        "each_joint": {
             "friction": {"distribution": "uniform", "start": 0.9, "stop": 1.1},
             "recess_extrados": {"distribution": "uniform", "start": 0.0, "stop": 0.05},
         },
@@ -301,7 +301,7 @@ def test_an_entry_with_all_of_them_varies():
             {
                 "vary": {
                     "samples": 2,
-                    "joints": {
+                    "each_joint": {
                         "position": {"distribution": "normal", "mean": 1.0, "sd": 0.1}
                     },
                 }
@@ -313,7 +313,7 @@ def test_an_entry_with_all_of_them_varies():
                 "friction": [0.6] * 8,
                 "vary": {
                     "samples": 2,
-                    "joints": {
+                    "each_joint": {
                         "friction": {
                             "distribution": "uniform",
                             "start": 0.9,

@@ -12,7 +12,7 @@ from tests.physics.linkages import joined
 from tests.validation.scenes import g, oppenheim, pulse, tilted
 
 import archfrag as af
-from archbench.baselines import common
+from archbench.baselines import common, variant
 from archbench.baselines.corners import corner_case
 from archbench.baselines.four_bars import linkage_of, place_linkage, speed_after_impact
 from archbench.baselines.four_link import Motion, accelerate
@@ -21,7 +21,6 @@ from archbench.baselines.quadratic_programme import Programme
 from archbench.baselines.springs import Sum, new_springs, press_joints
 from archbench.exact import Rocking
 from archbench.paper.arch import hinge_matrix
-from archfrag.errors import InputError
 from archfrag.physics.contact.placing import move_faces
 from archfrag.physics.ground import grounds_of
 from archfrag.physics.interface import Options
@@ -60,11 +59,10 @@ def rocking_errors(method, friction, dt=None, **settings):
     response = af.simulate(
         af.Block(width, height, friction=friction),
         still(0.02),
-        method=method,
+        method=variant(method, **settings),
         history=True,
         initial=tilted(width, height, start),
         follow=4.5,
-        settings=settings or None,
         dt=dt,
     )
     tilt = abs(response.history.rotation.values[:, 0])
@@ -232,7 +230,7 @@ class TestPenalty:
         self,
     ):
         block = af.Block(1.0, 2.0, friction=0.6)
-        response = self.run(block, still(0.1), settings={"stiffness": 1e8})
+        response = self.run(block, still(0.1), method=variant(SPRINGS, stiffness=1e8))
         assert response.overlap == pytest.approx(2000.0 * 2.0 * g / 1e8, rel=1e-6)
         moved = self.run(
             oppenheim(), still(2.0), history=True
@@ -288,7 +286,7 @@ class TestPenalty:
                 pulse(0.2, 0.3),
                 dt=0.5,
                 follow=2.0,
-                settings={"step_fraction": part},
+                method=variant(SPRINGS, step_fraction=part),
             )
             for part in (0.8, 1.12)
         )
@@ -296,7 +294,7 @@ class TestPenalty:
         assert below.energy_error < 0.1
         assert above.status == Status.NOT_FINITE
         block = af.Block(1.0, 2.0, friction=0.6)
-        far = self.run(block, still(2000.0), settings={"stiffness": 1e16})
+        far = self.run(block, still(2000.0), method=variant(SPRINGS, stiffness=1e16))
         assert far.status == Status.WORK_BOUND
 
     @pytest.mark.parametrize(("amplitude", "falls"), [(0.60, False), (0.80, True)])
@@ -304,8 +302,8 @@ class TestPenalty:
         self, amplitude, falls
     ):
         """MuJoCo, Siconos and LMGC90 0.675 to 0.70 g."""
-        stiff = {"stiffness": 1e10}
-        run = self.run(oppenheim(), pulse(amplitude, 0.3), settings=stiff, follow=3.0)
+        stiff = variant(SPRINGS, stiffness=1e10)
+        run = self.run(oppenheim(), pulse(amplitude, 0.3), method=stiff, follow=3.0)
         assert run.collapsed is True if falls else not run.collapsed
         assert max(run.energy["impacts"], run.energy["friction"]) <= 0.0
 
@@ -384,21 +382,14 @@ class TestSweeps:
             af.simulate(
                 oppenheim(),
                 pulse(0.5, 0.3),
-                method=SWEEPS,
+                method=method,
                 follow=0.0,
-                settings=settings,
             )
-            for settings in ({"sweeps": 5}, None)
+            for method in (variant(SWEEPS, sweeps=5), SWEEPS)
         )
         assert five.work["unconverged"] > 0.8 * five.steps
         assert many.work["unconverged"] == 0
         assert many.residual < 0.1 * five.residual
-
-
-def test_a_missing_solver_is_one_message_that_names_it(monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match="needs the package piqp"):
-        af.simulate(oppenheim(), pulse(0.1, 0.1), method=PROGRAMME)
 
 
 @needs_solver

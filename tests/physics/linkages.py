@@ -97,7 +97,7 @@ def random_ring(rng, n, mu):
     cuts = np.concatenate([[0.0], rng.uniform(0.3, 1.0, n).cumsum()])
     joints = embrace * cuts / cuts[-1]
     return af.Arch.circular(
-        10.0, thickness, embrace, n, mu, sector=False, joints=joints
+        10.0, thickness, embrace, n, mu, sector=False, joint_positions=joints
     )
 
 

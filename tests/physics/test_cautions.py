@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.simulation.standing import arch_cautions, inset_loss, inset_text
+from archfrag.simulation.standing import arch_cautions, edge_loss, edge_text
 
 RING = af.Arch.segmental(span=8.0, rise=3.0, thickness=0.6, voussoirs=9, friction=0.6)
 
@@ -22,30 +22,30 @@ class TestHingesInside:
     @pytest.mark.parametrize("width", [0.4, 0.1])
     def test_of_a_block_it_is_their_part_of_its_half_width(self, width):
         block = af.Block(width=width, height=2.0, friction=0.8)
-        assert inset_loss(block) == pytest.approx(0.01 / (0.5 * width), rel=1e-9)
+        assert edge_loss(block) == pytest.approx(0.01 / (0.5 * width), rel=1e-9)
 
     def test_one_that_is_too_narrow_does_not_stand(self):
         block = af.Block(width=0.018, height=0.1, friction=0.8)
-        assert inset_loss(block) == 1.0
-        assert inset_text(block, 1.0).endswith("the arch does not stand")
+        assert edge_loss(block) == 1.0
+        assert edge_text(block, 1.0).endswith("the arch does not stand")
 
     def test_on_top_of_what_crushes_and_of_a_recess(self):
         weak = af.crushed(RING.recessed(0.02, 0.0), 2e6)
         expected = af.onset(weak.recessed(0.01, 0.01)).plus / af.onset(weak).plus
-        assert inset_loss(weak) == pytest.approx(1.0 - expected, rel=1e-6)
-        assert inset_loss(weak) > inset_loss(RING)
+        assert edge_loss(weak) == pytest.approx(1.0 - expected, rel=1e-6)
+        assert edge_loss(weak) > edge_loss(RING)
 
     def test_of_one_that_has_spread_it_is_as_built(self):
         weak = af.crushed(RING, 2e6)
         spread = af.move_springing(weak, spread=0.01)
-        assert inset_loss(spread) == inset_loss(weak)
-        assert inset_loss(spread.tied(level=1.0, area=3e-4)) == inset_loss(weak)
-        assert "of the arch as built by" in inset_text(spread, inset_loss(spread))
+        assert edge_loss(spread) == edge_loss(weak)
+        assert edge_loss(spread.tied(level=1.0, area=3e-4)) == edge_loss(weak)
+        assert "of the arch as built by" in edge_text(spread, edge_loss(spread))
 
     def test_nothing_is_said_of_one_that_does_not_stand(self):
         thin = af.Arch.circular(10.0, 0.3, 157.5, voussoirs=27, friction=0.7)
-        assert math.isnan(inset_loss(thin))
-        assert inset_text(thin, math.nan) == ""
+        assert math.isnan(edge_loss(thin))
+        assert edge_text(thin, math.nan) == ""
         assert arch_cautions(thin, af.onset(thin)) == []
 
     def test_a_caution_where_it_is_more_than_a_tenth(self):

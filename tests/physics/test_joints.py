@@ -12,8 +12,8 @@ from archfrag.physics.status import Joint
 from archfrag.simulation.rest import static_limit
 from archfrag.simulation.standing import (
     arch_cautions,
-    inset_loss,
-    inset_text,
+    edge_loss,
+    edge_text,
     joints_text,
 )
 from tests.physics.test_cautions import flat_arch
@@ -205,8 +205,10 @@ class TestSettings:
         }
         assert soft.parameters["strength"] == 1e8
         at = [0.0, 20.0, 60.0, 80.0]
-        ring = af.Arch.circular(10.0, 1.5, 80.0, voussoirs=3, friction=0.7, joints=at)
-        assert af.jointed(ring, 3e10).parameters["joints"]["positions"] == at
+        ring = af.Arch.circular(
+            10.0, 1.5, 80.0, voussoirs=3, friction=0.7, joint_positions=at
+        )
+        assert af.jointed(ring, 3e10).parameters["joint_positions"] == at
 
     def test_a_face_is_a_row_of_each_joint_and_changes_no_geometry(self):
         ring = af.Arch.circular(
@@ -398,10 +400,10 @@ class TestWhichModel:
         expected = (
             1.0 - af.onset(RING.recessed(depth, depth)).plus / af.onset(soft).plus
         )
-        assert inset_loss(soft) == pytest.approx(expected, rel=1e-9)
-        assert "10 mm further inside" in inset_text(soft, 0.1)
-        assert inset_loss(face) == inset_loss(RING)
-        assert inset_text(face, 0.1) == inset_text(RING, 0.1)
-        assert inset_text(RING, 0.1).endswith(
+        assert edge_loss(soft) == pytest.approx(expected, rel=1e-9)
+        assert "10 mm further inside" in edge_text(soft, 0.1)
+        assert edge_loss(face) == edge_loss(RING)
+        assert edge_text(face, 0.1) == edge_text(RING, 0.1)
+        assert edge_text(RING, 0.1).endswith(
             "%, and the collapse border by about as much"
         )

@@ -11,11 +11,10 @@ import inspect
 import numpy as np
 import pytest
 
-import archbench  # noqa: F401  registers the baselines
 import archfrag as af
+from archbench.baselines import SHARED, is_available, variant
 from archfrag.physics.methods.registry import known_methods
 from archfrag.physics.status import Status
-from archfrag.simulation.arguments import is_available, own_parameters
 
 g = 9.80665
 SAMPLE = 2.5e-4
@@ -55,7 +54,7 @@ SIGNATURE = [
 ]
 
 
-def state_at(time, method, amplitude, settings=None, **options):
+def state_at(time, method, amplitude, **options):
     """Displacements and rotations at an instant, by the cubic through the frames beside it."""
     samples = np.arange(round((time + 0.02) / SAMPLE) + 1) * SAMPLE
     push = amplitude * np.where(samples < 0.3 - 1e-9, 1.1 - 0.7 * samples, -0.5)
@@ -65,7 +64,6 @@ def state_at(time, method, amplitude, settings=None, **options):
         method=method,
         history=True,
         follow=0.0,
-        settings=settings,
         **options,
     )
     assert run.status is Status.UNFINISHED
@@ -94,7 +92,8 @@ def mean_errors(method, time, amplitudes):
     for amplitude in amplitudes:
         exact = reference(time, method, amplitude)
         for i, value in enumerate(values):
-            found = state_at(time, method, amplitude, settings, **{name: value})
+            tuned = variant(method, **settings) if settings else method
+            found = state_at(time, tuned, amplitude, **{name: value})
             errors[i] += (
                 np.abs(found - exact).max() / np.abs(exact).max() / len(amplitudes)
             )
@@ -106,7 +105,8 @@ def test_every_method_has_an_order_and_the_common_signature():
     for info in known_methods().values():
         run = info.load()
         parameters = list(inspect.signature(getattr(run, "py_func", run)).parameters)
-        assert parameters == [*SIGNATURE, *own_parameters(info)]
+        own = [each.name for each in info.parameters if each.name not in SHARED]
+        assert parameters == [*SIGNATURE, *own]
 
 
 @pytest.mark.parametrize("method", known_methods())

@@ -36,7 +36,6 @@ class TestResponse:
             ),
             ({"dt": 0.0}, "dt is 0.0; it must be a finite number from 1e-09 to 10"),
             ({"scale": "two"}, "scale is 'two'; it must be a finite number$"),
-            ({"settings": {"stifness": 1.0}}, "'stifness'"),
             ({"initial": 3}, "initial must be a pair of arrays"),
             (
                 {"initial": (np.zeros((4, 3)),) * 2},

@@ -29,7 +29,7 @@ UNIFORM = "distribution: uniform, start: 0.6, stop: 0.8"
 NORMAL = "distribution: normal, mean: 1, cov: 0.1"
 # What varies of the ring, and a part of the message.
 VARY = [
-    ("joints: {}", "vary must have a key of or joints"),
+    ("each_joint: {}", "vary must have a key of or each_joint"),
     (
         "of: {frictions: {UNIFORM}}",
         "sample 1 (frictions = 0.657234): frictions is not a known",
@@ -53,8 +53,8 @@ VARY = [
         "vary.correlation is not a known key",
     ),
     (
-        "joints: {friction: {NORMAL, relative: true}}",
-        "relative cannot be used for joints",
+        "each_joint: {friction: {NORMAL, relative: true}}",
+        "relative cannot be used for each_joint",
     ),
     ("of: {thickness: {distribution: normal, mean: 1.5, cov: 3}}", "sample 1 ("),
     (
@@ -167,7 +167,7 @@ BAD = [
         "thickness: 0.3",
         "arches[0] (ring): does not stand under its own weight",
     ),
-    ("friction: 0.7", "friction: 1e9", "must be at most 1e+06, or inf"),
+    ("friction: 0.7", "friction: 1e9", "and at most 1e+06 (inf: the limit of"),
     *(
         ("friction: 0.7", f"friction: 0.7, joints: {given}", part)
         for given, part in (
@@ -197,8 +197,21 @@ BAD = [
                 "joints.stiffnes is not a known key; did you mean stiffness?",
             ),
             (
-                "[0, 20], vary: {samples: 4, of: {joints: {NORMAL, relative: true}}}",
-                "vary.of.joints.relative needs a key joints of the arch",
+                "null, vary: {samples: 4, of: {joints.stiffness: {NORMAL, relative: true}}}",
+                "vary.of.joints.stiffness.relative needs a key joints.stiffness of the",
+            ),
+            (
+                "[0, 20]",
+                "joints is a block with stiffness; positions are joint_positions",
+            ),
+            ("{positions: [0, 20]}", "joints is a block with stiffness; positions are"),
+            (
+                "null, vary: {samples: 4, of: {joints: {NORMAL}}}",
+                "vary.of.joints is joints.stiffness",
+            ),
+            (
+                "null, vary: {samples: 4, joints: {friction: {NORMAL}}}",
+                "vary.joints is each_joint, what differs from joint to joint",
             ),
             (
                 "{stiffness: 3.0e+10, model: face}, strength: 1.0e+6",
@@ -213,8 +226,8 @@ BAD = [
     ),
     (
         BLOCK,
-        f"{BLOCK}, joints: [0, 1]",
-        "arches[1].joints has positions, which only circular",
+        f"{BLOCK}, joint_positions: [0, 1]",
+        "arches[1].joint_positions is not a known key",
     ),
     (
         BLOCK,
@@ -249,11 +262,7 @@ BAD = [
     # Method, design and execution.
     ("time_stepping", "euler", "method.name = euler must be one of auto"),
     ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
-    (
-        "dt: 2.0e-3",
-        "settings: {stiffness: 1e9}",
-        "settings has 'stiffness'; allowed for",
-    ),
+    ("dt: 2.0e-3", "settings: {}", "method.settings is not a known key; allowed are"),
     (
         "execution:",
         "design: {kind: idda}\nexecution:",

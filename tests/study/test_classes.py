@@ -148,9 +148,11 @@ class TestOneCurve:
 def test_what_is_infinite_has_no_place_where_theta_depends_on_it(classes):
     inputs = report_inputs(classes.study)
     stiffness = [1e10, 2e10, 3e10, np.inf, 1e10, np.inf, np.nan]
-    cube = inputs.cube.assign(arch_joints=("arch", stiffness))
+    cube = inputs.cube.assign(arch_joints_stiffness=("arch", stiffness))
     slab, fleet = class_sections(replace(inputs, cube=cube))
-    assert [">joints<" in "".join(map(str, page.parts)) for page in (slab, fleet)] == [
+    assert [
+        ">joints stiffness<" in "".join(map(str, page.parts)) for page in (slab, fleet)
+    ] == [
         True,
         False,
     ]

@@ -117,7 +117,7 @@ def test_hinges_inside_the_edges_of_a_thin_arch_are_a_caution(tmp_path):
 def test_faces_are_for_time_stepping(tmp_path):
     soft = "friction: 0.7, joints: {stiffness: 3.0e+10, model: face}"
     face = TEXT.replace("friction: 0.7", soft)
-    assert load_study(small_study(tmp_path, face)).arches[0].soft.model == "face"
+    assert load_study(small_study(tmp_path, face)).arches[0].joints.model == "face"
     events = face.replace("time_stepping, dt: 2.0e-3", "event_driven, rtol: 1e-6")
     rule = r"arches\[0\].joints.model face needs method time_stepping or auto, not event_driven"
     with pytest.raises(InputError, match=rule):

@@ -74,14 +74,14 @@ class TestVary:
     def test_joints_in_degrees_go_with_the_angle_of_embrace(self):
         joints = [0.0, 20.0, 40.0, 60.0, 90.0, 120.0, 140.0, 157.5]
         for arch in entries(
-            drawn({"of": {"embrace": normal(150.0, 0.02)}}, joints=joints)
+            drawn({"of": {"embrace": normal(150.0, 0.02)}}, joint_positions=joints)
         ):
-            own = np.array(arch.joints) / arch.embrace
+            own = np.array(arch.joint_positions) / arch.embrace
             np.testing.assert_allclose(own, np.array(joints) / 157.5, rtol=1e-9)
 
     def test_each_joint_has_its_own(self):
         vary = {"recess_intrados": uniform(0.0, 0.05), "friction": normal(1.0, 0.1)}
-        found = drawn({"joints": vary}, 256)
+        found = drawn({"each_joint": vary}, 256)
         assert next(iter(found)).values == {}
         friction = np.array([arch.friction for arch in entries(found)]) / 0.7
         depth = np.array([arch.recess.intrados for arch in entries(found)])
@@ -97,7 +97,9 @@ class TestVary:
             (BLOCK, 1),
             (COLUMN, 2),
         ):  # a block has one, a column no free end
-            own = drawn({"joints": {"friction": vary["friction"]}}, **NO_RING | given)
+            own = drawn(
+                {"each_joint": {"friction": vary["friction"]}}, **NO_RING | given
+            )
             assert {len(arch.friction) for arch in entries(own)} == {count}
 
     @pytest.mark.parametrize(
@@ -118,9 +120,9 @@ class TestVary:
     )
     def test_the_springings_stay_where_they_are(self, end, profile):
         found = entries(
-            drawn({"joints": {"position": uniform(-0.2, 0.2)}}, 16, **profile)
+            drawn({"each_joint": {"position": uniform(-0.2, 0.2)}}, 16, **profile)
         )
-        joints = np.array([arch.joints for arch in found])
+        joints = np.array([arch.joint_positions for arch in found])
         assert np.all(joints[:, [0, -1]] == [0.0, end])
         assert 0.15 < np.abs(joints / end * 7.0 - np.arange(8)).max() < 0.2
 
@@ -171,7 +173,7 @@ def test_a_row_named_as_its_class_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("key", "values", "law"),
     [
-        ("joints", {"stiffness": [2e10] * 8}, uniform(1e10, 2e10)),
+        ("joints.stiffness", {"stiffness": [2e10] * 8}, uniform(1e10, 2e10)),
         ("friction", [0.7] * 8, normal(0.7, 0.1)),
         ("density", [2000.0] * 7, normal(2000.0, 0.1)),
         ("depth", [1.0] * 7, uniform(0.9, 1.1)),
@@ -182,9 +184,9 @@ def test_a_distribution_replaces_no_list(key, values, law):
     with pytest.raises(
         ValueError, match=rf"would replace the list {key}; give factors on it"
     ):
-        drawn({"of": {key: law}}, 2, **{key: values})
+        drawn({"of": {key: law}}, 2, **{key.partition(".")[0]: values})
     factor = {"distribution": "uniform", "start": 0.9, "stop": 1.1, "relative": True}
-    assert len(drawn({"of": {key: factor}}, 2, **{key: values})) == 2
+    assert len(drawn({"of": {key: factor}}, 2, **{key.partition(".")[0]: values})) == 2
 
 
 SOFT = {"stiffness": 2e10, "shear": 1e10, "damping": 0.1, "model": "face", "points": 3}
@@ -222,12 +224,15 @@ class TestJointsThatGive:
         at = [0.0, 20.0, 40.0, 60.0, 90.0, 120.0, 140.0, 157.5]
         keys = {
             **RING,
-            "joints": {"positions": at, "stiffness": [*[2e10] * 7, "inf"]},
+            "joint_positions": at,
+            "joints": {"stiffness": [*[2e10] * 7, "inf"]},
             "recess": {"intrados": 0.02},
             "strength": 4e6,
         }
         soft = ArchEntry.model_validate(keys).build()
-        ring = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7, joints=at).recessed(0.02)
+        ring = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7, joint_positions=at).recessed(
+            0.02
+        )
         expected = af.jointed(ring, [*[2e10] * 7, np.inf], strength=4e6)
         np.testing.assert_array_equal(soft.chain.face_after, expected.chain.face_after)
         assert soft.parameters == {
@@ -245,24 +250,15 @@ class TestJointsThatGive:
         for name, value in rigid.chain._asdict().items():
             np.testing.assert_array_equal(getattr(same.chain, name), value)
 
-    @pytest.mark.parametrize(
-        "joints", [None, SOFT, {"model": "face", "damping": 0.1}, [0.0, 157.5]]
-    )
+    @pytest.mark.parametrize("joints", [None, SOFT, {"model": "face", "damping": 0.1}])
     def test_stiffness_varies_and_other_keys_stay(self, joints):
-        if isinstance(joints, list):
-            joints = np.linspace(*joints, 8).tolist()
-        found = drawn({"of": {"joints": lognormal(3e10, 1.0)}}, 64, joints=joints)
+        law = {"of": {"joints.stiffness": lognormal(3e10, 1.0)}}
+        found = drawn(law, 64, joints=joints)
         stiffness = [member.entry.joints.stiffness for member in found]
-        assert stiffness == [member.values["joints"] for member in found]
+        assert stiffness == [member.values["joints.stiffness"] for member in found]
         assert np.log(stiffness).mean() == pytest.approx(np.log(3e10), abs=0.05)
         assert np.log(stiffness).std() == pytest.approx(1.0, rel=0.05)
-        keys = (
-            joints
-            if isinstance(joints, dict)
-            else {"positions": joints}
-            if joints
-            else {}
-        )
+        keys = joints or {}
         for entry in entries(found):
             expected = JointEntry(**{**keys, "stiffness": entry.joints.stiffness})
             assert entry.joints == expected
@@ -272,28 +268,28 @@ class TestJointsThatGive:
         assert (len(set(shift)) == 64) == ("model" not in keys)
 
     def test_relative_values_multiply_one_or_each(self):
-        law = {"of": {"joints": lognormal(1.0, 0.5, relative=True)}}
+        law = {"of": {"joints.stiffness": lognormal(1.0, 0.5, relative=True)}}
         for member in drawn(law, joints={"stiffness": 2e10, "shear": 1e10}):
-            assert member.values == {"joints": member.entry.joints.stiffness}
+            assert member.values == {"joints.stiffness": member.entry.joints.stiffness}
             assert member.entry.joints.shear == 1e10
         own = np.linspace(1e10, 2e10, 8)
         for member in drawn(law, joints={"stiffness": own.tolist()}):
-            factor = member.values["joints_factor"]
+            factor = member.values["joints.stiffness_factor"]
             np.testing.assert_allclose(member.entry.joints.stiffness, factor * own)
 
     def test_with_scatter_of_positions_and_an_angle_that_varies(self):
         vary = {
             "of": {"embrace": normal(150.0, 0.02)},
-            "joints": {"position": uniform(-0.1, 0.1)},
+            "each_joint": {"position": uniform(-0.1, 0.1)},
         }
         plain = drawn(vary)
         soft = drawn(vary, joints={"stiffness": 2e10})
         for one, other in zip(entries(plain), entries(soft), strict=True):
-            assert other.joints.positions == one.joints
+            assert other.joint_positions == one.joint_positions
             assert other.joints.stiffness == 2e10
 
     def test_a_column_of_a_table_is_the_stiffness(self, tmp_path):
-        table = "id,radius,thickness,joints\na,10,1.5,2e10\nb,10,1.5,\nc,10,1.5,inf\n"
+        table = "id,radius,thickness,joints.stiffness\na,10,1.5,2e10\nb,10,1.5,\nc,10,1.5,inf\n"
         found = expand(
             [fleet(tmp_path, table, joints={"stiffness": 1e10, "damping": 0.2})]
         )
@@ -302,29 +298,29 @@ class TestJointsThatGive:
             1e10,
             np.inf,
         ]
-        assert [member.values["joints"] for member in found] == [2e10, 1e10, np.inf]
+        assert [member.values["joints.stiffness"] for member in found] == [
+            2e10,
+            1e10,
+            np.inf,
+        ]
         assert {member.entry.joints.damping for member in found} == {0.2}
 
     def test_a_study_of_python_keeps_scatter_and_stiffness_apart(self):
         scatter = {"friction": normal(1.0, 0.1)}
-        for joints, place in ((scatter, ()), (lognormal(3e10, 1.0), ("of",))):
-            (entry,) = _arches(
-                af.jointed(af.Block(1.0, 2.0, 0.8), 1e10),
-                "b",
-                {"samples": 4, "joints": joints},
-            )
-            vary = entry["vary"]
-            for key in place:
-                vary = vary[key]
-            assert vary["joints"] == joints
-            assert entry["joints"]["stiffness"] == 1e10
-            ArchEntry.model_validate(entry)
+        law = lognormal(3e10, 1.0)
+        vary = {"samples": 4, "each_joint": scatter, "joints.stiffness": law}
+        (entry,) = _arches(af.jointed(af.Block(1.0, 2.0, 0.8), 1e10), "b", vary)
+        assert entry["vary"]["each_joint"] == scatter
+        assert entry["vary"]["of"] == {"joints.stiffness": law}
+        assert entry["joints"]["stiffness"] == 1e10
+        ArchEntry.model_validate(entry)
 
     def test_a_sample_that_does_not_stand_is_named(self):
         with pytest.raises(
-            StabilityError, match=r"^arches\[0\] \(ring\): sample 1 \(joints = "
+            StabilityError,
+            match=r"^arches\[0\] \(ring\): sample 1 \(joints.stiffness = ",
         ):
-            drawn({"of": {"joints": lognormal(2e6, 0.1)}})
+            drawn({"of": {"joints.stiffness": lognormal(2e6, 0.1)}})
 
 
 class TestTables:

@@ -81,7 +81,7 @@ class TestPlan:
             "motions/",
             "files.py",
             "errors.py",
-            "usual.py",
+            "properties.py",
             "version.py",
         )
         decides = {path for pattern in DECIDING for path in PACKAGE.glob(pattern)}

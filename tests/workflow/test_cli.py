@@ -237,7 +237,8 @@ class TestOnset:
             "friction: .inf", "friction: 0.6, recess: {intrados: 1.0e-3}"
         )
         law = "{distribution: lognormal, median: 1.0, beta: 0.5, relative: true}"
-        soft = f"0.6, joints: {{stiffness: 3e+10}}, vary: {{samples: 1, of: {{joints: {law}}}}}"
+        vary = f"{{samples: 1, of: {{joints.stiffness: {law}}}}}"
+        soft = f"0.6, joints: {{stiffness: 3e+10}}, vary: {vary}"
         for other in (recessed, text.replace("friction: .inf", f"friction: {soft}")):
             again = command("validate", small_study(tmp_path, other))
             assert again.stdout.splitlines()[1] == result.stdout.splitlines()[1]

@@ -23,9 +23,9 @@ from archfrag.motions.channel import filled
 from archfrag.motions.index import INDEX_NAME, write_index
 from archfrag.motions.measures import measure_unit
 from archfrag.motions.motion import Motion
+from archfrag.properties import VARIABLE
 from archfrag.report import make_report
 from archfrag.study.file import schema
-from archfrag.study.file.arches import VARIABLE
 from archfrag.study.keys import check_text
 from archfrag.study.provenance import digest_of, write_text
 from archfrag.study.reading import MotionList
@@ -315,11 +315,7 @@ def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
         given = each.parameters if isinstance(each, Arch) else each
         entries.append({"id": name} | {k: v for k, v in given.items() if v is not None})
         if vary is not None:
-            of = {
-                key: law
-                for key, law in vary.items()
-                if key in VARIABLE and (key != "joints" or "distribution" in law)
-            }
+            of = {key: law for key, law in vary.items() if key in VARIABLE}
             others = {key: value for key, value in vary.items() if key not in of}
             entries[-1]["vary"] = others | (
                 {"of": {**others.get("of", {}), **of}} if of else {}

@@ -15,6 +15,7 @@ from archfrag.arch.geometry import (
 )
 from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
+from archfrag.properties import MOST_VOUSSOIRS
 
 Piers = dict[str, Any]  # of each key the values of the left and the right pier
 _SIDES = ((-1.0, "left"), (1.0, "right"))
@@ -23,9 +24,9 @@ _SIDES = ((-1.0, "left"), (1.0, "right"))
 def check_upright(ring: Ring, free_end: bool) -> None:
     """Refuse a chain on which piers or fill have no meaning."""
     if free_end or ring.sense < 0 or ring.intrados[0, 0] >= ring.intrados[-1, 0]:
-        listed = "its joints listed from the left one and its intrados below"
         raise GeometryError(
-            f"piers and fill need an arch between two springings, {listed}"
+            "piers and fill need an arch between two springings, its joints listed "
+            "from the left one and its intrados below"
         )
 
 
@@ -40,35 +41,27 @@ def checked_piers(
     depth: Any = None,
 ) -> Piers:
     """Return the values of the left and the right pier by key; None for what the ring gives."""
-    base_width = width if base_width is None else base_width
-    rows = (
-        ("height", height, "m", checks.SMALLEST),
-        ("width", width, "m", checks.SMALLEST),
-        ("base_width", base_width, "m", checks.SMALLEST),
-        ("above", above, "m", 0.0),
-        ("friction", friction, "", 0.0),
-        ("density", density, "kg/m3", checks.SMALLEST),
-        ("depth", depth, "m", checks.SMALLEST),
-    )
+    given = {
+        "height": height,
+        "width": width,
+        "base_width": width if base_width is None else base_width,
+        "above": above,
+        "friction": friction,
+        "density": density,
+        "depth": depth,
+        "courses": courses,
+    }
     found: Piers = {
         name: value
         if value is None
-        else checks.shared_or_each(
-            f"piers.{name}",
-            value,
-            2,
-            "pier",
-            unit,
-            least=least,
-            infinite=checks.ROUGH if name == "friction" else "",
-        ).tolist()
-        for name, value, unit, least in rows
+        else checks.shared_or_each(f"piers.{name}", value, 2, "pier").tolist()
+        for name, value in given.items()
     }
-    count = checks.shared_or_each("piers.courses", courses, 2, "pier", least=1.0)
-    if (count % 1.0).any() or count.sum() > checks.MOST_VOUSSOIRS:
-        most = f"integers, together at most {checks.MOST_VOUSSOIRS}"
+    count = np.array(found["courses"])
+    if (count % 1.0).any() or count.sum() > MOST_VOUSSOIRS:
         raise GeometryError(
-            f"piers.courses = {count.tolist()} is impossible; it must be {most}"
+            f"piers.courses = {found['courses']} is impossible; it must be integers, "
+            f"together at most {MOST_VOUSSOIRS}"
         )
     return found | {"courses": count.astype(int).tolist()}
 
@@ -88,13 +81,16 @@ def on_piers(ring: Ring, piers: Piers) -> Ring:
         for name in Ring._fields
         if name != "sense"
     }
-    rows |= {name: np.array(rows[name]) for name in ("intrados", "extrados")}
-    return Ring(**rows, sense=ring.sense)
+    ends: dict[str, Any] = {
+        name: np.array(rows.pop(name)) for name in ("intrados", "extrados")
+    }
+    return ring._replace(**rows, **ends)
 
 
 def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
     """Return the level joints and courses of the left or the right pier, from its base up."""
-    (side, name), end = _SIDES[place], -place
+    side, name = _SIDES[place]
+    end = -place
     keys = ("height", "width", "base_width", "above")
     height, width, base_width, above = (piers[key][place] for key in keys)
     inner = ring.intrados[end]
@@ -106,20 +102,20 @@ def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
     level = base + height * np.arange(courses) / courses
     slip = 1e-9 * width
     if level[-1] >= outer[1]:
-        below = (
-            f"reaches down to {outer[1]:.6g} m, below the last bed at {level[-1]:.6g} m"
+        raise GeometryError(
+            f"piers: the {name} springing joint reaches down to {outer[1]:.6g} m, "
+            f"below the last bed at {level[-1]:.6g} m; the pier must have fewer "
+            "courses or more height"
         )
-        remedy = "the pier must have fewer courses or more height"
-        raise GeometryError(f"piers: the {name} springing joint {below}; {remedy}")
 
     def out(y: Any) -> Any:
         return base_width + (width - base_width) * (y - base) / (top - base)
 
     if not -slip <= reach <= min(width, out(outer[1])) + slip:
-        outwards = f"the {name} springing joint reaches {reach:.6g} m outwards"
-        within = "which must be from 0 to the width of the pier there"
         raise GeometryError(
-            f"piers.width = {width:g} m is impossible; {outwards}, {within}"
+            f"piers.width = {width:g} m is impossible; the {name} springing joint "
+            f"reaches {reach:.6g} m outwards, which must be from 0 to the width of "
+            "the pier there"
         )
     if (
         above > 0.0
@@ -158,20 +154,17 @@ def checked_fill(
             )
         backing_unit_weight = unit_weight
     if inertia != 1.0:
-        why = "a voussoir has one mass, and what weighs on it also moves with it"
         raise GeometryError(
-            f"fill.inertia = {inertia} is impossible; it must be 1: {why}"
+            f"fill.inertia = {inertia} is impossible; it must be 1: a voussoir has "
+            "one mass, and what weighs on it also moves with it"
         )
-    found = {
-        "height_over_crown": (height_over_crown, "m over the crown"),
-        "unit_weight": (unit_weight, "N/m3"),
-        "backing_height": (backing_height, "m over the springing"),
-        "backing_unit_weight": (backing_unit_weight, "N/m3"),
+    given = {
+        "height_over_crown": height_over_crown,
+        "unit_weight": unit_weight,
+        "backing_height": backing_height,
+        "backing_unit_weight": backing_unit_weight,
     }
-    numbers = {
-        key: checks.number(f"fill.{key}", *each, most=1e6)
-        for key, each in found.items()
-    }
+    numbers = {key: checks.number(f"fill.{key}", value) for key, value in given.items()}
     return numbers | {"inertia": 1.0}
 
 
@@ -203,9 +196,10 @@ def weight_of_fill(
     level = crown + fill["height_over_crown"]
     backed = springing + fill["backing_height"]
     if backed > level and fill["backing_height"] > 0.0:
-        most = f"it must be at most {level - springing:.6g} m"
-        height = f"fill.backing_height = {fill['backing_height']:g} m"
-        raise GeometryError(f"{height} reaches above the fill; {most}")
+        raise GeometryError(
+            f"fill.backing_height = {fill['backing_height']:g} m reaches above the "
+            f"fill; it must be at most {level - springing:.6g} m"
+        )
     more = fill["backing_unit_weight"] - fill["unit_weight"]
     weight = np.zeros(len(depth))
     place = np.array(ring.backs)
@@ -213,7 +207,8 @@ def weight_of_fill(
         both = fill["unit_weight"] * _column(line, level) + more * _column(line, backed)
         if both[0] > 0.0:
             x = both[1] / both[0]
-            weight[body], place[body] = both[0] * depth[body], (x, height_at(line, x))
+            weight[body] = both[0] * depth[body]
+            place[body] = x, height_at(line, x)
     return weight, place
 
 

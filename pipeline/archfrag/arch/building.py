@@ -1,14 +1,25 @@
-"""From what an arch is given to its chain of bodies: ring, piers, fill, and checks of all."""
+"""From what an arch is given to its chain of bodies: ring, piers, fill, ties, and their checks."""
+
+from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.arch import bridge, checks
 from archfrag.arch import ring as rings
+from archfrag.arch.checks import FloatArray
 from archfrag.errors import GeometryError
+from archfrag.properties import SMALLEST, VARIABLE
+
+if TYPE_CHECKING:
+    from archfrag.arch.shape import Shape
+
+End = tuple[int, float, float]  # of a tie: voussoir, x and y [m]
 
 
 class Given(NamedTuple):
@@ -28,34 +39,30 @@ class Given(NamedTuple):
 
 def fields_of(given: Given) -> dict[str, Any]:
     """Return the attributes of an `Arch`, from what it is built of, which is checked here."""
-    count = len(given.ring.outlines)
-    if given.piers is not None or given.fill is not None:
-        bridge.check_upright(given.ring, given.free_end)
-    load = 0.0 if given.dead_load is None else given.dead_load
-    weight = checks.shared_or_each("dead_load", load, count, "voussoir", "N")
-    density, depth = (
-        checks.shared_or_each(
-            name, value, count, "voussoir", unit, least=checks.SMALLEST
-        )
-        for name, value, unit in (
-            ("density", given.density, "kg/m3"),
-            ("depth", given.depth, "m"),
-        )
-    )
-    more: dict[str, Any] = {}
     ring = given.ring
-    springings = (0, count)
-    joints = count + (not given.free_end)
+    count = len(ring.outlines)
+    if given.piers is not None or given.fill is not None:
+        bridge.check_upright(ring, given.free_end)
+    load = 0.0 if given.dead_load is None else given.dead_load
+    weight = checks.shared_or_each("dead_load", load, count, "voussoir")
+    density = checks.shared_or_each("density", given.density, count, "voussoir")
+    depth = checks.shared_or_each("depth", given.depth, count, "voussoir")
+    more: dict[str, Any] = {}
+    left = 0
     if given.piers is None:
-        friction = checks.shared_or_each(
-            "friction", given.friction, joints, "joint", infinite=checks.ROUGH
-        )
+        friction = _coefficients(given, count)
     else:
         piers = bridge.checked_piers(**given.piers)
         left, right = piers["courses"]
         ring = bridge.on_piers(ring, piers)
-        springings = (left, left + count)
-        friction = _friction_on_piers(given.friction, joints, piers)
+        if np.shape(given.friction) != (count + 1 + left + right,):
+            friction = bridge.extended(_coefficients(given, count), piers, "friction")
+        elif piers["friction"] is None:
+            friction = _coefficients(given, count + left + right)
+        else:
+            raise GeometryError(
+                "piers.friction is given, and friction for each of their joints"
+            )
         weight = np.pad(weight, (left, right))
         density = bridge.extended(density, piers, "density")
         depth = bridge.extended(depth, piers, "depth")
@@ -64,12 +71,15 @@ def fields_of(given: Given) -> dict[str, Any]:
     loads = [(weight, np.array(ring.backs))]
     if given.fill is not None:
         more["fill"] = bridge.checked_fill(**given.fill)
+        springings = (left, left + count)
         loads.append(bridge.weight_of_fill(ring, springings, more["fill"], depth))
     if given.profile != "block":
         # With fill, none would say that nothing lies on the ring.
         more["dead_load"] = plain(given.dead_load if given.fill is None else load)
     matter = {
-        name: plain(getattr(given, name)) for name in ("friction", "density", "depth")
+        name: plain(value)
+        for name, value in given._asdict().items()
+        if name in VARIABLE and name != "dead_load"
     }
     return {
         "chain": rings.chain_of(ring, friction, density * depth, loads),
@@ -83,24 +93,9 @@ def fields_of(given: Given) -> dict[str, Any]:
     }
 
 
-def _friction_on_piers(
-    friction: ArrayLike, joints: int, piers: dict[str, Any]
-) -> NDArray[np.float64]:
-    """Return the friction of all joints: given for each, or for those of the ring."""
-    every = joints + sum(piers["courses"])
-    if np.shape(friction) != (every,):
-        return bridge.extended(_coefficients(friction, joints), piers, "friction")
-    if piers["friction"] is not None:
-        raise GeometryError(
-            "piers.friction is given, and friction for each of their joints"
-        )
-    return _coefficients(friction, every)
-
-
-def _coefficients(friction: ArrayLike, count: int) -> NDArray[np.float64]:
-    return checks.shared_or_each(
-        "friction", friction, count, "joint", infinite=checks.ROUGH
-    )
+def _coefficients(given: Given, bodies: int) -> FloatArray:
+    joints = bodies + (not given.free_end)
+    return checks.shared_or_each("friction", given.friction, joints, "joint")
 
 
 def plain(value: ArrayLike | None) -> Any:
@@ -110,3 +105,89 @@ def plain(value: ArrayLike | None) -> Any:
     numbers = np.asarray(value, dtype=float).astype(object)
     numbers[numbers == math.inf] = "inf"
     return numbers.tolist()
+
+
+def tie_row(
+    arch: Shape,
+    level: float | None,
+    area: float,
+    modulus: float,
+    prestress: float,
+    strength: float,
+    rupture: float,
+    ends: Sequence[End] | None,
+) -> list[float]:
+    """Return the row of ``Chain.tie`` of a tie; arguments are those of `Arch.tied`."""
+    if (level is None) == (ends is None):
+        raise GeometryError("a tie needs either its level or its ends")
+    stiff = checks.number("ties.area", area, closed=False)
+    stiff *= checks.number("ties.modulus", modulus, closed=False)
+    for name, value, unit in (("strength", strength, "N"), ("rupture", rupture, "m")):
+        if not value > 0.0:
+            raise GeometryError(
+                f"{name} = {value} is impossible; it must exceed 0 {unit}"
+            )
+    checks.number("ties.prestress", prestress, most=strength)
+    both = _checked_ends(arch, ends) if level is None else _at_level(arch, float(level))
+    points = np.array([end[1:] for end in both], dtype=float)
+    length = float(np.hypot(*(points[1] - points[0])))
+    if not length > SMALLEST:
+        raise GeometryError(f"the ends of the tie are {length:g} m apart")
+    # In the frame of a body, or of the ground.
+    for (body, *_), point in zip(both, points):
+        if 0 <= body < arch.n_voussoir:
+            point[:] = arch.turn(body) @ (point - arch.centroids[body])
+    rate = stiff / length
+    stretched = prestress / rate
+    if not rupture > stretched:
+        raise GeometryError(
+            f"rupture = {rupture:g} m is impossible; the tie is {stretched:.4g} m longer at rest, "
+            f"by its prestress of {prestress:g} N, and rupture must exceed that (it is an "
+            "elongation in m, not a strain)"
+        )
+    bodies = [float(body + 1) for body, *_ in both]
+    limits = [float(strength), float(rupture)]
+    return [*bodies, *points.ravel().tolist(), rate, length - stretched, *limits]
+
+
+def _at_level(arch: Shape, level: float) -> list[End]:
+    """Return the outermost points of the voussoirs at a height, left and right."""
+    found: list[End] = []
+    for body, outline in enumerate(arch.outlines):
+        for (x, y), (u, v) in zip(
+            outline.tolist(), np.roll(outline, -1, axis=0).tolist()
+        ):
+            if (y - level) * (v - level) <= 0.0 and y != v:
+                found.append((body, x + (level - y) / (v - y) * (u - x), level))
+    outermost = [end(found, key=itemgetter(1)) for end in (min, max) if found]
+    if len({body for body, *_ in outermost}) < 2:
+        height = np.concatenate(arch.outlines)[:, 1]
+        raise GeometryError(
+            f"level = {level:g} m is impossible for a tie; there must be a voussoir "
+            f"at either end, and the arch lies between {height.min():.4g} and "
+            f"{height.max():.4g} m"
+        )
+    return outermost
+
+
+def _checked_ends(arch: Shape, ends: Sequence[End] | None) -> list[End]:
+    """Return the ends of a tie as they are given, checked."""
+    both = [(int(body), float(x), float(y)) for body, x, y in ends or ()]
+    bodies = {body for body, *_ in both}
+    last = arch.n_voussoir - 1 + (not arch.free_end)
+    on_arch = bodies & {*range(arch.n_voussoir)}
+    if (
+        len(both) != 2
+        or len(bodies) != 2
+        or not on_arch
+        or bodies - {*range(-1, last + 1)}
+    ):
+        raise GeometryError(
+            f"ends = {ends} is impossible for a tie; it must be two of (voussoir, x, y) with "
+            f"different voussoirs from -1 (the left springing) to {last}, not both springings"
+        )
+    if not np.isfinite([end[1:] for end in both]).all():
+        raise GeometryError(
+            f"ends = {ends} is impossible for a tie; places must be finite"
+        )
+    return both

@@ -9,15 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import GeometryError
+from archfrag.properties import LARGEST, MOST_VOUSSOIRS, PROPERTIES
 
 FloatArray = NDArray[np.float64]
-# Lengths [m] between which nothing overflows; beyond them units were mistaken.
-SMALLEST = 1e-6
-LARGEST = 1e6
-MOST = {"m": LARGEST, "Pa/m": 1e15}  # by unit
-ROUGH = "the limit of large friction"
-# Of an arch: beyond it even the onset takes longer than a check of a study should.
-MOST_VOUSSOIRS = 2000
 
 
 def _floats(
@@ -38,46 +32,44 @@ def _floats(
         wrong = f"{name} = {reprlib.repr(value)}"
     elif not shape_fits(array.shape):
         wrong = f"{name} of shape {array.shape}"
-    elif not (good := np.asarray(fits(array))).all():
-        place = np.argwhere(~good)[0].tolist()
-        wrong = f"{name}{place or ''} = {array[tuple(place)]}"
     else:
-        return array.astype(np.float64)
+        bad = np.argwhere(~np.asarray(fits(array)))
+        if not len(bad):
+            return array.astype(np.float64)
+        place = bad[0].tolist()
+        wrong = f"{name}{place or ''} = {array[tuple(place)]}"
     raise GeometryError(f"{wrong} is impossible; it must be {allowed}")
 
 
 def number(
-    name: str,
+    key: str,
     value: Any,
-    unit: str = "m",
     *,
     least: float = 0.0,
     most: float = math.inf,
     closed: bool = True,
     meaning: str = "",
 ) -> float:
-    """Return one number between bounds, which are allowed if `closed`; lengths have bounds
-    anyway.
-    """
-    if unit == "m":
-        least = max(least, SMALLEST)
-        most = min(most, LARGEST)
+    """Return one number between its bounds, or narrower ones, which are allowed if `closed`."""
+    about = PROPERTIES[key]
+    ends = max(least, about.least), min(most, about.most)
     words = ("at least", "at most") if closed else ("greater than", "less than")
     limits = [
-        f"{word} {bound:.9g} {unit}".rstrip()
-        for word, bound in zip(words, (least, most))
+        f"{word} {bound:.9g} {about.unit}".rstrip() for word, bound in zip(words, ends)
     ]
     allowed = f"a number {' and '.join(limits)}" + (f" ({meaning})" if meaning else "")
-    ends = (least, most) if closed else ()
-    return float(_floats(name, value, allowed, lambda x: least < x < most or x in ends))
+
+    def fits(x: Any) -> bool:
+        return ends[0] < x < ends[1] or (closed and x in ends)
+
+    return float(_floats(key, value, allowed, fits))
 
 
 def count(name: str, value: Any) -> int:
     """Number of voussoirs of an arch: an integer from 2 to `MOST_VOUSSOIRS`."""
     allowed = f"an integer from 2 to {MOST_VOUSSOIRS} (a single body is a Block)"
-    return int(
-        _floats(name, value, allowed, lambda x: x in range(2, MOST_VOUSSOIRS + 1))
-    )
+    numbers = range(2, MOST_VOUSSOIRS + 1)
+    return int(_floats(name, value, allowed, numbers.__contains__))
 
 
 def flag(name: str, value: object) -> bool:
@@ -89,39 +81,20 @@ def flag(name: str, value: object) -> bool:
     return bool(value)
 
 
-def shared_or_each(
-    name: str,
-    value: Any,
-    size: int,
-    each: str,
-    unit: str = "",
-    *,
-    infinite: str = "",
-    least: float = 0.0,
-) -> FloatArray:
-    """Return one number for all, or one for each; none below `least`, and all within the bounds
-    of their unit. `infinite` is what inf stands for; it is not allowed if that is empty.
-    """
-    most = MOST.get(unit, math.inf)
-    allowed = f"one number or one for each of the {size} {each}s, all at least {least:g} {unit}"
-    end = (
-        f" and at most {most:g} {unit}"
-        if unit in MOST
-        else ""
-        if infinite
-        else " and finite"
-    )
-    end += f" (inf: {infinite})" if infinite else ""
-    array = _floats(
-        name,
-        value,
-        allowed.rstrip() + end,
-        lambda x: (
-            (x >= least)
-            & ((x <= most) & np.isfinite(x) | (x == math.inf) & bool(infinite))
-        ),
-        lambda shape: shape in ((), (size,)),
-    )
+def shared_or_each(key: str, value: Any, size: int, each: str) -> FloatArray:
+    """Return one number for all, or one for each, all within the bounds of their key."""
+    about = PROPERTIES[key]
+    least = f"one number or one for each of the {size} {each}s, all at least {about.least:g}"
+    most = f"at most {about.most:g} {about.unit}".rstrip()
+    most = most if math.isfinite(about.most) else "finite"
+    most += f" (inf: {about.infinite})" if about.infinite else ""
+
+    def fits(x: FloatArray) -> Any:
+        within = (x >= about.least) & (x <= about.most) & np.isfinite(x)
+        return within | (x == math.inf) & bool(about.infinite)
+
+    allowed = f"{f'{least} {about.unit}'.rstrip()} and {most}"
+    array = _floats(key, value, allowed, fits, lambda shape: shape in ((), (size,)))
     return np.broadcast_to(array, size).copy()
 
 
@@ -133,8 +106,10 @@ def joint_positions(
         # Integer numerators make mirrored joints equal to the last bit.
         index = np.arange(voussoirs + 1, dtype=np.float64)
         return end * ((2.0 * index - voussoirs) / (2.0 * voussoirs))
-    ends = f"from 0 at the left springing to {end:.9g} {unit} at the right one"
-    allowed = f"one of {voussoirs + 1} numbers that increase {ends}"
+    allowed = (
+        f"one of {voussoirs + 1} numbers that increase from 0 at the left springing "
+        f"to {end:.9g} {unit} at the right one"
+    )
 
     def fits(x: FloatArray) -> NDArray[np.bool_]:
         good = np.append(True, x[1:] > x[:-1])
@@ -142,7 +117,11 @@ def joint_positions(
         return good
 
     array = _floats(
-        "joints", value, allowed, fits, lambda shape: shape == (voussoirs + 1,)
+        "joint_positions",
+        value,
+        allowed,
+        fits,
+        lambda shape: shape == (voussoirs + 1,),
     )
     position = array - 0.5 * end
     position[0] = -0.5 * end

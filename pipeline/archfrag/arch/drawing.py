@@ -127,7 +127,11 @@ def read_drawing(
         and (part.kind != "HATCH" or not _fills(part.entity, whole))
     ]
     cautions = list[str]()
-    frozen = _frozen_in_viewports(document) & layers.keys()
+    viewports = document.query("VIEWPORT")
+    hidden_layers = {
+        name.casefold() for each in viewports for name in each.frozen_layers
+    }
+    frozen = hidden_layers & layers.keys()
     if left:
         used = {id(part.reference) for part in parts if part.layer.casefold() in layers}
         what = f"{_counted(left, used)} {'are' if len(left) > 1 else 'is'} not part of the arch"
@@ -141,14 +145,6 @@ def read_drawing(
         cautions.append(f"its header states {stated}, {unit} was given and counts")
     found.caution = f"{Path(path).name}: {'; '.join(cautions)}" if cautions else ""
     return found
-
-
-def _frozen_in_viewports(document: Any) -> set[str]:
-    """Return the layers that viewports of layouts hide, though model space shows them."""
-    viewports = document.query("VIEWPORT")
-    return {
-        name.casefold() for viewport in viewports for name in viewport.frozen_layers
-    }
 
 
 def _refuse_covered(
@@ -170,9 +166,9 @@ def _refuse_covered(
         for place, shape in blocks.items():
             common = shapely.intersection(shape.buffer(0.0), area).area
             if rank(cover) > rank(place) and common > MOST_COVERED * shape.area:
-                hides = f"{parts[place].name} is hidden by {parts[cover].name}"
                 raise GeometryError(
-                    f"{path}: {hides}; delete one of them, or draw it on another layer"
+                    f"{path}: {parts[place].name} is hidden by {parts[cover].name}; "
+                    "delete one of them, or draw it on another layer"
                 )
 
 
@@ -255,11 +251,12 @@ def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
     off = {name for name, layer in layers.items() if layer.is_off()}
     parts = list[_Part]()
     hidden = Counter[str]()
-    inside = [0]
+    inside = 0
 
     def look(
         entity: Any, layer: str, reference: Any, depth: int, fault: str = ""
     ) -> None:
+        nonlocal inside
         kind = entity.dxftype()
         name = layer.casefold()
         stored = entity.graphic_properties() if hasattr(entity, "xtags") else entity.dxf
@@ -279,12 +276,12 @@ def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
                 )
             parts.append(_Part(entity, layer, told, reference, fault))
             return
-        inside[0] += entity.mcount * len(block)
-        if inside[0] > MOST_ENTITIES or depth > DEEPEST:
-            most = f"{MOST_ENTITIES} entities, or blocks more than {DEEPEST} deep"
-            remedy = "save a drawing that has only the arch"
+        inside += entity.mcount * len(block)
+        if inside > MOST_ENTITIES or depth > DEEPEST:
             raise GeometryError(
-                f"{path}: its blocks (INSERT) hold more than {most}; {remedy}"
+                f"{path}: its blocks (INSERT) hold more than {MOST_ENTITIES} "
+                f"entities, or blocks more than {DEEPEST} deep; save a drawing that "
+                "has only the arch"
             )
         outer = entity if reference is None else reference
         fault = fault or _fault(entity)
@@ -319,7 +316,8 @@ def _chosen(
     names = names or list(closed) * (len(closed) == 1)
     listed = ", ".join(f"{name} ({count})" for name, count in sorted(closed.items()))
     others = f"; layers with polylines: {listed}" if closed else ""
-    if hiding := [name for name, count in sorted(hidden.items()) if count]:
+    hiding = [name for name, count in sorted(hidden.items()) if count]
+    if hiding:
         others += f"; frozen or off, and not read: {', '.join(hiding)}"
     for name in names:
         if name.casefold() in map(str.casefold, hiding):
@@ -331,9 +329,9 @@ def _chosen(
         raise GeometryError(f"{path}: layer {lost} has nothing that is seen{others}")
     layers = {name.casefold(): shown[name.casefold()] for name in names}
     if not names and closed:
-        remedy = "give the layer of the blocks, or the layers: [A, B]"
         raise GeometryError(
-            f"{path}: several layers have polylines: {listed}; {remedy}"
+            f"{path}: several layers have polylines: {listed}; give the layer of the "
+            "blocks, or the layers: [A, B]"
         )
     if not set(closed) & set(layers.values()):
         there = [

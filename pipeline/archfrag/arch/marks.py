@@ -11,7 +11,6 @@ import numpy as np
 from archfrag.arch.bridge import fill_weighs
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.shape import Shape
-from archfrag.arch.tie_rods import tie_lines
 
 GROUND = -1
 AREAS = ("earth", "backing", "stone")  # roles of closed outlines
@@ -52,11 +51,9 @@ class Mark(NamedTuple):
 
 def arch_marks(arch: Shape) -> list[Mark]:
     """Return the fill, the voussoirs, the ties and the ground of an arch at rest."""
-    roles = zip(AREAS, _fill_outlines(arch))
-    marks = [Mark(role, outline) for role, outline in roles]
+    marks = list(map(Mark, AREAS, _fill_outlines(arch)))
     marks += [Mark("stone", o, [body]) for body, o in enumerate(arch.outlines)]
-    ties = zip(tie_lines(arch), arch.tie_bodies.tolist())
-    marks += [Mark("tie", line, bodies) for line, bodies in ties]
+    marks += [Mark(*rod) for rod in arch.rods]
     size = np.ptp(np.concatenate([mark.points for mark in marks]), axis=0).max()
     for joint in (0,) if arch.free_end else (0, arch.n_joint - 1):
         inner = arch.intrados[joint]
@@ -70,13 +67,9 @@ def mechanism_marks(
     arch: Shape, hinges: Sequence[tuple[int, str]], sliding: Sequence[int]
 ) -> list[Mark]:
     """Return the faces of sliding joints, and the points of hinges by joint and side."""
-    faces = [
-        np.array([arch.intrados[joint], arch.extrados[joint]]) for joint in sliding
-    ]
-    corners = [getattr(arch, side)[[joint]] for joint, side in hinges]
-    return [Mark("sliding", face) for face in faces] + [
-        Mark("hinge", p) for p in corners
-    ]
+    faces = np.stack([arch.intrados, arch.extrados], axis=1)
+    marks = [Mark("sliding", faces[joint]) for joint in sliding]
+    return marks + [Mark("hinge", getattr(arch, side)[[j]]) for j, side in hinges]
 
 
 def frame(
@@ -94,10 +87,9 @@ def frame(
     low = rest.min(axis=0)
     high = rest.max(axis=0)
     size = float((high - low).max())
-    first = np.maximum(np.minimum(low, seen.min(axis=0)), low - size) - margin * size
-    return first, np.minimum(
-        np.maximum(high, seen.max(axis=0)), high + size
-    ) + margin * size
+    first = np.maximum(np.minimum(low, seen.min(axis=0)), low - size)
+    last = np.minimum(np.maximum(high, seen.max(axis=0)), high + size)
+    return first - margin * size, last + margin * size
 
 
 def _fill_outlines(arch: Shape) -> list[FloatArray]:
@@ -105,7 +97,8 @@ def _fill_outlines(arch: Shape) -> list[FloatArray]:
 
     They run along chords of the extrados, on which the voussoirs are drawn.
     """
-    fill, (first, last) = arch.parameters.get("fill"), arch.springings
+    first, last = arch.springings
+    fill = arch.parameters.get("fill")
     if not fill or not fill_weighs(fill):
         return []
     back = arch.extrados[first : last + 1]
@@ -123,9 +116,8 @@ def _fill_outlines(arch: Shape) -> list[FloatArray]:
         + fill["height_over_crown"]
     )
     middle = 0.5 * (arch.intrados + arch.extrados)[[first, last], 1].min()
-    levels = [level] + [middle + fill["backing_height"]] * (
-        fill.get("backing_height", 0.0) > 0.0
-    )
+    backed = fill["backing_height"] > 0.0
+    levels = [level, middle + fill["backing_height"]][: 1 + backed]
     outlines = []
     for top in np.minimum(levels, level):
         line = np.column_stack([below[:, 0], np.minimum(below[:, 1], top)])

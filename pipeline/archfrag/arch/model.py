@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.arch import checks, facts
 from archfrag.arch import ring as rings
-from archfrag.arch.building import Given, fields_of, plain
+from archfrag.arch.building import Given, fields_of, plain, tie_row
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.drawing import read_drawing
 from archfrag.arch.marks import Mark, arch_marks, frame
 from archfrag.arch.polygons import Blocks, polygon_shape
 from archfrag.arch.quasi_static import follow_tie
 from archfrag.arch.shape import Shape
-from archfrag.arch.tie_rods import tie_lines, tie_row
 from archfrag.errors import GeometryError
 from archfrag.files import counted
-from archfrag.usual import unusual
+from archfrag.properties import LATER, SMALLEST, unusual
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +58,7 @@ class Arch(Shape):
         joint slides only where it has no normal force, as with a coefficient of 1e6.
     density, depth : float or (voussoirs,) array_like
         Of the masonry [kg/m3], 2000 if not given; across its plane [m], 1 if not given.
-    joints : (voussoirs + 1,) array_like, optional
+    joint_positions : (voussoirs + 1,) array_like, optional
         Positions of the joints from 0 at the left springing: up to `embrace` [degrees] for
         `circular`, up to 1, as fractions of the centre line, for the others. Equal if not given.
     dead_load : float or (voussoirs,) array_like, optional
@@ -79,16 +79,11 @@ class Arch(Shape):
     """
 
     @property
-    def tie_lines(self) -> NDArray[np.float64]:
-        """Ends of the ties at rest, (n_tie, 2, 2) [m]."""
-        return tie_lines(self)
-
-    @property
     def marks(self) -> list[Mark]:
         """What a drawing shows of the arch at rest: fill, voussoirs, ties and ground."""
         return arch_marks(self)
 
-    def _frame(self, *motion: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _frame(self, *motion: Any) -> tuple[FloatArray, FloatArray]:
         return frame(self, *motion)
 
     def corner_name(self, corner: int) -> str:
@@ -98,10 +93,8 @@ class Arch(Shape):
         return ("intrados", "extrados")[corner != self.flipped]
 
     def __repr__(self) -> str:
-        given, (width, height) = (
-            self.parameters,
-            np.ptp(np.concatenate(self.outlines), axis=0),
-        )
+        given = self.parameters
+        width, height = np.ptp(np.concatenate(self.outlines), axis=0)
         facts = [f"{key} {given[key]:g} m" for key in _SHOWN if key in given]
         facts = facts or [f"{width:.3g} m wide", f"{height:.3g} m high"]
         weight = self.chain.mass.sum() * self.chain.gravity / 1e3
@@ -133,7 +126,7 @@ class Arch(Shape):
         friction: ArrayLike,
         *,
         sector: bool = True,
-        joints: ArrayLike | None = None,
+        joint_positions: ArrayLike | None = None,
         **material: Any,
     ) -> Arch:
         """Build a circular arch, symmetric about the vertical through its centre, the origin.
@@ -146,7 +139,7 @@ class Arch(Shape):
             Angle between the springings [degrees], less than 360.
         sector : bool
             Exact annular sectors; False: straight-sided, with the same joints.
-        thickness, voussoirs, friction, joints, **material
+        thickness, voussoirs, friction, joint_positions, **material
             See `Arch`; `thickness` is less than twice the radius.
 
         Examples
@@ -158,11 +151,11 @@ class Arch(Shape):
         """
         radius = checks.number("radius", radius)
         thickness = checks.number("thickness", thickness)
-        embrace = checks.number("embrace", embrace, "degrees", most=360.0, closed=False)
+        embrace = checks.number("embrace", embrace, closed=False)
         voussoirs = checks.count("voussoirs", voussoirs)
         sector = checks.flag("sector", sector)
         angle = np.radians(
-            checks.joint_positions(joints, voussoirs, embrace, "degrees")
+            checks.joint_positions(joint_positions, voussoirs, embrace, "degrees")
         )
         ring = rings.circular_ring(np.zeros(2), radius, thickness, angle, sector)
         shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
@@ -170,7 +163,7 @@ class Arch(Shape):
             **shape,
             "voussoirs": voussoirs,
             "sector": sector,
-            "joints": plain(joints),
+            "joint_positions": plain(joint_positions),
         }
         return cls._built_of("circular", given, ring, friction, **material)
 
@@ -270,7 +263,7 @@ class Arch(Shape):
         voussoirs: int,
         friction: ArrayLike,
         *,
-        joints: ArrayLike | None = None,
+        joint_positions: ArrayLike | None = None,
         sector: bool | None = None,
         **material: Any,
     ) -> Arch:
@@ -284,7 +277,7 @@ class Arch(Shape):
         thickness = checks.number("thickness", thickness)
         voussoirs = checks.count("voussoirs", voussoirs)
         position = checks.joint_positions(
-            joints, voussoirs, 1.0, "(the centre line's length)"
+            joint_positions, voussoirs, 1.0, "(the centre line's length)"
         )
         own = {} if sector is None else {"sector": sector}
         ring = ring_of(span, rise, thickness, position, **own)
@@ -294,7 +287,7 @@ class Arch(Shape):
             "thickness": thickness,
             "voussoirs": voussoirs,
         }
-        shape |= own | {"joints": plain(joints)}
+        shape |= own | {"joint_positions": plain(joint_positions)}
         return cls._built_of(profile, shape, ring, friction, **material)
 
     @classmethod
@@ -338,8 +331,10 @@ class Arch(Shape):
         inner = checks.points("intrados", intrados, least, why)
         outer = checks.points("extrados", extrados, least, why)
         if inner.shape != outer.shape:
-            counts = f"intrados has {len(inner)} points and extrados {len(outer)}"
-            raise GeometryError(f"{counts}; they must be equal")
+            raise GeometryError(
+                f"intrados has {len(inner)} points and extrados {len(outer)}; they "
+                "must be equal"
+            )
         shape = {
             "intrados": inner.tolist(),
             "extrados": outer.tolist(),
@@ -389,7 +384,9 @@ class Arch(Shape):
         (2, 0.2)
         """
         drawn = Blocks.from_points(outlines, ground)
-        return cls._of_blocks(drawn, tolerance, thickness_factor, friction, material)
+        return cls._of_blocks(
+            drawn, thickness_factor, tolerance, friction=friction, **material
+        )
 
     @classmethod
     def from_dxf(
@@ -425,7 +422,9 @@ class Arch(Shape):
         drawn = read_drawing(path, layer, unit)
         if drawn.caution:
             warnings.warn(drawn.caution, UserWarning, stacklevel=2)
-        return cls._of_blocks(drawn, tolerance, thickness_factor, friction, material)
+        return cls._of_blocks(
+            drawn, thickness_factor, tolerance, friction=friction, **material
+        )
 
     def tied(
         self,
@@ -515,38 +514,42 @@ class Arch(Shape):
         """
         if self.chain.start is not None:
             raise GeometryError("a springing has moved already; recessed comes before")
-        if self.joint_keys:
+        if self.joints:
             raise GeometryError(
                 "the arch has joints that give already; recessed comes before"
             )
         n_joint = self.n_joint
-        depths = []
-        for name, value in (("intrados", intrados), ("extrados", extrados)):
-            depths.append(
-                checks.shared_or_each(f"recess.{name}", value, n_joint, "joint", "m")
-            )
+        depths = [
+            checks.shared_or_each(f"recess.{name}", value, n_joint, "joint")
+            for name, value in (("intrados", intrados), ("extrados", extrados))
+        ]
         face = self.extrados[:n_joint] - self.intrados[:n_joint]
         length = np.hypot(*face.T)
         left = length - depths[0] - depths[1]
-        if not np.all(left > checks.SMALLEST):
+        if not np.all(left > SMALLEST):
             joint = int(np.argmin(left))
-            rest = f"leaves {left[joint]:.6g} m of its {length[joint]:.6g} m"
-            most = f"it must leave more than {checks.SMALLEST:g} m"
-            raise GeometryError(f"recess of joint {joint} {rest}; {most}")
+            raise GeometryError(
+                f"recess of joint {joint} leaves {left[joint]:.6g} m of its "
+                f"{length[joint]:.6g} m; it must leave more than {SMALLEST:g} m"
+            )
         along = face / length[:, None]
-        moved = depths[0][:, None] * along, -depths[1][:, None] * along
-        ends = {"intrados": self.intrados.copy(), "extrados": self.extrados.copy()}
-        for line, step in zip(ends.values(), moved):
-            line[:n_joint] += step
-        corner = np.stack(moved[::-1] if self.flipped else moved, axis=1)
-        before = self.chain.face_before + corner
-        after = self.chain.face_after + corner
-        chain = self.chain._replace(face_before=before, face_after=after)
+        lost = np.stack([depths[0][:, None] * along, -depths[1][:, None] * along])
+        lines = np.stack([self.intrados, self.extrados])
+        lines[:, :n_joint] += lost
+        corner = np.stack([*(lost[::-1] if self.flipped else lost)], axis=1)
+        chain = self.chain._replace(
+            face_before=self.chain.face_before + corner,
+            face_after=self.chain.face_after + corner,
+        )
         recess = {"intrados": plain(intrados), "extrados": plain(extrados)}
         for side, lost in self.parameters.get("recess", {}).items():
             recess[side] = plain(np.add(lost, recess[side]))
-        given = {**self.parameters, "recess": recess}
-        return self.changed(**ends, chain=chain, parameters=given)
+        return self.changed(
+            intrados=lines[0],
+            extrados=lines[1],
+            chain=chain,
+            parameters={**self.parameters, "recess": recess},
+        )
 
     def on_piers(self, height: ArrayLike, width: ArrayLike, **more: Any) -> Arch:
         """Return the arch on two piers or buttresses, which are further bodies of its chain.
@@ -610,9 +613,8 @@ class Arch(Shape):
         return self._with(fill={**given, **more})
 
     def _with(self, **more: dict[str, Any]) -> Arch:
-        later = {"recess", "strength", "springings", "ties"} & set(self.parameters)
-        if later := later | ({"joints"} if self.joint_keys else set()):
-            names = ", ".join(sorted(later))
+        names = ", ".join(sorted(set(LATER) & set(self.parameters)))
+        if names:
             raise GeometryError(
                 f"the arch has {names} already; on_piers and filled come before"
             )
@@ -628,23 +630,17 @@ class Arch(Shape):
 
     @classmethod
     def _of_blocks(
-        cls,
-        drawn: Blocks,
-        tolerance: float | None,
-        factor: float,
-        friction: ArrayLike,
-        material: dict[str, Any],
+        cls, drawn: Blocks, factor: float, tolerance: float | None, **material: Any
     ) -> Arch:
         """Return the arch of polygons, see `from_polygons`, after warnings of unusual values."""
         shape, ring, free = polygon_shape(drawn, tolerance, factor)
-        given = Given("polygons", shape, ring, friction, free, **material)
-        return cls(**fields_of(given))._warned(
-            texts=unusual("thickness_factor", factor)
-        )
+        arch = cls._built_of("polygons", shape, ring, free_end=free, **material)
+        facts.warn_of_units(unusual("thickness_factor", factor))
+        return arch
 
-    def _warned(self, *keys: str, texts: Iterable[str] = ()) -> Self:
+    def _warned(self, *keys: str) -> Self:
         """Return the arch after warnings of values that are probably in another unit."""
-        facts.warn_of_units(self, *keys, texts=texts)
+        facts.warn_of_units(facts.unit_cautions(self, *keys))
         return self
 
 

@@ -19,6 +19,7 @@ from archfrag.arch.geometry import (
 )
 from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
+from archfrag.properties import MOST_VOUSSOIRS
 
 TOLERANCE = 1e-5  # of the size of all, within which corners and edges are the same
 _SHORTEST = 10.0  # joint, in tolerances
@@ -79,7 +80,7 @@ def polygon_shape(
     drawn: Blocks, tolerance: float | None, thickness_factor: float
 ) -> tuple[dict[str, Any], Ring, bool]:
     """Return the outlines and ground for `Arch.parameters`, ring, and whether an end is free."""
-    factor = checks.number("thickness_factor", thickness_factor, "", closed=False)
+    factor = checks.number("thickness_factor", thickness_factor, closed=False)
     ring, placed = polygon_ring(drawn, tolerance)
     if factor != 1.0:
         lines = [
@@ -116,10 +117,10 @@ def _stretched(
             *(ends[:, None] - outline[None, :, :2]).transpose(2, 0, 1)
         ).min(axis=1)
         if apart.max() > tolerance:
-            wide = f"voussoir {i} is wider than one of its joints"
-            whole = "every joint must reach across both of its voussoirs"
             raise GeometryError(
-                f"thickness_factor = {factor:g} is impossible: {wide}; {whole}"
+                f"thickness_factor = {factor:g} is impossible: voussoir {i} is wider "
+                "than one of its joints; every joint must reach across both of its "
+                "voussoirs"
             )
         along, places, total = _places_along(outline, ends)
         for axis, move in enumerate(np.concatenate(moves[i : i + 2]).T):
@@ -137,12 +138,14 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     `tolerance` [m] is `TOLERANCE` of the size if not given. `GeometryError` names the block that
     is no simple polygon, overlaps, or does not fit into one chain.
     """
-    if not 0 < len(drawn.outlines) <= checks.MOST_VOUSSOIRS:
-        most = f"there must be 1 to {checks.MOST_VOUSSOIRS}"
-        raise GeometryError(f"outlines are {len(drawn.outlines)}; {most}")
+    if not 0 < len(drawn.outlines) <= MOST_VOUSSOIRS:
+        raise GeometryError(
+            f"outlines are {len(drawn.outlines)}; there must be 1 to {MOST_VOUSSOIRS}"
+        )
     size = float(np.hypot(*np.ptp(np.concatenate(drawn.outlines)[:, :2], axis=0)))
-    if tolerance is not None:
-        tolerance = checks.number("tolerance", tolerance)
+    tolerance = (
+        TOLERANCE * size if tolerance is None else checks.number("tolerance", tolerance)
+    )
     outlines = []
     for outline in drawn.outlines:
         points = sampled(outline)
@@ -150,7 +153,6 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
             outline = outline[::-1].copy()
             outline[:, 2] = -np.roll(outline[:, 2], -1)
         outlines.append(outline)
-    tolerance = TOLERANCE * size if tolerance is None else tolerance
     given = replace(drawn, outlines=outlines, tolerance=tolerance, standing={})
     _check_simple(given)
     _find_joints(given)
@@ -171,13 +173,12 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
         ends.append(edges[int(np.argmax(away))])
     else:
         ends.append(given.standing[last])
-    intrados, extrados = (np.array([end[k] for end in ends]) for k in (0, 1))
-    for place, block in enumerate(order[: len(order) - free]):
-        for side in (intrados, extrados):
-            if np.hypot(*(side[place + 1] - side[place])) <= given.tolerance:
-                given.refuse(
-                    block, f"has two joints that meet at {place_text(side[place])}"
-                )
+    for block, joints in zip(order[: len(order) - free], pairwise(ends)):
+        for start, end in zip(*joints):
+            if np.hypot(*(end - start)) <= tolerance:
+                meet = f"has two joints that meet at {place_text(start)}"
+                given.refuse(block, meet)
+    intrados, extrados = np.stack(ends, axis=1)
     placed = [outlines[block] for block in order]
     surfaces = [
         _back(placed[i], *ends, tolerance) for i, ends in enumerate(pairwise(extrados))
@@ -187,7 +188,7 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     ring = Ring(
         intrados, extrados, 1, sections, list(map(sampled, placed)), backs, surfaces
     )
-    ground = list(np.stack([intrados, extrados], axis=1)[[0] if free else [0, -1]])
+    ground = ends[:1] if free else [ends[0], ends[-1]]
     return ring, replace(given, outlines=placed, ground=ground)
 
 
@@ -355,11 +356,10 @@ def _walk(given: Blocks) -> list[int]:
                 block, "stands on the ground between two joints; only ends may"
             )
     order = [ends[0]]
-    while ahead := [
-        other for other in given.joints[order[-1]] if other not in order[-2:]
-    ]:
+    while ahead := [other for other in given.joints[order[-1]] if other not in order]:
         order.append(ahead[0])
-    if apart := set(range(len(names))) - set(order):
+    apart = set(range(len(names))) - set(order)
+    if apart:
         shapes = [shapely.Polygon(sampled(outline)) for outline in given.outlines]
         gap, one, near = min(
             (shapes[a].distance(shapes[b]), a, b) for a in order for b in apart
@@ -372,10 +372,8 @@ def _walk(given: Blocks) -> list[int]:
             given.refuse(0, "is the only block; a LINE must show the edge it stands on")
         for end, near in ((order[0], order[1]), (order[-1], order[-2])):
             given.standing[end] = _opposite(given, end, given.joints[end][near])
-    left_first = sorted(
-        given.standing, key=lambda block: (*given.standing[block].mean(axis=0),)
-    )
-    return order if order[0] == left_first[0] else order[::-1]
+    left = min(given.standing, key=lambda block: (*given.standing[block].mean(axis=0),))
+    return order if order[0] == left else order[::-1]
 
 
 def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:
@@ -387,8 +385,10 @@ def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:
     first = int(np.searchsorted(along, middle, "right")) + 1
     side = outline[[first % len(outline), (first + 1) % len(outline)]]
     if len(outline) != 4 or side[0, 2] != 0.0:
-        four = "they must be four, that opposite to its joint straight"
-        line = f"without a LINE that shows the edge it stands on {four}"
+        line = (
+            "without a LINE that shows the edge it stands on they must be four, that "
+            "opposite to its joint straight"
+        )
         given.refuse(
             block, f"is an end of the chain and has {len(outline)} sides; {line}"
         )

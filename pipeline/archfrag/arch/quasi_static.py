@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Generic, TypeVar
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from archfrag.arch.marks import Mark
 from archfrag.arch.shape import Shape
-from archfrag.arch.tie_rods import tie_name
 from archfrag.errors import StabilityError
 from archfrag.physics.contact.path import new_path
 from archfrag.physics.contact.ties import tie_stretch
@@ -38,17 +39,16 @@ FOLLOWING = 2000
 SOFT = 1e6
 
 
-Kind = TypeVar("Kind", bound=Shape)
-
-
-class SlowArch(Generic[Kind]):
+class SlowArch:
     """An arch without velocity: in each step it goes where forces in balance let it go."""
 
-    def __init__(self, arch: Kind) -> None:
+    def __init__(self, arch: Shape) -> None:
         self._built = arch
         self.model = new_model(arch.chain)
-        self._state, self._work = new_state(self.model), new_work(self.model)
+        self._state = new_state(self.model)
+        self._work = new_work(self.model)
         self._path = new_path(self.model)
+        self._before = self.model.corner.copy(), self.model.tie.copy()
         begin(self.model, self._state, self._work, 0, 0.0)
         self.length = float(self.model.length.min())
         self._time = min(
@@ -68,6 +68,31 @@ class SlowArch(Generic[Kind]):
         solved, moved, lost = creep(*known, self._time, LOST_GAP)
         return solved and not lost, moved
 
+    def place(self, right: bool, move: NDArray, turn: float) -> None:
+        """Place a springing that has moved [m] and rotated about its joint's middle [rad] in all.
+
+        With its joint face go the ends of ties in it.
+        """
+        model = self.model
+        corners, ties = self._before
+        ground = -1 if right else 0
+        face = corners[ground, ground]
+        middle = face.mean(axis=0)
+        cosine = math.cos(turn)
+        sine = math.sin(turn)
+        rotation = np.array([[cosine, sine], [-sine, cosine]])
+        moved = middle + move + (face - middle) @ rotation
+        model.corner[ground, ground] = moved
+        along = moved[1] - moved[0]
+        model.tangent[ground, ground] = along / np.hypot(*along)
+        row = len(model.mass) - 1 if right else 0
+        for end in range(2):
+            held = ties[:, Tie.BODY_0 + end] == row
+            columns = slice(Tie.X_0 + 2 * end, Tie.X_0 + 2 * end + 2)
+            model.tie[held, columns] = (
+                middle + move + (ties[held, columns] - middle) @ rotation
+            )
+
     def settle(self, least: float, most: int = SETTLING) -> bool:
         """Let the bodies come to rest; False if they fall, or go on after `most` steps.
 
@@ -81,45 +106,37 @@ class SlowArch(Generic[Kind]):
                 return min(self.rest_range()) >= -HOLDS
         return False
 
-    def arch(self) -> Kind:
+    def arch(self) -> Any:
         """Return the arch at rest where the bodies are."""
         arch = self._built
         model = self.model
         start = self._state.position[1:-1].copy()
-        face_before = arch.chain.face_before.copy()
-        face_after = arch.chain.face_after.copy()
-        face_before[0] = model.corner[0, 0]
+        before = arch.chain.face_before.copy()
+        after = arch.chain.face_after.copy()
+        before[0] = model.corner[0, 0]
         if not arch.free_end:
-            face_after[-1] = model.corner[-1, 1]
-        chain = arch.chain._replace(
-            start=start, face_before=face_before, face_after=face_after
-        )
+            after[-1] = model.corner[-1, 1]
+        chain = arch.chain._replace(start=start, face_before=before, face_after=after)
         if len(model.tie):
             tie = model.tie.copy()
             tie[:, Tie.LENGTH] += self._state.tie[:, TieState.SET]
             chain = chain._replace(tie=tie)
         angle = start[:, 2].copy()
-        centroid = arch.centroids
         if arch.chain.start is not None:  # its outlines have rotated so far already
             angle -= arch.chain.start[:, 2]
-        cosine = np.cos(angle)
-        sine = np.sin(angle)
 
-        def placed(body: int, points: NDArray) -> NDArray:
-            """Return the points that moved with a body; those of the ground stay."""
-            x, y = (points - centroid[body]).T
-            c = cosine[body]
-            s = sine[body]
-            return start[body, :2] + np.column_stack([c * x - s * y, s * x + c * y])
+        def placed(points: NDArray, bodies: Sequence[int]) -> NDArray:
+            moved = Mark("stone", points, bodies).moved
+            return moved(arch.centroids, start[None, :, :2], angle[None])[0]
 
-        outlines = tuple(placed(body, each) for body, each in enumerate(arch.outlines))
-        bodies = np.arange(len(arch.intrados)).clip(max=arch.n_voussoir - 1)
-        inner, outer = (
-            np.concatenate([placed(body, end[None]) for body, end in zip(bodies, ends)])
-            for ends in (arch.intrados, arch.extrados)
+        bodies = np.arange(len(arch.intrados)).clip(max=arch.n_voussoir - 1).tolist()
+        return arch.changed(
+            chain=chain,
+            built=arch.built or arch,
+            outlines=tuple(placed(each, [k]) for k, each in enumerate(arch.outlines)),
+            intrados=placed(arch.intrados, bodies),
+            extrados=placed(arch.extrados, bodies),
         )
-        lines = {"outlines": outlines, "intrados": inner, "extrados": outer}
-        return arch.changed(chain=chain, built=arch.built or arch, **lines)
 
     def tension(self, tie: int, prestress: float) -> float:
         """Tension a tie slowly; return the part of its prestress at which the arch falls, or inf.
@@ -158,7 +175,7 @@ class SlowArch(Generic[Kind]):
         self._state.tie[tie] = TieMode.TAUT, 0.0
 
 
-def follow_tie(arch: Kind) -> Kind:
+def follow_tie(arch: Shape) -> Any:
     """Return an arch that has spread at rest under its last tie.
 
     Its hinges leave it one thrust, so that it moves where a tie pulls, until joints close. The tie
@@ -176,9 +193,14 @@ def follow_tie(arch: Kind) -> Kind:
         return arch
     part = slow.tension(tie, prestress)
     if math.isfinite(part):
-        falls = (
-            f"falls when its {tie_name(arch, tie)} gets a prestress of {prestress:g} N"
+        raise StabilityError(
+            f"{arch!r}: the arch falls when its {tie_name(arch, tie)} gets a prestress "
+            f"of {prestress:g} N; it stands with up to {part * prestress:.4g} N"
         )
-        most = f"it stands with up to {part * prestress:.4g} N"
-        raise StabilityError(f"{arch!r}: the arch {falls}; {most}")
     return slow.arch()
+
+
+def tie_name(arch: Shape, tie: int) -> str:
+    """Name of a tie in messages: its place among the ties, and its level if it has one."""
+    level = arch.parameters["ties"][tie].get("level")
+    return f"tie {tie + 1}" + ("" if level is None else f" (level {level:g} m)")

@@ -9,9 +9,10 @@ springing, +1/2 at the right one. Joint lines are the ends at the intrados and a
 import math
 from collections.abc import Callable, Iterable
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import scipy  # whose parts are loaded when they are used
 from scipy.special import ellipeinc
 
 from archfrag.arch import STANDARD_GRAVITY, geometry
@@ -45,13 +46,6 @@ class Ring(NamedTuple):
     ]  # (m, 3) each: the back from joint to joint with bulges, for fill
 
 
-def _root(*given: Any, **tolerances: float) -> Any:
-    """Find where a function of one number is zero, between two numbers."""
-    from scipy.optimize import brentq  # start-up: most arches need none
-
-    return brentq(*given, **tolerances)
-
-
 def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     """Return the upper half of an ellipse.
 
@@ -64,7 +58,7 @@ def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     parameter = 1.0 - (b / a) ** 2
     length = 2.0 * np.abs(fraction) * float(ellipeinc(right, parameter))
     roots = [
-        _root(
+        scipy.optimize.brentq(
             lambda u, s: float(ellipeinc(u, parameter)) - s,
             0.0,
             right,
@@ -97,7 +91,7 @@ def catenary(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     # (cosh w − 1)/w exceeds w/2 everywhere, and exp(w/2)/4 beyond w = 4.
     above = min(2.0 * slenderness, max(4.0, 2.0 * math.log(4.0 * slenderness + 1.0)))
     above *= 1.0 + 1e-12
-    w = _root(
+    w = scipy.optimize.brentq(
         lambda w: 2.0 * math.sinh(0.5 * w) ** 2 / w - slenderness,
         0.5 * min(above, 1e-9),
         above,
@@ -191,9 +185,9 @@ def circular_ring(
     intrados = centre + inner * direction
     extrados = centre + outer * direction
     if thickness >= 2.0 * radius:
-        most = f"{2.0 * radius:.9g} m, twice the radius of the centre line"
         raise GeometryError(
-            f"thickness = {thickness} is impossible; it must be less than {most}"
+            f"thickness = {thickness} is impossible; it must be less than "
+            f"{2.0 * radius:.9g} m, twice the radius of the centre line"
         )
     if not sector:
         return straight_ring(intrados, extrados)
@@ -244,9 +238,11 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
         )
     if np.any(sense != sense[0]):
         body = int(np.argmax(sense != sense[0]))
-        same = f"lies on the same side of joint {body} as voussoir {body - 1}"
-        rule = "intrados and extrados must run on along the ring from joint to joint"
-        raise GeometryError(f"voussoir {body} {same}: {rule}")
+        raise GeometryError(
+            f"voussoir {body} lies on the same side of joint {body} as voussoir "
+            f"{body - 1}: intrados and extrados must run on along the ring from joint "
+            "to joint"
+        )
     # Neighbours lie on either side of the line of their joint and cannot overlap. Two other
     # convex quadrilaterals overlap if no side of theirs separates them.
     low = quads.min(axis=1)
@@ -265,8 +261,10 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
     )
     if overlaps.size:
         pair = overlaps[0]
-        both = f"voussoirs {first[pair]} and {second[pair]} overlap by {depth[pair].min():.3g} m"
-        raise GeometryError(f"{both}; the ring must not cross itself")
+        raise GeometryError(
+            f"voussoirs {first[pair]} and {second[pair]} overlap by "
+            f"{depth[pair].min():.3g} m; the ring must not cross itself"
+        )
     return int(sense[0])
 
 
@@ -301,19 +299,16 @@ def chain_of(
         )
     if not good.all():
         body = int(np.argmin(good))
-        has = (
-            f"a mass of {mass[body]:.6g} kg and an inertia of {inertia[body]:.6g} kg m2"
+        raise GeometryError(
+            f"voussoir {body} has a mass of {mass[body]:.6g} kg and an inertia of "
+            f"{inertia[body]:.6g} kg m2; both must be finite and greater than 0. "
+            "Check its size, density, depth and loads"
         )
-        rule = "both must be finite and greater than 0. Check its size, density, depth and loads"
-        raise GeometryError(f"voussoir {body} has {has}; {rule}")
-    n_voussoir = mass.size
-    n_joint = friction.size
+    joints = friction.size
     corners = np.stack([ring.intrados, ring.extrados][:: ring.sense], axis=1)
-    face_before = corners[:n_joint].copy()
-    face_after = corners[:n_joint].copy()
-    face_before[1:] -= centroid[: n_joint - 1, None]
-    face_after[:n_voussoir] -= centroid[:, None]
+    before = corners[:joints].copy()
+    after = corners[:joints].copy()
+    before[1:] -= centroid[: joints - 1, None]
+    after[: mass.size] -= centroid[:, None]
     centroid = np.ascontiguousarray(centroid)
-    return Chain(
-        mass, inertia, centroid, face_before, face_after, friction, STANDARD_GRAVITY
-    )
+    return Chain(mass, inertia, centroid, before, after, friction, STANDARD_GRAVITY)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import bridge
 from archfrag.arch.building import Given
+from archfrag.arch.checks import FloatArray
 from archfrag.physics.interface import Chain
 
 
@@ -24,9 +27,9 @@ class Shape:
     """
 
     chain: Chain
-    intrados: NDArray[np.float64]
-    extrados: NDArray[np.float64]
-    outlines: tuple[NDArray[np.float64], ...]
+    intrados: FloatArray
+    extrados: FloatArray
+    outlines: tuple[FloatArray, ...]
     free_end: bool
     flipped: bool
     parameters: dict[str, Any]
@@ -44,7 +47,7 @@ class Shape:
         return len(self.chain.friction)
 
     @property
-    def centroids(self) -> NDArray[np.float64]:
+    def centroids(self) -> FloatArray:
         """Centroids of the bodies at rest, (n_voussoir, 2) [m]."""
         start = self.chain.start
         return self.chain.centroid if start is None else start[:, :2]
@@ -56,32 +59,29 @@ class Shape:
         return left, self.n_voussoir - right
 
     @property
-    def depths(self) -> NDArray[np.float64]:
+    def depths(self) -> FloatArray:
         """Depth of each body across the plane, (n_voussoir,) [m]."""
-        given, (first, last) = self.parameters, self.springings
-        ring = np.broadcast_to(np.asarray(given["depth"], float), last - first)
-        return (
-            bridge.extended(ring, given["piers"], "depth") if "piers" in given else ring
-        )
+        first, last = self.springings
+        piers = self.parameters.get("piers")
+        depth = np.asarray(self.parameters["depth"], float)
+        ring = np.broadcast_to(depth, last - first)
+        return bridge.extended(ring, piers, "depth") if piers else ring
 
     @property
-    def joint_depths(self) -> NDArray[np.float64]:
+    def joint_depths(self) -> FloatArray:
         """Depth of each joint, that of the shallower of its bodies, (n_joint,) [m]."""
         padded = np.pad(self.depths, 1, mode="edge")
         return np.minimum(padded[:-1], padded[1:])[: self.n_joint]
 
     @property
-    def joint_keys(self) -> dict[str, Any]:
+    def joints(self) -> dict[str, Any]:
         """What was given of joints that give; empty of rigid ones."""
-        given = self.parameters.get(
-            "joints"
-        )  # a list: positions of the joints of a ring
-        return given if isinstance(given, dict) else {}
+        return self.parameters.get("joints") or {}
 
     @property
-    def ring_lines(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def ring_lines(self) -> tuple[FloatArray, FloatArray]:
         """Ends of the joints of the ring at intrados and extrados [m]; whole ones if they give."""
-        if self.joint_keys:
+        if self.joints:
             return self.given.ring.intrados, self.given.ring.extrados
         first, last = self.springings
         return self.intrados[first : last + 1], self.extrados[first : last + 1]
@@ -102,11 +102,37 @@ class Shape:
         ties = np.zeros((0, 2)) if self.chain.tie is None else self.chain.tie
         return ties[:, :2].astype(np.int64) - 1
 
+    @property
+    def tie_lines(self) -> FloatArray:
+        """Ends of the ties at rest, (n_tie, 2, 2) [m]."""
+        rows = np.zeros((0, 6)) if self.chain.tie is None else self.chain.tie
+        lines = rows[:, 2:6].reshape(-1, 2, 2).copy()
+        bodies = self.tie_bodies
+        for end in map(tuple, np.argwhere((bodies >= 0) & (bodies < self.n_voussoir))):
+            body = bodies[end]
+            lines[end] = self.centroids[body] + lines[end] @ self.turn(body)
+        return lines
+
+    @property
+    def rods(self) -> list[tuple[str, FloatArray, list[int]]]:
+        """Lines that bodies carry: role in a drawing, ends (2, 2) [m], bodies of the ends."""
+        ends = zip(self.tie_lines, self.tie_bodies.tolist())
+        return [("tie", line, bodies) for line, bodies in ends]
+
+    @property
+    def pulled(self) -> bool:
+        """Whether it has ties."""
+        return self.chain.tie is not None
+
+    def turn(self, body: int) -> FloatArray:
+        """Return the rotation of a body at rest: its axes as rows, (2, 2)."""
+        start = self.chain.start
+        angle = 0.0 if start is None else float(start[body, 2])
+        sine = math.sin(angle)
+        return np.array([[math.cos(angle), sine], [-sine, math.cos(angle)]])
+
     def changed(self, **fields: Any) -> Self:
-        """Return the arch with other attributes; of a `Block` it is an `Arch`."""
-        kind: Any = next(
-            each
-            for each in type(self).__mro__
-            if vars(each).get("__init__", Shape.__init__) is Shape.__init__
-        )
-        return kind(**{**vars(self), **fields})
+        """Return the arch with other attributes."""
+        other = copy(self)
+        vars(other).update(fields)
+        return other

@@ -201,9 +201,9 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         how = f": {', '.join(parts)}" if parts else ""
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
         lines.append(f"ground towards {sense}: {moves}{how}")
-    loss = standing.inset_loss(arch)
+    loss = standing.edge_loss(arch)
     cautions = standing.arch_cautions(arch, start)
-    lines += filter(None, [standing.inset_text(arch, loss), standing.joints_text(arch)])
+    lines += filter(None, [standing.edge_text(arch, loss), standing.joints_text(arch)])
     text = "\n".join(lines)
     if not start.stands:
         text = standing.prestress_text(arch) or "does not stand under its own weight"

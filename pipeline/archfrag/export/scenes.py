@@ -16,7 +16,6 @@ from archfrag.arch import Arch
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.drawing import drawing_text
 from archfrag.arch.geometry import cross, polygon_section
-from archfrag.arch.tie_rods import tie_lines
 from archfrag.errors import InputError
 from archfrag.files import check_targets, make_folder
 from archfrag.physics.status import Tie
@@ -125,7 +124,7 @@ def _arch(member: Member) -> dict[str, Any]:
     chain, n, (first, last) = arch.chain, arch.n_voussoir, arch.springings
     depth = arch.depths
     k = arch.n_joint
-    lines = tie_lines(arch)
+    lines = arch.tie_lines
     outlines = [
         (each if shapely.is_ccw(shapely.linearrings(each)) else each[::-1]).tolist()
         for each in (*arch.outlines, *(block for _, block in _ground(arch)))
@@ -148,9 +147,7 @@ def _arch(member: Member) -> dict[str, Any]:
         "friction": chain.friction,
         "ends": np.stack([arch.intrados, arch.extrados], axis=1)[:k].tolist(),
     }
-    if gives := {
-        key: each for key, each in arch.joint_keys.items() if key != "positions"
-    }:
+    if gives := arch.joints:
         kn = gives["stiffness"]  # of each joint or of all, as "inf" if rigid
         joints |= {
             "kn": np.full(k, kn, float),
@@ -196,6 +193,6 @@ def _lines(arch: Arch) -> Iterator[tuple[str, FloatArray]]:
     """Yield layers and lines of a drawing; `read_drawing` takes VOUSSOIRS."""
     sides, ground = zip(*_ground(arch))
     stones = [*arch.outlines, *sides]
-    ties = tie_lines(arch)
+    ties = arch.tie_lines
     for layer, shapes in (("VOUSSOIRS", stones), ("GROUND", ground), ("TIES", ties)):
         yield from ((layer, points) for points in shapes)

@@ -25,7 +25,7 @@ from archfrag.files import (
 from archfrag.motions.calibrate import accepted_words
 from archfrag.motions.channel import Acceptable, unit_factor
 from archfrag.motions.formats.columns import Columns, parse_columns
-from archfrag.usual import unusual
+from archfrag.properties import unusual
 
 INDEX_NAME = "index.csv"
 COLUMNS = (

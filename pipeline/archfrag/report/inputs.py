@@ -20,6 +20,7 @@ from archfrag.fragility.verdicts import Verdict, count_verdicts
 from archfrag.motions.motion import Motion
 from archfrag.motions.selection import target_of_index
 from archfrag.physics.status import CollapseMode
+from archfrag.properties import LATER
 from archfrag.report.html import digits
 from archfrag.simulation.simulate import Onset, onset
 from archfrag.study.answer.compare import Table, compare
@@ -75,17 +76,7 @@ _FILES = (
     Path(__file__).with_name("readme.txt").read_text("utf-8")
 )  # what each of them is
 
-_MODELLED = {
-    "friction",
-    "recess",
-    "joints",
-    "strength",
-    "dead_load",
-    "fill",
-    "piers",
-    "springings",
-    "ties",
-}
+_MODELLED = {"friction", "dead_load", "fill", "piers", *LATER}
 _MOST_GROUPS = 10
 _MOST_RATIOS = 8  # arches or classes whose ratios are told
 _MISSING = {

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from archfrag.arch.bridge import fill_weighs
+from archfrag.properties import value_of
 from archfrag.report.html import TEXTS
 from archfrag.report.inputs import ReportInputs
 from archfrag.study.answer.curves import arch_classes
@@ -114,13 +115,9 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
 
 
 def _value(arch: Mapping[str, Any], key: str) -> Any:
-    """Return the value of a key; of joints their stiffness, of fill 1 if it weighs something."""
-    value = arch.get(key)
-    if key == "fill" and value:
-        return int(fill_weighs(value))
-    if key != "joints":
-        return value
-    return value.get("stiffness") if isinstance(value, Mapping) else None
+    """Return the value of a key, of fill 1 if it weighs something."""
+    value = value_of(arch, key)
+    return int(fill_weighs(value)) if key == "fill" and value else value
 
 
 def _is_set(value: Any) -> bool:

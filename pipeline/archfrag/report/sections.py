@@ -13,6 +13,7 @@ from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import Contributions
 from archfrag.fragility.verdicts import Verdict, clopper_pearson
 from archfrag.motions.measures import LEVEL_UNITS
+from archfrag.properties import PROPERTIES, Property
 from archfrag.report import arch_figure, curve_figures, run_figures
 from archfrag.report.film import Example, farthest, film, repeat
 from archfrag.report.html import (
@@ -38,22 +39,14 @@ from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs
 from archfrag.report.limits import base_of
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.simulation.simulate import Onset
-from archfrag.simulation.standing import inset_loss, inset_text, joints_text
-from archfrag.study.file.arches import UNITS
+from archfrag.simulation.standing import edge_loss, edge_text, joints_text
 from archfrag.study.file.members import SHOWN
 from archfrag.version import __version__
 
 Parts = Iterator[Any]  # of a section: texts, tables and figures; None is left out
 _MOST_ANIMATED = 4  # arches: with films, and in the table of answers
 _MOST_ROWS = 200
-_SPELT = {
-    "1": "",
-    "degree": " [deg]",
-    "kg m-3": " [kg/m³]",
-}  # of units as the cube has them
-_UNITS = {name: _SPELT.get(unit, f" [{unit}]") for name, unit in UNITS.items()}
-_UNITS |= {"intrados": " [m]", "extrados": " [m]", "joints": ""}
-_UNITS |= {"stiffness": " [Pa/m]", "shear": " [Pa/m]"}
+_SPELT = {"degrees": "deg", "kg/m3": "kg/m³"}  # units of keys
 _REMARKS = TEXTS["notes"]
 
 
@@ -168,7 +161,7 @@ def _arch_parts(
         yield from _measures(inputs, more["measures"], name)
     yield heading("The arch and its onset")
     yield arch_figure.arch_at_onset(onset, name)
-    texts = facts_text(arch), inset_text(arch, inset_loss(arch)), joints_text(arch)
+    texts = facts_text(arch), edge_text(arch, edge_loss(arch)), joints_text(arch)
     for words in filter(None, texts):
         yield paragraph(f"{words[0].upper()}{words[1:]}.")
     yield heading("Checks")
@@ -388,18 +381,21 @@ def _measures(inputs: ReportInputs, found: Mapping[str, Any], name: str) -> Part
     yield paragraph(_REMARKS["efficiency"], "note")
 
 
-def _geometry(parameters: Mapping[str, Any]) -> Parts:
+def _geometry(parameters: Mapping[str, Any], block: str = "") -> Parts:
     """Yield names and values of the parameters of an arch, nested ones by both names."""
     for key, value in parameters.items():
         if isinstance(value, Mapping):
-            yield from ((f"{key}: {name}", shown) for name, shown in _geometry(value))
+            nested = _geometry(value, f"{key}.")
+            yield from ((f"{key}: {name}", shown) for name, shown in nested)
         elif isinstance(value, list) and value and isinstance(value[0], Mapping):
             for number, item in enumerate(value):
                 yield from _geometry({f"{key} {number + 1}": item})
         elif value is not None:
             shown = f"{value:g}" if isinstance(value, float) else str(value)
             shown = f"{np.size(value)} values" if np.size(value) > 6 else shown
-            yield f"{key.replace('_', ' ')}{_UNITS.get(key, '')}", shown
+            unit = PROPERTIES.get(block + key, Property()).unit
+            unit = f" [{_SPELT.get(unit, unit)}]" if unit else ""
+            yield f"{key.replace('_', ' ')}{unit}", shown
     if parameters.get("dead_load", 0) is None and "fill" not in parameters:
         yield "dead load", "none"
 

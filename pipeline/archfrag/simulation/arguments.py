@@ -1,8 +1,6 @@
 """Checks of what a run is asked for: one message that names the argument."""
 
-import importlib.util
 import math
-from collections.abc import Mapping
 from typing import Any
 
 from archfrag.arch import Arch
@@ -13,13 +11,10 @@ from archfrag.physics.methods.registry import (
     METHODS,
     OF_FACES,
     MethodInfo,
-    Parameter,
     known_methods,
 )
 
 LOSS_LIMIT = 0.5  # gap at both corners of a joint, over its length, that ends a run [1]
-# Parameters of methods that are arguments of `simulate`.
-COMMON = ("dt", "rtol", "follow")
 
 
 def method_names() -> tuple[str, ...]:
@@ -33,25 +28,11 @@ def default_of(info: MethodInfo, name: str) -> float:
     return {p.name: p.default for method in methods for p in method.parameters}[name]
 
 
-def is_available(info: MethodInfo) -> bool:
-    """Return whether the package that a method needs, if any, is installed."""
-    return info.needs is None or importlib.util.find_spec(info.needs) is not None
-
-
-def available_methods() -> tuple[str, ...]:
-    """Return the names of the methods that can run here, in the registry's order."""
-    return tuple(name for name, info in known_methods().items() if is_available(info))
-
-
 def check_method(name: Any) -> MethodInfo:
-    """Return method of a name; `InputError` if there is none, or its package is not installed."""
-    info = known_methods().get(name) if isinstance(name, str) else None
+    """Return the method of a name, or one that `archbench` has changed; `InputError` if none."""
+    info = name if isinstance(name, MethodInfo) else known_methods().get(str(name))
     if info is None:
         raise InputError(f"method is {name!r}; allowed are {', '.join(method_names())}")
-    if not is_available(info):
-        raise InputError(
-            f"method {name} needs the package {info.needs}: pip install {info.needs}"
-        )
     return info
 
 
@@ -64,13 +45,8 @@ def check_compiled(plain: bool) -> None:
         )
 
 
-def own_parameters(info: MethodInfo) -> dict[str, Parameter]:
-    """Return the parameters of a method that no argument of `simulate` gives."""
-    return {p.name: p for p in info.parameters if p.name not in COMMON}
-
-
 def check_taken(info: MethodInfo, **given: Any) -> None:
-    """See that a method uses each of `COMMON` that is given; None stands for not given."""
+    """See that a method uses each setting that is given; None stands for not given."""
     if info.name == "time_stepping" and None not in given.values():
         raise InputError(
             f"rtol is {given['rtol']!r} and dt is {given['dt']!r}; method time_stepping takes one "
@@ -105,26 +81,6 @@ def check_can_run(arch: Arch, info: MethodInfo, far: Any) -> None:
             "far, method.delay in a study file, is given, but the arch has no right springing; "
             "leave it out, or give arches with a free end a study of their own"
         )
-
-
-def check_settings(info: MethodInfo, settings: Any) -> dict[str, float]:
-    """Return a method's own parameters: those given, if allowed, and defaults of the others."""
-    own = own_parameters(info)
-    if not isinstance(settings, Mapping | None):
-        raise InputError(
-            f"settings is {type(settings).__name__}; it must map names to numbers"
-        )
-    for name, value in (settings or {}).items():
-        if name not in own:
-            allowed = ", ".join(own) or "none"
-            raise InputError(
-                f"settings has {name!r}; allowed for method {info.name}: {allowed}"
-            )
-        check_number(
-            f"settings.{name}", value, own[name].least, own[name].most, own[name].unit
-        )
-    given = {name: float(value) for name, value in (settings or {}).items()}
-    return {name: parameter.default for name, parameter in own.items()} | given
 
 
 def check_number(

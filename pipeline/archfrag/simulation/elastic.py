@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import Arch
+from archfrag.arch.checks import FloatArray
 
 # Residual over the mean weight of a body; Newton's iterations; displacements that a difference
 # quotient takes, over the mean overlap of joints under the weight.
@@ -36,7 +37,7 @@ class SteadyLimit(NamedTuple):
     """The largest steady acceleration in one sense."""
 
     load: float  # [g]; inf if it grows as far as the balance is followed
-    normal: NDArray[np.float64]  # (n_joint,) normal forces under it [N]
+    normal: FloatArray  # (n_joint,) normal forces under it [N]
 
 
 class ElasticArch:
@@ -50,9 +51,7 @@ class ElasticArch:
         Of an area of the joints [Pa/m], finite.
     """
 
-    def __init__(
-        self, arch: Arch, stiffness: NDArray[np.float64], shear: NDArray[np.float64]
-    ) -> None:
+    def __init__(self, arch: Arch, stiffness: FloatArray, shear: FloatArray) -> None:
         chain = arch.chain
         self.n_joint = chain.friction.size
         self.n_body = chain.mass.size
@@ -69,9 +68,7 @@ class ElasticArch:
         overlap = self.weight.sum() / float((self.stiffness * self.length).mean())
         self.nudge = NUDGE * overlap * np.array([1.0, 1.0, 1.0 / self.size])
 
-    def _bear(
-        self, moved: NDArray[np.float64], closed: bool = False
-    ) -> tuple[NDArray, NDArray]:
+    def _bear(self, moved: FloatArray, closed: bool = False) -> tuple[NDArray, NDArray]:
         """Return the forces of joints on both bodies, and their normal forces.
 
         `moved` is the displacement of the bodies before and after each joint,
@@ -117,14 +114,14 @@ class ElasticArch:
         fx, fy, moment = (each[..., None] * sign for each in (fx, fy, moment))
         return np.stack([fx, fy, px * fy - py * fx + moment], axis=-1), normal
 
-    def _neighbours(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _neighbours(self, position: FloatArray) -> FloatArray:
         """Return the displacements of the bodies beside each joint, (n_joint, 2, 3)."""
         ground = np.zeros((1, 3))
         rows = np.concatenate([ground, position, ground])
         return np.stack([rows[: self.n_joint], rows[1 : self.n_joint + 1]], axis=1)
 
     def _system(
-        self, position: NDArray[np.float64], closed: bool = False
+        self, position: FloatArray, closed: bool = False
     ) -> tuple[NDArray, NDArray]:
         """Return the forces of joints on all bodies, (n_body, 3), and their derivative."""
         around = self._neighbours(position)
@@ -149,8 +146,8 @@ class ElasticArch:
         return total[inside], stiffness[inside, :, inside].reshape(size, size)
 
     def _balance(
-        self, position: NDArray[np.float64], load: float, sway: float | None
-    ) -> tuple[NDArray[np.float64], float, int]:
+        self, position: FloatArray, load: float, sway: float | None
+    ) -> tuple[FloatArray, float, int]:
         """Return positions and load in balance, and iterations; more than allowed: not found.
 
         The load is that at which the mean displacement against it is `sway`, or else as given.
@@ -181,7 +178,7 @@ class ElasticArch:
             load = load + float(step[-1])
         return position, load, 5 * MOST_ITERATIONS
 
-    def rest(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def rest(self) -> tuple[FloatArray, FloatArray] | None:
         """Return displacements under the weight (n_body, 3) and normal forces (n_joint,); None if
         no balance is found.
         """
@@ -194,7 +191,7 @@ class ElasticArch:
             return None
         return position, self._bear(self._neighbours(position))[1]
 
-    def largest_load(self, rest: NDArray[np.float64], sense: float) -> SteadyLimit:
+    def largest_load(self, rest: FloatArray, sense: float) -> SteadyLimit:
         """Find the largest steady ground acceleration in the sense +1 or -1.
 
         The mean displacement of the bodies against the acceleration grows step by step, and the

@@ -7,22 +7,22 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy  # whose parts are loaded when they are used
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.arch import Arch, checks
 from archfrag.arch.building import plain
-from archfrag.arch.facts import warn_of_units
+from archfrag.arch.checks import FloatArray
+from archfrag.arch.facts import unit_cautions, warn_of_units
 from archfrag.errors import GeometryError, InputError, StabilityError
 from archfrag.physics.status import Joint
+from archfrag.properties import PROPERTIES, SMALLEST
 from archfrag.simulation.arguments import check_number
 from archfrag.simulation.elastic import ElasticArch
 from archfrag.simulation.rest import onset
-from archfrag.usual import USUAL
 
 # Depths of two rounds that differ by less than this part of a joint's length are equal.
 AGREE = 1e-9
 MOST_ITERATIONS = 200
-SOFTEST = 1e6  # stiffness that is allowed [Pa/m]
 # Stiffness up to which faces are computed [Pa/m]: what is stiffer loses less by the cube root. To
 # what part of itself the inset is found.
 STIFFEST = 1e13
@@ -66,11 +66,12 @@ def crushed(arch: Arch, strength: float) -> Arch:
         message = (
             f"{arch!r}: the arch does not stand with a strength of {strength:g} N/m2"
         )
-        if strength < USUAL["strength"][1]:
-            message += f"; masonry has {USUAL['strength'][1]:g} or more: is it in N/m2?"
+        least, _ = PROPERTIES["strength"].usual
+        if strength < least:
+            message += f"; masonry has {least:g} or more: is it in N/m2?"
         raise StabilityError(message)
     weak = weak.changed(parameters={**arch.parameters, "strength": strength})
-    warn_of_units(weak, "strength")
+    warn_of_units(unit_cautions(weak, "strength"))
     return weak
 
 
@@ -125,15 +126,7 @@ def jointed(
     """
     both = {"stiffness": stiffness, "shear": stiffness if shear is None else shear}
     normal, tangential = (
-        checks.shared_or_each(
-            f"joints.{name}",
-            value,
-            arch.n_joint,
-            "joint",
-            "Pa/m",
-            least=SOFTEST,
-            infinite="rigid",
-        )
+        checks.shared_or_each(f"joints.{name}", value, arch.n_joint, "joint")
         for name, value in both.items()
     )
     _check_model(damping, model, points, strength)
@@ -141,17 +134,14 @@ def jointed(
         return crushed(arch, strength)
     _check_first(arch, "joints")
     told = {
-        "positions": arch.parameters.get("joints"),
         "stiffness": plain(stiffness),
         "shear": plain(shear),
         "damping": float(damping),
         "model": model,
         "points": points,
     }
-    given = {
-        **arch.parameters,
-        "joints": {k: each for k, each in told.items() if each is not None},
-    }
+    given = dict(arch.parameters)
+    given["joints"] = {k: each for k, each in told.items() if each is not None}
     if math.isfinite(strength):
         given["strength"] = strength
     if model == "face":
@@ -171,15 +161,15 @@ def jointed(
             raise StabilityError(_too_soft(arch, normal))
         soft = inset
     soft = soft.changed(parameters=given)
-    warn_of_units(soft, "joints", "strength")
+    warn_of_units(unit_cautions(soft, "joints", "strength"))
     return soft
 
 
 def _check_first(arch: Arch, key: str) -> None:
     """See that an arch may still get joints that give, or crush."""
-    if arch.chain.start is not None or arch.chain.tie is not None:
+    if arch.chain.start is not None or arch.pulled:
         raise InputError(f"{key} comes before ties and before springings that move")
-    if arch.joint_keys:
+    if arch.joints:
         raise InputError(f"the arch has joints that give already; {key} cannot follow")
     if key == "joints" and "strength" in arch.parameters:
         raise InputError(
@@ -217,14 +207,12 @@ def _check_model(
 class Inset(NamedTuple):
     """How far inside the ends of its joints an arch bears, and what that costs."""
 
-    lengths: NDArray[np.float64]  # (n_joint,) [m]
+    lengths: FloatArray  # (n_joint,) [m]
     loss: float  # part of the largest steady load without sliding that is lost [1]
     growth: float  # largest normal force under that load over the largest at rest [1]
 
 
-def inset_of(
-    arch: Arch, stiffness: NDArray[np.float64], shear: NDArray[np.float64]
-) -> Inset:
+def inset_of(arch: Arch, stiffness: FloatArray, shear: FloatArray) -> Inset:
     """Find the contact points with which rigid joints bear what elastic faces bear at most.
 
     Parameters
@@ -280,7 +268,7 @@ def inset_of(
 
     part = 0.0
     if excess(part) > 0.0:
-        widest = 0.5 * float((length / np.maximum(strip, checks.SMALLEST)).min())
+        widest = 0.5 * float((length / np.maximum(strip, SMALLEST)).min())
         part = float(scipy.optimize.brentq(excess, 0.0, widest, rtol=CLOSE))
     return Inset(
         part * strip * stiffer,
@@ -289,14 +277,14 @@ def inset_of(
     )
 
 
-def _too_soft(arch: Arch, stiffness: NDArray[np.float64]) -> str:
+def _too_soft(arch: Arch, stiffness: FloatArray) -> str:
     return (
         f"{arch!r}: the arch does not stand with joints of {stiffness.min():g} Pa/m, which "
         "bear inside their ends; make it thicker or them stiffer, or try joints.model face"
     )
 
 
-def _turn(arch: Arch, strip: NDArray[np.float64], length: NDArray[np.float64]) -> float:
+def _turn(arch: Arch, strip: FloatArray, length: FloatArray) -> float:
     """Return the rotation at which a block as high as an arch bears most [rad].
 
     `strip` is the length on which each joint bears at a rotation of 1 rad.
@@ -305,11 +293,11 @@ def _turn(arch: Arch, strip: NDArray[np.float64], length: NDArray[np.float64]) -
     ends = 0.5 * (arch.intrados + arch.extrados)[[0] if arch.free_end else [0, -1], 1]
     mass = arch.chain.mass
     height = max(mass @ arch.centroids[:, 1] / mass.sum() - ends.min(), length.mean())
-    middle = max(float(np.sqrt(np.mean(strip**2))), checks.SMALLEST)
+    middle = max(float(np.sqrt(np.mean(strip**2))), SMALLEST)
     return float((middle / (6.0 * height)) ** (2.0 / 3.0))
 
 
-def _shortened(arch: Arch, inset: NDArray[np.float64], strength: float) -> Arch | None:
+def _shortened(arch: Arch, inset: FloatArray, strength: float) -> Arch | None:
     """Return the arch whose joints have lost what gives or crushes; None if it does not stand.
 
     A joint loses `inset` [m], or half of the depth that crushes under the normal force that it
@@ -327,7 +315,7 @@ def _shortened(arch: Arch, inset: NDArray[np.float64], strength: float) -> Arch 
             break
         before = lost
         lost = np.maximum(inset, 0.5 * np.maximum(normal, 0.0) / (strength * wide))
-        if (length - 2.0 * lost <= checks.SMALLEST).any():
+        if (length - 2.0 * lost <= SMALLEST).any():
             break
         now = arch.recessed(lost, lost)
         if (np.abs(lost - before) < AGREE * length).all():

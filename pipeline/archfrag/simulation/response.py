@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -345,14 +345,12 @@ def empty_output(
     """Return the space for so many frames of a history and entries of a log."""
     body = (n_frame, n_body, 3)
     joint = (n_frame, n_joint, 3)
-    time, cause, joint_of_cause, model = (
-        np.zeros(n_entry, code) for code in (np.float64, np.int8, np.int32, np.int8)
-    )
-    log = MechanismLog(
-        time, cause, joint_of_cause, model, np.zeros((n_entry, n_joint), np.int8)
-    )
-    numbers = np.zeros(n_frame), np.zeros(body), np.zeros(body), np.zeros(joint)
-    return Frames(*numbers, np.zeros(joint[:2], np.int8)), log
+    codes = (np.float64, np.int8, np.int32, np.int8)
+    entries = [np.zeros(n_entry, code) for code in codes]
+    modes = np.zeros((n_entry, n_joint), np.int8)
+    log = MechanismLog._make([*entries, modes])
+    numbers = [np.zeros(shape) for shape in (n_frame, body, body, joint)]
+    return Frames._make([*numbers, np.zeros(joint[:2], np.int8)]), log
 
 
 def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
@@ -370,60 +368,56 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
     place, rate, force, mode = (each[:n_frame] for each in frames[1:5])
     places = (arch.corner_name(0), arch.corner_name(1), "closed")
     slips = ("sticks", "slides_plus", "slides_minus")
-    flags = {
+    flags: dict[str, Any] = {
         "flag_values": np.arange(10, dtype=np.int8),
         "flag_meanings": " ".join(
             ["open", *(f"{p}_{slip}" for p in places for slip in slips)]
         ),
     }
+    rows = (
+        (
+            "displacement",
+            body,
+            place[:, :, :2],
+            "m",
+            "displacement of the centroid from rest",
+        ),
+        ("rotation", body[:2], place[:, :, 2], "rad", "rotation of the voussoir"),
+        (
+            "velocity",
+            body,
+            rate[:, :, :2],
+            "m s-1",
+            "velocity of the centroid relative to the ground",
+        ),
+        (
+            "angular_velocity",
+            body[:2],
+            rate[:, :, 2],
+            "rad s-1",
+            "angular velocity of the voussoir",
+        ),
+        (
+            "reaction",
+            joint,
+            force[:, :, :2],
+            "N",
+            "reaction on the voussoir after the joint",
+        ),
+        (
+            "moment",
+            joint[:2],
+            force[:, :, 2],
+            "N m",
+            "moment of the reaction about the middle between the joint's contact points",
+        ),
+    )
     variables = {
-        name: (dimensions, values, {**attributes, "long_name": text})
-        for name, dimensions, values, attributes, text in (
-            (
-                "displacement",
-                body,
-                place[:, :, :2],
-                {"units": "m"},
-                "displacement of the centroid from rest",
-            ),
-            (
-                "rotation",
-                body[:2],
-                place[:, :, 2],
-                {"units": "rad"},
-                "rotation of the voussoir",
-            ),
-            (
-                "velocity",
-                body,
-                rate[:, :, :2],
-                {"units": "m s-1"},
-                "velocity of the centroid relative to the ground",
-            ),
-            (
-                "angular_velocity",
-                body[:2],
-                rate[:, :, 2],
-                {"units": "rad s-1"},
-                "angular velocity of the voussoir",
-            ),
-            (
-                "reaction",
-                joint,
-                force[:, :, :2],
-                {"units": "N"},
-                "reaction on the voussoir after the joint",
-            ),
-            (
-                "moment",
-                joint[:2],
-                force[:, :, 2],
-                {"units": "N m"},
-                "moment of the reaction about the middle between the joint's contact points",
-            ),
-            ("contact_mode", joint[:2], mode, flags, "contact mode of the joint"),
-        )
+        name: (dimensions, values, {"units": unit, "long_name": text})
+        for name, dimensions, values, unit, text in rows
     }
+    flags["long_name"] = "contact mode of the joint"
+    variables["contact_mode"] = joint[:2], mode, flags
     coordinates = {
         "time": ("time", frames.time[:n_frame], {"units": "s", "long_name": "time"}),
         "voussoir": np.arange(arch.n_voussoir),

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
+from archfrag.arch.checks import FloatArray
+from archfrag.arch.geometry import cross
 from archfrag.arch.marks import Mark, mechanism_marks
 from archfrag.errors import InputError, UnitWarning
 from archfrag.physics.contact.path import new_path, solve_with_fallback
@@ -27,7 +29,6 @@ from archfrag.physics.onset import (
 )
 from archfrag.physics.shared import begin
 from archfrag.physics.state import Model, State, Work, model_of, new_state, new_work
-from archfrag.simulation.thrust import contact_centres, thrust_curve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,10 +85,10 @@ class Onset:
     sliding: list[int]
     hinges_minus: list[Hinge]
     sliding_minus: list[int]
-    thrust: NDArray[np.float64] | None
-    thrust_plus: NDArray[np.float64] | None
-    thrust_minus: NDArray[np.float64] | None
-    normal: NDArray[np.float64] | None
+    thrust: FloatArray | None
+    thrust_plus: FloatArray | None
+    thrust_minus: FloatArray | None
+    normal: FloatArray | None
     arch: Arch = field(compare=False)
 
     def mechanism(self, towards: str) -> tuple[float, list[Hinge], list[int]]:
@@ -98,7 +99,7 @@ class Onset:
             return self.minus, self.hinges_minus, self.sliding_minus
         raise InputError(f"towards = {towards!r} must be +x or -x")
 
-    def thrust_line(self, towards: str | None = None) -> NDArray[np.float64] | None:
+    def thrust_line(self, towards: str | None = None) -> FloatArray | None:
         """Return the thrust line for a drawing: contact centres, and curves between them,
         (n_point, 2) [m].
 
@@ -210,6 +211,68 @@ def onset(arch: Arch) -> Onset:
         normal=normal if stands else None,
         arch=arch,
     )
+
+
+def contact_centres(work: Work, reaction: FloatArray) -> FloatArray:
+    """Return the contact centres (Eq 34): where on each joint the reaction has no moment [m]."""
+    point = work.point
+    normal = work.normal
+    force = reaction[:, :2]
+    arm = point[:, 0]
+    press = np.einsum("jk,jk->j", force, normal)
+    moment = reaction[:, 2] - (arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0])
+    length = np.linalg.norm(point[:, 1] - point[:, 0], axis=1)
+    loaded = press > 1e-12 * np.abs(reaction[:, :2]).max()
+    fraction = np.full(press.size, np.nan)
+    fraction[loaded] = -moment[loaded] / (press * length)[loaded]
+    return point[:, 0] + fraction[:, None] * (point[:, 1] - point[:, 0])
+
+
+def thrust_curve(arch: Arch, centre: NDArray, load: float) -> FloatArray:
+    """Return the thrust line through contact centres under weights and a steady load [g].
+
+    Ties add forces to bodies; their lines between contact centres are straight.
+    """
+    chain = arch.chain
+    if arch.pulled:
+        return centre[np.isfinite(centre).all(axis=1)]
+    body = arch.centroids
+    force = chain.mass[:, None] * np.array([-load, -1.0])
+    after = np.cumsum(
+        force, axis=0
+    )  # by which the force beyond each body exceeds the first one
+    if arch.free_end:
+        first = -after[-1]
+        start = centre
+        end = np.vstack([centre[1:], body[-1:]])
+    else:
+        # Moments of each body about the centre of its first joint are in equilibrium.
+        start = centre[:-1]
+        end = centre[1:]
+        right = cross(body - start, force) - cross(end - start, after)
+        left = np.column_stack([start[:, 1] - end[:, 1], end[:, 0] - start[:, 0]])
+        known = np.isfinite(right)
+        first = np.linalg.lstsq(left[known], right[known], rcond=None)[0]
+    reaction = first + np.vstack([np.zeros(2), after[:-1]])
+    turn = cross(reaction, force)
+    along = np.abs(turn) < 1e-9 * np.linalg.norm(reaction, axis=1) * np.linalg.norm(
+        force, axis=1
+    )
+    turn[along] = np.nan
+    # The forces at the ends of a body meet on the line of its weight. Spread evenly, the weight
+    # bends the line between them to a parabola that is tangent to both.
+    corner = start + (cross(body - start, force) / turn)[:, None] * reaction
+    # Where they meet beyond both ends, as in a pier almost along its weight, the line is straight.
+    chord = end - start
+    place = ((corner - start) * chord).sum(axis=1) / (chord**2).sum(axis=1)
+    along |= ~((place > 0.0) & (place < 1.0))
+    corner[along] = 0.5 * (start + end)[along]
+    part = np.linspace(0.0, 1.0, 9)[:, None, None]
+    line = (
+        (1.0 - part) ** 2 * start + 2.0 * part * (1.0 - part) * corner + part**2 * end
+    )
+    line = line.swapaxes(0, 1).reshape(-1, 2)
+    return line[np.isfinite(line).all(axis=1)]
 
 
 def stays_at_rest(peak: float, start: Onset) -> bool:
@@ -339,8 +402,8 @@ def _limit(arch: Arch, hinges: list[Hinge], sense: float) -> float:
     if not rise.size or rise[0] <= 0.0:
         return np.inf
     place = float(rise.size)
-    if (past := rise <= 0.0).any():
-        top = int(np.argmax(past))
+    if (rise <= 0.0).any():
+        top = int(np.argmax(rise <= 0.0))
         # The energy is a parabola about its top: its slope vanishes between two positions.
         place = top - 0.5 + rise[top - 1] / (rise[top - 1] - rise[top])
     return float(
@@ -349,8 +412,8 @@ def _limit(arch: Arch, hinges: list[Hinge], sense: float) -> float:
 
 
 def _linkage(
-    points: NDArray[np.complex128], angle: NDArray[np.float64]
-) -> list[tuple[NDArray[np.complex128], NDArray[np.float64]]]:
+    points: NDArray[np.complex128], angle: FloatArray
+) -> list[tuple[NDArray[np.complex128], FloatArray]]:
     """Place of the first hinge of each of three bars, and how far the bar has rotated.
 
     The first bar rotates by `angle`; nan where the bars cannot reach.

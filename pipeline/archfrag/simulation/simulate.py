@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import ArchfragError, InputError, UnitWarning
 from archfrag.motions.motion import Motion
 from archfrag.physics.collapse import NOTED_GAP
-from archfrag.physics.ground import grounds_of
+from archfrag.physics.ground import Grounds, grounds_of
 from archfrag.physics.interface import Options, Outcomes
 from archfrag.physics.methods.registry import AUTO, FACE_STEP, OWN_STEP, MethodInfo
 from archfrag.physics.state import model_of
@@ -87,7 +87,6 @@ def simulate(
     *,
     far: Far = None,
     follow: float = 20.0,
-    settings: Mapping[str, float] | None = None,
     loss_limit: float = LOSS_LIMIT,
     rests: bool = True,
 ) -> Response:
@@ -113,8 +112,6 @@ def simulate(
         Motion of the right springing, with the same time step, or how much later it is [s].
     follow : float
         Longest time to simulate after the motion while the arch still moves [s].
-    settings : mapping of str to float, optional
-        Parameters of the method that differ from their defaults, such as a joint stiffness.
     loss_limit : float
         Gap at both corners of a joint, over its length, that ends the run as a collapse. So does
         a joint that slid past its end, rotated by 90 degrees, or has no contact after `follow`.
@@ -136,10 +133,9 @@ def simulate(
     >>> response.collapsed, response.collapse_mode
     (False, 'none')
     """
-    info, own, options = _checked_call(
-        arch, [motion], [scale], method, rtol, dt, follow, settings, loss_limit
+    info, options = _checked_call(
+        arch, [motion], [scale], far, method, rtol, dt, follow, loss_limit
     )
-    arguments.check_can_run(arch, info, far)
     arguments.check_compiled(plain=info.name == "time_stepping")
     options = options._replace(rests=rests)
     position, velocity = at_rest(arch)
@@ -149,7 +145,7 @@ def simulate(
         arguments.check_rigid(arch, "initial")
         shift, velocity = check_initial(initial, arch)
         position += shift
-    ground = grounds_of([ground_of(motion, far)], [motion.begins])
+    ground = _grounds([motion], far)
     n_frame = (
         int((motion.duration + follow) / options.frame_interval) + 64 if history else 0
     )
@@ -162,9 +158,7 @@ def simulate(
             n_frame, n_entry, arch.n_voussoir, arch.n_joint
         )
         moving = (*(part.copy() for part in start), initial is None)
-        results = run(
-            arch.chain, ground, float(scale), *moving, options, *output, **own
-        )
+        results = run(arch.chain, ground, float(scale), *moving, options, *output)
         count = results.count[0]
         if not history or count[Count.FRAMES] < n_frame:
             break
@@ -245,24 +239,22 @@ def _checked_call(
     arch: Arch,
     motions: Sequence[Motion],
     factors: Sequence[float],
+    far: Far,
     method: str = AUTO,
     rtol: float | None = None,
     dt: float | None = None,
     follow: float = 20.0,
-    settings: Mapping[str, float] | None = None,
     loss_limit: float = LOSS_LIMIT,
-) -> tuple[MethodInfo, dict[str, float], Options]:
-    """Check a call and return the method, its own settings and its options."""
-    if not isinstance(arch, Arch):
-        raise InputError(
-            f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block"
-        )
+) -> tuple[MethodInfo, Options]:
+    """Check a call and return the method and its options."""
+    for name, kind, values in (("arch", Arch, [arch]), ("motion", Motion, motions)):
+        for value in values:
+            if not isinstance(value, kind):
+                allowed = "Arch or Block" if kind is Arch else "Motion"
+                raise InputError(
+                    f"{name} is {type(value).__name__}; it must be an archfrag {allowed}"
+                )
     info = arguments.check_method(method)
-    for motion in motions:
-        if not isinstance(motion, Motion):
-            raise InputError(
-                f"motion is {type(motion).__name__}; it must be an archfrag Motion"
-            )
     arguments.check_taken(info, rtol=rtol, dt=dt)
     tolerance = arguments.default_of(info, "rtol") if rtol is None else rtol
     for factor in factors:
@@ -272,30 +264,22 @@ def _checked_call(
     arguments.check_number("follow", follow, 0.0, math.inf, "s")
     if dt is not None:
         arguments.check_number("dt", dt, 1e-9, 10.0, "s")
-    own = arguments.check_settings(info, settings)
+    arguments.check_can_run(arch, info, far)
     unit = own_time(arch)
+    longest = longest_step(arch.chain) if arch.chain.joint is not None else math.inf
     if dt is not None or info.step_rule is None:
-        step = largest_step = (
-            arguments.default_of(info, "dt") if dt is None else float(dt)
-        )
+        step = largest = arguments.default_of(info, "dt") if dt is None else float(dt)
     else:
-        rule = info.step_rule(float(tolerance), arch.n_voussoir)
-        step = unit * rule[0]
-        largest_step = unit * rule[1]
+        step, largest = (
+            unit * part for part in info.step_rule(tolerance, arch.n_voussoir)
+        )
         if arch.chain.joint is not None:
-            step = largest_step = min(
-                FACE_STEP * largest_step, longest_step(arch.chain)
-            )
-    if (
-        dt is not None
-        and arch.chain.joint is not None
-        and dt > longest_step(arch.chain)
-    ):
+            step = largest = min(FACE_STEP * largest, longest)
+    if dt is not None and dt > longest:
         warnings.warn(
             f"dt is {dt:g} s: steps so long damp the first mode of the arch by at least "
             f"{damping_of_steps(arch.chain, dt):.2g} of critical damping, or do not find the "
-            "motion of stiff joints; leave dt out, or give at most "
-            f"{longest_step(arch.chain):.2g} s",
+            f"motion of stiff joints; leave dt out, or give at most {longest:.2g} s",
             stacklevel=3,
         )
     span = max(motion.duration for motion in motions) + follow
@@ -311,9 +295,14 @@ def _checked_call(
         max_steps=int(span / min(step, OWN_STEP * unit)) + samples + 1000,
         frame_interval=max(float(step), min(sampling, COARSEST_FRAMES)),
         crowding=0.0,
-        largest_step=float(largest_step),
+        largest_step=float(largest),
     )
-    return info, own, options
+    return info, options
+
+
+def _grounds(motions: Sequence[Motion], far: Far) -> Grounds:
+    grounds = [ground_of(motion, far) for motion in motions]
+    return grounds_of(grounds, [ground.begins for ground in grounds])
 
 
 def results_of_runs(
@@ -327,19 +316,17 @@ def results_of_runs(
     """Simulate many runs; return what the kernels leave, a row for each run, and wall times
     [s].
     """
-    info, own, options = _checked_call(arch, motions, factors, **given)
-    arguments.check_can_run(arch, info, far)
+    info, options = _checked_call(arch, motions, factors, far, **given)
     arguments.check_compiled(plain=False)
     check_stands(arch)
     unique = list({id(motion): motion for motion in motions}.values())
     number = {id(motion): k for k, motion in enumerate(unique)}
     motion = np.array([number[id(each)] for each in motions], int)
-    starts = [each.begins for each in unique]
-    grounds = grounds_of([ground_of(each, far) for each in unique], starts)
+    grounds = _grounds(unique, far)
     factor = np.array(factors, float)
     started = time.perf_counter()
     run: Any = info.load("run_many")
-    results = run(arch.chain, grounds, motion, factor, options, **own)
+    results = run(arch.chain, grounds, motion, factor, options)
     spent = time.perf_counter() - started
     # The calls of several runs are timed together.
     work = 1.0 + results.count[:, Count.STEPS]
@@ -387,7 +374,7 @@ def simulate_many(
     factors : array_like, (n_run,)
         On the motions, vertical components included.
     method, rtol, dt, **more
-        As for `archfrag.simulate`, with far, follow, settings and loss_limit.
+        As for `archfrag.simulate`, with far, follow and loss_limit.
 
     Returns
     -------

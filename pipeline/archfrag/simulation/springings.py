@@ -6,17 +6,16 @@ An arch follows a slow movement of a springing in equilibrium, or falls.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import Arch
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.quasi_static import HOLDS, STEP, SlowArch
 from archfrag.errors import InputError, StabilityError
 from archfrag.motions.motion import Motion
-from archfrag.physics.state import Model
-from archfrag.physics.status import Tie
 from archfrag.simulation.arguments import check_number
 from archfrag.simulation.rest import onset
 from archfrag.simulation.standing import check_stands
@@ -27,12 +26,23 @@ Far = (
 LATEST = 60.0  # [s]
 
 
+class Ground(NamedTuple):
+    """A ground motion for kernels."""
+
+    horizontal: FloatArray  # (n,) acceleration of the left springing [m/s2]
+    vertical: FloatArray | None  # (n,) upwards
+    dt: float  # [s]
+    # (n, 2) x, y: acceleration of the right springing less that of the left one; None if alike
+    apart: FloatArray | None = None
+    begins: float = 0.0  # when the record begins, later than 0 behind a first shock [s]
+
+
 class SpringingPath(NamedTuple):
     """An arch while one of its springings moves."""
 
-    part: NDArray[np.float64]  # (n,) of the movement, from 0 to 1
-    plus: NDArray[np.float64]  # (n,) onset with the ground accelerating towards +x [g]
-    minus: NDArray[np.float64]  # (n,) and towards -x
+    part: FloatArray  # (n,) of the movement, from 0 to 1
+    plus: FloatArray  # (n,) onset with the ground accelerating towards +x [g]
+    minus: FloatArray  # (n,) and towards -x
     arch: Arch | None  # at the end; None if it falls before
     limit: float  # part of the movement at which it falls; inf if it does not
 
@@ -81,20 +91,25 @@ def springing_path(
     >>> path.limit, bool(path.plus[-1] < path.plus[0])
     (inf, True)
     """
-    joint, side = _checked(arch, spread, settlement, rotation, springing)
+    right = springing == "right"
+    if springing not in ("left", "right") or (right and arch.free_end):
+        allowed = "left" if arch.free_end else "left or right"
+        raise InputError(f"springing = {springing!r} must be {allowed}")
+    size = float(np.ptp(np.concatenate(arch.outlines), axis=0).max())
+    check_number("spread", spread, -size, size, "m")
+    check_number("settlement", settlement, -size, size, "m")
+    check_number("rotation", rotation, -45.0, 45.0, "degrees")
     check_stands(arch)
     slow = SlowArch(arch)
-    model = slow.model
-    outwards = 1.0 if springing == "right" else -1.0
+    outwards = 1.0 if right else -1.0
     move = np.array([outwards * spread, -settlement])
     turn = -outwards * math.radians(rotation)
-    before = model.corner[joint, side].copy(), model.tie.copy()
     steps = max(np.abs(move).max() / slow.length, abs(turn)) / STEP
     parts = np.linspace(0.0, 1.0, max(2, math.ceil(steps)) + 1)
     ranges = [slow.rest_range()]
     limit = math.inf
     for part in parts[1:]:
-        _place(model, joint, side, *before, part * move, part * turn)
+        slow.place(right, part * move, part * turn)
         made, _ = slow.step()
         now = slow.rest_range()
         stands = made and min(now) >= 0.0
@@ -107,9 +122,8 @@ def springing_path(
         limit = 1.0
     plus, minus = np.array(ranges).T
     end = slow.arch() if math.isinf(limit) else None
-    if (
-        end is not None and not onset(end).stands
-    ):  # a tie is all that holds it, in a mechanism
+    # A tie is all that holds it, in a mechanism.
+    if end is not None and not onset(end).stands:
         held = np.flatnonzero(np.minimum(plus, minus)[:-1] > HOLDS)
         end = None
         limit = float(parts[held.max(initial=-1) + 1])
@@ -150,59 +164,11 @@ def move_springing(
             if value
         )
         falls = f"{arch!r}: the arch falls at {far} of its {springing} springing"
-        if arch.chain.tie is not None:
+        if arch.pulled:
             falls += " with its ties; move the springing less, or first, and tie the arch then"
         raise StabilityError(falls)
     moved = {**given, "springing": springing}
     return path.arch.changed(parameters={**arch.parameters, "springings": moved})
-
-
-def _checked(
-    arch: Arch, spread: float, settlement: float, rotation: float, springing: str
-) -> tuple[int, int]:
-    """Return the joint of the springing that moves and the side of its ground, 0 before it or 1
-    behind.
-    """
-    if springing not in ("left", "right") or (springing == "right" and arch.free_end):
-        allowed = "left" if arch.free_end else "left or right"
-        raise InputError(f"springing = {springing!r} must be {allowed}")
-    size = float(np.ptp(np.concatenate(arch.outlines), axis=0).max())
-    for name, value, most, unit in (
-        ("spread", spread, size, "m"),
-        ("settlement", settlement, size, "m"),
-        ("rotation", rotation, 45.0, "degrees"),
-    ):
-        check_number(name, value, -most, most, unit)
-    return (arch.n_joint - 1, 1) if springing == "right" else (0, 0)
-
-
-def _place(
-    model: Model,
-    joint: int,
-    side: int,
-    faces: NDArray,
-    ties: NDArray,
-    move: NDArray,
-    turn: float,
-) -> None:
-    """Place a springing that has moved by `move` and rotated by `turn` about its joint's middle.
-
-    With its joint face go the ends of ties in it; `faces` and `ties` are those before.
-    """
-    middle = faces.mean(axis=0)
-    cosine = math.cos(turn)
-    sine = math.sin(turn)
-    rotation = np.array([[cosine, sine], [-sine, cosine]])
-    model.corner[joint, side] = middle + move + (faces - middle) @ rotation
-    along = model.corner[joint, side, 1] - model.corner[joint, side, 0]
-    model.tangent[joint, side] = along / np.hypot(*along)
-    row = 0 if side == 0 else len(model.mass) - 1
-    for end in range(2):
-        held = ties[:, Tie.BODY_0 + end] == row
-        columns = slice(Tie.X_0 + 2 * end, Tie.X_0 + 2 * end + 2)
-        model.tie[held, columns] = (
-            middle + move + (ties[held, columns] - middle) @ rotation
-        )
 
 
 def _crossing(before: float, after: float, held: float, margin: float) -> float:
@@ -212,38 +178,33 @@ def _crossing(before: float, after: float, held: float, margin: float) -> float:
     return before + (after - before) * held / (held - margin)
 
 
-def ground_of(motion: Motion, far: Far) -> tuple[Any, ...]:
-    """Return the ground motion for kernels, with that of the right springing relative to the left
-    one.
-    """
+def ground_of(motion: Motion, far: Far) -> Ground:
+    """Return the ground motion for kernels; InputError if that of the right springing is none."""
     own = motion.acceleration, motion.vertical, motion.dt
+    ground = Ground(*own, begins=motion.begins)
     if far is None:
-        return own
-    size = len(motion.acceleration)
-    vertical = motion.vertical is not None
-    if isinstance(far, Motion):
-        if far.dt != motion.dt:
-            raise InputError(
-                f"far has a time step of {far.dt:g} s and the motion one of {motion.dt:g} s; they "
-                "must be equal"
-            )
-        size = max(size, len(far.acceleration))
-        vertical = vertical or far.vertical is not None
-        others = [far.acceleration, far.vertical]
-    else:
+        return ground
+    if not isinstance(far, Motion):
         check_number("far", far, 0.0, LATEST, "s")
-        size += math.ceil(far / motion.dt)
-        time = motion.dt * np.arange(size)
-        others = [
-            None if wave is None else np.interp(time - far, motion.time, wave, 0.0, 0.0)
-            for wave in (motion.acceleration, motion.vertical)
-        ]
+        size = len(motion.acceleration) + math.ceil(far / motion.dt)
+        time = motion.dt * np.arange(size) - far
+        far = motion.changed(
+            lambda wave: np.interp(time, motion.time, wave, 0.0, 0.0), "Delayed."
+        )
+    elif far.dt != motion.dt:
+        raise InputError(
+            f"far has a time step of {far.dt:g} s and the motion one of {motion.dt:g} s; they "
+            "must be equal"
+        )
+    size = max(len(motion.acceleration), len(far.acceleration))
 
     def padded(wave: NDArray | None) -> NDArray:
         return np.zeros(size) if wave is None else np.pad(wave, (0, size - len(wave)))
 
     x = padded(motion.acceleration)
     y = padded(motion.vertical)
-    apart = np.column_stack([padded(others[0]) - x, padded(others[1]) - y])
-    # Motions that are equal are one.
-    return (x, y if vertical else None, motion.dt, apart) if apart.any() else own
+    apart = np.column_stack([padded(far.acceleration) - x, padded(far.vertical) - y])
+    if not apart.any():  # motions that are equal are one
+        return ground
+    flat = motion.vertical is None and far.vertical is None
+    return ground._replace(horizontal=x, vertical=None if flat else y, apart=apart)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from weakref import WeakKeyDictionary
+from functools import lru_cache
 
 import numpy as np
 
 from archfrag.arch import Arch
-from archfrag.arch.facts import no_unit_warnings
-from archfrag.arch.tie_rods import tie_name
+from archfrag.arch.quasi_static import tie_name
 from archfrag.errors import ArchfragError, GeometryError, StabilityError
 from archfrag.physics.contact.ties import tie_stretch
 from archfrag.physics.state import model_of
@@ -31,16 +30,15 @@ INSET_ENOUGH = 0.25
 MOST_GROWTH = 1.5
 USUAL_STIFFNESS = 3e10
 HALVINGS = 20  # of the prestress that an arch stands
-# Arches are asked for with every chunk of runs.
-_STANDING = WeakKeyDictionary[Arch, Onset]()
-_LOSSES = WeakKeyDictionary[Arch, tuple[float, float]]()
 
 
+@lru_cache(maxsize=256)  # arches are asked for with every chunk of runs
 def check_stands(arch: Arch) -> Onset:
     """See that an arch is at rest under its own weight, or raise `StabilityError`."""
-    start = _STANDING.get(arch) or onset(arch)
+    start = onset(arch)
     if not start.stands:
-        if tight := prestress_text(arch):
+        tight = prestress_text(arch)
+        if tight:
             raise StabilityError(f"{arch!r}: the arch {tight}")
         message = f"{arch!r}: {STATUS_MESSAGE[Status.DOES_NOT_STAND]}"
         if math.isfinite(start.plus):
@@ -57,11 +55,10 @@ def check_stands(arch: Arch) -> Onset:
             f"{arch!r}: the solver found no rest of the arch on its joints, which does not say "
             "that it falls; take joints.model inset, and please report the case"
         )
-    _STANDING[arch] = start
     return start
 
 
-def inset_loss(arch: Arch) -> float:
+def edge_loss(arch: Arch) -> float:
     """Find the part of its onset that an arch loses with hinges 10 mm inside its edges [1].
 
     Of the arch as built, before its springings moved; nan if it does not stand then, or nothing
@@ -73,25 +70,20 @@ def inset_loss(arch: Arch) -> float:
     return _loss(built, lambda: built.recessed(INSET, INSET))
 
 
+@lru_cache(maxsize=256)
 def joints_loss(arch: Arch) -> tuple[float, float]:
     """Find the part of its onset that an arch of rigid joints loses by the model inset [1], and
     how much its largest normal force grows from rest to the largest steady load [1].
 
     With the stiffness that was given, or `USUAL_STIFFNESS`; of the arch without ties, strength and
-    movements of springings. nan and 1 are as of `inset_loss`.
+    movements of springings. nan and 1 are as of `edge_loss`.
     """
-    if arch in _LOSSES:
-        return _LOSSES[arch]
-    given = arch.parameters
-    soft = arch.joint_keys
     rigid = arch.rebuilt()
-    if "recess" in given:
-        rigid = rigid.recessed(**given["recess"])
-    stiffness = np.broadcast_to(
-        np.array(soft.get("stiffness", USUAL_STIFFNESS), dtype=float), rigid.n_joint
-    )
-    shear = np.broadcast_to(
-        np.array(soft.get("shear", stiffness), dtype=float), rigid.n_joint
+    if "recess" in arch.parameters:
+        rigid = rigid.recessed(**arch.parameters["recess"])
+    stiffness, shear = (
+        np.broadcast_to(_stiffness(arch, key), rigid.n_joint)
+        for key in ("stiffness", "shear")
     )
     growth = [math.nan]
 
@@ -100,10 +92,13 @@ def joints_loss(arch: Arch) -> tuple[float, float]:
         growth.append(found.growth)
         return rigid.recessed(found.lengths, found.lengths)
 
-    with no_unit_warnings():
-        loss = _loss(rigid, inset)
-    _LOSSES[arch] = loss, growth[-1]
-    return _LOSSES[arch]
+    return _loss(rigid, inset), growth[-1]
+
+
+def _stiffness(arch: Arch, key: str = "stiffness") -> np.ndarray:
+    """Return what was given of an arch by a key of joints, or else their stiffness [Pa/m]."""
+    default = arch.joints.get("stiffness", USUAL_STIFFNESS)
+    return np.array(arch.joints.get(key, default), dtype=float)
 
 
 def _loss(arch: Arch, change: Callable[[], Arch]) -> float:
@@ -121,38 +116,34 @@ def _loss(arch: Arch, change: Callable[[], Arch]) -> float:
 
 def joints_text(arch: Arch) -> str:
     """Say which model of its joints an arch needs; empty if that is not known."""
-    (loss, growth), soft = joints_loss(arch), arch.joint_keys
+    loss, growth = joints_loss(arch)
     if math.isnan(loss):
         return ""
-    stiffness = np.min(np.array(soft.get("stiffness", USUAL_STIFFNESS), dtype=float))
-    who = f"{'its' if soft else 'usual'} joints of {stiffness:.3g} Pa/m"
+    who = f"{'its' if arch.joints else 'usual'} joints of {_stiffness(arch).min():.3g} Pa/m"
     lost = f"{who} lower the onset of motion by {100.0 * loss:.1f} %"
     if loss >= 1.0:
         lost = f"with {who} bearing inside their ends it does not stand"
+    if growth > MOST_GROWTH:
+        lost += (
+            f", and under the largest load that it bears its normal forces are {growth:.1f} times "
+            "those at rest, so that its joints store energy and give it back"
+        )
     if loss > INSET_ENOUGH or growth > MOST_GROWTH:
-        return f"{lost}{_growth_text(growth)}: joints.model face is needed"
+        return f"{lost}: joints.model face is needed"
     if loss < RIGID_ENOUGH:
         return f"{lost}: rigid ones are enough"
     return f"{lost}: joints.model inset is enough, rigid ones are not"
 
 
-def _growth_text(growth: float) -> str:
-    """Say by how much normal forces grow, if that is too much for the model inset."""
-    if not growth > MOST_GROWTH:
-        return ""
-    return (
-        f", and under the largest load that it bears its normal forces are {growth:.1f} times "
-        "those at rest, so that its joints store energy and give it back"
-    )
-
-
-def inset_text(arch: Arch, loss: float) -> str:
+def edge_text(arch: Arch, loss: float) -> str:
     """Say what hinges inside the edges do to the onset; empty if that is not known."""
-    where = f"hinges {1000.0 * INSET:g} mm inside the edges of the joints"
-    if arch.joint_keys.get("model") == "inset":
-        where = f"hinges {1000.0 * INSET:g} mm further inside the joints"
     if math.isnan(loss):
         return ""
+    further = arch.joints.get("model") == "inset"
+    inside = (
+        "further inside the joints" if further else "inside the edges of the joints"
+    )
+    where = f"hinges {1000.0 * INSET:g} mm {inside}"
     if loss >= 1.0:
         return f"with {where} the arch does not stand"
     of = " of the arch as built" if arch.built else ""
@@ -165,21 +156,22 @@ def arch_cautions(arch: Arch, start: Onset) -> list[str]:
     if not start.stands:
         return []
     found = []
-    loss = inset_loss(arch)
+    loss = edge_loss(arch)
     both = (start.plus, "+x"), (start.minus, "-x")
-    if locked := " and ".join(towards for load, towards in both if math.isinf(load)):
+    locked = " and ".join(towards for load, towards in both if math.isinf(load))
+    if locked:
         found.append(
             f"no steady acceleration towards {locked} moves it in theory: its joints can lock "
             "each other at any load. Contact dynamics may still let it fall, so a run in which "
             "it stays at rest proves little; see limit_load"
         )
-    if not arch.joint_keys and loss > MOST_LOST:
+    if not arch.joints and loss > MOST_LOST:
         found.append(
-            f"{inset_text(arch, loss)}; rigid joints bear at their very edges, which is on the "
+            f"{edge_text(arch, loss)}; rigid joints bear at their very edges, which is on the "
             "unsafe side for an arch as thin as this: compare it with joints: {stiffness: "
             f"{USUAL_STIFFNESS:g}}}"
         )
-    if arch.joint_keys.get("model") == "inset":
+    if arch.joints.get("model") == "inset":
         told = joints_text(arch)
         if told.endswith("needed"):
             found.append(told)
@@ -213,13 +205,11 @@ def _part_of_prestress(arch: Arch) -> float:
     if ties is None:
         return math.nan
     model = model_of(arch.chain)
-    stretch = [
-        max(tie_stretch(model, tie, model.start), 0.0) for tie in range(len(ties))
-    ]
+    stretch = [tie_stretch(model, tie, model.start) for tie in range(len(ties))]
 
     def stands(part: float) -> bool:
         fewer = ties.copy()
-        fewer[:, Tie.LENGTH] += (1.0 - part) * np.array(stretch)
+        fewer[:, Tie.LENGTH] += (1.0 - part) * np.maximum(stretch, 0.0)
         return onset(arch.changed(chain=arch.chain._replace(tie=fewer))).stands
 
     if stands(1.0) or not stands(0.0):

@@ -28,7 +28,7 @@ from archfrag.files import (
 )
 from archfrag.fragility.risk import HazardCurve
 from archfrag.motions.measures import LEVEL_UNITS, Measure, measure_unit, parse_measure
-from archfrag.usual import unusual
+from archfrag.properties import unusual
 
 FARTHEST = 10.0  # [km], between the site asked for and the nearest one of the file
 LARGEST = 100_000_000  # [bytes] of a file

@@ -19,6 +19,7 @@ from archfrag.arch.drawing import read_drawing
 from archfrag.arch.facts import facts_text, unit_cautions
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import cannot_write, counted, make_folder, read_bytes
+from archfrag.properties import LATER, unusual
 from archfrag.simulation.rest import stays_at_rest
 from archfrag.simulation.simulate import onset
 from archfrag.simulation.standing import arch_cautions, joints_text
@@ -35,7 +36,6 @@ from archfrag.study.file.sources import (
 )
 from archfrag.study.hazard import level_cautions, load_hazard
 from archfrag.study.provenance import OWNER, PACKAGE, check_outputs, read_state
-from archfrag.usual import unusual
 
 # Beyond these a unit may have been mistaken: size [m], levels over the onset.
 LARGEST = 300.0
@@ -48,7 +48,6 @@ PICTURES = {
 MOST_ASKED = 12  # arches
 _LEVELS = "intensity.levels"
 # What an arch has besides the blocks of its drawing.
-_ADDED = ["piers", "fill", "recess", "joints", "strength", "springings", "ties", "vary"]
 
 
 def shipped_folder() -> Path:
@@ -136,7 +135,8 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
     """Return a text on the blocks of a drawing, span first, and a caution if it shows more."""
     path = Path(str(entry.drawing))
     drawn = read_drawing(path, entry.layer, entry.unit)
-    arch = entry.model_copy(update=dict.fromkeys(_ADDED)).build()
+    added = ("piers", "fill", *LATER, "vary")
+    arch = entry.model_copy(update=dict.fromkeys(added)).build()
     size, high, thick = arch.dimensions
     text = f"clear span {size:.3g} m, rise {high:.3g} m"
     if arch.free_end:

@@ -14,12 +14,12 @@ from archfrag.files import make_folder, replacing
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import measure_unit, scaling_exponent
 from archfrag.physics.status import CollapseMode, Level, Status
+from archfrag.properties import UNITS
 from archfrag.simulation.rest import static_limit
 from archfrag.simulation.simulate import onset
 from archfrag.study import provenance
 from archfrag.study.answer.attributes import attributes
 from archfrag.study.designs import Cases
-from archfrag.study.file.arches import UNITS
 from archfrag.study.file.members import Members
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import strict_json
@@ -253,9 +253,10 @@ def _arch_variables(arches: Members) -> dict[str, xr.Variable]:
         numbers = [
             member.values.get(name, member.entry.number(name)) for member in arches
         ]
-        found[f"arch_{name}"] = _variable(
+        variable = f"arch_{name}".replace(".", "_")
+        found[variable] = _variable(
             about._replace(
-                name=f"arch_{name}",
+                name=variable,
                 dtype="f8",
                 units=UNITS.get(name, "1"),
                 fill="nan",

@@ -1,61 +1,50 @@
 """Arches of a study file: one block, whose keys follow from its profile, and what varies of it."""
 
 import math
-from typing import (
-    TYPE_CHECKING,
-    Annotated,
-    Any,
-    ClassVar,
-    Literal,
-    NamedTuple,
-    Self,
-    TypeVar,
-)
+from collections.abc import Mapping
+from contextvars import copy_context
+from functools import lru_cache
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import (
     BeforeValidator,
     Discriminator,
     Field,
     Tag,
     WithJsonSchema,
+    create_model,
     model_validator,
 )
 from scipy import stats
 
 from archfrag import arch
-from archfrag.arch.checks import LARGEST, MOST, MOST_VOUSSOIRS, SMALLEST
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.drawing import read_drawing
-from archfrag.arch.facts import no_unit_warnings
+from archfrag.arch.facts import quiet
 from archfrag.arch.polygons import polygon_ring
-from archfrag.arch.uncertain import Marginal
-from archfrag.simulation.joints import SOFTEST, crushed, jointed
+from archfrag.errors import InputError
+from archfrag.properties import (
+    DRAWN,
+    LARGEST,
+    LATER,
+    MOST_VOUSSOIRS,
+    PROFILES,
+    PROPERTIES,
+    SMALLEST,
+    VARIABLE,
+)
+from archfrag.simulation.joints import jointed
 from archfrag.simulation.springings import move_springing
 from archfrag.study.keys import PathText, Section, at, refuse
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
 
-RINGS = ("circular", "segmental", "pointed", "elliptic", "catenary")
-PROFILES = (*RINGS, "from_joints", "block", "polygons")
-_ALL = (*PROFILES, "drawing")
-_DRAWN = ("polygons", "drawing")
-_LOADED = (*RINGS, "from_joints", *_DRAWN)
-
-
-class Key(NamedTuple):
-    """Which entries need a key of an arch, or may have it, and its unit if it may vary."""
-
-    needed: tuple[str, ...] = ()  # by profiles, or by a drawing
-    taken: tuple[str, ...] = ()
-    unit: str | None = None  # as the cube states it
-
-
-def _coefficient(given: Any) -> Any:
-    if isinstance(given, int | float) and 1e6 < given < math.inf:
-        raise refuse("must be at most 1e+06, or inf for no sliding")
-    return math.inf if given == "inf" else given
-
+# Probability that truncation has to leave; below it the bounds were mistaken.
+LEAST_KEPT = 1e-6
+_LARGEST_VALUE = PROPERTIES["joints.stiffness"].most
 
 _T = TypeVar("_T")
 List = Annotated[list[_T], Field(max_length=MOST_VOUSSOIRS + 1)]
@@ -63,46 +52,26 @@ OneOrList = Annotated[
     Annotated[_T, Tag("one")] | Annotated[List[_T], Tag("list")],
     Discriminator(lambda given: "list" if isinstance(given, list) else "one"),
 ]
-# Bounds that `arch` checks, with messages of its own, are here for the schema only.
-Length = Annotated[
-    float, Field(json_schema_extra={"minimum": SMALLEST, "maximum": LARGEST})
-]
-Angle = Annotated[
-    float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 360})
-]
-Count = Annotated[
-    int, Field(json_schema_extra={"minimum": 2, "maximum": MOST_VOUSSOIRS})
-]
-# Upper bounds of what `arch` itself does not bound; beyond them units were mistaken.
-Density = Annotated[float, Field(le=1e6, json_schema_extra={"exclusiveMinimum": 0})]
-UnitWeight = Annotated[float, Field(json_schema_extra={"minimum": 0, "maximum": 1e6})]
-Load = Annotated[float, Field(le=1e12, json_schema_extra={"minimum": 0})]
+Length = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 Depth = Annotated[float, Field(ge=0.0, le=LARGEST)]
 Shift = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Friction = Annotated[
-    float,
-    Field(allow_inf_nan=True),
-    BeforeValidator(_coefficient),
-    WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}]}),
-]
-Stiffness = Annotated[
+UnitWeight = Annotated[float, Field(ge=0.0, le=1e6)]
+# Bounds of these are those of their key, which `arch` checks.
+OrInfinite = Annotated[
     float,
     Field(allow_inf_nan=True),
     BeforeValidator(lambda given: math.inf if given == "inf" else given),
-    WithJsonSchema(
-        {"anyOf": [{"type": "number", "minimum": SOFTEST}, {"const": "inf"}]}
-    ),
+    WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}]}),
 ]
-Value = Annotated[float, Field(ge=-MOST["Pa/m"], le=MOST["Pa/m"])]
-Positive = Annotated[float, Field(gt=0.0, le=MOST["Pa/m"])]
+Value = Annotated[float, Field(ge=-_LARGEST_VALUE, le=_LARGEST_VALUE)]
+Positive = Annotated[float, Field(gt=0.0, le=_LARGEST_VALUE)]
 Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
-Point = Annotated[list[float], Field(min_length=2, max_length=2)]
-Line = Annotated[list[Point], Field(min_length=2, max_length=2)]
+Line = Annotated[
+    list[Annotated[list[float], Field(min_length=2, max_length=2)]],
+    Field(min_length=2, max_length=2),
+]
 Corner = Annotated[list[float], Field(min_length=2, max_length=3)]
-Grounds = Annotated[list[Line], Field(max_length=2)]
-DrawingUnit = Literal["m", "dm", "cm", "mm", "in", "ft"]
-Factor = Annotated[float, Field(gt=0.0, le=100.0)]
-Strength = Annotated[float, Field(ge=1.0, le=1e12)]
+Points = List[Annotated[list[float], Field(min_length=2, max_length=2)]]
 Identifier = Annotated[
     str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)
 ]
@@ -120,10 +89,11 @@ class Recess(Section):
 class JointEntry(Section):
     """Joints that give: their stiffness lets a hinge bear on a strip inside the edge."""
 
-    stiffness: OneOrList[Stiffness] | None = None
+    stiffness: OneOrList[OrInfinite] | None = None
     """Normal stiffness of an area of the joints, one for all or one for each, those of piers and
-    bases included [Pa/m]; inf: rigid. It may be left out if vary.of.joints or a table gives it."""
-    shear: OneOrList[Stiffness] | None = None
+    bases included [Pa/m]; inf: rigid. It may be left out if vary.of or a table gives
+    joints.stiffness."""
+    shear: OneOrList[OrInfinite] | None = None
     """Shear stiffness [Pa/m]; if not given, as the normal one. Only model: face uses it."""
     damping: Annotated[float, Field(ge=0.0, le=1.0)] = 0.05
     """Over the critical one, of the first mode with all joints closed; model: face uses it."""
@@ -133,8 +103,6 @@ class JointEntry(Section):
     points: Literal[2, 3] | None = None
     """Points at which a face bears: its ends (2), or these and its middle (3); if not given, it
     bears all along."""
-    positions: List[float] | None = None
-    """Joints of a ring, as the list joints has them."""
 
 
 class Piers(Section):
@@ -151,9 +119,9 @@ class Piers(Section):
     """Bodies of a pier, equally high but for the top one; the joints between them are level."""
     above: OneOrList[Depth] = 0.0
     """Height of the top above the extrados of the springing joint, as of a buttress [m]."""
-    friction: OneOrList[Friction] | None = None
+    friction: OneOrList[OrInfinite] | None = None
     """Coulomb coefficient of its level joints; if not given, as of the ring's springing joint."""
-    density: OneOrList[Density] | None = None
+    density: OneOrList[Annotated[float, Field(ge=SMALLEST, le=1e6)]] | None = None
     """Density of its masonry; if not given, as of the ring's first or last voussoir [kg/m3]."""
     depth: OneOrList[Length] | None = None
     """Width across the plane; if not given, as of the ring's first or last voussoir [m]."""
@@ -199,15 +167,12 @@ class TieEntry(Section):
     """Area of its cross-section [m2]."""
     modulus: Annotated[float, Field(gt=0.0, le=1e13)] = 2.0e11
     """Young's modulus [N/m2]."""
-    prestress: Load = 0.0
+    prestress: Annotated[float, Field(ge=0.0, le=1e12)] = 0.0
     """Tension at rest [N]."""
     strength: Annotated[float, Field(gt=0.0, le=1e12)] | None = None
     """Tension at which it yields [N]; if not given, it stays elastic."""
     rupture: Annotated[float, Field(gt=0.0, le=1e3)] | None = None
     """Elongation at which it breaks [m]; if not given, it never does."""
-
-
-Ties = Annotated[list[TieEntry], Field(max_length=16)]
 
 
 class Distribution(Section):
@@ -259,24 +224,32 @@ class Distribution(Section):
             values = ", ".join(f"{end:g}" for end in ends)
             raise refuse(f"must increase from start to stop, not {values}")
         with at("is cut too far", kind=refuse):
-            self.marginal().quantile(0.5)
+            self.quantile(0.5)
         return self
 
-    def marginal(self) -> "Marginal":
-        """Return the distribution to draw from."""
+    def quantile(self, probability: ArrayLike) -> FloatArray:
+        """Return the values that are not exceeded with the probabilities given, same shape."""
         keys: Any = self
         if self.distribution == "normal":
             law = stats.norm(keys.mean, keys.sd or keys.cov * keys.mean)
         elif self.distribution == "lognormal":
             law = stats.lognorm(keys.beta, 0.0, keys.median)
-        elif self.distribution == "uniform":
-            law = stats.uniform(keys.start, keys.stop - keys.start)
         else:
             width = keys.stop - keys.start
-            law = stats.triang((keys.mode - keys.start) / width, keys.start, width)
-        return Marginal(
-            law, **self.model_dump(include={"lower", "upper"}, exclude_none=True)
-        )
+            law = stats.uniform(keys.start, width)
+            if self.distribution == "triangular":
+                law = stats.triang((keys.mode - keys.start) / width, keys.start, width)
+        lower = -math.inf if self.lower is None else self.lower
+        upper = math.inf if self.upper is None else self.upper
+        low, high = law.cdf([lower, upper]).tolist()
+        if high - low < LEAST_KEPT:
+            raise InputError(
+                f"only {max(high - low, 0.0):.1g} of the distribution lies between "
+                f"lower = {lower:g} and upper = {upper:g}; it must be at least "
+                f"{LEAST_KEPT:g}"
+            )
+        inside = low + np.asarray(probability, dtype=float) * (high - low)
+        return np.clip(law.ppf(inside), lower, upper)
 
 
 class JointScatter(Section):
@@ -305,43 +278,91 @@ class Vary(Section):
         dict[str, Distribution],
         Field(
             json_schema_extra=lambda schema: schema.update(
-                propertyNames={"enum": VARIABLE}
+                propertyNames={"enum": [*VARIABLE]}
             )
         ),
     ] = Field(default_factory=dict)
     """Distribution of each uncertain key, in the unit of the key."""
-    joints: JointScatter | None = None
+    each_joint: JointScatter | None = None
     """Differences between the joints of one arch."""
 
     @model_validator(mode="before")
     @classmethod
     def _keys_are_in_of(cls, given: Any) -> Any:
         for key in given if isinstance(given, dict) else ():
-            if key in VARIABLE and key not in cls.model_fields:
+            if key in VARIABLE:
                 raise refuse(f"must stand in of: {{of: {{{key}: ...}}}}", key)
+            if key == "joints":
+                raise refuse("is each_joint, what differs from joint to joint", key)
+            if key == "of" and isinstance(given[key], dict) and "joints" in given[key]:
+                raise refuse("is joints.stiffness", "of.joints")
         return given
 
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
-        if not self.of and (self.joints is None or not self.joints.model_fields_set):
-            raise refuse("must have a key of or joints: nothing varies")
-        for name, distribution in self.joints or ():
+        scatter = self.each_joint
+        if not self.of and (scatter is None or not scatter.model_fields_set):
+            raise refuse("must have a key of or each_joint: nothing varies")
+        for name, distribution in scatter or ():
             if distribution is not None and distribution.relative:
-                raise refuse("cannot be used for joints", f"joints.{name}.relative")
+                key = f"each_joint.{name}.relative"
+                raise refuse("cannot be used for each_joint", key)
         if self.scheme == "sobol" and self.samples & (self.samples - 1):
             text = "must be a power of two with scheme sobol; latin_hypercube takes any number"
             raise refuse(f"= {self.samples} {text}", "samples")
         return self
 
 
-class ArchEntry(Section):
-    """An arch, column or block from a profile or a drawing, or many from the rows of a table."""
+def _plain_key(row: Any) -> tuple[Any, Any]:
+    """Return type and default of a key that is a number, or true or false."""
+    of: Any = row.kind
+    if row.infinite:
+        of = OrInfinite
+    elif row.unit is not None:
+        of = Annotated[row.kind, Field(ge=row.least, le=row.most)]
+    if row.each:
+        of = OneOrList[of]  # type: ignore[misc, valid-type]
+    return (
+        of if row.default else of | None,
+        Field(default=row.default, description=row.text),
+    )
+
+
+_ID = (
+    "Name of the arch or class of arches in results: letters, digits and _ . + - only."
+)
+_plain: dict[str, Any] = {
+    "id": (Identifier, Field(description=_ID)),
+    **{key: _plain_key(row) for key, row in PROPERTIES.items() if row.text},
+}
+_PlainKeys: Any = create_model("_PlainKeys", __base__=Section, **_plain)
+_COMMON = ("id", "friction", "density", "depth", "recess", "joints", "vary")
+_ROWS = PROPERTIES.items()
+# Columns of a table that are keys of its arches.
+_KEYS = [key for key, row in _ROWS if {*row.needed, *row.taken} - {*DRAWN}]
+_KEYS = ["profile", *dict.fromkeys((*_COMMON, *_KEYS))]
+COLUMNS = (*_KEYS, *(key for key in VARIABLE if "." in key))
+
+
+class ArchEntry(_PlainKeys):  # type: ignore[misc]
+    """An arch, column or block from a profile or a drawing, or many from the rows of a table.
+
+    Keys that are one number are rows of `archfrag.properties`.
+    """
 
     kind_key = "profile"
-    common = ("id", "friction", "density", "depth", "recess", "joints", "vary")
+    common = _COMMON
+    kinds: ClassVar = {
+        "table": ((), ("table", "rows", *_KEYS)),
+        **{
+            kind: (
+                tuple(key for key, row in _ROWS if kind in row.needed),
+                tuple(key for key, row in _ROWS if kind in row.taken),
+            )
+            for kind in ("drawing", *PROFILES)
+        },
+    }
 
-    id: Identifier
-    """Name of the arch or class of arches in results: letters, digits and _ . + - only."""
     profile: Literal[PROFILES] | None = None  # type: ignore[valid-type]
     """Shape of the arch; not with drawing, and with table only if its rows do not give it."""
     table: PathText | None = None
@@ -350,121 +371,74 @@ class ArchEntry(Section):
     rows: Literal["all", "sample"] | None = None
     """sample: the rows of the table are a random sample of a larger stock of arches, for which
     curve and band then are. all, or not given: they are all arches of the class."""
-    drawing: Annotated[PathText | None, Key(taken=("drawing",))] = None
+    drawing: PathText | None = None
     """DXF file: blocks as closed polylines, and lines where they stand on ground."""
-    layer: Annotated[OneOrList[str] | None, Key(taken=("drawing",))] = None
+    layer: OneOrList[str] | None = None
     """Layer of the blocks of a drawing, or a list of layers; the only one with polylines if not
     given."""
-    unit: Annotated[DrawingUnit | None, Key(taken=("drawing",))] = None
+    unit: Literal["m", "dm", "cm", "mm", "in", "ft"] | None = None
     """Unit of a drawing; overrides what it states."""
-    radius: Annotated[Length | None, Key(needed=("circular",), unit="m")] = None
-    """Mid-thickness radius (circular) [m]."""
-    embrace: Annotated[Angle | None, Key(needed=("circular",), unit="degree")] = None
-    """Angle between the springings (circular) [degrees]."""
-    span: Annotated[Length | None, Key(needed=RINGS[1:], unit="m")] = None
-    """Span of the centre line [m]."""
-    rise: Annotated[Length | None, Key(needed=RINGS[1:], unit="m")] = None
-    """Rise of the centre line [m]; at most half the span (segmental), at least (pointed)."""
-    thickness: Annotated[Length | None, Key(needed=RINGS, unit="m")] = None
-    """Thickness of the ring, measured along its joints [m]."""
-    voussoirs: Annotated[Count | None, Key(needed=RINGS)] = None
-    """Number of voussoirs."""
-    sector: Annotated[bool | None, Key(taken=RINGS[:2])] = None
-    """Exact annular sectors (circular, segmental); false: straight-sided voussoirs."""
-    joints: Annotated[
-        Annotated[
-            Annotated[List[float], Tag("list")] | Annotated[JointEntry, Tag("block")],
-            Discriminator(lambda given: "list" if isinstance(given, list) else "block"),
-        ]
-        | None,
-        Key(unit="Pa m-1"),
-    ] = None
+    joint_positions: List[float] | None = None
     """Positions of the joints of a ring from the left springing: degrees (circular) or fractions
-    of the centre line; or a block with their stiffness, of any profile."""
-    intrados: Annotated[List[Point] | None, Key(needed=("from_joints",))] = None
+    of the centre line."""
+    intrados: Points | None = None
     """Inner ends of the joints, in order [m]."""
-    extrados: Annotated[List[Point] | None, Key(needed=("from_joints",))] = None
+    extrados: Points | None = None
     """Outer ends of the joints, in order [m]."""
-    free_end: Annotated[bool | None, Key(taken=("from_joints",))] = None
-    """Whether the last voussoir touches no ground, as in a column or a wall."""
-    width: Annotated[Length | None, Key(needed=("block",), unit="m")] = None
-    """Width of a block [m]."""
-    height: Annotated[Length | None, Key(needed=("block",), unit="m")] = None
-    """Height of a block [m]."""
-    outlines: Annotated[List[list[Corner]] | None, Key(needed=("polygons",))] = None
+    outlines: List[list[Corner]] | None = None
     """Corners of each block: x, y [m] and the bulge of the side to the next one, 0 if straight."""
-    ground: Annotated[
-        Annotated[list[Line], Field(max_length=2)] | None, Key(taken=("polygons",))
-    ] = None
+    ground: Annotated[list[Line], Field(max_length=2)] | None = None
     """Lines on which ends stand; if none, the sides opposite to the joints of both ends."""
-    thickness_factor: Annotated[
-        Annotated[float, Field(gt=0.0, le=100.0)] | None,
-        Key(taken=("polygons", "drawing"), unit="1"),
-    ] = None
-    """Factor on the length of the joints of drawn blocks; the sides between joints follow."""
-    tolerance: Annotated[Length | None, Key(taken=_DRAWN)] = None
-    """Distance within which edges of drawn neighbours agree [m]; 1e-5 of the size by default."""
-    dead_load: Annotated[OneOrList[Load] | None, Key(taken=_LOADED, unit="N")] = None
-    """Weight on the back of all voussoirs, or a list with one for each [N]."""
-    fill: Annotated[Fill | None, Key(taken=_LOADED)] = None
+    fill: Fill | None = None
     """Fill and backing, as weight and mass."""
-    piers: Annotated[Piers | None, Key(taken=_LOADED)] = None
+    piers: Piers | None = None
     """Piers or buttresses on which the ring stands."""
-    strength: Annotated[Strength | None, Key(taken=_LOADED)] = None
-    """Compressive strength of the masonry: joints lose the thickness that would crush under
-    self-weight [N/m2]. If not given, nothing crushes."""
-    springings: Annotated[Springings | None, Key(taken=_LOADED)] = None
-    """A springing that has moved before the record."""
-    ties: Annotated[Ties | None, Key(taken=_LOADED)] = None
-    """Ties, one or several."""
-    friction: Annotated[OneOrList[Friction] | None, Key(needed=_ALL, unit="1")] = None
-    """Coulomb coefficient of all joints, or one for each; inf: the limit of large friction. On
-    piers a list is for the joints of the ring alone, or for all of the arch."""
-    density: Annotated[OneOrList[Density], Key(unit="kg m-3")] = 2000.0
-    """Density of the masonry, or of each voussoir of the ring [kg/m3]."""
-    depth: Annotated[OneOrList[Length], Key(unit="m")] = 1.0
-    """Width of the arch across its plane, or of each voussoir of the ring [m]."""
     recess: Recess | None = None
     """Depths near the ends of joints over which they transmit nothing."""
+    joints: JointEntry | None = None
+    """Joints that give, by their stiffness."""
+    springings: Springings | None = None
+    """A springing that has moved before the record."""
+    ties: Annotated[list[TieEntry], Field(max_length=16)] | None = None
+    """Ties, one or several."""
     vary: Vary | None = None
     """Distributions of uncertain keys; the study then has sampled arches in place of this one."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _joints_are_a_block(cls, given: Any) -> Any:
+        joints = given.get("joints") if isinstance(given, dict) else None
+        if isinstance(joints, list) or (
+            isinstance(joints, dict) and "positions" in joints
+        ):
+            rule = "is a block with stiffness; positions are joint_positions: [...]"
+            raise refuse(rule, "joints")
+        return given
+
     @model_validator(mode="after")
     def _have_what_varies(self) -> Self:
-        if (
-            self.soft.positions is not None
-            and not self.table
-            and self.profile not in RINGS
-        ):
-            rule = (
-                f"has positions, which only {', '.join(RINGS)} take; give a "
-                f"block with stiffness"
-            )
-            raise refuse(rule, "joints")
-        later = self.table or (self.vary is not None and "joints" in self.vary.of)
-        if (
-            isinstance(self.joints, JointEntry)
-            and self.soft.stiffness is None
-            and not later
-        ):
+        of = self.vary.of if self.vary else {}
+        later = self.table or "joints.stiffness" in of
+        if self.joints and self.joints.stiffness is None and not later:
             raise refuse("must be given", "joints.stiffness")
-        for key, distribution in (
-            self.vary.of.items() if self.vary and not self.table else ()
-        ):
+        for key, distribution in () if self.table else of.items():
             if distribution.relative and self.value(key) is None:
                 text = f"needs a key {key} of the arch, which it multiplies"
                 raise refuse(text, f"vary.of.{key}.relative")
             if not distribution.relative and isinstance(self.value(key), list):
                 text = f"would replace the list {key}; give factors on it, with relative: true"
                 raise refuse(text, f"vary.of.{key}")
-        joints = self.vary.joints if self.vary and self.piers else None
-        many = isinstance(self.friction, list) or (
-            self.piers and self.piers.friction is not None
+        scatter = self.vary.each_joint if self.vary and self.piers else None
+        many = (
+            isinstance(self.friction, list) or self.value("piers.friction") is not None
         )
-        if joints and (joints.position or (joints.friction and many)):
+        if scatter and (scatter.position or (scatter.friction and many)):
             text = "with piers cannot have position, or friction unless all joints share one"
-            raise refuse(text, "vary.joints")
+            raise refuse(text, "vary.each_joint")
         return self
+
+    def __hash__(self) -> int:
+        return hash(repr(self))
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -472,122 +446,68 @@ class ArchEntry(Section):
         return self.model_dump(exclude_none=True)
 
     def value(self, key: str) -> Any:
-        """Return the value of a key that may vary, of joints their stiffness; None without one."""
-        return self.soft.stiffness if key == "joints" else getattr(self, key, None)
+        """Return the value of a key, or of one in a block; None without one."""
+        value: Any = self
+        for name in key.split("."):
+            value = getattr(value, name, None)
+        return value
 
     def number(self, key: str) -> float:
         """Return the value of a key, the mean of a list; nan without one."""
         value = self.value(key)
         return math.nan if value is None else float(np.mean(value))
 
-    @property
-    def soft(self) -> JointEntry:
-        """The key joints as a block; without stiffness where only positions are given."""
-        if isinstance(self.joints, JointEntry):
-            return self.joints
-        return JointEntry(positions=self.joints)
+    def varied(self, values: Mapping[str, Any], place: str, *without: str) -> Self:
+        """Return the arch with other values of keys, or of keys in blocks, and `without` some.
 
-    def read(self) -> "ArchEntry":
+        InputError names its place if they cannot be.
+        """
+        given = self.model_dump(exclude_none=True, exclude={*without})
+        for key, value in values.items():
+            block, _, name = key.rpartition(".")
+            (given.setdefault(block, {}) if block else given)[name] = value
+        with at(place, given):
+            return type(self).model_validate(given)
+
+    def read(self) -> Self:
         """Return the arch with what its drawing holds; GeometryError if that cannot be an arch."""
         if self.drawing is None:
             return self
         drawn = read_drawing(self.drawing, self.layer, self.unit)
         polygon_ring(drawn, self.tolerance)
-        given = self.model_dump(exclude_none=True, exclude={"drawing", "layer", "unit"})
-        blocks = {
+        values: dict[str, Any] = {
             name: [each.tolist() for each in getattr(drawn, name)]
             for name in ("outlines", "ground")
         }
-        return ArchEntry.model_validate({**given, **blocks, "profile": "polygons"})
+        values["profile"] = "polygons"
+        return self.varied(values, self.drawing, "drawing", "layer", "unit")
 
     def build(self) -> "Arch":
         """Return arch, of one that varies by its own values; GeometryError if it cannot exist."""
-        entry = self.read()
-        key = repr(entry.model_dump(exclude={"id", "vary"}))
-        if key not in _BUILT:
-            if len(_BUILT) >= _MOST_KEPT:
-                _BUILT.clear()
-            with no_unit_warnings():
-                _BUILT[key] = _built(entry)
-        return _BUILT[key]
+        entry = self.read().model_copy(update={"id": "arch", "vary": None})
+        context = copy_context()
+        context.run(quiet.set, True)
+        return context.run(_built, entry)
 
 
-_KEYS = {
-    name: about
-    for name, field in ArchEntry.model_fields.items()
-    for about in field.metadata
-    if isinstance(about, Key)
-}
-UNITS = {name: about.unit for name, about in _KEYS.items() if about.unit}
-# As columns of a table state them, by the unit of the cube.
-_SPELLED = {
-    "m": "m",
-    "degree": "degrees degree deg °",
-    "kg m-3": "kg/m3 kg/m³",
-    "N": "N",
-    "Pa m-1": "Pa/m N/m3 N/m³",
-    "1": "1 -",
-}
-COLUMN_UNITS = {name: _SPELLED[unit] for name, unit in UNITS.items()}
-COLUMN_UNITS |= {"strength": "N/m2 N/m² Pa", "tolerance": "m"}
-VARIABLE = tuple(UNITS)  # keys that may vary, of all profiles
-# Columns of a table that are keys of its arches.
-COLUMNS = tuple(
-    dict.fromkeys(
-        (
-            "profile",
-            *ArchEntry.common,
-            *(
-                name
-                for name, about in _KEYS.items()
-                if {*about.needed, *about.taken} - {*_DRAWN}
-            ),
-        )
-    )
-)
-ArchEntry.kinds = {
-    "table": ((), ("table", "rows", *COLUMNS)),
-    **{
-        kind: (
-            tuple(name for name, about in _KEYS.items() if kind in about.needed),
-            tuple(name for name, about in _KEYS.items() if kind in about.taken),
-        )
-        for kind in ("drawing", *PROFILES)
-    },
-}
 # A study asks for each of its arches some ten times; drawings and moved springings take long.
-_BUILT: dict[str, "Arch"] = {}
-_MOST_KEPT = 256
-
-
+@lru_cache(maxsize=256)
 def _built(entry: ArchEntry) -> "Arch":
     """Return the arch of an entry, which is read from its drawing already."""
     name = str(entry.profile)
     makers = {"block": arch.Block, "polygons": arch.Arch.from_polygons}
     make: Any = makers.get(name) or getattr(arch.Arch, name)
-    later = {
-        "joints",
-        "strength",
-        "springings",
-        "ties",
-        "recess",
-        "vary",
-        "id",
-        "profile",
-        "rows",
-    }
-    given = entry.model_dump(exclude=later, exclude_none=True)
-    soft = entry.soft.model_dump(exclude_none=True)
-    if (positions := soft.pop("positions", None)) is not None:
-        given["joints"] = positions
+    given = entry.model_dump(exclude={*LATER, "id", "profile"}, exclude_none=True)
     built: Arch = make(**given)
     if entry.recess is not None:
-        built = built.recessed(entry.recess.intrados, entry.recess.extrados)
-    strength = math.inf if entry.strength is None else entry.strength
-    if "stiffness" in soft:
-        built = jointed(built, **soft, strength=strength)
-    else:
-        built = crushed(built, strength)
+        built = built.recessed(**entry.recess.model_dump())
+    joints: dict[str, Any] = {
+        "stiffness": math.inf,
+        "strength": entry.strength or math.inf,
+    }
+    if entry.joints is not None:
+        joints |= entry.joints.model_dump(exclude_none=True)
+    built = jointed(built, **joints)
     if entry.springings is not None:
         built = move_springing(built, **entry.springings.model_dump())
     for tie in entry.ties or ():

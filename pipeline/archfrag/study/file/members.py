@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import qmc
 
-from archfrag.arch.uncertain import sample, to_digits
+from archfrag.arch.checks import FloatArray
 from archfrag.errors import InputError, StabilityError
 from archfrag.files import (
     check_decimals,
@@ -22,16 +24,11 @@ from archfrag.files import (
     stated_unit,
     table_of,
 )
+from archfrag.properties import PROPERTIES, SPELLED, VARIABLE
 from archfrag.simulation.arguments import check_can_run, check_method
 from archfrag.simulation.simulate import onset
 from archfrag.simulation.standing import check_stands, prestress_text
-from archfrag.study.file.arches import (
-    COLUMN_UNITS,
-    COLUMNS,
-    VARIABLE,
-    ArchEntry,
-    JointScatter,
-)
+from archfrag.study.file.arches import COLUMNS, ArchEntry, JointScatter, Vary
 from archfrag.study.keys import at, meant
 from archfrag.study.provenance import SHOWN
 from archfrag.study.yaml_text import parse_value
@@ -116,10 +113,11 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
         where = f"arches[{i}] ({entry.id})"
         bases = list(_listed(entry, where))
         each = 1 if entry.vary is None else entry.vary.samples
-        if (count := len(found) + each * len(bases) * (1 + len(shocks))) > MOST_MEMBERS:
-            most = f"a study must have at most {MOST_MEMBERS}"
+        count = len(found) + each * len(bases) * (1 + len(shocks))
+        if count > MOST_MEMBERS:
             raise InputError(
-                f"{where}: makes {count} arches with those before it; {most}"
+                f"{where}: makes {count} arches with those before it; a study must "
+                f"have at most {MOST_MEMBERS}"
             )
         new = [member for base in bases for member in _drawn(base)]
         new += [
@@ -162,38 +160,27 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         if "id" not in table or table.empty:
             raise InputError("must have arches and a column id")
         table.columns = table.columns.map(_key_or_attribute)
-        if same := list(table.columns[table.columns.duplicated()]):
-            raise InputError(
-                f"column {same[0]!r} is there twice, with a unit and without"
-            )
-        if (twice := table["id"].duplicated()).any():
-            raise InputError(
-                f"several arches have the id {table['id'][twice].iloc[0]!r}"
-            )
-    defaults = entry.model_dump(
-        exclude={"id", "table", "rows"}, exclude_unset=True, exclude_none=True
-    )
+        for name in table.columns[table.columns.duplicated()]:
+            raise InputError(f"column {name!r} is there twice, with a unit and without")
+        for name in table["id"][table["id"].duplicated()]:
+            raise InputError(f"several arches have the id {name!r}")
     keys = [name for name in map(str, table) if name in COLUMNS and name != "id"]
     for row in table.to_dict("records"):
-        given = {**defaults, "id": row["id"]}
+        given: dict[str, Any] = {"id": row["id"]}
         for key in filter(row.get, keys):
             try:  # numbers as spreadsheets write them, such as 7.0 for 7
                 value = number(row[key])
                 given[key] = int(value) if value.is_integer() else value
             except ValueError:
                 given[key] = parse_value(row[key], f"{place}, column {key}")
-            if key == "joints" and not isinstance(given[key], dict):
-                name = "positions" if isinstance(given[key], list) else "stiffness"
-                given[key] = _other_joints(defaults.get("joints"), {name: given[key]})
         own = f"{place}, arch {row['id']}"
-        with at(own, given):
-            arch = ArchEntry.model_validate(given)
+        arch = entry.varied(given, own, "table", "rows")
         # Of rows that leave a cell empty too: the study's entry gives what they have.
-        values = {
-            key: arch.value(key) for key in keys if key in ("voussoirs", *VARIABLE)
-        }
         numbers = {
-            key: float(v) for key, v in values.items() if isinstance(v, float | int)
+            key: float(arch.value(key))
+            for key in keys
+            if key in ("voussoirs", *VARIABLE)
+            and isinstance(arch.value(key), float | int)
         }
         attributes = {str(key): text for key, text in row.items() if key not in COLUMNS}
         sampled = row["id"] if entry.rows == "sample" else ""
@@ -207,7 +194,8 @@ def _key_or_attribute(column: str) -> str:
     """
     name, unit = stated_unit(column)
     if name in COLUMNS:
-        asked = COLUMN_UNITS.get(name, "")
+        about = PROPERTIES.get(name)
+        asked = "" if about is None or about.unit is None else SPELLED[about.unit][1]
         if unit is not None and _UNIT_SIGNS.sub("", unit) not in asked.split():
             must = f"is in {asked.split()[0]}" if asked else "has no unit"
             raise InputError(
@@ -231,102 +219,112 @@ def _key_or_attribute(column: str) -> str:
 def _drawn(base: Member) -> Iterator[Member]:
     """Yield the samples of an arch, or itself if it does not vary.
 
-    Keys are drawn by the scheme (`archfrag.arch.uncertain.sample`), but what differs from joint to
-    joint by plain random numbers, the same for the n-th sample of a seed whatever the number of
-    samples: no design of a few points is even in as many coordinates as there are joints.
+    Keys are drawn by the scheme (`sample`), but what differs from joint to joint by plain random
+    numbers, the same for the n-th sample of a seed whatever the number of samples: no design of a
+    few points is even in as many coordinates as there are joints.
     """
-    vary = base.entry.vary
+    entry = base.entry
+    vary = entry.vary
     if vary is None:
         yield base
         return
     seed = [vary.seed]
-    if (
-        base.id != base.arch_class
-    ):  # rows are drawn independently, whatever other rows there are
+    # Rows are drawn independently, whatever other rows there are.
+    if base.id != base.arch_class:
         seed.append(zlib.crc32(base.id.encode()))
-    plain = base.entry.model_dump(exclude_none=True, exclude={"vary"})
     with at(base.place):
-        n_joint = 0 if vary.joints is None else base.entry.build().n_joint
-    values = sample(
-        {key: distribution.marginal() for key, distribution in vary.of.items()},
-        vary.samples,
-        scheme=vary.scheme,
-        seed=seed,
-    )
+        n_joint = 0 if vary.each_joint is None else entry.build().n_joint
+    values = sample(vary, seed)
     for i in range(vary.samples):
-        given = {**plain, "id": f"{base.id}-{i + 1:04d}"}
+        given: dict[str, Any] = {"id": f"{base.id}-{i + 1:04d}"}
         own = dict(base.values)
         for key, distribution in vary.of.items():
             value = given[key] = float(values[key][i])
             if distribution.relative:
-                given[key] = to_digits(
-                    np.multiply(base.entry.value(key), value)
-                ).tolist()
+                given[key] = to_digits(np.multiply(entry.value(key), value)).tolist()
             many = isinstance(given[key], list)
             own[f"{key}_factor" if many else key] = value if many else given[key]
-        changed: dict[str, Any] = (
-            {"stiffness": given["joints"]} if "joints" in vary.of else {}
-        )
-        if "embrace" in vary.of and (positions := base.entry.soft.positions):
+        if "embrace" in given and entry.joint_positions:
             # Joints in degrees keep their parts of an angle of embrace that varies.
-            ratio = given["embrace"] / plain["embrace"]
-            changed["positions"] = [
-                *(j * ratio for j in positions[:-1]),
-                given["embrace"],
-            ]
-        if changed:
-            given["joints"] = _other_joints(plain.get("joints"), changed)
-        if vary.joints is not None:
+            ratio = given["embrace"] / entry.embrace
+            inner = (place * ratio for place in entry.joint_positions[:-1])
+            given["joint_positions"] = [*inner, given["embrace"]]
+        if vary.each_joint is not None:
             # Zeros behind a seed are the same seed to numpy: 1 separates joints from keys.
             generator = np.random.default_rng([*seed, i, 1])
-            given |= _joints_drawn(vary.joints, given, n_joint, generator)
-        told = (
-            ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
-            or "joints"
-        )
-        place = f"{base.place}: sample {i + 1} ({told})"
-        with at(place, given):
-            entry = ArchEntry.model_validate(given)
-        yield replace(base, entry=entry, place=place, values=own)
+            given |= _of_each_joint(vary.each_joint, entry, given, n_joint, generator)
+        told = ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
+        place = f"{base.place}: sample {i + 1} ({told or 'joints'})"
+        arch = entry.varied(given, place, "vary")
+        yield replace(base, entry=arch, place=place, values=own)
 
 
-def _other_joints(given: Any, changed: dict[str, Any]) -> Any:
-    """Return the key joints of an arch with other positions or another stiffness."""
-    block = given if isinstance(given, dict) else {"positions": given} if given else {}
-    block = {**block, **changed}
-    return block["positions"] if [*block] == ["positions"] else block
-
-
-def _joints_drawn(
-    joints: JointScatter,
+def _of_each_joint(
+    scatter: JointScatter,
+    entry: ArchEntry,
     given: Mapping[str, Any],
     n_joint: int,
     generator: np.random.Generator,
 ) -> dict[str, Any]:
+    """Return the keys of an arch with what is `given` that differ from joint to joint."""
     keys: dict[str, Any] = {}
     # All are drawn, so that one key more leaves the others' numbers as they are.
-    for name, distribution in joints:
-        points = np.clip(generator.random(n_joint), 2.0**-32, 1.0 - 2.0**-32)
+    for name, distribution in scatter:
+        points = _inside(generator.random(n_joint))
         if distribution is None:
             continue
-        values = to_digits(distribution.marginal().quantile(points))
+        values = to_digits(distribution.quantile(points))
         if name == "friction":
-            keys[name] = to_digits(np.asarray(given[name]) * values).tolist()
+            friction = given.get("friction", entry.friction)
+            keys[name] = to_digits(np.asarray(friction) * values).tolist()
         elif name == "position":  # the springings stay where they are
-            end = float(given.get("embrace", 1.0))
+            end = float(given.get("embrace", entry.embrace or 1.0))
             count = max(n_joint - 1, 1)
             step = end / count
-            joined = given.get("joints")
-            places = joined.get("positions") if isinstance(joined, dict) else joined
+            places = given.get("joint_positions", entry.joint_positions)
             places = places or [*(step * j for j in range(count)), end]
             moved = np.asarray(places[1:-1]) + step * values[1:-1]
             inner = (float(f"{place:.12g}") for place in moved)
-            positions = [float(places[0]), *inner, float(places[-1])]
-            keys["joints"] = _other_joints(joined, {"positions": positions})
+            keys["joint_positions"] = [float(places[0]), *inner, float(places[-1])]
         else:
-            side = {name.removeprefix("recess_"): values.tolist()}
-            keys["recess"] = keys.get("recess", given.get("recess", {})) | side
+            keys[name.replace("_", ".")] = values.tolist()
     return keys
+
+
+def sample(vary: Vary, seed: Sequence[int]) -> dict[str, FloatArray]:
+    """Sample the uncertain keys of an arch, as many values of each as it has samples.
+
+    Points fill the unit cube evenly (quasi-Monte Carlo), and the quantile function of each
+    distribution makes a coordinate a value. The scheme is Sobol's sequence, scrambled (Owen 1998):
+    the first samples of a longer design are those of a shorter one, and its one- and
+    two-dimensional projections are even if their number is a power of two. Or it is the Latin
+    hypercube (McKay, Beckman and Conover 1979), for any number: one sample in each of as many
+    slices of every key.
+    """
+    generator = np.random.default_rng(seed)
+    if not vary.of:
+        return {}
+    if vary.scheme == "sobol":
+        power = (vary.samples - 1).bit_length()
+        design = qmc.Sobol(len(vary.of), scramble=True, seed=generator)
+        points = design.random_base2(power)
+    else:
+        points = qmc.LatinHypercube(len(vary.of), seed=generator).random(vary.samples)
+    return {
+        name: to_digits(law.quantile(x))
+        for (name, law), x in zip(vary.of.items(), _inside(points).T)
+    }
+
+
+def _inside(points: FloatArray) -> FloatArray:
+    """Return points away from the faces of the unit cube, where quantiles may be infinite."""
+    return np.clip(points, 2.0**-32, 1.0 - 2.0**-32)
+
+
+def to_digits(values: ArrayLike) -> FloatArray:
+    """Return the values to ten significant digits, same shape: the same on every machine."""
+    array = np.asarray(values, dtype=float)
+    return np.array([float(f"{v:.10g}") for v in array.ravel()]).reshape(array.shape)
 
 
 @contextmanager
@@ -358,7 +356,9 @@ def check_standing(given: Members, method: Any = None) -> None:
             if method is not None:
                 check_can_run(arch, check_method(method.name), method.delay)
             if not onset(arch).stands:
-                how = "make it thicker, raise the friction, or narrow the distributions"
-                why = f"does not stand under its own weight; {how} of what varies"
+                why = (
+                    "does not stand under its own weight; make it thicker, raise the "
+                    "friction, or narrow the distributions of what varies"
+                )
                 raise StabilityError(prestress_text(arch) or why)
             check_stands(arch)

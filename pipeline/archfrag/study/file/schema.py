@@ -127,18 +127,15 @@ class Method(Section):
     """Gap at both corners of a joint, over its length, beyond which contact is lost for good."""
     delay: Annotated[float, Field(ge=0.0, le=60.0)] | None = None
     """Time by which a motion reaches the right springing later than the left one [s]."""
-    settings: dict[str, float] = Field(default_factory=dict)
-    """Parameters of this method that differ from their defaults, by name."""
 
     @model_validator(mode="after")
-    def _known_with_its_settings(self) -> Self:
+    def _is_known(self) -> Self:
         names = arguments.method_names()
         if self.name not in names:
             raise refuse(f"= {self.name} must be one of {', '.join(names)}", "name")
         with at("cannot be used", kind=refuse):
             method = arguments.check_method(self.name)
             arguments.check_taken(method, dt=self.dt, rtol=self.rtol)
-            arguments.check_settings(method, self.settings)
         return self
 
 
@@ -229,7 +226,10 @@ class StudyKeys(Section):
     def _steps_faces(self) -> Self:
         name = self.method.name
         for place, entry in enumerate(self.arches):
-            if entry.soft.model == "face" and name not in ("auto", "time_stepping"):
+            if entry.value("joints.model") == "face" and name not in (
+                "auto",
+                "time_stepping",
+            ):
                 text = f"face needs method time_stepping or auto, not {name}"
                 raise refuse(text, f"arches[{place}].joints.model")
         return self
