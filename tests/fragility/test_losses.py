@@ -11,13 +11,13 @@ import pytest
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import Curve
-from archfrag.fragility.losses import (
+from archfrag.fragility.risk import HazardCurve, collapse_rate
+from archfrag.fragility.several import (
     average_annual_loss,
     checked_ratios,
     loss_steps,
     vulnerability,
 )
-from archfrag.fragility.risk import HazardCurve, collapse_rate
 
 SPREAD = np.array([[4e-3, 1e-3], [1e-3, 3e-3]])
 RATIOS = {"motion": 0.02, "rotation": 0.3, "collapse": 1.0}

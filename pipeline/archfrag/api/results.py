@@ -118,7 +118,7 @@ class Results:
         self._made = read_stamp(study, "cube")
         self._fitted = table or finished(study)
         self.curves = {
-            name: in_unit(curve, name, study.intensity)
+            name: in_unit(curve, study.intensity)
             for name, curve in self._fitted.curves.items()
             if curve.fitted
         }

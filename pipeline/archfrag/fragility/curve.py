@@ -31,8 +31,9 @@ _BAND = (
     "assumptions",
     "n_independent",
     "n_non_monotone",
-    "more",
 )
+# Tables of a curve, plain and in SI units; those that were not asked for are None.
+_TABLES = ("dispersion", "free", "measures", "cloud")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -98,9 +99,18 @@ class Curve:
     assumptions: str = ""  #: of the band
     n_independent: float = 0.0  #: effective number of records or runs
     n_non_monotone: int = 0  #: runs against the capacity of their record
-    more: dict[str, Any] = field(
-        default_factory=dict
-    )  #: further results by name, plain, in SI
+    #: Limit states, from light to severe: those without a curve too, and of an arch collapse.
+    states: tuple[Curve, ...] = ()
+    crossings: str = ""  #: whether curves of neighbouring states cross
+    #: Runs without a verdict, and the curves if all of them collapse, and if all survive.
+    n_undecided: int = 0
+    if_collapsed: Curve | None = None
+    if_survived: Curve | None = None
+    #: Isotonic curve, and test of the lognormal shape; in SI units, as all tables here.
+    free: Mapping[str, Any] | None = None
+    measures: Mapping[str, Any] | None = None  #: `compare_measures`
+    cloud: Mapping[str, Any] | None = None  #: logistic regression
+    dispersion: Mapping[str, Any] | None = None  #: parts of that of a class
     name: str = ""
     state: str = "collapse"
     meaning: str = ""  #: of the limit state
@@ -117,11 +127,9 @@ class Curve:
     @property
     def parts(self) -> FloatArray:
         """theta and beta of the lognormal curves whose mean this curve is, (n, 2)."""
-        return (
-            np.array([[self.theta, self.beta]])
-            if self.members is None
-            else self.members
-        )
+        if self.members is not None:
+            return self.members
+        return np.array([[self.theta, self.beta]])
 
     @property
     def standard_errors(self) -> FloatArray:
@@ -136,21 +144,17 @@ class Curve:
     @property
     def theta_interval(self) -> tuple[float, float]:
         """Interval of the median; without a posterior normal in ln theta."""
-        return (
-            self.intervals[0] if self.intervals else self._interval(self.theta, 0, 1.0)
-        )
+        return self._interval(0, self.theta, 1.0)
 
     @property
     def beta_interval(self) -> tuple[float, float]:
         """Interval of the dispersion; without a posterior normal in ln beta."""
-        return (
-            self.intervals[1]
-            if self.intervals
-            else self._interval(self.beta, 1, self.beta)
-        )
+        return self._interval(1, self.beta, self.beta)
 
-    def _interval(self, value: float, place: int, scale: float) -> tuple[float, float]:
-        """Return an interval by the standard error of one parameter."""
+    def _interval(self, place: int, value: float, scale: float) -> tuple[float, float]:
+        """Return the interval of a parameter, without a posterior by its standard error."""
+        if self.intervals:
+            return self.intervals[place]
         z = scipy.special.ndtri(tails(self.confidence)[1])
         reach = np.exp(z * self.standard_errors[place] / scale)
         return float(value / reach), float(value * reach)
@@ -176,11 +180,8 @@ class Curve:
             ends = np.log(theta) + beta * scipy.special.ndtri(one)
             low = ends.min() - 1e-9
             high = ends.max() + 1e-9
-            return float(
-                np.exp(
-                    scipy.optimize.brentq(lambda x: self(np.exp(x)) - one, low, high)
-                )
-            )
+            x = scipy.optimize.brentq(lambda x: self(np.exp(x)) - one, low, high)
+            return float(np.exp(x))
 
         return np.vectorize(root, otypes=[float])(p)
 
@@ -190,14 +191,13 @@ class Curve:
         It is that of the posterior at any intensity, or else by the delta method.
         """
         at = np.asarray(im, dtype=float)
-        lower, upper = self._pointwise(at)
+        ends = self._pointwise(at)
         if self.im:  # as it is drawn, by its points
-            known = at <= self.im[-1]
             points = [np.interp(at, self.im, end) for end in (self.lower, self.upper)]
-            lower, upper = np.where(known, points, (lower, upper))
-        return lower, upper
+            ends = np.where(at <= self.im[-1], points, ends)
+        return ends[0], ends[1]
 
-    def _pointwise(self, im: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _pointwise(self, im: FloatArray) -> Any:
         """Return the band of the posterior, or by the delta method."""
         if self.density is not None:
             return credible_band(self.density, im, self.confidence)
@@ -206,14 +206,10 @@ class Curve:
         # var z = g C g with g = -(1, z) / beta.
         (var_theta, cov), (_, var_beta) = self.covariance
         with np.errstate(invalid="ignore"):
-            reach = (
-                quantile
-                * np.sqrt(var_theta + 2.0 * cov * z + var_beta * z * z)
-                / self.beta
-            )
+            variance = var_theta + 2.0 * cov * z + var_beta * z * z
+            reach = quantile * np.sqrt(variance) / self.beta
             ends = scipy.special.ndtr([z - reach, z + reach])
-            lower, upper = np.where(np.isneginf(z), 0.0, ends)
-        return lower, upper
+        return np.where(np.isneginf(z), 0.0, ends)
 
     def draws(self, seed: int, number: int = 4000) -> tuple[FloatArray, FloatArray]:
         """Draw theta and beta, (number,) each, from the posterior.
@@ -241,34 +237,38 @@ class Curve:
         return float(self(im)), float(low), float(high)
 
     @property
-    def states(self) -> list[Curve]:
-        """All limit states with the reasons of those without a curve, from light to severe."""
-        states = self.more.get("limit_states", {}).get("states", ())
-        named = (replace(Curve.from_dict(each), name=self.name) for each in states)
-        return [each.in_unit(self.si, self.measure, self.unit) for each in named]
-
-    @property
     def limit_states(self) -> dict[str, Curve]:
         """Curves of all limit states that the runs show, the lightest first and collapse last."""
-        states = {each.state: each for each in self.states if each.fitted}
-        states.pop(self.state, None)
-        return {**states, self.state: self}
+        lighter = (each for each in self.states if each.state != self.state)
+        states = {each.state: each for each in lighter if each.fitted}
+        return states | {self.state: self}
 
     def in_unit(self, si: float, measure: str, unit: str) -> Curve:
-        """Return the curve against intensity in a unit that is `si` in SI units."""
-        low_high = None
-        if self.intervals is not None:
-            (low, high), beta = self.intervals
-            low_high = (low / si, high / si), beta
-        members = None if self.members is None else self.members / [si, 1.0]
+        """Return the curve, with all its curves, in a unit that is `si` in SI units.
+
+        This is the one place where the unit of a curve changes: curves are fitted and stored in
+        SI units, and whoever shows or writes them in another asks for it here, once. Tables of a
+        curve stay in SI units.
+        """
+
+        def moved(curve: Curve | None) -> Curve | None:
+            return curve and curve.in_unit(si, measure, unit)
+
+        intervals = self.intervals
+        if intervals is not None:
+            (low, high), beta = intervals
+            intervals = (low / si, high / si), beta
         return replace(
             self,
             theta=self.theta / si,
-            members=members,
-            intervals=low_high,
+            members=None if self.members is None else self.members / [si, 1.0],
+            intervals=intervals,
             si=si,
             density=self.density and self.density.moved(-np.log(si)),
-            likelihood=self.likelihood and self.likelihood.in_unit(si, measure, unit),
+            likelihood=moved(self.likelihood),
+            states=tuple(each.in_unit(si, measure, unit) for each in self.states),
+            if_collapsed=moved(self.if_collapsed),
+            if_survived=moved(self.if_survived),
             im=[each / si for each in self.im],
             measure=measure,
             unit=unit,
@@ -329,21 +329,22 @@ class Curve:
     def undecided(self, text: Callable[[float], str] | None = None) -> str:
         """Write what the runs without a verdict could change; empty if there are none.
 
-        `text` writes a median that is in SI units.
+        `text` writes a median in the unit of the curve.
         """
-        lost = self.more.get("without_verdict") or {}
-        if "runs" not in lost:
+        if not self.n_undecided:
             return ""
-        text = text or (lambda theta: f"{theta / self.si:.4g} {self.unit}")
-        ends = (lost[key].get("theta") for key in ("collapsed", "survived"))
-        low, high = ("not known" if theta is None else text(theta) for theta in ends)
-        runs = "1 run has" if lost["runs"] == 1 else f"{lost['runs']} runs have"
+        text = text or (lambda theta: f"{theta:.4g} {self.unit}")
+        low, high = (
+            text(curve.theta) if curve and curve.fitted else "not known"
+            for curve in (self.if_collapsed, self.if_survived)
+        )
+        n = self.n_undecided
+        runs = "1 run has" if n == 1 else f"{n} runs have"
         return f"{runs} no verdict: the median is {low} if all collapse, {high} if all survive"
 
     def __repr__(self) -> str:
-        name = ", ".join(
-            filter(None, (self.name, self.state * (self.state != "collapse")))
-        )
+        shown = self.name, self.state * (self.state != "collapse")
+        name = ", ".join(filter(None, shown))
         words = ", ".join(filter(None, self.words()))
         lost = self.undecided()
         return f"<Curve {name}{': ' * bool(name)}{words}{'; ' * bool(lost)}{lost}>"
@@ -357,47 +358,74 @@ class Curve:
             return {"none": self.reason}
         plain = {name: getattr(self, name) for name in _FIT}
         plain["covariance_ln_theta_beta"] = self.covariance.tolist()
-        return (
-            plain
-            if self.members is None
-            else plain | {"members": self.members.tolist()}
-        )
+        if self.members is not None:
+            plain["members"] = self.members.tolist()
+        return plain
 
     def to_dict(self) -> dict[str, Any]:
         """Return all in SI units as plain values, for JSON."""
-        likelihood = (
-            {"none": ""} if self.likelihood is None else self.likelihood.fit_dict()
-        )
+        more = {name: getattr(self, name) for name in _TABLES}
+        if self.crossings:
+            states = [each._state_dict() for each in self.states]
+            more["limit_states"] = {"message": self.crossings, "states": states}
+        more["without_verdict"] = {}
+        if self.if_collapsed and self.if_survived:
+            more["without_verdict"] = {
+                "runs": self.n_undecided,
+                "collapsed": self.if_collapsed.fit_dict(),
+                "survived": self.if_survived.fit_dict(),
+            }
+        found = {name: part for name, part in more.items() if part is not None}
+        return self._plain() | {"more": found}
+
+    def _state_dict(self) -> dict[str, Any]:
+        """Return the curve of a limit state as plain values."""
+        plain = self._plain() if self.fitted else {"curve": self.fit_dict()}
+        return {"name": self.state, "meaning": self.meaning, **plain}
+
+    def _plain(self) -> dict[str, Any]:
+        """Return curve, band and intervals as plain values."""
+        likelihood = self.likelihood or Curve()
         theta, beta = self.intervals or [(np.nan, np.nan)] * 2
-        plain = {
+        return {
             "curve": self.fit_dict(),
-            "likelihood": likelihood,
+            "likelihood": likelihood.fit_dict(),
             "theta": theta,
             "beta": beta,
             "density": self.density and self.density.to_plain(),
+            **{name: getattr(self, name) for name in _BAND},
         }
-        return plain | {name: getattr(self, name) for name in _BAND}
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> Curve:
-        """Return the curve that `to_dict` wrote, or a part of what it wrote."""
+    def from_dict(cls, plain: Mapping[str, Any], name: str = "") -> Curve:
+        """Return the curve that `to_dict` wrote, or a part of what it wrote, with its name."""
+        more = plain.get("more", {})
         own = _fit_of(plain["curve"]) | {
-            name: plain[name] for name in _BAND if name in plain
+            key: of[key]
+            for of, keys in ((plain, _BAND), (more, _TABLES))
+            for key in keys
+            if key in of
         }
         if "likelihood" in plain:
             own["likelihood"] = cls(**_fit_of(plain["likelihood"]))
         if (density := plain.get("density")) is not None:
             own["density"] = Density.from_plain(density)
-        ends = [plain.get(name, (None, None)) for name in ("theta", "beta")]
-        if None not in ends[0]:
-            own["intervals"] = tuple(
-                tuple(float(each) for each in pair) for pair in ends
-            )
-        labels = {
-            "state": plain.get("name", "collapse"),
-            "meaning": plain.get("meaning", ""),
-        }
-        return cls(**own, **labels)
+        theta, beta = (plain.get(key) or (None,) for key in ("theta", "beta"))
+        if None not in theta:
+            own["intervals"] = tuple(theta), tuple(beta)
+        if found := more.get("limit_states"):
+            own["crossings"] = found["message"]
+            own["states"] = tuple(cls.from_dict(each, name) for each in found["states"])
+        if lost := more.get("without_verdict"):
+            own["n_undecided"] = lost["runs"]
+            for key in ("collapsed", "survived"):
+                own[f"if_{key}"] = cls(**_fit_of(lost[key]))
+        return cls(
+            **own,
+            name=name,
+            state=plain.get("name", "collapse"),
+            meaning=plain.get("meaning", ""),
+        )
 
 
 def plots() -> Any:

@@ -26,22 +26,21 @@ class Density:
 
     def deviations(self, x: FloatArray, level: FloatArray) -> FloatArray:
         """Return quantiles of (x - ln theta) / beta at ln intensities, `level` broadcast to x."""
-        z = (x[..., None, None] - self.log_theta[:, [0, -1]]) / self.beta[:, None]
-        ends = (z.min(axis=(-1, -2)), z.max(axis=(-1, -2)))
         at = x[..., None]
+        z = (at[..., None] - self.log_theta[:, [0, -1]]) / self.beta[:, None]
         return _root(
-            lambda z: 1.0 - self._below(at - z[..., None] * self.beta) - level, *ends
+            lambda z: 1.0 - self._below(at - z[..., None] * self.beta) - level,
+            z.min(axis=(-1, -2)),
+            z.max(axis=(-1, -2)),
         )
 
     def log_thetas(self, level: ArrayLike) -> FloatArray:
         """Return quantiles of ln theta, of the shape of `level`."""
-        level = np.asarray(level)
-        ones = np.ones(self.beta.size)
-        ends = (
-            np.full(level.shape, end)
-            for end in (self.log_theta.min(), self.log_theta.max())
+        return _root(
+            lambda t: self._below(t[..., None]) - np.asarray(level),
+            np.full(np.shape(level), self.log_theta.min()),
+            self.log_theta.max(),
         )
-        return _root(lambda t: self._below(t[..., None] * ones) - level, *ends)
 
     def betas(self, level: Sequence[float]) -> FloatArray:
         """Return quantiles of beta, (n,)."""
@@ -87,8 +86,8 @@ class Density:
 
     def compact(self) -> "Density":
         """Return every other row as it is stored; quantiles of P(collapse) agree to 1e-4."""
-        rows = Density(self.beta[::2], self.log_theta[::2], self.density[::2])
-        return Density.from_plain(rows.to_plain())
+        rows = (each[::2] for each in (self.beta, self.log_theta, self.density))
+        return Density.from_plain(Density(*rows).to_plain())
 
     @cached_property
     def _cumulative(self) -> FloatArray:
@@ -98,18 +97,16 @@ class Density:
 
     def _below(self, limit: FloatArray) -> FloatArray:
         """Return P(ln theta <= limit) with a limit for each row, (..., n_row)."""
-        first = self.log_theta[:, 0]
-        step = self.log_theta[:, 1] - self.log_theta[:, 0]
+        first, second = self.log_theta[:, :2].T
         last = self.density.shape[1] - 1
-        place = np.clip((limit - first) / step, 0.0, last)
+        place = np.clip((limit - first) / (second - first), 0.0, last)
         node = np.minimum(place.astype(np.int64), last - 1)
         t = place - node
         row = np.arange(first.size)
         low = self.density[row, node]
-        high = self.density[row, node + 1]
-        return (self._cumulative[row, node] + t * (low + 0.5 * t * (high - low))).sum(
-            axis=-1
-        )
+        rise = self.density[row, node + 1] - low
+        below = self._cumulative[row, node] + t * (low + 0.5 * t * rise)
+        return below.sum(axis=-1)
 
 
 def _root(

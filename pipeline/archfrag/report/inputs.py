@@ -372,7 +372,7 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
             "id": name,
             "arches": list(of_class.values()).count(name),
             **_answered(answer, scale, inputs.at),
-            "dispersion": answer.more.get("dispersion"),
+            "dispersion": answer.dispersion,
         }
         for name, answer in inputs.classes.items()
     ]
@@ -400,13 +400,11 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
 
 def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
     """Return the curve and the probability of an arch or a class, or why it has no curve."""
-    lost = answer.more.get("without_verdict") or None
-    if lost and "runs" in lost:
-        medians = {key: lost[key].get("theta") for key in ("collapsed", "survived")}
-        theta = {
-            key: median and scale.factor * median for key, median in medians.items()
-        }
-        lost = {"runs": lost["runs"], "theta_if": theta}
+    lost: dict[str, Any] | None = None
+    if answer.n_undecided:
+        both = {"collapsed": answer.if_collapsed, "survived": answer.if_survived}
+        theta = {key: scale.factor * each.theta for key, each in both.items() if each}
+        lost = {"runs": answer.n_undecided, "theta_if": theta}
     likelihood = answer.likelihood
     likeliest = None
     chance = None

@@ -122,9 +122,10 @@ def table_sections(inputs: ReportInputs) -> Iterator[PageSection]:
         ]
         parts.append(card(answer, inputs.scale, inputs.percent, own, results))
         parts.append(curve_figures.curve(results, answer))
-        if answer.more.get("limit_states"):
+        if answer.crossings:
             parts += _limit_states(inputs, answer, name)
-        if "test_of_fit" in (free := answer.more.get("free", {})):
+        free = answer.free or {}
+        if "test_of_fit" in free:
             parts += heading("Checks"), paragraph(free["test_of_fit"]["message"])
         parts.append(
             html.folded("Verdicts by level", _levels(results, answer, inputs.percent))
@@ -149,7 +150,6 @@ def _arch_parts(
     answer = inputs.answers[name]
     percent = inputs.percent
     results = inputs.results(name)
-    more = answer.more
     start = f"{name}: "
     design = results.runs.design
     cautions = [
@@ -178,10 +178,10 @@ def _arch_parts(
         else run_figures.single_runs
     )
     yield of_runs(results)
-    if more.get("limit_states"):
+    if answer.crossings:
         yield from _limit_states(inputs, answer, name)
-    if more.get("measures"):
-        yield from _measures(more["measures"], name, inputs.scale)
+    if answer.measures:
+        yield from _measures(answer.measures, name, inputs.scale)
     yield heading("The arch and its onset")
     yield arch_figure.arch_at_onset(arch, onset, name)
     texts = facts_text(arch), inset_text(arch, inset_loss(arch)), joints_text(arch)
@@ -189,7 +189,7 @@ def _arch_parts(
         yield paragraph(f"{words[0].upper()}{words[1:]}.")
     yield heading("Checks")
     yield curve
-    free = more.get("free", {})
+    free = answer.free or {}
     if "test_of_fit" in free:
         yield paragraph(free["test_of_fit"]["message"])
     elif "none" in free:
@@ -197,8 +197,8 @@ def _arch_parts(
             f"There is no isotonic curve and no test of fit: {free['none']}."
         )
     yield paragraph(f"Design {design.kind}: {design.text}.")
-    if "cloud" in more:
-        yield paragraph(_cloud(more["cloud"]["logistic"], inputs.scale), "note")
+    if answer.cloud:
+        yield paragraph(_cloud(answer.cloud["logistic"], inputs.scale), "note")
     yield html.folded("Verdicts by level", _levels(results, answer, percent))
     yield html.folded(
         "Collapses by mechanism", *_mechanism_table(groups, results, percent)
@@ -235,12 +235,12 @@ def _class_parts(inputs: ReportInputs, name: str, curves: Picture) -> Parts:
     yield card(answer, inputs.scale, inputs.percent)
     yield heading("Fragility curve of the class")
     yield curves
-    split = answer.more.get("dispersion") or {}
+    split = answer.dispersion or {}
     if "none" in split:
         yield paragraph(f"The parts of β are not known: {split['none']}.")
     elif split:
         yield paragraph(TEXTS["notes"]["dispersion"].format(**split))
-    if answer.more.get("limit_states"):
+    if answer.crossings:
         yield from _limit_states(inputs, answer, name)
     members = np.array(list(arch_classes(inputs.cube).values())) == name
     differences = {}
@@ -369,14 +369,10 @@ def _cloud(fit: Mapping[str, Any], scale: Scale) -> str:
 
 def _limit_states(inputs: ReportInputs, answer: Curve, name: str) -> Parts:
     """Yield figure and table of limit states."""
-    states = answer.more["limit_states"]
     yield heading("Limit states")
-    if "none" in states:
-        yield paragraph(f"They could not be found: {states['none']}.")
-        return
     yield paragraph(TEXTS["notes"]["states"])
     yield curve_figures.limit_states(inputs, answer, name)
-    yield paragraph(states["message"])
+    yield paragraph(answer.crossings)
     rows = []
     scale = inputs.scale
     for own in answer.states:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import FitError
+from archfrag.errors import FitError, attempt
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.fragility.damage import fit_state_posterior
 from archfrag.fragility.efficiency import compare_measures
@@ -42,6 +42,16 @@ MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
 _COLLAPSE = (
     "a loss of contact that cannot be regained",
     "the severest that the table states",
+)
+_OF_BAND = (
+    "im",
+    "lower",
+    "upper",
+    "density",
+    "method",
+    "assumptions",
+    "n_independent",
+    "n_non_monotone",
 )
 _DRAWN: dict[str, Any] = {"seed": 1, "resamples": 300}
 Worded = Callable[
@@ -241,9 +251,8 @@ class Fitted:
 def curve_of(runs: Runs, confidence: float) -> Curve:
     """Return the curve of some runs with the band and the intervals that are quoted."""
     if not runs.decided.any():
-        return Curve(
-            reason=NOTHING, likelihood=Curve(reason=NOTHING), confidence=confidence
-        )
+        none = Curve(reason=NOTHING, confidence=confidence, name=runs.name)
+        return replace(none, likelihood=none)
     try:
         likelihood = runs.design.likelihood(runs.brackets)
     except FitError as error:
@@ -256,7 +265,7 @@ def curve_of(runs: Runs, confidence: float) -> Curve:
         curve = runs.design.estimate(runs.brackets, band_points(runs), **options)
     except FitError as error:
         curve = Curve(reason=runs.worded(error), confidence=confidence)
-    return replace(curve, likelihood=likelihood)
+    return replace(curve, likelihood=likelihood, name=runs.name)
 
 
 def band_points(runs: Runs) -> FloatArray:
@@ -297,29 +306,52 @@ def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) ->
     )
 
 
-def without_verdict(
-    runs: Runs, confidence: float, members: Sequence[Curve] = ()
-) -> dict[str, Any]:
-    """Return the number of undecided runs, and the curves if all collapse and if all survive.
+def completed(
+    runs: Runs,
+    curve: Curve,
+    keys: Mapping[str, float],
+    detailed: bool = True,
+    members: Sequence[Curve] = (),
+) -> Curve:
+    """Return a curve with all that its runs tell; a class has complete curves of `members`.
 
-    Those of a class are of its arches, the `members`, as its curve is.
+    Only `detailed` ones have limit states and other shapes. `keys` are those of `limit_states`.
     """
+
+    def part(make: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
+        """Make a part of the results, or say why it cannot be made."""
+        made = attempt(partial(make, runs, *arguments), runs.worded)
+        return {"none": made} if isinstance(made, str) else made
+
+    known = {*runs.cube}
+    parts: dict[str, Any] = {}
+    if members:
+        parts["dispersion"] = (
+            part(dispersion_split, members, curve) if curve.fitted else {}
+        )
+    elif detailed:
+        parts["free"] = part(free_shapes, curve.confidence)
+        if "record_measure" in known:
+            parts["measures"] = part(measures_compared)
+        if not runs.design.on_levels:
+            parts["cloud"] = {"logistic": part(cloud_curves, curve.confidence)}
+    if detailed and known & {"openings", "damage"}:
+        made = attempt(partial(limit_states, runs, keys, curve), runs.worded)
+        parts["states"], parts["crossings"] = (
+            ((), made) if isinstance(made, str) else made
+        )
     lost = np.isin(runs.verdict, (Verdict.UNFINISHED, Verdict.FAILED))
-    if not lost.any():
-        return {}
-    parts: dict[str, Any] = {"runs": int(lost.sum())}
-    for verdict in (Verdict.COLLAPSED, Verdict.SURVIVED):
-        decided = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
-        key = verdict.name.lower()
-        curve = curve_of(decided, confidence)
-        if members:
-            own = [each.more["without_verdict"].get(key) for each in members]
-            fits = [fit and Curve.from_dict({"curve": fit}) for fit in own]
-            curve = class_curve(
-                curve, [fit or each for each, fit in zip(members, fits)]
-            )
-        parts[key] = curve.fit_dict()
-    return parts
+    if lost.any():
+        parts["n_undecided"] = int(lost.sum())
+        for verdict in (Verdict.COLLAPSED, Verdict.SURVIVED):
+            key = f"if_{verdict.name.lower()}"
+            decided = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
+            own = parts[key] = curve_of(decided, curve.confidence)
+            if members:
+                parts[key] = class_curve(
+                    own, [getattr(each, key) or each for each in members]
+                )
+    return replace(curve, **parts)
 
 
 def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
@@ -396,56 +428,37 @@ def known_measures(
 
 def limit_states(
     runs: Runs, keys: Mapping[str, float], collapse: Curve
-) -> dict[str, Any]:
-    """Return curves of damage short of collapse, from light to severe, and that of `collapse`.
+) -> tuple[tuple[Curve, ...], str]:
+    """Return curves of damage, from light to severe, and whether they cross.
 
-    A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study.
+    A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study. The
+    last curve of an arch is that of `collapse`, without its band.
     """
-    cube = runs.cube
     collapsed = runs.verdict == Verdict.COLLAPSED
-    exceeded = _damage(cube, keys)
-    onset = _onset_in_measure(cube)
+    onset = _onset_in_measure(runs.cube)
     states = list[Curve]()
     known = dict[bytes, Curve]()
-    for name, (meaning, condition) in exceeded.items():
-        exceeds = collapsed | runs.decided & condition.values.reshape(
-            runs.verdict.shape
-        )
+    for name, (meaning, condition) in _damage(runs.cube, keys).items():
+        short = runs.decided & condition.values.reshape(runs.verdict.shape)
+        exceeds = collapsed | short
         key = exceeds.tobytes()  # states often coincide
         if key not in known:
             known[key] = _state_curve(runs, exceeds, collapse)
         curve = known[key]
         if curve.fitted and onset > 0.0 and (below := curve.at(onset)[0]) > MOST_BELOW:
+            why = f"it would give a probability of {below:.2f} at the onset of motion, below"
             curve = Curve(
-                reason=(
-                    f"it would give a probability of {below:.2f} at the onset of motion, below "
-                    "which nothing moves; levels near the onset may show it"
-                )
+                reason=f"{why} which nothing moves; levels near the onset may show it"
             )
-        states.append(replace(curve, state=name, meaning=meaning))
+        states.append(replace(curve, name=runs.name, state=name, meaning=meaning))
     # The lightest first; what has no curve before them.
     states.sort(key=lambda each: each.theta if each.fitted else 0.0)
-    states.append(
-        replace(  # its band is that of `collapse`
-            collapse,
-            meaning=_COLLAPSE["damage" in cube],
-            im=[],
-            lower=[],
-            upper=[],
-            density=None,
-            method="",
-            assumptions="",
-            n_independent=0.0,
-            n_non_monotone=0,
-        )
-    )
-    plain = []
-    for each in states:
-        own = each.to_dict() if each.fitted else {"curve": each.fit_dict()}
-        own.pop("more", None)
-        plain.append({"name": each.state, "meaning": each.meaning, **own})
-    message = crossing_words([each for each in states if each.fitted])
-    return {"message": message, "states": plain}
+    bare = Curve()
+    without = {name: getattr(bare, name) for name in _OF_BAND}
+    meaning = _COLLAPSE["damage" in runs.cube]
+    every = *states, replace(collapse, **without, meaning=meaning)
+    shown = every if len(runs.arches) == 1 else every[:-1]
+    return shown, crossing_words([each for each in every if each.fitted])
 
 
 def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str, Any]]:
@@ -565,9 +578,9 @@ def _onset_in_measure(cube: xr.Dataset) -> float:
 
 
 def dispersion_split(
-    runs: Runs, curves: Sequence[Curve], beta: float
+    runs: Runs, curves: Sequence[Curve], whole: Curve
 ) -> dict[str, Any]:
-    """Divide the dispersion `beta` of a class into that of records and that of its arches.
+    """Divide the dispersion of a `whole` class into that of records and that of its arches.
 
     It is divided by the capacities of all runs. If records withstand the largest level, it is by
     the likeliest curves of the arches, whose `curves` are given: without these records, the
@@ -599,5 +612,5 @@ def dispersion_split(
         )
     if not any(split):
         return {"none": "all capacities lie between the same two levels"}
-    scale = beta / np.hypot(*split)
+    scale = whole.beta / np.hypot(*split)
     return {"beta_record_to_record": scale * split[0], "beta_model": scale * split[1]}
