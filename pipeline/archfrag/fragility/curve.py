@@ -102,10 +102,9 @@ class Curve:
     #: Limit states, from light to severe: those without a curve too, and of an arch collapse.
     states: tuple[Curve, ...] = ()
     crossings: str = ""  #: whether curves of neighbouring states cross
-    #: Runs without a verdict, and the curves if all of them collapse, and if all survive.
+    #: Runs without a verdict, and the curves if all of them collapse and if all survive.
     n_undecided: int = 0
-    if_collapsed: Curve | None = None
-    if_survived: Curve | None = None
+    extremes: tuple[Curve, ...] = ()
     #: Isotonic curve, and test of the lognormal shape; in SI units, as all tables here.
     free: Mapping[str, Any] | None = None
     measures: Mapping[str, Any] | None = None  #: `compare_measures`
@@ -251,8 +250,8 @@ class Curve:
         curve stay in SI units.
         """
 
-        def moved(curve: Curve | None) -> Curve | None:
-            return curve and curve.in_unit(si, measure, unit)
+        def moved(curves: tuple[Curve, ...]) -> tuple[Curve, ...]:
+            return tuple(each.in_unit(si, measure, unit) for each in curves)
 
         intervals = self.intervals
         if intervals is not None:
@@ -265,10 +264,9 @@ class Curve:
             intervals=intervals,
             si=si,
             density=self.density and self.density.moved(-np.log(si)),
-            likelihood=moved(self.likelihood),
-            states=tuple(each.in_unit(si, measure, unit) for each in self.states),
-            if_collapsed=moved(self.if_collapsed),
-            if_survived=moved(self.if_survived),
+            likelihood=self.likelihood and self.likelihood.in_unit(si, measure, unit),
+            states=moved(self.states),
+            extremes=moved(self.extremes),
             im=[each / si for each in self.im],
             measure=measure,
             unit=unit,
@@ -335,8 +333,8 @@ class Curve:
             return ""
         text = text or (lambda theta: f"{theta:.4g} {self.unit}")
         low, high = (
-            text(curve.theta) if curve and curve.fitted else "not known"
-            for curve in (self.if_collapsed, self.if_survived)
+            text(curve.theta) if curve.fitted else "not known"
+            for curve in self.extremes
         )
         n = self.n_undecided
         runs = "1 run has" if n == 1 else f"{n} runs have"
@@ -369,12 +367,10 @@ class Curve:
             states = [each._state_dict() for each in self.states]
             more["limit_states"] = {"message": self.crossings, "states": states}
         more["without_verdict"] = {}
-        if self.if_collapsed and self.if_survived:
-            more["without_verdict"] = {
-                "runs": self.n_undecided,
-                "collapsed": self.if_collapsed.fit_dict(),
-                "survived": self.if_survived.fit_dict(),
-            }
+        if self.extremes:
+            collapsed, survived = (each.fit_dict() for each in self.extremes)
+            ends = {"collapsed": collapsed, "survived": survived}
+            more["without_verdict"] = {"runs": self.n_undecided} | ends
         found = {name: part for name, part in more.items() if part is not None}
         return self._plain() | {"more": found}
 
@@ -418,8 +414,8 @@ class Curve:
             own["states"] = tuple(cls.from_dict(each, name) for each in found["states"])
         if lost := more.get("without_verdict"):
             own["n_undecided"] = lost["runs"]
-            for key in ("collapsed", "survived"):
-                own[f"if_{key}"] = cls(**_fit_of(lost[key]))
+            ends = (lost[key] for key in ("collapsed", "survived"))
+            own["extremes"] = tuple(cls(**_fit_of(each)) for each in ends)
         return cls(
             **own,
             name=name,

@@ -402,8 +402,8 @@ def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
     """Return the curve and the probability of an arch or a class, or why it has no curve."""
     lost: dict[str, Any] | None = None
     if answer.n_undecided:
-        both = {"collapsed": answer.if_collapsed, "survived": answer.if_survived}
-        theta = {key: scale.factor * each.theta for key, each in both.items() if each}
+        medians = (scale.factor * each.theta for each in answer.extremes)
+        theta = dict(zip(("collapsed", "survived"), medians))
         lost = {"runs": answer.n_undecided, "theta_if": theta}
     likelihood = answer.likelihood
     likeliest = None
