@@ -17,8 +17,7 @@ from archfrag.report.film import repeat
 from archfrag.report.first_page import first_page, leading
 from archfrag.report.inputs import report_inputs, summary
 from archfrag.report.papers import runs_in_words
-from archfrag.study.answer.attributes import attributes
-from archfrag.study.answer.cube import open_cube
+from archfrag.study.answer.cube import attributes, open_cube
 from archfrag.study.answer.curves import Fitted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of, load_fits
 from archfrag.study.designs import CASE

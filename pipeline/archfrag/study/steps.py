@@ -17,8 +17,7 @@ import pandas as pd
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import provenance
-from archfrag.study.answer.attributes import attributes
-from archfrag.study.answer.cube import write_cube
+from archfrag.study.answer.cube import attributes, write_cube
 from archfrag.study.answer.fits import fit_cube, fit_lines, load_fits
 from archfrag.study.done import stamp_of_all
 from archfrag.study.file.prepared import (
