@@ -12,13 +12,12 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
-from archfrag.fragility.density import Density
+from archfrag.fragility.density import Density, FloatArray, Pair
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 _FIT = ("theta", "beta", "log_likelihood", "n_levels", "n_total", "kind")
@@ -168,7 +167,7 @@ class Curve:
 
     def quantile(self, probability: ArrayLike) -> FloatArray:
         """Return intensities with these probabilities between 0 and 1, of the same shape."""
-        p = np.asarray(probability, dtype=float)
+        p = np.asarray(probability, float)
         if not np.all((p > 0.0) & (p < 1.0)):
             raise InputError(f"quantile: {p.tolist()} must lie between 0 and 1")
         theta, beta = self.parts.T
@@ -184,12 +183,12 @@ class Curve:
 
         return np.vectorize(root, otypes=[float])(p)
 
-    def band(self, im: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def band(self, im: ArrayLike) -> Pair:
         """Return lower and upper end of the pointwise band at intensities, each of their shape.
 
         It is that of the posterior at any intensity, or else by the delta method.
         """
-        at = np.asarray(im, dtype=float)
+        at = np.asarray(im, float)
         ends = self._pointwise(at)
         if self.im:  # as it is drawn, by its points
             points = [np.interp(at, self.im, end) for end in (self.lower, self.upper)]
@@ -210,7 +209,7 @@ class Curve:
             ends = scipy.special.ndtr([z - reach, z + reach])
         return np.where(np.isneginf(z), 0.0, ends)
 
-    def draws(self, seed: int, number: int = 4000) -> tuple[FloatArray, FloatArray]:
+    def draws(self, seed: int, number: int = 4000) -> Pair:
         """Draw theta and beta, (number,) each, from the posterior.
 
         Those of a curve that was moved, or of a class, move by as much as its theta and beta are
@@ -404,15 +403,17 @@ class Curve:
         }
         if "likelihood" in plain:
             own["likelihood"] = cls(**_fit_of(plain["likelihood"]))
-        if (density := plain.get("density")) is not None:
-            own["density"] = Density.from_plain(density)
+        if plain.get("density"):
+            own["density"] = Density.from_plain(plain["density"])
         theta, beta = (plain.get(key) or (None,) for key in ("theta", "beta"))
         if None not in theta:
             own["intervals"] = tuple(theta), tuple(beta)
-        if found := more.get("limit_states"):
+        if "limit_states" in more:
+            found = more["limit_states"]
             own["crossings"] = found["message"]
             own["states"] = tuple(cls.from_dict(each, name) for each in found["states"])
-        if lost := more.get("without_verdict"):
+        lost = more.get("without_verdict")
+        if lost:
             own["n_undecided"] = lost["runs"]
             ends = (lost[key] for key in ("collapsed", "survived"))
             own["extremes"] = tuple(cls(**_fit_of(each)) for each in ends)
@@ -436,16 +437,12 @@ def _fit_of(plain: Mapping[str, Any]) -> dict[str, Any]:
     if "none" in plain:
         return {"reason": str(plain["none"])}
     own = {name: plain[name] for name in _FIT}
-    own["covariance"] = np.array(plain["covariance_ln_theta_beta"], dtype=float)
+    own["covariance"] = np.array(plain["covariance_ln_theta_beta"], float)
     members = plain.get("members")
-    return own | {
-        "members": None if members is None else np.array(members, dtype=float)
-    }
+    return own | {"members": None if members is None else np.array(members, float)}
 
 
-def credible_band(
-    density: Density, im: ArrayLike, confidence: float
-) -> tuple[FloatArray, FloatArray]:
+def credible_band(density: Density, im: ArrayLike, confidence: float) -> Pair:
     """Return central credible intervals of the probability at intensities >= 0 of any shape."""
     logs = log_intensity(im)
     level = np.array(tails(confidence)).reshape(2, *[1] * logs.ndim)
@@ -456,7 +453,7 @@ def credible_band(
 
 def log_intensity(im: ArrayLike) -> FloatArray:
     """Return ln of intensities, -inf at 0; InputError if one is < 0."""
-    im = np.asarray(im, dtype=float)
+    im = np.asarray(im, float)
     bad = im[~(im >= 0.0)]
     if bad.size:
         raise InputError(
@@ -468,7 +465,7 @@ def log_intensity(im: ArrayLike) -> FloatArray:
 
 def positive(values: ArrayLike, name: str) -> FloatArray:
     """Return values as floats; InputError unless all are > 0 and finite."""
-    given = np.asarray(values, dtype=float)
+    given = np.asarray(values, float)
     bad = given[~((given > 0.0) & np.isfinite(given))]
     if bad.size:
         raise InputError(

@@ -12,7 +12,7 @@ from scipy.special import chdtri, ndtr, ndtri, softmax
 from scipy.stats import qmc
 
 from archfrag.errors import FitError
-from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.curve import FloatArray, Pair
 from archfrag.fragility.posterior import ONE_LEVEL, Posterior, capacity_prior, gridded
 from archfrag.fragility.verdicts import Brackets
 
@@ -44,7 +44,8 @@ def fit_state_posterior(
     Stat. 13). FitError unless enough records have a run below the state.
     """
     known = collapse.run
-    if (share := float((state.lower[known] > 0.0).mean())) < LEAST_BELOW:
+    share = (state.lower[known] > 0.0).mean()
+    if share < LEAST_BELOW:
         why = f"only {100.0 * share:.0f} % of the records have a run below it"
         raise FitError(f"{why}, and {100.0 * LEAST_BELOW:.0f} % are needed")
     ends = np.vstack([collapse.logs, state.logs])[:, known]
@@ -84,7 +85,7 @@ def fit_state_posterior(
 
 def _sampled(
     density: Callable[[FloatArray], FloatArray], collapse: float, state: float
-) -> tuple[FloatArray, FloatArray]:
+) -> Pair:
     """Return points, (n_point, 5), and their weights, begun at ln medians of both states."""
     uniform = np.clip(qmc.Sobol(6, seed=1).random(_POINTS), 1e-9, 1.0 - 1e-9)
     t = ndtri(uniform[:, :5]) * np.sqrt(_FREEDOM / chdtri(_FREEDOM, uniform[:, 5:]))
@@ -124,7 +125,7 @@ def _both(points: FloatArray, rows: FloatArray) -> FloatArray:
     return np.asarray(np.log(np.maximum(0.5 * (high - low) * chance, 1e-300)))
 
 
-def _of_lesser(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _of_lesser(points: FloatArray) -> Pair:
     """Return mean and standard deviation of ln min(S, C) at points as `_both` describes them."""
     mean_c, log_c, mean_s, log_s, fisher = points.T
     beta_c = np.exp(log_c)

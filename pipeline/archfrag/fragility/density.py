@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
 FloatArray = NDArray[np.float64]
+Pair = tuple[FloatArray, FloatArray]
 _HALVINGS = 30
 
 
@@ -50,7 +51,7 @@ class Density:
         place = [below.solve(each * total, extrapolate=False)[0] for each in level]
         return np.exp(np.interp(place, row, np.log(self.beta)))
 
-    def draws(self, seed: int, number: int) -> tuple[FloatArray, FloatArray]:
+    def draws(self, seed: int, number: int) -> Pair:
         """Draw ln theta and beta, (number,) each, one from each of as many equal parts."""
         generator = np.random.default_rng(seed)
         nodes = np.cumsum(np.diff(self._cumulative, axis=1, prepend=0.0))
@@ -79,10 +80,10 @@ class Density:
         """Return the density that `to_plain` wrote."""
         values = np.frombuffer(base64.b64decode(plain["density"]), "<f2").astype(float)
         values = values.reshape(len(plain["beta"]), -1)
-        first, last = np.array(plain["log_theta"], dtype=float).T
+        first, last = np.array(plain["log_theta"], float).T
         log_theta = np.linspace(first, last, values.shape[1], axis=1)
         values /= (values.sum(axis=1) - 0.5 * (values[:, 0] + values[:, -1])).sum()
-        return cls(np.array(plain["beta"], dtype=float), log_theta, values)
+        return cls(np.array(plain["beta"], float), log_theta, values)
 
     def compact(self) -> "Density":
         """Return every other row as it is stored; quantiles of P(collapse) agree to 1e-4."""

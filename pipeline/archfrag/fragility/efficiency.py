@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtr
 
 from archfrag.errors import FitError
-from archfrag.fragility.curve import FloatArray, IntArray, log_intensity
+from archfrag.fragility.curve import FloatArray, IntArray, Pair, log_intensity
 from archfrag.fragility.probit import inverse_mills, normal_lines
 from archfrag.fragility.verdicts import Brackets, numbered
 
@@ -73,7 +73,7 @@ def compare_measures(
     keep = brackets.run
     known = brackets.of_records()
     log_value = np.log([np.asarray(each)[keep] for each in values.values()])
-    power = np.array([[exponent[name]] for name in names], dtype=float)
+    power = np.array([[exponent[name]] for name in names], float)
     group = numbered(
         (np.arange(keep.size) if event is None else np.asarray(event))[keep]
     )
@@ -85,7 +85,7 @@ def compare_measures(
         if given is None:
             continue
         with np.errstate(divide="ignore", invalid="ignore"):
-            value = np.asarray(given, dtype=float)[keep]
+            value = np.asarray(given, float)[keep]
             value = np.log(value) if name == "distance" else value
             used = np.isfinite(value)
             place = numbered(owner[used])
@@ -162,7 +162,7 @@ def _sums(values: FloatArray, place: IntArray) -> FloatArray:
 
 
 def _compare_records(
-    bounds: tuple[FloatArray, FloatArray], rounding: FloatArray, covariates: _Covariates
+    bounds: Pair, rounding: FloatArray, covariates: _Covariates
 ) -> tuple[dict[str, FloatArray], FloatArray]:
     """Return `_COLUMNS` by measure, and ln capacities with expected ones in place of bounds.
 
@@ -207,9 +207,7 @@ def _compare_records(
     return columns, expected
 
 
-def _slope_test(
-    bounded: FloatArray, covariate: FloatArray, place: IntArray
-) -> tuple[FloatArray, FloatArray]:
+def _slope_test(bounded: FloatArray, covariate: FloatArray, place: IntArray) -> Pair:
     """Return the slope of ln capacity on a covariate, and the p-value of a t test of means.
 
     `bounded`, (3, n_measure, n_record), are both bounds of ln capacities, and expected ones.

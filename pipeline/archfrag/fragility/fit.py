@@ -79,7 +79,7 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Curve:
     >>> round(curve.theta, 3), round(curve.beta, 3)
     (0.8, 0.403)
     """
-    values = np.asarray(capacities, dtype=float)
+    values = np.asarray(capacities, float)
     if values.ndim != 1 or values.size == 0:
         raise InputError(
             f"capacities has shape {values.shape}; a list of one number per record"
@@ -122,8 +122,8 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Curve:
     Maximum likelihood of interval-censored data. `lower` may be 0 or else `upper` inf; equal
     values are a capacity known exactly. FitError if there is no maximum with beta > 0.
     """
-    lower = np.asarray(lower, dtype=float)
-    upper = np.asarray(upper, dtype=float)
+    lower = np.asarray(lower, float)
+    upper = np.asarray(upper, float)
     last = lower.max()
     first = upper.min()
     if last <= first:
@@ -194,7 +194,7 @@ def fit_cloud(
     with their intervals by the bootstrap. FitError if no rising curve is likeliest.
     """
     values = positive(im, "im")
-    codes = np.asarray(collapsed, dtype=float)
+    codes = np.asarray(collapsed, float)
     _require_overlap(values, codes, np.ones(values.size))
     # Each run once, then as drawn.
     times = draws_of_records(event, values.size, seed, resamples)

@@ -114,7 +114,7 @@ def fit_plane(
     the curve is true. FitError if there is no plane, or none can be tested.
     """
     known = brackets.of_records()
-    s = np.log(np.asarray(ratio, dtype=float)[brackets.run])
+    s = np.log(np.asarray(ratio, float)[brackets.run])
     label = np.arange(s.size) if groups is None else np.asarray(groups)[brackets.run]
     level, collapsed = known.single_runs()
     second = s[np.nonzero(known.decided)[0]] + power * np.log(level)

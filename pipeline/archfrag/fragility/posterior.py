@@ -15,14 +15,13 @@ from numpy.typing import ArrayLike
 from scipy.special import log_ndtr, logsumexp, ndtr, softmax
 
 from archfrag.errors import FitError
-from archfrag.fragility.curve import Curve, FloatArray, credible_band, tails
+from archfrag.fragility.curve import Curve, FloatArray, Pair, credible_band, tails
 from archfrag.fragility.density import Density
 from archfrag.fragility.fit import fit_brackets
 from archfrag.fragility.verdicts import Brackets, checked_stripes
 
 # Log-likelihood and log-prior, in (ln theta, ln beta), of ln theta (n, m) and beta (n, 1).
-Summands = tuple[FloatArray, FloatArray]
-Terms = Callable[[FloatArray, FloatArray], Summands]
+Terms = Callable[[FloatArray, FloatArray], Pair]
 
 _ROWS = 72  # of the grid: values of beta, and of ln theta for each
 _NODES = 96
@@ -67,9 +66,7 @@ class Posterior(Density):
             confidence=confidence,
         )
 
-    def band(
-        self, im: ArrayLike, confidence: float = 0.9
-    ) -> tuple[FloatArray, FloatArray]:
+    def band(self, im: ArrayLike, confidence: float = 0.9) -> Pair:
         """Return the central credible interval of the probability of collapse at each `im`."""
         return credible_band(self, im, confidence)
 
@@ -115,7 +112,7 @@ def fit_posterior(
     borders = np.append(x[k > 0][:1], x[k < m][-1:])  # first collapse, last survival
     start = borders.mean(), np.clip(0.25 * np.ptp(borders), np.diff(x).min(), span)
 
-    def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
+    def terms(log_theta: FloatArray, beta: FloatArray) -> Pair:
         z = (x - log_theta[..., None]) / beta[..., None]
         small = log_ndtr(-np.abs(z))
         large = np.log1p(-np.exp(small))
@@ -169,7 +166,7 @@ def fit_capacity_posterior(
     resolved = max(np.median(width) if width.size else 0.0, np.diff(x).min())
     power = share * number.astype(float)
 
-    def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
+    def terms(log_theta: FloatArray, beta: FloatArray) -> Pair:
         prior = capacity_prior(beta, resolved, x)
         return _of_cells(ends, chance, power, log_theta, beta), prior
 
@@ -223,7 +220,7 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
             logs.append(each)
         return np.array(logs)
 
-    def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
+    def terms(log_theta: FloatArray, beta: FloatArray) -> Pair:
         likelihood = logsumexp(by_scatter(log_theta, beta), axis=0)
         return likelihood, capacity_prior(beta, start[1], x)
 
@@ -234,9 +231,7 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
     return replace(known, scatter=float(np.exp(weight @ np.log(scatter))))
 
 
-def _chances(
-    x: FloatArray, runs: FloatArray, scatter: float
-) -> tuple[FloatArray, FloatArray]:
+def _chances(x: FloatArray, runs: FloatArray, scatter: float) -> Pair:
     """Return ends of cells of ln capacity, and the probability of the runs of each record.
 
     They are (n_cell + 1,) and (n_record, n_cell), the latter if the capacity lies in the cell.
@@ -279,7 +274,8 @@ def _summed(
     terms: Terms, x: FloatArray, start: tuple[float, float], n: float
 ) -> Posterior:
     """Sum a posterior on a grid about the ln levels `x` and take its medians."""
-    (middle, width), span = start, x[-1] - x[0]
+    middle, width = start
+    span = x[-1] - x[0]
 
     def density(log_beta: FloatArray, u: FloatArray) -> tuple[FloatArray, ...]:
         beta = np.exp(log_beta)[:, None]

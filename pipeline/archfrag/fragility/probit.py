@@ -28,7 +28,7 @@ def least(
     By Newton's method. `terms` takes parameters (m, q) and the numbers of their fits (m,); its
     loss may be inf.
     """
-    p = np.array(start, dtype=float)
+    p = np.array(start, float)
     active = np.arange(len(p))
     for _ in range(_STEPS):
         loss, gradient, hessian = terms(p[active], active)
@@ -124,7 +124,7 @@ def binomial_lines(
     rising = line[:, 1] > 1e-9
     information = _rescaled(found, centre, width)
     known = line[:, 0] - slope * centre, slope, loss, information
-    for part, values in zip(lines, known, strict=True):
+    for part, values in zip(lines, known):
         part[todo[rising]] = values[rising]
     return tuple(lines)
 

@@ -20,6 +20,7 @@ from archfrag.fragility.curve import (
     Curve,
     FloatArray,
     IntArray,
+    Pair,
     log_intensity,
     positive,
     rising,
@@ -32,7 +33,6 @@ MOST_OUTSIDE = (
     0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
 )
 LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
-Draws = tuple[FloatArray, FloatArray]
 # Of a rate: a steep first slope of the hazard and a wide curve overflow.
 _LARGEST_LOG = 600.0
 # Probabilities of parts of beta, the widest a small one on which rates hang, and of theta in each.
@@ -56,8 +56,8 @@ class HazardCurve:
     rate: FloatArray
 
     def __post_init__(self) -> None:
-        im = np.asarray(self.im, dtype=float)
-        rate = np.asarray(self.rate, dtype=float)
+        im = np.asarray(self.im, float)
+        rate = np.asarray(self.rate, float)
         if im.shape != rate.shape:
             what = f"{im.size} intensities and {rate.size} rates"
             raise InputError(f"the hazard curve has {what}")
@@ -86,7 +86,7 @@ class HazardCurve:
 
         Points with a probability of 1 or 0, whose rate is not known, are left out.
         """
-        probability = np.asarray(probability, dtype=float)
+        probability = np.asarray(probability, float)
         bad = probability[~((probability >= 0.0) & (probability <= 1.0))]
         if bad.size:
             what = f"probability holds {bad[0]:g}; from 0 to 1"
@@ -95,7 +95,7 @@ class HazardCurve:
             what = f"is for {years:g} years; a positive time is needed"
             raise InputError(f"the hazard curve {what}")
         with np.errstate(divide="ignore"):
-            return cls(np.asarray(im, dtype=float), -np.log1p(-probability) / years)
+            return cls(np.asarray(im, float), -np.log1p(-probability) / years)
 
     def rate_at(self, im: ArrayLike) -> FloatArray:
         """Return the annual frequency of exceedance at intensities >= 0 of any shape [1/year]."""
@@ -175,7 +175,8 @@ def collapse_rate(
         if curve.members is not None:
             whole = float(_lognormal(hazard, at, curve.theta, curve.beta, least).sum())
             rates *= rate / whole if whole > 0.0 else 0.0
-        mean, (lower, upper) = float(rates.mean()), map(float, np.quantile(rates, ends))
+        mean = float(rates.mean())
+        lower, upper = np.quantile(rates, ends).tolist()
     left_out = float(rate_by_level(hazard, curve, hazard.im[:1]).sum()) - rate
     quoted = rate * max(1.0 - (below + above), 0.0) if is_bound else rate
     return CollapseRate(
@@ -292,12 +293,12 @@ def contributions(
     (Kish 1965, *Survey Sampling*). Records with one label in `groups`, (n_record,), such as their
     event, count as fewer, by how alike the categories of their collapses are.
     """
-    collapse = np.asarray(collapsed, dtype=bool)
+    collapse = np.asarray(collapsed, bool)
     kind = np.asarray(category)
     of_kind = [collapse & (kind == i) for i in range(len(categories))]
     counts = np.array([each.sum(axis=0) for each in of_kind])
     given = collapse.sum(axis=0) if level_rate is None else level_rate
-    rates = np.asarray(given, dtype=float)
+    rates = np.asarray(given, float)
     total = counts.sum(axis=0)
     rate = rates * counts / np.maximum(total, 1)
     unassigned = np.where(total > 0, 0.0, rates)
@@ -321,7 +322,7 @@ def level_edges(levels: ArrayLike) -> FloatArray:
     return np.sqrt(given[1:] * given[:-1])
 
 
-def branches_of(curve: Curve, draws: Draws) -> tuple[list[Curve], FloatArray]:
+def branches_of(curve: Curve, draws: Pair) -> tuple[list[Curve], FloatArray]:
     """Return 15 curves that stand for all that theta and beta may be, and their weights of sum 1.
 
     `draws` are theta and beta, (n,) each, from `Curve.draws`. They are divided into five parts by
@@ -356,7 +357,7 @@ def _parted(values: IntArray, probability: FloatArray) -> list[IntArray]:
     return np.split(values, ends)
 
 
-def predictive(curve: Curve, draws: Draws) -> Curve:
+def predictive(curve: Curve, draws: Pair) -> Curve:
     """Return the mean of the curve over `draws`, at each intensity; band and intervals stay.
 
     `theta` and `beta` are those of the lognormal curve with the same mean and standard deviation
@@ -385,6 +386,7 @@ def _parts(curve: Curve, theta: ArrayLike, beta: ArrayLike) -> FloatArray:
     ln capacity is moved and stretched: the arches of a class move and widen together.
     """
     theta, beta = (np.reshape(each, (-1, 1)) for each in (theta, beta))
-    wider, (own, width) = beta / curve.beta, curve.parts.T
+    wider = beta / curve.beta
+    own, width = curve.parts.T
     moved = theta * (own / curve.theta) ** wider, wider * width
     return np.stack([each.ravel() for each in moved], axis=1)

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError, InputError
 from archfrag.files import number
-from archfrag.fragility.curve import BoolArray, Curve, FloatArray, IntArray, tails
+from archfrag.fragility.curve import BoolArray, Curve, FloatArray, IntArray, Pair, tails
 from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates, mean_of
 from archfrag.fragility.verdicts import Brackets, numbered
 
@@ -146,7 +146,7 @@ def parts_of(groups: ArrayLike, seed: int = _SEED) -> BoolArray:
         few = f"the runs are of {n} independent motions, earthquakes, first shocks or rows"
         raise FitError(f"{few}; an interval of a ratio needs {FEWEST_GROUPS}")
     order = np.random.default_rng(seed).permutation(n)
-    part = np.empty(n, dtype=int)
+    part = np.empty(n, int)
     part[order] = np.arange(n) * min(n, MOST_PARTS) // n
     return np.asarray(part[number] == np.arange(part.max() + 1)[:, None])
 
@@ -173,7 +173,7 @@ def crossing_groups(groups: Sequence[ArrayLike]) -> list[IntArray]:
 
 def ratios(
     curves: tuple[Curve, Curve],
-    without: Sequence[tuple[FloatArray, FloatArray]],
+    without: Sequence[Pair],
     hazard: HazardCurve | None = None,
     onsets: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
     confidence: float = 0.9,
@@ -242,16 +242,14 @@ def loss_steps(curve: Curve, ratios: Mapping[str, float]) -> Steps:
     states = {each.state.replace(" ", "_"): each for each in curve.states} | {
         "collapse": curve
     }
-    if wrong := [name for name in ratios if name not in states]:
-        known = f"it has {', '.join(states)}"
-        raise InputError(
-            f"consequence names {wrong[0]!r}, which is no limit state here; {known}"
-        )
-    if lacking := [name for name in ratios if not states[name].fitted]:
-        why = states[lacking[0]].reason
-        raise FitError(
-            f"limit state {lacking[0]!r} of the consequences has no curve: {why}"
-        )
+    for name in ratios:
+        if name not in states:
+            known = f"which is no limit state here; it has {', '.join(states)}"
+            raise InputError(f"consequence names {name!r}, {known}")
+    for name in ratios:
+        if not states[name].fitted:
+            why = f"has no curve: {states[name].reason}"
+            raise FitError(f"limit state {name!r} of the consequences {why}")
     mild = sorted(set(ratios) - {"collapse"}, key=lambda name: states[name].theta)
     found = Steps()
     severe = curve

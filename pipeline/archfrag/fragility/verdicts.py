@@ -13,6 +13,7 @@ from archfrag.fragility.curve import (
     BoolArray,
     FloatArray,
     IntArray,
+    Pair,
     log_intensity,
     positive,
     tails,
@@ -59,7 +60,7 @@ def checked_stripes(
     im: ArrayLike, collapses: ArrayLike, n: ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return levels, collapses and runs as arrays, (n_level,); InputError if they are wrong."""
-    levels, k, m = (np.asarray(values, dtype=float) for values in (im, collapses, n))
+    levels, k, m = (np.asarray(values, float) for values in (im, collapses, n))
     shape = levels.shape
     if levels.ndim != 1 or levels.size == 0:
         raise InputError(f"im has shape {shape}; a list of one intensity per level")
@@ -78,25 +79,23 @@ def checked_stripes(
 
 def clopper_pearson(
     collapses: ArrayLike, n: ArrayLike, confidence: float = 0.9
-) -> tuple[FloatArray, FloatArray]:
+) -> Pair:
     """Return the exact interval of each fraction `collapses` / `n`, (n_level,); nan if n is 0.
 
     Clopper and Pearson 1934, Biometrika 26.
     """
     low, high = tails(confidence)
-    k = np.asarray(collapses, dtype=float)
+    k = np.asarray(collapses, float)
     m = np.where(np.asarray(n) > 0, n, np.nan)
     lower = np.where(k > 0, betaincinv(k, m - k + 1, low), 0.0 * m)
     upper = np.where(k < m, betaincinv(k + 1, m - k, high), 1.0 + 0.0 * m)
     return lower, upper
 
 
-def wilson(
-    k: ArrayLike, n: ArrayLike, confidence: float = 0.9
-) -> tuple[FloatArray, FloatArray]:
+def wilson(k: ArrayLike, n: ArrayLike, confidence: float = 0.9) -> Pair:
     """Return Wilson's score interval (1927) of k among n, which need not be integers."""
     z = ndtri(tails(confidence)[1])
-    k = np.asarray(k, dtype=float)
+    k = np.asarray(k, float)
     n = np.where(np.asarray(n) > 0, n, np.nan).astype(float)
     centre = (k + 0.5 * z * z) / (n + z * z)
     reach = z / (n + z * z) * np.sqrt(np.maximum(k * (n - k) / n, 0.0) + 0.25 * z * z)

@@ -299,7 +299,8 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
         ],
         "versions": provenance.versions(),
     }
-    if before := study.motions.before:
+    before = study.motions.before
+    if before:
         pairs = {record.id: first.id for record, first in zip(plan.records, plan.first)}
         names = list(dict.fromkeys(pairs.values()))
         facts["first_shocks"] = {"gap": before.gap, "records": names, "before": pairs}

@@ -445,7 +445,8 @@ def limit_states(
         if key not in known:
             known[key] = _state_curve(runs, exceeds, collapse)
         curve = known[key]
-        if curve.fitted and onset > 0.0 and (below := curve.at(onset)[0]) > MOST_BELOW:
+        below = float(curve(onset)) if curve.fitted and onset > 0.0 else 0.0
+        if below > MOST_BELOW:
             why = f"it would give a probability of {below:.2f} at the onset of motion, below"
             curve = Curve(
                 reason=f"{why} which nothing moves; levels near the onset may show it"

@@ -237,7 +237,8 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator
     counts = count_verdicts(verdict)
     lost = counts["unfinished"] + counts["failed"]
     fraction = lost / np.maximum(counts["runs"], 1)
-    if many := np.count_nonzero(fraction > MOST_UNDECIDED):
+    many = np.count_nonzero(fraction > MOST_UNDECIDED)
+    if many:
         worst = int(fraction.argmax())
         yield (
             f"more than {100 * MOST_UNDECIDED:g} % of the runs are unfinished or failed at {many} "
@@ -245,7 +246,8 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator
             f"{named[worst]}); they count neither as collapse nor as survival, so the curve may "
             "be wrong by more than its band"
         )
-    if before := (verdict == Verdict.COLLAPSED_BEFORE).any(axis=1).sum():
+    before = (verdict == Verdict.COLLAPSED_BEFORE).any(axis=1).sum()
+    if before:
         yield (
             f"the first shock alone makes it collapse before {before} of {n_record} records; they "
             "are left out: the curve is that of the arch if it stands after its first shock"
@@ -290,7 +292,8 @@ def record_cautions(cube: xr.Dataset) -> Iterator[str]:
     """Yield messages on motions scaled too far, and on records of one to three earthquakes."""
     scaled = cube["scale_factor"].where(cube["verdict"] != Verdict.NOT_RUN)
     largest = scaled.max(["arch", "level"]).values
-    if far := int((largest > MOST_SCALING).sum()):
+    far = int((largest > MOST_SCALING).sum())
+    if far:
         record = int(np.nanargmax(largest))
         worst = (
             f"{largest[record]:,.0f}"

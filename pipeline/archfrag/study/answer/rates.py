@@ -298,7 +298,7 @@ def _on_levels(
     edges = np.geomspace(ends[0], ends[1], count + 1)
     levels = np.sqrt(edges[1:] * edges[:-1])
     column = np.searchsorted(rates.level_edges(levels), at[row, place], side="right")
-    grid = np.zeros((len(at), levels.size), dtype=bool)
+    grid = np.zeros((len(at), levels.size), bool)
     codes = np.full(grid.shape, -1)
     grid[row, column] = collapsed[row, place]
     codes[row, column] = code[row, place]
