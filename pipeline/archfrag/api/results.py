@@ -87,7 +87,8 @@ def open(path: PathLike) -> Results:
             f"{given}: is a cube; give its folder {given.parent}, or the study file"
         )
     if given.is_dir():
-        if "file" not in (owner := read_state(given / WORK / OWNER)):
+        owner = read_state(given / WORK / OWNER)
+        if "file" not in owner:
             what = "is not a folder with the results of a study"
             raise InputError(f"{given}: {what}; give results/ID, or the study file")
         file = given / str(owner["file"])
@@ -333,13 +334,15 @@ class Results:
             raise InputError(
                 "unit and site are of a hazard; give it too, or leave them out"
             )
-        if (given := study.risk) is not None and hazard is None:
+        given = study.risk
+        if hazard is None:
+            if given is None:
+                what = "the study has no hazard; give the file of a hazard curve"
+                raise InputError(what)
             hazard = given.hazard
             unit = given.unit
             site = given.site
             period = given.years if years is None else years
-        if hazard is None:
-            raise InputError("the study has no hazard; give the file of a hazard curve")
         files = hazard if isinstance(hazard, list | tuple) else [hazard]
         if not files or not all(isinstance(each, str | os.PathLike) for each in files):
             intensity = study.intensity
@@ -468,7 +471,8 @@ class Results:
             f"no curve of {arch} is exported: {why}"
             for arch, why in made["left_out"].items()
         ]
-        if messages := [*left, *made["notes"]]:
+        messages = [*left, *made["notes"]]
+        if messages:
             warnings.warn("; ".join(messages), stacklevel=3)
         return files
 
