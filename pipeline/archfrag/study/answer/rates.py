@@ -193,8 +193,8 @@ def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> Arc
         return rates.rate_by_level(hazard.main, fit, edges, onset)
 
     level_rate = rate_between(rates.level_edges(levels))
-    fell = runs.verdict == Verdict.COLLAPSED
-    lowest = np.broadcast_to(runs.level, shape)[fell].min(initial=ends[-1])
+    in_collapse = runs.verdict == Verdict.COLLAPSED
+    lowest = np.broadcast_to(runs.level, shape)[in_collapse].min(initial=ends[-1])
     whole = rate.rate or 1.0
     outer = (rate_between(np.unique(ends)) / whole).tolist()
     kinds, counts = np.unique(code[collapsed], return_counts=True)
