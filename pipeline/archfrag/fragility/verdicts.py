@@ -68,7 +68,8 @@ def checked_stripes(
     for name, values in (("collapses", k), ("n", m)):
         if values.shape != shape:
             raise InputError(f"{name} has shape {values.shape}; {shape} is needed")
-        for bad in values[~(values >= 0.0) | (values % 1.0 != 0.0)][:1]:
+        whole = np.isfinite(values) & (values == np.floor(values))
+        for bad in values[~(whole & (values >= 0.0))][:1]:
             rule = "counts are integers from 0 upwards"
             raise InputError(f"{name} holds {bad:g}; {rule}")
     for i in np.flatnonzero(k > m)[:1]:
