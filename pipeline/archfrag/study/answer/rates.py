@@ -249,6 +249,8 @@ def losses_of(
             continue
         loss = average_annual_loss(hazard.main, steps, SEED, confidence, runs.onset)
         im = np.array(curve.im)
+        if not curve.im:  # as of a curve that was put into fits.json
+            im = np.linspace(0.0, 1.05 * np.nanmax(runs.level))
         rows = np.array([im, *vulnerability(steps, im)]).tolist()
         columns = ("im", "loss_ratio", "loss_ratio_lower", "loss_ratio_upper")
         found[name] = loss | {"vulnerability": dict(zip(columns, rows))}
