@@ -21,7 +21,7 @@ from archbench.runner import Bench
 from archfrag.errors import FitError
 from archfrag.fragility.plane import fit_plane
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
-from archfrag.fragility.quoted import capacity_posterior, quoted_band, quoted_runs
+from archfrag.fragility.quoted import capacity_posterior, quoted_band
 from archfrag.fragility.risk import HazardCurve, lognormal_rates
 from archfrag.fragility.several import left_out, parts_of, ratios
 from archfrag.fragility.verdicts import Brackets, find_brackets
@@ -269,12 +269,8 @@ def coverage_of(
     for _ in range(studies):
         verdict, intensity, groups = _study(sampling, quantile, size, generator)
         try:
-            if sampling == SINGLE:
-                known = quoted_runs(intensity, verdict, im)
-            else:
-                known = quoted_band(
-                    find_brackets(verdict, intensity), im, groups=groups
-                )
+            brackets = find_brackets(verdict, intensity)
+            known = quoted_band(brackets, im, groups=groups)
         except FitError:
             continue
         held[:-2] += (known.lower <= P) & (known.upper >= P)
@@ -301,11 +297,10 @@ def _study(
         u = norm.cdf(np.sqrt(CORRELATION) * shared + np.sqrt(1.0 - CORRELATION) * own)
     else:
         u = generator.random(size)
-    capacity = np.exp(BETA * quantile(u))
+    capacity = np.exp(BETA * quantile(u))[:, None]
     if sampling == SINGLE:
-        at = LEVELS[np.linspace(0, LEVELS.size - 1, size).round().astype(int)]
-    else:
-        capacity = capacity[:, None]
+        place = np.linspace(0, LEVELS.size - 1, size).round().astype(int)
+        at = LEVELS[place, None]
     return (capacity <= at).astype(int), at, groups
 
 

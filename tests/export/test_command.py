@@ -3,6 +3,7 @@
 import itertools
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -18,6 +19,7 @@ from archfrag.export.command import (
     _with_uncertainty,
     export_study,
 )
+from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
 from archfrag.study import steps
 from archfrag.study.answer.curves import Fitted
@@ -43,12 +45,12 @@ FILES = {
 }
 # As a study stores them, [m/s2]: of motion there is no curve; impact is the rarest of the others,
 # and its curve crosses that of contact lost.
-STATES = [
-    {"name": "motion", "curve": {"none": "all runs collapse"}},
-    {"name": "impact", "curve": fragility(1.1, 0.3).fit_dict()},
-    {"name": "residual", "curve": fragility(0.5, 0.4).fit_dict()},
-    {"name": "contact lost", "curve": fragility(1.0, 0.4).fit_dict()},
-]
+STATES = (
+    Curve(reason="all runs collapse", state="motion"),
+    replace(fragility(1.1, 0.3), state="impact"),
+    replace(fragility(0.5, 0.4), state="residual"),
+    replace(fragility(1.0, 0.4), state="contact lost"),
+)
 MOVED = (
     "limit state 'contact_lost': 1 curve lay below that of a severer state by more than 0.01 and "
     "took up its dispersion as far as needed (such as ring: dispersion 0.4 to 0.376, median times "
@@ -73,10 +75,11 @@ def study(tmp_path, monkeypatch):
     loaded.folder.mkdir()
     cube.assign(intensity_si=cube["intensity"]).to_netcdf(loaded.folder / "cube.nc")
     answers = {
-        "ring": synthetic.answers_of(cube)["ring"],
+        "ring": replace(
+            synthetic.answers_of(cube)["ring"], states=STATES, crossings="x"
+        ),
         "slab": synthetic.none("it fell"),
     }
-    answers["ring"].more["limit_states"] = {"states": STATES}
     stored = {
         "classes": {},
         "arches": {name: found.to_dict() for name, found in answers.items()},

@@ -1,6 +1,7 @@
 """Tables of runs and curves: every value where it belongs, in pieces as in one."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -125,9 +126,9 @@ class TestRuns:
 
 def test_points_and_parameters():
     answers = synthetic.answers_of(synthetic.cube(("ring-7", "wall+2")))
-    for answer in answers.values():
-        states = [{"name": name, **answer.to_dict()} for name in ("rocking", "damage")]
-        answer.more["limit_states"] = {"states": states}
+    for name, answer in answers.items():
+        states = [replace(answer, state=state) for state in ("rocking", "damage")]
+        answers[name] = replace(answer, states=tuple(states))
     curves = curve_set(
         tower=dict.fromkeys(("rocking", "damage", "collapse"), Curve(reason="x"))
     )

@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from archfrag.fragility.branches import branches_of, predictive
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.quoted import capacity_posterior
-from archfrag.fragility.risk import HazardCurve, collapse_rate
+from archfrag.fragility.risk import (
+    HazardCurve,
+    branches_of,
+    collapse_rate,
+    predictive,
+)
 from archfrag.fragility.verdicts import find_brackets
 
 SITES = {

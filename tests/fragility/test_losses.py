@@ -11,13 +11,13 @@ import pytest
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import Curve
-from archfrag.fragility.losses import (
+from archfrag.fragility.risk import HazardCurve, collapse_rate
+from archfrag.fragility.several import (
     average_annual_loss,
     checked_ratios,
     loss_steps,
     vulnerability,
 )
-from archfrag.fragility.risk import HazardCurve, collapse_rate
 
 SPREAD = np.array([[4e-3, 1e-3], [1e-3, 3e-3]])
 RATIOS = {"motion": 0.02, "rotation": 0.3, "collapse": 1.0}
@@ -28,13 +28,12 @@ HAZARD = HazardCurve(
 
 
 def arch(rotation=0.5, motion=0.3):
-    states = [
-        {"name": name, "curve": Curve(theta, 0.35, SPREAD, kind="posterior").fit_dict()}
-        for name, theta in (("motion", motion), ("rotation", rotation))
-    ]
-    states.append({"name": "impact", "curve": {"none": "all runs collapse"}})
-    more = {"limit_states": {"states": states}}
-    return Curve(0.8, 0.4, SPREAD, kind="posterior", more=more)
+    states = (
+        Curve(motion, 0.35, SPREAD, kind="posterior", state="motion"),
+        Curve(rotation, 0.35, SPREAD, kind="posterior", state="rotation"),
+        Curve(reason="all runs collapse", state="impact"),
+    )
+    return Curve(0.8, 0.4, SPREAD, kind="posterior", states=states)
 
 
 def loss_by_oq_vmtk(poes, ratios):

@@ -13,7 +13,6 @@ from archfrag.fragility.quoted import (
     independent_records,
     isotonic_curve,
     quoted_band,
-    quoted_runs,
     shared_events,
 )
 from archfrag.fragility.verdicts import (
@@ -117,8 +116,9 @@ def single_runs(generator, n):
 
 
 def band_of_single_runs(generator):
-    at = np.tile(GRID, 2)
-    return quoted_runs(at, np.exp(BETA * generator.standard_normal(30)) <= at, IM)
+    at = np.tile(GRID, 2)[:, None]
+    fell = np.exp(BETA * generator.standard_normal((30, 1))) <= at
+    return quoted_band(find_brackets(fell, at), IM)
 
 
 def band_in_events(generator, groups):
@@ -187,7 +187,7 @@ class TestQuoted:
             codes = np.hstack([fell, np.full((8, 1), 4)])
             levels = np.hstack([im, 2.0 * im])
             found = quoted_band(find_brackets(codes, levels), [])
-            assert found.theta == quoted_runs(im.ravel(), fell.ravel(), []).theta
+            assert found.theta == quoted_band(find_brackets(fell, im), []).theta
             assert found.beta > 0.05
 
     @pytest.mark.parametrize("spread", [0.03, 0.1])

@@ -14,7 +14,6 @@ from archfrag.fragility.quoted import (
     check_lognormal,
     isotonic_curve,
     quoted_band,
-    quoted_runs,
 )
 from archfrag.fragility.risk import HazardCurve, collapse_rate, level_edges
 from archfrag.fragility.several import split_capacities, split_curves
@@ -80,14 +79,13 @@ def measures(found=FOUND, **changed):
             "bounds theta from below.* 0.1, the",
         ),
         (
-            lambda: quoted_runs([0.1, 0.2, 0.4], [0, 0, 0], 0.1),
+            lambda: quoted_band(find_brackets([[0]] * 3, [[0.1], [0.2], [0.4]]), 0.1),
             "from above: add levels above 0.4",
         ),
         (
-            lambda: quoted_runs([0.1, 0.2, 0.4], [1, 1, 1], 0.1),
+            lambda: quoted_band(find_brackets([[1]] * 3, [[0.1], [0.2], [0.4]]), 0.1),
             "below 0.1.*smaller factor of",
         ),
-        (lambda: quoted_runs([], [], 0.1), "no run collapsed"),
         (lambda: quoted_band(brackets([2, 3]), 1.0), "no run collapsed"),
         (lambda: quoted_band(FOUND, 1.0, groups=[1] * 4), "one group, 1"),
         (lambda: isotonic_curve(brackets([2, 3])), "no run"),

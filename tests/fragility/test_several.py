@@ -28,31 +28,29 @@ def curve():
 
 
 def test_limit_states_are_those_that_were_stored(curve):
-    states = [
-        {"name": "rotation", "meaning": "it turns", **curve.to_dict()},
-        {
-            "name": "residual",
-            "meaning": "",
-            "curve": Curve(reason="none does").fit_dict(),
-        },
-    ]
-    answer = replace(curve, more={"limit_states": {"message": "", "states": states}})
+    states = (
+        replace(curve, state="rotation", meaning="it turns"),
+        Curve(reason="none does", state="residual"),
+    )
+    answer = replace(curve, states=states, crossings="none")
+    answer = Curve.from_dict(answer.to_dict(), "ring")
     own, without = answer.states
     assert own.to_dict() == curve.to_dict()
+    assert {answer.name, own.name, without.name} == {"ring"}
     assert (own.state, own.meaning, without.reason) == (
         "rotation",
         "it turns",
         "none does",
     )
     assert list(answer.limit_states) == ["rotation", "collapse"]
-    assert Curve().states == []
 
 
 def test_a_curve_says_the_same_in_another_unit(curve):
-    states = [{"name": "rotation", "meaning": "", **curve.to_dict()}]
-    lost = {"runs": 2, "collapsed": curve.fit_dict(), "survived": {"none": "x"}}
     whole = replace(
-        curve, more={"limit_states": {"states": states}, "without_verdict": lost}
+        curve,
+        states=(replace(curve, state="rotation"),),
+        n_undecided=2,
+        extremes=(curve, Curve(reason="x")),
     )
     in_g = whole.in_unit(9.80665, "PGA", "g")
     im = LEVELS / 9.80665

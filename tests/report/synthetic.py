@@ -185,18 +185,7 @@ MEASURES = {
         )
     ],
 }
-STATES = {
-    "message": "All are ordered.",
-    "states": [
-        {
-            "name": "motion",
-            "meaning": "a joint opens",
-            "curve": curve_of(1.0).fit_dict(),
-        },
-        {
-            "name": "impact",
-            "meaning": "a joint closes",
-            "curve": {"none": "all collapse"},
-        },
-    ],
-}
+STATES = (
+    replace(curve_of(1.0), state="motion", meaning="a joint opens"),
+    Curve(reason="all collapse", state="impact", meaning="a joint closes"),
+)

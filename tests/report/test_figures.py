@@ -117,11 +117,10 @@ class TestLabelsKeepClear:
             "collapse": 6,
         }
         states = [
-            {"name": name, "meaning": "", "curve": synthetic.curve_of(theta).fit_dict()}
+            replace(synthetic.curve_of(theta), state=name)
             for name, theta in thetas.items()
         ]
-        answer = synthetic.answer_of(6.0)
-        answer.more["limit_states"] = {"states": states}
+        answer = replace(synthetic.answer_of(6.0), states=tuple(states))
         given = synthetic.inputs()
         curve_figures.limit_states(given, synthetic.in_g(answer), "ring")
         named = ["motion, impact", "residual", "contact lost", "collapse"]

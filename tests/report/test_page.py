@@ -47,8 +47,12 @@ def full(tmp_path_factory):
         ("thin", "thick"), at=0.35, classes={"both": synthetic.answer_of(4.1)}
     )
     study.cube["arch_class"] = ("arch", ["both", "both"])
-    study.answers["thin"].more["limit_states"] = synthetic.STATES
-    study.answers["thick"].more["measures"] = synthetic.MEASURES
+    study.answers["thin"] = replace(
+        study.answers["thin"], states=synthetic.STATES, crossings="All are ordered."
+    )
+    study.answers["thick"] = replace(
+        study.answers["thick"], measures=synthetic.MEASURES
+    )
     out = write_report(study, tmp_path_factory.mktemp("answer") / "report.html")
     page = lxml.html.document_fromstring(out.read_text(encoding="utf-8"))
     return (

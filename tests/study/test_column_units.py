@@ -7,7 +7,7 @@ import pytest
 
 import archfrag as af
 from archfrag.errors import InputError
-from archfrag.fragility.losses import checked_ratios
+from archfrag.fragility.several import checked_ratios
 from archfrag.motions.formats.columns import parse_columns
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import parse_measure

@@ -190,16 +190,13 @@ def test_theta_is_given_with_all_runs_without_verdict_as_collapses_and_as_surviv
         return fit_cube(copied.study).arches
 
     found = curves_with(Verdict.FAILED)
-    assert found["slab"].more["without_verdict"] == {}
-    lost = found["ring"].more["without_verdict"]
-    assert lost["runs"] == 1
-    for name, verdict in (
-        ("collapsed", Verdict.COLLAPSED),
-        ("survived", Verdict.SURVIVED),
-    ):
-        assert lost[name] == curves_with(verdict)["ring"].fit_dict()
-    assert lost["collapsed"]["theta"] < lost["survived"]["theta"]
-    text = repr(in_unit(found["ring"], "ring", copied.study.intensity))
+    assert found["slab"].n_undecided == 0
+    ring = found["ring"]
+    assert ring.n_undecided == 1
+    for end, verdict in zip(ring.extremes, (Verdict.COLLAPSED, Verdict.SURVIVED)):
+        assert end.fit_dict() == curves_with(verdict)["ring"].fit_dict()
+    assert ring.extremes[0].theta < ring.extremes[1].theta
+    text = repr(in_unit(ring, copied.study.intensity))
     assert "1 run has no verdict: the median is" in text
 
 
@@ -236,8 +233,7 @@ def test_one_outcome_in_all_runs_gives_no_curve_but_a_reason(
     for answer in fitted.arches.values():
         assert f"nothing bounds theta from {side}: add levels {side}" in answer.reason
         assert not answer.likelihood.fitted
-        for state in answer.more["limit_states"].get("states", ()):
-            assert "theta" not in state["curve"]
+        assert not any(state.fitted for state in answer.states)
     hazard = load_hazard([ROOT / "configs" / "hazard.csv"], "PGA")
     found = risk_facts(risk_of(fitted.cube, fitted.arches, hazard), study)
     assert all("nothing bounds" in each["none"] for each in found["arches"].values())
@@ -270,7 +266,7 @@ def test_dispersion_of_a_class_has_the_parts_of_its_capacities(largest):
     parts = arch.std(ddof=1), np.hypot(record.std(ddof=1), 0.1)
     beta = float(np.hypot(*parts))
     runs = Runs("a", Stripes(), verdict.reshape(-1, levels.size), levels)
-    found = dispersion_split(runs, answers, beta)
+    found = dispersion_split(runs, answers, Curve(beta=beta))
     assert found["beta_model"] == pytest.approx(parts[0], rel=0.1)
     assert found["beta_record_to_record"] == pytest.approx(parts[1], rel=0.1)
     assert np.hypot(*found.values()) == pytest.approx(beta, rel=1e-12)

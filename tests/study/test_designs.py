@@ -379,7 +379,7 @@ def test_cube_of_each_design_made_in_batches(tmp_path, design):
                 cube[name].isel(place), known[name], err_msg=name
             )
     if design == "cloud":
-        assert set(fit_cube(study).arches["ring"].more["cloud"]) == {"logistic"}
+        assert set(fit_cube(study).arches["ring"].cloud) == {"logistic"}
     assert_compliant(study.folder / "cube.nc", tmp_path)
 
 

@@ -1,5 +1,7 @@
 """Limit states of a study: the estimator of collapse, the order of the data, and no copies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,9 +59,9 @@ def states_of(design="stripes", events=(), left=0.004, **medians):
     cube.attrs["archfrag_design"] = f'{{"kind": "{design}"}}'
     (runs,) = runs_of_cube(cube).values()
     collapse = curve_of(runs, 0.9)
-    found = limit_states(runs, KEYS, collapse)
-    collapse.more["limit_states"] = found
-    return collapse, {each.state: each for each in collapse.states}, found
+    states, crossings = limit_states(runs, KEYS, collapse)
+    collapse = replace(collapse, states=states)
+    return collapse, {each.state: each for each in states}, crossings
 
 
 def width(answer):
@@ -93,13 +95,13 @@ def test_a_state_that_no_run_exceeds_short_of_collapse_has_no_curve():
     [(2.0, ["residual", "rotation"]), (3.5, ["rotation", "residual"])],
 )
 def test_states_are_in_the_order_of_the_data(residual, order):
-    _, states, found = states_of(residual=residual)
+    _, states, crossings = states_of(residual=residual)
     known = [name for name, own in states.items() if own.fitted]
     assert known == ["motion", "impact", *order, "collapse"]
     thetas = [states[name].theta for name in known]
     assert thetas == sorted(thetas)
     assert states["residual"].theta == pytest.approx(residual, rel=0.15)
-    assert found["message"] == "The curves of the limit states do not cross."
+    assert crossings == "The curves of the limit states do not cross."
 
 
 def test_a_search_for_collapse_gives_lighter_states_too():

@@ -16,8 +16,7 @@ from archfrag.motions.index import write_index
 from archfrag.report.film import repeat
 from archfrag.report.first_page import first_page, leading
 from archfrag.report.inputs import report_inputs, runs_in_words, summary
-from archfrag.study.answer.attributes import attributes
-from archfrag.study.answer.cube import open_cube
+from archfrag.study.answer.cube import attributes, open_cube
 from archfrag.study.answer.curves import Fitted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of, load_fits
 from archfrag.study.designs import CASE
@@ -186,9 +185,7 @@ class TestCollapseInTheFirstShock:
         fitted = load_fits(shocks.study)
         assert not fitted.arches["slab-after-3"].fitted
         assert not fitted.runs["slab-after-3"].decided.any()
-        assert "slab-after-3" not in fitted.arches["slab-after-3"].more.get(
-            "without_verdict", {}
-        )
+        assert fitted.arches["slab-after-3"].n_undecided == 0
 
     def test_is_told(self, shocks):
         cautions = cautions_of(shocks.study, load_fits(shocks.study))
@@ -255,8 +252,8 @@ def test_what_is_known_of_the_intact_arch_only_is_not_told(shocks):
     assert runs["ring"].onset(curves["ring"]) == 0.0  # its mechanism slides
     assert runs["slab"].onset(curves["slab"]) > 0.0
     assert runs["slab-after-0.6"].onset(curves["slab-after-0.6"]) == 0.0
-    states = curves["ring-after-0.6"].more["limit_states"]["states"]
-    reasons = [each["curve"]["none"] for each in states if each["name"] != "collapse"]
+    states = curves["ring-after-0.6"].states
+    reasons = [each.reason for each in states if each.state != "collapse"]
     assert reasons
     assert all("of the first shock too" in each for each in reasons)
 

@@ -265,9 +265,6 @@ METHODS = {
     ),
     "to_nrml": lambda results: results.to_nrml(foreign("mine.xml")),
     "to_csv": lambda results: results.to_csv(beside("new/small-curves.csv")),
-    "losses": lambda results: results.losses(
-        "hazard.csv", consequence={"collapse": 1.0}, path="hazard.csv"
-    ),
     "film": lambda results: results.film().save(foreign("mine.gif")),
     "report of a table": lambda results: af.fit(
         "verdicts.csv", output=beside("new/report.html")

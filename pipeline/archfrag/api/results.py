@@ -16,7 +16,7 @@ import xarray as xr
 from markupsafe import escape
 
 from archfrag.errors import FitError, InputError
-from archfrag.export.command import export_study, write_vulnerability
+from archfrag.export.command import export_study
 from archfrag.files import WORK, check_targets, make_folder
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.plane import Plane
@@ -94,7 +94,8 @@ def open(path: PathLike) -> Results:
             f"{given}: is a cube; give its folder {given.parent}, or the study file"
         )
     if given.is_dir():
-        if "file" not in (owner := read_state(given / WORK / OWNER)):
+        owner = read_state(given / WORK / OWNER)
+        if "file" not in owner:
             what = "is not a folder with the results of a study"
             raise InputError(f"{given}: {what}; give results/ID, or the study file")
         file = given / str(owner["file"])
@@ -125,7 +126,7 @@ class Results:
         self._made = read_stamp(study.folder)["files"].get(CUBE)
         self._fitted = table or finished(study)
         self.curves = {
-            name: in_unit(curve, name, study.intensity)
+            name: in_unit(curve, study.intensity)
             for name, curve in self._fitted.curves.items()
             if curve.fitted
         }
@@ -133,11 +134,11 @@ class Results:
     @property
     def cautions(self) -> list[str]:
         """Reasons for caution, and why there is no curve of an arch, as commands print them."""
-        quoted = self._fitted.quoted().items()
+        quoted = self._fitted.quoted().values()
         none = [
-            f"{name}: no curve: {curve.reason}"
-            for name, curve in quoted
-            if not curve.fitted
+            f"{each.name}: no curve: {each.reason}"
+            for each in quoted
+            if not each.fitted
         ]
         return none + answer_lines(self._study, self._fitted)[1]
 
@@ -243,11 +244,8 @@ class Results:
             "probability",
             "probability_band",
         )
-        rows = {
-            name: np.hstack([each[key] for key in columns])
-            for name, each in facts["arches"].items()
-            if "none" not in each
-        }
+        known = {k: each for k, each in facts["arches"].items() if "none" not in each}
+        rows = {k: np.hstack([each[c] for c in columns]) for k, each in known.items()}
         if not rows:
             raise FitError("no arch has a curve, so there is no rate")
         table = pd.DataFrame.from_dict(rows, orient="index", columns=_RISK, dtype=float)
@@ -259,7 +257,6 @@ class Results:
         hazard: Hazards | None = None,
         *,
         consequence: Mapping[str, float],
-        path: PathLike | None = None,
         **given: Any,
     ) -> pd.DataFrame:
         """Find the average annual loss at a site, as a part of the value of each arch or class.
@@ -267,7 +264,7 @@ class Results:
         `consequence` has by limit state, collapse among them, what it costs as a part of the
         value; hazard and `given` are as for `risk`. Columns are aal, aal_mean, aal_lower and
         aal_upper in 1/year, and aal_is_lower_bound; ``attrs["vulnerability"]`` has the mean loss
-        ratio against intensity, which is written to `path`, .csv or .xml for OpenQuake.
+        ratio against intensity, which `archfrag risk --vulnerability` writes for OpenQuake.
         """
         study = self._study
         fitted = self._fitted
@@ -275,12 +272,9 @@ class Results:
         confidence = study.report.confidence
         losses = losses_of(fitted.cube, fitted.quoted(), site, consequence, confidence)
         points = vulnerability_table(losses, study)
-        if path is not None:
-            write_vulnerability(Path(path), losses, study)
         known = {name: each for name, each in losses.items() if "none" not in each}
-        table = pd.DataFrame.from_dict(known, orient="index").drop(
-            columns="vulnerability"
-        )
+        table = pd.DataFrame.from_dict(known, orient="index")
+        table = table.drop(columns="vulnerability")
         table.attrs["vulnerability"] = points
         return table
 
@@ -347,13 +341,15 @@ class Results:
             raise InputError(
                 "unit and site are of a hazard; give it too, or leave them out"
             )
-        if (given := study.risk) is not None and hazard is None:
+        given = study.risk
+        if hazard is None:
+            if given is None:
+                what = "the study has no hazard; give the file of a hazard curve"
+                raise InputError(what)
             hazard = given.hazard
             unit = given.unit
             site = given.site
             period = given.years if years is None else years
-        if hazard is None:
-            raise InputError("the study has no hazard; give the file of a hazard curve")
         files = hazard if isinstance(hazard, list | tuple) else [hazard]
         if not files or not all(isinstance(each, str | os.PathLike) for each in files):
             intensity = study.intensity
@@ -429,43 +425,34 @@ class Results:
         self._export(kind, path, members, limit_states, curve)
         return Path(path)
 
-    def to_pelicun(
-        self,
-        path: PathLike,
-        members: bool = False,
-        limit_states: Sequence[str] = (),
-        curve: str = "median",
-    ) -> list[Path]:
-        """Write the curves into a folder as a damage database of pelicun: a CSV and a JSON."""
-        return self._export("pelicun", path, members, limit_states, curve)
+    def to_pelicun(self, path: PathLike, **options: Any) -> list[Path]:
+        """Write the curves into a folder as a damage database of pelicun: a CSV and a JSON.
 
-    def to_incore(
-        self,
-        path: PathLike,
-        members: bool = False,
-        limit_states: Sequence[str] = (),
-        curve: str = "median",
-    ) -> list[Path]:
-        """Write the curves for IN-CORE into a folder: a DFR3 set in JSON for each arch."""
-        return self._export("in-core", path, members, limit_states, curve)
+        `options` are members, limit_states and curve, as for `to_nrml`.
+        """
+        return self._export("pelicun", path, **options)
 
-    def to_csv(
-        self,
-        path: PathLike,
-        members: bool = False,
-        limit_states: Sequence[str] = (),
-        curve: str = "median",
-    ) -> list[Path]:
-        """Write tables of curves, parameters, runs, records and arches into a folder."""
-        return self._export("csv", path, members, limit_states, curve)
+    def to_incore(self, path: PathLike, **options: Any) -> list[Path]:
+        """Write the curves for IN-CORE into a folder: a DFR3 set in JSON for each arch.
+
+        `options` are as for `to_pelicun`.
+        """
+        return self._export("in-core", path, **options)
+
+    def to_csv(self, path: PathLike, **options: Any) -> list[Path]:
+        """Write tables of curves, parameters, runs, records and arches into a folder.
+
+        `options` are as for `to_pelicun`.
+        """
+        return self._export("csv", path, **options)
 
     def _export(
         self,
         kind: str,
         path: PathLike,
-        members: bool,
-        limit_states: Sequence[str],
-        curve: str,
+        members: bool = False,
+        limit_states: Sequence[str] = (),
+        curve: str = "median",
     ) -> list[Path]:
         """Export to a folder, or a single file to the path of a file."""
         self._check_there()
@@ -492,7 +479,8 @@ class Results:
             f"no curve of {arch} is exported: {why}"
             for arch, why in made["left_out"].items()
         ]
-        if messages := [*left, *made["notes"]]:
+        messages = [*left, *made["notes"]]
+        if messages:
             warnings.warn("; ".join(messages), stacklevel=3)
         return files
 
@@ -501,8 +489,9 @@ class Results:
         from archfrag.plots import axes_of, legend
 
         ax = axes_of(ax)
-        for name in filter(self.curves.__contains__, self._fitted.quoted()):
-            self.curves[name].plot(ax)
+        for name in self._fitted.quoted():
+            if name in self.curves:
+                self.curves[name].plot(ax)
         legend(ax)
         return ax
 

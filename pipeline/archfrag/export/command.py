@@ -22,9 +22,13 @@ from archfrag.files import (
     sha256_of,
     write_csv,
 )
-from archfrag.fragility.branches import branches_of, predictive
 from archfrag.fragility.curve import Curve
-from archfrag.fragility.risk import HazardCurve, collapse_rate
+from archfrag.fragility.risk import (
+    HazardCurve,
+    branches_of,
+    collapse_rate,
+    predictive,
+)
 from archfrag.fragility.several import MOST_CROSSING, above
 from archfrag.study.answer.curves import Fitted, arch_classes
 from archfrag.study.answer.outside import BLANK

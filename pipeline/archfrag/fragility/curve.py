@@ -12,13 +12,12 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
-from archfrag.fragility.density import Density
+from archfrag.fragility.density import Density, FloatArray, Pair
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 _FIT = ("theta", "beta", "log_likelihood", "n_levels", "n_total", "kind")
@@ -31,8 +30,9 @@ _BAND = (
     "assumptions",
     "n_independent",
     "n_non_monotone",
-    "more",
 )
+# Tables of a curve, plain and in SI units; those that were not asked for are None.
+_TABLES = ("dispersion", "free", "measures", "cloud")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -98,9 +98,17 @@ class Curve:
     assumptions: str = ""  #: of the band
     n_independent: float = 0.0  #: effective number of records or runs
     n_non_monotone: int = 0  #: runs against the capacity of their record
-    more: dict[str, Any] = field(
-        default_factory=dict
-    )  #: further results by name, plain, in SI
+    #: Limit states, from light to severe: those without a curve too, and of an arch collapse.
+    states: tuple[Curve, ...] = ()
+    crossings: str = ""  #: whether curves of neighbouring states cross
+    #: Runs without a verdict, and the curves if all of them collapse and if all survive.
+    n_undecided: int = 0
+    extremes: tuple[Curve, ...] = ()
+    #: Isotonic curve, and test of the lognormal shape; in SI units, as all tables here.
+    free: Mapping[str, Any] | None = None
+    measures: Mapping[str, Any] | None = None  #: `compare_measures`
+    cloud: Mapping[str, Any] | None = None  #: logistic regression
+    dispersion: Mapping[str, Any] | None = None  #: parts of that of a class
     name: str = ""
     state: str = "collapse"
     meaning: str = ""  #: of the limit state
@@ -117,11 +125,9 @@ class Curve:
     @property
     def parts(self) -> FloatArray:
         """theta and beta of the lognormal curves whose mean this curve is, (n, 2)."""
-        return (
-            np.array([[self.theta, self.beta]])
-            if self.members is None
-            else self.members
-        )
+        if self.members is not None:
+            return self.members
+        return np.array([[self.theta, self.beta]])
 
     @property
     def standard_errors(self) -> FloatArray:
@@ -136,21 +142,17 @@ class Curve:
     @property
     def theta_interval(self) -> tuple[float, float]:
         """Interval of the median; without a posterior normal in ln theta."""
-        return (
-            self.intervals[0] if self.intervals else self._interval(self.theta, 0, 1.0)
-        )
+        return self._interval(0, self.theta, 1.0)
 
     @property
     def beta_interval(self) -> tuple[float, float]:
         """Interval of the dispersion; without a posterior normal in ln beta."""
-        return (
-            self.intervals[1]
-            if self.intervals
-            else self._interval(self.beta, 1, self.beta)
-        )
+        return self._interval(1, self.beta, self.beta)
 
-    def _interval(self, value: float, place: int, scale: float) -> tuple[float, float]:
-        """Return an interval by the standard error of one parameter."""
+    def _interval(self, place: int, value: float, scale: float) -> tuple[float, float]:
+        """Return the interval of a parameter, without a posterior by its standard error."""
+        if self.intervals:
+            return self.intervals[place]
         z = scipy.special.ndtri(tails(self.confidence)[1])
         reach = np.exp(z * self.standard_errors[place] / scale)
         return float(value / reach), float(value * reach)
@@ -165,7 +167,7 @@ class Curve:
 
     def quantile(self, probability: ArrayLike) -> FloatArray:
         """Return intensities with these probabilities between 0 and 1, of the same shape."""
-        p = np.asarray(probability, dtype=float)
+        p = np.asarray(probability, float)
         if not np.all((p > 0.0) & (p < 1.0)):
             raise InputError(f"quantile: {p.tolist()} must lie between 0 and 1")
         theta, beta = self.parts.T
@@ -176,28 +178,24 @@ class Curve:
             ends = np.log(theta) + beta * scipy.special.ndtri(one)
             low = ends.min() - 1e-9
             high = ends.max() + 1e-9
-            return float(
-                np.exp(
-                    scipy.optimize.brentq(lambda x: self(np.exp(x)) - one, low, high)
-                )
-            )
+            x = scipy.optimize.brentq(lambda x: self(np.exp(x)) - one, low, high)
+            return float(np.exp(x))
 
         return np.vectorize(root, otypes=[float])(p)
 
-    def band(self, im: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def band(self, im: ArrayLike) -> Pair:
         """Return lower and upper end of the pointwise band at intensities, each of their shape.
 
         It is that of the posterior at any intensity, or else by the delta method.
         """
-        at = np.asarray(im, dtype=float)
-        lower, upper = self._pointwise(at)
+        at = np.asarray(im, float)
+        ends = self._pointwise(at)
         if self.im:  # as it is drawn, by its points
-            known = at <= self.im[-1]
             points = [np.interp(at, self.im, end) for end in (self.lower, self.upper)]
-            lower, upper = np.where(known, points, (lower, upper))
-        return lower, upper
+            ends = np.where(at <= self.im[-1], points, ends)
+        return ends[0], ends[1]
 
-    def _pointwise(self, im: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _pointwise(self, im: FloatArray) -> Any:
         """Return the band of the posterior, or by the delta method."""
         if self.density is not None:
             return credible_band(self.density, im, self.confidence)
@@ -206,16 +204,12 @@ class Curve:
         # var z = g C g with g = -(1, z) / beta.
         (var_theta, cov), (_, var_beta) = self.covariance
         with np.errstate(invalid="ignore"):
-            reach = (
-                quantile
-                * np.sqrt(var_theta + 2.0 * cov * z + var_beta * z * z)
-                / self.beta
-            )
+            variance = var_theta + 2.0 * cov * z + var_beta * z * z
+            reach = quantile * np.sqrt(variance) / self.beta
             ends = scipy.special.ndtr([z - reach, z + reach])
-            lower, upper = np.where(np.isneginf(z), 0.0, ends)
-        return lower, upper
+        return np.where(np.isneginf(z), 0.0, ends)
 
-    def draws(self, seed: int, number: int = 4000) -> tuple[FloatArray, FloatArray]:
+    def draws(self, seed: int, number: int = 4000) -> Pair:
         """Draw theta and beta, (number,) each, from the posterior.
 
         Those of a curve that was moved, or of a class, move by as much as its theta and beta are
@@ -241,34 +235,37 @@ class Curve:
         return float(self(im)), float(low), float(high)
 
     @property
-    def states(self) -> list[Curve]:
-        """All limit states with the reasons of those without a curve, from light to severe."""
-        states = self.more.get("limit_states", {}).get("states", ())
-        named = (replace(Curve.from_dict(each), name=self.name) for each in states)
-        return [each.in_unit(self.si, self.measure, self.unit) for each in named]
-
-    @property
     def limit_states(self) -> dict[str, Curve]:
         """Curves of all limit states that the runs show, the lightest first and collapse last."""
-        states = {each.state: each for each in self.states if each.fitted}
-        states.pop(self.state, None)
-        return {**states, self.state: self}
+        lighter = (each for each in self.states if each.state != self.state)
+        states = {each.state: each for each in lighter if each.fitted}
+        return states | {self.state: self}
 
     def in_unit(self, si: float, measure: str, unit: str) -> Curve:
-        """Return the curve against intensity in a unit that is `si` in SI units."""
-        low_high = None
-        if self.intervals is not None:
-            (low, high), beta = self.intervals
-            low_high = (low / si, high / si), beta
-        members = None if self.members is None else self.members / [si, 1.0]
+        """Return the curve, with all its curves, in a unit that is `si` in SI units.
+
+        This is the one place where the unit of a curve changes: curves are fitted and stored in
+        SI units, and whoever shows or writes them in another asks for it here, once. Tables of a
+        curve stay in SI units.
+        """
+
+        def moved(curves: tuple[Curve, ...]) -> tuple[Curve, ...]:
+            return tuple(each.in_unit(si, measure, unit) for each in curves)
+
+        intervals = self.intervals
+        if intervals is not None:
+            (low, high), beta = intervals
+            intervals = (low / si, high / si), beta
         return replace(
             self,
             theta=self.theta / si,
-            members=members,
-            intervals=low_high,
+            members=None if self.members is None else self.members / [si, 1.0],
+            intervals=intervals,
             si=si,
             density=self.density and self.density.moved(-np.log(si)),
             likelihood=self.likelihood and self.likelihood.in_unit(si, measure, unit),
+            states=moved(self.states),
+            extremes=moved(self.extremes),
             im=[each / si for each in self.im],
             measure=measure,
             unit=unit,
@@ -329,21 +326,22 @@ class Curve:
     def undecided(self, text: Callable[[float], str] | None = None) -> str:
         """Write what the runs without a verdict could change; empty if there are none.
 
-        `text` writes a median that is in SI units.
+        `text` writes a median in the unit of the curve.
         """
-        lost = self.more.get("without_verdict") or {}
-        if "runs" not in lost:
+        if not self.n_undecided:
             return ""
-        text = text or (lambda theta: f"{theta / self.si:.4g} {self.unit}")
-        ends = (lost[key].get("theta") for key in ("collapsed", "survived"))
-        low, high = ("not known" if theta is None else text(theta) for theta in ends)
-        runs = "1 run has" if lost["runs"] == 1 else f"{lost['runs']} runs have"
+        text = text or (lambda theta: f"{theta:.4g} {self.unit}")
+        low, high = (
+            text(curve.theta) if curve.fitted else "not known"
+            for curve in self.extremes
+        )
+        n = self.n_undecided
+        runs = "1 run has" if n == 1 else f"{n} runs have"
         return f"{runs} no verdict: the median is {low} if all collapse, {high} if all survive"
 
     def __repr__(self) -> str:
-        name = ", ".join(
-            filter(None, (self.name, self.state * (self.state != "collapse")))
-        )
+        shown = self.name, self.state * (self.state != "collapse")
+        name = ", ".join(filter(None, shown))
         words = ", ".join(filter(None, self.words()))
         lost = self.undecided()
         return f"<Curve {name}{': ' * bool(name)}{words}{'; ' * bool(lost)}{lost}>"
@@ -357,47 +355,74 @@ class Curve:
             return {"none": self.reason}
         plain = {name: getattr(self, name) for name in _FIT}
         plain["covariance_ln_theta_beta"] = self.covariance.tolist()
-        return (
-            plain
-            if self.members is None
-            else plain | {"members": self.members.tolist()}
-        )
+        if self.members is not None:
+            plain["members"] = self.members.tolist()
+        return plain
 
     def to_dict(self) -> dict[str, Any]:
         """Return all in SI units as plain values, for JSON."""
-        likelihood = (
-            {"none": ""} if self.likelihood is None else self.likelihood.fit_dict()
-        )
+        more = {name: getattr(self, name) for name in _TABLES}
+        if self.crossings:
+            states = [each._state_dict() for each in self.states]
+            more["limit_states"] = {"message": self.crossings, "states": states}
+        more["without_verdict"] = {}
+        if self.extremes:
+            collapsed, survived = (each.fit_dict() for each in self.extremes)
+            ends = {"collapsed": collapsed, "survived": survived}
+            more["without_verdict"] = {"runs": self.n_undecided} | ends
+        found = {name: part for name, part in more.items() if part is not None}
+        return self._plain() | {"more": found}
+
+    def _state_dict(self) -> dict[str, Any]:
+        """Return the curve of a limit state as plain values."""
+        plain = self._plain() if self.fitted else {"curve": self.fit_dict()}
+        return {"name": self.state, "meaning": self.meaning, **plain}
+
+    def _plain(self) -> dict[str, Any]:
+        """Return curve, band and intervals as plain values."""
+        likelihood = self.likelihood or Curve()
         theta, beta = self.intervals or [(np.nan, np.nan)] * 2
-        plain = {
+        return {
             "curve": self.fit_dict(),
-            "likelihood": likelihood,
+            "likelihood": likelihood.fit_dict(),
             "theta": theta,
             "beta": beta,
             "density": self.density and self.density.to_plain(),
+            **{name: getattr(self, name) for name in _BAND},
         }
-        return plain | {name: getattr(self, name) for name in _BAND}
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> Curve:
-        """Return the curve that `to_dict` wrote, or a part of what it wrote."""
+    def from_dict(cls, plain: Mapping[str, Any], name: str = "") -> Curve:
+        """Return the curve that `to_dict` wrote, or a part of what it wrote, with its name."""
+        more = plain.get("more", {})
         own = _fit_of(plain["curve"]) | {
-            name: plain[name] for name in _BAND if name in plain
+            key: of[key]
+            for of, keys in ((plain, _BAND), (more, _TABLES))
+            for key in keys
+            if key in of
         }
         if "likelihood" in plain:
             own["likelihood"] = cls(**_fit_of(plain["likelihood"]))
-        if (density := plain.get("density")) is not None:
-            own["density"] = Density.from_plain(density)
-        ends = [plain.get(name, (None, None)) for name in ("theta", "beta")]
-        if None not in ends[0]:
-            own["intervals"] = tuple(
-                tuple(float(each) for each in pair) for pair in ends
-            )
-        labels = {
-            "state": plain.get("name", "collapse"),
-            "meaning": plain.get("meaning", ""),
-        }
-        return cls(**own, **labels)
+        if plain.get("density"):
+            own["density"] = Density.from_plain(plain["density"])
+        theta, beta = (plain.get(key) or (None,) for key in ("theta", "beta"))
+        if None not in theta:
+            own["intervals"] = tuple(theta), tuple(beta)
+        if "limit_states" in more:
+            found = more["limit_states"]
+            own["crossings"] = found["message"]
+            own["states"] = tuple(cls.from_dict(each, name) for each in found["states"])
+        lost = more.get("without_verdict")
+        if lost:
+            own["n_undecided"] = lost["runs"]
+            ends = (lost[key] for key in ("collapsed", "survived"))
+            own["extremes"] = tuple(cls(**_fit_of(each)) for each in ends)
+        return cls(
+            **own,
+            name=name,
+            state=plain.get("name", "collapse"),
+            meaning=plain.get("meaning", ""),
+        )
 
 
 def plots() -> Any:
@@ -412,16 +437,12 @@ def _fit_of(plain: Mapping[str, Any]) -> dict[str, Any]:
     if "none" in plain:
         return {"reason": str(plain["none"])}
     own = {name: plain[name] for name in _FIT}
-    own["covariance"] = np.array(plain["covariance_ln_theta_beta"], dtype=float)
+    own["covariance"] = np.array(plain["covariance_ln_theta_beta"], float)
     members = plain.get("members")
-    return own | {
-        "members": None if members is None else np.array(members, dtype=float)
-    }
+    return own | {"members": None if members is None else np.array(members, float)}
 
 
-def credible_band(
-    density: Density, im: ArrayLike, confidence: float
-) -> tuple[FloatArray, FloatArray]:
+def credible_band(density: Density, im: ArrayLike, confidence: float) -> Pair:
     """Return central credible intervals of the probability at intensities >= 0 of any shape."""
     logs = log_intensity(im)
     level = np.array(tails(confidence)).reshape(2, *[1] * logs.ndim)
@@ -432,7 +453,7 @@ def credible_band(
 
 def log_intensity(im: ArrayLike) -> FloatArray:
     """Return ln of intensities, -inf at 0; InputError if one is < 0."""
-    im = np.asarray(im, dtype=float)
+    im = np.asarray(im, float)
     bad = im[~(im >= 0.0)]
     if bad.size:
         raise InputError(
@@ -444,7 +465,7 @@ def log_intensity(im: ArrayLike) -> FloatArray:
 
 def positive(values: ArrayLike, name: str) -> FloatArray:
     """Return values as floats; InputError unless all are > 0 and finite."""
-    given = np.asarray(values, dtype=float)
+    given = np.asarray(values, float)
     bad = given[~((given > 0.0) & np.isfinite(given))]
     if bad.size:
         raise InputError(

@@ -12,7 +12,7 @@ from scipy.special import chdtri, ndtr, ndtri, softmax
 from scipy.stats import qmc
 
 from archfrag.errors import FitError
-from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.curve import FloatArray, Pair
 from archfrag.fragility.posterior import ONE_LEVEL, Posterior, capacity_prior, gridded
 from archfrag.fragility.verdicts import Brackets
 
@@ -44,16 +44,12 @@ def fit_state_posterior(
     Stat. 13). FitError unless enough records have a run below the state.
     """
     known = collapse.run
-    if (share := float((state.lower[known] > 0.0).mean())) < LEAST_BELOW:
+    share = (state.lower[known] > 0.0).mean()
+    if share < LEAST_BELOW:
         why = f"only {100.0 * share:.0f} % of the records have a run below it"
         raise FitError(f"{why}, and {100.0 * LEAST_BELOW:.0f} % are needed")
-    ends = [
-        getattr(own, end)[known]
-        for own in (collapse, state)
-        for end in ("lower", "upper")
-    ]
-    with np.errstate(divide="ignore"):
-        rows, count = np.unique(np.log(ends), axis=1, return_counts=True)
+    ends = np.vstack([collapse.logs, state.logs])[:, known]
+    rows, count = np.unique(ends, axis=1, return_counts=True)
     levels = [np.unique(pair[np.isfinite(pair)]) for pair in (rows[:2], rows[2:])]
     if min(x.size for x in levels) < 2:
         raise FitError(ONE_LEVEL)
@@ -89,7 +85,7 @@ def fit_state_posterior(
 
 def _sampled(
     density: Callable[[FloatArray], FloatArray], collapse: float, state: float
-) -> tuple[FloatArray, FloatArray]:
+) -> Pair:
     """Return points, (n_point, 5), and their weights, begun at ln medians of both states."""
     uniform = np.clip(qmc.Sobol(6, seed=1).random(_POINTS), 1e-9, 1.0 - 1e-9)
     t = ndtri(uniform[:, :5]) * np.sqrt(_FREEDOM / chdtri(_FREEDOM, uniform[:, 5:]))
@@ -101,9 +97,8 @@ def _sampled(
         logs = density(points) - log_t
         power = 1.0
         weight = softmax(logs)
-        while (
-            weight**2
-        ).sum() * _LEAST_SHARE * _POINTS > 1.0:  # the first iterations are far off
+        # The first iterations are far off.
+        while (weight**2).sum() * _LEAST_SHARE * _POINTS > 1.0:
             power *= 0.7
             weight = softmax(power * logs)
         centre = weight @ points
@@ -130,21 +125,19 @@ def _both(points: FloatArray, rows: FloatArray) -> FloatArray:
     return np.asarray(np.log(np.maximum(0.5 * (high - low) * chance, 1e-300)))
 
 
-def _of_lesser(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _of_lesser(points: FloatArray) -> Pair:
     """Return mean and standard deviation of ln min(S, C) at points as `_both` describes them."""
     mean_c, log_c, mean_s, log_s, fisher = points.T
     beta_c = np.exp(log_c)
     beta_s = np.exp(log_s)
-    apart = (
-        np.sqrt(beta_c**2 + beta_s**2 - 2.0 * np.tanh(fisher) * beta_c * beta_s) + 1e-9
-    )
+    shared = 2.0 * np.tanh(fisher) * beta_c * beta_s
+    apart = np.sqrt(beta_c**2 + beta_s**2 - shared) + 1e-9
     z = (mean_c - mean_s) / apart
     first = ndtr(z)
+    other = 1.0 - first
     both = apart * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
-    mean = mean_s * first + mean_c * (1.0 - first) - both
+    mean = mean_s * first + mean_c * other - both
     s = mean_s - mean
     c = mean_c - mean
-    square = (
-        (s**2 + beta_s**2) * first + (c**2 + beta_c**2) * (1.0 - first) - (s + c) * both
-    )
+    square = (s**2 + beta_s**2) * first + (c**2 + beta_c**2) * other - (s + c) * both
     return mean, np.sqrt(np.maximum(square, 1e-12))

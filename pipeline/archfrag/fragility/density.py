@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
 FloatArray = NDArray[np.float64]
+Pair = tuple[FloatArray, FloatArray]
 _HALVINGS = 30
 
 
@@ -26,22 +27,21 @@ class Density:
 
     def deviations(self, x: FloatArray, level: FloatArray) -> FloatArray:
         """Return quantiles of (x - ln theta) / beta at ln intensities, `level` broadcast to x."""
-        z = (x[..., None, None] - self.log_theta[:, [0, -1]]) / self.beta[:, None]
-        ends = (z.min(axis=(-1, -2)), z.max(axis=(-1, -2)))
         at = x[..., None]
+        z = (at[..., None] - self.log_theta[:, [0, -1]]) / self.beta[:, None]
         return _root(
-            lambda z: 1.0 - self._below(at - z[..., None] * self.beta) - level, *ends
+            lambda z: 1.0 - self._below(at - z[..., None] * self.beta) - level,
+            z.min(axis=(-1, -2)),
+            z.max(axis=(-1, -2)),
         )
 
     def log_thetas(self, level: ArrayLike) -> FloatArray:
         """Return quantiles of ln theta, of the shape of `level`."""
-        level = np.asarray(level)
-        ones = np.ones(self.beta.size)
-        ends = (
-            np.full(level.shape, end)
-            for end in (self.log_theta.min(), self.log_theta.max())
+        return _root(
+            lambda t: self._below(t[..., None]) - np.asarray(level),
+            np.full(np.shape(level), self.log_theta.min()),
+            self.log_theta.max(),
         )
-        return _root(lambda t: self._below(t[..., None] * ones) - level, *ends)
 
     def betas(self, level: Sequence[float]) -> FloatArray:
         """Return quantiles of beta, (n,)."""
@@ -51,7 +51,7 @@ class Density:
         place = [below.solve(each * total, extrapolate=False)[0] for each in level]
         return np.exp(np.interp(place, row, np.log(self.beta)))
 
-    def draws(self, seed: int, number: int) -> tuple[FloatArray, FloatArray]:
+    def draws(self, seed: int, number: int) -> Pair:
         """Draw ln theta and beta, (number,) each, one from each of as many equal parts."""
         generator = np.random.default_rng(seed)
         nodes = np.cumsum(np.diff(self._cumulative, axis=1, prepend=0.0))
@@ -80,15 +80,15 @@ class Density:
         """Return the density that `to_plain` wrote."""
         values = np.frombuffer(base64.b64decode(plain["density"]), "<f2").astype(float)
         values = values.reshape(len(plain["beta"]), -1)
-        first, last = np.array(plain["log_theta"], dtype=float).T
+        first, last = np.array(plain["log_theta"], float).T
         log_theta = np.linspace(first, last, values.shape[1], axis=1)
         values /= (values.sum(axis=1) - 0.5 * (values[:, 0] + values[:, -1])).sum()
-        return cls(np.array(plain["beta"], dtype=float), log_theta, values)
+        return cls(np.array(plain["beta"], float), log_theta, values)
 
     def compact(self) -> "Density":
         """Return every other row as it is stored; quantiles of P(collapse) agree to 1e-4."""
-        rows = Density(self.beta[::2], self.log_theta[::2], self.density[::2])
-        return Density.from_plain(rows.to_plain())
+        rows = (each[::2] for each in (self.beta, self.log_theta, self.density))
+        return Density.from_plain(Density(*rows).to_plain())
 
     @cached_property
     def _cumulative(self) -> FloatArray:
@@ -98,18 +98,16 @@ class Density:
 
     def _below(self, limit: FloatArray) -> FloatArray:
         """Return P(ln theta <= limit) with a limit for each row, (..., n_row)."""
-        first = self.log_theta[:, 0]
-        step = self.log_theta[:, 1] - self.log_theta[:, 0]
+        first, second = self.log_theta[:, :2].T
         last = self.density.shape[1] - 1
-        place = np.clip((limit - first) / step, 0.0, last)
+        place = np.clip((limit - first) / (second - first), 0.0, last)
         node = np.minimum(place.astype(np.int64), last - 1)
         t = place - node
         row = np.arange(first.size)
         low = self.density[row, node]
-        high = self.density[row, node + 1]
-        return (self._cumulative[row, node] + t * (low + 0.5 * t * (high - low))).sum(
-            axis=-1
-        )
+        rise = self.density[row, node + 1] - low
+        below = self._cumulative[row, node] + t * (low + 0.5 * t * rise)
+        return below.sum(axis=-1)
 
 
 def _root(

@@ -8,13 +8,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtr
 
 from archfrag.errors import FitError
-from archfrag.fragility.curve import FloatArray, IntArray
+from archfrag.fragility.curve import FloatArray, IntArray, Pair, log_intensity
 from archfrag.fragility.probit import inverse_mills, normal_lines
-from archfrag.fragility.verdicts import Brackets
+from archfrag.fragility.verdicts import Brackets, numbered
 
 SIGNIFICANCE = 0.05
 _LEAST = 5  # earthquakes (of magnitude) or records (of distance) that a test needs
@@ -72,51 +73,46 @@ def compare_measures(
     keep = brackets.run
     known = brackets.of_records()
     log_value = np.log([np.asarray(each)[keep] for each in values.values()])
-    power = np.array([[exponent[name]] for name in names], dtype=float)
-    label = np.arange(keep.size) if event is None else np.asarray(event)
-    group = np.unique(label[keep], return_inverse=True)[1]
+    power = np.array([[exponent[name]] for name in names], float)
+    group = numbered(
+        (np.arange(keep.size) if event is None else np.asarray(event))[keep]
+    )
     covariates: _Covariates = {}
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for name, given, owner, scale in (
-            ("magnitude", magnitude, group, np.asarray),
-            ("distance", distance, np.arange(group.size), np.log),
-        ):
-            if given is None:
-                continue
-            value = scale(np.asarray(given, dtype=float)[keep])
+    for name, given, owner in (
+        ("magnitude", magnitude, group),
+        ("distance", distance, np.arange(group.size)),
+    ):
+        if given is None:
+            continue
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value = np.asarray(given, float)[keep]
+            value = np.log(value) if name == "distance" else value
             used = np.isfinite(value)
-            place = np.unique(owner[used], return_inverse=True)[1]
+            place = numbered(owner[used])
             if place.max(initial=-1) + 1 >= _LEAST and np.ptp(value[used]) > 0.0:
                 covariates[name] = used, value[used], place
 
-    low, high = np.where(known.bracketed, known.middle, (known.lower, known.upper))
-    with np.errstate(divide="ignore"):
-        factors = [(np.log(end) - log_value[mine]) / power[mine] for end in (low, high)]
-    bounds = log_value + power * factors[0], log_value + power * factors[1]
-    ends = np.where(known.bracketed, (known.lower, known.upper), 1.0)
+    exact = known.bracketed
+    ends = np.where(exact, known.middle, (known.lower, known.upper))
+    low, high = (
+        log_value + power * ((end - log_value[mine]) / power[mine])
+        for end in log_intensity(ends)
+    )
+    ends = np.where(exact, (known.lower, known.upper), 1.0)
     width = power / power[mine] * np.log(ends[1] / ends[0])
-    columns, expected = _compare_records(bounds, width**2 / 12.0, covariates)
-    rows = []
-    for i, (name, each) in enumerate(zip(names, power[:, 0].tolist())):
-        row = {key: float(columns[key][i]) for key in _COLUMNS}
-        tests = [p for p in (row["p_magnitude"], row["p_distance"]) if np.isfinite(p)]
-        why = "" if np.isfinite(row["beta"]) else "fewer than two different capacities"
-        rows.append(
-            {
-                "measure": name,
-                **row,
-                "efficiency": row["beta"] / each,
-                "none": why,
-                "sufficient": min(tests) >= SIGNIFICANCE if tests and not why else None,
-                "n_records": int(keep.sum()),
-                "n_bracketed": int(known.bracketed.sum()),
-            }
-        )
-    return {
-        "rows": rows,
-        "own": own,
-        **_best(rows, rows[mine], expected / power, group),
-    }
+    columns, expected = _compare_records((low, high), width**2 / 12.0, covariates)
+    table = pd.DataFrame({"measure": names, **columns})
+    table["efficiency"] = table["beta"] / power[:, 0]
+    fitted = np.isfinite(table["beta"])
+    table["none"] = np.where(fitted, "", "fewer than two different capacities")
+    p_values = table[["p_magnitude", "p_distance"]]
+    tested = fitted & p_values.notna().any(axis=1)
+    sufficient = (p_values.min(axis=1) >= SIGNIFICANCE).astype(object)
+    table["sufficient"] = sufficient.where(tested, None)
+    table = table.assign(n_records=int(keep.sum()), n_bracketed=int(exact.sum()))
+    rows: list[Any] = table.to_dict("records")
+    best = _best(rows, rows[mine], expected / power, group)
+    return {"rows": rows, "own": own, **best}
 
 
 def _best(
@@ -126,15 +122,12 @@ def _best(
 
     `logs` are ln capacity / exponent, (n_measure, n_record).
     """
-    mine = rows.index(own)
-    efficiency = [row["efficiency"] for row in rows]
-    known = [i for i, row in enumerate(rows) if not row["none"]]
+    known = [row for row in rows if not row["none"]]
     if not known:
         raise FitError("no measure has a curve from these runs: " + own["none"])
-    sufficient = [i for i in known if rows[i]["sufficient"]]
-    chosen = sufficient or [i for i in known if rows[i]["sufficient"] is None] or known
-    place = min(chosen, key=efficiency.__getitem__)
-    best = rows[place]
+    sufficient = [row for row in known if row["sufficient"]]
+    chosen = sufficient or [row for row in known if row["sufficient"] is None] or known
+    best = min(chosen, key=lambda row: row["efficiency"])
     p_value = 1.0
     ratio = 1.0
     start = f"Of {_OF[best['sufficient']]} {best['measure']} is the most efficient"
@@ -144,22 +137,21 @@ def _best(
     elif own["none"]:
         message += f"; in {own['measure']} there is no curve to compare it with."
     else:
-        by_chance = scatter_by_chance(logs[mine], logs[place], event)
-        p_value = min(1.0, by_chance * (len(chosen) - (mine in chosen)))
+        mine, other = logs[[rows.index(own), rows.index(best)]]
+        by_chance = scatter_by_chance(mine, other, event)
+        p_value = min(1.0, by_chance * (len(chosen) - (own in chosen)))
         ratio = best["efficiency"] / own["efficiency"]
         can = "which chance and the choice among them can explain"
         if p_value < SIGNIFICANCE:
             can = "more than chance and the choice among them explain"
         times = f"{ratio:.2f} times that of {own['measure']}"
         message += f": its dispersion is {times}, {can} (p = {p_value:.2g})."
-    n_test = int(
-        np.isfinite([(row["p_magnitude"], row["p_distance"]) for row in rows]).sum()
-    )
+    tests = [(row["p_magnitude"], row["p_distance"]) for row in rows]
     return {
         "best": best["measure"],
         "p_value": p_value,
         "ratio": ratio,
-        "n_test": n_test,
+        "n_test": int(np.isfinite(tests).sum()),
         "message": message,
     }
 
@@ -170,7 +162,7 @@ def _sums(values: FloatArray, place: IntArray) -> FloatArray:
 
 
 def _compare_records(
-    bounds: tuple[FloatArray, FloatArray], rounding: FloatArray, covariates: _Covariates
+    bounds: Pair, rounding: FloatArray, covariates: _Covariates
 ) -> tuple[dict[str, FloatArray], FloatArray]:
     """Return `_COLUMNS` by measure, and ln capacities with expected ones in place of bounds.
 
@@ -183,46 +175,44 @@ def _compare_records(
     n_exact = int(exact.sum())
     mean, square = np.full((2, len(low)), np.nan)
     # Where known values do not differ the likelihood has no maximum.
-    sound = (
-        np.flatnonzero(low[:, exact].var(axis=1) > 1e-18)
-        if n_exact > 1
-        else np.empty(0, int)
-    )
+    varies = low[:, exact].var(axis=1) > 1e-18 if n_exact > 1 else square > 0.0
+    sound = np.flatnonzero(varies)
     if n_exact == n:
-        mean[sound], square[sound] = low[sound].mean(axis=1), low[sound].var(axis=1)
+        mean[sound] = low[sound].mean(axis=1)
+        square[sound] = low[sound].var(axis=1)
     elif sound.size:
-        found = normal_lines(np.ones((n, 1)), low[sound], high[sound])
-        mean[sound] = found[0][:, 0]
-        square[sound] = found[1] ** 2
+        line, deviation, *_ = normal_lines(np.ones((n, 1)), low[sound], high[sound])
+        mean[sound] = line[:, 0]
+        square[sound] = deviation**2
     with np.errstate(invalid="ignore"):
         square = square * n / max(n - 1.0, 1.0)
         added = rounding.sum(axis=1) / max(n_exact, 1)
         deviation = np.sqrt(np.where(square > added, square - added, square))
         # In the place of a bound what is expected beyond it.
-        below, above = ((end - mean[:, None]) / deviation[:, None] for end in bounds)
+        centre = mean[:, None]
+        spread = deviation[:, None]
         beyond = np.where(
-            np.isfinite(low), inverse_mills(-below), -inverse_mills(above)
+            np.isfinite(low),
+            inverse_mills(-(low - centre) / spread),
+            -inverse_mills((high - centre) / spread),
         )
-        expected = np.where(exact, low, mean[:, None] + deviation[:, None] * beyond)
+        expected = np.where(exact, low, centre + spread * beyond)
     columns = dict.fromkeys(_COLUMNS, np.full(len(low), np.nan))
     columns |= {"theta": np.exp(mean), "beta": deviation}
     for name, (used, value, place) in covariates.items():
         if exact[used].sum() >= 4:
-            part = low[:, used], high[:, used], expected[:, used]
-            columns[f"slope_{name}"], columns[f"p_{name}"] = _slope_test(
-                *part, value, place
-            )
+            part = np.stack([low, high, expected])[..., used]
+            test = _slope_test(part, value, place)
+            columns[f"slope_{name}"], columns[f"p_{name}"] = test
     return columns, expected
 
 
-def _slope_test(
-    low: FloatArray,
-    high: FloatArray,
-    expected: FloatArray,
-    covariate: FloatArray,
-    place: IntArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the slope of ln capacity on a covariate, and the p-value of a t test of means."""
+def _slope_test(bounded: FloatArray, covariate: FloatArray, place: IntArray) -> Pair:
+    """Return the slope of ln capacity on a covariate, and the p-value of a t test of means.
+
+    `bounded`, (3, n_measure, n_record), are both bounds of ln capacities, and expected ones.
+    """
+    low, high, expected = bounded
     count = np.bincount(place)
     off = _sums(covariate, place) / count
     y = _sums(expected, place) / count
@@ -235,9 +225,8 @@ def _slope_test(
         p_value = 2.0 * stdtr(freedom, -np.abs(slope) / np.sqrt(residual / (off @ off)))
     sound = np.flatnonzero(np.isfinite(slope))
     if sound.size and not np.array_equal(low, high):
-        design = np.column_stack(
-            [np.ones(covariate.size), covariate - covariate.mean()]
-        )
+        centred = covariate - covariate.mean()
+        design = np.column_stack([np.ones(covariate.size), centred])
         slope[sound] = normal_lines(design, low[sound], high[sound])[0][:, 1]
     return slope, p_value
 
@@ -260,6 +249,5 @@ def scatter_by_chance(one: FloatArray, other: FloatArray, place: IntArray) -> fl
     if squares == 0.0 or freedom <= 0.0:
         return 1.0
     correlation = difference @ total / np.sqrt(squares)
-    return float(
-        stdtr(freedom, -correlation * np.sqrt(freedom / (1.0 - correlation**2)))
-    )
+    t = correlation * np.sqrt(freedom / (1.0 - correlation**2))
+    return float(stdtr(freedom, -t))

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.special import gammaln, logit, ndtr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import Curve, FloatArray, positive, tails
+from archfrag.fragility.curve import Curve, FloatArray, log_intensity, positive, tails
 from archfrag.fragility.probit import LOG_ROOT_TWO_PI, binomial_lines, normal_lines
 from archfrag.fragility.verdicts import checked_stripes, draws_of_records
 
@@ -79,7 +79,7 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Curve:
     >>> round(curve.theta, 3), round(curve.beta, 3)
     (0.8, 0.403)
     """
-    values = np.asarray(capacities, dtype=float)
+    values = np.asarray(capacities, float)
     if values.ndim != 1 or values.size == 0:
         raise InputError(
             f"capacities has shape {values.shape}; a list of one number per record"
@@ -122,8 +122,8 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Curve:
     Maximum likelihood of interval-censored data. `lower` may be 0 or else `upper` inf; equal
     values are a capacity known exactly. FitError if there is no maximum with beta > 0.
     """
-    lower = np.asarray(lower, dtype=float)
-    upper = np.asarray(upper, dtype=float)
+    lower = np.asarray(lower, float)
+    upper = np.asarray(upper, float)
     last = lower.max()
     first = upper.min()
     if last <= first:
@@ -136,19 +136,12 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Curve:
     if not np.any((lower > 0.0) & np.isfinite(upper)):
         why = "no capacity is bracketed from both sides, which does not separate theta from beta"
         raise FitError(f"{why}; add levels below and above")
-    with np.errstate(divide="ignore"):
-        low = np.log(lower)
-        high = np.log(upper)
-    mean, deviation, loss, information = normal_lines(
-        np.ones((lower.size, 1)), low, high
-    )
+    ends = log_intensity([lower, upper])
+    mean, deviation, loss, information = normal_lines(np.ones((lower.size, 1)), *ends)
     a, b = np.array([-mean[0, 0], 1.0]) / deviation[0]
-    sign = np.array(
-        [[1.0, -1.0], [-1.0, 1.0]]
-    )  # the intercept is minus the first parameter
-    known = _parameters(a, b, information[0] * sign)
-    ends = np.concatenate([low, high])
-    n_ends = int(np.unique(ends[np.isfinite(ends)]).size)
+    # The intercept is minus the first parameter.
+    known = _parameters(a, b, information[0] * [[1.0, -1.0], [-1.0, 1.0]])
+    n_ends = np.unique(ends[np.isfinite(ends)]).size
     return Curve(*known, -float(loss[0]), n_ends, lower.size, "brackets")
 
 
@@ -159,44 +152,29 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
             "no level has a run that collapsed or survived, so there is nothing to fit"
         )
     low = im.min()
-    high = im.max()
     collapsed = im[collapses > 0]
     survived = im[collapses < n]
     first = collapsed.min(initial=np.inf)
     last = survived.max(initial=0.0)
     separated = "(perfect separation), so beta tends to 0"
-    for holds, why, levels in (
-        (
-            not collapsed.size,
-            "no run collapsed at any level: theta lies above {}; add higher levels",
-            (high,),
-        ),
-        (
-            not survived.size,
-            "every run collapsed at every level: theta lies below {}; add lower levels",
-            (low,),
-        ),
-        (
-            low == high,
-            "all runs are at one level, im = {}, which cannot separate theta from beta; "
-            "add levels",
-            (low,),
-        ),
-        (
-            first > last,
-            f"all runs survive up to {{0}} and all collapse from {{1}} {separated}: "
-            "theta lies between {0} and {1}; add levels between them",
-            (last, first),
-        ),
-        (
-            first == last,
-            f"only the level {{0}} has collapses and survivals {separated} and "
-            "theta to {0}; add levels close to it",
-            (first,),
-        ),
-    ):
-        if holds:
-            raise FitError(why, *levels)
+    if not collapsed.size:
+        why = "no run collapsed at any level: theta lies above {}; add higher levels"
+        raise FitError(why, im.max())
+    if not survived.size:
+        why = (
+            "every run collapsed at every level: theta lies below {}; add lower levels"
+        )
+        raise FitError(why, low)
+    if low == im.max():
+        why = "all runs are at one level, im = {}, which cannot separate theta from beta; "
+        raise FitError(why + "add levels", low)
+    if first > last:
+        why = f"all runs survive up to {{0}} and all collapse from {{1}} {separated}: "
+        why += "theta lies between {0} and {1}; add levels between them"
+        raise FitError(why, last, first)
+    if first == last:
+        why = f"only the level {{0}} has collapses and survivals {separated} and "
+        raise FitError(why + "theta to {0}; add levels close to it", first)
 
 
 def fit_cloud(
@@ -216,7 +194,7 @@ def fit_cloud(
     with their intervals by the bootstrap. FitError if no rising curve is likeliest.
     """
     values = positive(im, "im")
-    codes = np.asarray(collapsed, dtype=float)
+    codes = np.asarray(collapsed, float)
     _require_overlap(values, codes, np.ones(values.size))
     # Each run once, then as drawn.
     times = draws_of_records(event, values.size, seed, resamples)
@@ -227,16 +205,11 @@ def fit_cloud(
         raise FitError(_LEVEL, values.min(), values.max())
     if kept.sum() < 2:
         raise FitError("no resample of the cloud determines a curve; add records")
-    a = a[kept]
-    b = b[kept]
-    points = np.stack([np.exp(-a / b), logit(ndtr(1.0)) / b])
-    ends = np.quantile(points[:, 1:], tails(confidence), axis=1, method="inverted_cdf")
-    theta, beta = points[:, 0].tolist()
-    return {
-        "intercept": float(a[0]),
-        "slope": float(b[0]),
-        "theta": theta,
-        "beta": beta,
-        "theta_interval": tuple(ends[:, 0].tolist()),
-        "beta_interval": tuple(ends[:, 1].tolist()),
-    }
+    found: dict[str, Any] = {"intercept": float(a[0]), "slope": float(b[0])}
+    points = {"theta": np.exp(-a / b), "beta": logit(ndtr(1.0)) / b}
+    found |= {name: float(each[0]) for name, each in points.items()}
+    for name, each in points.items():
+        drawn = each[1:][kept[1:]]
+        ends = np.quantile(drawn, tails(confidence), method="inverted_cdf")
+        found[f"{name}_interval"] = tuple(ends.tolist())
+    return found

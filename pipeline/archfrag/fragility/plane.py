@@ -32,9 +32,8 @@ _DRAWS = 4000
 _FITS = 3
 _FREEDOM = 5.0
 _SEED = 11
-_SEPARATED = (
-    0.01  # of the log-likelihood: a plane without scatter agrees with all verdicts
-)
+# Of the log-likelihood: a plane without scatter agrees with all verdicts.
+_SEPARATED = 0.01
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -71,12 +70,11 @@ class Plane:
         return self.gain > 0.0 and self.p_value < SIGNIFICANCE
 
     def __repr__(self) -> str:
-        (one, two), factor = self.measures, f"{np.exp(self.gain):.3g}"
+        one, two = self.measures
         best = f" (best of {self.tests})" * (self.tests > 1)
         how = "more than chance explains" if self.gains else "which chance can explain"
-        what = (
-            f"runs of records held back are {factor} times as likely as by {one} alone"
-        )
+        factor = f"{np.exp(self.gain):.3g} times as likely as by {one} alone"
+        what = f"runs of records held back are {factor}"
         return f"by {one} and {two}{best}, {what}, {how} (p = {self.p_value:.2g})"
 
     def at(self, x1: ArrayLike, x2: ArrayLike, confidence: float = 0.9) -> FloatArray:
@@ -94,12 +92,9 @@ class Plane:
         s = logs[:, 1] - self.power * logs[:, 0]
         kept = np.abs(y - self.power * x - 0.5 * (s.min() + s.max())) <= 0.5 * np.ptp(s)
         at = np.exp([x[kept], y[kept]])
-        heads = [
-            f"{measure} [{unit}]" for measure, unit in zip(self.measures, self.units)
-        ]
-        return pd.DataFrame(
-            [*at, *self.at(*at)], [*heads, "probability", "lower", "upper"]
-        ).T
+        heads = [f"{each} [{unit}]" for each, unit in zip(self.measures, self.units)]
+        heads += ["probability", "lower", "upper"]
+        return pd.DataFrame([*at, *self.at(*at)], heads).T
 
     def plot(self, ax: Any = None) -> Any:
         """Draw contours of the probability, and the runs; FitError without a gain."""
@@ -119,34 +114,35 @@ def fit_plane(
     the curve is true. FitError if there is no plane, or none can be tested.
     """
     known = brackets.of_records()
-    s = np.log(np.asarray(ratio, dtype=float)[brackets.run])
+    s = np.log(np.asarray(ratio, float)[brackets.run])
     label = np.arange(s.size) if groups is None else np.asarray(groups)[brackets.run]
     level, collapsed = known.single_runs()
     second = s[np.nonzero(known.decided)[0]] + power * np.log(level)
-    if (events := np.unique(label).size) < FEWEST:
+    events = np.unique(label).size
+    if events < FEWEST:
         rule = f"a test of two measures holds some back and needs {FEWEST}"
-        raise FitError(
-            f"the records are of {events} independent earthquakes or records; {rule}"
-        )
+        what = f"the records are of {events} independent earthquakes or records"
+        raise FitError(f"{what}; {rule}")
     alike = np.corrcoef(np.log(level), second)[0, 1] if np.ptp(second) else 1.0
     if abs(alike) > MOST_ALIKE or not s.std():
         what = f"the two measures say the same (correlation of their logarithms {alike:.3f})"
         raise FitError(f"{what}; choose another second one")
     parts = parts_of(label)
     scores = []
-    each = (known, known.without_scatter())
-    whole, between = (fit_capacity_posterior(some).curve.beta ** 2 for some in each)
+    alone = known.without_scatter()
+    whole, between = (
+        fit_capacity_posterior(each).curve.beta ** 2 for each in (known, alone)
+    )
     for u in (np.empty((s.size, 0)), (s[:, None] - s.mean()) / s.std()):
-        start, p, logs, weight, share = _weighted(each[1], u, label)
+        start, p, logs, weight, share = _weighted(alone, u, label)
         held = softmax(weight - share * (parts @ logs), axis=1)  # (n_part, n_draw)
         scores.append(np.log((parts * (held @ np.exp(logs.T))).sum(axis=0)))
     gains = scores[1] - scores[0]
     by_part = parts @ np.expm1(gains)
     t = np.sqrt(len(parts)) * by_part.mean() / by_part.std(ddof=1)
-    place = np.searchsorted(
-        np.cumsum(softmax(weight)), (np.arange(_DRAWS) + 0.5) / _DRAWS
-    )
-    alpha, gamma, one = np.vstack([start, p[place.clip(max=_DRAWS - 1)]]).T
+    at = (np.arange(_DRAWS) + 0.5) / _DRAWS
+    place = np.searchsorted(np.cumsum(softmax(weight)), at).clip(max=_DRAWS - 1)
+    alpha, gamma, one = np.vstack([start, p[place]]).T
     gamma /= s.std()
     lines = np.stack([gamma * s.mean() - alpha, one + gamma * power, -gamma])
     lines[:, 1:] /= np.sqrt(1.0 + max(whole - between, 0.0) * one[1:] ** 2)
@@ -163,17 +159,12 @@ def _weighted(
     Returned are the likeliest ones, draws, ln likelihoods of records (n_record, n), log-weights
     (n,), and the effective number of records over the actual one.
     """
-    with np.errstate(divide="ignore"):
-        low = np.log(known.lower)[:, None]
-        high = np.log(known.upper)[:, None]
+    low, high = known.logs[..., None]
     design = np.column_stack([np.ones(len(u)), u])
-    (start,), (deviation,), (loss,), (information,) = normal_lines(
-        design, low[:, 0], high[:, 0]
-    )
+    (start,), (deviation,), (loss,), (information,) = normal_lines(design, *known.logs)
     if not loss > _SEPARATED:
-        raise FitError(
-            "a plane without scatter agrees with all runs; add records or levels"
-        )
+        what = "a plane without scatter agrees with all runs; add records or levels"
+        raise FitError(what)
     shift = np.exp(-u @ start[1:])
     moved = replace(known, lower=known.lower * shift, upper=known.upper * shift)
     share = independent_records(moved, label) / len(u)
@@ -194,18 +185,16 @@ def _weighted(
         logs = np.maximum(log_between(low * one - shifts, high * one - shifts), -700.0)
         weight = share * logs.sum(axis=0)
         weight += 0.5 * (_FREEDOM + q) * np.log1p((e**2).sum(axis=1) / _FREEDOM)
-        if (
-            known.verdict.shape[1] > 1
-        ):  # in (alpha, gamma, ln beta), of which p has one^q
+        if known.verdict.shape[1] > 1:
+            # In (alpha, gamma, ln beta), of which p has one^q.
             weight += capacity_prior(1.0 / one, resolved, ends) - q * np.log(one)
             weight -= np.log1p((p[:, 1:-1].T / one / span) ** 2).sum(axis=0)
         else:
             z = np.log(known.levels) * one - shifts
             each = np.exp(-z * z - log_ndtr(z) - log_ndtr(-z))
             rows = np.column_stack([design, np.log(known.levels)])
-            root = np.linalg.det(
-                np.einsum("rn,ri,rj->nij", each, rows, rows, optimize=True)
-            )
+            square = np.einsum("rn,ri,rj->nij", each, rows, rows, optimize=True)
+            root = np.linalg.det(square)
             weight += 0.5 * np.log(np.maximum(root, 1e-250)) - np.log(one)
             weight -= np.log1p((one * likely_beta(span)) ** -2.0)
         weight[p[:, -1] <= 0.0] = -np.inf

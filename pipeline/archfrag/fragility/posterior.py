@@ -8,20 +8,20 @@ Garnier (arXiv 2302.06935 and 2503.07343).
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import log_ndtr, logsumexp, ndtr, softmax
 
 from archfrag.errors import FitError
-from archfrag.fragility.curve import Curve, FloatArray, credible_band, tails
+from archfrag.fragility.curve import Curve, FloatArray, Pair, credible_band, tails
 from archfrag.fragility.density import Density
 from archfrag.fragility.fit import fit_brackets
 from archfrag.fragility.verdicts import Brackets, checked_stripes
 
 # Log-likelihood and log-prior, in (ln theta, ln beta), of ln theta (n, m) and beta (n, 1).
-Summands = tuple[FloatArray, FloatArray]
-Terms = Callable[[FloatArray, FloatArray], Summands]
+Terms = Callable[[FloatArray, FloatArray], Pair]
 
 _ROWS = 72  # of the grid: values of beta, and of ln theta for each
 _NODES = 96
@@ -56,22 +56,17 @@ class Posterior(Density):
         """Return the curve with central credible intervals, and its band at `im`, (n,)."""
         ends = tails(confidence)
         theta = np.exp(self.log_thetas(ends)).tolist()
-        beta = self.betas(ends).tolist()
-        at, lower, upper = (
-            np.asarray(x).tolist() for x in (im, *self.band(im, confidence))
-        )
+        lower, upper = self.band(im, confidence)
         return replace(
             self.curve,
-            intervals=(tuple(theta), tuple(beta)),
-            im=at,
-            lower=lower,
-            upper=upper,
+            intervals=(tuple(theta), tuple(self.betas(ends).tolist())),
+            im=np.asarray(im).tolist(),
+            lower=lower.tolist(),
+            upper=upper.tolist(),
             confidence=confidence,
         )
 
-    def band(
-        self, im: ArrayLike, confidence: float = 0.9
-    ) -> tuple[FloatArray, FloatArray]:
+    def band(self, im: ArrayLike, confidence: float = 0.9) -> Pair:
         """Return the central credible interval of the probability of collapse at each `im`."""
         return credible_band(self, im, confidence)
 
@@ -117,7 +112,7 @@ def fit_posterior(
     borders = np.append(x[k > 0][:1], x[k < m][-1:])  # first collapse, last survival
     start = borders.mean(), np.clip(0.25 * np.ptp(borders), np.diff(x).min(), span)
 
-    def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
+    def terms(log_theta: FloatArray, beta: FloatArray) -> Pair:
         z = (x - log_theta[..., None]) / beta[..., None]
         small = log_ndtr(-np.abs(z))
         large = np.log1p(-np.exp(small))
@@ -128,11 +123,10 @@ def fit_posterior(
         first = weight @ x
         second = weight @ (x * x)
         determinant = np.maximum(total * second - first**2, 1e-250)
-        return likelihood, 0.5 * np.log(determinant) - np.log(
-            beta + beta * (beta / likely) ** 2
-        )
+        rare = np.log(beta + beta * (beta / likely) ** 2)
+        return likelihood, 0.5 * np.log(determinant) - rare
 
-    return _summed(terms, x, start, max(1, round(m.sum())))
+    return _summed(terms, x, start, m.sum())
 
 
 def fit_capacity_posterior(
@@ -152,7 +146,7 @@ def fit_capacity_posterior(
     """
     low = brackets.lower
     high = brackets.upper
-    _require_both_sides(low[low > 0.0], high[np.isfinite(high)])
+    _require_both_sides(low[low > 0.0], high[high < np.inf])
     share = float(n_effective or low.size) / low.size
     if brackets.single:
         return fit_posterior(
@@ -160,25 +154,23 @@ def fit_capacity_posterior(
         )
     if brackets.contradictions.any():
         return _with_scatter(brackets, share)
-    with np.errstate(divide="ignore"):
-        pairs, number = np.unique(np.log([low, high]), axis=1, return_counts=True)
+    pairs, number = np.unique(brackets.logs, axis=1, return_counts=True)
     low, high = pairs
     x = np.unique(pairs[np.isfinite(pairs)])
     if x.size < 2:
         raise FitError(ONE_LEVEL)
-    ends = np.concatenate([[-np.inf], x, [np.inf]])
+    ends = np.r_[-np.inf, x, np.inf]
     chance = ((ends[:-1] >= low[:, None]) & (ends[1:] <= high[:, None])).astype(float)
     width = np.repeat(high - low, number)
     width = width[np.isfinite(width)]
-    resolved = float(max(np.median(width) if width.size else 0.0, np.diff(x).min()))
-    start = (float(np.median(x)), resolved)
+    resolved = max(np.median(width) if width.size else 0.0, np.diff(x).min())
     power = share * number.astype(float)
 
-    def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
+    def terms(log_theta: FloatArray, beta: FloatArray) -> Pair:
         prior = capacity_prior(beta, resolved, x)
         return _of_cells(ends, chance, power, log_theta, beta), prior
 
-    return _summed(terms, x, start, max(1, round(power.sum())))
+    return _summed(terms, x, (np.median(x), resolved), power.sum())
 
 
 def _require_both_sides(below: FloatArray, above: FloatArray) -> None:
@@ -205,7 +197,7 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
     except FitError:  # the brackets, without what contradicts them, agree with beta = 0
         line = fit_capacity_posterior(brackets.without_scatter()).curve
     middle = np.nanmedian(brackets.middle) if brackets.bracketed.any() else line.theta
-    start = float(np.log(middle)), float(np.median(np.diff(x)))
+    start = np.log(middle), np.median(np.diff(x))
     tried = np.geomspace(
         0.2 * min(np.diff(x).min(), line.beta), 1.5 * line.beta, _TRIED
     )
@@ -228,39 +220,31 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
             logs.append(each)
         return np.array(logs)
 
-    def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
-        return logsumexp(by_scatter(log_theta, beta), axis=0), capacity_prior(
-            beta, start[1], x
-        )
+    def terms(log_theta: FloatArray, beta: FloatArray) -> Pair:
+        likelihood = logsumexp(by_scatter(log_theta, beta), axis=0)
+        return likelihood, capacity_prior(beta, start[1], x)
 
-    known = _summed(terms, x, start, max(1, round(power.sum())))
+    known = _summed(terms, x, start, power.sum())
     curve = known.curve
-    weight = softmax(
-        by_scatter(np.log([[curve.theta]]), np.array([[curve.beta]]))[:, 0, 0]
-    )
+    logs = by_scatter(np.log([[curve.theta]]), np.array([[curve.beta]]))
+    weight = softmax(logs[:, 0, 0])
     return replace(known, scatter=float(np.exp(weight @ np.log(scatter))))
 
 
-def _chances(
-    x: FloatArray, runs: FloatArray, scatter: float
-) -> tuple[FloatArray, FloatArray]:
+def _chances(x: FloatArray, runs: FloatArray, scatter: float) -> Pair:
     """Return ends of cells of ln capacity, and the probability of the runs of each record.
 
     They are (n_cell + 1,) and (n_record, n_cell), the latter if the capacity lies in the cell.
     """
     parts = np.ceil(np.diff(x) / (0.5 * scatter)).astype(int)
-    within = [
-        np.linspace(a, b, n, endpoint=False) for a, b, n in zip(x[:-1], x[1:], parts)
-    ]
+    within = map(partial(np.linspace, endpoint=False), x[:-1], x[1:], parts)
     beyond = scatter * np.arange(0.5, 3.1, 0.5)
     ends = np.concatenate([x[0] - beyond[::-1], *within, x[-1:], x[-1] + beyond])
     step = 0.25 * scatter
-    middle = np.concatenate(
-        [[ends[0] - step], 0.5 * (ends[1:] + ends[:-1]), [ends[-1] + step]]
-    )
+    middle = np.r_[ends[0] - step, 0.5 * (ends[1:] + ends[:-1]), ends[-1] + step]
     z = (x[:, None] - middle) / scatter
     chance = np.exp(runs[0] @ log_ndtr(z) + runs[1] @ log_ndtr(-z))
-    return np.concatenate([[-np.inf], ends, [np.inf]]), chance
+    return np.r_[-np.inf, ends, np.inf], chance
 
 
 def _of_cells(
@@ -272,9 +256,8 @@ def _of_cells(
 ) -> FloatArray:
     """Return the log-likelihood of records from the probability of runs in cells."""
     logs = np.empty(log_theta.shape)
-    for row, t, b in zip(
-        logs, log_theta, beta
-    ):  # one beta at a time stays in the cache
+    # One beta at a time stays in the cache.
+    for row, t, b in zip(logs, log_theta, beta):
         likelihood = np.diff(ndtr((ends - t[:, None]) / b), axis=1) @ chance.T
         np.log(np.maximum(likelihood, 1e-300, out=likelihood), out=likelihood)
         row[:] = likelihood @ power
@@ -283,16 +266,16 @@ def _of_cells(
 
 def capacity_prior(beta: FloatArray, resolved: float, x: FloatArray) -> FloatArray:
     """Return the log-prior of capacities in (ln theta, ln beta), for ln levels `x`."""
-    return -np.log1p((resolved / beta) ** 2 / 12.0) - np.log1p(
-        (beta / (x[-1] - x[0])) ** 2
-    )
+    wide = np.log1p((beta / (x[-1] - x[0])) ** 2)
+    return -np.log1p((resolved / beta) ** 2 / 12.0) - wide
 
 
 def _summed(
-    terms: Terms, x: FloatArray, start: tuple[float, float], n: int
+    terms: Terms, x: FloatArray, start: tuple[float, float], n: float
 ) -> Posterior:
     """Sum a posterior on a grid about the ln levels `x` and take its medians."""
-    (middle, width), span = start, x[-1] - x[0]
+    middle, width = start
+    span = x[-1] - x[0]
 
     def density(log_beta: FloatArray, u: FloatArray) -> tuple[FloatArray, ...]:
         beta = np.exp(log_beta)[:, None]
@@ -311,14 +294,11 @@ def _summed(
         box = [(axis[first], axis[last]) for axis, (first, last) in zip(axes, wider)]
         if min(at.size for at in held) > _SEARCH // 2:
             break
-    beta, log_theta, value = density(
-        np.linspace(*box[0], _ROWS), np.linspace(*box[1], _NODES)
-    )
-    known = gridded(beta, log_theta, np.exp(value), (x.size, n))
-    likelihood = float(
-        terms(known.log_thetas([[0.5]]), known.betas([0.5])[:, None])[0][0, 0]
-    )
-    return replace(known, curve=replace(known.curve, log_likelihood=likelihood))
+    beta, log_theta, value = density(*map(np.linspace, *zip(*box), (_ROWS, _NODES)))
+    known = gridded(beta, log_theta, np.exp(value), (x.size, max(1, round(n))))
+    likelihood, _ = terms(known.log_thetas([[0.5]]), known.betas([0.5])[:, None])
+    curve = replace(known.curve, log_likelihood=float(likelihood[0, 0]))
+    return replace(known, curve=curve)
 
 
 def gridded(
@@ -339,14 +319,10 @@ def gridded(
     )
     errors = 0.5 * np.array([t[3] - t[1], b[3] - b[1]])
     covariance = np.cov(np.reshape(pair, (2, -1)), aweights=weight.ravel())
-    covariance *= np.outer(*[errors / np.sqrt(np.diag(covariance))] * 2)
+    scale = errors / np.sqrt(np.diag(covariance))
+    covariance *= np.outer(scale, scale)
     curve = Curve(
-        float(np.exp(t[2])),
-        float(b[2]),
-        covariance,
-        np.nan,
-        *sizes,
-        "posterior",
-        density=known.compact(),
+        float(np.exp(t[2])), float(b[2]), covariance, np.nan, *sizes, "posterior"
     )
+    curve = replace(curve, density=known.compact())
     return Posterior(beta, log_theta, weight, curve)

@@ -16,9 +16,8 @@ LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
 _STEPS = 200
 _HALVINGS = 60
 _CLOSE = 1e-11
-_EXACT = (
-    1e-5  # width, in deviations of all values, of the bounds about one known exactly
-)
+# Width, in deviations of all values, of the bounds about one known exactly.
+_EXACT = 1e-5
 
 
 def least(
@@ -29,7 +28,7 @@ def least(
     By Newton's method. `terms` takes parameters (m, q) and the numbers of their fits (m,); its
     loss may be inf.
     """
-    p = np.array(start, dtype=float)
+    p = np.array(start, float)
     active = np.arange(len(p))
     for _ in range(_STEPS):
         loss, gradient, hessian = terms(p[active], active)
@@ -50,13 +49,11 @@ def least(
     return p, terms(p, np.arange(len(p)))
 
 
-def interval_terms(
-    p: FloatArray, low: FloatArray, high: FloatArray, weight: FloatArray
-) -> Terms:
-    """Return the terms of -sum weight ln(Phi(high @ p) - Phi(low @ p)), convex in `p`, (n_fit, q).
+def interval_terms(p: FloatArray, low: FloatArray, high: FloatArray) -> Terms:
+    """Return the terms of -sum ln(Phi(high @ p) - Phi(low @ p)), convex in `p`, (n_fit, q).
 
-    `low` and `high` are (n_fit or 1, n_point, q), nan where there is no bound; `weight` is
-    (n_fit or 1, n_point). Pratt 1981, J. Am. Stat. Assoc. 76.
+    `low` and `high` are (n_fit, n_point, q), nan where there is no bound. Pratt 1981, J. Am. Stat.
+    Assoc. 76.
     """
     z = []
     rows = []
@@ -69,16 +66,15 @@ def interval_terms(
         down, up = (np.exp(-0.5 * each**2 - LOG_ROOT_TWO_PI - log_mass) for each in z)
         below, above = (np.where(np.isfinite(each), each, 0.0) for each in z)
         first = up[..., None] * rows[1] - down[..., None] * rows[0]
-        hessian = np.swapaxes(first * weight[..., None], 1, 2) @ first
+        hessian = np.swapaxes(first, 1, 2) @ first
         for bound, factor in zip(rows, (-down * below, up * above)):
-            hessian += np.swapaxes(bound * (weight * factor)[..., None], 1, 2) @ bound
-        loss = -(weight * log_mass).sum(axis=1)
-        return loss, -(weight[..., None] * first).sum(axis=1), hessian
+            hessian += np.swapaxes(bound * factor[..., None], 1, 2) @ bound
+        return -log_mass.sum(axis=1), -first.sum(axis=1), hessian
 
 
 def binomial_lines(
     x: FloatArray, collapses: FloatArray, n: FloatArray, link: str = "probit"
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, ...]:
     """Find the likeliest lines of counts 0 <= collapses <= n, (n_fit, n_point).
 
     Counts may be fractions; they are at x, (n_point,) or (n_fit, n_point). `link` is "probit" or
@@ -90,18 +86,12 @@ def binomial_lines(
     n = np.atleast_2d(n)
     x = np.broadcast_to(x, k.shape)
     # There is a maximum unless the data are separated (Albert and Anderson 1984).
-    overlap = np.where(k > 0, x, np.inf).min(axis=1) < np.where(n > k, x, -np.inf).max(
-        axis=1
-    )
-    rises = np.where(k > 0, x, -np.inf).max(axis=1) > np.where(n > k, x, np.inf).min(
-        axis=1
-    )
-    todo = np.flatnonzero(overlap & rises)
-    intercept, steepness, least_loss = np.full((3, len(k)), np.nan)
-    lines = intercept, steepness, least_loss, np.full((len(k), 2, 2), np.nan)
-    x = x[todo]
-    k = k[todo]
-    n = n[todo]
+    above, below = (np.where(k > 0, x, edge) for edge in (-np.inf, np.inf))
+    under, over = (np.where(n > k, x, edge) for edge in (-np.inf, np.inf))
+    overlap = below.min(axis=1) < under.max(axis=1)
+    todo = np.flatnonzero(overlap & (above.max(axis=1) > over.min(axis=1)))
+    lines = [np.full((len(k), *shape), np.nan) for shape in ((), (), (), (2, 2))]
+    x, k, n = (each[todo] for each in (x, k, n))
     total = n.sum(axis=1)
     centre = (n * x).sum(axis=1) / total
     width = np.sqrt((n * (x - centre[:, None]) ** 2).sum(axis=1) / total)
@@ -123,33 +113,30 @@ def binomial_lines(
             first = n[fit] * chance - collapsed
             second = n[fit] * chance * (1.0 - chance)
             loss = collapsed * np.logaddexp(0.0, -z) + survived * np.logaddexp(0.0, z)
-        a = second.sum(1)
         b = (second * u).sum(1)
-        c = (second * u * u).sum(1)
+        hessian = np.array([[second.sum(1), b], [b, (second * u * u).sum(1)]])
         gradient = np.stack([first.sum(1), (first * u).sum(1)], axis=1)
-        return (
-            loss.sum(axis=1),
-            gradient,
-            np.stack([a, b, b, c], axis=1).reshape(-1, 2, 2),
-        )
+        return loss.sum(axis=1), gradient, np.moveaxis(hessian, 2, 0)
 
     line, (loss, _, found) = least(terms, np.zeros((todo.size, 2)))
     # (a, b) of the scaled line are linear in those of the line itself.
-    scaling = np.zeros((todo.size, 2, 2))
-    scaling[:, 0, 0] = 1.0
-    scaling[:, 0, 1] = centre
-    scaling[:, 1, 1] = width
     slope = line[:, 1] / width
     rising = line[:, 1] > 1e-9
-    known = (
-        line[:, 0] - slope * centre,
-        slope,
-        loss,
-        scaling.transpose(0, 2, 1) @ found @ scaling,
-    )
-    for part, values in zip(lines, known, strict=True):
+    information = _rescaled(found, centre, width)
+    known = line[:, 0] - slope * centre, slope, loss, information
+    for part, values in zip(lines, known):
         part[todo[rising]] = values[rising]
-    return lines
+    return tuple(lines)
+
+
+def _rescaled(
+    information: FloatArray, centre: FloatArray, scale: FloatArray
+) -> FloatArray:
+    """Return information, (n_fit, q, q), whose first and last parameters were of scaled values."""
+    back = np.tile(np.eye(information.shape[-1]), (len(scale), 1, 1))
+    back[:, 0, -1] = centre
+    back[:, -1, -1] = scale
+    return np.asarray(back.transpose(0, 2, 1) @ information @ back)
 
 
 def normal_lines(
@@ -185,19 +172,13 @@ def normal_lines(
         bounds.append(np.where(np.isfinite(end), rows, np.nan))
 
     def terms(p: FloatArray, fit: IntArray) -> Terms:
-        return interval_terms(
-            p, bounds[0][fit], bounds[1][fit], np.ones((1, len(design)))
-        )
+        return interval_terms(p, *(each[fit] for each in bounds))
 
-    p, (loss, _, found) = least(
-        terms, np.tile(np.append(np.zeros(q), 1.0), (len(low), 1))
-    )
+    start = np.append(np.zeros(q), 1.0)
+    p, (loss, _, found) = least(terms, np.tile(start, (len(low), 1)))
     coefficients = p[:, :-1] / p[:, -1:] * scale
     coefficients[:, :1] += centre
-    back = np.tile(np.eye(q + 1), (len(low), 1, 1))
-    back[:, 0, q] = -centre[:, 0]
-    back[:, q, q] = scale[:, 0]
-    information = back.transpose(0, 2, 1) @ found @ back
+    information = _rescaled(found, -centre[:, 0], scale[:, 0])
     return coefficients, scale[:, 0] / p[:, -1], loss + density, information
 
 

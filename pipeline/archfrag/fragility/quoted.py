@@ -5,7 +5,7 @@ docs/evidence/data/bands_coverage.csv shows how often the band holds the truth.
 
 from dataclasses import replace
 from functools import lru_cache
-from itertools import chain, combinations
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,14 +13,14 @@ from scipy.optimize import isotonic_regression
 from scipy.special import ndtr, xlogy
 
 from archfrag.errors import FitError
-from archfrag.fragility.curve import Curve, FloatArray, tails
+from archfrag.fragility.curve import Curve, FloatArray, log_intensity, tails
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior
 from archfrag.fragility.probit import binomial_lines
 from archfrag.fragility.verdicts import (
     Brackets,
     draws_of_records,
-    find_brackets,
     independent_number,
+    numbered,
 )
 
 
@@ -63,24 +63,16 @@ def quoted_band(
     )
 
 
-def quoted_runs(
-    level: ArrayLike, collapsed: ArrayLike, im: ArrayLike, *, confidence: float = 0.9
-) -> Curve:
-    """Return the curve of decided runs, (n_run,), that have a motion of their own each."""
-    codes, levels = (np.reshape(each, (-1, 1)) for each in (collapsed, level))
-    return quoted_band(find_brackets(codes, levels), im, confidence=confidence)
-
-
 def capacity_posterior(
     brackets: Brackets, groups: ArrayLike | None = None
 ) -> tuple[Posterior, float]:
     """Return the posterior of a curve, and the effective number of records."""
     known = brackets.of_records()
-    number = float(known.lower.size)
+    size = float(known.lower.size)
+    number = size
     if groups is not None:
-        of_known = np.asarray(groups)[..., brackets.run]
-        number = independent_records(known, of_known)
-    if number == known.lower.size:
+        number = independent_records(known, np.asarray(groups)[..., brackets.run])
+    if number == size:
         return _of_independent(brackets), number
     return fit_capacity_posterior(known, number), number
 
@@ -98,11 +90,9 @@ def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
     earthquake.
     """
     names = np.asarray(event).astype(str)
-    known = names[names != ""]
-    if np.unique(known).size == known.size:
-        return None
     labels = np.where(names == "", [f"record {i}" for i in range(names.size)], names)
-    return labels if np.unique(labels).size > 1 else None
+    number = np.unique(labels).size
+    return labels if 1 < number < names.size else None
 
 
 def independent_records(brackets: Brackets, groups: ArrayLike) -> float:
@@ -123,14 +113,11 @@ def independent_records(brackets: Brackets, groups: ArrayLike) -> float:
 def _standardised(brackets: Brackets) -> FloatArray:
     """Return the mean of standardised ln capacity in each bracket, by the curve of all records."""
     curve = fit_capacity_posterior(brackets.without_scatter()).curve
-    ends = brackets.lower, brackets.upper
-    with np.errstate(divide="ignore"):
-        low, high = (np.log(end / curve.theta) / curve.beta for end in ends)
+    ends = np.array([brackets.lower, brackets.upper])
+    low, high = log_intensity(ends / curve.theta) / curve.beta
     mass = np.maximum(ndtr(high) - ndtr(low), 1e-12)
-    inside = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (
-        np.sqrt(2.0 * np.pi) * mass
-    )
-    return np.clip(inside, low, high)
+    first = np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)
+    return np.clip(first / (np.sqrt(2.0 * np.pi) * mass), low, high)
 
 
 def _crossed_records(values: FloatArray, groups: NDArray) -> float:
@@ -141,30 +128,29 @@ def _crossed_records(values: FloatArray, groups: NDArray) -> float:
     cross evenly, this is the analysis of variance with two factors (Searle, Casella and McCulloch
     1992, *Variance Components*, chapter 4). Half the standard error is added to each rho.
     """
-    labels = np.array([np.unique(each, return_inverse=True)[1] for each in groups])
+    labels = np.array([numbered(each) for each in groups])
     for name in groups[labels.max(axis=1) == 0, 0]:
         raise FitError(f"all rows belong to one group, {name!s}; two are needed")
     n = values.size
-    ways = range(len(labels))
     alike = 0.0
-    every = dict[tuple[int, ...], FloatArray]()
+    count_of = {}
     own = dict[tuple[int, ...], FloatArray]()
-    for shared in chain.from_iterable(
-        combinations(ways, k) for k in range(len(ways), -1, -1)
-    ):
-        place, size = np.unique(
-            labels[[*shared]].T, axis=0, return_inverse=True, return_counts=True
-        )[1:]
-        first, second = (np.bincount(place.ravel(), values**power) for power in (1, 2))
-        every[shared] = 0.5 * np.array([size @ second - first @ first, size @ size - n])
-        own[shared] = every[shared] - sum(
-            own[more] for more in own if {*shared} < {*more}
-        )
+    for k in reversed(range(len(labels) + 1)):
+        for shared in combinations(range(len(labels)), k):
+            _, place, size = np.unique(
+                labels[[*shared]].T, axis=0, return_inverse=True, return_counts=True
+            )
+            first, second = (np.bincount(place.ravel(), values**p) for p in (1, 2))
+            pair = [size @ second - first @ first, size @ size - n]
+            every = 0.5 * np.array(pair)
+            count_of[shared] = every[1]
+            more = (own[each] for each in own if {*shared} < {*each})
+            own[shared] = every - sum(more)
     apart, number = own.pop(())
     if not number * apart:
         return 1.0
     for shared, (squares, pairs) in own.items():
-        count = every[shared][1]
+        count = count_of[shared]
         rho = max(1.0 - squares / max(pairs, 1.0) * number / apart, 0.0)
         error = (1.0 - rho) * (1.0 + 2.0 * count / n * rho) / np.sqrt(max(count, 1.0))
         alike += pairs * min(rho + 0.5 * error, 1.0)
@@ -193,13 +179,11 @@ def isotonic_curve(
         why = "all runs are at one level, {}, which gives no curve"
         raise FitError(f"{why}; add levels", levels[0])
     times = draws_of_records(event, len(n), seed, resamples).astype(float)
-    every = np.arange(levels.size)
     draws = []
     for k, count in zip(times @ collapses, times @ n):
-        at = np.flatnonzero(
-            count > 0.0
-        )  # a level without runs lies between its neighbours
-        draws.append(np.interp(every, at, _pooled(k[at], count[at])))
+        at = np.flatnonzero(count)  # a level without runs lies between its neighbours
+        pooled = _pooled(k[at], count[at])
+        draws.append(np.interp(np.arange(levels.size), at, pooled))
     lower, upper = np.quantile(draws, tails(confidence), axis=0)
     value = _pooled(collapses.sum(axis=0), n.sum(axis=0))
     return {"im": levels, "probability": value, "lower": lower, "upper": upper}
@@ -228,27 +212,25 @@ def check_lognormal(
     n = made.sum(axis=0)
     (a,), (b,), loss, _ = binomial_lines(x, total, n)
     if np.isnan(b):
-        raise FitError(
-            "these runs have no lognormal curve, so there is nothing to test"
-        )
+        what = "these runs have no lognormal curve, so there is nothing to test"
+        raise FitError(what)
     deviance = _deviances(loss, total[None], n)[0]
     generator = np.random.default_rng(seed)
     z = a + b * x
     rho = np.nan
+    drawn = np.empty((resamples, x.size))
     if np.any(made.sum(axis=1) > 1.0):
         rho = 1.0
         if brackets.contradictions.any():
             rho = max(0.0, 1.0 - (_of_independent(brackets).scatter * b) ** 2)
-        (record, level), drawn = np.nonzero(made), np.empty((resamples, x.size))
+        record, level = np.nonzero(made)
         for row in drawn:
             shared = generator.standard_normal(len(made))[record]
             own = generator.standard_normal(record.size)
             capacity = np.sqrt(rho) * shared + np.sqrt(1.0 - rho) * own
             row[:] = np.bincount(level, z[level] >= capacity, x.size)
     else:
-        drawn = generator.binomial(n.astype(int), ndtr(z), (resamples, x.size)).astype(
-            float
-        )
+        drawn[:] = generator.binomial(n.astype(int), ndtr(z), drawn.shape)
     _, slopes, losses, _ = binomial_lines(x, drawn, np.broadcast_to(n, drawn.shape))
     values = _deviances(losses, drawn, n)[~np.isnan(slopes)]
     p_value = (1.0 + np.count_nonzero(values >= deviance)) / (1.0 + values.size)

@@ -3,11 +3,12 @@
 rate = integral of P(collapse | im) |d lambda(im)| (Cornell, Jalayer, Hamburger and Foutch 2002,
 J. Struct. Eng. 128(4)), in closed form as lambda is a power of im between its points. It is
 divided by category as the collapses are, level by level. This is no deaggregation of the hazard:
-records are run at levels that their earthquakes did not reach.
+records are run at levels that their earthquakes did not reach. The mean of a curve over uncertain
+theta and beta, and the branches of a logic tree, are of the draws of the mean rate.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +20,7 @@ from archfrag.fragility.curve import (
     Curve,
     FloatArray,
     IntArray,
+    Pair,
     log_intensity,
     positive,
     rising,
@@ -31,8 +33,14 @@ MOST_OUTSIDE = (
     0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
 )
 LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
-_LARGEST_LOG = (
-    600.0  # of a rate: a steep first slope of the hazard and a wide curve overflow
+# Of a rate: a steep first slope of the hazard and a wide curve overflow.
+_LARGEST_LOG = 600.0
+# Probabilities of parts of beta, the widest a small one on which rates hang, and of theta in each.
+_BETAS = np.array([0.3, 0.3, 0.25, 0.12, 0.03])
+_THETAS = np.array([0.25, 0.5, 0.25])
+_TRIED = 200  # values of beta
+_MOST_PARTS = (
+    40000  # of the mean of the curve of a class: of more, fewer draws are taken
 )
 
 
@@ -48,17 +56,15 @@ class HazardCurve:
     rate: FloatArray
 
     def __post_init__(self) -> None:
-        im = np.asarray(self.im, dtype=float)
-        rate = np.asarray(self.rate, dtype=float)
+        im = np.asarray(self.im, float)
+        rate = np.asarray(self.rate, float)
         if im.shape != rate.shape:
-            raise InputError(
-                f"the hazard curve has {im.size} intensities and {rate.size} rates"
-            )
+            what = f"{im.size} intensities and {rate.size} rates"
+            raise InputError(f"the hazard curve has {what}")
         known = ~((rate == 0.0) | (rate == np.inf))
-        if known.sum() < 2:
-            few = (
-                f"{known.sum()} of {rate.size} points with a rate above 0 that is known"
-            )
+        number = known.sum()
+        if number < 2:
+            few = f"{number} of {rate.size} points with a rate above 0 that is known"
             raise InputError(f"the hazard curve has {few}; at least two are needed")
         im = rising(im[known], "the hazard curve's im")
         rate = positive(rate[known], "the hazard curve's rate")
@@ -69,9 +75,8 @@ class HazardCurve:
             rule = "it never rises with intensity"
             raise InputError(f"the hazard curve's rate of exceedance {rises}; {rule}")
         if rate[0] == rate[-1]:
-            raise InputError(
-                f"the hazard curve's rate is {rate[0]:g} at all its points"
-            )
+            same = f"is {rate[0]:g} at all its points"
+            raise InputError(f"the hazard curve's rate {same}")
 
     @classmethod
     def from_exceedance(
@@ -81,18 +86,16 @@ class HazardCurve:
 
         Points with a probability of 1 or 0, whose rate is not known, are left out.
         """
-        probability = np.asarray(probability, dtype=float)
+        probability = np.asarray(probability, float)
         bad = probability[~((probability >= 0.0) & (probability <= 1.0))]
         if bad.size:
-            raise InputError(
-                f"the hazard curve's probability holds {bad[0]:g}; from 0 to 1"
-            )
+            what = f"probability holds {bad[0]:g}; from 0 to 1"
+            raise InputError(f"the hazard curve's {what}")
         if not 0.0 < years < np.inf:
-            raise InputError(
-                f"the hazard curve is for {years:g} years; a positive time is needed"
-            )
+            what = f"is for {years:g} years; a positive time is needed"
+            raise InputError(f"the hazard curve {what}")
         with np.errstate(divide="ignore"):
-            return cls(np.asarray(im, dtype=float), -np.log1p(-probability) / years)
+            return cls(np.asarray(im, float), -np.log1p(-probability) / years)
 
     def rate_at(self, im: ArrayLike) -> FloatArray:
         """Return the annual frequency of exceedance at intensities >= 0 of any shape [1/year]."""
@@ -136,10 +139,9 @@ class CollapseRate:
     def probability_in(self, years: float) -> tuple[float, float, float]:
         """Return the probability of a collapse in some years, and the ends of its band."""
         positive(years, "years")
-        value, low, high = -np.expm1(
-            -years * np.array([self.quoted, self.lower, self.upper])
-        )
-        return float(value), float(low), float(high)
+        rates = np.array([self.quoted, self.lower, self.upper])
+        value, low, high = (-np.expm1(-years * rates)).tolist()
+        return value, low, high
 
 
 def collapse_rate(
@@ -173,7 +175,8 @@ def collapse_rate(
         if curve.members is not None:
             whole = float(_lognormal(hazard, at, curve.theta, curve.beta, least).sum())
             rates *= rate / whole if whole > 0.0 else 0.0
-        mean, (lower, upper) = float(rates.mean()), map(float, np.quantile(rates, ends))
+        mean = float(rates.mean())
+        lower, upper = np.quantile(rates, ends).tolist()
     left_out = float(rate_by_level(hazard, curve, hazard.im[:1]).sum()) - rate
     quoted = rate * max(1.0 - (below + above), 0.0) if is_bound else rate
     return CollapseRate(
@@ -236,20 +239,18 @@ def _lognormal(
     low, high = ends = [np.maximum(end, least) for end in (left, right)]
     a, b = z = [(end - log_theta) / beta for end in ends]
     # Phi lambda, which is 0 at both ends of all pieces.
-    within = [np.isfinite(x) for x in ends]
-    lower, upper = (
-        np.where(
-            inside, ndtr(each) * hazard.rate_at(np.exp(np.where(inside, x, 0.0))), 0.0
-        )
-        for inside, x, each in zip(within, ends, z)
-    )
+    parts = []
+    for x, each in zip(ends, z):
+        inside = np.isfinite(x)
+        exceeded = hazard.rate_at(np.exp(np.where(inside, x, 0.0)))
+        parts.append(np.where(inside, ndtr(each) * exceeded, 0.0))
+    lower, upper = parts
     log_centre = log_rate - k * (log_theta - anchor) + 0.5 * (k * beta) ** 2
     log_moved = log_centre + log_between(a + k * beta, b + k * beta)
     moved = np.exp(np.minimum(log_moved, _LARGEST_LOG))
     # A piece without a fall of the rate has no motions; elsewhere rounding must not go below 0.
-    return np.where(
-        (k > 0.0) & (low < high), np.maximum(lower - upper + moved, 0.0), 0.0
-    )
+    rate = np.maximum(lower - upper + moved, 0.0)
+    return np.where((k > 0.0) & (low < high), rate, 0.0)
 
 
 @dataclass(frozen=True)
@@ -270,11 +271,9 @@ class Contributions:
     @property
     def shown(self) -> BoolArray:
         """Categories with a part of the rate, (n_category,); none if hardly any is assigned."""
-        assigned = float(self.rate.sum())
-        enough = np.bool_(
-            assigned > LEAST_ASSIGNED * (assigned + float(self.unassigned.sum()))
-        )
-        return np.logical_and(self.rate.any(axis=1), enough)
+        assigned = self.rate.sum()
+        enough = assigned > LEAST_ASSIGNED * (assigned + self.unassigned.sum())
+        return np.asarray(self.rate.any(axis=1) & enough)
 
 
 def contributions(
@@ -294,13 +293,12 @@ def contributions(
     (Kish 1965, *Survey Sampling*). Records with one label in `groups`, (n_record,), such as their
     event, count as fewer, by how alike the categories of their collapses are.
     """
-    collapse = np.asarray(collapsed, dtype=bool)
+    collapse = np.asarray(collapsed, bool)
     kind = np.asarray(category)
-    counts = np.array(
-        [(collapse & (kind == i)).sum(axis=0) for i in range(len(categories))]
-    )
+    of_kind = [collapse & (kind == i) for i in range(len(categories))]
+    counts = np.array([each.sum(axis=0) for each in of_kind])
     given = collapse.sum(axis=0) if level_rate is None else level_rate
-    rates = np.asarray(given, dtype=float)
+    rates = np.asarray(given, float)
     total = counts.sum(axis=0)
     rate = rates * counts / np.maximum(total, 1)
     unassigned = np.where(total > 0, 0.0, rates)
@@ -308,13 +306,11 @@ def contributions(
     of_record = collapse.sum(axis=1).astype(float)
     effective = float(of_record.sum() ** 2 / max(of_record @ of_record, 1.0))
     some = of_record > 0.0
-    if groups is not None and np.unique(label := np.asarray(groups)[some]).size > 1:
-        of_kind = [
-            (collapse & (kind == i)).sum(axis=1)[some] for i in range(len(categories))
-        ]
-        parts = np.transpose(of_kind / of_record[some])
-        effective *= independent_number(parts, label) / label.size
-    ends = wilson(fraction * effective, np.full(len(categories), effective), confidence)
+    label = np.asarray(groups)[some] if groups is not None else np.empty(0)
+    if np.unique(label).size > 1:
+        parts = [each.sum(axis=1)[some] / of_record[some] for each in of_kind]
+        effective *= independent_number(np.transpose(parts), label) / label.size
+    ends = wilson(fraction * effective, np.full(fraction.shape, effective), confidence)
     return Contributions(
         tuple(categories), counts, rate, unassigned, fraction, *ends, effective
     )
@@ -324,3 +320,73 @@ def level_edges(levels: ArrayLike) -> FloatArray:
     """Return edges between rising levels, at their geometric means, (n_level - 1,)."""
     given = rising(levels, "levels")
     return np.sqrt(given[1:] * given[:-1])
+
+
+def branches_of(curve: Curve, draws: Pair) -> tuple[list[Curve], FloatArray]:
+    """Return 15 curves that stand for all that theta and beta may be, and their weights of sum 1.
+
+    `draws` are theta and beta, (n,) each, from `Curve.draws`. They are divided into five parts by
+    beta, and each of these into three by theta. Theta of a branch is the geometric mean of its
+    part; beta is that with the mean rate of collapse of its part, for a usual hazard, which falls
+    with the power 2.5 of the intensity from 0.05 times the median of theta on.
+    """
+    middle = np.median(draws[0]) * np.array([0.01, 0.05, 10.0])
+    usual = HazardCurve(middle, np.array([0.05, 0.05, 10.0]) ** -2.5)
+    rates = lognormal_rates(usual, *draws)
+    curves = list[Curve]()
+    weights = list[float]()
+    theta, beta = draws
+    tried = np.geomspace(beta.min(), beta.max(), _TRIED)
+    for of_beta in _parted(np.argsort(beta, kind="stable"), _BETAS):
+        order = of_beta[np.argsort(theta[of_beta], kind="stable")]
+        for part in _parted(order, _THETAS):
+            t = float(np.exp(np.log(theta[part]).mean()))
+            rising = lognormal_rates(usual, t, tried)
+            rising = rising[: rising.argmax() + 1]
+            b = float(np.interp(rates[part].mean(), rising, tried[: rising.size]))
+            members = None if curve.members is None else _parts(curve, t, b)
+            branch = Curve(t, b, n_total=curve.n_total, kind="branch", members=members)
+            curves.append(branch)
+            weights.append(part.size / rates.size)
+    return curves, np.array(weights)
+
+
+def _parted(values: IntArray, probability: FloatArray) -> list[IntArray]:
+    """Divide values in parts of these probabilities."""
+    ends = np.round(np.cumsum(probability)[:-1] * values.size).astype(int)
+    return np.split(values, ends)
+
+
+def predictive(curve: Curve, draws: Pair) -> Curve:
+    """Return the mean of the curve over `draws`, at each intensity; band and intervals stay.
+
+    `theta` and `beta` are those of the lognormal curve with the same mean and standard deviation
+    of ln capacity.
+    """
+    step = 1 + (len(curve.parts) * len(draws[0]) - 1) // _MOST_PARTS
+    parts = _parts(curve, draws[0][::step], draws[1][::step])
+    return mean_of(curve, parts, "predictive")
+
+
+def mean_of(curve: Curve, members: FloatArray, kind: str) -> Curve:
+    """Return the curve that is the mean of lognormal ones, (n,) rows of theta and beta.
+
+    Its own theta and beta are those of the lognormal curve with the same mean and standard
+    deviation of ln capacity; all else is that of `curve`.
+    """
+    logs = np.log(members[:, 0])
+    theta = float(np.exp(logs.mean()))
+    beta = float(np.sqrt((members[:, 1] ** 2).mean() + logs.var()))
+    return replace(curve, theta=theta, beta=beta, kind=kind, members=members)
+
+
+def _parts(curve: Curve, theta: ArrayLike, beta: ArrayLike) -> FloatArray:
+    """Return the parts of a curve with other parameters, (n,) each, one below the other.
+
+    ln capacity is moved and stretched: the arches of a class move and widen together.
+    """
+    theta, beta = (np.reshape(each, (-1, 1)) for each in (theta, beta))
+    wider = beta / curve.beta
+    own, width = curve.parts.T
+    moved = theta * (own / curve.theta) ** wider, wider * width
+    return np.stack([each.ravel() for each in moved], axis=1)

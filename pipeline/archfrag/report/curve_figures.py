@@ -117,7 +117,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
     else:
         caption = texts["stripes" if results.own_levels is None else "grouped"]
         entries = [Entry(f"fraction, exact {percent} interval", INK, "dot")]
-        isotonic = answer.more.get("free", {}).get("isotonic")
+        isotonic = (answer.free or {}).get("isotonic")
     reach = 1.05 * highest
     median = scale.text(answer.theta)
     stroke = Entry("lognormal curve", BLUE, "line")

@@ -444,7 +444,7 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
             "id": name,
             "arches": list(inputs.of_class.values()).count(name),
             **_answered(inputs, answer),
-            "dispersion": answer.more.get("dispersion"),
+            "dispersion": answer.dispersion,
         }
         for name, answer in inputs.classes.items()
     ]
@@ -474,11 +474,11 @@ def _answered(inputs: ReportInputs, answer: Curve) -> dict[str, Any]:
     """Return the curve [SI] and the probability of an arch or a class, or why there is none."""
     factor = inputs.scale.factor
     at = inputs.at
-    lost = answer.more.get("without_verdict") or None
-    if lost and "runs" in lost:
-        medians = {key: lost[key].get("theta") for key in ("collapsed", "survived")}
-        theta = {key: median and factor * median for key, median in medians.items()}
-        lost = {"runs": lost["runs"], "theta_if": theta}
+    lost: dict[str, Any] | None = None
+    if answer.n_undecided:
+        medians = (factor * each.theta for each in answer.extremes)
+        theta = dict(zip(("collapsed", "survived"), medians))
+        lost = {"runs": answer.n_undecided, "theta_if": theta}
     found: dict[str, Any] = {"reason": answer.reason or None, "without_verdict": lost}
     found |= {"curve": None, "probability": None}
     if not answer.fitted:

@@ -67,7 +67,7 @@ def class_sections(inputs: ReportInputs) -> Iterator[PageSection]:
     for place, name in enumerate(inputs.classes):
         members = [arch for arch, of in inputs.of_class.items() if of == name]
         curves = curve_figures.all_curves(inputs, members, [name])
-        split = inputs.classes[name].more.get("dispersion") or {}
+        split = inputs.classes[name].dispersion or {}
         parts = [card(inputs, name), heading("Fragility curve of the class"), curves]
         if "none" in split:
             parts.append(paragraph(f"The parts of β are not known: {split['none']}."))
@@ -115,7 +115,7 @@ def table_sections(inputs: ReportInputs) -> Iterator[PageSection]:
         results = inputs.results(name)
         parts = [card(inputs, name), curve_figures.curve(results, answer)]
         parts += _limit_states(inputs, name)
-        if "test_of_fit" in answer.more.get("free", {}):
+        if "test_of_fit" in (answer.free or {}):
             parts += heading("Checks"), *_fit_test(answer)
         parts.append(folded("Verdicts by level", _levels(results, answer)))
         yield PageSection(f"curve{place}", name, parts)
@@ -139,7 +139,6 @@ def _arch_parts(
     arch = onset.arch
     answer = inputs.curves[name]
     results = inputs.results(name)
-    more = answer.more
     design = results.runs.design
     yield card(inputs, name, onset)
     groups = run_figures.groupings(results, inputs.confidence)
@@ -157,8 +156,8 @@ def _arch_parts(
     single = results.own_levels is not None
     yield (run_figures.single_runs if single else run_figures.verdict_map)(results)
     yield from _limit_states(inputs, name)
-    if more.get("measures"):
-        yield from _measures(inputs, more["measures"], name)
+    if answer.measures:
+        yield from _measures(inputs, answer.measures, name)
     yield heading("The arch and its onset")
     yield arch_figure.arch_at_onset(onset, name)
     texts = facts_text(arch), edge_text(arch, edge_loss(arch)), joints_text(arch)
@@ -168,8 +167,8 @@ def _arch_parts(
     yield curve
     yield from _fit_test(answer)
     yield paragraph(f"Design {design.kind}: {design.text}.")
-    if "cloud" in more:
-        yield paragraph(_cloud(inputs, more["cloud"]["logistic"]), "note")
+    if answer.cloud:
+        yield paragraph(_cloud(inputs, answer.cloud["logistic"]), "note")
     yield folded("Verdicts by level", _levels(results, answer))
     mechanisms = _mechanism_table(groups, results, inputs.percent)
     yield folded("Collapses by mechanism", *mechanisms)
@@ -190,7 +189,7 @@ def _headed(title: str, picture: Picture | None) -> Parts:
 
 def _fit_test(answer: Curve) -> Parts:
     """Yield what the test of fit found, or why there is none."""
-    free = answer.more.get("free", {})
+    free = answer.free or {}
     if "test_of_fit" in free:
         yield paragraph(free["test_of_fit"]["message"])
     elif "none" in free:
@@ -320,16 +319,12 @@ def _cloud(inputs: ReportInputs, fit: Mapping[str, Any]) -> str:
 def _limit_states(inputs: ReportInputs, name: str) -> Parts:
     """Yield figure and table of limit states, if there are any."""
     answer = inputs.curves[name]
-    states = answer.more.get("limit_states")
-    if not states:
+    if not answer.crossings:
         return
     yield heading("Limit states")
-    if "none" in states:
-        yield paragraph(f"They could not be found: {states['none']}.")
-        return
     yield paragraph(_REMARKS["states"])
     yield curve_figures.limit_states(inputs, answer, name)
-    yield paragraph(states["message"])
+    yield paragraph(answer.crossings)
     rows = []
     for own in answer.states:
         meaning = own.meaning

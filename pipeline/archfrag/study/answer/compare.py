@@ -38,7 +38,7 @@ def compare(
     """
     runs = list[Runs]()
     curves = list[Curve]()
-    for study, name in zip(fitted, names, strict=True):
+    for study, name in zip(fitted, names):
         if name not in study.curves:
             have = ", ".join(study.curves)
             raise InputError(

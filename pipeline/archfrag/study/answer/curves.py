@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import FitError
+from archfrag.errors import FitError, attempt
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.fragility.damage import fit_state_posterior
 from archfrag.fragility.efficiency import compare_measures
@@ -42,6 +42,16 @@ MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
 _COLLAPSE = (
     "a loss of contact that cannot be regained",
     "the severest that the table states",
+)
+_OF_BAND = (
+    "im",
+    "lower",
+    "upper",
+    "density",
+    "method",
+    "assumptions",
+    "n_independent",
+    "n_non_monotone",
 )
 _DRAWN: dict[str, Any] = {"seed": 1, "resamples": 300}
 Worded = Callable[
@@ -145,6 +155,10 @@ def runs_of_cube(
 ) -> dict[str, Runs]:
     """Return the runs of arches or classes of a cube by name; of all arches if none is given."""
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
+    ordered = cube.transpose("arch", "record", "level", ...)
+    verdict = ordered["verdict"].values.astype(np.int64)
+    levels = ordered["intensity"].values
+    n_level = verdict.shape[-1]
     record = cube["record"].values.astype(str)
     rows = cube.get("stock_row", cube["arch"]).values
     event, *shocks = (
@@ -158,40 +172,36 @@ def runs_of_cube(
         for name in set(both):
             places.setdefault(name, []).append(place)
     runs = dict[str, Runs]()
-    ordered = cube.transpose("arch", "record", "level", ...)
-    verdict = ordered["verdict"].values.astype(np.int64)
-    levels = ordered["intensity"].values
-    n_level = verdict.shape[-1]
     for name in of_class if names is None else names:
         own = places[name]
-        level = levels[own].reshape(-1, n_level) if levels.ndim == 3 else levels
-        stock = len(own) > 1 and "stock_row" in cube and all(rows[own])
+        several = len(own) > 1
+        stock = several and "stock_row" in cube and all(rows[own])
         alike = {"event": event}
-        if len(own) > 1 and (event is None or not stock):
+        if several and (event is None or not stock):
             alike = {"record": record}
         if first is not None and cube["first_shock"].values[own].any():
             alike["first shock"] = first
-        groups = {
-            what: np.tile(each, len(own))
-            for what, each in alike.items()
-            if each is not None
-        }
+        known = {what: each for what, each in alike.items() if each is not None}
+        groups = {what: np.tile(each, len(own)) for what, each in known.items()}
         if stock:
             groups["row"] = np.repeat(rows[own].astype(str), record.size)
-        own_runs = verdict[own].reshape(-1, n_level)
-        runs[name] = Runs(name, design, own_runs, level, groups, worded, ordered, own)
+        runs[name] = Runs(
+            name,
+            design,
+            verdict[own].reshape(-1, n_level),
+            levels[own].reshape(-1, n_level) if levels.ndim == 3 else levels,
+            groups,
+            worded,
+            ordered,
+            own,
+        )
     return runs
 
 
 def arch_classes(cube: xr.Dataset) -> dict[str, str]:
     """Return the class of each arch of a cube; its own name if the cube holds none."""
-    classes = cube["arch_class" if "arch_class" in cube else "arch"]
-    return dict(
-        zip(
-            cube["arch"].values.astype(str).tolist(),
-            classes.values.astype(str).tolist(),
-        )
-    )
+    names = ("arch", "arch_class" if "arch_class" in cube else "arch")
+    return dict(zip(*(cube[name].values.astype(str).tolist() for name in names)))
 
 
 @dataclass(frozen=True)
@@ -207,56 +217,56 @@ class Fitted:
         """Runs of all arches and classes, which keep their brackets once they are found."""
         return runs_of_cube(self.cube, [*self.arches, *self.classes])
 
-    @cached_property
+    @property
     def curves(self) -> dict[str, Curve]:
         """Curves of classes, then of all arches."""
-        return {**self.classes, **self.arches}
+        return self.classes | self.arches
 
     def quoted(self, members: bool = False) -> dict[str, Curve]:
         """Return the curves of classes and of arches of no class; with `members` of all arches."""
         of_class = arch_classes(self.cube)
-        alone = [
-            name
-            for name in self.arches
+        return self.classes | {
+            name: curve
+            for name, curve in self.arches.items()
             if members or of_class.get(name) not in self.classes
-        ]
-        return {**self.classes, **{name: self.arches[name] for name in alone}}
+        }
 
     def capacities(self, factor: float) -> pd.DataFrame:
         """Tabulate capacities as `archfrag.Results.capacities` does, all times `factor`."""
-        records = self.cube["record"].values.astype(str)
         tables = []
         for name in self.arches:
-            found = self.runs[name].brackets
-            values = {
-                "lower": found.lower,
-                "upper": found.upper,
-                "capacity": found.middle,
-            }
-            scaled = {key: factor * each for key, each in values.items()}
-            tables.append(pd.DataFrame({"arch": name, "record": records, **scaled}))
+            own = self.runs[name].brackets
+            table = pd.DataFrame({"record": self.cube["record"].values.astype(str)})
+            table.insert(0, "arch", name)
+            table["lower"] = factor * own.lower
+            table["upper"] = factor * own.upper
+            table["capacity"] = factor * own.middle
+            tables.append(table)
         return pd.concat(tables, ignore_index=True)
 
 
 def curve_of(runs: Runs, confidence: float) -> Curve:
     """Return the curve of some runs with the band and the intervals that are quoted."""
     if not runs.decided.any():
-        return Curve(
-            reason=NOTHING, likelihood=Curve(reason=NOTHING), confidence=confidence
-        )
+        none = Curve(reason=NOTHING, confidence=confidence, name=runs.name)
+        return replace(none, likelihood=none)
     try:
         likelihood = runs.design.likelihood(runs.brackets)
     except FitError as error:
         likelihood = Curve(reason=runs.worded(error))
-    unit = "s and ".join(runs.groups) or "event"
-    options = {"confidence": confidence, "groups": runs.alike, "unit": unit}
     try:
         if len(runs.verdict) < 2:
             raise FitError("there is only one record, from which no curve follows")
-        curve = runs.design.estimate(runs.brackets, band_points(runs), **options)
+        curve = runs.design.estimate(
+            runs.brackets,
+            band_points(runs),
+            confidence=confidence,
+            groups=runs.alike,
+            unit="s and ".join(runs.groups) or "event",
+        )
     except FitError as error:
         curve = Curve(reason=runs.worded(error), confidence=confidence)
-    return replace(curve, likelihood=likelihood)
+    return replace(curve, likelihood=likelihood, name=runs.name)
 
 
 def band_points(runs: Runs) -> FloatArray:
@@ -276,7 +286,7 @@ def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) ->
         return pooled
     fits = [each for each in members if each.fitted]
     count = len(members)
-    lacking = len(members) - len(fits)
+    lacking = count - len(fits)
     made = (
         f"The curve is the mean of the curves of its {count} arches; theta and beta are those of "
         "the lognormal curve with the same mean and standard deviation of ln capacity."
@@ -291,35 +301,60 @@ def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) ->
             f"{lacking} of its {count} arches have no curve, so the curve is the lognormal one of "
             "all runs of the class."
         )
+    curve = pooled if lacking or stock else mixture(pooled, fits)
     text = f"{made} Band and intervals: {pooled.assumptions}"
-    return replace(
-        pooled if lacking or stock else mixture(pooled, fits), assumptions=text
-    )
+    return replace(curve, assumptions=text)
 
 
-def without_verdict(
-    runs: Runs, confidence: float, members: Sequence[Curve] = ()
-) -> dict[str, Any]:
-    """Return the number of undecided runs, and the curves if all collapse and if all survive.
+def completed(
+    runs: Runs,
+    curve: Curve,
+    keys: Mapping[str, float],
+    detailed: bool = True,
+    members: Sequence[Curve] = (),
+) -> Curve:
+    """Return a curve with all that its runs tell; a class has complete curves of `members`.
 
-    Those of a class are of its arches, the `members`, as its curve is.
+    Only `detailed` ones have limit states and other shapes. `keys` are those of `limit_states`.
     """
+
+    def part(make: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
+        """Make a part of the results, or say why it cannot be made."""
+        made = attempt(partial(make, runs, *arguments), runs.worded)
+        return {"none": made} if isinstance(made, str) else made
+
+    known = {*runs.cube}
+    parts: dict[str, Any] = {}
+    if members:
+        parts["dispersion"] = (
+            part(dispersion_split, members, curve) if curve.fitted else {}
+        )
+    elif detailed:
+        parts["free"] = part(free_shapes, curve.confidence)
+        if "record_measure" in known:
+            parts["measures"] = part(measures_compared)
+        if not runs.design.on_levels:
+            parts["cloud"] = {"logistic": part(cloud_curves, curve.confidence)}
+    if detailed and known & {"openings", "damage"}:
+        made = attempt(partial(limit_states, runs, keys, curve), runs.worded)
+        parts["states"], parts["crossings"] = (
+            ((), made) if isinstance(made, str) else made
+        )
     lost = np.isin(runs.verdict, (Verdict.UNFINISHED, Verdict.FAILED))
-    if not lost.any():
-        return {}
-    parts: dict[str, Any] = {"runs": int(lost.sum())}
-    for verdict in (Verdict.COLLAPSED, Verdict.SURVIVED):
-        decided = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
-        key = verdict.name.lower()
-        curve = curve_of(decided, confidence)
-        if members:
-            own = [each.more["without_verdict"].get(key) for each in members]
-            fits = [fit and Curve.from_dict({"curve": fit}) for fit in own]
-            curve = class_curve(
-                curve, [fit or each for each, fit in zip(members, fits)]
-            )
-        parts[key] = curve.fit_dict()
-    return parts
+    if lost.any():
+        parts["n_undecided"] = int(lost.sum())
+        ends = list[Curve]()
+        for place, verdict in enumerate((Verdict.COLLAPSED, Verdict.SURVIVED)):
+            decided = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
+            end = curve_of(decided, curve.confidence)
+            if members:
+                own = [
+                    each.extremes[place] if each.extremes else each for each in members
+                ]
+                end = class_curve(end, own)
+            ends.append(end)
+        parts["extremes"] = tuple(ends)
+    return replace(curve, **parts)
 
 
 def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
@@ -347,17 +382,15 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
 
 def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
     """Return the curve of a cloud by logistic regression."""
-    event = (
-        None if runs.group is None else runs.group[runs.brackets.run]
-    )  # one run a record
-    return fit_cloud(
-        *runs.brackets.single_runs(), event, confidence=confidence, **_DRAWN
-    )
+    found = runs.brackets  # one run a record
+    event = None if runs.group is None else runs.group[found.run]
+    return fit_cloud(*found.single_runs(), event, confidence=confidence, **_DRAWN)
 
 
 def measures_compared(runs: Runs) -> dict[str, Any]:
     """Compare the study's measure with others in which its motions are known."""
-    cube, (known, exponent, units) = runs.cube, known_measures(runs.cube)
+    cube = runs.cube
+    known, exponent, units = known_measures(cube)
     table = compare_measures(
         runs.brackets,
         known,
@@ -367,10 +400,9 @@ def measures_compared(runs: Runs) -> dict[str, Any]:
         distance=cube["distance"].values,
         event=runs.group,
     )
-    return {
-        **table,
-        "rows": [{**row, "unit": units[row["measure"]]} for row in table["rows"]],
-    }
+    for row in table["rows"]:
+        row["unit"] = units[row["measure"]]
+    return table
 
 
 def known_measures(
@@ -378,74 +410,56 @@ def known_measures(
 ) -> tuple[dict[str, FloatArray], dict[str, float], dict]:
     """Return measures that grow with the factor: values of records, exponents, and SI units."""
     if "measure" not in cube:
-        raise FitError(
+        what = (
             "a table of verdicts has one measure of its motions, so there is no other"
         )
+        raise FitError(what)
     names = cube["measure"].values.astype(str).tolist()
-    value = cube["record_measure"].transpose("measure", "record").values
+    values = cube["record_measure"].transpose("measure", "record").values
     exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))
+    units = dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
     known = {
-        k: v for k, v in zip(names, value) if exponent[k] > 0.0 and (v > 0.0).all()
+        name: value
+        for name, value in zip(names, values)
+        if exponent[name] > 0.0 and (value > 0.0).all()
     }
-    return (
-        known,
-        exponent,
-        dict(zip(names, cube["measure_unit"].values.astype(str).tolist())),
-    )
+    return known, exponent, units
 
 
 def limit_states(
     runs: Runs, keys: Mapping[str, float], collapse: Curve
-) -> dict[str, Any]:
-    """Return curves of damage short of collapse, from light to severe, and that of `collapse`.
+) -> tuple[tuple[Curve, ...], str]:
+    """Return curves of damage, from light to severe, and whether they cross.
 
-    A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study.
+    A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study. The
+    last curve of an arch is that of `collapse`, without its band.
     """
-    cube = runs.cube
     collapsed = runs.verdict == Verdict.COLLAPSED
-    exceeded = _damage(cube, keys)
-    onset = _onset_in_measure(cube)
+    onset = _onset_in_measure(runs.cube)
     states = list[Curve]()
     known = dict[bytes, Curve]()
-    for name, (meaning, condition) in exceeded.items():
-        exceeds = collapsed | runs.decided & condition.values.reshape(
-            runs.verdict.shape
-        )
+    for name, (meaning, condition) in _damage(runs.cube, keys).items():
+        short = runs.decided & condition.values.reshape(runs.verdict.shape)
+        exceeds = collapsed | short
         key = exceeds.tobytes()  # states often coincide
         if key not in known:
             known[key] = _state_curve(runs, exceeds, collapse)
         curve = known[key]
-        if curve.fitted and onset > 0.0 and (below := curve.at(onset)[0]) > MOST_BELOW:
+        below = float(curve(onset)) if curve.fitted and onset > 0.0 else 0.0
+        if below > MOST_BELOW:
+            why = f"it would give a probability of {below:.2f} at the onset of motion, below"
             curve = Curve(
-                reason=(
-                    f"it would give a probability of {below:.2f} at the onset of motion, below "
-                    "which nothing moves; levels near the onset may show it"
-                )
+                reason=f"{why} which nothing moves; levels near the onset may show it"
             )
-        states.append(replace(curve, state=name, meaning=meaning))
+        states.append(replace(curve, name=runs.name, state=name, meaning=meaning))
     # The lightest first; what has no curve before them.
     states.sort(key=lambda each: each.theta if each.fitted else 0.0)
-    states.append(
-        replace(  # its band is that of `collapse`
-            collapse,
-            meaning=_COLLAPSE["damage" in cube],
-            im=[],
-            lower=[],
-            upper=[],
-            density=None,
-            method="",
-            assumptions="",
-            n_independent=0.0,
-            n_non_monotone=0,
-        )
-    )
-    plain = []
-    for each in states:
-        own = each.to_dict() if each.fitted else {"curve": each.fit_dict()}
-        own.pop("more", None)
-        plain.append({"name": each.state, "meaning": each.meaning, **own})
-    message = crossing_words([each for each in states if each.fitted])
-    return {"message": message, "states": plain}
+    bare = Curve()
+    without = {name: getattr(bare, name) for name in _OF_BAND}
+    meaning = _COLLAPSE["damage" in runs.cube]
+    every = *states, replace(collapse, **without, meaning=meaning)
+    shown = every if len(runs.arches) == 1 else every[:-1]
+    return shown, crossing_words([each for each in every if each.fitted])
 
 
 def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str, Any]]:
@@ -491,20 +505,17 @@ def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str,
 def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], collapse: Curve) -> Curve:
     """Return the curve of runs that exceed a limit state, or the reason why there is none."""
     if not runs.intact:
-        return Curve(
-            reason="its measure is of the first shock too, so it has no curve after one"
-        )
+        why = "its measure is of the first shock too, so it has no curve after one"
+        return Curve(reason=why)
     collapsed = runs.verdict == Verdict.COLLAPSED
     if not (exceeds & ~collapsed).any():
-        return Curve(
-            reason="no run exceeds it short of collapse, so it has no curve of its own"
-        )
+        why = "no run exceeds it short of collapse, so it has no curve of its own"
+        return Curve(reason=why)
     codes = np.where(exceeds, Verdict.COLLAPSED, Verdict.SURVIVED)
     codes = np.where(runs.decided, codes, runs.verdict)
     if runs.searched:
-        return _searched_curve(
-            runs, np.where(collapsed, Verdict.NOT_RUN, codes), collapse
-        )
+        codes[collapsed] = Verdict.NOT_RUN
+        return _searched_curve(runs, codes, collapse)
     curve = curve_of(replace(runs, verdict=codes), collapse.confidence)
     if curve.fitted:
         return curve
@@ -549,25 +560,21 @@ def _onset_peaks(cube: xr.Dataset) -> FloatArray:
 
 def _onset_in_measure(cube: xr.Dataset) -> float:
     """Return the least level at which an arch can move under its records [SI]; 0 if not known."""
-    if "measure" not in cube:
-        return 0.0
     own = cube["intensity"].attrs["measure"]
-    names = cube["measure"].values.astype(str).tolist()
-    if not {own, "PGA"} <= set(names):
+    names = cube["measure"].values.tolist() if "measure" in cube else ()
+    if own not in names or "PGA" not in names:
         return 0.0
-    value = dict(
-        zip(names, cube["record_measure"].transpose("measure", "record").values)
-    )
-    power = float(cube["measure_exponent"].values[names.index(own)])
-    return float(
-        np.min(value[own] * (_onset_peaks(cube).min() / value["PGA"]) ** power)
-    )
+    places = [names.index(own), names.index("PGA")]
+    of_measures = cube.isel(measure=places)
+    value, peak = of_measures["record_measure"].transpose("measure", "record").values
+    power = float(of_measures["measure_exponent"].values[0])
+    return float(np.min(value * (_onset_peaks(cube).min() / peak) ** power))
 
 
 def dispersion_split(
-    runs: Runs, curves: Sequence[Curve], beta: float
+    runs: Runs, curves: Sequence[Curve], whole: Curve
 ) -> dict[str, Any]:
-    """Divide the dispersion `beta` of a class into that of records and that of its arches.
+    """Divide the dispersion of a `whole` class into that of records and that of its arches.
 
     It is divided by the capacities of all runs. If records withstand the largest level, it is by
     the likeliest curves of the arches, whose `curves` are given: without these records, the
@@ -586,11 +593,8 @@ def dispersion_split(
         if logs.shape[1] >= 3 and (np.ptp(logs, axis=1) > 0.0).all():
             pairs = np.triu_indices(len(logs), k=1)
             shared = float(np.clip(np.corrcoef(logs)[pairs].mean(), 0.0, 0.99))
-        fits = [
-            c.likelihood
-            for c in curves
-            if c.likelihood is not None and c.likelihood.fitted
-        ]
+        likeliest = (each.likelihood for each in curves)
+        fits = [fit for fit in likeliest if fit is not None and fit.fitted]
         split = split_curves(
             [fit.theta for fit in fits],
             [fit.beta for fit in fits],
@@ -599,5 +603,5 @@ def dispersion_split(
         )
     if not any(split):
         return {"none": "all capacities lie between the same two levels"}
-    scale = beta / np.hypot(*split)
+    scale = whole.beta / np.hypot(*split)
     return {"beta_record_to_record": scale * split[0], "beta_model": scale * split[1]}

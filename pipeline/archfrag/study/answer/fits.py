@@ -3,16 +3,15 @@
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from archfrag.errors import FitError, InputError, attempt
+from archfrag.errors import FitError, InputError
 from archfrag.files import counted, write_csv
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.verdicts import Verdict, count_verdicts
@@ -47,56 +46,30 @@ def fit_cube(study: StudyKeys) -> Fitted:
 
 def fit_runs(study: StudyKeys, cube: xr.Dataset) -> Fitted:
     """Find the curves of arches and classes of a cube, which may lack measures and damage."""
-    confidence = study.report.confidence
+    intensity = study.intensity
     keys = study.limit_states.model_dump()
-    worded = partial(
-        FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit
-    )
-
-    def part(make: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
-        """Make a part of the results, or say why it cannot be made."""
-        made = attempt(partial(make, *arguments), worded)
-        return {"none": made} if isinstance(made, str) else made
-
-    measured = "record_measure" in cube
-    damaged = bool({"openings", "damage"} & {*cube})
-    sizes = Counter(curves.arch_classes(cube).values())
-    names = [name for name, size in sizes.items() if size > 1]
-    runs = curves.runs_of_cube(cube, [*curves.arch_classes(cube), *names], worded)
-    every = {name: curves.curve_of(each, confidence) for name, each in runs.items()}
-    arches = {name: curve for name, curve in every.items() if name not in names}
-    detailed = {
-        list(arches)[i] for i in shown([curve.theta for curve in arches.values()])
+    of_class = curves.arch_classes(cube)
+    worded = partial(FitError.worded, factor=intensity.factor, unit=intensity.unit)
+    names = [name for name, size in Counter(of_class.values()).items() if size > 1]
+    runs = curves.runs_of_cube(cube, [*of_class, *names], worded)
+    found = {
+        name: curves.curve_of(each, study.report.confidence)
+        for name, each in runs.items()
     }
-    for name, curve in arches.items():
-        own = runs[name]
-        more = curve.more
-        if name in detailed:
-            more["free"] = part(curves.free_shapes, own, confidence)
-            if measured:
-                more["measures"] = part(curves.measures_compared, own)
-            if damaged:
-                more["limit_states"] = part(curves.limit_states, own, keys, curve)
-            if not own.design.on_levels:
-                more["cloud"] = {"logistic": part(curves.cloud_curves, own, confidence)}
-        more["without_verdict"] = part(curves.without_verdict, own, confidence)
+    pooled = {name: found.pop(name) for name in names}
+    detailed = {
+        list(found)[i] for i in shown([curve.theta for curve in found.values()])
+    }
+    arches = {
+        name: curves.completed(runs[name], curve, keys, name in detailed)
+        for name, curve in found.items()
+    }
     classes = {}
-    for name in names:
+    for name, curve in pooled.items():
         own = runs[name]
-        members = [arches[arch] for arch in own.cube["arch"].values.astype(str)]
-        classes[name] = curve = curves.class_curve(
-            every[name], members, "row" in own.groups
-        )
-        more = curve.more
-        more["dispersion"] = {}
-        if curve.fitted:
-            more["dispersion"] = part(curves.dispersion_split, own, members, curve.beta)
-        if damaged:
-            more["limit_states"] = states = part(curves.limit_states, own, keys, curve)
-            states["states"] = [
-                s for s in states.get("states", ()) if s["name"] != "collapse"
-            ]
-        more["without_verdict"] = part(curves.without_verdict, own, confidence, members)
+        members = [arches[arch] for arch, of in of_class.items() if of == name]
+        whole = curves.class_curve(curve, members, "row" in own.groups)
+        classes[name] = curves.completed(own, whole, keys, members=members)
     return Fitted(arches, classes, cube)
 
 
@@ -140,7 +113,7 @@ def load_fits(study: StudyKeys) -> Fitted:
     try:
         stored = read_json(path)
         arches, classes = (
-            {name: Curve.from_dict(plain) for name, plain in stored[of].items()}
+            {name: Curve.from_dict(plain, name) for name, plain in stored[of].items()}
             for of in ("arches", "classes")
         )
     except (
@@ -156,16 +129,16 @@ def load_fits(study: StudyKeys) -> Fitted:
     return Fitted(arches, classes, open_cube(study))
 
 
-def in_unit(curve: Curve, name: str, intensity: Intensity) -> Curve:
+def in_unit(curve: Curve, intensity: Intensity) -> Curve:
     """Return the curve of an arch or class in the unit of its study."""
     curve = curve.in_unit(intensity.factor, intensity.measure, intensity.unit)
-    return replace(curve, name=name, levels=list(intensity.given))
+    return replace(curve, levels=list(intensity.given))
 
 
 def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
     """Write aligned lines on the curves of classes and of arches of none, and the cautions."""
     answers = {
-        k: in_unit(each, k, study.intensity) for k, each in fitted.quoted().items()
+        name: in_unit(each, study.intensity) for name, each in fitted.quoted().items()
     }
     rows = [(name, *answers[name].words()) for name in list(answers)[:SHOWN]]
     first = max(len("report"), *(len(name) for name, _, _ in rows))
@@ -264,7 +237,8 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator
     counts = count_verdicts(verdict)
     lost = counts["unfinished"] + counts["failed"]
     fraction = lost / np.maximum(counts["runs"], 1)
-    if many := np.count_nonzero(fraction > MOST_UNDECIDED):
+    many = np.count_nonzero(fraction > MOST_UNDECIDED)
+    if many:
         worst = int(fraction.argmax())
         yield (
             f"more than {100 * MOST_UNDECIDED:g} % of the runs are unfinished or failed at {many} "
@@ -272,7 +246,8 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator
             f"{named[worst]}); they count neither as collapse nor as survival, so the curve may "
             "be wrong by more than its band"
         )
-    if before := (verdict == Verdict.COLLAPSED_BEFORE).any(axis=1).sum():
+    before = (verdict == Verdict.COLLAPSED_BEFORE).any(axis=1).sum()
+    if before:
         yield (
             f"the first shock alone makes it collapse before {before} of {n_record} records; they "
             "are left out: the curve is that of the arch if it stands after its first shock"
@@ -317,7 +292,8 @@ def record_cautions(cube: xr.Dataset) -> Iterator[str]:
     """Yield messages on motions scaled too far, and on records of one to three earthquakes."""
     scaled = cube["scale_factor"].where(cube["verdict"] != Verdict.NOT_RUN)
     largest = scaled.max(["arch", "level"]).values
-    if far := int((largest > MOST_SCALING).sum()):
+    far = int((largest > MOST_SCALING).sum())
+    if far:
         record = int(np.nanargmax(largest))
         worst = (
             f"{largest[record]:,.0f}"

@@ -139,7 +139,8 @@ def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
             .where(frame.notna(), "")
             .map(lambda cell: str(cell).strip())
         )
-        frame, rows = text, [f"row {n + 1}" for n in range(len(frame))]
+        frame = text
+        rows = [f"row {n + 1}" for n in range(len(frame))]
     heads = _heads(source, frame.columns.tolist(), columns)
     without = {
         "arch": "structure",
@@ -193,7 +194,8 @@ def _heads(
             raise InputError(
                 f"columns: {what!r} is not known; allowed are {', '.join(_ROLES)}"
             )
-        if (head := given if given in names else plain.get(_plain(given))) is None:
+        head = given if given in names else plain.get(_plain(given))
+        if head is None:
             raise InputError(
                 f"columns: {source} has no column {given!r}, but {', '.join(names)}"
             )
@@ -239,11 +241,8 @@ def _heads(
 def _stated(head: str) -> tuple[str, str]:
     """Split the name of a column into what it names and its unit, empty if there is none."""
     name, unit = with_unit(head)
-    if (
-        unit is None
-        and (found := re.fullmatch(r"(.+?)[\s_]+(\S+)", head))
-        and found[2] in _UNITS
-    ):
+    found = re.fullmatch(r"(.+?)[\s_]+(\S+)", head)
+    if unit is None and found and found[2] in _UNITS:
         name, unit = found.groups()
     return spelled(name), unit or ""
 
@@ -334,7 +333,8 @@ def _units(
     found = dict[str, tuple[str, str]]()
     for end in filter(given.heads.get, _NONE):
         head = given.heads[end]
-        where, (own, own_unit) = f"{given.source}: column {head!r}", _stated(head)
+        where = f"{given.source}: column {head!r}"
+        own, own_unit = _stated(head)
         own = own if measure_of(own) else ""
         for name, stated, asked in (
             ("measure", own, measure),
@@ -349,10 +349,10 @@ def _units(
                 )
         found[end] = str(own or measure), str(own_unit or unit)
     (measure, unit), *others = found.values()
-    if differing := [other for other, _ in others if other != measure]:
-        raise InputError(
-            f"{given.source}: brackets are of {measure} and {differing[0]}"
-        )
+    for other, _ in others:
+        if other != measure:
+            what = f"brackets are of {measure} and {other}"
+            raise InputError(f"{given.source}: {what}")
     with at(given.source):
         allowed = LEVEL_UNITS.get(measure_unit(measure), {})
         for end, (_, stated) in found.items():

@@ -9,13 +9,18 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from jinja2 import Template
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import FitError, attempt
 from archfrag.files import counted
-from archfrag.fragility import losses
 from archfrag.fragility import risk as rates
 from archfrag.fragility.curve import Curve, FloatArray
+from archfrag.fragility.several import (
+    average_annual_loss,
+    checked_ratios,
+    loss_steps,
+    vulnerability,
+)
 from archfrag.fragility.verdicts import Verdict
 from archfrag.physics.status import CollapseMode
 from archfrag.study.answer.curves import Fitted, Runs, runs_of_cube
@@ -111,28 +116,27 @@ def risk_of(
     confidence: float = 0.9,
 ) -> StudyRisk:
     """Find rates of collapse at a site by arch or class, and probabilities in `years`."""
-    runs = runs_of_cube(cube, curves)
     arches = dict[str, ArchRisk | str]()
-    for name, curve in curves.items():
-        arches[name] = curve.reason
-        if curve.fitted:
-            arches[name] = _arch_risk(runs[name], curve, hazard, confidence)
-    sizes = {name: len(each.arches) for name, each in runs.items()}
-    return StudyRisk(
-        hazard, years, arches, {name: n for name, n in sizes.items() if n > 1}
-    )
+    sizes = {}
+    for name, runs in runs_of_cube(cube, curves).items():
+        fit = curves[name]
+        arches[name] = fit.reason
+        if fit.fitted:
+            arches[name] = _arch_risk(runs, fit, hazard, confidence)
+        if len(runs.arches) > 1:
+            sizes[name] = len(runs.arches)
+    return StudyRisk(hazard, years, arches, sizes)
 
 
 def risk_of_study(study: StudyKeys, fitted: Fitted) -> StudyRisk | None:
     """Find the rates at the site of a study, of classes and of arches of none; None if no site."""
-    if (given := study.risk) is None:
+    given = study.risk
+    if given is None:
         return None
-    hazard = load_hazard(
-        [Path(given.hazard)], study.intensity.measure, given.unit, given.site
-    )
-    return risk_of(
-        fitted.cube, fitted.quoted(), hazard, given.years, study.report.confidence
-    )
+    file = Path(given.hazard)
+    hazard = load_hazard([file], study.intensity.measure, given.unit, given.site)
+    confidence = study.report.confidence
+    return risk_of(fitted.cube, fitted.quoted(), hazard, given.years, confidence)
 
 
 def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
@@ -147,9 +151,8 @@ def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
         least = "at least " * arch.rate.is_bound
         words = f"rate {least}{rate.quoted:#.2g} a year"
         if not rate.is_bound:
-            words += (
-                f" ({100 * rate.confidence:g} %: {rate.lower:#.2g}–{rate.upper:#.2g})"
-            )
+            band = f"{rate.lower:#.2g}–{rate.upper:#.2g}"
+            words += f" ({100 * rate.confidence:g} %: {band})"
         if rate.quoted > 0.0:
             words += f"  return period {float(f'{rate.return_period:.2g}'):,.0f} years"
         lines.append((name, words))
@@ -174,25 +177,26 @@ def answer_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]
 
 def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> ArchRisk:
     """Find the rate of an arch or class, and divide it by level and mechanism."""
+    shape = runs.verdict.shape
     pairs = np.stack(
         [runs.cube[key].values for key in ("collapse_joint", "collapse_mode")], -1
     )
     # Mechanisms are joint and mode: each pair has a number, which rises with both.
     mechanisms, code = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
     levels, collapsed, code, ends = _on_levels(
-        runs.verdict, code.reshape(runs.verdict.shape), runs.level
+        runs.verdict, code.reshape(shape), runs.level
     )
     onset = runs.onset(fit)
-    curves = hazard.curves.items()
     rate = rates.collapse_rate(hazard.main, fit, fit.draws(SEED), confidence, onset)
-    level_rate = rates.rate_by_level(hazard.main, fit, rates.level_edges(levels), onset)
-    at = np.broadcast_to(runs.level, runs.verdict.shape)[
-        runs.verdict == Verdict.COLLAPSED
-    ]
-    outer, unseen = (
-        rates.rate_by_level(hazard.main, fit, edges, onset) / (rate.rate or 1.0)
-        for edges in (np.unique(ends), [at.min() if at.size else ends[-1]])
-    )
+
+    def rate_between(edges: ArrayLike) -> FloatArray:
+        return rates.rate_by_level(hazard.main, fit, edges, onset)
+
+    level_rate = rate_between(rates.level_edges(levels))
+    in_collapse = runs.verdict == Verdict.COLLAPSED
+    lowest = np.broadcast_to(runs.level, shape)[in_collapse].min(initial=ends[-1])
+    whole = rate.rate or 1.0
+    outer = (rate_between(np.unique(ends)) / whole).tolist()
     kinds, counts = np.unique(code[collapsed], return_counts=True)
     kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
     labels = [
@@ -202,24 +206,22 @@ def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> Arc
         for joint, mode in mechanisms[kept].astype(int).tolist()
     ]
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
-    parts = rates.contributions(
-        collapsed, category, (*labels, OTHER), level_rate, groups=runs.group
-    )
-    by_curve = {
-        key: rates.collapse_rate(each, fit, onset=onset).rate for key, each in curves
-    }
-    beyond = float(outer[0]), float(outer[-1])
     return ArchRisk(
         runs.name,
         fit,
         rate,
-        by_curve,
-        levels,
-        level_rate,
-        beyond,
-        float(unseen[0]),
-        parts,
-        onset,
+        by_curve={
+            key: rates.collapse_rate(each, fit, onset=onset).rate
+            for key, each in hazard.curves.items()
+        },
+        levels=levels,
+        level_rate=level_rate,
+        beyond=(outer[0], outer[-1]),
+        below_collapse=float(rate_between([lowest])[0] / whole),
+        by_mechanism=rates.contributions(
+            collapsed, category, (*labels, OTHER), level_rate, groups=runs.group
+        ),
+        onset=onset,
     )
 
 
@@ -234,27 +236,24 @@ def losses_of(
 
     `consequence` has by limit state the cost of one or the other as a part of the arch's value.
     """
-    ratios = losses.checked_ratios(consequence)
+    ratios = checked_ratios(consequence)
     found = dict[str, dict[str, Any]]()
     for name, runs in runs_of_cube(cube, curves).items():
+        curve = curves[name]
         try:
-            if not (curve := curves[name]).fitted:
+            if not curve.fitted:
                 raise FitError(curve.reason)
-            steps = losses.loss_steps(curve, ratios)
+            steps = loss_steps(curve, ratios)
         except FitError as error:
             found[name] = {"none": str(error)}
             continue
-        found[name] = losses.average_annual_loss(
-            hazard.main, steps, SEED, confidence, runs.onset
-        )
-        im = (
-            np.array(curve.im)
-            if curve.im
-            else np.linspace(0.0, 1.05 * np.nanmax(runs.level))
-        )
-        rows = np.array([im, *losses.vulnerability(steps, im)]).tolist()
+        loss = average_annual_loss(hazard.main, steps, SEED, confidence, runs.onset)
+        im = np.array(curve.im)
+        if not curve.im:  # as of a curve that was put into fits.json
+            im = np.linspace(0.0, 1.05 * np.nanmax(runs.level))
+        rows = np.array([im, *vulnerability(steps, im)]).tolist()
         columns = ("im", "loss_ratio", "loss_ratio_lower", "loss_ratio_upper")
-        found[name]["vulnerability"] = dict(zip(columns, rows))
+        found[name] = loss | {"vulnerability": dict(zip(columns, rows))}
     return found
 
 
@@ -263,22 +262,19 @@ def vulnerability_table(
 ) -> pd.DataFrame:
     """Tabulate the mean loss of `losses_of` against intensity in the study's unit."""
     given = study.intensity
+    own = {"measure": given.measure, "unit": given.unit}
     frames = [
-        pd.DataFrame(
-            {"arch": name, "measure": given.measure, "unit": given.unit}
-            | each["vulnerability"]
-        )
+        pd.DataFrame({"arch": name} | own | each["vulnerability"])
         for name, each in found.items()
         if "none" not in each
     ]
     if not frames:
         why = "; ".join(f"{name}: {each['none']}" for name, each in found.items())
-        raise FitError(
-            f"no arch has the curves of all consequences, so there is no loss: {why}"
-        )
-    return pd.concat(frames, ignore_index=True).assign(
-        im=lambda rows: rows["im"] / given.factor
-    )
+        what = "no arch has the curves of all consequences, so there is no loss"
+        raise FitError(f"{what}: {why}")
+    table = pd.concat(frames, ignore_index=True)
+    table["im"] /= given.factor
+    return table
 
 
 def _on_levels(
@@ -304,7 +300,7 @@ def _on_levels(
     edges = np.geomspace(ends[0], ends[1], count + 1)
     levels = np.sqrt(edges[1:] * edges[:-1])
     column = np.searchsorted(rates.level_edges(levels), at[row, place], side="right")
-    grid = np.zeros((len(at), levels.size), dtype=bool)
+    grid = np.zeros((len(at), levels.size), bool)
     codes = np.full(grid.shape, -1)
     grid[row, column] = collapsed[row, place]
     codes[row, column] = code[row, place]
