@@ -18,14 +18,13 @@ from archfrag.arch.drawing import drawing_text
 from archfrag.arch.geometry import cross, polygon_section
 from archfrag.arch.tie_rods import tie_lines
 from archfrag.errors import InputError
-from archfrag.files import check_targets, make_folder
+from archfrag.export.writers import Content, made_by, write_files
 from archfrag.physics.status import Tie
 from archfrag.study.file.members import Member
 from archfrag.study.file.schema import StudyKeys
-from archfrag.study.provenance import commit, finite, write_text
+from archfrag.study.provenance import finite
 from archfrag.study.runs.store import make_plan
 from archfrag.study.steps import require
-from archfrag.version import __version__
 
 SCHEMA = Path(__file__).with_name("scene.schema.json")
 MOST_ARCHES = 500
@@ -61,27 +60,15 @@ def export_arches(
             "scene and dxf have the intact arches and the records, no first shocks"
         )
     chosen = list(reversed(found.values()))
-    texts = dict[str, str]()
+    content = list[Content]()
     if "scene" in formats:
         text = json.dumps(_scene(study, chosen), indent=1, allow_nan=False)
-        texts["scene.json"] = (
-            _LISTS.sub(lambda one: re.sub(r"\n\s*", " ", one[0]), text) + "\n"
-        )
+        rows = _LISTS.sub(lambda one: re.sub(r"\n\s*", " ", one[0]), text)
+        content.append(("scene", "scene.json", rows + "\n"))
     if "dxf" in formats:
-        texts |= {
-            f"{each.id}.dxf": drawing_text(_lines(each.entry.build()))
-            for each in chosen
-        }
-    paths = [
-        make_folder(folder or study.folder / "export") / f"{study.id}-{end}"
-        for end in texts
-    ]
-    check_targets(paths)
-    for path, text in zip(paths, texts.values()):
-        write_text(path, text)
-    names = ["dxf" if path.suffix == ".dxf" else "scene" for path in paths]
-    files = [{"format": name, "file": str(path)} for name, path in zip(names, paths)]
-    return {"files": files, "notes": messages}
+        drawn = ((each.id, drawing_text(_lines(each.entry.build()))) for each in chosen)
+        content += (("dxf", f"{name}.dxf", text) for name, text in drawn)
+    return {"files": write_files(study, folder, content), "notes": messages}
 
 
 def _scene(study: StudyKeys, chosen: Sequence[Member]) -> Any:
@@ -102,14 +89,12 @@ def _scene(study: StudyKeys, chosen: Sequence[Member]) -> Any:
         motions.append(
             own | {key: row.tolist() for key, row in rows.items() if row is not None}
         )
-    made = {"study": study.id, "title": study.title}
-    made |= {"archfrag": __version__, "archfrag_commit": commit()}
     about = json.loads(SCHEMA.read_text())["properties"]
     return finite(
         {
             "schema": about["schema"]["const"],
             "units": about["units"]["const"],
-            "made": made,
+            "made": made_by(study),
             "arches": [_arch(each) for each in chosen],
             "delay": study.method.delay or 0.0,
             "intensity": {

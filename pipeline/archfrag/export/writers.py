@@ -15,10 +15,13 @@ import numpy as np
 import pandas as pd
 
 from archfrag.errors import InputError
+from archfrag.files import check_targets, make_folder, write_csv
 from archfrag.fragility.curve import Curve
 from archfrag.motions.measures import parse_measure
 from archfrag.motions.motion import STANDARD_GRAVITY
 from archfrag.study.file.schema import StudyKeys
+from archfrag.study.provenance import commit, write_text
+from archfrag.version import __version__
 
 NAMESPACE = "http://openquake.org/xmlns/nrml/0.5"
 # OpenQuake holds a curve constant above its highest level: 4 dispersions above the median that
@@ -31,6 +34,34 @@ _FACTORS = dict.fromkeys(("g", "g s"), 1.0 / STANDARD_GRAVITY)
 _FACTORS |= {"cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0}
 # What receivers call the kinds of measures (OpenQuake: hazardlib's imt.py).
 _KNOWN = pd.read_csv(Path(__file__).with_name("receivers.csv"))
+# Format, end of a file's name, and a text or a table in pieces.
+Content = tuple[str, str, str | Iterable[pd.DataFrame]]
+
+
+def made_by(study: StudyKeys) -> dict[str, str]:
+    """Return what files say of their study and of this archfrag."""
+    made = {"study": study.id, "title": study.title}
+    return made | {"archfrag": __version__, "archfrag_commit": commit()}
+
+
+def write_files(
+    study: StudyKeys, folder: Path | None, content: Sequence[Content]
+) -> list[dict[str, str]]:
+    """Write files into a folder, that of the study's exports if None; return their formats.
+
+    None is written if one would replace a file that archfrag did not make.
+    """
+    folder = folder or study.folder / "export"
+    paths = [folder / f"{study.id}-{ending}" for _, ending, _ in content]
+    check_targets(paths)
+    make_folder(folder)
+    for path, (_, _, each) in zip(paths, content):
+        if isinstance(each, str):
+            write_text(path, each)
+        else:
+            write_csv(path, each)
+    named = zip(content, paths)
+    return [{"format": name, "file": str(path)} for (name, _, _), path in named]
 
 
 @dataclass(frozen=True)
@@ -89,22 +120,16 @@ class CurveSet:
         return tuple(next(iter(self.curves.values())))
 
     @property
-    def complete(self) -> dict[str, dict[str, Curve]]:
-        """Arches that have a curve at every limit state: all that have one of collapse."""
-        left_out = self.left_out
-        return {
-            arch: {state: fit for state, fit in states.items() if fit.fitted}
-            for arch, states in self.curves.items()
-            if arch not in left_out
-        }
-
-    @property
     def left_out(self) -> dict[str, str]:
         """Return by arch why it has no curve of collapse, the last limit state."""
-        last = {
-            arch: states[self.limit_states[-1]] for arch, states in self.curves.items()
-        }
+        last = {arch: [*states.values()][-1] for arch, states in self.curves.items()}
         return {arch: curve.reason for arch, curve in last.items() if not curve.fitted}
+
+    @property
+    def complete(self) -> dict[str, Mapping[str, Curve]]:
+        """Arches that have a curve of collapse, and so at every limit state."""
+        left_out = self.left_out
+        return {a: states for a, states in self.curves.items() if a not in left_out}
 
 
 class Named(NamedTuple):
@@ -131,7 +156,7 @@ def named_measure(receiver: str, measure: str) -> Named:
         )
         raise InputError(
             f"{receiver} has no name for the intensity measure {measure}; it knows "
-            f"{', '.join(known)}{permanent}; csv and parquet take any"
+            f"{', '.join(known)}{permanent}; csv takes any"
         )
     name, unit = known[parsed.kind]
     messages = []
@@ -223,7 +248,7 @@ def nrml_vulnerability(points: pd.DataFrame, study: StudyKeys) -> str:
 
 def _nrml(
     curves: CurveSet, more: str, **kind: str
-) -> tuple[Named, Element, list[tuple[Element, dict[str, Curve]]]]:
+) -> tuple[Named, Element, list[tuple[Element, Mapping[str, Curve]]]]:
     """Return the measure, the root of a file, and the function of each arch with its curves."""
     imt = named_measure("OpenQuake", curves.measure)
     root = Element(
