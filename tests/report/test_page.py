@@ -11,7 +11,6 @@ import lxml.html
 import numpy as np
 import pytest
 
-from archfrag.errors import InputError
 from archfrag.fragility.risk import HazardCurve
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import spectral_acceleration
@@ -595,46 +594,3 @@ class TestDesigns:
         )
         middle = np.sqrt(levels[first] * levels[first + 1])
         assert found.capacities == pytest.approx(middle)
-
-
-def compared(arches=("ring",), measure="PGA"):
-    """A study beside another one, by their names, arches and measures."""
-    cubes = []
-    for name, theta, arch in (("up", 4.0, ("ring",)), ("flat", 5.0, arches)):
-        cube = synthetic.cube(arch, theta=theta)
-        config = {"arches": [{"id": arch[0]}], "motions": {"vertical": name == "up"}}
-        cube.attrs |= {"archfrag_study": name, "archfrag_config": json.dumps(config)}
-        cube["intensity"].attrs["measure"] = "PGA" if name == "up" else measure
-        cubes.append(cube)
-    return synthetic.inputs(
-        cube=cubes[0], compared=(cubes[1], synthetic.answers_of(cubes[1]))
-    )
-
-
-class TestCompare:
-    def test_figures_of_both_studies(self):
-        given = compared()
-        page = read(given)
-        fits = [given.answers["ring"], given.compared[1]["ring"]]
-        change = 100 * (fits[1].theta / fits[0].theta - 1)
-        assert change > 5
-        both = section(page, "compared")
-        assert f"Change of θ from up to flat: +{change:.1f} %." in text(both)
-        for fit, card in zip(fits, both.xpath('.//div[@class="answer"]'), strict=True):
-            assert large(card) == [f"{fit.theta / GRAVITY:#.3g} g", f"{fit.beta:#.3g}"]
-        differing = table(page, "Settings in which the studies differ")
-        assert differing == (
-            ["key", "up", "flat"],
-            [["motions.vertical", "True", "False"]],
-        )
-
-    @pytest.mark.parametrize(
-        ("changes", "reason"),
-        [
-            ({"arches": ("wall",)}, "it has no arch ring, but wall"),
-            ({"measure": "Sa(0.5)"}, r"its levels are of Sa\(0.5\)"),
-        ],
-    )
-    def test_refused(self, changes, reason):
-        with pytest.raises(InputError, match=f"with 'up': {reason}"):
-            render(compared(**changes))

@@ -1,4 +1,4 @@
-"""Files for papers: tables beside the report, figures, and curves by number of voussoirs."""
+"""Files for papers: tables beside the report, and what its figures are drawn from."""
 
 import re
 
@@ -89,26 +89,6 @@ def test_a_table_that_is_gone_is_made_again(finished):
     (out / "capacities.csv").unlink()
     assert "nothing to do" not in command("run", path, "--quiet").output
     assert (out / "capacities.csv").read_bytes() == before
-
-
-def test_figures_of_all_arches_are_the_same_each_day(finished, tmp_path):
-    path, _, _ = finished
-    done = command("figures", path, "--to", tmp_path / "figures")
-    assert done.exit_code == 0, done.output
-    names = {entry.name for entry in (tmp_path / "figures").iterdir()}
-    own = {
-        f"{kind}-{arch}"
-        for kind in ("ida", "runs", "onset")
-        for arch in ("ring", "slab")
-    }
-    assert names == {
-        f"{name}.{end}" for name in {"fragility", *own} for end in ("pdf", "png")
-    }
-    assert {line.split("/")[-1] for line in done.stdout.split()} == names
-    for file in (tmp_path / "figures").glob("*.pdf"):
-        content = file.read_bytes()
-        assert b"/CreationDate" not in content
-        assert b"/Type3" not in content  # fonts that journals do not take
 
 
 def test_fractiles_end_where_the_capacities_of_the_other_side_are():

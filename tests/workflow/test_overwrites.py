@@ -187,7 +187,7 @@ CASES = {
         linked("hazard.csv", "loss.csv", True),
     ),
     "risk: a result of the study": lambda: (*RISK, "--vulnerability", "out/curve.csv"),
-    "film: a film of the user": lambda: ("film", *SMALL, "--to", foreign("fall.gif")),
+    "film: a film of the user": lambda: ("film", *SMALL, "--to", foreign("fall.svg")),
     "film: a figure of the study": lambda: (
         "film",
         *SMALL,
@@ -211,12 +211,6 @@ CASES = {
         beside("new/small-ring.dxf"),
         "--format",
         "dxf",
-    ),
-    "figures: a figure of the user": lambda: (
-        "figures",
-        *SMALL,
-        "--to",
-        beside("new/runs-slab.png"),
     ),
     "onset: a drawing of the user": lambda: (*RING, "--figure", foreign("ring.svg")),
     "onset: a link": lambda: (*RING, "--figure", linked("hazard.csv", "ring.svg")),

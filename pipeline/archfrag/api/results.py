@@ -397,7 +397,7 @@ class Results:
         """Make the report if it is not up to date, and return its path."""
         self._check_there()
         if self._table:
-            return make_report(self._study, None, self._table)
+            return make_report(self._study, self._table)
         make_step(self._study, "report", lambda text: None, report=make_report)
         return self.folder / "report.html"
 

@@ -30,7 +30,6 @@ COMMANDS = {
     "clean": ("study", "Remove stored runs that a study does not use."),
     "export": ("answers", "Export a finished study in the formats of other programs."),
     "film": ("answers", "Film one run of a finished study, simulated again."),
-    "figures": ("answers", "Draw a finished study for a paper, as PDF and PNG."),
     "risk": ("answers", "Find the rate of collapse of a finished STUDY at a site."),
     "info": ("answers", "Describe FILE: a cube, a study file or a folder of results."),
     "open": ("answers", "Open the report of STUDY in the browser."),

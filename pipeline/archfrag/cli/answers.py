@@ -1,4 +1,4 @@
-"""The commands for a finished study: `export`, `film`, `figures`, `risk`, `info` and `open`."""
+"""The commands for a finished study: `export`, `film`, `risk`, `info` and `open`."""
 
 import json
 import webbrowser
@@ -27,8 +27,6 @@ from archfrag.export.command import export_study, write_vulnerability
 from archfrag.export.scenes import export_arches
 from archfrag.files import number, opened
 from archfrag.report.film import check_target, example_of, save_film
-from archfrag.report.inputs import report_inputs
-from archfrag.report.printed import save_figures
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
@@ -141,20 +139,20 @@ def export(
         "--to",
         "path",
         type=PATH,
-        default="film.gif",
+        default="film.svg",
         show_default=True,
         metavar="FILE",
-        help="File to write: .gif, .mp4 or .svg.",
+        help="File to write: .svg.",
     ),
 )
 def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
     """Film one run of a finished study, simulated again.
 
-    A browser plays .svg; .mp4 needs ffmpeg.
+    A browser plays the file.
 
     \b
     Example:
-      archfrag film study.yaml --run syn-m75-r015@0.5 --to fall.gif
+      archfrag film study.yaml --run syn-m75-r015@0.5 --to fall.svg
     """
     check_target(path)
     check_written(path)
@@ -372,26 +370,3 @@ def open_command(study: Path) -> None:
         )
     if not webbrowser.open(report.resolve().as_uri()):
         echo(str(report))
-
-
-@click.command(cls=Once)
-@with_study(
-    click.option(
-        "--to",
-        "folder",
-        type=PATH,
-        metavar="DIR",
-        help="Folder to write to; `figures` in the results folder by default.",
-    ),
-)
-def figures(study: Any, folder: Path | None) -> None:
-    """Draw a finished study for a paper, as PDF and PNG.
-
-    \b
-    fragility   curves with their bands
-    ida-ARCH    peak and residual rotation of each record against intensity
-    runs-ARCH   verdict of every run
-    onset-ARCH  hinges and thrust at the onset of motion
-    """
-    for path in save_figures(report_inputs(study), folder or study.folder / "figures"):
-        echo(str(path))

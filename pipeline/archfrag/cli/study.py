@@ -178,17 +178,7 @@ batch_command = _step(
 )
 cube_command = _step("cube", COMMANDS["cube"][1])
 _fit_study: Any = _step("fit", COMMANDS["fit"][1], json_option).callback
-report_command = _step(
-    "report",
-    COMMANDS["report"][1],
-    click.option(
-        "--compare",
-        "compared",
-        type=PATH,
-        metavar="OTHER_STUDY",
-        help="Compare the arches with those of another, finished study.",
-    ),
-)
+report_command = _step("report", COMMANDS["report"][1])
 
 
 def _mapping(
@@ -266,7 +256,7 @@ def fit_command(
             update={"risk": RiskKeys.model_construct(hazard=str(hazard))}
         )
     fitted = fit_runs(study, cube)
-    report = make_report(study, None, fitted)
+    report = make_report(study, fitted)
     files = export_study(study, formats, fitted=fitted)["files"] if formats else ()
     if as_json:
         return echo((study.folder / FITS).read_text("utf-8"))

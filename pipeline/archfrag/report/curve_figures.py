@@ -261,32 +261,6 @@ def limit_states(
 
 
 @figure
-def two_studies(
-    sheet: Sheet, names: Sequence[str], sides: Sequence[tuple[ArchResults, Curve]]
-) -> str:
-    """Draw the curves of an arch in two studies with their bands, and the observed fractions."""
-    (first, _), (second, _) = sides
-    scale = first.scale
-    reach = 1.05 * max(first.levels.max(), second.levels.max())
-    strokes = [
-        Entry(names[0], svg.BLUE, "line"),
-        Entry(names[1], svg.VERMILION, "dash"),
-    ]
-    panel = curve_panel(sheet, strokes, reach, scale.label)
-    for stroke, (_, answer) in zip(strokes, sides):
-        draw_curve(panel, answer, scale, stroke)
-    for stroke, (results, _), mark in zip(strokes, sides, ("dot", "ring")):
-        panel.dots(results.levels, results.fraction, stroke.colour, mark)
-    medians = _medians(
-        _known({name: answer for name, (_, answer) in zip(names, sides)}), scale
-    )
-    what = (
-        f"Probability of collapse of {first.arch} against {scale.label} in two studies"
-    )
-    return f"{what}. {medians}"
-
-
-@figure
 def theta_panels(
     sheet: Sheet,
     theta: FloatArray,

@@ -5,7 +5,6 @@ for reduced motion, get four still frames.
 """
 
 import re
-import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import InputError
-from archfrag.files import counted, make_folder, number, replacing
+from archfrag.files import counted, make_folder, number
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.motion import Motion
 from archfrag.physics.methods.registry import AUTO
@@ -27,8 +26,8 @@ from archfrag.simulation.response import Response
 from archfrag.simulation.simulate import simulate
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.keys import meant
+from archfrag.study.provenance import write_text
 
-KINDS = (".gif", ".mp4", ".svg")
 LONGEST = 8.0  # [s] of a run, shown in real time
 _SAME_LEVEL = 0.005  # a level is written with three digits
 _MOST_FRAMES = 40
@@ -187,18 +186,13 @@ def _named_run(results: ArchResults, run: str) -> Chosen:
 
 
 def check_target(path: Path) -> None:
-    """Raise InputError unless a film can be written in the format of this name."""
-    kind = path.suffix.lower()
-    if kind not in KINDS:
-        raise InputError(f"--to {path}: a film is written as {', '.join(KINDS)}")
-    if kind == ".mp4" and shutil.which("ffmpeg") is None:
-        raise InputError(
-            f"--to {path}: .mp4 needs ffmpeg, which is not installed; use .gif"
-        )
+    """Raise InputError unless the name is that of an SVG file."""
+    if path.suffix.lower() != ".svg":
+        raise InputError(f"--to {path}: a film is written as .svg")
 
 
 def save_film(example: Example, path: Path) -> None:
-    """Write a film as .gif, .mp4 (if ffmpeg is installed) or .svg, which browsers play.
+    """Write a film as .svg, which browsers play.
 
     InputError if nothing moves, OutputError if the file cannot be written.
     """
@@ -210,19 +204,8 @@ def save_film(example: Example, path: Path) -> None:
         raise InputError(f"{path}: nothing moves in this run, so there is no film")
     make_folder(path.parent)
     picture, _ = shown
-    with replacing(path) as part:
-        if path.suffix.lower() == ".svg":
-            (moving,) = re.findall(
-                '<svg class="moving".*?</svg>', str(picture.svg), re.DOTALL
-            )
-            part.write_text(replace(picture, svg=moving).file, encoding="utf-8")
-            return
-        named = part.with_name(part.name + path.suffix.lower())
-        try:
-            example.response.animate().save(named)
-            named.replace(part)
-        finally:
-            named.unlink(missing_ok=True)
+    (moving,) = re.findall('<svg class="moving".*?</svg>', picture.svg, re.DOTALL)
+    write_text(path, replace(picture, svg=moving).file)
 
 
 def key_frames(example: Example) -> tuple[FloatArray, FloatArray, FloatArray] | None:

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.arch import Arch
-from archfrag.errors import InputError, attempt
+from archfrag.errors import attempt
 from archfrag.files import counted
 from archfrag.fragility.curve import Curve, FloatArray, IntArray
 from archfrag.fragility.verdicts import Verdict, count_verdicts
@@ -27,7 +26,7 @@ from archfrag.study.answer.curves import Fitted, Runs, arch_classes
 from archfrag.study.answer.fits import cautions_of
 from archfrag.study.answer.rates import StudyRisk, risk_of_study
 from archfrag.study.file.members import shown
-from archfrag.study.file.schema import StudyKeys, load_study
+from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import finite
 from archfrag.study.runs.store import Plan, make_plan
 from archfrag.study.steps import finished, read_timings
@@ -137,8 +136,6 @@ class ReportInputs:
     timings: Mapping[str, Sequence[float]] = field(default_factory=dict)
     title: str = "Fragility of masonry arches"
     confidence: float = 0.9  #: of all bands and intervals
-    #: Cube and answers of another study with the same measure, to be compared in common arches.
-    compared: tuple[xr.Dataset, Mapping[str, Curve]] | None = None
     at: float | None = (
         None  #: level at which the probability is asked for, in the study's unit
     )
@@ -228,8 +225,8 @@ def thetas(answers: Iterable[Curve]) -> FloatArray:
     return np.array([curve.theta for curve in answers])
 
 
-def report_inputs(study: StudyKeys, compared: Path | None = None) -> ReportInputs:
-    """Read the results of a finished study, and of another one whose file is `compared`.
+def report_inputs(study: StudyKeys) -> ReportInputs:
+    """Read the results of a finished study.
 
     InputError if results are missing or out of date, OutputError if the cube of another study is
     in the folder.
@@ -258,7 +255,6 @@ def report_inputs(study: StudyKeys, compared: Path | None = None) -> ReportInput
         timings=read_timings(study),
         title=_title(study),
         confidence=study.report.confidence,
-        compared=None if compared is None else _compared(study, compared),
         at=study.report.at,
         risk=attempt(partial(risk_of_study, study, fitted)),
         target=target_of_index(study.motions.index),
@@ -277,17 +273,6 @@ def _title(study: StudyKeys) -> str:
     block = all(member.entry.profile == "block" for member in study.members)
     noun = "block" if block else "masonry arch"
     return f"Fragility of {f'a {noun}' if len(study.members) == 1 else counted(2, noun)[2:]}"
-
-
-def _compared(study: StudyKeys, path: Path) -> tuple[xr.Dataset, Mapping[str, Curve]]:
-    """Return the cube and the answers of another study; InputError if it has the same id."""
-    other = load_study(path)
-    if study.id == other.id:
-        raise InputError(
-            f"study {other.id!r} cannot be compared with another of the same id"
-        )
-    fitted = finished(other)
-    return fitted.cube, fitted.arches
 
 
 def arch_results(runs: Runs, scale: Scale) -> ArchResults:

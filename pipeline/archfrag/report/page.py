@@ -13,14 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 from markupsafe import Markup, escape
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import InputError, OutputError, attempt
+from archfrag.errors import OutputError, attempt
 from archfrag.files import check_targets, make_folder
-from archfrag.fragility.curve import Curve, FloatArray
+from archfrag.fragility.curve import FloatArray
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.report import curve_figures, html, svg
@@ -30,7 +28,6 @@ from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, ta
 from archfrag.report.inputs import (
     ReportInputs,
     Scale,
-    arch_results,
     report_inputs,
     summary,
 )
@@ -41,12 +38,11 @@ from archfrag.report.sections import (
     PageSection,
     answers_table,
     arch_sections,
-    card,
     class_sections,
     table_sections,
 )
 from archfrag.report.svg import Entry, Sheet, figure, log_ticks
-from archfrag.study.answer.curves import Fitted, runs_of_cube
+from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.fits import CURVE, FITS, cautions_of, gathered, store_fits
 from archfrag.study.answer.rates import risk_of_study
 from archfrag.study.file.members import SHOWN
@@ -62,10 +58,8 @@ _MOST_THUMBNAILS = 60
 _MOST_SPECTRA = 80
 
 
-def make_report(
-    study: StudyKeys, compared: Path | None = None, table: Fitted | None = None
-) -> Path:
-    """Write the report of a finished study, compared with that of another file; return its path.
+def make_report(study: StudyKeys, table: Fitted | None = None) -> Path:
+    """Write the report of a finished study and return its path.
 
     Of a `table` of verdicts it has no arches and no motions, and its curves are stored too;
     OutputError if the folder holds the results of a study.
@@ -75,7 +69,7 @@ def make_report(
     """
     out = study.folder / "report.html"
     if table is None:
-        return write_report(report_inputs(study, compared), out)
+        return write_report(report_inputs(study), out)
     if (study.work / OWNER).exists():
         raise OutputError(
             f"{study.folder}: holds the results of a study; give another output"
@@ -142,7 +136,6 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         sections += [
             *class_sections(inputs),
             *arches,
-            *compared_section(inputs),
             motions_section(inputs),
             provenance_section(inputs.cube.attrs),
             *appendix,
@@ -201,68 +194,6 @@ def _ratios(inputs: ReportInputs) -> Iterator[Markup]:
         heads = ["arch", "over", "", "that one", "this arch", "ratio", inputs.percent]
         yield table("Ratios of arches", heads, rows, "compact", 3)
         yield paragraph(TEXTS["ratios"]["how"], "note")
-
-
-def compared_section(inputs: ReportInputs) -> Iterator[PageSection]:
-    """Yield the section on the arches that another study has too, if there is one.
-
-    InputError if the two cannot be compared.
-    """
-    if inputs.compared is not None:
-        parts = list(_compared(inputs, *inputs.compared))
-        name = inputs.compared[0].attrs["archfrag_study"]
-        yield PageSection("compared", f"Compared with study {name}", parts)
-
-
-def _compared(
-    inputs: ReportInputs, other: xr.Dataset, answers: Mapping[str, Curve]
-) -> Iterator[Any]:
-    """Yield the parts on arches of two studies; InputError if these cannot be compared."""
-    cubes = (inputs.cube, other)
-    of_each = (inputs.answers, answers)
-    names = [str(cube.attrs["archfrag_study"]) for cube in cubes]
-    refused = f"study {names[1]!r} cannot be compared with {names[0]!r}"
-    kinds = ["{measure} [{units}]".format(**cube["intensity"].attrs) for cube in cubes]
-    if kinds[0] != kinds[1]:
-        raise InputError(f"{refused}: its levels are of {kinds[1]}, not of {kinds[0]}")
-    arches = [name for name, _, _ in inputs.arches]
-    common = [name for name in arches if name in answers]
-    if not common:
-        has = f"no arch {' or '.join(arches)}, but {', '.join(answers)}"
-        raise InputError(f"{refused}: it has {has}")
-    one, two = (set(cube["record"].values.tolist()) for cube in cubes)
-    sizes = {"names": names, "sizes": [len(one), len(two)], "common": len(one & two)}
-    yield paragraph(TEXTS["notes"]["compared"].format(**sizes), "note")
-    settings = (
-        pd.concat(map(_settings, cubes), axis=1, keys=names).fillna("–").sort_index()
-    )
-    differing = settings[settings[names[0]] != settings[names[1]]].itertuples(name=None)
-    label = "Settings in which the studies differ"
-    yield table(label, ["key", *names], differing, "pairs", numeric_from=3)
-    for arch in common:
-        yield html.heading(arch)
-        both = [runs_of_cube(cube, [arch])[arch] for cube in cubes]
-        results = [arch_results(runs, inputs.scale) for runs in both]
-        sides = [(runs, answers[arch]) for runs, answers in zip(results, of_each)]
-        yield curve_figures.two_studies(names, sides)
-        fits = [answer for _, answer in sides]
-        if fits[0].fitted and fits[1].fitted:
-            change = f"{100 * (fits[1].theta / fits[0].theta - 1):+.1f} %".replace(
-                "-", "−"
-            )
-            yield paragraph(f"Change of θ from {names[0]} to {names[1]}: {change}.")
-        for name, (runs, answer) in zip(names, sides):
-            yield paragraph(f"{arch} in {name}:")
-            yield card(answer, inputs.scale, inputs.percent, results=runs)
-
-
-def _settings(cube: xr.Dataset) -> pd.Series:
-    """Return the keys of a study, such as ``arches.ring.thickness``, that decide its results."""
-    config = json.loads(cube.attrs.get("archfrag_config", "{}"))
-    used = ("intensity", "motions", "design", "method")
-    parts = {key: config[key] for key in used if key in config}
-    parts["arches"] = {entry["id"]: entry for entry in config.get("arches", ())}
-    return pd.json_normalize(parts).iloc[0].map(str)
 
 
 def thumbnails(motions: Sequence[Motion]) -> Picture:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 _MOST_LINES = 8  # on what changed
 Say = Callable[[str], None]
-Report = Callable[[StudyKeys, Path | None], Path]  # writes it: of a layer above
+Report = Callable[[StudyKeys], Path]  # writes it: of a layer above
 
 
 def _tables(study: StudyKeys) -> list[Path]:
@@ -70,12 +70,11 @@ def make_step(
     report: Report | None = None,
     cores: int | None = None,
     quiet: bool = False,
-    compared: Path | None = None,
 ) -> None:
     """Make one step of `step_names`, whose inputs are there, unless it is current.
 
     `say`, if any, takes a line for the user; `plan` is that of the study, if known; `cores` take
-    the place of the study's workers; `compared` is another study's file, for the report.
+    the place of the study's workers.
     """
     told: Say = say or (lambda text: None)
     if step == "motions":
@@ -87,7 +86,7 @@ def make_step(
     plan = plan or make_plan(study)
     if step.startswith("batch"):
         return _make_batch(study, step, told, plan, cores, quiet)
-    if compared is None and not out_of_date(study, step, plan):
+    if not out_of_date(study, step, plan):
         return None
     check_outputs(study, [step])
     if step == "cube":
@@ -99,7 +98,7 @@ def make_step(
         for line in [*answers, *(f"caution: {each}" for each in cautions)]:
             told(line)
     elif report is not None:
-        told(f"report: {report(study, compared)}")
+        told(f"report: {report(study)}")
     return finish(study, step, plan)
 
 
