@@ -15,9 +15,9 @@ from archfrag.version import __version__
 
 # Module, and the first line of the help.
 COMMANDS = {
-    "init": ("setting_up", "Write a commented study into FOLDER (.), to start from."),
+    "init": ("study", "Write a commented study into FOLDER (.), to start from."),
     "warmup": (
-        "setting_up",
+        "study",
         "Compile the kernels now, so that later commands start at once.",
     ),
     "validate": ("study", "Check a study file and all files that it names."),

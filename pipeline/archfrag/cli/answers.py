@@ -11,8 +11,8 @@ import xarray as xr
 
 from archfrag.cli.options import (
     PATH,
-    Once,
     check_written,
+    command,
     echo,
     json_option,
     refuse_given,
@@ -20,7 +20,7 @@ from archfrag.cli.options import (
     warn,
     wrapped,
 )
-from archfrag.cli.with_study import with_study
+from archfrag.cli.study import with_study
 from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, OF_ARCHES
 from archfrag.export.command import export_study, write_vulnerability
@@ -41,7 +41,7 @@ _USES = {name: about for name, (about, _, _) in FORMATS.items()} | OF_ARCHES
 _FORMATS = (f"{name:15}  {about}" for name, about in _USES.items())
 
 
-@click.command(cls=Once, epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
+@command(epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
 @with_study(
     click.option(
         "--format",
@@ -121,7 +121,7 @@ def export(
     show(made, "\n".join(lines), as_json)
 
 
-@click.command(cls=Once)
+@command()
 @with_study(
     click.option(
         "--run",
@@ -184,7 +184,7 @@ def _ratios(
     return ratios
 
 
-@click.command(cls=Once)
+@command()
 @with_study(
     click.option(
         "--hazard",
@@ -285,7 +285,7 @@ def _folder(path: Path) -> Path:
     return path if path.is_dir() else load_study(path).folder
 
 
-@click.command(cls=Once)
+@command()
 @click.argument("file", type=PATH)
 @json_option
 def info(file: Path, as_json: bool) -> None:
@@ -355,7 +355,7 @@ def _facts(path: Path) -> dict[str, Any]:
         ) from error
 
 
-@click.command("open", cls=Once)
+@command("open")
 @click.argument("study", type=PATH)
 def open_command(study: Path) -> None:
     """Open the report of STUDY in the browser.

@@ -14,8 +14,8 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.arch.facts import facts_of, facts_text, unit_cautions
 from archfrag.cli.options import (
     PATH,
-    Once,
     check_written,
+    command,
     figure_option,
     json_option,
     method_option,
@@ -165,7 +165,7 @@ def _by_numbers(options: dict[str, Any]) -> ArchEntry:
         raise InputError(f"{what}: {message}; {how}") from error
 
 
-@click.command(cls=Once)
+@command()
 @_takes_arch
 @click.option(
     "--spread",
@@ -234,7 +234,7 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         warn(f"caution: {caution}")
 
 
-@click.command(cls=Once)
+@command()
 @_takes_arch
 @click.argument("record", type=PATH)
 @takes_record

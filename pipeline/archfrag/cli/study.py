@@ -1,6 +1,7 @@
-"""The commands for a study: `validate`, the steps of a run, and `clean`."""
+"""The commands for a study: `init`, `warmup`, `validate`, the steps of a run, and `clean`."""
 
 import contextlib
+import functools
 import os
 import shlex
 import signal
@@ -15,23 +16,25 @@ import click
 from archfrag.cli import COMMANDS
 from archfrag.cli.options import (
     PATH,
-    Once,
+    command,
     cores_option,
     echo,
     json_option,
+    method_option,
     point_to_report,
     refuse_given,
     show,
+    takes,
     takes_study,
     warn,
     wrapped,
 )
-from archfrag.cli.with_study import with_study
 from archfrag.errors import FitError, InputError
 from archfrag.export import FORMATS
 from archfrag.export.command import export_study
 from archfrag.files import cannot_write, counted, printable
 from archfrag.report import make_report
+from archfrag.simulation.warmup import warmup as compile_kernels
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.fits import FITS, fit_runs, load_fits
 from archfrag.study.answer.outside import read_runs
@@ -43,10 +46,46 @@ from archfrag.study.provenance import check_own
 from archfrag.study.running import only_run, stoppable
 from archfrag.study.runs.store import make_plan, superfluous
 from archfrag.study.steps import claim, make_step, run_study
-from archfrag.study.validate import arch_texts, check_study
+from archfrag.study.validate import arch_texts, check_study, write_starter
 
 
-@click.command(cls=Once)
+def with_study(*options: Callable) -> Callable:
+    """Give a command a study, from its file, and options."""
+
+    def decorate(command: Callable) -> Callable:
+        @functools.wraps(command)
+        def wrapped(study_file: Path, overrides: tuple[str, ...], **given: Any) -> None:
+            command(load_study(study_file, overrides), **given)
+
+        return takes(takes_study, *options)(wrapped)
+
+    return decorate
+
+
+@command()
+@click.argument("folder", type=PATH, default=".")
+def init(folder: Path) -> None:
+    """Write a commented study into FOLDER (.), to start from.
+
+    The shipped motions come with it.
+    """
+    echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
+
+
+@command()
+@method_option(None, "Only the kernels of this method; all methods if not given.")
+def warmup(method: str | None) -> None:
+    """Compile the kernels now, so that later commands start at once."""
+
+    def show_line(message: str) -> None:
+        click.echo(f"\r{message}\033[K", err=True, nl=False)
+
+    seconds = compile_kernels(method, show_line if sys.stderr.isatty() else None)
+    click.echo("\r\033[K" if sys.stderr.isatty() else "", err=True, nl=False)
+    echo(f"kernels ready after {seconds:.1f} s")
+
+
+@command()
 @with_study(json_option)
 def validate(study: Any, as_json: bool) -> None:
     """Check a study file and all files that it names.
@@ -123,7 +162,7 @@ def _summary(study: Any, fitted: Fitted) -> None:
         click.echo("\n".join([click.style("!", fg="yellow") + first[1:], *others]))
 
 
-@click.command(cls=Once)
+@command()
 @with_study(click.option("--yes", is_flag=True, help="Remove without asking."))
 def clean(study: Any, yes: bool) -> None:
     """Remove stored runs that a study does not use."""
@@ -146,9 +185,7 @@ def clean(study: Any, yes: bool) -> None:
 def _step(name: str, help_: str, *options: Callable) -> click.Command:
     """Make the command of a step, which also renews the dates of its files for Snakemake."""
 
-    def command(
-        study: Any, batch: int = 0, as_json: bool = False, **given: Any
-    ) -> None:
+    def make(study: Any, batch: int = 0, as_json: bool = False, **given: Any) -> None:
         check_own(study)
         if name == "motions":  # the first step, of one process
             claim(study, click.get_current_context().params["study_file"])
@@ -163,7 +200,7 @@ def _step(name: str, help_: str, *options: Callable) -> click.Command:
         if as_json:
             echo(products(study, step)[0].read_text(encoding="utf-8"))
 
-    return click.command(name, cls=Once, help=help_)(with_study(*options)(command))
+    return command(name, help=help_)(with_study(*options)(make))
 
 
 motions_command = _step("motions", COMMANDS["motions"][1])
@@ -193,7 +230,7 @@ def _mapping(
     return columns
 
 
-@click.command("fit", cls=Once)
+@command("fit")
 @takes_study
 @click.option(
     "--columns",
