@@ -98,14 +98,9 @@ def validate(study: Any, as_json: bool) -> None:
     nouns = {"arches": "arch", "records": "record", "levels": "level"}
     parts = ", ".join(counted(found[key], noun) for key, noun in nouns.items())
     runs = f"{found['extent']} {counted(found['runs'], 'run')}".removeprefix("exactly ")
-    text = f"{path}: in order; {parts}, {runs} by design {found['design']}"
-    texts = (
-        text,
-        *found["drawings"],
-        *found["facts"],
-        *found["classes"],
-        *found["partners"],
-    )
+    texts = [f"{path}: in order; {parts}, {runs} by design {found['design']}"]
+    for key in ("drawings", "facts", "classes", "partners"):
+        texts += found[key]
     show(found, "\n  ".join(texts), as_json)
     for caution in () if as_json else found["cautions"]:
         warn(f"caution: {caution}")
@@ -115,12 +110,8 @@ def run_all(
     study_file: Path, overrides: tuple[str, ...], cores: int | None, quiet: bool
 ) -> None:
     """Make what is missing of a study, and print its answers."""
-    words = [
-        "archfrag",
-        "run",
-        str(study_file),
-        *(f"--set={each}" for each in overrides),
-    ]
+    more = (f"--set={each}" for each in overrides)
+    words = ["archfrag", "run", str(study_file), *more]
     with _stoppable(f"continue with `{shlex.join(words)} --resume`") as check:
         study = load_study(study_file, overrides)
         anything = run_study(
@@ -155,11 +146,11 @@ def _stoppable(again: str) -> Iterator[Callable[[], None]]:
 def _summary(study: Any, fitted: Fitted) -> None:
     """Print the answers of a finished study, or of a table."""
     answers, cautions = answer_lines(study, fitted)
-    texts = *answers, *(arch_texts(study) if study.arches else ())
-    for line in (line for text in texts for line in wrapped(text, 8)):
-        echo(line)
-    for first, *others in (wrapped(f"! {printable(each)}", 2) for each in cautions):
-        click.echo("\n".join([click.style("!", fg="yellow") + first[1:], *others]))
+    for text in (*answers, *(arch_texts(study) if study.arches else ())):
+        echo("\n".join(wrapped(text, 8)))
+    for each in cautions:
+        text = "\n".join(wrapped(f"! {printable(each)}", 2))
+        click.echo(click.style("!", fg="yellow") + text[1:])
 
 
 @command()
@@ -230,6 +221,10 @@ def _mapping(
     return columns
 
 
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
 @command("fit")
 @takes_study
 @click.option(
@@ -245,6 +240,7 @@ def _mapping(
 @click.option("--unit", help="Unit of the intensity, if its column does not state it.")
 @click.option(
     "--states",
+    type=_names,
     metavar="NAME,...",
     default="",
     help="Damage states of a column, in order, from none to collapse.",
@@ -285,8 +281,7 @@ def fit_command(
     refuse_given(f"{study_file} is no study file", "overrides")
     hazard = given.pop("hazard")
     formats = given.pop("formats")
-    states = [name.strip() for name in given.pop("states").split(",") if name.strip()]
-    study, cube = read_runs(study_file, states=states, **given)
+    study, cube = read_runs(study_file, **given)
     if hazard is not None:
         load_hazard([hazard], study.intensity.measure)  # before anything is written
         study = study.model_copy(
