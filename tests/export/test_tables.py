@@ -6,7 +6,6 @@ import pytest
 import xarray as xr
 
 from archfrag.export import command as tables
-from archfrag.fragility.curve import Curve
 from archfrag.fragility.verdicts import Verdict
 from tests.export.made import curve_set, lognormal
 from tests.report import synthetic
@@ -112,9 +111,7 @@ def test_points_and_parameters():
     for answer in answers.values():
         states = [{"name": name, **answer.to_dict()} for name in ("rocking", "damage")]
         answer.more["limit_states"] = {"states": states}
-    curves = curve_set(
-        tower=dict.fromkeys(("rocking", "damage", "collapse"), Curve(reason="x"))
-    )
+    curves = curve_set()
     points, parameters = tables.curve_tables(curves, answers, "g", "m s-2", G).values()
     frame = full(points)
     stated = full(parameters)

@@ -75,11 +75,12 @@ def export_study(
         raise InputError(f"curve is {curve!r}; it is one of {', '.join(CURVES)}")
     fitted = fitted or finished(study)
     answers = fitted.quoted(members)
+    known = {name: each for name, each in answers.items() if each.fitted}
     with fitted.cube as cube:
-        states, messages = _limit_states(study, cube, answers, limit_states)
+        states, messages = _limit_states(study, cube, known, limit_states)
         branches = dict[str, tuple[str, float]]()
         if curve == "median":
-            messages += _uncertain(answers)
+            messages += _uncertain(known)
         else:
             states, branches = _with_uncertainty(states, curve)
         if curve == "predictive" and {"nrml-continuous", "pelicun", "in-core"} & set(
@@ -90,6 +91,7 @@ def export_study(
         number = Counter(arch_classes(cube).values())
         curves = CurveSet(
             states,
+            {name: answers[name].reason for name in answers if name not in known},
             study.intensity.measure,
             (float(np.nanmin(levels)), float(np.nanmax(levels))),
             {
@@ -112,7 +114,7 @@ def export_study(
         "folder": str(folder or study.folder / "export"),
         "left_out": curves.left_out,
         "notes": messages,
-        "limit_states": list(curves.limit_states if curves.complete else ()),
+        "limit_states": list(curves.limit_states),
         "files": files,
     }
 
@@ -124,7 +126,7 @@ def _texts(
     texts = list[Content]()
     for name in dict.fromkeys(formats):
         _, receiver, functions = FORMATS[name]
-        if functions and not curves.complete:
+        if functions and not curves.curves:
             reasons = "; ".join(
                 f"{arch}: {why}" for arch, why in curves.left_out.items()
             )
@@ -155,8 +157,7 @@ def _limit_states(
     """
     chosen = _chosen(cube, requested)
     own = {a: dict.fromkeys(chosen, _NONE) | _states(f) for a, f in answers.items()}
-    # Curves of the next severer state, by arch with a curve of collapse.
-    severe = {arch: curve for arch, curve in answers.items() if curve.fitted}
+    severe = answers  # curves of the next severer state
     kept = ["collapse"]
     messages = list[str]()
     left = dict[tuple[str, str], list[str]]()
@@ -247,9 +248,6 @@ def _with_uncertainty(
     found = dict[str, dict[str, Curve]]()
     branches = dict[str, tuple[str, float]]()
     for arch, each in states.items():
-        if not each["collapse"].fitted:
-            found[arch] = dict(each)
-            continue
         nodes: dict[str, Sequence[Curve]]
         if kind == "predictive":
             nodes = {arch: [predictive(f, f.draws(SEED)) for f in each.values()]}
@@ -271,8 +269,6 @@ def _uncertain(answers: Mapping[str, Curve]) -> list[str]:
     """Return notes on curves whose mean rate of collapse is far above that of their medians."""
     messages = []
     for name, fit in answers.items():
-        if not fit.fitted:
-            continue
         im = fit.theta * np.array([0.02, 20.0])
         rate = collapse_rate(HazardCurve(im, im**-_FALL), fit, fit.draws(SEED))
         # A rate from outside so wide a hazard curve is of a curve that is hardly known.
@@ -352,7 +348,7 @@ def curve_tables(
     parameters = []
     for arch, states in curves.curves.items():
         as_fitted = _states(answers[arch]) if arch in answers else {}
-        for state, fit in ((name, one) for name, one in states.items() if one.fitted):
+        for state, fit in states.items():
             labels = {
                 "arch": arch,
                 "limit_state": state,

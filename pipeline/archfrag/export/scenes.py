@@ -3,7 +3,7 @@
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,9 @@ def export_arches(
         each for each in study.members if not each.shock
     ]  # whose joints are as given
     sizes = Counter(each.arch_class for each in own)
-    found = {each.id if members else each.arch_class: each for each in reversed(own)}
+    found = dict[str, Member]()
+    for each in own:
+        found.setdefault(each.id if members else each.arch_class, each)
     if len(found) > MOST_ARCHES:
         remedy = f"scene and dxf take at most {MOST_ARCHES}; leave out --members"
         raise InputError(f"study {study.id} has {len(found)} arches; {remedy}")
@@ -59,19 +61,21 @@ def export_arches(
         messages.append(
             "scene and dxf have the intact arches and the records, no first shocks"
         )
-    chosen = list(reversed(found.values()))
     content = list[Content]()
     if "scene" in formats:
-        text = json.dumps(_scene(study, chosen), indent=1, allow_nan=False)
+        text = json.dumps(_scene(study, found.values()), indent=1, allow_nan=False)
         rows = _LISTS.sub(lambda one: re.sub(r"\n\s*", " ", one[0]), text)
         content.append(("scene", "scene.json", rows + "\n"))
     if "dxf" in formats:
-        drawn = ((each.id, drawing_text(_lines(each.entry.build()))) for each in chosen)
+        drawn = (
+            (each.id, drawing_text(_lines(each.entry.build())))
+            for each in found.values()
+        )
         content += (("dxf", f"{name}.dxf", text) for name, text in drawn)
     return {"files": write_files(study, folder, content), "notes": messages}
 
 
-def _scene(study: StudyKeys, chosen: Sequence[Member]) -> Any:
+def _scene(study: StudyKeys, chosen: Iterable[Member]) -> Any:
     """Return arches, levels, and motions at factor 1 with their factors, for strict JSON."""
     require(study, "motions")
     plan = make_plan(study)
@@ -80,15 +84,13 @@ def _scene(study: StudyKeys, chosen: Sequence[Member]) -> Any:
     for number, record in enumerate(plan.records):
         motion = plan.motion(number)
         factors = plan.unscaled[number] * plan.levels**plan.power
-        own = {"id": record.id, "event": record.event, "dt": motion.dt}
-        rows = {
-            "horizontal": motion.acceleration,
-            "vertical": motion.vertical,
-            "factors": factors,
-        }
         motions.append(
-            own | {key: row.tolist() for key, row in rows.items() if row is not None}
+            {"id": record.id, "event": record.event, "dt": motion.dt}
+            | {"horizontal": motion.acceleration.tolist()}
         )
+        if motion.vertical is not None:
+            motions[-1]["vertical"] = motion.vertical.tolist()
+        motions[-1]["factors"] = factors.tolist()
     about = json.loads(SCHEMA.read_text())["properties"]
     return finite(
         {
