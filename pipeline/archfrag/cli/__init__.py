@@ -83,19 +83,16 @@ class _Commands(click.Group):
             warn("stopped by SIGINT")
             ctx.exit(130)
         except MemoryError:
-            text = "the memory of this machine does not suffice"
-            code = 1
+            failed = ArchfragError("the memory of this machine does not suffice")
         except ArchfragError as error:
-            text = str(error)
-            code = error.exit_code
+            failed = error
         except OSError as error:
             if not error.strerror or error.errno == errno.EPIPE:
                 raise
             place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
-            text = f"{place}{error.strerror}"
-            code = 1
-        warn(f"error: {text}")
-        ctx.exit(code)
+            failed = ArchfragError(f"{place}{error.strerror}")
+        warn(f"error: {failed}")
+        ctx.exit(failed.exit_code)
 
 
 def _version(ctx: click.Context, parameter: click.Parameter, requested: bool) -> None:

@@ -231,7 +231,8 @@ def _why_none(
 
 def _left_out(of: tuple[str, str], names: Sequence[str]) -> str:
     """Say why an arch has no curve of some limit states."""
-    (arch, why), listed = of, ", ".join(map(repr, names))
+    arch, why = of
+    listed = ", ".join(map(repr, names))
     if len(names) > 1:
         return f"limit states {listed} are left out: {arch} has no curve of them: {why}"
     return f"limit state {listed} is left out: {arch} has no curve of it: {why}"

@@ -4,7 +4,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import pairwise
+from itertools import pairwise, repeat
 from pathlib import Path
 from typing import Any
 
@@ -42,9 +42,8 @@ def export_arches(
     Of a class there is its first arch, with `members` all. Returned are ``files`` and ``notes`` as
     of `export_study`. Nothing is written after an InputError: too many arches, or no motions yet.
     """
-    own = [
-        each for each in study.members if not each.shock
-    ]  # whose joints are as given
+    # Those whose joints are as given.
+    own = [each for each in study.members if not each.shock]
     sizes = Counter(each.arch_class for each in own)
     found = dict[str, Member]()
     for each in own:
@@ -67,11 +66,9 @@ def export_arches(
         rows = _LISTS.sub(lambda one: re.sub(r"\n\s*", " ", one[0]), text)
         content.append(("scene", "scene.json", rows + "\n"))
     if "dxf" in formats:
-        drawn = (
-            (each.id, drawing_text(_lines(each.entry.build())))
-            for each in found.values()
-        )
-        content += (("dxf", f"{name}.dxf", text) for name, text in drawn)
+        for each in found.values():
+            drawn = drawing_text(_lines(each.entry.build()))
+            content.append(("dxf", f"{each.id}.dxf", drawn))
     return {"files": write_files(study, folder, content), "notes": messages}
 
 
@@ -79,18 +76,15 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]) -> Any:
     """Return arches, levels, and motions at factor 1 with their factors, for strict JSON."""
     require(study, "motions")
     plan = make_plan(study)
-    levels = study.intensity
     motions = []
     for number, record in enumerate(plan.records):
         motion = plan.motion(number)
         factors = plan.unscaled[number] * plan.levels**plan.power
-        motions.append(
-            {"id": record.id, "event": record.event, "dt": motion.dt}
-            | {"horizontal": motion.acceleration.tolist()}
-        )
+        own: dict[str, Any] = {"id": record.id, "event": record.event, "dt": motion.dt}
+        own["horizontal"] = motion.acceleration.tolist()
         if motion.vertical is not None:
-            motions[-1]["vertical"] = motion.vertical.tolist()
-        motions[-1]["factors"] = factors.tolist()
+            own["vertical"] = motion.vertical.tolist()
+        motions.append(own | {"factors": factors.tolist()})
     about = json.loads(SCHEMA.read_text())["properties"]
     return finite(
         {
@@ -100,9 +94,9 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]) -> Any:
             "arches": [_arch(each) for each in chosen],
             "delay": study.method.delay or 0.0,
             "intensity": {
-                "measure": levels.measure,
-                "unit": levels.unit,
-                "levels": list(levels.given),
+                "measure": study.intensity.measure,
+                "unit": study.intensity.unit,
+                "levels": list(study.intensity.given),
                 "power": plan.power,
             },
             "motions": motions,
@@ -113,25 +107,24 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]) -> Any:
 def _arch(member: Member) -> dict[str, Any]:
     """Return bodies at rest, those of the ground last, and what joins them."""
     arch: Arch = member.entry.build()
-    chain, n, (first, last) = arch.chain, arch.n_voussoir, arch.springings
-    depth = arch.depths
+    chain = arch.chain
+    n = arch.n_voussoir
     k = arch.n_joint
+    first, last = arch.springings
     lines = tie_lines(arch)
     outlines = [
         (each if shapely.is_ccw(shapely.linearrings(each)) else each[::-1]).tolist()
         for each in (*arch.outlines, *(block for _, block in _ground(arch)))
     ]
     bodies = {
-        "kind": ["pier"] * first
-        + ["voussoir"] * (last - first)
-        + ["pier"] * (n - last),
+        "kind": np.repeat(["pier", "voussoir", "pier"], np.diff([0, first, last, n])),
         "outline": outlines[:n],
         "centroid": arch.centroids.tolist(),
-        "depth": depth,
+        "depth": arch.depths,
         "mass": chain.mass,
         "inertia": chain.inertia,
         "density": chain.mass
-        / ([polygon_section(each)[0] for each in arch.outlines] * depth),
+        / ([polygon_section(each)[0] for each in arch.outlines] * arch.depths),
     }
     ground = [{"kind": "ground", "outline": each} for each in outlines[n:]]
     joints = {
@@ -139,9 +132,8 @@ def _arch(member: Member) -> dict[str, Any]:
         "friction": chain.friction,
         "ends": np.stack([arch.intrados, arch.extrados], axis=1)[:k].tolist(),
     }
-    if gives := {
-        key: each for key, each in arch.joint_keys.items() if key != "positions"
-    }:
+    gives = {key: each for key, each in arch.joint_keys.items() if key != "positions"}
+    if gives:
         kn = gives["stiffness"]  # of each joint or of all, as "inf" if rigid
         joints |= {
             "kn": np.full(k, kn, float),
@@ -169,16 +161,14 @@ def _ground(arch: Arch) -> Iterator[tuple[FloatArray, FloatArray]]:
         outline = arch.outlines[end]
         along = joints[end, 1] - joints[end, 0]
         on = np.abs(cross(outline - joints[end, 0], along)) < 1e-9 * along @ along
-        points = np.vstack(
-            [joints[end], outline[on]]
-        )  # a joint may bear on a part of the side
+        # A joint may bear on a part of the side.
+        points = np.vstack([joints[end], outline[on]])
         side = points[[np.argmin(points @ along), np.argmax(points @ along)]]
         along = side[1] - side[0]
         away = 2.0 * np.array([-along[1], along[0]])
         away *= -np.sign(away @ (arch.centroids[end] - side[0]))
-        near = (
-            side[0] - min(1.0, 0.4 * clear / np.hypot(*along)) * along
-        )  # both do not meet
+        # Both grounds do not meet.
+        near = side[0] - min(1.0, 0.4 * clear / np.hypot(*along)) * along
         far = side[1] + along
         yield side, np.array([near, far, far + away, near + away])
 
@@ -189,4 +179,4 @@ def _lines(arch: Arch) -> Iterator[tuple[str, FloatArray]]:
     stones = [*arch.outlines, *sides]
     ties = tie_lines(arch)
     for layer, shapes in (("VOUSSOIRS", stones), ("GROUND", ground), ("TIES", ties)):
-        yield from ((layer, points) for points in shapes)
+        yield from zip(repeat(layer), shapes)
