@@ -155,7 +155,7 @@ SAME = {
 
 @pytest.mark.parametrize("case", SAME)
 def test_a_study_by_file_and_in_python_gives_the_same_bits(case, folder, monkeypatch):
-    monkeypatch.setattr(studies, "make_report", lambda study, compared: study.folder)
+    monkeypatch.setattr(studies, "make_report", lambda study: study.folder)
     text, make = SAME[case]
     Path("same.yaml").write_text(f"id: same\ntitle: same\noutput: by_file\n{text}")
     by_file = load_study("same.yaml")
@@ -186,7 +186,7 @@ def test_a_study_by_file_and_in_python_gives_the_same_bits(case, folder, monkeyp
 
 
 def test_results_show_themselves_in_two_lines(folder, monkeypatch):
-    monkeypatch.setattr(studies, "make_report", lambda study, compared: study.folder)
+    monkeypatch.setattr(studies, "make_report", lambda study: study.folder)
     arches = {"slab": af.Block(0.4, 2.0, 0.8), "<post>": af.Block(0.3, 2.0, 0.8)}
     with pytest.raises(InputError, match=r"arches\[1\].id"):
         af.Study(arches, "records/?-N.AT2", levels=[0.3, 0.9])
