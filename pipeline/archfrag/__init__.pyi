@@ -1,6 +1,5 @@
-from .api.fit_table import fit
 from .api.results import Results, open
-from .api.studies import Study
+from .api.studies import Study, fit
 from .arch.model import Arch, Block
 from .fragility.curve import Curve
 from .fragility.fit import fit_ida, fit_stripes

@@ -24,7 +24,7 @@ def fragility(theta, beta):
     return Curve(theta, beta, covariance, -10.0, 9, 54, "stripes")
 
 
-def curve_set(measure="PGA", *, states=STATES, levels=(1.0, 8.0), **changed):
+def curve_set(measure="PGA", *, states=STATES, left_out=(), **changed):
     """Two arches with three limit states, medians around 4 [SI]."""
     curves = {
         arch: {
@@ -33,7 +33,7 @@ def curve_set(measure="PGA", *, states=STATES, levels=(1.0, 8.0), **changed):
         }
         for arch, theta, beta in (("ring-7", 4.0, 0.45), ("wall+2", 3.1, 0.3))
     }
-    return CurveSet(curves | changed, measure, levels, MADE)
+    return CurveSet(curves | changed, dict(left_out), measure, (1.0, 8.0), MADE)
 
 
 def lognormal(im, theta, beta):

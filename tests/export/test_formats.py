@@ -20,11 +20,10 @@ import scipy.stats
 
 from archfrag.errors import InputError
 from archfrag.export import writers
-from archfrag.fragility.curve import Curve
 from tests.export.made import STATES, curve_set, fragility, lognormal
 
 G = 9.80665
-NONE = dict.fromkeys(STATES, Curve(reason="all runs survived & nothing fell"))
+NONE = {"tower": "all runs survived & nothing fell"}
 
 
 def parsed(text):
@@ -69,7 +68,7 @@ def test_measures_that_a_receiver_does_not_know(receiver, measure, message):
 class TestNrml:
     @pytest.mark.parametrize("write", [writers.nrml_continuous, writers.nrml_discrete])
     def test_structure(self, write):
-        description, states, *functions = parsed(write(curve_set(tower=NONE)))
+        description, states, *functions = parsed(write(curve_set(left_out=NONE)))
         assert "PGA in g" in description.text
         assert (
             "No curve for tower: all runs survived & nothing fell" in description.text
@@ -102,7 +101,7 @@ class TestNrml:
 
 
 def test_pelicun():
-    curves = curve_set("Sa(0.5)", tower=NONE)
+    curves = curve_set("Sa(0.5)", left_out=NONE)
     rows = list(csv.DictReader(io.StringIO(writers.pelicun_table(curves))))
     assert [row["ID"] for row in rows] == ["ring_7", "wall_2"]
     fixed = {
@@ -112,7 +111,7 @@ def test_pelicun():
         "Demand-Directional": "1",
         "Incomplete": "0",
     }
-    for row, states in zip(rows, curves.complete.values()):
+    for row, states in zip(rows, curves.curves.values()):
         assert row.items() >= fixed.items()
         for number, fit in enumerate(states.values(), start=1):
             assert row[f"LS{number}-Family"] == "lognormal"
@@ -129,14 +128,14 @@ def test_pelicun():
 
 
 def test_in_core():
-    curves = curve_set("Sa(0.2)", tower=NONE)
+    curves = curve_set("Sa(0.2)", left_out=NONE)
     sets = writers.in_core_sets(curves)
     assert list(sets) == ["ring-7", "wall+2"]
-    for arch, text in zip(curves.complete, sets.values(), strict=True):
+    for arch, text in zip(curves.curves, sets.values(), strict=True):
         content = json.loads(text)
         assert content["demandTypes"] == ["0.2 Sec Sa"]
         assert "0" * 64 in content["description"]
-        fits = [*curves.complete[arch].values()]
+        fits = [*curves.curves[arch].values()]
         for curve, fit in zip(
             content["fragilityCurves"], [*fits, fits[-1]], strict=True
         ):
@@ -173,7 +172,7 @@ def ask(receiver, *arguments):
 
 def asked(curves, factor=1.0):
     """Intensities by arch: the median of collapse and two others, times a factor."""
-    fits = {arch: states["collapse"] for arch, states in curves.complete.items()}
+    fits = {arch: states["collapse"] for arch, states in curves.curves.items()}
     return {
         arch: [factor * times * fit.theta for times in AT] for arch, fit in fits.items()
     }
@@ -181,7 +180,7 @@ def asked(curves, factor=1.0):
 
 def compare(found, curves):
     """What is found, by arch and state, is the law."""
-    for (arch, states), levels in zip(curves.complete.items(), asked(curves).values()):
+    for (arch, states), levels in zip(curves.curves.items(), asked(curves).values()):
         for fit, values in zip(states.values(), found[arch], strict=True):
             expected = [lognormal(im, fit.theta, fit.beta) for im in levels]
             assert values == pytest.approx(expected, abs=1e-6)
@@ -213,7 +212,7 @@ def test_parser_of_in_core(tmp_path, measure, states):
     curves = curve_set(measure, states=states)
     named = writers.named_measure("IN-CORE", measure)
     found = {}
-    for arch, text in zip(curves.complete, writers.in_core_sets(curves).values()):
+    for arch, text in zip(curves.curves, writers.in_core_sets(curves).values()):
         path = tmp_path / f"{arch}.json"
         path.write_text(text, encoding="utf-8")
         levels = json.dumps(asked(curves, named.factor)[arch])

@@ -172,7 +172,7 @@ class TestExports:
         curves = curve_set("Sa(0.5)")
         source = "theta over standard gravity"
         table = csv.DictReader(io.StringIO(pelicun_table(curves)))
-        for row, states in zip(table, curves.complete.values()):
+        for row, states in zip(table, curves.curves.values()):
             for number, (state, fit) in enumerate(states.items(), start=1):
                 case = f"pelicun, {row['ID']}, {state}"
                 found = row[f"LS{number}-Theta_0"]

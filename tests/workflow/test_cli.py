@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import shlex
 import subprocess
 import sys
 
@@ -16,18 +17,9 @@ from archfrag.study.file.schema import load_study
 from tests.arch.test_drawing import PIER, draw, draw_arch
 from tests.study.small import ROOT, TEXT, command, make_runs, small_study, write_at2
 
-ARCH = [
-    "--radius",
-    "10",
-    "--thickness",
-    "1.5",
-    "--embrace",
-    "157.5",
-    "--voussoirs",
-    "7",
-    "--friction",
-    "0.7",
-]
+ARCH = shlex.split(
+    "--radius 10 --thickness 1.5 --embrace 157.5 --voussoirs 7 --friction 0.7"
+)
 THIN = [*ARCH[:3], "0.3", *ARCH[4:]]
 
 
@@ -137,15 +129,8 @@ class TestHelp:
             )
         loaded = set(found.stderr.split())
         assert "click" in loaded
-        assert not loaded & {
-            "numpy",
-            "numba",
-            "pydantic",
-            "yaml",
-            "dask",
-            "obspy",
-            "snakemake",
-        }
+        heavy = "numpy numba pydantic yaml dask obspy snakemake"
+        assert not loaded & set(heavy.split(" "))
         assert min(took) < 0.3
 
     @pytest.mark.parametrize("group", [[], ["records"]])
@@ -278,16 +263,8 @@ class TestOnset:
         facts = json.loads(command("onset", *ARCH, "--json").stdout)
         assert facts["loss_10_mm"] == pytest.approx(0.0196, abs=1e-4)
         assert (facts["cautions"], text.stderr) == ([], "")
-        narrow = (
-            "onset",
-            "--profile",
-            "block",
-            "--width",
-            "0.1",
-            "--height",
-            "1",
-            "--friction",
-            "1",
+        narrow = shlex.split(
+            "onset --profile block --width 0.1 --height 1 --friction 1"
         )
         assert "caution: hinges 10 mm inside the edges" in command(*narrow).stderr
         assert len(json.loads(command(*narrow, "--json").stdout)["cautions"]) == 1

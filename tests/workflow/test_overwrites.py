@@ -1,6 +1,7 @@
 """Commands and methods replace no input and no file of somebody else, but their own files."""
 
 import os
+import shlex
 import shutil
 from pathlib import Path
 
@@ -18,30 +19,11 @@ VERDICTS = "record,PGA [g],verdict\n" + "".join(
     for name, capacity in (("a", 0.25), ("b", 0.35), ("c", 0.45))
     for level in (0.2, 0.3, 0.4, 0.5)
 )
-RING = (
-    "onset",
-    "--radius",
-    10,
-    "--thickness",
-    1.5,
-    "--embrace",
-    157.5,
-    "--voussoirs",
-    7,
-    "--friction",
-    0.7,
+RING = shlex.split(
+    "onset --radius 10 --thickness 1.5 --embrace 157.5 --voussoirs 7 --friction 0.7"
 )
-MADE = (
-    "records",
-    "make",
-    "--events",
-    1,
-    "--records-per-event",
-    1,
-    "--magnitude",
-    "6:6.5",
-    "--distance-km",
-    "5:10",
+MADE = shlex.split(
+    "records make --events 1 --records-per-event 1 --magnitude 6:6.5 --distance-km 5:10"
 )
 SMALL = ("small.yaml",)
 FIT = ("fit", "verdicts.csv", "--output")

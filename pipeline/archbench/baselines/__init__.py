@@ -20,7 +20,6 @@ from archfrag.physics.methods.registry import (
 SHARED = ("dt", "rtol", "follow")  # parameters that are arguments of `simulate`
 
 
-
 class Baseline(MethodInfo):
     """A method with parameters of its own, which its functions take by keyword."""
 

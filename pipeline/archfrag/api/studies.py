@@ -1,4 +1,4 @@
-"""A study in Python: the keys of a study file, given as objects, and its run."""
+"""A study in Python: the keys of a study file, given as objects, and its run; fits of tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 from markupsafe import escape
 from numpy.typing import ArrayLike
 
-from archfrag.api.results import Results
+from archfrag.api.results import PathLike, Results
 from archfrag.arch import Arch
 from archfrag.errors import InputError, OutputError
 from archfrag.files import check_targets, counted, make_folder, read_text, sha256_of
@@ -25,6 +25,8 @@ from archfrag.motions.measures import measure_unit
 from archfrag.motions.motion import Motion
 from archfrag.properties import VARIABLE
 from archfrag.report import make_report
+from archfrag.study.answer.fits import fit_runs
+from archfrag.study.answer.outside import read_runs
 from archfrag.study.file import schema
 from archfrag.study.keys import check_text
 from archfrag.study.provenance import digest_of, write_text
@@ -34,7 +36,7 @@ from archfrag.study.yaml_text import LARGEST_FILE, relative, yaml_of
 from archfrag.version import __version__
 
 Arches = Arch | Mapping[str, Any] | Sequence[Arch]
-Motions = Motion | str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
+Motions = Motion | PathLike | Sequence[Any] | Mapping[str, Any]
 Levels = ArrayLike | Mapping[str, float]
 # Facts of a motion that its row of an index keeps.
 _FACTS = (
@@ -144,9 +146,9 @@ class Study:
         arches = _arches(arch, id or "arch", vary)
         heading = "Fragility of the arch"
         if arches[1:]:
-            names = ", ".join(str(each["id"]) for each in arches[:_NAMED])
-            more = len(arches) - _NAMED
-            heading = f"Fragility of {names}" + f" and {more} more" * (more > 0)
+            heading = f"Fragility of {', '.join(str(e['id']) for e in arches[:_NAMED])}"
+        if arches[_NAMED:]:
+            heading += f" and {len(arches) - _NAMED} more"
         given = {
             "title": title or id or heading,
             "arches": arches,
@@ -155,10 +157,10 @@ class Study:
             "design": {"kind": design} if isinstance(design, str) else design,
             **keys,
         }
-        if hazard is not None:
-            given["risk"] = (
-                hazard if isinstance(hazard, Mapping) else {"hazard": hazard}
-            )
+        if isinstance(hazard, Mapping):
+            given["risk"] = hazard
+        elif hazard is not None:
+            given["risk"] = {"hazard": hazard}
         plain = json.loads(json.dumps(given, default=_plain))
         self._content = digest_of([plain, list(map(_digest_of_motion, self._motions))])
         plain["id"] = f"study-{self._content[:8]}" if id is None else id
@@ -170,7 +172,7 @@ class Study:
         self._file: Path | None = None
 
     @classmethod
-    def from_file(cls, path: str | os.PathLike[str]) -> Study:
+    def from_file(cls, path: PathLike) -> Study:
         """Read a study file in YAML; InputError names the key that is wrong."""
         study = cls.__new__(cls)
         study._file = Path(path)
@@ -189,7 +191,7 @@ class Study:
         """Folder of its results."""
         return self._keys.folder
 
-    def to_file(self, path: str | os.PathLike[str]) -> Path:
+    def to_file(self, path: PathLike) -> Path:
         """Write a study file that anybody can run, and that gives the same results to the bit.
 
         Motions that were given as objects go into a folder beside it, as text with all digits.
@@ -292,6 +294,53 @@ class Study:
         return f"<p><b>{escape(repr(self)[1:-1])}</b>{''.join(lines)}</p>"
 
 
+def fit(
+    table: Any,
+    columns: Mapping[str, str] | None = None,
+    measure: str | None = None,
+    unit: str | None = None,
+    states: Sequence[str] = (),
+    confidence: float = 0.9,
+    output: PathLike | None = None,
+) -> Results:
+    """Fit fragility curves to verdicts of any program or experiment, as a study's are fitted.
+
+    Parameters
+    ----------
+    table : path, DataFrame, or what makes one
+        A row for each run, with columns record, event, intensity and verdict (collapsed or
+        survived, 1 or 0; unfinished or failed if it shows neither); or for each record, with
+        lower and upper: the highest level that stood and the lowest that collapsed, one of which
+        may be empty. Without a column record, each row has a motion of its own. Runs of several
+        structures have a column arch.
+    columns : dict, optional
+        Names of columns by what they hold, such as ``{"intensity": "PGA", "verdict": "fell"}``.
+    measure, unit : str, optional
+        Of the intensity, if the name of its column does not state them as ``PGA [g]`` does.
+    states : sequence of str
+        Damage states in order, from none to collapse, of a column damage state.
+    confidence : float
+        Of all bands and intervals.
+    output : path, optional
+        Folder for the report; results/NAME of the table if not given.
+
+    Raises
+    ------
+    InputError
+        If a row cannot be used; it names row, column, value and what is allowed.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> fell = [0, 0, 1, 0, 1, 1, 0, 1]
+    >>> tests = {"PGA [g]": [0.1, 0.2, 0.25, 0.3, 0.35, 0.5, 0.28, 0.6], "verdict": fell}
+    >>> af.fit(tests).curve
+    <Curve structure: median 0.292 g PGA (90 %: 0.190–0.436), dispersion 0.37 (0.14–1.14)>
+    """
+    study, cube = read_runs(table, columns, measure, unit, states, confidence, output)
+    return Results(study, fit_runs(study, cube))
+
+
 def _named(arch: Any, name: str) -> Mapping[str, Any]:
     """Return arches by name; a single one has this name if it has none."""
     if isinstance(arch, list | tuple):
@@ -335,31 +384,28 @@ def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:
         given = given.asked.model_dump(exclude_unset=True)
     if isinstance(given, Mapping):
         return (), dict(given)
-    single = isinstance(given, Motion | str) or not isinstance(given, Iterable)
-    each: list[Any] = [given] if single else list(given)
-    objects = [one for one in each if isinstance(one, Motion)]
+    if isinstance(given, Motion | str) or not isinstance(given, Iterable):
+        given = [given]
+    each: list[Any] = [*given]
     if each and all(isinstance(one, str | os.PathLike | Mapping) for one in each):
         index = not isinstance(each[0], Mapping) and Path(each[0]).name == INDEX_NAME
         return (), {"index": each[0]} if index and len(each) == 1 else {"files": each}
-    if len(objects) < len(each) or not each:
-        found = (
-            ", ".join(dict.fromkeys(type(one).__name__ for one in each)) or "nothing"
-        )
+    if not each or not all(isinstance(one, Motion) for one in each):
+        names = dict.fromkeys(type(one).__name__ for one in each)
+        found = ", ".join(names) or "nothing"
         rule = "Motion objects, or paths, or a mapping"
         raise InputError(f"Study: motions hold {found}; they must be {rule}")
-    names = Counter(one.id for one in objects if one.id)
-    if twice := [name for name, times in names.items() if times > 1]:
-        raise InputError(
-            f"Study: several motions have the id {twice[0]!r}; each needs its own"
-        )
-    count = sum(one.vertical is not None for one in objects)
+    for name, times in Counter(one.id for one in each if one.id).items():
+        if times > 1:
+            raise InputError(
+                f"Study: several motions have the id {name!r}; each needs its own"
+            )
+    count = sum(one.vertical is not None for one in each)
     if 0 < count < len(each):
         rule = "have a vertical component; all of them must have one, or none"
         raise InputError(f"Study: {count} of {len(each)} motions {rule}")
-    return tuple(objects), {
-        "index": INDEX_NAME,
-        "vertical": count > 0,
-    }  # which `to_file` writes
+    # The index is that which `to_file` writes.
+    return tuple(each), {"index": INDEX_NAME, "vertical": count > 0}
 
 
 def _write_motions(motions: Sequence[Motion], folder: Path) -> Path:

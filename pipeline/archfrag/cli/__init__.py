@@ -15,9 +15,9 @@ from archfrag.version import __version__
 
 # Module, and the first line of the help.
 COMMANDS = {
-    "init": ("setting_up", "Write a commented study into FOLDER (.), to start from."),
+    "init": ("study", "Write a commented study into FOLDER (.), to start from."),
     "warmup": (
-        "setting_up",
+        "study",
         "Compile the kernels now, so that later commands start at once.",
     ),
     "validate": ("study", "Check a study file and all files that it names."),
@@ -83,19 +83,16 @@ class _Commands(click.Group):
             warn("stopped by SIGINT")
             ctx.exit(130)
         except MemoryError:
-            text = "the memory of this machine does not suffice"
-            code = 1
+            failed = ArchfragError("the memory of this machine does not suffice")
         except ArchfragError as error:
-            text = str(error)
-            code = error.exit_code
+            failed = error
         except OSError as error:
             if not error.strerror or error.errno == errno.EPIPE:
                 raise
             place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
-            text = f"{place}{error.strerror}"
-            code = 1
-        warn(f"error: {text}")
-        ctx.exit(code)
+            failed = ArchfragError(f"{place}{error.strerror}")
+        warn(f"error: {failed}")
+        ctx.exit(failed.exit_code)
 
 
 def _version(ctx: click.Context, parameter: click.Parameter, requested: bool) -> None:

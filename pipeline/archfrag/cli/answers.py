@@ -11,8 +11,8 @@ import xarray as xr
 
 from archfrag.cli.options import (
     PATH,
-    Once,
     check_written,
+    command,
     echo,
     json_option,
     refuse_given,
@@ -20,7 +20,7 @@ from archfrag.cli.options import (
     warn,
     wrapped,
 )
-from archfrag.cli.with_study import with_study
+from archfrag.cli.study import with_study
 from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, OF_ARCHES
 from archfrag.export.command import export_study, write_vulnerability
@@ -40,7 +40,7 @@ _USES = {name: about for name, (about, _, _) in FORMATS.items()} | OF_ARCHES
 _FORMATS = (f"{name:15}  {about}" for name, about in _USES.items())
 
 
-@click.command(cls=Once, epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
+@command(epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
 @with_study(
     click.option(
         "--format",
@@ -78,11 +78,10 @@ _FORMATS = (f"{name:15}  {about}" for name, about in _USES.items())
 def export(
     study: Any,
     formats: tuple[str, ...],
-    limit_states: tuple[str, ...],
-    curve: str,
     out: Path | None,
     members: bool,
     as_json: bool,
+    **of_curves: Any,
 ) -> None:
     """Export a finished study in the formats of other programs.
 
@@ -96,31 +95,29 @@ def export(
     curve of a state lies below that of a severer one by more than 0.01 in probability, it takes up
     that one's dispersion as far as needed, and a note states it. The files hold these notes too.
     """
-    of_curves, of_arches = (
-        [n for n in formats if n in known] for known in (FORMATS, OF_ARCHES)
-    )
-    if not of_curves:
-        refuse_given("scene and dxf have no curves", "curve", "limit_states")
     made: dict[str, Any] = {"left_out": {}, "notes": [], "files": []}
-    if of_curves:
-        made = export_study(study, of_curves, out, members, limit_states, curve)
-    if of_arches:
-        for key, more in export_arches(study, of_arches, out, members).items():
+    lines = []
+    if FORMATS.keys() & formats:
+        named = [name for name in formats if name in FORMATS]
+        made = export_study(study, named, out, members, **of_curves)
+        states = made["limit_states"]
+        lines.append(
+            f"limit states written: {len(states)} ({', '.join(states) or 'no curve'})"
+        )
+    else:
+        refuse_given("scene and dxf have no curves", *of_curves)
+    if OF_ARCHES.keys() & formats:
+        for key, more in export_arches(study, formats, out, members).items():
             made[key] += more
     for arch, why in made["left_out"].items():
         warn(f"no curve of {arch} is exported: {why}")
     for message in made["notes"]:
         warn(f"note: {message}")
-    lines = [f"{each['format']}: {each['file']}" for each in made["files"]]
-    if of_curves:
-        states = made["limit_states"]
-        lines.append(
-            f"limit states written: {len(states)} ({', '.join(states) or 'no curve'})"
-        )
-    show(made, "\n".join(lines), as_json)
+    files = [f"{each['format']}: {each['file']}" for each in made["files"]]
+    show(made, "\n".join(files + lines), as_json)
 
 
-@click.command(cls=Once)
+@command()
 @with_study(
     click.option(
         "--run",
@@ -160,20 +157,18 @@ def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
     echo(f"film: {path}: {example.motion.id} at {example.level}, {example.reason}")
 
 
-def _site(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
+def _site(text: str) -> tuple[float, float]:
     try:
-        lon, lat = map(number, text.split(",")) if text else (None, None)
+        lon, lat = map(number, text.split(","))
     except ValueError:
         rule = "must be longitude and latitude, such as 13.35,42.35"
         raise click.BadParameter(f"{text!r} {rule}") from None
-    return (lon, lat) if text else None
+    return lon, lat
 
 
-def _ratios(
-    context: click.Context, parameter: click.Parameter, text: str | None
-) -> Any:
+def _ratios(text: str) -> dict[str, float]:
     try:
-        pairs = [each.split("=") for each in text.split(",")] if text else []
+        pairs = [each.split("=") for each in text.split(",")]
         ratios = {name.strip(): number(ratio) for name, ratio in pairs}
     except ValueError:
         rule = "must be limit states with ratios, such as rotation=0.1,collapse=1"
@@ -183,7 +178,7 @@ def _ratios(
     return ratios
 
 
-@click.command(cls=Once)
+@command()
 @with_study(
     click.option(
         "--hazard",
@@ -206,7 +201,7 @@ def _ratios(
     ),
     click.option(
         "--site",
-        callback=_site,
+        type=_site,
         metavar="LON,LAT",
         help="Place: the nearest site of OpenQuake's file within 10 km.",
     ),
@@ -215,7 +210,7 @@ def _ratios(
     ),
     click.option(
         "--consequence",
-        callback=_ratios,
+        type=_ratios,
         metavar="NAME=RATIO,...",
         help="Cost of limit states as parts of the arch's value, 0 to 1: the average "
         "annual loss is given too.",
@@ -232,11 +227,14 @@ def _ratios(
 def risk(
     study: Any,
     hazards: tuple[Path, ...],
+    unit: str | None,
+    site: tuple[float, float] | None,
+    years: float,
+    confidence: float,
+    consequence: dict[str, float] | None,
+    vulnerability: Path | None,
     members: bool,
     as_json: bool,
-    consequence: dict[str, float],
-    vulnerability: Path | None,
-    **given: Any,
 ) -> None:
     """Find the rate of collapse of a finished STUDY at a site.
 
@@ -258,11 +256,10 @@ def risk(
             "--vulnerability needs --consequence, such as rotation=0.1,collapse=1"
         )
     check_written(vulnerability)
-    confidence = given["confidence"]
-    hazard = load_hazard(hazards, study.intensity.measure, given["unit"], given["site"])
+    hazard = load_hazard(hazards, study.intensity.measure, unit, site)
     fitted = finished(study)
     curves = fitted.quoted(members)
-    rates = risk_of(fitted.cube, curves, hazard, given["years"], confidence)
+    rates = risk_of(fitted.cube, curves, hazard, years, confidence)
     facts = risk_facts(rates, study) | {"confidence": confidence}
     if consequence:
         losses = losses_of(fitted.cube, curves, hazard, consequence, confidence)
@@ -284,7 +281,7 @@ def _folder(path: Path) -> Path:
     return path if path.is_dir() else load_study(path).folder
 
 
-@click.command(cls=Once)
+@command()
 @click.argument("file", type=PATH)
 @json_option
 def info(file: Path, as_json: bool) -> None:
@@ -294,24 +291,17 @@ def info(file: Path, as_json: bool) -> None:
     made.
     """
     facts = _facts(file if file.suffix == ".nc" else _folder(file) / CUBE)
-    lines = [
-        line
-        for name, value in facts.items()
-        for line in wrapped(f"{name.replace('_', ' '):18}  {_text(value)}", 20)
-    ]
+    texts = (f"{k.replace('_', ' '):18}  {_text(v)}" for k, v in facts.items())
+    lines = [line for text in texts for line in wrapped(text, 20)]
     show(facts, "\n".join(lines), as_json)
 
 
 def _text(value: Any) -> str:
     if isinstance(value, dict):
-        return ", ".join(
-            f"{name} {entry}" for name, entry in value.items() if entry != 0
-        )
+        return ", ".join(f"{name} {each}" for name, each in value.items() if each != 0)
     if isinstance(value, list):
-        named = [
-            each if isinstance(each, str) else f"{each:.4g}"
-            for each in value[:_MOST_NAMED]
-        ]
+        some = value[:_MOST_NAMED]
+        named = [each if isinstance(each, str) else f"{each:.4g}" for each in some]
         return f"{len(value)}: {', '.join(named)}{', …' * (len(value) > _MOST_NAMED)}"
     return str(value)
 
@@ -326,11 +316,10 @@ def _facts(path: Path) -> dict[str, Any]:
             level = cube["intensity"]
             verdict = cube["verdict"]
             names = verdict.attrs["flag_meanings"].split()
-            counts = [
-                int((verdict == code).sum()) for code in verdict.attrs["flag_values"]
-            ]
-            names = [*names, "not_run"]
-            counts = [*counts, int(verdict.isnull().sum())]
+            runs = {
+                name: int((verdict == code).sum())
+                for name, code in zip(names, verdict.attrs["flag_values"])
+            }
             return {
                 "file": str(path),
                 "study": stated["archfrag_study"],
@@ -343,7 +332,7 @@ def _facts(path: Path) -> dict[str, Any]:
                 "unit": level.attrs["unit"],
                 "levels": np.unique(level.values[np.isfinite(level.values)]).tolist(),
                 "design": json.loads(stated["archfrag_design"])["kind"],
-                "verdicts": dict(zip(names, counts)),
+                "verdicts": runs | {"not_run": int(verdict.isnull().sum())},
                 "source": stated["source"],
                 "commit": stated["archfrag_commit"],
                 "versions": json.loads(stated["archfrag_versions"]),
@@ -354,7 +343,7 @@ def _facts(path: Path) -> dict[str, Any]:
         ) from error
 
 
-@click.command("open", cls=Once)
+@command("open")
 @click.argument("study", type=PATH)
 def open_command(study: Path) -> None:
     """Open the report of STUDY in the browser.

@@ -14,8 +14,8 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.arch.facts import facts_of, facts_text, unit_cautions
 from archfrag.cli.options import (
     PATH,
-    Once,
     check_written,
+    command,
     figure_option,
     json_option,
     method_option,
@@ -65,18 +65,13 @@ def _takes_arch(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
-
-        given = {name: options.pop(name) for name in ("profile", *_OPTIONS)}
-        layers = [name for text in options.pop("layer") for name in text.split(",")]
-        given["layer"] = layers or None
-        given["unit"] = given.pop("drawing_unit")
+        given = {name: options.pop(name) for name in ("profile", *_OPTIONS, "layer")}
         if study is None:
             refuse_given("an arch of a study needs --study", "arch_id")
+            entry = _by_numbers(given)
         else:
-            refuse_given("--study gives the arch", "profile", "layer", *_OPTIONS)
-        if given["drawing"] is not None:
-            refuse_given("--drawing gives the shape", "profile")
-        entry = _by_numbers(given) if study is None else _of_study(study, arch_id)
+            refuse_given("--study gives the arch", *given)
+            entry = _of_study(study, arch_id)
         if entry.drawing is not None:
             warn("\narchfrag: caution: ".join(read_from_drawing(entry)))
         if entry.vary is not None:
@@ -145,27 +140,28 @@ def _of_study(path: Path, name: str | None) -> ArchEntry:
 
 def _by_numbers(options: dict[str, Any]) -> ArchEntry:
     """Return an arch from the options of the command line, None where not given."""
-
-    given = {"id": "arch"} | {
-        key: value for key, value in options.items() if value is not None
-    }
+    layers = [name for text in options["layer"] for name in text.split(",")]
+    given = options | {"id": "arch", "layer": layers or None}
+    given["unit"] = given.pop("drawing_unit")
+    given = {key: value for key, value in given.items() if value is not None}
     if "drawing" in given:
+        refuse_given("--drawing gives the shape", "profile")
         del given["profile"]
     try:
         return ArchEntry.model_validate(given)
     except ValidationError as error:
-        names = {"unit": "drawing_unit"}
-        message = first_message(
-            error,
-            given,
-            lambda at: "--" + names.get(at[0], str(at[0])).replace("_", "-"),
-        )
+
+        def option(at: Any) -> str:
+            name = "drawing_unit" if at[0] == "unit" else str(at[0])
+            return "--" + name.replace("_", "-")
+
+        message = first_message(error, given, option)
         how = "or take an arch of a study by --study STUDY --arch ID"
         what = f"--profile {given['profile']}" if "profile" in given else "--drawing"
         raise InputError(f"{what}: {message}; {how}") from error
 
 
-@click.command(cls=Once)
+@command()
 @_takes_arch
 @click.option(
     "--spread",
@@ -192,15 +188,13 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         "sliding_minus",
     )
     lines = []
-    for sense, value, hinges, sliding in (
-        ("+x", start.plus, start.hinges, start.sliding),
-        ("-x", start.minus, start.hinges_minus, start.sliding_minus),
-    ):
+    for towards in ("+x", "-x"):
+        value, hinges, sliding = start.mechanism(towards)
         parts = [f"joint {joint} {side}" for joint, side in hinges]
         parts += [f"joint {joint} slides" for joint in sliding]
         how = f": {', '.join(parts)}" if parts else ""
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
-        lines.append(f"ground towards {sense}: {moves}{how}")
+        lines.append(f"ground towards {towards}: {moves}{how}")
     loss = standing.edge_loss(arch)
     cautions = standing.arch_cautions(arch, start)
     lines += filter(None, [standing.edge_text(arch, loss), standing.joints_text(arch)])
@@ -214,19 +208,17 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         path = springing_path(arch, spread=spread)
         last = path.part.size - 1
         kept = [*range(0, last, max(1, last // _SPREADS)), last]
-        columns = spread * path.part[kept], path.plus[kept], path.minus[kept]
+        rows = {
+            "spread": spread * path.part[kept],
+            "plus_at": path.plus[kept],
+            "minus_at": path.minus[kept],
+        }
         text += "\nspread [m]  onset +x [g]  onset -x [g]"
-        text += "".join(
-            "\n{:10.4f}  {:12.4f}  {:12.4f}".format(*row) for row in zip(*columns)
-        )
+        for row in zip(*rows.values()):
+            text += "\n{:10.4f}  {:12.4f}  {:12.4f}".format(*row)
         falls = spread * path.limit
         text += "" if math.isinf(falls) else f"\nfalls at a spread of {falls:.4g} m"
-        facts |= {
-            "spread": columns[0],
-            "plus_at": columns[1],
-            "minus_at": columns[2],
-            "falls_at": falls,
-        }
+        facts |= rows | {"falls_at": falls}
     if figure is not None:
         write_text(figure, svg_of(start.plot().figure) + "\n")
     show(finite(facts), text, as_json)
@@ -234,7 +226,7 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         warn(f"caution: {caution}")
 
 
-@click.command(cls=Once)
+@command()
 @_takes_arch
 @click.argument("record", type=PATH)
 @takes_record
@@ -288,33 +280,26 @@ def simulate(
     facts = {**vars(response), "steps": response.steps, "fallbacks": response.fallbacks}
     for name in ("history", "arch", "motion", "scale"):
         del facts[name]
+    facts |= {"status": response.status.name.lower(), "scale": scale}
     if response.mechanism is not None:
         facts["mechanism"] = [asdict(change) for change in response.mechanism]
-    facts = finite(
-        facts | {"status": response.status.name.lower(), "scale": scale}, None
-    )
+    facts = finite(facts, None)
     show(facts, _text(response, facts), as_json)
 
 
 def _text(response: Response, facts: dict[str, Any]) -> str:
-
     lines = [f"{facts['status']}: {STATUS_MESSAGE[response.status]}"]
     for key, value in facts.items():
         unit = UNITS.get(key.split("_")[-1], "")
         if isinstance(value, dict):
-            known = (
-                f"{name} {each:.4g} {unit}" for name, each in value.items() if each
+            parts = (
+                f"{k} {each:.4g} {unit}".strip() for k, each in value.items() if each
             )
-            value = (
-                ", ".join(each.strip().replace("_", " ") for each in known) or "none"
-            )
+            value = ", ".join(parts).replace("_", " ") or None
         elif isinstance(value, float):
             value = f"{value:.4g} {unit}"
-        if key not in ("status", "collapsed", "mechanism") and value not in (
-            None,
-            -1,
-            "none",
-        ):
+        told = key in ("status", "collapsed", "mechanism")
+        if not told and value not in (None, -1, "none"):
             lines.append(f"{key.replace('_', ' ')}: {value}".rstrip())
     if response.mechanism is not None:
         lines.append(summary(response.mechanism))

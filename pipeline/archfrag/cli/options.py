@@ -1,5 +1,6 @@
 """Options that several commands share, and how commands print."""
 
+import functools
 import json
 import shlex
 import shutil
@@ -29,12 +30,10 @@ def takes(*options: Callable) -> Callable:
     return decorate
 
 
-def _columns(
-    context: click.Context, parameter: click.Parameter, text: str | None
-) -> Any:
+def _columns(text: str) -> Any:
     from archfrag.motions.formats.columns import parse_columns
 
-    return None if text is None else parse_columns(text)
+    return parse_columns(text)
 
 
 def _accept(
@@ -74,7 +73,7 @@ takes_format = takes(
     ),
     click.option(
         "--columns",
-        callback=_columns,
+        type=_columns,
         metavar="KEY=N,...",
         help="Columns of plain text files: time=1,acceleration=2, or "
         "acceleration=1,dt=0.01; dt=0.01 alone takes all numbers, row after row; also "
@@ -120,6 +119,9 @@ class Once(click.Command):
                 except ValueError as error:
                     raise click.BadParameter(str(error), ctx, each) from None
         return super().parse_args(ctx, args)
+
+
+command = functools.partial(click.command, cls=Once)
 
 
 def refuse_given(why: str, *names: str) -> None:
@@ -188,15 +190,15 @@ def point_to_report(folder: Path, named: Path, anything: bool) -> None:
     echo(f"report  {report}  ({shlex.join(['archfrag', 'open', str(named)])})")
 
 
-def _svg(context: click.Context, parameter: click.Parameter, path: Path | None) -> Any:
+def _svg(text: str) -> Path:
     """Check that a figure is an SVG file before anything is done."""
-    if path is not None and path.suffix.lower() != ".svg":
+    if not text.lower().endswith(".svg"):
         raise InputError(
-            f"--figure {path}: figures are written as SVG; name a FILE.svg"
+            f"--figure {text}: figures are written as SVG; name a FILE.svg"
         )
-    return path
+    return Path(text)
 
 
 figure_option = click.option(
-    "--figure", type=PATH, metavar="FILE.svg", callback=_svg, help="Draw a figure."
+    "--figure", type=_svg, metavar="FILE.svg", help="Draw a figure."
 )

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from archfrag.cli.options import (
-    Once,
+    command,
     cores_option,
     point_to_report,
     takes,
@@ -14,7 +14,7 @@ from archfrag.cli.options import (
 )
 
 
-@click.command(cls=Once)
+@command()
 @takes_study
 @takes(
     click.option(

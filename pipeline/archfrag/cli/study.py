@@ -1,6 +1,7 @@
-"""The commands for a study: `validate`, the steps of a run, and `clean`."""
+"""The commands for a study: `init`, `warmup`, `validate`, the steps of a run, and `clean`."""
 
 import contextlib
+import functools
 import os
 import shlex
 import signal
@@ -15,23 +16,25 @@ import click
 from archfrag.cli import COMMANDS
 from archfrag.cli.options import (
     PATH,
-    Once,
+    command,
     cores_option,
     echo,
     json_option,
+    method_option,
     point_to_report,
     refuse_given,
     show,
+    takes,
     takes_study,
     warn,
     wrapped,
 )
-from archfrag.cli.with_study import with_study
 from archfrag.errors import FitError, InputError
 from archfrag.export import FORMATS
 from archfrag.export.command import export_study
 from archfrag.files import cannot_write, counted, printable
 from archfrag.report import make_report
+from archfrag.simulation.warmup import warmup as compile_kernels
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.fits import FITS, fit_runs, load_fits
 from archfrag.study.answer.outside import read_runs
@@ -41,10 +44,46 @@ from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import check_own, claim, products
 from archfrag.study.runs.store import make_plan, superfluous
 from archfrag.study.steps import make_step, only_run, run_study, stoppable
-from archfrag.study.validate import arch_texts, check_study
+from archfrag.study.validate import arch_texts, check_study, write_starter
 
 
-@click.command(cls=Once)
+def with_study(*options: Callable) -> Callable:
+    """Give a command a study, from its file, and options."""
+
+    def decorate(command: Callable) -> Callable:
+        @functools.wraps(command)
+        def wrapped(study_file: Path, overrides: tuple[str, ...], **given: Any) -> None:
+            command(load_study(study_file, overrides), **given)
+
+        return takes(takes_study, *options)(wrapped)
+
+    return decorate
+
+
+@command()
+@click.argument("folder", type=PATH, default=".")
+def init(folder: Path) -> None:
+    """Write a commented study into FOLDER (.), to start from.
+
+    The shipped motions come with it.
+    """
+    echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
+
+
+@command()
+@method_option(None, "Only the kernels of this method; all methods if not given.")
+def warmup(method: str | None) -> None:
+    """Compile the kernels now, so that later commands start at once."""
+
+    def show_line(message: str) -> None:
+        click.echo(f"\r{message}\033[K", err=True, nl=False)
+
+    seconds = compile_kernels(method, show_line if sys.stderr.isatty() else None)
+    click.echo("\r\033[K" if sys.stderr.isatty() else "", err=True, nl=False)
+    echo(f"kernels ready after {seconds:.1f} s")
+
+
+@command()
 @with_study(json_option)
 def validate(study: Any, as_json: bool) -> None:
     """Check a study file and all files that it names.
@@ -57,14 +96,9 @@ def validate(study: Any, as_json: bool) -> None:
     nouns = {"arches": "arch", "records": "record", "levels": "level"}
     parts = ", ".join(counted(found[key], noun) for key, noun in nouns.items())
     runs = f"{found['extent']} {counted(found['runs'], 'run')}".removeprefix("exactly ")
-    text = f"{path}: in order; {parts}, {runs} by design {found['design']}"
-    texts = (
-        text,
-        *found["drawings"],
-        *found["facts"],
-        *found["classes"],
-        *found["partners"],
-    )
+    texts = [f"{path}: in order; {parts}, {runs} by design {found['design']}"]
+    for key in ("drawings", "facts", "classes", "partners"):
+        texts += found[key]
     show(found, "\n  ".join(texts), as_json)
     for caution in () if as_json else found["cautions"]:
         warn(f"caution: {caution}")
@@ -74,12 +108,8 @@ def run_all(
     study_file: Path, overrides: tuple[str, ...], cores: int | None, quiet: bool
 ) -> None:
     """Make what is missing of a study, and print its answers."""
-    words = [
-        "archfrag",
-        "run",
-        str(study_file),
-        *(f"--set={each}" for each in overrides),
-    ]
+    more = (f"--set={each}" for each in overrides)
+    words = ["archfrag", "run", str(study_file), *more]
     with _stoppable(f"continue with `{shlex.join(words)} --resume`") as check:
         study = load_study(study_file, overrides)
         anything = run_study(study, study_file, check, make_report, cores, quiet)
@@ -112,14 +142,14 @@ def _stoppable(again: str) -> Iterator[Callable[[], None]]:
 def _summary(study: Any, fitted: Fitted) -> None:
     """Print the answers of a finished study, or of a table."""
     answers, cautions = answer_lines(study, fitted)
-    texts = *answers, *(arch_texts(study) if study.arches else ())
-    for line in (line for text in texts for line in wrapped(text, 8)):
-        echo(line)
-    for first, *others in (wrapped(f"! {printable(each)}", 2) for each in cautions):
-        click.echo("\n".join([click.style("!", fg="yellow") + first[1:], *others]))
+    for text in (*answers, *(arch_texts(study) if study.arches else ())):
+        echo("\n".join(wrapped(text, 8)))
+    for each in cautions:
+        text = "\n".join(wrapped(f"! {printable(each)}", 2))
+        click.echo(click.style("!", fg="yellow") + text[1:])
 
 
-@click.command(cls=Once)
+@command()
 @with_study(click.option("--yes", is_flag=True, help="Remove without asking."))
 def clean(study: Any, yes: bool) -> None:
     """Remove stored runs that a study does not use."""
@@ -142,9 +172,7 @@ def clean(study: Any, yes: bool) -> None:
 def _step(name: str, help_: str, *options: Callable) -> click.Command:
     """Make the command of a step, which also renews the dates of its files for Snakemake."""
 
-    def command(
-        study: Any, batch: int = 0, as_json: bool = False, **given: Any
-    ) -> None:
+    def make(study: Any, batch: int = 0, as_json: bool = False, **given: Any) -> None:
         check_own(study)
         if name == "motions":  # the first step, of one process
             claim(study, click.get_current_context().params["study_file"])
@@ -161,7 +189,7 @@ def _step(name: str, help_: str, *options: Callable) -> click.Command:
         if as_json:
             echo(products(study, step)[0].read_text(encoding="utf-8"))
 
-    return click.command(name, cls=Once, help=help_)(with_study(*options)(command))
+    return command(name, help=help_)(with_study(*options)(make))
 
 
 motions_command = _step("motions", COMMANDS["motions"][1])
@@ -191,7 +219,11 @@ def _mapping(
     return columns
 
 
-@click.command("fit", cls=Once)
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+@command("fit")
 @takes_study
 @click.option(
     "--columns",
@@ -206,6 +238,7 @@ def _mapping(
 @click.option("--unit", help="Unit of the intensity, if its column does not state it.")
 @click.option(
     "--states",
+    type=_names,
     metavar="NAME,...",
     default="",
     help="Damage states of a column, in order, from none to collapse.",
@@ -246,8 +279,7 @@ def fit_command(
     refuse_given(f"{study_file} is no study file", "overrides")
     hazard = given.pop("hazard")
     formats = given.pop("formats")
-    states = [name.strip() for name in given.pop("states").split(",") if name.strip()]
-    study, cube = read_runs(study_file, states=states, **given)
+    study, cube = read_runs(study_file, **given)
     if hazard is not None:
         load_hazard([hazard], study.intensity.measure)  # before anything is written
         study = study.model_copy(

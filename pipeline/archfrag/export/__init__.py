@@ -24,7 +24,6 @@ FORMATS: dict[str, tuple[str, str, dict[str, str]]] = {
         {"in-core-{}.json": "in_core_sets"},
     ),
     "csv": ("curves, parameters, runs, records and arches; JSON on columns", "", {}),
-    "parquet": ("the same tables: pip install 'archfrag[parquet]'", "", {}),
 }
 # Of arches and motions, by name: its use.
 OF_ARCHES = {

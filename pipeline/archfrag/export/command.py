@@ -1,9 +1,9 @@
 """Export of a study: curves in the formats of other programs, and tables."""
 
-import itertools
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import accumulate, starmap
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +11,16 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from archfrag.errors import FitError, InputError, from_extra
+from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, writers
-from archfrag.export.writers import CurveSet, named_measure
-from archfrag.files import (
-    check_targets,
-    counted,
-    make_folder,
-    replacing,
-    sha256_of,
-    write_csv,
+from archfrag.export.writers import (
+    Content,
+    CurveSet,
+    made_by,
+    named_measure,
+    write_files,
 )
+from archfrag.files import check_targets, counted, sha256_of
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import (
     HazardCurve,
@@ -33,23 +32,17 @@ from archfrag.fragility.several import MOST_CROSSING, above
 from archfrag.study.answer.curves import Fitted, arch_classes
 from archfrag.study.answer.outside import BLANK
 from archfrag.study.answer.rates import MOST_MEAN, SEED, vulnerability_table
-from archfrag.study.answer.tables import (
-    Columns,
-    Pieces,
-    about_column,
-    facts_table,
-    runs_table,
-)
+from archfrag.study.answer.tables import Pieces, about_column, facts_table, runs_table
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
-from archfrag.study.provenance import CUBE, commit, write_text
+from archfrag.study.provenance import CUBE, write_text
 from archfrag.study.steps import finished
-from archfrag.version import __version__
 
 _POINTS = 211
-TABLES = ("curves", "parameters", "runs", "records", "arches")  # of all runs
 # Limit states; their order in files follows from their curves, and collapse is the last.
 LIMIT_STATES = ("motion", "impact", "residual", "rotation", "contact_lost", "collapse")
+_ALSO = {"residual_displacement": "residual"}
+_NONE = Curve(reason="none")
 _LOGNORMAL = (
     "the predictive curve is no lognormal one: nrml-discrete and the table of curves hold it; "
     "nrml-continuous, pelicun and in-core the one with its mean and deviation of ln capacity, "
@@ -79,91 +72,76 @@ def export_study(
 
     Returned are ``folder``; ``files``, each with its format; ``limit_states`` written;
     ``left_out``, by arch, why it has no curve; ``notes`` on limit states and on the use of the
-    files. Nothing is written after an InputError (a receiver has no name for the measure, there
-    is no such limit state, pyarrow is not installed) or a FitError (no arch, or a limit state
-    asked for, has no curve).
+    files. Nothing is written after an InputError (a receiver has no name for the measure, or there
+    is no such limit state) or a FitError (no arch, or a limit state asked for, has no curve).
     """
     if curve not in CURVES:
         raise InputError(f"curve is {curve!r}; it is one of {', '.join(CURVES)}")
     fitted = fitted or finished(study)
     answers = fitted.quoted(members)
+    known = {name: each for name, each in answers.items() if each.fitted}
     with fitted.cube as cube:
-        levels = cube["intensity"].values
-        number = Counter(arch_classes(cube).values())
-        made = {
-            "study": study.id,
-            "title": study.title,
-            "archfrag": __version__,
-            "archfrag_commit": commit(),
-            "cube_archfrag_commit": str(cube.attrs.get("archfrag_commit", "unknown")),
-            "cube_sha256": cube.attrs.get("table_sha256")
-            or sha256_of(study.folder / CUBE),
-        }
-        ends = float(np.nanmin(levels)), float(np.nanmax(levels))
-        classes = {name: number[name] for name in answers if number[name] > 1}
-        states, messages = _limit_states(study, cube, answers, limit_states)
-        states, branches = _with_uncertainty(states, curve)
+        states, messages = _limit_states(study, cube, known, limit_states)
+        branches = dict[str, tuple[str, float]]()
         if curve == "median":
-            messages += _uncertain(answers)
+            messages += _uncertain(known)
+        else:
+            states, branches = _with_uncertainty(states, curve)
         if curve == "predictive" and {"nrml-continuous", "pelicun", "in-core"} & set(
             formats
         ):
             messages.append(_LOGNORMAL)
+        levels = cube["intensity"].values
+        number = Counter(arch_classes(cube).values())
         curves = CurveSet(
             states,
+            {name: answers[name].reason for name in answers if name not in known},
             study.intensity.measure,
-            ends,
-            made,
-            classes,
+            (float(np.nanmin(levels)), float(np.nanmax(levels))),
+            {
+                **made_by(study),
+                "cube_archfrag_commit": str(
+                    cube.attrs.get("archfrag_commit", "unknown")
+                ),
+                "cube_sha256": cube.attrs.get("table_sha256")
+                or sha256_of(study.folder / CUBE),
+            },
+            {name: number[name] for name in answers if number[name] > 1},
             tuple(messages),
             branches,
         )
-        texts = _texts(curves, formats, messages)
-        if "parquet" in formats:
-            from_extra("pyarrow", "parquet")  # before anything is written
-        folder = folder or study.folder / "export"
-        files = [(name, folder / f"{study.id}-{ending}") for name, ending, _ in texts]
-        tabled = [
-            f"{name}.{end}" for name in TABLES for end in formats if not FORMATS[end][1]
-        ]
-        tabled += ["tables.json"] * ("csv" in formats)
-        tables = [folder / f"{study.id}-{end}" for end in tabled]
-        check_targets([*(path for _, path in files), *tables])
-        make_folder(folder)
-        for (_, path), (_, _, text) in zip(files, texts):
-            write_text(path, text)
-        for name in dict.fromkeys(name for name in formats if not FORMATS[name][1]):
-            paths = _write_tables(study, cube, curves, answers, folder, name)
-            files += [(name, path) for path in paths]
+        content = _texts(curves, formats, messages)
+        if "csv" in formats:
+            content += _tables(study, cube, curves, answers)
+        files = write_files(study, folder, content)
     return {
-        "folder": str(folder),
+        "folder": str(folder or study.folder / "export"),
         "left_out": curves.left_out,
         "notes": messages,
-        "limit_states": list(curves.limit_states if curves.complete else ()),
-        "files": [{"format": name, "file": str(path)} for name, path in files],
+        "limit_states": list(curves.limit_states),
+        "files": files,
     }
 
 
 def _texts(
     curves: CurveSet, formats: Sequence[str], messages: list[str]
-) -> list[tuple[str, str, str]]:
+) -> list[Content]:
     """Return format, end of the name and text of each file that is no table; add messages."""
-    texts = []
+    texts = list[Content]()
     for name in dict.fromkeys(formats):
         _, receiver, functions = FORMATS[name]
-        if functions and not curves.complete:
+        if functions and not curves.curves:
             reasons = "; ".join(
                 f"{arch}: {why}" for arch, why in curves.left_out.items()
             )
             raise FitError(f"there is no curve to export for {receiver}: {reasons}")
-        if functions and (message := named_measure(receiver, curves.measure).condition):
-            messages.append(f"{name}: {message}")
+        if functions:
+            condition = named_measure(receiver, curves.measure).condition
+            messages += [f"{name}: {condition}"] * bool(condition)
         for ending, function in functions.items():
-            text = getattr(writers, function)(curves)
-            each = (
-                {"": text} if isinstance(text, str) else text
-            )  # one file, or one an arch
-            texts += [(name, ending.format(arch), text) for arch, text in each.items()]
+            made = getattr(writers, function)(curves)
+            by_arch = {"": made} if isinstance(made, str) else made
+            texts += [(name, ending.format(a), text) for a, text in by_arch.items()]
     if curves.branches:
         texts.append(("branches", "branches.csv", writers.branch_weights(curves)))
     return texts
@@ -181,82 +159,84 @@ def _limit_states(
     of their medians, on average. So a state is left out if an arch with a curve of collapse has
     none of it, and a curve that crosses a severer one is moved (`above`). A note names each.
     """
-    requested = [name.strip().casefold().replace(" ", "_") for name in requested]
-    requested = [
-        "residual" if name == "residual_displacement" else name for name in requested
-    ]
-    every: Sequence[str] = LIMIT_STATES
-    if "table_sha256" in cube.attrs:  # runs of another program
-        names = (
-            json.loads(cube["damage"].attrs["states"])[1:-1] if "damage" in cube else ()
-        )
-        every = [*(name.replace(" ", "_") for name in names), "collapse"]
-    for name in sorted(set(requested) - set(every)):
-        raise InputError(
-            f"there is no limit state {name!r}; they are {', '.join(every)}"
-        )
-    own = dict[str, dict[str, Curve]]()
-    for arch, answer in answers.items():
-        own[arch] = {each.state.replace(" ", "_"): each for each in answer.states}
-        own[arch]["collapse"] = answer
-    # Curves of the next severer state, by arch with a curve of collapse.
-    severe = {arch: curve for arch, curve in answers.items() if curve.fitted}
+    chosen = _chosen(cube, requested)
+    own = {a: dict.fromkeys(chosen, _NONE) | _states(f) for a, f in answers.items()}
+    severe = answers  # curves of the next severer state
     kept = ["collapse"]
     messages = list[str]()
     left = dict[tuple[str, str], list[str]]()
-    place = dict[str, float]()  # mean of ln theta; -inf where there is no curve
-    for name in every[:-1]:
-        fits = [own[a][name] for a in severe if name in own[a] and own[a][name].fitted]
-        place[name] = (
-            float(np.mean([np.log(fit.theta) for fit in fits])) if fits else -np.inf
-        )
-    ordered = [*sorted(place, key=lambda name: place[name]), "collapse"]
-    for name in (name for name in reversed(ordered) if name in (requested or every)):
-        found = {arch: own[arch].get(name) for arch in severe}
-        curves = {
-            arch: fit for arch, fit in found.items() if fit is not None and fit.fitted
-        }
-        if lacking := [arch for arch in found if arch not in curves]:
-            without = found[lacking[0]]
-            why = without.reason if without else _not_fitted(cube, lacking[0], name)
-            remedy = (
-                f"a larger limit_states.{name}"
-                if name in ("residual", "rotation")
-                else ""
-            )
-            remedy = "design: {kind: stripes}" if study.design.adaptive else remedy
-            help_ = f"; try {remedy}" * bool(remedy and without)
-            others = (
-                f"; {len(curves)} of {len(found)} arches or classes have one"
-                * bool(curves)
-            )
-            left.setdefault((lacking[0], f"{why}{help_}{others}"), []).append(name)
+
+    def place(name: str) -> float:  # mean of ln theta; -inf where there is no curve
+        medians = [own[a][name].theta for a in severe if own[a][name].fitted]
+        return float(np.mean(np.log(medians))) if medians else -np.inf
+
+    for name in sorted(chosen, key=place)[::-1]:
+        curves = {a: own[a][name] for a in severe if own[a][name].fitted}
+        lacking = [arch for arch in severe if arch not in curves]
+        if lacking:
+            why = _why_none(study, cube, lacking[0], name, own[lacking[0]][name])
+            if curves:
+                why += f"; {len(curves)} of {len(severe)} arches or classes have one"
+            left.setdefault((lacking[0], why), []).append(name)
             if requested:
                 raise FitError(_left_out(*left.popitem()))
-        elif name != "collapse":
-            kept.insert(0, name)
-            severe = {arch: above(fit, severe[arch]) for arch, fit in curves.items()}
-            if moved := [arch for arch in curves if severe[arch] is not curves[arch]]:
-                old = curves[moved[0]]
-                new = severe[moved[0]]
-                messages.append(
-                    f"limit state {name!r}: {counted(len(moved), 'curve')} lay below that of a "
-                    f"severer state by more than {MOST_CROSSING:g} and took up its dispersion as "
-                    f"far as needed (such as {moved[0]}: dispersion {old.beta:.3g} to "
-                    f"{new.beta:.3g}, median times {new.theta / old.theta:.3g})"
-                )
-            for arch, fit in severe.items():
-                own[arch][name] = fit
-    messages += itertools.starmap(_left_out, left.items())
-    none = Curve(reason="none")
-    return {
-        arch: {k: each.get(k, none) for k in kept} for arch, each in own.items()
-    }, messages
+            continue
+        kept.insert(0, name)
+        severe = {arch: above(fit, severe[arch]) for arch, fit in curves.items()}
+        moved = [arch for arch in curves if severe[arch] is not curves[arch]]
+        if moved:
+            old = curves[moved[0]]
+            new = severe[moved[0]]
+            messages.append(
+                f"limit state {name!r}: {counted(len(moved), 'curve')} lay below that of a "
+                f"severer state by more than {MOST_CROSSING:g} and took up its dispersion as "
+                f"far as needed (such as {moved[0]}: dispersion {old.beta:.3g} to "
+                f"{new.beta:.3g}, median times {new.theta / old.theta:.3g})"
+            )
+        for arch, fit in severe.items():
+            own[arch][name] = fit
+    messages += starmap(_left_out, left.items())
+    return {a: {name: each[name] for name in kept} for a, each in own.items()}, messages
+
+
+def _chosen(cube: xr.Dataset, requested: Sequence[str]) -> list[str]:
+    """Return the limit states to write besides collapse; InputError if one is unknown."""
+    names = [name.strip().casefold().replace(" ", "_") for name in requested]
+    names = [_ALSO.get(name, name) for name in names]
+    every = [*LIMIT_STATES]
+    if "table_sha256" in cube.attrs:  # runs of another program
+        damage = json.loads(cube["damage"].attrs["states"]) if "damage" in cube else ()
+        every = [*(name.replace(" ", "_") for name in damage[1:-1]), "collapse"]
+    for name in sorted(set(names) - set(every)):
+        raise InputError(
+            f"there is no limit state {name!r}; they are {', '.join(every)}"
+        )
+    return [name for name in every[:-1] if name in (names or every)]
+
+
+def _states(answer: Curve) -> dict[str, Curve]:
+    """Return the curves of all limit states as fitted, by their names in files."""
+    states = {each.state.replace(" ", "_"): each for each in answer.states}
+    return states | {"collapse": answer}
+
+
+def _why_none(
+    study: StudyKeys, cube: xr.Dataset, arch: str, name: str, curve: Curve
+) -> str:
+    """Say why an arch has no curve of a limit state, and what helps."""
+    if curve is _NONE:
+        return _not_fitted(cube, arch, name)
+    if study.design.adaptive:
+        return f"{curve.reason}; try design: {{kind: stripes}}"
+    if name in ("residual", "rotation"):
+        return f"{curve.reason}; try a larger limit_states.{name}"
+    return curve.reason
 
 
 def _left_out(of: tuple[str, str], names: Sequence[str]) -> str:
     """Say why an arch has no curve of some limit states."""
-    (arch, why), listed = of, ", ".join(map(repr, names))
+    arch, why = of
+    listed = ", ".join(map(repr, names))
     if len(names) > 1:
         return f"limit states {listed} are left out: {arch} has no curve of them: {why}"
     return f"limit state {listed} is left out: {arch} has no curve of it: {why}"
@@ -265,7 +245,7 @@ def _left_out(of: tuple[str, str], names: Sequence[str]) -> str:
 def _with_uncertainty(
     states: Mapping[str, Mapping[str, Curve]], kind: str
 ) -> tuple[dict[str, dict[str, Curve]], dict[str, tuple[str, float]]]:
-    """Return the curves of a kind of `CURVES`, and of each branch its arch and its weight.
+    """Return the predictive curves or the branches, and of each branch its arch and its weight.
 
     The draws are those of the mean rate of collapse. All states of a branch are at the same node,
     and are moved where they cross.
@@ -273,22 +253,20 @@ def _with_uncertainty(
     found = dict[str, dict[str, Curve]]()
     branches = dict[str, tuple[str, float]]()
     for arch, each in states.items():
-        if kind == "median" or not each["collapse"].fitted:
-            found[arch] = dict(each)
-            continue
+        nodes: dict[str, Sequence[Curve]]
         if kind == "predictive":
-            nodes = [[predictive(f, f.draws(SEED))] for f in each.values()]
-            names = [arch]
+            nodes = {arch: [predictive(f, f.draws(SEED)) for f in each.values()]}
         else:
-            pairs = [branches_of(fit, fit.draws(SEED)) for fit in each.values()]
-            nodes = [curves for curves, _ in pairs]
-            weights = pairs[-1][1].tolist()
-            names = [f"{arch}-b{n + 1}" for n in range(len(weights))]
-            branches |= {name: (arch, weight) for name, weight in zip(names, weights)}
-        for name, *curves in zip(names, *nodes):
-            for n in reversed(range(len(curves) - 1)):  # collapse is the last
-                curves[n] = above(curves[n], curves[n + 1])
-            found[name] = dict(zip(each, curves))
+            made = [branches_of(fit, fit.draws(SEED)) for fit in each.values()]
+            together = enumerate(zip(*(curves for curves, _ in made)), start=1)
+            nodes = {f"{arch}-b{n}": curves for n, curves in together}
+            weights = made[-1][1].tolist()
+            branches |= {name: (arch, w) for name, w in zip(nodes, weights)}
+        for name, curves in nodes.items():
+            severe_first = accumulate(
+                reversed(curves), lambda one, mild: above(mild, one)
+            )
+            found[name] = dict(zip(each, reversed([*severe_first])))
     return found, branches
 
 
@@ -296,8 +274,6 @@ def _uncertain(answers: Mapping[str, Curve]) -> list[str]:
     """Return notes on curves whose mean rate of collapse is far above that of their medians."""
     messages = []
     for name, fit in answers.items():
-        if not fit.fitted:
-            continue
         im = fit.theta * np.array([0.02, 20.0])
         rate = collapse_rate(HazardCurve(im, im**-_FALL), fit, fit.draws(SEED))
         # A rate from outside so wide a hazard curve is of a curve that is hardly known.
@@ -313,77 +289,39 @@ def _uncertain(answers: Mapping[str, Curve]) -> list[str]:
 
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
     """Say why an arch or a class has no fit of a limit state."""
-    own = [arch in names for names in arch_classes(cube).items()]
-    sliding = (
-        np.isnan(cube["static_limit"].values[own])
-        if name == "rotation"
-        else np.zeros(0)
-    )
-    if not sliding.any():
-        return f"archfrag fits limit states to all of up to {SHOWN} arches, and to three of more"
-    whose = f"of {sliding.sum()} of its {sliding.size} arches " * (sliding.size > 1)
-    why = "so there is no rotation of unstable equilibrium to compare with"
-    return f"the mechanism at onset {whose}slides or does not have four hinges, {why}"
+    if name == "rotation":
+        own = [arch in names for names in arch_classes(cube).items()]
+        sliding = np.isnan(cube["static_limit"].values[own])
+        if sliding.any():
+            whose = f"of {sliding.sum()} of its {sliding.size} arches "
+            return (
+                f"the mechanism at onset {whose * (sliding.size > 1)}slides or does not have four "
+                "hinges, so there is no rotation of unstable equilibrium to compare with"
+            )
+    return f"archfrag fits limit states to all of up to {SHOWN} arches, and to three of more"
 
 
-def _write_tables(
-    study: StudyKeys,
-    cube: xr.Dataset,
-    curves: CurveSet,
-    answers: Mapping[str, Curve],
-    folder: Path,
-    ending: str,
-) -> list[Path]:
-    """Write all tables as CSV with a JSON file on columns, or as Parquet; return the files."""
-    about = {name: curves.described(name) for name in curves.classes}
-    facts = {
-        "made": curves.made,
-        "classes": about,
-        "left_out": curves.left_out,
-        "notes": curves.remarks,
-    }
+def _tables(
+    study: StudyKeys, cube: xr.Dataset, curves: CurveSet, answers: Mapping[str, Curve]
+) -> Iterator[Content]:
+    """Yield all tables for CSV, and a text in JSON on their columns."""
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
-    every = {
+    runs = cube.drop_vars([*BLANK]) if "table_sha256" in cube.attrs else cube
+    tables = {
         **curve_tables(curves, answers, *units, study.intensity.factor),
-        "runs": runs_table(
-            cube.drop_vars([*BLANK]) if "table_sha256" in cube.attrs else cube
-        ),
+        "runs": runs_table(runs),
         "records": facts_table(cube, "record"),
         "arches": facts_table(cube, "arch"),
     }
-    paths = [folder / f"{study.id}-{name}.{ending}" for name in TABLES]
-    for name, path in zip(TABLES, paths):
-        columns, pieces = every[name]
-        if ending == "csv":
-            write_csv(path, pieces)
-        else:
-            write_parquet(path, pieces, facts | {"columns": columns})
-    if ending == "csv":
-        paths.append(folder / f"{study.id}-tables.json")
-        content = facts | {
-            "tables": {name: columns for name, (columns, _) in every.items()}
-        }
-        write_text(paths[-1], json.dumps(content, indent=1, ensure_ascii=False) + "\n")
-    return paths
-
-
-def write_parquet(
-    path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, Any]
-) -> None:
-    """Write a table as Parquet, a row group for each piece; completely or not at all."""
-    arrow, parquet = (
-        from_extra(name, "parquet") for name in ("pyarrow", "pyarrow.parquet")
-    )
-    tables = (arrow.Table.from_pandas(each, preserve_index=False) for each in pieces)
-    first = next(tables)
-    about = json.dumps(facts, ensure_ascii=False)
-    schema = first.schema.with_metadata({"archfrag": about})
-    with (
-        replacing(path) as temporary,
-        parquet.ParquetWriter(temporary, schema) as writer,
-    ):
-        for table in itertools.chain([first], tables):
-            writer.write_table(table.cast(schema))
+    yield from (("csv", f"{name}.csv", rows) for name, (_, rows) in tables.items())
+    facts = {
+        "made": curves.made,
+        "classes": {name: curves.described(name) for name in curves.classes},
+        "left_out": curves.left_out,
+        "notes": curves.remarks,
+        "tables": {name: columns for name, (columns, _) in tables.items()},
+    }
+    yield "csv", "tables.json", json.dumps(facts, indent=1, ensure_ascii=False) + "\n"
 
 
 def write_vulnerability(
@@ -409,28 +347,23 @@ def curve_tables(
     where a curve was moved.
     """
     levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
-    confidence = next(iter(answers.values())).confidence
+    percent = f"{100 * next(iter(answers.values())).confidence:g} %"
     units = {"given": unit, "si": si}
     points = []
     parameters = []
     for arch, states in curves.curves.items():
+        as_fitted = _states(answers[arch]) if arch in answers else {}
         for state, fit in states.items():
-            if not fit.fitted:
-                continue
             labels = {
                 "arch": arch,
                 "limit_state": state,
                 "measure": curves.measure,
                 "unit": unit,
             }
-            found = answers.get(arch, fit)  # a branch has no band
-            if state != "collapse" and found is not fit:
-                found = next(
-                    s for s in found.states if s.state == state.replace("_", " ")
-                )
-            ends = (found.lower, found.upper)
+            found = as_fitted.get(state, fit)  # a branch has no band
             lower, upper = (
-                np.interp(levels, found.im or [0.0], end or [np.nan]) for end in ends
+                np.interp(levels, found.im or [0.0], end or [np.nan])
+                for end in (found.lower, found.upper)
             )
             points.append(
                 pd.DataFrame(
@@ -444,7 +377,7 @@ def curve_tables(
                     }
                 )
             )
-            likelihood = found.likelihood
+            likelihood = found.likelihood or Curve()
             parameters.append(
                 labels
                 | {
@@ -455,9 +388,8 @@ def curve_tables(
                     "theta_upper": found.theta_interval[1] / factor,
                     "beta_lower": found.beta_interval[0],
                     "beta_upper": found.beta_interval[1],
-                    "theta_maximum_likelihood": getattr(likelihood, "theta", np.nan)
-                    / factor,
-                    "beta_maximum_likelihood": getattr(likelihood, "beta", np.nan),
+                    "theta_maximum_likelihood": likelihood.theta / factor,
+                    "beta_maximum_likelihood": likelihood.beta,
                     "standard_error_ln_theta": fit.standard_errors[0],
                     "standard_error_beta": fit.standard_errors[1],
                     "correlation_ln_theta_beta": fit.correlation,
@@ -466,17 +398,16 @@ def curve_tables(
                     "band": found.method,
                 }
             )
-    tables: dict[str, Pieces] = {}
-    for name, frames in (
-        ("curves", points),
-        ("parameters", [pd.DataFrame(parameters)]),
-    ):
-        about = Columns()
-        for row in _COLUMNS[_COLUMNS["table"].isin(["", name])].to_dict("records"):
-            text = row["about"].format(percent=f"{100 * confidence:g} %")
-            about[row["name"]] = about_column(text, units.get(row["unit"], row["unit"]))
-        pieces = [
-            frame.reindex(columns=list(about)) for frame in frames or [pd.DataFrame()]
-        ]
-        tables[name] = about, pieces
+    tables = dict[str, Pieces]()
+    frames = {
+        "curves": points or [pd.DataFrame()],
+        "parameters": [pd.DataFrame(parameters)],
+    }
+    for name, pieces in frames.items():
+        about = {
+            column: about_column(text.format(percent=percent), units.get(of, of))
+            for table, column, of, text in _COLUMNS.itertuples(index=False)
+            if table in ("", name)
+        }
+        tables[name] = about, [each.reindex(columns=list(about)) for each in pieces]
     return tables

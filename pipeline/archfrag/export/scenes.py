@@ -3,8 +3,8 @@
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise, repeat
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,12 @@ from archfrag.arch.checks import FloatArray
 from archfrag.arch.drawing import drawing_text
 from archfrag.arch.geometry import cross, polygon_section
 from archfrag.errors import InputError
-from archfrag.files import check_targets, make_folder
+from archfrag.export.writers import Content, made_by, write_files
 from archfrag.physics.status import Tie
 from archfrag.study.file.members import Member
 from archfrag.study.file.schema import StudyKeys
-from archfrag.study.provenance import commit, finite, write_text
+from archfrag.study.provenance import finite
 from archfrag.study.runs.store import make_plan
-from archfrag.version import __version__
 
 SCHEMA = Path(__file__).with_name("scene.schema.json")
 MOST_ARCHES = 500
@@ -41,9 +40,12 @@ def export_arches(
     Of a class there is its first arch, with `members` all. Returned are ``files`` and ``notes`` as
     of `export_study`. Nothing is written after an InputError: too many arches, or no motions yet.
     """
+    # Those whose joints are as given.
     own = [each for each in study.members if each.intact]
     sizes = Counter(each.arch_class for each in own)
-    found = {each.id if members else each.arch_class: each for each in reversed(own)}
+    found = dict[str, Member]()
+    for each in own:
+        found.setdefault(each.id if members else each.arch_class, each)
     if len(found) > MOST_ARCHES:
         remedy = f"scene and dxf take at most {MOST_ARCHES}; leave out --members"
         raise InputError(f"study {study.id} has {len(found)} arches; {remedy}")
@@ -56,61 +58,42 @@ def export_arches(
         messages.append(
             "scene and dxf have the intact arches and the records, no first shocks"
         )
-    chosen = list(reversed(found.values()))
-    texts = dict[str, str]()
+    content = list[Content]()
     if "scene" in formats:
-        text = json.dumps(_scene(study, chosen), indent=1, allow_nan=False)
-        texts["scene.json"] = (
-            _LISTS.sub(lambda one: re.sub(r"\n\s*", " ", one[0]), text) + "\n"
-        )
+        text = json.dumps(_scene(study, found.values()), indent=1, allow_nan=False)
+        rows = _LISTS.sub(lambda one: re.sub(r"\n\s*", " ", one[0]), text)
+        content.append(("scene", "scene.json", rows + "\n"))
     if "dxf" in formats:
-        texts |= {
-            f"{each.id}.dxf": drawing_text(_lines(each.entry.build()))
-            for each in chosen
-        }
-    paths = [
-        make_folder(folder or study.folder / "export") / f"{study.id}-{end}"
-        for end in texts
-    ]
-    check_targets(paths)
-    for path, text in zip(paths, texts.values()):
-        write_text(path, text)
-    names = ["dxf" if path.suffix == ".dxf" else "scene" for path in paths]
-    files = [{"format": name, "file": str(path)} for name, path in zip(names, paths)]
-    return {"files": files, "notes": messages}
+        for each in found.values():
+            drawn = drawing_text(_lines(each.entry.build()))
+            content.append(("dxf", f"{each.id}.dxf", drawn))
+    return {"files": write_files(study, folder, content), "notes": messages}
 
 
-def _scene(study: StudyKeys, chosen: Sequence[Member]) -> Any:
+def _scene(study: StudyKeys, chosen: Iterable[Member]) -> Any:
     """Return arches, levels, and motions at factor 1 with their factors, for strict JSON."""
     plan = make_plan(study)
-    levels = study.intensity
     motions = []
     for number, record in enumerate(plan.records):
         motion = plan.motion(record)
         factors = plan.unscaled[number] * plan.levels**plan.power
-        own = {"id": record.id, "event": record.event, "dt": motion.dt}
-        rows = {
-            "horizontal": motion.acceleration,
-            "vertical": motion.vertical,
-            "factors": factors,
-        }
-        motions.append(
-            own | {key: row.tolist() for key, row in rows.items() if row is not None}
-        )
-    made = {"study": study.id, "title": study.title}
-    made |= {"archfrag": __version__, "archfrag_commit": commit()}
+        own: dict[str, Any] = {"id": record.id, "event": record.event, "dt": motion.dt}
+        own["horizontal"] = motion.acceleration.tolist()
+        if motion.vertical is not None:
+            own["vertical"] = motion.vertical.tolist()
+        motions.append(own | {"factors": factors.tolist()})
     about = json.loads(SCHEMA.read_text())["properties"]
     return finite(
         {
             "schema": about["schema"]["const"],
             "units": about["units"]["const"],
-            "made": made,
+            "made": made_by(study),
             "arches": [_arch(each) for each in chosen],
             "delay": study.method.delay or 0.0,
             "intensity": {
-                "measure": levels.measure,
-                "unit": levels.unit,
-                "levels": list(levels.given),
+                "measure": study.intensity.measure,
+                "unit": study.intensity.unit,
+                "levels": list(study.intensity.given),
                 "power": plan.power,
             },
             "motions": motions,
@@ -121,25 +104,24 @@ def _scene(study: StudyKeys, chosen: Sequence[Member]) -> Any:
 def _arch(member: Member) -> dict[str, Any]:
     """Return bodies at rest, those of the ground last, and what joins them."""
     arch: Arch = member.entry.build()
-    chain, n, (first, last) = arch.chain, arch.n_voussoir, arch.springings
-    depth = arch.depths
+    chain = arch.chain
+    n = arch.n_voussoir
     k = arch.n_joint
+    first, last = arch.springings
     lines = arch.tie_lines
     outlines = [
         (each if shapely.is_ccw(shapely.linearrings(each)) else each[::-1]).tolist()
         for each in (*arch.outlines, *(block for _, block in _ground(arch)))
     ]
     bodies = {
-        "kind": ["pier"] * first
-        + ["voussoir"] * (last - first)
-        + ["pier"] * (n - last),
+        "kind": np.repeat(["pier", "voussoir", "pier"], np.diff([0, first, last, n])),
         "outline": outlines[:n],
         "centroid": arch.centroids.tolist(),
-        "depth": depth,
+        "depth": arch.depths,
         "mass": chain.mass,
         "inertia": chain.inertia,
         "density": chain.mass
-        / ([polygon_section(each)[0] for each in arch.outlines] * depth),
+        / ([polygon_section(each)[0] for each in arch.outlines] * arch.depths),
     }
     ground = [{"kind": "ground", "outline": each} for each in outlines[n:]]
     joints = {
@@ -147,7 +129,8 @@ def _arch(member: Member) -> dict[str, Any]:
         "friction": chain.friction,
         "ends": np.stack([arch.intrados, arch.extrados], axis=1)[:k].tolist(),
     }
-    if gives := arch.joints:
+    gives = arch.joints
+    if gives:
         kn = gives["stiffness"]  # of each joint or of all, as "inf" if rigid
         joints |= {
             "kn": np.full(k, kn, float),
@@ -175,16 +158,14 @@ def _ground(arch: Arch) -> Iterator[tuple[FloatArray, FloatArray]]:
         outline = arch.outlines[end]
         along = joints[end, 1] - joints[end, 0]
         on = np.abs(cross(outline - joints[end, 0], along)) < 1e-9 * along @ along
-        points = np.vstack(
-            [joints[end], outline[on]]
-        )  # a joint may bear on a part of the side
+        # A joint may bear on a part of the side.
+        points = np.vstack([joints[end], outline[on]])
         side = points[[np.argmin(points @ along), np.argmax(points @ along)]]
         along = side[1] - side[0]
         away = 2.0 * np.array([-along[1], along[0]])
         away *= -np.sign(away @ (arch.centroids[end] - side[0]))
-        near = (
-            side[0] - min(1.0, 0.4 * clear / np.hypot(*along)) * along
-        )  # both do not meet
+        # Both grounds do not meet.
+        near = side[0] - min(1.0, 0.4 * clear / np.hypot(*along)) * along
         far = side[1] + along
         yield side, np.array([near, far, far + away, near + away])
 
@@ -195,4 +176,4 @@ def _lines(arch: Arch) -> Iterator[tuple[str, FloatArray]]:
     stones = [*arch.outlines, *sides]
     ties = arch.tie_lines
     for layer, shapes in (("VOUSSOIRS", stones), ("GROUND", ground), ("TIES", ties)):
-        yield from ((layer, points) for points in shapes)
+        yield from zip(repeat(layer), shapes)

@@ -15,10 +15,13 @@ import numpy as np
 import pandas as pd
 
 from archfrag.errors import InputError
+from archfrag.files import check_targets, make_folder, write_csv
 from archfrag.fragility.curve import Curve
 from archfrag.motions.measures import parse_measure
 from archfrag.motions.motion import STANDARD_GRAVITY
 from archfrag.study.file.schema import StudyKeys
+from archfrag.study.provenance import commit, write_text
+from archfrag.version import __version__
 
 NAMESPACE = "http://openquake.org/xmlns/nrml/0.5"
 # OpenQuake holds a curve constant above its highest level: 4 dispersions above the median that
@@ -31,6 +34,34 @@ _FACTORS = dict.fromkeys(("g", "g s"), 1.0 / STANDARD_GRAVITY)
 _FACTORS |= {"cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0}
 # What receivers call the kinds of measures (OpenQuake: hazardlib's imt.py).
 _KNOWN = pd.read_csv(Path(__file__).with_name("receivers.csv"))
+# Format, end of a file's name, and a text or a table in pieces.
+Content = tuple[str, str, str | Iterable[pd.DataFrame]]
+
+
+def made_by(study: StudyKeys) -> dict[str, str]:
+    """Return what files say of their study and of this archfrag."""
+    made = {"study": study.id, "title": study.title}
+    return made | {"archfrag": __version__, "archfrag_commit": commit()}
+
+
+def write_files(
+    study: StudyKeys, folder: Path | None, content: Sequence[Content]
+) -> list[dict[str, str]]:
+    """Write files into a folder, that of the study's exports if None; return their formats.
+
+    None is written if one would replace a file that archfrag did not make.
+    """
+    folder = folder or study.folder / "export"
+    paths = [folder / f"{study.id}-{ending}" for _, ending, _ in content]
+    check_targets(paths)
+    make_folder(folder)
+    for path, (_, _, each) in zip(paths, content):
+        if isinstance(each, str):
+            write_text(path, each)
+        else:
+            write_csv(path, each)
+    named = zip(content, paths)
+    return [{"format": name, "file": str(path)} for (name, _, _), path in named]
 
 
 @dataclass(frozen=True)
@@ -38,24 +69,20 @@ class CurveSet:
     """Lognormal curves of several arches, each at the same ordered limit states."""
 
     # By arch and limit state, from the mildest to the severest, theta in the SI unit of the
-    # measure; with a reason where there is no curve.
+    # measure.
     curves: Mapping[str, Mapping[str, Curve]]
-    measure: (
-        str  # intensity measure, as `archfrag.motions.measures.parse_measure` reads it
-    )
+    left_out: Mapping[str, str]  # by arch why it has no curve of collapse
+    # Intensity measure, as `archfrag.motions.measures.parse_measure` reads it.
+    measure: str
     levels: tuple[float, float]  # lowest and highest intensity that was simulated [SI]
-    made: Mapping[
-        str, str
-    ]  # study, title, versions and commits of archfrag, SHA-256 of the cube
-    classes: Mapping[str, int] = field(
-        default_factory=dict
-    )  # of those, number of arches
-    remarks: Sequence[
-        str
-    ] = ()  # on limit states that are left out or were made consistent
-    branches: Mapping[str, tuple[str, float]] = field(
-        default_factory=dict
-    )  # arch and weight
+    # Study, title, versions and commits of archfrag, SHA-256 of the cube.
+    made: Mapping[str, str]
+    # Of those, number of arches.
+    classes: Mapping[str, int] = field(default_factory=dict)
+    # On limit states that are left out or were made consistent.
+    remarks: Sequence[str] = ()
+    # Arch and weight.
+    branches: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     def described(self, name: str) -> str:
         """Describe what a curve is of."""
@@ -71,40 +98,19 @@ class CurveSet:
 
     def origin(self, condition: str) -> str:
         """Describe how the curves were made, without characters that XML forbids."""
-        title = "".join(
-            c if c.isprintable() else " " for c in self.made["title"]
-        ).rstrip(".")
         text = (
             "{title}. Study {study}, exported by archfrag {archfrag} (commit {archfrag_commit}) "
             "from the cube with SHA-256 {cube_sha256} (commit {cube_archfrag_commit})."
         )
-        remarks = "".join(
-            f" Note: {each}." for each in (condition, *self.remarks) if each
-        )
-        return text.format(**{**self.made, "title": title}) + remarks
+        title = "".join(c if c.isprintable() else " " for c in self.made["title"])
+        made = text.format_map({**self.made, "title": title.rstrip(".")})
+        remarks = filter(None, (condition, *self.remarks))
+        return made + "".join(f" Note: {each}." for each in remarks)
 
     @property
     def limit_states(self) -> tuple[str, ...]:
         """Names from the mildest to the severest."""
-        return tuple(next(iter(self.curves.values())))
-
-    @property
-    def complete(self) -> dict[str, dict[str, Curve]]:
-        """Arches that have a curve at every limit state: all that have one of collapse."""
-        left_out = self.left_out
-        return {
-            arch: {state: fit for state, fit in states.items() if fit.fitted}
-            for arch, states in self.curves.items()
-            if arch not in left_out
-        }
-
-    @property
-    def left_out(self) -> dict[str, str]:
-        """Return by arch why it has no curve of collapse, the last limit state."""
-        last = {
-            arch: states[self.limit_states[-1]] for arch, states in self.curves.items()
-        }
-        return {arch: curve.reason for arch, curve in last.items() if not curve.fitted}
+        return tuple(next(iter(self.curves.values()), ()))
 
 
 class Named(NamedTuple):
@@ -121,17 +127,14 @@ class Named(NamedTuple):
 def named_measure(receiver: str, measure: str) -> Named:
     """Name and unit of a measure in ``"OpenQuake"``, ``"pelicun"`` or ``"IN-CORE"``."""
     parsed = parse_measure(measure)
-    rows = _KNOWN[_KNOWN["receiver"] == receiver]
-    known = {kind: (name, unit) for _, kind, name, unit in rows.itertuples(index=False)}
+    known = {kind: names for of, kind, *names in _KNOWN.values if of == receiver}
     if parsed.kind not in known:
-        permanent = (
-            " (its PGD is permanent ground deformation)"
-            if receiver == "pelicun"
-            else ""
-        )
+        permanent = ""
+        if receiver == "pelicun":
+            permanent = " (its PGD is permanent ground deformation)"
         raise InputError(
             f"{receiver} has no name for the intensity measure {measure}; it knows "
-            f"{', '.join(known)}{permanent}; csv and parquet take any"
+            f"{', '.join(known)}{permanent}; csv takes any"
         )
     name, unit = known[parsed.kind]
     messages = []
@@ -160,17 +163,10 @@ def nrml_continuous(curves: CurveSet) -> str:
     """
     imt, root, functions = _nrml(curves, "", format="continuous", shape="logncdf")
     for function, states in functions:
-        top = imt.factor * max(
-            fit.theta * np.exp(_REACH * fit.beta) for fit in states.values()
-        )
-        _add(
-            function,
-            "imls",
-            imt=imt.name,
-            noDamageLimit="0.0",
-            minIML="0.0",
-            maxIML=_row([top]),
-        )
+        tops = (fit.theta * np.exp(_REACH * fit.beta) for fit in states.values())
+        top = _row([imt.factor * max(tops)])
+        ends = {"noDamageLimit": "0.0", "minIML": "0.0", "maxIML": top}
+        _add(function, "imls", imt=imt.name, **ends)
         for state, fit in states.items():
             mean = imt.factor * fit.theta * np.exp(0.5 * fit.beta**2)
             stddev = mean * np.sqrt(np.expm1(fit.beta**2))
@@ -199,54 +195,46 @@ def nrml_discrete(curves: CurveSet) -> str:
 def nrml_vulnerability(points: pd.DataFrame, study: StudyKeys) -> str:
     """Write mean loss ratios as NRML; coefficients of variation are 0: it has the mean alone."""
     measure = study.intensity.measure
-    factor = study.intensity.factor
-    name = study.id
     imt = named_measure("OpenQuake", measure)
     root = Element("nrml", {"xmlns": NAMESPACE})
-    about = {
-        "id": re.sub(r"[^A-Za-z0-9_:-]", "_", name)[:75],
-        "lossCategory": "structural",
-    }
-    model = _add(root, "vulnerabilityModel", assetCategory="masonry arches", **about)
-    _add(
-        model,
-        "description",
-        f"Mean loss ratio against {measure} in {imt.unit}; study {name}.",
-    )
+    about = {"assetCategory": "masonry arches", "id": _nrml_id(study.id)}
+    model = _add(root, "vulnerabilityModel", **about, lossCategory="structural")
+    text = f"Mean loss ratio against {measure} in {imt.unit}; study {study.id}."
+    _add(model, "description", text)
     for arch, rows in points[points["im"] > 0.0].groupby("arch", sort=False):
         function = _add(model, "vulnerabilityFunction", id=str(arch), dist="LN")
-        _add(function, "imls", _row(rows["im"] * factor * imt.factor), imt=imt.name)
+        levels = rows["im"] * study.intensity.factor * imt.factor
+        _add(function, "imls", _row(levels), imt=imt.name)
         _add(function, "meanLRs", _row(rows["loss_ratio"]))
         _add(function, "covLRs", _row(0.0 * rows["loss_ratio"]))
     return _xml(root)
 
 
+def _nrml_id(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_:-]", "_", name)[:75]
+
+
 def _nrml(
     curves: CurveSet, more: str, **kind: str
-) -> tuple[Named, Element, list[tuple[Element, dict[str, Curve]]]]:
+) -> tuple[Named, Element, list[tuple[Element, Mapping[str, Curve]]]]:
     """Return the measure, the root of a file, and the function of each arch with its curves."""
     imt = named_measure("OpenQuake", curves.measure)
-    root = Element(
-        "nrml", {"xmlns": NAMESPACE, "xmlns:gml": "http://www.opengis.net/gml"}
-    )
-    name = re.sub(r"[^A-Za-z0-9_:-]", "_", curves.made["study"])[:75]
-    about = {
-        "id": name,
-        "assetCategory": "masonry arches",
-        "lossCategory": "structural",
-    }
-    model = _add(root, "fragilityModel", **about)
-    of = "".join(f" {curves.described(name)}." for name in curves.classes)
-    of += "".join(f" {name}: {curves.described(name)}." for name in curves.branches)
-    left = "".join(
-        f" No curve for {arch}: {why}." for arch, why in curves.left_out.items()
-    )
-    text = f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. "
-    _add(model, "description", f"{text}{more}{curves.origin(imt.condition)}{of}{left}")
+    gml = {"xmlns:gml": "http://www.opengis.net/gml"}
+    root = Element("nrml", {"xmlns": NAMESPACE} | gml)
+    about = {"id": _nrml_id(curves.made["study"]), "assetCategory": "masonry arches"}
+    model = _add(root, "fragilityModel", **about, lossCategory="structural")
+    texts = [
+        f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. "
+        f"{more}{curves.origin(imt.condition)}"
+    ]
+    texts += [f" {curves.described(name)}." for name in curves.classes]
+    texts += [f" {name}: {curves.described(name)}." for name in curves.branches]
+    texts += [f" No curve for {a}: {why}." for a, why in curves.left_out.items()]
+    _add(model, "description", "".join(texts))
     _add(model, "limitStates", " ".join(curves.limit_states))
-    known = curves.complete.items()
     functions = [
-        (_add(model, "fragilityFunction", id=a, **kind), states) for a, states in known
+        (_add(model, "fragilityFunction", id=arch, **kind), states)
+        for arch, states in curves.curves.items()
     ]
     return imt, root, functions
 
@@ -288,36 +276,32 @@ def pelicun_table(curves: CurveSet) -> str:
     """
     demand = named_measure("pelicun", curves.measure)
     rows = []
-    for name, states in zip(_ids(curves), curves.complete.values(), strict=True):
-        rows.append(
-            {
-                "ID": name,
-                "Incomplete": 0,
-                "Demand-Type": demand.name,
-                "Demand-Unit": demand.unit,
-                "Demand-Offset": 0,
-                "Demand-Directional": 1,
-            }
-        )
-        for n, fit in enumerate(states.values(), start=1):
-            rows[-1] |= {
-                f"LS{n}-Family": "lognormal",
-                f"LS{n}-Theta_0": float(demand.factor * fit.theta),
-                f"LS{n}-Theta_1": float(fit.beta),
-            }
+    for name, arch in _by_id(curves).items():
+        row = {
+            "ID": name,
+            "Incomplete": 0,
+            "Demand-Type": demand.name,
+            "Demand-Unit": demand.unit,
+            "Demand-Offset": 0,
+            "Demand-Directional": 1,
+        }
+        for n, fit in enumerate(curves.curves[arch].values(), start=1):
+            row[f"LS{n}-Family"] = "lognormal"
+            row[f"LS{n}-Theta_0"] = float(demand.factor * fit.theta)
+            row[f"LS{n}-Theta_1"] = float(fit.beta)
+        rows.append(row)
     return pd.DataFrame(rows).to_csv(index=False, lineterminator="\n")
 
 
 def pelicun_description(curves: CurveSet) -> str:
     """Describe the table in JSON, in the layout of pelicun's own databases."""
-    made = curves.made
     condition = named_measure("pelicun", curves.measure).condition
     general = {
-        "ShortName": made["study"],
+        "ShortName": curves.made["study"],
         "Description": curves.origin(condition),
-        "Version": made["archfrag"],
+        "Version": curves.made["archfrag"],
         "ComponentGroups": ["Masonry arches"],
-        "archfrag": made,
+        "archfrag": curves.made,
         "LeftOut": curves.left_out,
     }
     states = {
@@ -331,21 +315,23 @@ def pelicun_description(curves: CurveSet) -> str:
             "RoundUpToIntegerQuantity": "True",
             "LimitStates": states,
         }
-        for arch, name in zip(curves.complete, _ids(curves), strict=True)
+        for name, arch in _by_id(curves).items()
     }
     return _text({"_GeneralInformation": general, **components})
 
 
-def _ids(curves: CurveSet) -> list[str]:
-    """Return pelicun's ids of the arches; InputError if two are alike."""
-    names = [re.sub(r"[^A-Za-z0-9_.]", "_", arch) for arch in curves.complete]
-    for place, (arch, name) in enumerate(zip(curves.complete, names)):
-        if name in names[:place]:
+def _by_id(curves: CurveSet) -> dict[str, str]:
+    """Return the arches by their ids in pelicun; InputError if two are alike."""
+    arches = dict[str, str]()
+    for arch in curves.curves:
+        name = re.sub(r"[^A-Za-z0-9_.]", "_", arch)
+        if name in arches:
             raise InputError(
                 f"arch {arch!r} would have the id {name!r} in pelicun, as another arch has; "
                 "pelicun's ids hold letters, digits, _ and . only"
             )
-    return names
+        arches[name] = arch
+    return arches
 
 
 def in_core_sets(curves: CurveSet) -> dict[str, str]:
@@ -359,25 +345,24 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
     variable = demand.name.rsplit(maxsplit=1)[-1].lower()  # pga, pgv, pgd or sa
     lognormal = "scipy.stats.norm.cdf((math.log({}) - math.log({!r})) / {!r})"
     sets = {}
-    for arch, states in curves.complete.items():
-        kept = list(states.items())[-_MOST:]
-        rules = []
+    for arch, states in curves.curves.items():
+        kept = [*states.items()][-_MOST:]
         last, severest = kept[-1]
         repeated = f"{last}, repeated since IN-CORE takes {_MOST} limit states"
-        for n, (state, fit) in enumerate(
-            kept + [(repeated, severest)] * (_MOST - len(kept))
-        ):
+        kept += [(repeated, severest)] * (_MOST - len(kept))
+        rules = []
+        for n, (state, fit) in enumerate(kept):
             theta = float(demand.factor * fit.theta)
-            beta = float(fit.beta)
-            expression = lognormal.format(variable, theta, beta)
+            expression = lognormal.format(variable, theta, float(fit.beta))
+            name = f"LS_{n}"
             rules.append(
                 {
-                    "description": f"LS_{n}: {state}",
+                    "description": f"{name}: {state}",
                     "curveParameters": None,
                     "returnType": {
                         "type": "Limit State",
                         "unit": "",
-                        "description": f"LS_{n}",
+                        "description": name,
                     },
                     "rules": [
                         {"condition": [f"{variable} > 0"], "expression": expression}

@@ -393,9 +393,7 @@ def record_overlap(model, state, work, where):
     deepest = state.peak[Peak.OVERLAP]
     for j in range(state.slip.size):
         for k in range(2):
-            depth = -placing.clearance(j, k, work) * (
-                1.0 / model.length[j]
-            )
+            depth = -placing.clearance(j, k, work) * (1.0 / model.length[j])
             deepest = select(where & (depth > deepest), depth, deepest)
     state.peak[Peak.OVERLAP] = deepest
 
