@@ -117,7 +117,7 @@ def new_rest_problem(model: Model) -> RestProblem:
 def _add_body(model, problem, j, i, weight, size, sense):
     """Add weight and pull of a body, or their opposite, to the resultants of a joint.
 
-    Reads: problem (centroid, part, pull).
+    Reads: model (gravity, mass), problem (centroid, part, pull).
     Writes: problem.part.
     """
     part = problem.part[j]
@@ -140,7 +140,7 @@ def _add_body(model, problem, j, i, weight, size, sense):
 def set_resultants(model, problem, weight, size):
     """Set ``problem.part``; forces are over the weight, moments over weight times size.
 
-    Reads: model.mass, problem (centroid, part, pull).
+    Reads: model (gravity, mass), problem (centroid, part, pull).
     Writes: problem.part.
     """
     part = problem.part
@@ -227,7 +227,7 @@ def largest_load_factor(problem, n_row, sense):
 
     Return whether it is feasible; False, too, if that takes too many iterations.
 
-    Reads: problem (active, basis, bound, inverse, level, vertex).
+    Reads: problem (basis, bound, inverse, level, vertex).
     Writes: problem (active, basis, inverse, vertex).
     """
     bound = problem.bound
@@ -336,9 +336,6 @@ def find_rest_limit(model, work, problem, sense):
     are those of `problem`. `sense` is 1 for a ground that accelerates towards +x (body force
     towards -x), -1 for the other way. Return the first two of `RestLimit`; its arrays are in
     `problem`.
-
-    Reads: model (friction, gravity, mass), work (normal, point), problem.
-    Writes: problem.
     """
     n_joint = problem.part.shape[0]
     size = 0.0

@@ -119,11 +119,7 @@ def no_output(n_body: int, n_joint: int) -> Output:
 
 @kernel
 def write_frame(model, state, work, output):
-    """Write a frame of the present state with the forces in ``work.reaction``, and count it.
-
-    Reads: model, state, work, output.
-    Writes: output.
-    """
+    """Write a frame of the present state with the forces in ``work.reaction``, and count it."""
     frames = output.frames
     n = output.written[0]
     if n >= frames.time.size:
@@ -161,11 +157,7 @@ def log_change(state, time, cause, joint, level, output):
 
 @kernel
 def clear(state):
-    """Reset the state and close all joints; keep positions and velocities.
-
-    Reads: state.slip.
-    Writes: state.
-    """
+    """Reset the state and close all joints; keep positions and velocities."""
     state.contact[:] = 1.0
     state.bore_face[:] = 1.0
     state.lost_since[:] = np.nan
@@ -184,8 +176,7 @@ def read_joints(model, state, work):
 
     A joint that is open at both corners has been without contact since time zero.
 
-    Reads: model, state, work.
-    Writes: state.
+    Writes: state (bore_face, contact, loss, lost_rotation, lost_since, lost_slip, slip).
     """
     for j in range(state.slip.size):
         slip, gap = slip_and_gap(j, False, False, work)
@@ -213,11 +204,7 @@ def read_joints(model, state, work):
 
 @kernel
 def read_state(model, state, work):
-    """Start a run from given positions and velocities; the factor on the motion is kept.
-
-    Reads: model, state, work (face, rotated, tangent).
-    Writes: state, work (face, rotated, tangent, tie).
-    """
+    """Start a run from given positions and velocities; the factor on the motion is kept."""
     clock = state.clock
     factor = clock[Clock.FACTOR]
     motion = clock[Clock.MOTION]
@@ -234,11 +221,7 @@ def read_state(model, state, work):
 
 @kernel
 def begin(model, state, work, motion, factor):
-    """Start a run from rest where the model starts.
-
-    Reads: model, state, work (face, rotated, tangent).
-    Writes: state, work (face, rotated, tangent, tie).
-    """
+    """Start a run from rest where the model starts."""
     copy_rows(model.start, state.position, 0, state.position.shape[0])
     state.velocity[:] = 0.0
     state.clock[Clock.MOTION] = motion
@@ -272,7 +255,6 @@ def sways_in_rest(model, state, options):
     position would have grown by many powers of ten, so the chain swings about a stable one.
 
     Reads: model.gravity, state.clock, options (follow, still).
-    Writes: nothing.
     """
     calm = state.clock[Clock.TIME] - state.clock[Clock.LIVELY]
     enough = CALM_TIME * options.still / (STILL * model.gravity)
@@ -287,11 +269,7 @@ def _copy(of, to):
 
 @kernel
 def end_run(model, state, work, options, output, results, row):
-    """Write the results of a run that has ended.
-
-    Reads: model, state, work, options, output.
-    Writes: state, output, results.
-    """
+    """Write the results of a run that has ended."""
     clock = state.clock
     energy = state.energy
     code = int(clock[Clock.CODE])

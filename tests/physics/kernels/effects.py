@@ -51,16 +51,42 @@ def kernels(texts):
     return found
 
 
+def laws(texts, trees):
+    """Return the kernels that laws bind to their fields, as ``RIGID = Law(pose=...)``."""
+    found = {}
+    for module, text in texts.items():
+        for node in ast.parse(text).body:
+            call = getattr(node, "value", None)
+            if getattr(getattr(call, "func", None), "id", "") == "Law":
+                imported = next(
+                    each for key, (_, each, _) in trees.items() if key[0] == module
+                )
+                for bound in call.keywords:
+                    key = kernel_of(bound.value, module, imported)
+                    found.setdefault(bound.arg, []).append(key)
+    return found
+
+
+def kernel_of(node, module, imported):
+    """Return module and name of a function that a module names."""
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        return ".".join(imported.get(node.value.id, ())), node.attr
+    name = getattr(node, "id", "")
+    return imported.get(name, (module, name))
+
+
 class Effects(ast.NodeVisitor):
     """Paths that a kernel reads and writes.
 
     `known` are those of all kernels by module and name: arguments, reads, writes. `settled` are
-    these after a first pass: what they neither read nor write there is a number.
+    these after a first pass: what they neither read nor write there is a number. `bound` are the
+    kernels of laws by field.
     """
 
-    def __init__(self, key, trees, known, settled):
+    def __init__(self, key, trees, bound, known, settled):
         node, self.imported, _ = trees[key]
         self.module = key[0]
+        self.laws = bound
         self.known = known
         self.settled = settled
         self.reads = set()
@@ -68,13 +94,6 @@ class Effects(ast.NodeVisitor):
         self.paths = {each.arg: each.arg for each in node.args.args}
         for statement in node.body:
             self.visit(statement)
-
-    def kernel_of(self, node):
-        """Return module and name of a function that is called."""
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            return ".".join(self.imported.get(node.value.id, ())), node.attr
-        name = getattr(node, "id", "")
-        return self.imported.get(name, (self.module, name))
 
     def path(self, node):
         """Return the path of an expression from an argument; None without one."""
@@ -133,13 +152,19 @@ class Effects(ast.NodeVisitor):
             self.visit(node.value)
 
     def visit_Call(self, node):
-        key = self.kernel_of(node.func)
-        if key not in self.known:
-            for each in node.args:
-                self.visit(each)
-            return
+        func = node.func
+        keys = [kernel_of(func, self.module, self.imported)]
+        if isinstance(func, ast.Attribute) and getattr(func.value, "attr", "") == "law":
+            keys = self.laws.get(func.attr, [])
+        keys = [key for key in keys if key in self.known]
+        for key in keys:
+            self.call(key, node.args)
+        for each in node.args if not keys else ():
+            self.visit(each)
+
+    def call(self, key, args):
         names, *effects = self.known[key]
-        given = dict(zip(names, map(self.path, node.args), strict=False))
+        given = dict(zip(names, map(self.path, args), strict=False))
         for own, theirs in zip((self.reads, self.writes), effects, strict=True):
             for path in theirs:
                 root, dot, rest = path.partition(".")
@@ -147,18 +172,20 @@ class Effects(ast.NodeVisitor):
                     own.add(f"{given[root]}{dot}{rest}")
         _, reads, writes = self.settled.get(key, ((), set(names), set()))
         used = {path.partition(".")[0] for path in reads | writes}
-        for each, root in zip(node.args, names, strict=False):
+        for each, root in zip(args, names, strict=False):
             number = isinstance(each, ast.Subscript) and root not in used
             if number or self.path(each) is None:
                 self.visit(each)
 
 
-def all_effects(trees):
+def all_effects(texts):
     """Return the effects of all kernels: arguments, what is read, what is written."""
-    return _effects(trees, _effects(trees, {}))
+    trees = kernels(texts)
+    bound = laws(texts, trees)
+    return _effects(trees, bound, _effects(trees, bound, {}))
 
 
-def _effects(trees, settled):
+def _effects(trees, bound, settled):
     known = {
         key: ([each.arg for each in node.args.args], set(), set())
         for key, (node, *_) in trees.items()
@@ -167,7 +194,7 @@ def _effects(trees, settled):
     while changed:
         changed = False
         for key in trees:
-            found = Effects(key, trees, known, settled)
+            found = Effects(key, trees, bound, known, settled)
             _, reads, writes = known[key]
             changed |= not (found.reads <= reads and found.writes <= writes)
             reads |= found.reads
@@ -198,7 +225,7 @@ def write():
     """Write the lines into the docstrings."""
     texts = sources()
     trees = kernels(texts)
-    known = all_effects(trees)
+    known = all_effects(texts)
     for module, text in texts.items():
         lines = text.split("\n")
         own = [(*trees[key], key) for key in trees if key[0] == module]
@@ -209,7 +236,7 @@ def write():
             body = LINES.sub("", doc.value).rstrip()
             told = "".join(f"\n    {each}" for each in lines_of(*known[key]))
             body += f"\n{told}" if told else ""
-            end = "\n    " if "\n" in body or len(body) > WIDTH - 5 else ""
+            end = "\n    " if "\n" in body else ""
             lines[doc.lineno - 1 : doc.end_lineno] = f'    """{body}{end}"""'.split(
                 "\n"
             )

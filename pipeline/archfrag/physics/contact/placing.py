@@ -34,7 +34,7 @@ def later_vertex_meets(corner, slip):
 def move_faces(model, position, work):
     """Set corners and unit tangents of all joint faces for given positions of the bodies.
 
-    Reads: model (corner, tangent), position, work.rotated.
+    Reads: model (corner, tangent), position, work (face, rotated).
     Writes: work (face, rotated, tangent).
     """
     face = work.face

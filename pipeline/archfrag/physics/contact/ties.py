@@ -64,7 +64,6 @@ def tie_stretch(model, t, position):
     """Return the elongation of a tie [m].
 
     Reads: model.tie, position.
-    Writes: nothing.
     """
     return _line(model, t, position)[0]
 
@@ -331,11 +330,7 @@ def _solve_impulses(model, work):
 
 @kernel
 def solve_with_pulls(model, position, work, scale, precision, first):
-    """Solve the contact problem in the present modes (`solve_modes`), with the impulses of ties.
-
-    Reads: model (inverse_inertia, inverse_mass, ray, tie), position, work, precision.left.
-    Writes: work.
-    """
+    """Solve the contact problem in the present modes, with the impulses of ties."""
     left = blocks.solve_modes(model, position, work, scale, precision, first)
     n = model.tie.shape[0]
     if n == 0:
@@ -475,7 +470,6 @@ def pull_mega_voussoirs(mega, position, velocity):
 
     Elongations are left in ``mega.stretch``, forces on voussoirs in ``mega.pull``.
 
-    Reads: mega, position, velocity.
     Writes: mega (pull, stretch, work.free).
     """
     free = mega.work.free

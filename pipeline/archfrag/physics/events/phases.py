@@ -96,11 +96,7 @@ def _log_change(run, cause, level, output):
 
 @kernel
 def impact(run):
-    """Solve for velocities after an impact (Eqs 8, 9, 11, 21).
-
-    Reads: run.
-    Writes: run.
-    """
+    """Solve for velocities after an impact (Eqs 8, 9, 11, 21)."""
     trigger = run.motion.trigger
     joint = -1
     corner = -1
@@ -116,11 +112,7 @@ def impact(run):
 
 @kernel
 def modes_of_accelerations(run):
-    """Find the contact modes from now on (Eqs 15-19, 29-35).
-
-    Reads: run.
-    Writes: run.
-    """
+    """Find the contact modes from now on (Eqs 15-19, 29-35)."""
     trigger = run.motion.trigger
     if run.progress[Progress.SWITCH] == Cause.ACCUMULATION:
         return Phase.ALL_VOUSSOIRS
@@ -138,11 +130,7 @@ def modes_of_accelerations(run):
 
 @kernel
 def assemble_mega_voussoirs(run, output):
-    """Assemble mega-voussoirs of the present modes (section 3.3).
-
-    Reads: run, output (log, log.time, written).
-    Writes: run, output (log.cause, log.joint, log.mode, log.model, log.time, written).
-    """
+    """Assemble mega-voussoirs of the present modes (section 3.3)."""
     model = run.model
     state = run.state
     work = run.work
@@ -184,11 +172,7 @@ def assemble_mega_voussoirs(run, output):
 
 @kernel
 def integrate_to_next_event(run, output):
-    """Integrate mega-voussoirs until the next event (section 3.5).
-
-    Reads: run, output (due, frames, frames.time, interval, written).
-    Writes: run, output.
-    """
+    """Integrate mega-voussoirs until the next event (section 3.5)."""
     model = run.model
     state = run.state
     clock = state.clock
@@ -271,11 +255,7 @@ def step_until(run, until, output):
 
 @kernel
 def step_all_voussoirs(run, output):
-    """Step all voussoirs for a while after events accumulate or a mechanism is not found.
-
-    Reads: run, output.
-    Writes: run, output.
-    """
+    """Step all voussoirs for a while after events accumulate or a mechanism is not found."""
     model = run.model
     state = run.state
     work = run.work
@@ -316,11 +296,7 @@ def step_all_voussoirs(run, output):
 
 @kernel
 def rest_if_still(run, output):
-    """Rest until the ground moves the chain, if the chain stays at rest now.
-
-    Reads: run, output (frames, frames.time, log, log.time, written).
-    Writes: run, output.
-    """
+    """Rest until the ground moves the chain, if the chain stays at rest now."""
     state = run.state
     rests = run.state.count[Count.RESTS]
     code = service.handle_pause(run, output)
@@ -345,11 +321,7 @@ def leave_rest(run, code, output):
 
 @kernel
 def follow_phases(run, at_rest, output, results, row):
-    """Run from beginning to end, phase by phase.
-
-    Reads: run, output, results.peak.
-    Writes: run, output, results.
-    """
+    """Run from beginning to end, phase by phase."""
     model = run.model
     state = run.state
     work = run.work

@@ -51,11 +51,7 @@ SOONEST = 1e-9
 
 @kernel
 def place_voussoirs(run):
-    """Place faces and contacts of all joints where the voussoirs are.
-
-    Reads: run.
-    Writes: run.
-    """
+    """Place faces and contacts of all joints where the voussoirs are."""
     state = run.state
     placing.place_chain(
         run.model, state.position, state, TOUCHING, state.slip, run.work
@@ -243,9 +239,6 @@ def solve_posed(run):
     """Solve the problem that is posed, along solution paths where its modes go round in circles.
 
     Returns whether it is solved.
-
-    Reads: run.
-    Writes: run.
     """
     model = run.model
     position = run.state.position

@@ -82,7 +82,6 @@ def is_four_hinges(work, n_row):
     """Return whether the joints are the four hinges, none sliding, of three mega-voussoirs.
 
     Reads: work (contact, slide).
-    Writes: nothing.
     """
     if n_row != 5 or work.slide.shape[0] != 4:
         return False
@@ -130,7 +129,6 @@ def four_hinges(model, position, velocity, work):
     From contacts, modes, and accelerations without reactions in ``work.free``; False where the
     rotation centre of the middle body is so far off that the reactions do not follow from it.
 
-    Reads: model (inertia, mass), position, velocity, work (contact, free, pivot, point, solved).
     Writes: work (reaction, solved).
     """
     c1 = _hinge(0, work)
@@ -230,11 +228,7 @@ def _hinge_reactions(model, position, hinge, work):
 
 @kernel
 def pose(mega, position):
-    """Place faces, slips and contacts of mega-voussoirs at `position`.
-
-    Reads: mega, position.
-    Writes: mega.
-    """
+    """Place faces, slips and contacts of mega-voussoirs at `position`."""
     work = mega.work
     placing.place_chain(mega.model, position, work, 0.0, work.slip, work)
 
@@ -257,9 +251,6 @@ def solve_first_level(mega, position, velocity, ground, scale):
     `ground` is that of `archfrag.physics.ground.ground_after`. Accelerations and reactions are
     left in ``work.solved`` and ``work.reaction``; accelerations of `scale` count as one [m/s2].
     False where the equations have no solution.
-
-    Reads: mega, position, velocity, ground.
-    Writes: mega.
     """
     model = mega.model
     work = mega.work
@@ -284,9 +275,6 @@ def project(mega, position, velocity, enough, limit):
     a projection could gain energy. Nothing is done for distances [m] and rates [m/s] up to
     `enough`, nor if a body would move farther than `limit` [m], rotations by the length of the
     first joint; then it returns False.
-
-    Reads: mega, position, velocity, enough.
-    Writes: mega, position, velocity.
     """
     model = mega.model
     work = mega.work

@@ -75,9 +75,6 @@ def time_to_impact(model, state, work, shortest, ahead):
     """Return the time from now at which the first corner that asks to close will close [s].
 
     Returns step and time ahead where no corner does.
-
-    Reads: model.rounding, state (clock, velocity), work.
-    Writes: nothing.
     """
     step = state.clock[Clock.STEP]
     latest = step + ahead
@@ -117,7 +114,6 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
     too large an energy error: a slip that ends inside a long step sticks until its end, held by a
     friction that made energy.
 
-    Reads: model (inertia, mass), state (clock, contact, energy, force, impact, slide), work.
     Writes: state.force, work.reaction.
     """
     force = state.force
@@ -155,7 +151,6 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
 def expect_impact(model, state, work, options, solved):
     """Update the expected time of an impact in the step that leads up to it.
 
-    Reads: model.rounding, state (clock, velocity), work, options.time_step.
     Writes: state.clock.
     """
     clock = state.clock
@@ -232,9 +227,6 @@ def solve_contacts(runs, live):
 
     Returns solved, unsolved. What is neither has been shortened, or its modes go on changing in
     the next call.
-
-    Reads: runs.
-    Writes: runs.
     """
     model = runs.model
     state = runs.state

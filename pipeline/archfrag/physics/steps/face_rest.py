@@ -101,9 +101,6 @@ def longest_step(chain: Chain) -> float:
 def settle(runs, period, limit):
     """Bring a chain from where it is to equilibrium under its weight: it rests, falls or moves on
     after the most steps.
-
-    Reads: runs.
-    Writes: runs.
     """
     model = runs.model
     state = runs.state

@@ -99,11 +99,7 @@ def _place_joint(j, model, work, own):
 
 @kernel
 def pose_faces(runs, step):
-    """Move the chain to the middle of a step, and set up the gaps there.
-
-    Reads: runs.
-    Writes: runs.
-    """
+    """Move the chain to the middle of a step, and set up the gaps there."""
     model = runs.model
     state = runs.state
     work = runs.work
@@ -282,11 +278,7 @@ def remember(j, runs, times, where):
 
 @kernel
 def record_joints(runs, step, where):
-    """Remember joints at the end of a solved step, and record their work; modes go into `work`.
-
-    Reads: runs.
-    Writes: runs.
-    """
+    """Remember joints at the end of a solved step, and record their work; modes go into `work`."""
     state = runs.state
     clock = state.clock
     work = runs.work
@@ -311,9 +303,6 @@ def solve_faces(runs, live):
     """Find the velocities after steps; returns solved, unsolved, as `Law.solve`.
 
     The step of a run that is not solved is halved; it is unsolved where it is too short for that.
-
-    Reads: runs.
-    Writes: runs.
     """
     count = runs.state.count
     clock = runs.state.clock
@@ -332,11 +321,7 @@ def solve_faces(runs, live):
 
 @kernel
 def accept_faces(runs, impulse, where):
-    """Take a solved step of joints that give; return where the chain has collapsed.
-
-    Reads: runs, impulse (x, y).
-    Writes: runs.
-    """
+    """Take a solved step of joints that give; return where the chain has collapsed."""
     state = runs.state
     work = runs.work
     record_far_work(state, work, where)
@@ -355,8 +340,7 @@ def accept_faces(runs, impulse, where):
 def go_on_faces(runs, until, outcome):
     """Set the next steps of runs on joints that give, and the codes of those that end or wait.
 
-    Reads: runs.
-    Writes: runs.
+    Writes: runs.state.clock.
     """
     state = runs.state
     faces = runs.faces
@@ -389,11 +373,7 @@ def go_on_faces(runs, until, outcome):
 
 @kernel
 def start_faces(runs, output):
-    """Start a run from rest on its joints; return the code.
-
-    Reads: runs, output.
-    Writes: runs, output.
-    """
+    """Start a run from rest on its joints; return the code."""
     clock = runs.state.clock
     faces = runs.faces
     memory = runs.memory

@@ -215,9 +215,6 @@ def balance(runs, step, b):
 
     Returns the square of what is not balanced, over masses, and the slope of the energy along
     ``own.change``.
-
-    Reads: runs.
-    Writes: runs.
     """
     model = runs.model
     work = runs.work
@@ -307,9 +304,6 @@ def find_velocities(runs, step, b, balanced, live):
     What is not balanced of accelerations is at most `balanced`, over gravity. Velocities are those
     that the impulses give to the bodies, so that momentum is balanced to rounding. Returns the
     mask of the runs that are solved, and their iterations.
-
-    Reads: model, faces, runs.
-    Writes: runs.
     """
     model = runs.model
     state = runs.state

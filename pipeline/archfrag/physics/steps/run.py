@@ -50,9 +50,6 @@ def try_step(runs, live):
     """Pose the next step of every run, and solve it.
 
     Returns impulse, solved, unsolved. What is neither has been shortened, or is not done yet.
-
-    Reads: runs.
-    Writes: runs.
     """
     clock = runs.state.clock
     time = clock[Clock.TIME]
@@ -64,11 +61,7 @@ def try_step(runs, live):
 
 @kernel
 def step_four(runs):
-    """Step four runs until one waits; the reason is in ``state.clock[Clock.CODE]``.
-
-    Reads: runs.
-    Writes: runs.
-    """
+    """Step four runs until one waits; the reason is in ``state.clock[Clock.CODE]``."""
     clock = runs.state.clock
     until = end_of_motion(runs.grounds, clock, runs.options.follow)
     waits = False
@@ -84,11 +77,7 @@ def step_four(runs):
 
 @kernel
 def step_one(runs, until, output):
-    """Try a step of one run, with its history; as `step_four`.
-
-    Reads: runs, output.
-    Writes: runs, output.
-    """
+    """Try a step of one run, with its history; as `step_four`."""
     impulse, solved, unsolved = try_step(runs, True)
     collapsed = broken = False
     if solved:
@@ -100,8 +89,7 @@ def step_one(runs, until, output):
 def end(runs, output, results):
     """Write the results of a run that has ended; what joints store is potential energy.
 
-    Reads: runs, output.
-    Writes: runs, output, results.
+    Writes: output (energy, peak), results.energy.
     """
     clock = runs.state.clock
     row = int(clock[Clock.RUN])
@@ -113,22 +101,14 @@ def end(runs, output, results):
 
 @kernel
 def start_at_rest(runs, motion, factor, output):
-    """Start a run where the model does, from rest.
-
-    Reads: runs, output.
-    Writes: runs, output.
-    """
+    """Start a run where the model does, from rest."""
     shared.begin(runs.model, runs.state, runs.work, motion, factor)
     runs.state.clock[Clock.CODE] = runs.law.start(runs, output)
 
 
 @kernel
 def start_given(runs, output):
-    """Start from the positions and velocities of a given state.
-
-    Reads: runs, output.
-    Writes: runs, output.
-    """
+    """Start from the positions and velocities of a given state."""
     shared.read_state(runs.model, runs.state, runs.work)
     shared.log_change(runs.state, 0.0, service.BY_START, -1, shared.ALL, output)
     service.start_moving(runs.state, runs.options, output)
@@ -136,11 +116,7 @@ def start_given(runs, output):
 
 @kernel
 def run_one(runs, at_rest, output, results):
-    """Move one run to its end, with its history.
-
-    Reads: runs, output.
-    Writes: runs, output, results.
-    """
+    """Move one run to its end, with its history."""
     clock = runs.state.clock
     work = runs.work
     if at_rest:
@@ -161,9 +137,6 @@ def start_next(one, run, motion, factor, output, results):
     """Start the next run that moves at all; those that do not are over at once.
 
     Returns its number, that of all runs if there is none.
-
-    Reads: one, motion, factor, output.
-    Writes: one, output, results.
     """
     clock = one.state.clock
     while run < motion.size:
@@ -192,11 +165,7 @@ def copy_run(of, place, to, number):
 
 @kernel
 def run_four(four, one, motion, factor, output, results):
-    """Make many runs from rest, four at a time.
-
-    Reads: four, one, motion, factor, output.
-    Writes: four, one, output, results.
-    """
+    """Make many runs from rest, four at a time."""
     work = one.work
     clock = four.state.clock
     running = 0

@@ -68,7 +68,6 @@ def is_as_built(model, state):
     """Return whether all joints are closed and none has slipped: the chain is in its own geometry.
 
     Reads: model.length, state (contact, slip).
-    Writes: nothing.
     """
     for j in range(state.slip.size):
         slips = abs(state.slip[j]) > shared.CLOSED_GAP * model.length[j]
@@ -79,11 +78,7 @@ def is_as_built(model, state):
 
 @kernel
 def rest_range(model, state, work, problem):
-    """Return whether a configuration can rest, and its load factors plus and minus.
-
-    Reads: model, state, work, problem.
-    Writes: work (normal, pivot, point, side_normal, tie), problem.
-    """
+    """Return whether a configuration can rest, and its load factors plus and minus."""
     place_contacts(model, state.slip, work)
     for j in range(state.slip.size):
         for k in range(2):
@@ -105,7 +100,7 @@ def rest_range(model, state, work, problem):
 def start_moving(state, options, output):
     """Begin to step from the positions and velocities of a state.
 
-    Reads: state (clock, impact), options.time_step.
+    Reads: state.clock, options.time_step.
     Writes: state (clock, force, impact), output.span.
     """
     clock = state.clock
@@ -119,11 +114,7 @@ def start_moving(state, options, output):
 
 @kernel
 def write_rest(runs, output):
-    """Write a frame of the chain at rest, with reactions that balance the body force.
-
-    Reads: runs, output (frames, frames.time, written).
-    Writes: runs, output.
-    """
+    """Write a frame of the chain at rest, with reactions that balance the body force."""
     if output.frames.time.size == 0:
         return
     model = runs.model
@@ -156,11 +147,7 @@ def write_rest(runs, output):
 
 @kernel
 def rest_until_onset(runs, plus, minus, output):
-    """Let a chain rest until the ground motion moves it; returns the code.
-
-    Reads: runs, output.
-    Writes: runs, output.
-    """
+    """Let a chain rest until the ground motion moves it; returns the code."""
     state = runs.state
     clock = state.clock
     leave, for_good = end_rest(runs.model, runs.grounds, clock, plus, minus)
@@ -179,11 +166,7 @@ def rest_until_onset(runs, plus, minus, output):
 
 @kernel
 def rest(runs, output):
-    """Let a chain of rigid joints rest in its own geometry until the ground moves it.
-
-    Reads: runs, output.
-    Writes: runs, output.
-    """
+    """Let a chain of rigid joints rest in its own geometry until the ground moves it."""
     write_rest(runs, output)
     options = runs.options
     return rest_until_onset(runs, options.rest_plus, options.rest_minus, output)
@@ -194,9 +177,6 @@ def write_if_due(model, state, work, output):
     """Write a frame of the beginning of a solved step, if one is due.
 
     Reactions act at the middles of steps; those of the instant lie between them.
-
-    Reads: model, state, work, output.
-    Writes: output.
     """
     clock = state.clock
     frames = output.frames
@@ -240,7 +220,6 @@ def dominant_change(state, work):
     """Return the most important change of a joint in a solved step: cause, joint.
 
     Reads: state (contact, slide, slip), work (contact, slide).
-    Writes: nothing.
     """
     joint = -1
     rank = -1
@@ -273,7 +252,6 @@ def are_held(model, state, work, options):
     """Return whether the contacts hold all bodies where they stand in a solved step.
 
     Reads: model (gravity, length), state (clock, velocity), work.solved, options.held.
-    Writes: nothing.
     """
     most = HELD * model.gravity * state.clock[Clock.STEP]
     length = model.length[0]
@@ -313,11 +291,7 @@ def hold(model, state, work):
 
 @kernel
 def accept_recorded(runs, impulse, output):
-    """Accept a solved step of one run, and write frames and log; as `accept_step`.
-
-    Reads: runs, impulse (x, y), output.
-    Writes: runs, output.
-    """
+    """Accept a solved step of one run, and write frames and log; as `accept_step`."""
     model = runs.model
     state = runs.state
     work = runs.work
@@ -340,22 +314,14 @@ def accept_recorded(runs, impulse, output):
 
 @kernel
 def measure_state(model, state, work):
-    """Record the contact residual of the present state.
-
-    Reads: model, state, work.
-    Writes: state.peak, work.
-    """
+    """Record the contact residual of the present state."""
     residual = state_residual(model, state, work)
     state.peak[Peak.RESIDUAL] = max(state.peak[Peak.RESIDUAL], residual)
 
 
 @kernel
 def handle_unsolved(runs, output):
-    """Solve an unsolved step along paths, or halve it; return the code.
-
-    Reads: runs, output.
-    Writes: runs, output.
-    """
+    """Solve an unsolved step along paths, or halve it; return the code."""
     state = runs.state
     clock = state.clock
     options = runs.options
@@ -381,11 +347,7 @@ def handle_unsolved(runs, output):
 
 @kernel
 def handle_pause(runs, output):
-    """Measure what is due, and let the chain rest if it stays at rest; return the code.
-
-    Reads: runs, output.
-    Writes: runs, output.
-    """
+    """Measure what is due, and let the chain rest if it stays at rest; return the code."""
     model = runs.model
     state = runs.state
     options = runs.options
@@ -415,11 +377,7 @@ def handle_pause(runs, output):
 
 @kernel
 def handle(runs, output):
-    """Handle the reason for which a run waits; return the code that it goes on or ends with.
-
-    Reads: runs, output.
-    Writes: runs, output.
-    """
+    """Handle the reason for which a run waits; return the code that it goes on or ends with."""
     code = int(runs.state.clock[Clock.CODE])
     if code == shared.UNSOLVED:
         code = handle_unsolved(runs, output)
@@ -450,8 +408,7 @@ def code_after(before, outcome, over, spent, due):
 def go_on(runs, until, outcome):
     """Set the next steps of runs with rigid joints, and the codes of those that end or wait.
 
-    Reads: runs.
-    Writes: runs.
+    Writes: runs.state.clock.
     """
     state = runs.state
     options = runs.options
@@ -481,9 +438,6 @@ def creep(model, state, work, path, step, loss_limit):
 
     Returns whether its contact problem is solved, the largest displacement of a centroid in it
     [m], and whether a joint has lost its contact for good.
-
-    Reads: model, state, work, path.
-    Writes: state, work, path.
     """
     end = state.position.shape[0] - 1
     for i in range(1, end):

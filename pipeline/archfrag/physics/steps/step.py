@@ -108,7 +108,6 @@ def aim_contacts(model, state, work, step, shortest):
     An offset e at the middle becomes e + (h/2 + k) u + (h/8 + k/2) h b: after half the step h at
     the velocity u to come, and a time k at the one then reached. b is `bend_of`.
 
-    Reads: model (gravity, length, rounding), state (contact, velocity), work.
     Writes: work (bias, candidate, side_normal).
     """
     velocity = state.velocity
@@ -174,11 +173,7 @@ def move_to_middle(state, work, step):
 
 @kernel
 def go_to_middle(model, state, work, step):
-    """Move bodies, faces and slips to the middle of a step.
-
-    Reads: model, state, work.
-    Writes: work.
-    """
+    """Move bodies, faces and slips to the middle of a step."""
     move_to_middle(state, work, step)
     placing.place_chain(model, work.position, state, 0.0, work.slip, work)
     placing.relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
@@ -211,7 +206,7 @@ def carry_on(model, state, work, span):
     Else joints that the impact opens would bear nothing in that time, and the impact would take
     what the ground gives against them: a part of the energy of the order of the step, each time.
 
-    Reads: model (inverse_inertia, inverse_mass), state.force, work (pivot, position).
+    Reads: model (inverse_inertia, inverse_mass), state (force, slip), work (pivot, position).
     Writes: work.free.
     """
     for j in range(state.slip.size):
@@ -228,11 +223,7 @@ def carry_on(model, state, work, span):
 
 @kernel
 def pose_contacts(runs, step):
-    """Set up the contact problem of a step, without initial modes.
-
-    Reads: runs.
-    Writes: runs.
-    """
+    """Set up the contact problem of a step, without initial modes."""
     model = runs.model
     state = runs.state
     work = runs.work
@@ -246,11 +237,7 @@ def pose_contacts(runs, step):
 
 @kernel
 def pose_step(runs, impulse):
-    """Move the far springing to the middle of the next step, and pose that step.
-
-    Reads: runs, impulse.
-    Writes: runs.
-    """
+    """Move the far springing to the middle of the next step, and pose that step."""
     state = runs.state
     work = runs.work
     step = state.clock[Clock.STEP]
@@ -332,7 +319,6 @@ def count_change(j, state, work, where):
 def count_changes(model, state, work, where):
     """Count changes of joints in a step, and mark impacts that go on after it.
 
-    Reads: model, state, work.
     Writes: state (count, impact).
     """
     for j in range(state.slip.size):
@@ -354,7 +340,6 @@ def speed_of(i, velocity, length):
 def record_motion(model, state, where):
     """Record peaks of displacement, rotation, kinetic energy; return where they are not finite.
 
-    Reads: model, state.
     Writes: state (clock, energy, peak).
     """
     farthest = fastest = 0.0
@@ -387,7 +372,7 @@ def record_motion(model, state, where):
 def record_overlap(model, state, work, where):
     """Record the deepest overlap of two neighbours at a corner, over the joint's length.
 
-    Reads: model.length, state.peak, work (face, tangent).
+    Reads: model.length, state (peak, slip), work (face, tangent).
     Writes: state.peak.
     """
     deepest = state.peak[Peak.OVERLAP]
@@ -428,11 +413,7 @@ def take_step(runs, impulse, where):
 
 @kernel
 def make_step(runs, impulse, where):
-    """Take a solved step of rigid joints; return where the chain has collapsed.
-
-    Reads: runs, impulse (x, y).
-    Writes: runs.
-    """
+    """Take a solved step of rigid joints; return where the chain has collapsed."""
     model = runs.model
     state = runs.state
     work = runs.work
@@ -468,7 +449,7 @@ def make_step(runs, impulse, where):
 def add_carried(state, work, span):
     """Add the impulses of `carry_on` to those of the step.
 
-    Reads: state.force.
+    Reads: state (force, slip).
     Writes: work.reaction.
     """
     for j in range(state.slip.size):
@@ -478,11 +459,7 @@ def add_carried(state, work, span):
 
 @kernel
 def accept_contacts(runs, impulse, where):
-    """Take a step whose contact problem is solved, and what acted before its impact.
-
-    Reads: runs, impulse (x, y).
-    Writes: runs.
-    """
+    """Take a step whose contact problem is solved, and what acted before its impact."""
     state = runs.state
     work = runs.work
     count_changes(runs.model, state, work, where)
@@ -511,9 +488,6 @@ def accept_step(runs, impulse, where):
     """Accept a solved step; return where the chain has collapsed, and is broken.
 
     ``work.reaction`` goes from impulses into the mean forces over the step.
-
-    Reads: runs, impulse (x, y).
-    Writes: runs.
     """
     collapsed = runs.law.accept(runs, impulse, where)
     broken = record_motion(runs.model, runs.state, where)
