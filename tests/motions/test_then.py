@@ -20,7 +20,7 @@ def test_samples_of_equal_steps_stay_to_the_bit():
     assert np.array_equal(both.acceleration[:150], first.acceleration)
     assert not both.acceleration[150:200].any()
     assert np.array_equal(both.acceleration[200:], second.acceleration)
-    assert (both.id, both.dt, both.begins) == ("a+b", 0.01, 2.0)
+    assert (both.id, both.dt, both.record_start) == ("a+b", 0.01, 2.0)
     assert both.metadata["event"] == "B"
     assert np.array_equal(
         first.then(second, 0.0).acceleration[150:], second.acceleration
@@ -33,7 +33,7 @@ def test_other_steps_are_interpolated_as_in_a_simulation(one, two):
     second = wave(150, two, 2.0)
     both = first.then(second, gap=1.0)
     assert both.dt == min(one, two)
-    begins = both.begins
+    begins = both.record_start
     assert begins == pytest.approx(first.duration + 1.0, abs=1.5 * both.dt)
     for motion, start in ((first, 0.0), (second, begins)):
         time = np.arange(int(motion.duration / both.dt) + 1) * both.dt

@@ -117,12 +117,12 @@ def test_workers_without_the_folder_have_the_same_motions(shocks):
     far = plan.with_motions()
     for each in (plan.ground(1, 0, 2.0), far.ground(1, 0, 2.0)):
         motion, factor = each
-        assert (factor, motion.begins) == (1.0, 21.5)
+        assert (factor, motion.record_start) == (1.0, 21.5)
         assert np.array_equal(
             motion.acceleration, plan.ground(1, 0, 2.0)[0].acceleration
         )
     motion, factor = plan.ground(0, 0, 2.0)
-    assert (factor, motion.begins) == (2.0, 0.0)
+    assert (factor, motion.record_start) == (2.0, 0.0)
 
 
 def test_first_motions_come_in_turn(tmp_path):

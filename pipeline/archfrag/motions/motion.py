@@ -53,8 +53,8 @@ class Motion:
         A line for each thing done to the samples since they left the file.
     transverse : array_like, shape (n_sample,) [m/s2], optional
         The other horizontal component, perpendicular to the first: measured, never simulated.
-    begins : float [s]
-        When the record begins, later than 0 behind a first shock.
+    record_start : float [s]
+        When the record starts, later than 0 behind a first shock.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class Motion:
     metadata: Mapping[str, Any] = Facts()
     log: tuple[str, ...] = ()
     transverse: Samples | None = None
-    begins: float = 0.0
+    record_start: float = 0.0
 
     def __post_init__(self) -> None:
         name = self.id or "motion"
@@ -170,7 +170,7 @@ class Motion:
         """Return one motion: this one, `gap` >= 0 [s] for an arch to come to rest, and another.
 
         Its time step is the smaller one; samples at the other one are interpolated linearly, as in
-        a simulation. ``begins`` tells when the second motion begins [s].
+        a simulation. ``record_start`` tells when the second motion starts [s].
         InputError if `gap` is negative.
 
         Examples
@@ -178,7 +178,7 @@ class Motion:
         >>> import numpy as np, archfrag as af
         >>> first, second = (af.Motion(np.ones(6), dt, id=f"by{dt}") for dt in (0.02, 0.01))
         >>> both = first.then(second, gap=0.1)
-        >>> both, both.begins
+        >>> both, both.record_start
         (<Motion by0.02+by0.01: PGA 0.102 g, 0.26 s at 0.01 s, horizontal>, 0.21)
         """
         if not 0.0 <= gap < np.inf:
@@ -203,7 +203,7 @@ class Motion:
             dt=step,
             id=f"{self.id}+{second.id}",
             log=(*second.log, f"Put {gap:g} s after {self.id}."),
-            begins=(ends[0] + rest.size) * step,
+            record_start=(ends[0] + rest.size) * step,
         )
 
     def __mul__(self, factor: float) -> Motion:

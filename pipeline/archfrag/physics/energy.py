@@ -136,11 +136,11 @@ def energies_of(model, state):
 @inlined
 def record_calm(model, state, kinetic, where):
     """Record when a chain with ties has more kinetic energy than a sway in rest, and whether any
-    has just before the motion after a first shock begins.
+    has just before the time that is noted (`Grounds.noted`).
     """
     clock = state.clock
     tied = is_pulled(model)
-    left = clock[Clock.BEGINS] - clock[Clock.TIME]
+    left = clock[Clock.NOTED] - clock[Clock.TIME]
     if tied or some(left > 0.0):
         weight = 0.0
         length = model.length[0]

@@ -63,9 +63,8 @@ class Grounds(NamedTuple):
     )  # (n_sample,) int64: the next of its motion at which the slope changes
     first: np.ndarray  # (n_motion + 1,) int64: where each motion begins
     time_step: np.ndarray  # (n_motion,) [s]
-    begins: (
-        np.ndarray
-    )  # (n_motion,) of a motion after a first shock: when it begins; else 0 [s]
+    # (n_motion,) when a run notes whether the chain still moves; 0: never [s]
+    noted: np.ndarray
 
 
 def _integral(wave: np.ndarray, dt: float) -> np.ndarray:
@@ -98,11 +97,11 @@ def _breaks(*waves: np.ndarray) -> np.ndarray:
     return np.append(np.minimum.accumulate(following[:-1][::-1])[::-1], last)
 
 
-def grounds_of(motions: Sequence[tuple[Any, ...]], begins: Any = ()) -> Grounds:
+def grounds_of(motions: Sequence[tuple[Any, ...]], noted: Any = ()) -> Grounds:
     """Join ground motions, each (horizontal, vertical or None, time step), into arrays.
 
     A fourth entry, if there is one and it is not None, is the acceleration (n_sample, 2) of the
-    far springing less that of the other. `begins` is when those after a first shock begin [s].
+    far springing less that of the other. `noted` is when to note whether the chain still moves [s].
     """
     x = [np.ascontiguousarray(given[0], float) for given in motions]
     # Zeros that are only read take no memory.
@@ -134,7 +133,7 @@ def grounds_of(motions: Sequence[tuple[Any, ...]], begins: Any = ()) -> Grounds:
     breaks = joined(
         [_breaks(a, b, *c) if c.size else _breaks(a, b) for a, b, c in zip(x, y, parts)]
     )
-    after = np.array(begins if len(begins) else np.zeros(step.size), float)
+    after = np.array(noted if len(noted) else np.zeros(step.size), float)
     return Grounds(joined(x), joined(y), of_x, of_y, far, breaks, first, step, after)
 
 
@@ -144,7 +143,7 @@ def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:
     scaled = factor * grounds.horizontal[part], factor * grounds.vertical[part]
     far = factor * grounds.far[part, :, 0] if grounds.far.size else None
     alone = (*scaled, grounds.time_step[number], far)
-    return grounds_of([alone], grounds.begins[number : number + 1])
+    return grounds_of([alone], grounds.noted[number : number + 1])
 
 
 @inlined

@@ -109,7 +109,7 @@ class Clock(IntEnum):
     LIVELY = (
         11  # when a chain with ties was last not calm, see `energy.record_calm` [s]
     )
-    BEGINS = 12  # when the motion after a first shock begins; zero without [s]
+    NOTED = 12  # when to note whether the chain still moves; 0: never [s]
     RUN = 13  # number of the run
     STORED = 14  # elastic energy of joints that give [J]
     STORED_FIRST = 15  # the same of the initial state [J]

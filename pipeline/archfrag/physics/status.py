@@ -152,9 +152,7 @@ class Peak(IntEnum):
     )
     END_ROTATION = 4  # largest of any body at the end of the run [rad]
     END_DISPLACEMENT = 5  # largest of any centroid at the end of the run [m]
-    MOVED_BEFORE = (
-        6  # one if the chain still moved when the motion after a first shock began
-    )
+    MOVED_BEFORE = 6  # one if the chain still moved at the time noted
 
 
 class Tie(IntEnum):

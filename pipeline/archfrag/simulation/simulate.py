@@ -302,7 +302,7 @@ def _checked_call(
 
 def _grounds(motions: Sequence[Motion], far: Far) -> Grounds:
     grounds = [ground_of(motion, far) for motion in motions]
-    return grounds_of(grounds, [ground.begins for ground in grounds])
+    return grounds_of(grounds, [ground.noted for ground in grounds])
 
 
 def results_of_runs(

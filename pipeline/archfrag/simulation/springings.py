@@ -34,7 +34,7 @@ class Ground(NamedTuple):
     dt: float  # [s]
     # (n, 2) x, y: acceleration of the right springing less that of the left one; None if alike
     apart: FloatArray | None = None
-    begins: float = 0.0  # when the record begins, later than 0 behind a first shock [s]
+    noted: float = 0.0  # when a run notes whether the arch still moves; 0: never [s]
 
 
 class SpringingPath(NamedTuple):
@@ -181,7 +181,7 @@ def _crossing(before: float, after: float, held: float, margin: float) -> float:
 def ground_of(motion: Motion, far: Far) -> Ground:
     """Return the ground motion for kernels; InputError if that of the right springing is none."""
     own = motion.acceleration, motion.vertical, motion.dt
-    ground = Ground(*own, begins=motion.begins)
+    ground = Ground(*own, noted=motion.record_start)
     if far is None:
         return ground
     if not isinstance(far, Motion):

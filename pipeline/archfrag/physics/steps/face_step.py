@@ -356,14 +356,14 @@ def go_on_faces(runs, until, outcome):
     step = smaller(2.0 * clock[Clock.STEP], longest)
     set_step(clock, step, until, solved)
     barely = ALMOST * options.time_step
-    shaken = time < until - options.follow - barely
+    driven = time < until - options.follow - barely
     # A chain that nothing has moved rests as soon as the motion is over.
     lively = kinetic_energy(runs.model, state.velocity) >= faces.sway
     lively = lively | (clock[Clock.FASTEST] >= faces.still)
-    moved = lively | (shaken & (clock[Clock.LIVELY] > 0.0))
+    moved = lively | (driven & (clock[Clock.LIVELY] > 0.0))
     since = select(solved & moved, time, clock[Clock.LIVELY])
     clock[Clock.LIVELY] = since
-    calm = solved & opposite(shaken) & ((time - since >= faces.calm) | (since == 0.0))
+    calm = solved & opposite(driven) & ((time - since >= faces.calm) | (since == 0.0))
     over = solved & (time >= until - barely) & opposite(calm)
     most = options.first_steps + until * (MOST_STEPS / shortest)
     taken = state.count[Count.STEPS] + state.count[Count.SHORTENED]
@@ -378,7 +378,7 @@ def start_faces(runs, output):
     faces = runs.faces
     memory = runs.memory
     clock[Clock.STEP] = runs.options.time_step
-    clock[Clock.BEGINS] = runs.grounds.begins[int(clock[Clock.MOTION])]
+    clock[Clock.NOTED] = runs.grounds.noted[int(clock[Clock.MOTION])]
     clock[Clock.STORED] = clock[Clock.STORED_FIRST] = faces.stored
     for j in range(memory.half.size):
         memory.touching[j] = faces.touching[j]

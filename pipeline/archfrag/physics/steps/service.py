@@ -151,8 +151,8 @@ def rest_until_onset(runs, plus, minus, output):
     state = runs.state
     clock = state.clock
     leave, for_good = end_rest(runs.model, runs.grounds, clock, plus, minus)
-    clock[Clock.BEGINS] = runs.grounds.begins[int(clock[Clock.MOTION])]
-    if clock[Clock.TIME] < clock[Clock.BEGINS]:
+    clock[Clock.NOTED] = runs.grounds.noted[int(clock[Clock.MOTION])]
+    if clock[Clock.TIME] < clock[Clock.NOTED]:
         state.peak[Peak.MOVED_BEFORE] = 0.0
     clock[Clock.RESTING] += leave - clock[Clock.TIME]
     clock[Clock.TIME] = leave

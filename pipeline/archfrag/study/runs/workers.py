@@ -58,7 +58,7 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
     options |= {"method": method.name, "far": method.delay}
     arch = plan.arch(int(cases["arch"][0]))
     results, wall_time = results_of_runs(arch, motions, factors, **options)
-    starts = [motion.begins for motion in motions]
+    starts = [motion.record_start for motion in motions]
     columns = store.columns_of(results, starts) | {"wall_time": wall_time}
     return store.table_of(plan.keys(cases), columns)
 
