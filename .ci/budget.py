@@ -1,116 +1,228 @@
-"""Print what the code may be, and is, in size; exit with 1 where a row is exceeded.
+"""Print how large the code is; exit with 1 where a row is over its limit.
 
-Code is counted in tokens: names, operators, numbers and strings outside docstrings and comments. A
-row that has to grow names in pipeline/METHOD.md the capability that it paid for.
+Tokens are names, operators, numbers and strings outside comments and docstrings, so that layout
+gains nothing. A room may exceed its limit by what the table "What the sizes paid for" of
+pipeline/METHOD.md grants it, each line for a capability that it names.
 """
 
 import ast
 import io
+import re
+import statistics
 import sys
 import tokenize
 from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = ROOT / "pipeline" / "archfrag"
-# By row: what is aimed at, and what is allowed until then. A row that shrinks lowers its limit.
-LIMITS = {
-    "tokens": (266000, 313000),
-    "tokens of arch": (20500, 22700),
-    "tokens of api, cli and export": (20500, 24000),
-    "tokens of fragility": (20500, 25600),
-    "tokens of motions": (37000, 43000),
-    "tokens of physics": (80000, 87200),
-    "tokens of report": (29500, 34500),
-    "tokens of simulation": (13000, 16400),
-    "tokens of study": (43500, 52800),
-    "tokens of archbench": (62972, 63100),
-    "modules": (175, 191),
-    "imports inside functions": (40, 40),
-    "names of classes that stand twice": (0, 0),
-    "names of files that stand twice": (0, 0),
-    "packages at the top": (10, 10),
+PIPELINE = ROOT / "pipeline"
+TOKENS = {
+    "archfrag": 266_000,
+    "arch": 20_500,
+    "simulation": 13_000,
+    "physics": 80_000,
+    "motions": 37_000,
+    "fragility": 20_500,
+    "study": 43_500,
+    "report": 29_500,
+    "api, cli, export": 20_500,
+    "archbench": 62_974,
+    "tests": 268_306,
 }
-ROOMS = {
-    row: row.removeprefix("tokens of ").replace(" and ", ", ").split(", ")
-    for row in LIMITS
-    if row.startswith("tokens of ") and row != "tokens of archbench"
+OTHERS = {
+    "modules": 175,
+    "tokens a line": 9.5,
+    "names a function": 14.5,
+    "fmt: skip": 20,
+    "conditional expressions inside another": 0,
+    "walruses outside a loop's condition": 0,
+    "packages at the top": 10,
+    "imports inside functions": 40,
+    "names of classes that stand twice": 0,
+    "names of files that stand twice": 0,
+    "files that name ties": 25,
+    "files that name joints that give": 16,
+    "files that name first shocks": 10,
 }
-COUNTED = (tokenize.NAME, tokenize.OP, tokenize.NUMBER, tokenize.STRING)
+# What is still allowed of rows whose limit is not reached yet; a row only ever goes down.
+UNTIL_REACHED = {
+    "archfrag": 293_000,
+    "arch": 21_600,
+    "simulation": 15_200,
+    "physics": 80_100,
+    "motions": 39_900,
+    "fragility": 24_900,
+    "study": 50_300,
+    "report": 30_700,
+    "api, cli, export": 22_500,
+    "names a function": 15.6,
+}
+CONCEPTS = {
+    "ties": r"(^|_)ties?(_|$)|Ties?($|[A-Z])",
+    "joints that give": r"stiffness|jointed|joint_keys|^soft$|(^|_)inset(_|$)|^Faces$",
+    "first shocks": r"(?i)shock|^shaken$|^begins$",
+}
+KINDS = (tokenize.NAME, tokenize.OP, tokenize.NUMBER, tokenize.STRING)
+DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 
-def docstring_lines(tree: ast.AST) -> set[int]:
-    """Return the lines of all docstrings of a module."""
-    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
-    owners = [node for node in ast.walk(tree) if isinstance(node, documented) and node.body]
-    firsts = [node.body[0] for node in owners]
-    texts = [
-        first
-        for first in firsts
-        if isinstance(first, ast.Expr)
-        and isinstance(first.value, ast.Constant)
-        and isinstance(first.value.value, str)
-    ]
-    return {line for text in texts for line in range(text.lineno, (text.end_lineno or 0) + 1)}
+class Source:
+    """A Python file: its syntax tree, its tokens and the lines that have one."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.text = path.read_text(encoding="utf-8")
+        self.tree = ast.parse(self.text)
+        self.nodes = list(ast.walk(self.tree))
+        documented = {
+            line
+            for node in self.nodes
+            if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False)
+            for line in range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1)
+        }
+        tokens = tokenize.generate_tokens(io.StringIO(self.text).readline)
+        rows = [token.start[0] for token in tokens if token.type in KINDS]
+        self.lines = {row for row in rows if row not in documented}
+        self.tokens = sum(row not in documented for row in rows)
+        self.functions = self.of(ast.FunctionDef)
+
+    def of(self, *kinds: type) -> list:
+        """Return the nodes of some kinds."""
+        return [node for node in self.nodes if isinstance(node, kinds)]
+
+    def words(self) -> set[str]:
+        """Return the names and short texts of the code."""
+        names = [
+            getattr(node, key, None)
+            for key in ("id", "attr", "name", "arg")
+            for node in self.of(
+                ast.Name,
+                ast.Attribute,
+                ast.FunctionDef,
+                ast.ClassDef,
+                ast.arg,
+                ast.keyword,
+            )
+        ]
+        texts = [node.value for node in self.of(ast.Constant)]
+        return {
+            each for each in names + texts if isinstance(each, str) and len(each) < 40
+        }
 
 
-def tokens_of(folder: Path) -> int:
-    """Return the code tokens of all modules of a folder."""
-    count = 0
-    for path in folder.rglob("*.py"):
-        text = path.read_text(encoding="utf-8")
-        documented = docstring_lines(ast.parse(text))
-        count += sum(
-            token.type in COUNTED and token.start[0] not in documented
-            for token in tokenize.generate_tokens(io.StringIO(text).readline)
-        )
-    return count
+def names_of(function: ast.AST) -> int:
+    """Return how many names a function uses."""
+    nodes = list(ast.walk(function))
+    arguments = {node.arg for node in nodes if isinstance(node, ast.arg)}
+    return len(arguments | {node.id for node in nodes if isinstance(node, ast.Name)})
 
 
-def names_twice(names: list[str]) -> list[str]:
-    """Return the names that stand more than once."""
-    return sorted(name for name, count in Counter(names).items() if count > 1)
+def twice(names: list[str]) -> int:
+    """Return how many names stand more than once, and print them."""
+    found = sorted(name for name, count in Counter(names).items() if count > 1)
+    print(*found, sep="\n", end="\n" if found else "")
+    return len(found)
 
 
-def measure() -> dict[str, int]:
+def inside(sources: list[Source], outer: type, *inner: type) -> int:
+    """Return how many nodes of some kinds stand below one of another kind."""
+    return len(
+        {
+            id(node)
+            for source in sources
+            for above in source.of(outer)
+            for node in ast.walk(above)
+            if node is not above and isinstance(node, inner)
+        }
+    )
+
+
+def free_walruses(source: Source) -> int:
+    """Return how many assignments in an expression are in no condition of a loop."""
+    conditions = [node.test for node in source.of(ast.While)]
+    conditions += [test for node in source.of(ast.comprehension) for test in node.ifs]
+    allowed = {id(node) for test in conditions for node in ast.walk(test)}
+    return sum(id(node) not in allowed for node in source.of(ast.NamedExpr))
+
+
+def measure() -> dict[str, float]:
     """Return each row's figure."""
-    trees = {path: ast.parse(path.read_bytes()) for path in PACKAGE.rglob("*.py")}
-    nodes = [node for tree in trees.values() for node in ast.walk(tree)]
-    functions = [node for node in nodes if isinstance(node, ast.FunctionDef)]
-    inside = {
-        id(node)
-        for function in functions
-        for node in ast.walk(function)
-        if isinstance(node, ast.Import | ast.ImportFrom)
+    sources = [Source(path) for path in sorted((PIPELINE / "archfrag").rglob("*.py"))]
+    top = [
+        source.path.relative_to(PIPELINE / "archfrag").parts[0] for source in sources
+    ]
+    files = [
+        source.path.name for source in sources if not source.path.name.startswith("__")
+    ]
+    classes = [node.name for source in sources for node in source.of(ast.ClassDef)]
+    functions = [node for source in sources for node in source.functions]
+    found: dict[str, float] = {"archfrag": sum(source.tokens for source in sources)}
+    for row in list(TOKENS)[1:-2]:
+        rooms = row.split(", ")
+        own = (source.tokens for source, room in zip(sources, top) if room in rooms)
+        found[row] = sum(own)
+    for row, folder in (
+        ("archbench", PIPELINE / "archbench"),
+        ("tests", ROOT / "tests"),
+    ):
+        found[row] = sum(Source(path).tokens for path in folder.rglob("*.py"))
+    lines = sum(len(source.lines) for source in sources)
+    skips = sum(
+        len(re.findall("# fmt: (?:skip|off)", source.text)) for source in sources
+    )
+    found |= {
+        "modules": len(sources),
+        "tokens a line": round(found["archfrag"] / lines, 1),
+        "names a function": round(statistics.mean(map(names_of, functions)), 1),
+        "fmt: skip": skips,
+        "conditional expressions inside another": inside(sources, ast.IfExp, ast.IfExp),
+        "walruses outside a loop's condition": sum(map(free_walruses, sources)),
+        "packages at the top": len({each for each in top if not each.endswith(".py")}),
+        "imports inside functions": inside(
+            sources, ast.FunctionDef, ast.Import, ast.ImportFrom
+        ),
+        "names of classes that stand twice": twice(classes),
+        "names of files that stand twice": twice(files),
     }
-    classes = [node.name for node in nodes if isinstance(node, ast.ClassDef)]
-    files = [path.name for path in trees if not path.name.startswith("__")]
-    twice = {"classes": names_twice(classes), "files": names_twice(files)}
-    for kind, names in twice.items():
-        if names:
-            print(f"{kind} that stand twice: {', '.join(names)}")
-    return {
-        "tokens": tokens_of(PACKAGE),
-        "modules": len(trees),
-        "imports inside functions": len(inside),
-        "names of classes that stand twice": len(twice["classes"]),
-        "names of files that stand twice": len(twice["files"]),
-        "packages at the top": sum(path.is_dir() for path in PACKAGE.glob("[a-z]*")),
-        "tokens of archbench": tokens_of(ROOT / "pipeline" / "archbench"),
-        **{
-            row: sum(tokens_of(PACKAGE / room) for room in rooms) for row, rooms in ROOMS.items()
-        },
-    }
+    words = [source.words() for source in sources]
+    for concept, pattern in CONCEPTS.items():
+        named = sum(any(re.search(pattern, word) for word in each) for each in words)
+        found[f"files that name {concept}"] = named
+    return found
+
+
+def granted() -> Counter[str]:
+    """Return the tokens that METHOD.md grants to rooms, and to the package for all of them."""
+    text = (PIPELINE / "METHOD.md").read_text(encoding="utf-8")
+    section = text.partition("## What the sizes paid for")[2].partition("\n## ")[0]
+    found: Counter[str] = Counter()
+    for room, tokens, capability in re.findall(
+        r"\| `(.+?)` \| ([\d,]+) \| (.+?) \|", section
+    ):
+        if room not in TOKENS or not capability.strip():
+            raise SystemExit(
+                f"METHOD.md: {room} is no row of .ci/budget.py, or names nothing"
+            )
+        found[room] += int(tokens.replace(",", ""))
+    found["archfrag"] += sum(found[room] for room in list(TOKENS)[1:-2])
+    return found
 
 
 def main() -> int:
-    """Print all rows; return 1 if one is exceeded."""
-    found = measure()
-    print(f"{'':34} {'is':>6} {'most':>6} {'aim':>6}")
-    for row, (aim, most) in LIMITS.items():
-        exceeded = "  exceeded" if found[row] > most else ""
-        print(f"{row:34} {found[row]:6} {most:6} {aim:6}{exceeded}")
-    return int(any(found[row] > most for row, (_, most) in LIMITS.items()))
+    """Print all rows; return 1 if one is over its limit."""
+    extra = granted()
+    limits = {row: most + extra[row] for row, most in TOKENS.items()} | OTHERS
+    over = 0
+    for row, is_now in measure().items():
+        most = UNTIL_REACHED.get(row, limits[row])
+        exceeded = is_now > most
+        over += exceeded
+        kind = "tokens of " if row in TOKENS else ""
+        later = f"  (until then {most})" if most > limits[row] else ""
+        print(
+            f"{kind + row:40} {is_now:8} {limits[row]:8}{later}{'  exceeded' * exceeded}"
+        )
+    return int(over > 0)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ import contextlib
 import csv
 import hashlib
 import io
+import multiprocessing
 import os
 import re
 import secrets
@@ -150,13 +151,11 @@ def sha256_of(path: Path) -> str:
 
 def end_with_parent() -> None:
     """End this process of `multiprocessing` when the one that started it is gone."""
-    import multiprocessing.connection  # start-up
-
     parent = multiprocessing.parent_process()
     assert parent is not None
 
     def watch() -> None:
-        multiprocessing.connection.wait([parent.sentinel])
+        parent.join()
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()

@@ -16,7 +16,7 @@ from archfrag.physics.status import Status
 from archfrag.report.inputs import report_inputs
 from archfrag.report.page import render
 from archfrag.study.answer.cube import _variable, build_cube, open_cube, write_cube
-from archfrag.study.answer.curves import Fitted, Runs, dispersion_split
+from archfrag.study.answer.curves import ArchRuns, Fitted, dispersion_split
 from archfrag.study.answer.fits import (
     arch_cautions,
     cautions_of,
@@ -265,13 +265,13 @@ def test_dispersion_of_a_class_has_the_parts_of_its_capacities(largest):
     answers = [replace(fit, likelihood=fit) for fit in fits]
     parts = arch.std(ddof=1), np.hypot(record.std(ddof=1), 0.1)
     beta = float(np.hypot(*parts))
-    runs = Runs("a", Stripes(), verdict.reshape(-1, levels.size), levels)
+    runs = ArchRuns("a", Stripes(), verdict.reshape(-1, levels.size), levels)
     found = dispersion_split(runs, answers, Curve(beta=beta))
     assert found["beta_model"] == pytest.approx(parts[0], rel=0.1)
     assert found["beta_record_to_record"] == pytest.approx(parts[1], rel=0.1)
     assert np.hypot(*found.values()) == pytest.approx(beta, rel=1e-12)
     if largest < 2.0:
-        two = Runs("a", Stripes(), verdict[:2].reshape(-1, levels.size), levels)
+        two = ArchRuns("a", Stripes(), verdict[:2].reshape(-1, levels.size), levels)
         with pytest.raises(
             (FitError, InputError), match="one arch has no modelling dispersion"
         ):
@@ -279,7 +279,7 @@ def test_dispersion_of_a_class_has_the_parts_of_its_capacities(largest):
 
 
 def test_equal_capacities_have_no_parts_of_beta():
-    runs = Runs("a", Stripes(), np.tile([0, 1], (4, 1)), np.array([0.4, 0.6]))
+    runs = ArchRuns("a", Stripes(), np.tile([0, 1], (4, 1)), np.array([0.4, 0.6]))
     (reason,) = dispersion_split(runs, [Curve(), Curve()], 0.1).values()
     assert reason == "all capacities lie between the same two levels"
 
@@ -331,7 +331,7 @@ def of_events(count):
 def of_arch(verdict, levels=(1.0, 2.0, 3.0, 4.0), curve=NO_CURVE):
     named = [f"{level:g} g" for level in levels]
     return arch_cautions(
-        Runs("a", Stripes(), np.array(verdict), np.array(levels)), named, curve
+        ArchRuns("a", Stripes(), np.array(verdict), np.array(levels)), named, curve
     )
 
 

@@ -101,7 +101,7 @@ def grounds_of(motions: Sequence[tuple[Any, ...]], noted: Any = ()) -> Grounds:
     """Join ground motions, each (horizontal, vertical or None, time step), into arrays.
 
     A fourth entry, if there is one and it is not None, is the acceleration (n_sample, 2) of the
-    far springing less that of the other. `noted` is when to note whether the chain still moves [s].
+    far springing less that of the other. `noted`: when to note whether the chain still moves [s].
     """
     x = [np.ascontiguousarray(given[0], float) for given in motions]
     # Zeros that are only read take no memory.

@@ -24,7 +24,7 @@ from archfrag.properties import LATER
 from archfrag.report.html import digits
 from archfrag.simulation.simulate import Onset, onset
 from archfrag.study.answer.compare import Table, compare
-from archfrag.study.answer.curves import Fitted, Runs, arch_classes
+from archfrag.study.answer.curves import ArchRuns, Fitted, arch_classes
 from archfrag.study.answer.fits import cautions_of
 from archfrag.study.answer.rates import StudyRisk, risk_of_study
 from archfrag.study.answer.tables import runs_table
@@ -113,7 +113,7 @@ class ArchResults:
     own_levels: FloatArray | None  #: (n_record,), if each run has one of its own
     table: Callable[[str], NDArray]  #: gives a variable of the cube by name [SI]
     simulated: NDArray[np.bool_]  #: (n_record, n_level), which runs there are
-    runs: Runs
+    runs: ArchRuns
     counts: Mapping[str, IntArray]  #: `count_verdicts` of runs at each level
     #: Of records, with what their capacities imply if they were searched.
     known: Mapping[str, IntArray]
@@ -310,7 +310,7 @@ def _title(study: StudyKeys) -> str:
     return f"Fragility of {f'a {noun}' if len(study.members) == 1 else counted(2, noun)[2:]}"
 
 
-def arch_results(runs: Runs, scale: Scale) -> ArchResults:
+def arch_results(runs: ArchRuns, scale: Scale) -> ArchResults:
     """Return what the report needs of the runs of an arch or a class."""
     n_arch = len(runs.arches)
     made = runs.verdict != Verdict.NOT_RUN

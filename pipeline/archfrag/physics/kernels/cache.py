@@ -70,8 +70,9 @@ def digest_of_syntax(paths: tuple[Path, ...]) -> str:
     place = use_kernel_cache()
     kept = place and place / f"syntax-{hashlib.sha256(b''.join(known)).hexdigest()}"
     with contextlib.suppress(OSError, ValueError):
-        if kept and len(found := kept.read_text()) == 64:
-            return found
+        text = kept.read_text() if kept else ""
+        if len(text) == 64:
+            return text
     digest = hashlib.sha256()
     for path in paths:
         digest.update(

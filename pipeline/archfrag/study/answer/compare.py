@@ -15,7 +15,7 @@ from archfrag.fragility.quoted import shared_events
 from archfrag.fragility.risk import HazardCurve
 from archfrag.fragility.several import crossing_groups, left_out, parts_of, ratios
 from archfrag.fragility.verdicts import Brackets
-from archfrag.study.answer.curves import Fitted, Runs, known_measures, runs_of_cube
+from archfrag.study.answer.curves import ArchRuns, Fitted, known_measures, runs_of_cube
 from archfrag.study.file.schema import Intensity
 
 Table = dict[str, dict[str, float]]
@@ -36,7 +36,7 @@ def compare(
     [1/year], each with before, after, ratio, lower, upper. InputError if a name is not known,
     or the motions or the samples differ; FitError if an arch has no curve.
     """
-    runs = list[Runs]()
+    runs = list[ArchRuns]()
     curves = list[Curve]()
     for study, name in zip(fitted, names):
         if name not in study.curves:
@@ -76,7 +76,7 @@ def compare(
     return found
 
 
-def _groupings(one: Runs, two: Runs) -> list[IntArray]:
+def _groupings(one: ArchRuns, two: ArchRuns) -> list[IntArray]:
     """Return groups of rows that are alike in two arches or classes of arches."""
     record = one.cube["record"].values.astype(str)
     event = shared_events(one.cube["event"].values)
@@ -156,7 +156,7 @@ def _of_motions(cube: xr.Dataset) -> pd.DataFrame:
     return table.assign(vertical=cube["record_vertical"].values.astype(float))
 
 
-def _check_pairs(one: Runs, two: Runs) -> None:
+def _check_pairs(one: ArchRuns, two: ArchRuns) -> None:
     """Check that the members of two classes are pairs, drawn alike; InputError if not."""
     sizes = [runs.cube.sizes["arch"] for runs in (one, two)]
     pair = f"{one.name} and {two.name} cannot be compared"

@@ -60,7 +60,7 @@ Worded = Callable[
 
 
 @dataclass(frozen=True)
-class Runs:
+class ArchRuns:
     """Runs of one arch, or of all arches of a class under each other."""
 
     name: str
@@ -152,7 +152,7 @@ class Runs:
 
 def runs_of_cube(
     cube: xr.Dataset, names: Iterable[str] | None = None, worded: Worded = str
-) -> dict[str, Runs]:
+) -> dict[str, ArchRuns]:
     """Return the runs of arches or classes of a cube by name; of all arches if none is given."""
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
     ordered = cube.transpose("arch", "record", "level", ...)
@@ -171,7 +171,7 @@ def runs_of_cube(
     for place, both in enumerate(of_class.items()):
         for name in set(both):
             places.setdefault(name, []).append(place)
-    runs = dict[str, Runs]()
+    runs = dict[str, ArchRuns]()
     for name in of_class if names is None else names:
         own = places[name]
         several = len(own) > 1
@@ -185,7 +185,7 @@ def runs_of_cube(
         groups = {what: np.tile(each, len(own)) for what, each in known.items()}
         if stock:
             groups["row"] = np.repeat(rows[own].astype(str), record.size)
-        runs[name] = Runs(
+        runs[name] = ArchRuns(
             name,
             design,
             verdict[own].reshape(-1, n_level),
@@ -213,7 +213,7 @@ class Fitted:
     cube: xr.Dataset
 
     @cached_property
-    def runs(self) -> dict[str, Runs]:
+    def runs(self) -> dict[str, ArchRuns]:
         """Runs of all arches and classes, which keep their brackets once they are found."""
         return runs_of_cube(self.cube, [*self.arches, *self.classes])
 
@@ -245,7 +245,7 @@ class Fitted:
         return pd.concat(tables, ignore_index=True)
 
 
-def curve_of(runs: Runs, confidence: float) -> Curve:
+def curve_of(runs: ArchRuns, confidence: float) -> Curve:
     """Return the curve of some runs with the band and the intervals that are quoted."""
     if not runs.decided.any():
         none = Curve(reason=NOTHING, confidence=confidence, name=runs.name)
@@ -269,7 +269,7 @@ def curve_of(runs: Runs, confidence: float) -> Curve:
     return replace(curve, likelihood=likelihood, name=runs.name)
 
 
-def band_points(runs: Runs) -> FloatArray:
+def band_points(runs: ArchRuns) -> FloatArray:
     """Return the intensities of a band [SI], from 0 to beyond the highest level."""
     return np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
 
@@ -307,7 +307,7 @@ def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) ->
 
 
 def completed(
-    runs: Runs,
+    runs: ArchRuns,
     curve: Curve,
     keys: Mapping[str, float],
     detailed: bool = True,
@@ -357,7 +357,7 @@ def completed(
     return replace(curve, **parts)
 
 
-def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
+def free_shapes(runs: ArchRuns, confidence: float) -> dict[str, Any]:
     """Return the isotonic curve, and whether the lognormal one describes the runs."""
     parts: dict[str, Any] = {}
     try:
@@ -380,14 +380,14 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
     return parts | {"test_of_fit": {"p_value": p_value, "message": message}}
 
 
-def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
+def cloud_curves(runs: ArchRuns, confidence: float) -> dict[str, Any]:
     """Return the curve of a cloud by logistic regression."""
     found = runs.brackets  # one run a record
     event = None if runs.group is None else runs.group[found.run]
     return fit_cloud(*found.single_runs(), event, confidence=confidence, **_DRAWN)
 
 
-def measures_compared(runs: Runs) -> dict[str, Any]:
+def measures_compared(runs: ArchRuns) -> dict[str, Any]:
     """Compare the study's measure with others in which its motions are known."""
     cube = runs.cube
     known, exponent, units = known_measures(cube)
@@ -427,7 +427,7 @@ def known_measures(
 
 
 def limit_states(
-    runs: Runs, keys: Mapping[str, float], collapse: Curve
+    runs: ArchRuns, keys: Mapping[str, float], collapse: Curve
 ) -> tuple[tuple[Curve, ...], str]:
     """Return curves of damage, from light to severe, and whether they cross.
 
@@ -502,7 +502,7 @@ def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str,
     return exceeded
 
 
-def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], collapse: Curve) -> Curve:
+def _state_curve(runs: ArchRuns, exceeds: NDArray[np.bool_], collapse: Curve) -> Curve:
     """Return the curve of runs that exceed a limit state, or the reason why there is none."""
     if not runs.intact:
         why = "its measure is of the first shock too, so it has no curve after one"
@@ -522,7 +522,7 @@ def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], collapse: Curve) -> Cur
     return Curve(reason=f"to collapse means to exceed it, and {curve.reason}")
 
 
-def _searched_curve(runs: Runs, short: NDArray[np.int64], collapse: Curve) -> Curve:
+def _searched_curve(runs: ArchRuns, short: NDArray[np.int64], collapse: Curve) -> Curve:
     """Return the curve of a state from the runs of a search for collapse.
 
     `short` are verdicts of the runs that did not collapse: whether they exceed the state.
@@ -572,7 +572,7 @@ def _onset_in_measure(cube: xr.Dataset) -> float:
 
 
 def dispersion_split(
-    runs: Runs, curves: Sequence[Curve], whole: Curve
+    runs: ArchRuns, curves: Sequence[Curve], whole: Curve
 ) -> dict[str, Any]:
     """Divide the dispersion of a `whole` class into that of records and that of its arches.
 

@@ -206,7 +206,7 @@ def cautions_of(study: StudyKeys, fitted: Fitted) -> list[str]:
     return [*cautions, *study.design.cautions(facts), *record_cautions(fitted.cube)]
 
 
-def table_cautions(runs: curves.Runs) -> Iterator[str]:
+def table_cautions(runs: curves.ArchRuns) -> Iterator[str]:
     """Yield messages on verdicts of others that are few, or fall with intensity."""
     collapsed = runs.verdict == Verdict.COLLAPSED
     survived = runs.verdict == Verdict.SURVIVED
@@ -229,7 +229,9 @@ def table_cautions(runs: curves.Runs) -> Iterator[str]:
         )
 
 
-def arch_cautions(runs: curves.Runs, named: list[str], curve: Curve) -> Iterator[str]:
+def arch_cautions(
+    runs: curves.ArchRuns, named: list[str], curve: Curve
+) -> Iterator[str]:
     """Yield messages on the runs of an arch, at levels as they are `named`."""
     verdict = runs.verdict
     levels = runs.level

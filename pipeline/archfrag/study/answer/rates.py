@@ -23,7 +23,7 @@ from archfrag.fragility.several import (
 )
 from archfrag.fragility.verdicts import Verdict
 from archfrag.physics.status import CollapseMode
-from archfrag.study.answer.curves import Fitted, Runs, runs_of_cube
+from archfrag.study.answer.curves import ArchRuns, Fitted, runs_of_cube
 from archfrag.study.answer.fits import fit_lines
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
@@ -175,7 +175,9 @@ def answer_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]
     return answers, cautions
 
 
-def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> ArchRisk:
+def _arch_risk(
+    runs: ArchRuns, fit: Curve, hazard: Hazard, confidence: float
+) -> ArchRisk:
     """Find the rate of an arch or class, and divide it by level and mechanism."""
     shape = runs.verdict.shape
     pairs = np.stack(
