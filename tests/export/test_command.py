@@ -85,7 +85,7 @@ def study(tmp_path, monkeypatch):
         "arches": {name: found.to_dict() for name, found in answers.items()},
     }
     (loaded.folder / "fits.json").write_text(json.dumps(stored))
-    monkeypatch.setattr(steps, "require", lambda study, step: None)
+    monkeypatch.setattr(steps, "_require", lambda study, *names: None)
     return loaded
 
 

@@ -134,7 +134,7 @@ def test_what_is_no_study_is_named(place, monkeypatch):
 def test_a_folder_that_is_read_only_ends_a_step_with_the_code_of_outputs(
     place, monkeypatch
 ):
-    def denied(path):
+    def denied(path, **given):
         raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.chdir(place)

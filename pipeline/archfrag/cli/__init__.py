@@ -43,7 +43,7 @@ COMMANDS = {
     ),
     "records": (
         "records",
-        "Inspect, measure, select, convert, fetch and make records.",
+        "Inspect, measure, select, fetch and make records.",
     ),
 }
 

@@ -211,7 +211,7 @@ def run_study(
 def _places(study: StudyKeys) -> set[str]:
     """Return where a study finds what it reads, and what it keeps for the next run."""
     inputs = input_paths(study)
-    stored = [each.file for record in load_prepared(study) for each in record.motions]
+    stored = [each.stored for record in load_prepared(study) for each in record.motions]
     paths: Iterator[str | Path] = chain(
         *inputs.values(),
         (path.parent for path in inputs["record"]),
