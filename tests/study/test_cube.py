@@ -65,7 +65,7 @@ class TestContent:
         assert config["arches"][1]["friction"] == "inf"
         assert config["intensity"]["levels"] == [0.1, 0.6, 1.2]
         assert json.loads(cube.attrs["archfrag_inputs_sha256"]) == {
-            record.source: record.sha256 for record in done.plan.records
+            record.file: record.file_sha256 for record in done.plan.records
         }
         assert {"archfrag", "python", "numpy", "numba"} <= set(
             json.loads(cube.attrs["archfrag_versions"])

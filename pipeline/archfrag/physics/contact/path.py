@@ -214,7 +214,8 @@ def set_start(position, work, path, scale):
             if work.contact[j, k] > 0.5:
                 vx, vy = slide * vy, -slide * vx
                 if closed or slide != 0.0:
-                    unknown[j, k if closed else 0] = -force * size
+                    column = k if closed else 0
+                    unknown[j, column] = -force * size
                 else:
                     for a in range(2):
                         part = work.row[j, a, 0] * nx + work.row[j, a, 1] * ny
@@ -277,7 +278,8 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
     n = laws.side_of(j, k, laws.PLUS, work)
     m = laws.side_of(j, k, laws.MINUS, work)
     alike = work.known[j] == 0.0 and abs(n[0] - m[0]) + abs(n[1] - m[1]) < 1e-12
-    return Break(j, far, int(path.target[j, chosen]), k if alike else -1)
+    corner = k if alike else -1
+    return Break(j, far, int(path.target[j, chosen]), corner)
 
 
 @kernel

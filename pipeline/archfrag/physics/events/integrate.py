@@ -296,7 +296,8 @@ def integrate(run, mega, stop, output):
             enough = drift * allowed[0], drift * allowed[1]
             position = mega.next_position
             good = project(mega, position, mega.next_velocity, enough, farthest)
-            count[Count.REFUSED] += 0.0 if good else 1.0
+            if not good:
+                count[Count.REFUSED] += 1.0
             factor = factor if good else 0.25
         if not good:
             # Its error is too large, or its drift off the contacts.
@@ -309,7 +310,8 @@ def integrate(run, mega, stop, output):
         collapsed = not event and _has_collapsed(run, mega, mega.next_position)
         comes_back = look_outward(run, mega, mega.next_position, mega.next_velocity)
         # One that lands where it left has no rate at either end.
-        _accept(run, mega, part, comes_back or event)
+        peaks = comes_back or event
+        _accept(run, mega, part, peaks)
         # The last stage is the first one of the next step.
         last = motion.scheme.time.shape[0] - 1
         stages = motion.stages
@@ -325,7 +327,8 @@ def integrate(run, mega, stop, output):
             # A frame due at the end is not left out by rounding; where the mechanism is refused
             # it shows the next one.
             near = 1e-9 * output.interval
-            shown = clock[Clock.TIME] + (-near if event else near)
+            near = -near if event else near
+            shown = clock[Clock.TIME] + near
             write_step(run, mega, time, step, shown, ground, output)
             motion.trigger[0], motion.trigger[1] = trigger
         if event:

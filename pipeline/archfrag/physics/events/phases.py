@@ -154,7 +154,8 @@ def assemble_mega_voussoirs(run, output):
     assemble.split_state(mega, mega.position, mega.velocity, work.position, work.solved)
     moved = assemble.farthest_move(model, state.position, work.position)
     if mega.count[0] == 0 or not moved <= REGROUPED * run.motion.length:
-        state.count[Count.REFUSED] += 1.0 if mega.count[0] > 0 else 0.0
+        if mega.count[0] > 0:
+            state.count[Count.REFUSED] += 1.0
         return Phase.ALL_VOUSSOIRS
     ground = segment_at(clock[Clock.TIME], run.grounds)
     if not begin_motion(run, mega, ground):
@@ -180,7 +181,8 @@ def integrate_to_next_event(run, output):
     before = clock[Clock.TIME]
     record_end = end_of_motion(run.grounds, clock, 0.0)
     end = record_end + run.options.follow
-    code = integrate(run, mega, record_end if before < record_end else end, output)
+    until = record_end if before < record_end else end
+    code = integrate(run, mega, until, output)
     four = is_four_hinges(mega.work, mega.position.shape[0])
     spent = Progress.FOUR_HINGES if four else Progress.MEGA_VOUSSOIRS
     run.progress[spent] += clock[Clock.TIME] - before

@@ -139,7 +139,8 @@ def take_impact(run):
     for j in range(state.slip.size):
         made_0 = work.contact[j, 0] > state.contact[j, 0]
         made = made_0 or work.contact[j, 1] > state.contact[j, 1]
-        state.count[Count.IMPACTS] += 1.0 if made else 0.0
+        if made:
+            state.count[Count.IMPACTS] += 1.0
     by_far = _take_velocities(run)
     if _close_slow_joints(run):
         left = kinetic_energy(model, state.velocity)
@@ -250,13 +251,15 @@ def solve_posed(run):
         model, position, work, True, 0.0, -1.0, EXACT
     )
     count[Count.LEVELS] += 1.0
-    count[Count.LEVEL_ITERATIONS] += 1.0 if iterations > 1.0 else 0.0
+    if iterations > 1.0:
+        count[Count.LEVEL_ITERATIONS] += 1.0
     if not solved:
         count[Count.GENERAL] += 1.0
         copy_modes(path, work)
         solved, _, more, breaks = solve_by_path(model, position, work, path, True)
         iterations += more
-        count[Count.PATHS] += 1.0 if breaks > 0 else 0.0
+        if breaks > 0:
+            count[Count.PATHS] += 1.0
     count[Count.ITERATIONS] += iterations
     return solved
 
@@ -277,9 +280,12 @@ def take_modes(run):
             return False
         before = state.contact[j, 0] + state.contact[j, 1]
         slides = work.slide[j] != 0.0 and state.slide[j] == 0.0
-        state.count[Count.SLIDES] += 1.0 if slides else 0.0
-        state.count[Count.OPENINGS] += 1.0 if touches < before else 0.0
-        state.count[Count.LOSSES] += 1.0 if touches == 0.0 and before > 0.0 else 0.0
+        if slides:
+            state.count[Count.SLIDES] += 1.0
+        if touches < before:
+            state.count[Count.OPENINGS] += 1.0
+        if touches == 0.0 and before > 0.0:
+            state.count[Count.LOSSES] += 1.0
     follow_joints(model, state, work, True, run.options.loss_limit)
     return True
 
