@@ -16,7 +16,7 @@ import pytest
 
 import archfrag as af
 from archfrag.physics.kernels import __main__ as ready
-from archfrag.physics.kernels import load
+from archfrag.physics.kernels import load, processor
 from archfrag.physics.kernels.cache import source_hash
 from archfrag.simulation.simulate import results_of_runs
 
@@ -171,7 +171,7 @@ def runs(name):
 
 
 @pytest.mark.skipif(
-    not load.has_common_features(), reason="needs the processor's features"
+    not processor.has_common_features(), reason="needs the processor's features"
 )
 def test_machine_code_for_this_processor_and_for_any_gives_the_same_bits(monkeypatch):
     from archfrag.physics.steps.run import run_four
@@ -180,7 +180,7 @@ def test_machine_code_for_this_processor_and_for_any_gives_the_same_bits(monkeyp
     (key,) = list(run_four._entries)[:1]
     entry = run_four._entries.pop(key)
     code = llvm.parse_bitcode(load._shipped("steps")[2])
-    common = load.machine(load.PROCESSOR).emit_object(code)
+    common = processor.machine(processor.PROCESSOR).emit_object(code)
     monkeypatch.setattr(load, "_found", {})
     load._take((load._shipped("steps")[1], common), (run_four.name, key))
     monkeypatch.setattr(load, "called", [])

@@ -22,14 +22,11 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from archfrag.physics.kernels.cache import HOME, source_hash, use_kernel_cache
+from archfrag.physics.kernels.processor import has_common_features, machine
 
 SETS = ("rest", "steps", "events", "faces")
 OF_ALL = SETS[:3]  # those that every study uses
 SHIPPED = Path(__file__).parent / "shipped"
-# The processors that have it, of the last ten years, give the same bits: it has fused
-# multiply-adds.
-PROCESSOR = "x86-64-v3"
-NEEDED = ("avx2", "fma", "bmi2")
 
 called: list[
     tuple[str, Any]
@@ -37,27 +34,6 @@ called: list[
 _lock = threading.RLock()
 _found: dict[tuple[str, Any], tuple[int, Any]] = {}
 _engines: list[Any] = []  # hold the machine code
-
-
-def has_common_features() -> bool:
-    """Return whether this processor has what `PROCESSOR` has."""
-    return all(llvm.get_host_cpu_features().get(each) for each in NEEDED)
-
-
-@functools.cache
-def machine(processor: str = "") -> Any:
-    """Return LLVM's description of this machine's processor, or of another."""
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    features = "" if processor else llvm.get_host_cpu_features().flatten()
-    return llvm.Target.from_default_triple().create_target_machine(
-        cpu=processor or llvm.get_host_cpu_name(),
-        features=features,
-        opt=3,
-        reloc="static",
-        codemodel="jitdefault",
-        jit=True,
-    )
 
 
 def load(kernel: Any, key: Any) -> tuple[int, Any]:

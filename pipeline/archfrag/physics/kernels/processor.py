@@ -1,0 +1,32 @@
+"""The processor that shipped LLVM code is for, and the one of this machine."""
+
+import functools
+from typing import Any
+
+import llvmlite.binding as llvm
+
+# The processors that have it, of the last ten years, give the same bits: it has fused
+# multiply-adds.
+PROCESSOR = "x86-64-v3"
+NEEDED = ("avx2", "fma", "bmi2")
+
+
+def has_common_features() -> bool:
+    """Return whether this processor has what `PROCESSOR` has."""
+    return all(llvm.get_host_cpu_features().get(each) for each in NEEDED)
+
+
+@functools.cache
+def machine(processor: str = "") -> Any:
+    """Return LLVM's description of this machine's processor, or of another."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    features = "" if processor else llvm.get_host_cpu_features().flatten()
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=processor or llvm.get_host_cpu_name(),
+        features=features,
+        opt=3,
+        reloc="static",
+        codemodel="jitdefault",
+        jit=True,
+    )
