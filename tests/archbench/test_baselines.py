@@ -150,7 +150,7 @@ class TestFourLink:
             slope = (mass * unit * [shake[0], shake[1] + arch.chain.gravity, 0.0]).sum()
             expected = -(0.5 * change * speed**2 + slope) / inertia[2]
             shakes = np.array([shake, zeros[:2]])
-            motion = Motion(zeros, zeros.copy(), shakes, zeros[:1], zeros[:2])
+            motion = Motion(zeros, zeros.copy(), shakes, np.zeros(1), np.zeros(2))
             found, power = accelerate(case, bars, motion, q, speed, 0.0)
             assert found == pytest.approx(expected, rel=1e-6, abs=1e-6)
             by_ground = -speed * (mass[:, :2] * unit[:, :2] * shake).sum()
