@@ -23,6 +23,7 @@ from archfrag.physics.kernels.load import (
     is_ready,
     make_ready,
 )
+from archfrag.physics.kernels.processor import PROCESSOR
 
 
 def make_all_ready() -> None:
@@ -83,8 +84,10 @@ def _end_with_parent() -> None:
 def build(folder: Path = SHIPPED) -> None:
     """Write the LLVM code of all sets, with the hash of the kernels' source.
 
-    The sets have what studies call, as `archfrag.simulation.warmup` tells.
+    The sets have what studies call, as `archfrag.simulation.warmup` tells. The code is the same
+    whatever processor builds it.
     """
+    os.environ |= {"NUMBA_CPU_NAME": PROCESSOR, "NUMBA_CPU_FEATURES": ""}
     from archfrag.physics.kernels.compile import compile_set
 
     used = subprocess.check_output(
