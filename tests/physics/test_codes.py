@@ -12,7 +12,7 @@ from archfrag.physics import status
 
 for name in sys.argv[1:]:
     names = list(getattr(status, name).__members__)
-    names.insert(len(names) // 2, "ANOTHER")
+    names.insert(1, "ANOTHER")
     setattr(status, name, IntEnum(name, names, start=0))
 import archfrag as af
 
@@ -23,8 +23,8 @@ print(run.status.name, run.energy, run.peak_displacement)
 """
 
 
-def test_a_member_put_into_the_middle_of_an_enum_changes_no_result():
-    codes = ["Wait", "Stretch", "Phase", "TieMode", "Cause"]
+def test_another_member_of_an_enum_changes_no_result():
+    codes = ["Wait", "Stretch", "Phase", "TieMode", "Cause", "Level", "Count"]
     plain, more = (
         subprocess.run(
             [sys.executable, "-c", SHAKEN, *names],

@@ -12,11 +12,9 @@ from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Out
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.state import Clock, Law, Model, State, Work, model_of
-from archfrag.physics.status import Cause, Count
+from archfrag.physics.status import Cause, Count, Level, Wait
 from archfrag.physics.steps import run as stepper
 from archfrag.physics.steps.service import handle
-
-BY_REST = int(Cause.REST)
 
 
 @struct()
@@ -94,9 +92,9 @@ def integrate(
 ) -> Outcomes:
     """Move a case to its end."""
     start(case, position, velocity, from_rest)
-    while case.state.clock[Clock.CODE] == shared.GO:
+    while case.state.clock[Clock.CODE] == Wait.GO:
         advance()
-        if case.state.clock[Clock.CODE] == shared.PAUSE:
+        if case.state.clock[Clock.CODE] == Wait.PAUSE:
             handle(case, case.output)
     return finish(case, position, velocity)
 
@@ -130,7 +128,7 @@ def stands(state, options, until, moved, span):
 def end_at_rest(state, output):
     """End a run that stands."""
     state.count[Count.RESTS] += 1.0
-    state.clock[Clock.CODE] = shared.IDLE
+    state.clock[Clock.CODE] = Wait.IDLE
     shared.log_change(
-        state, state.clock[Clock.TIME], BY_REST, -1, shared.AT_REST, output
+        state, state.clock[Clock.TIME], Cause.REST, -1, Level.REST, output
     )

@@ -42,26 +42,20 @@ from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Out
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.onset import NO_LIMIT, new_rest_problem, rest_limit
-from archfrag.physics.shared import (
-    AT_END,
-    COLLAPSES,
-    EXHAUSTED,
-    GO,
-    IDLE,
-    log_change,
-    write_frame,
-)
+from archfrag.physics.shared import log_change, write_frame
 from archfrag.physics.state import Clock
-from archfrag.physics.status import Cause, CollapseMode, Count, Energy, Level, Status
+from archfrag.physics.status import (
+    Cause,
+    CollapseMode,
+    Count,
+    Energy,
+    Level,
+    Status,
+    Wait,
+)
 from archfrag.physics.steps.service import dominant_change, measure_state
 from archfrag.physics.steps.step import count_changes, record_motion
 
-HINGING = int(CollapseMode.HINGING)
-OVERTURNING = int(CollapseMode.OVERTURNING)
-AT_REST = int(Level.REST)
-FOUR_HINGES = int(Level.FOUR_HINGES)
-BY_START = int(Cause.START)
-BY_REST = int(Cause.REST)
 NOT_APPLICABLE = -1
 CLOSED = -2
 
@@ -198,19 +192,19 @@ def fall_margin(case, linkage, motion):
     joint, press = _weakest_pin(case, linkage)
     # Tension that the linkage may still return from: it rises in opening, or it closes.
     margin = max(press / weight, rise / weight, -motion.then[1])
-    mode = HINGING
+    mode = CollapseMode.HINGING
     for j in range(linkage.contact.shape[0]):
         left = 0.5 * np.pi - abs(state.position[j + 1, 2] - state.position[j, 2])
         if left < margin:
             margin = left
             joint = j
-            mode = OVERTURNING
+            mode = CollapseMode.OVERTURNING
     for k in range(1, linkage.joint.size - 2):
         left = inner_sine(linkage, state, k) / linkage.sine[k - 1] - STRAIGHT
         if left < margin:
             margin = left
             joint = linkage.joint[k]
-            mode = HINGING
+            mode = CollapseMode.HINGING
     motion.collapse[0] = joint
     motion.collapse[1] = mode
     return margin
@@ -266,7 +260,7 @@ def locate(case, linkage, motion, kind, step):
 
 @kernel
 def end_of_step(case, linkage, motion, step):
-    """Take a step, or the part of it up to an event; its size, and CLOSED, FALLEN or GO."""
+    """Take a step, or the part of it up to an event; its size, and CLOSED, FALLEN or Wait.GO."""
     then = motion.then
     _go_to(case, linkage, motion, step)
     if then[0] <= 0.0:
@@ -274,12 +268,12 @@ def end_of_step(case, linkage, motion, step):
     if not np.isfinite(then[0]) or fall_margin(case, linkage, motion) < 0.0:
         size = locate(case, linkage, motion, OF_COLLAPSE, step)
         fall_margin(case, linkage, motion)
-        return size, COLLAPSES
+        return size, Wait.COLLAPSES
     if motion.now[1] > 0.0 > then[1]:
         locate(case, linkage, motion, OF_ROTATION, step)
         record_motion(case.model, case.state, True)
         _go_to(case, linkage, motion, step)
-    return step, GO
+    return step, Wait.GO
 
 
 @kernel
@@ -328,18 +322,18 @@ def move(case, linkage, motion, grounds, largest, stop, most):
     motion.tensile[0] = 0.0
     while clock[Clock.TIME] < stop:
         if case.state.count[Count.STEPS] >= most:
-            return EXHAUSTED
+            return Wait.EXHAUSTED
         time = clock[Clock.TIME]
         end = min(shake_at(grounds, time, motion.shake), stop)
         cuts = time + 1.001 * largest >= end
         step, code = end_of_step(case, linkage, motion, end - time if cuts else largest)
         write_due(case, linkage, motion, step)
         _accept(case, linkage, motion, step)
-        if code != GO:
+        if code != Wait.GO:
             return code
         if cuts:
             clock[Clock.TIME] = end
-    return AT_END
+    return Wait.AT_END
 
 
 @kernel
@@ -430,7 +424,7 @@ class Run:
         self.clock[Clock.RESTING] += leave - time
         self.clock[Clock.TIME] = leave
         if for_good:
-            return IDLE
+            return Wait.IDLE
         shake_at(self.ground, leave, self.motion.shake)
         x, y = self.motion.shake[0]
         # An arch lifts off where the ground falls away faster than gravity.
@@ -441,8 +435,8 @@ class Run:
             return NOT_APPLICABLE
         if leave > time:
             self.write()
-        change_modes(self.case, linkage.contact, BY_START, FOUR_HINGES)
-        return GO
+        change_modes(self.case, linkage.contact, Cause.START, Level.FOUR_HINGES)
+        return Wait.GO
 
     def move(self) -> int:
         """Move on one linkage, with the impact that ends it; returns the code."""
@@ -468,7 +462,7 @@ class Run:
         if other is None:
             return NOT_APPLICABLE
         self.impact(linkage, other)
-        return GO
+        return Wait.GO
 
     def impact(self, old: Linkage, new: Linkage) -> None:
         """All joints close and the other linkage takes over, at a speed that may be zero."""
@@ -487,24 +481,24 @@ class Run:
         now[:] = 0.0, speed, 0.0
         place_linkage(model, new, 0.0, speed, state)
         if speed > 0.0:
-            change_modes(self.case, new.contact, -1, FOUR_HINGES)
+            change_modes(self.case, new.contact, -1, Level.FOUR_HINGES)
             return
-        change_modes(self.case, np.ones_like(new.contact), BY_REST, AT_REST)
+        change_modes(self.case, np.ones_like(new.contact), Cause.REST, Level.REST)
         state.count[Count.RESTS] += 1
         self.write()
 
     def finish(self, code: int, position: np.ndarray, velocity: np.ndarray) -> Outcomes:
         """What the run has ended in."""
-        self.clock[Clock.CODE] = IDLE if code == NOT_APPLICABLE else code
+        self.clock[Clock.CODE] = Wait.IDLE if code == NOT_APPLICABLE else code
         results = finish(self.case, position, velocity)
         balance_energy(self.case.model, self.state)
         results.energy[0] = self.state.energy
-        results.model_time[0, FOUR_HINGES] = (
+        results.model_time[0, Level.FOUR_HINGES] = (
             results.end_time[0] - self.clock[Clock.RESTING]
         )
         if code == NOT_APPLICABLE:
             results.status[0] = int(Status.NOT_APPLICABLE)
-        elif code == COLLAPSES:
+        elif code == Wait.COLLAPSES:
             results.status[0] = int(Status.COLLAPSED)
             results.collapse_time[0] = results.end_time[0]
             results.collapse_joint[0], results.collapse_mode[0] = self.motion.collapse
@@ -531,7 +525,7 @@ def run(
     start(case, still, np.zeros_like(still), False)
     case.output.written[1] = 0
     this = Run(case, factor, options)
-    code = GO
+    code = Wait.GO
     if not from_rest and not this.match(position, velocity):
         code = NOT_APPLICABLE
     case.state.position[1:-1] = position
@@ -541,10 +535,10 @@ def run(
     this.write()
     linkage = this.linkages[this.side]
     if linkage is not None and this.now.any():
-        change_modes(case, linkage.contact, BY_START, FOUR_HINGES)
-    while code == GO:
+        change_modes(case, linkage.contact, Cause.START, Level.FOUR_HINGES)
+    while code == Wait.GO:
         if not this.now.any():
             code = this.rest()
-        if code == GO:
+        if code == Wait.GO:
             code = this.move()
     return this.finish(code, position, velocity)

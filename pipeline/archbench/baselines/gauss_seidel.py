@@ -22,9 +22,8 @@ from archbench.baselines.corners import (
 from archfrag.physics.ground import Grounds
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.shared import GO
 from archfrag.physics.state import Clock
-from archfrag.physics.status import Count
+from archfrag.physics.status import Count, Wait
 
 
 @kernel
@@ -148,7 +147,7 @@ def sweep(case, corners, delassus, backward):
 def make_steps(case, corners, delassus, sweep_tolerance, sweeps):
     """Step until something is due, or the run is over; see `run` and `prepare_sweeps`."""
     clock = case.state.clock
-    while clock[Clock.CODE] == GO:
+    while clock[Clock.CODE] == Wait.GO:
         impulse = pose_corners(case, corners)
         prepare_sweeps(case, corners, delassus)
         done = 0

@@ -31,9 +31,8 @@ from archbench.baselines.corners import (
 )
 from archfrag.physics.ground import Grounds, Impulse
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
-from archfrag.physics.shared import GO, UNSOLVED
 from archfrag.physics.state import Clock
-from archfrag.physics.status import Count
+from archfrag.physics.status import Count, Wait
 
 # A corner without friction limit sticks from the start where its gap is below this part of the
 # joint; multipliers below NEGLIGIBLE of the largest, and slip slower than that part of what
@@ -204,7 +203,7 @@ class Programme:
             iterations += more
         state.count[Count.ITERATIONS] += iterations
         if not usable:
-            state.clock[Clock.CODE] = UNSOLVED
+            state.clock[Clock.CODE] = Wait.UNSOLVED
             return
         self.take_solution()
         accept_corners(self.case, self.corners, impulse, solved)
@@ -227,7 +226,7 @@ def run(
     programme = Programme(case, solver_tolerance)
 
     def advance() -> None:
-        while case.state.clock[Clock.CODE] == GO:
+        while case.state.clock[Clock.CODE] == Wait.GO:
             programme.make_step()
 
     return integrate(case, advance, position, velocity, from_rest)

@@ -25,16 +25,6 @@ from archfrag.physics.status import (
     Wait,
 )
 
-GO = int(Wait.GO)
-UNSOLVED = int(Wait.UNSOLVED)
-PAUSE = int(Wait.PAUSE)
-COLLAPSES = int(Wait.COLLAPSES)
-AT_END = int(Wait.AT_END)
-EXHAUSTED = int(Wait.EXHAUSTED)
-BROKEN = int(Wait.BROKEN)
-IDLE = int(Wait.IDLE)
-AT_REST = int(Level.REST)
-ALL = int(Level.ALL_VOUSSOIRS)
 # Gap over joint length below which a corner is closed in a chain at rest [1].
 CLOSED_GAP = 1e-7
 # Speed over that of a fall through the longest joint below which a chain may be at rest [1].

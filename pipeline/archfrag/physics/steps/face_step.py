@@ -17,9 +17,9 @@ from archfrag.physics.energy import kinetic_energy, record_faces
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import flag, larger, smaller
-from archfrag.physics.shared import ALL, GO, IDLE, PAUSE, log_change
+from archfrag.physics.shared import log_change
 from archfrag.physics.state import Clock, Law, Model, Runs, allocate, new_runs
-from archfrag.physics.status import Count
+from archfrag.physics.status import Cause, Count, Level, Wait
 from archfrag.physics.steps.face_law import (
     ALONG,
     FLAT,
@@ -37,7 +37,6 @@ from archfrag.physics.steps.face_velocities import (
     three,
 )
 from archfrag.physics.steps.service import (
-    BY_START,
     MOST_STEPS,
     SHORTEST,
     code_after,
@@ -385,8 +384,8 @@ def start_faces(runs, output):
         memory.half[j] = faces.half[j]
         for i in range(3):
             memory.slip[j, i] = faces.slip[j, i]
-    log_change(runs.state, 0.0, BY_START, -1, ALL, output)
-    return GO
+    log_change(runs.state, 0.0, Cause.START, -1, Level.ALL_VOUSSOIRS, output)
+    return Wait.GO
 
 
 @kernel
@@ -397,8 +396,8 @@ def handle_faces(runs, output):
     Writes: runs.state.clock.
     """
     clock = runs.state.clock
-    if clock[Clock.CODE] == PAUSE:
-        clock[Clock.CODE] = IDLE
+    if clock[Clock.CODE] == Wait.PAUSE:
+        clock[Clock.CODE] = Wait.IDLE
     return int(clock[Clock.CODE])
 
 

@@ -22,7 +22,7 @@ from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Out
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.kernels.primitives import LANES, lane, lane_array, some
 from archfrag.physics.state import KEPT, Clock, Law, Model, Runs, model_of, new_runs
-from archfrag.physics.status import Count, Energy, Status
+from archfrag.physics.status import Cause, Count, Energy, Level, Status, Wait
 from archfrag.physics.steps import service
 from archfrag.physics.steps.at_impacts import solve_contacts
 from archfrag.physics.steps.face_rest import settled
@@ -66,13 +66,13 @@ def step_four(runs):
     until = end_of_motion(runs.grounds, clock, runs.options.follow)
     waits = False
     while not waits:
-        impulse, solved, unsolved = try_step(runs, clock[Clock.CODE] == shared.GO)
+        impulse, solved, unsolved = try_step(runs, clock[Clock.CODE] == Wait.GO)
         collapsed = broken = clock[Clock.CODE] != clock[Clock.CODE]
         if some(solved):
             collapsed, broken = accept_step(runs, impulse, solved)
         runs.law.go_on(runs, until, (solved, unsolved, collapsed, broken))
         code = clock[Clock.CODE]
-        waits = some((code != shared.GO) & (code != shared.IDLE))
+        waits = some((code != Wait.GO) & (code != Wait.IDLE))
 
 
 @kernel
@@ -110,7 +110,7 @@ def start_at_rest(runs, motion, factor, output):
 def start_given(runs, output):
     """Start from the positions and velocities of a given state."""
     shared.read_state(runs.model, runs.state, runs.work)
-    shared.log_change(runs.state, 0.0, service.BY_START, -1, shared.ALL, output)
+    shared.log_change(runs.state, 0.0, Cause.START, -1, Level.ALL_VOUSSOIRS, output)
     service.start_moving(runs.state, runs.options, output)
 
 
@@ -124,7 +124,7 @@ def run_one(runs, at_rest, output, results):
     else:
         start_given(runs, output)
     until = end_of_motion(runs.grounds, clock, runs.options.follow)
-    while clock[Clock.CODE] == shared.GO:
+    while clock[Clock.CODE] == Wait.GO:
         step_one(runs, until, output)
         runs.law.handle(runs, output)
     position = runs.state.position
@@ -142,11 +142,11 @@ def start_next(one, run, motion, factor, output, results):
     while run < motion.size:
         start_at_rest(one, motion[run], factor[run], output)
         clock[Clock.RUN] = run
-        if clock[Clock.CODE] == shared.GO:
+        if clock[Clock.CODE] == Wait.GO:
             return run
         end(one, output, results)
         run += 1
-    clock[Clock.CODE] = shared.IDLE
+    clock[Clock.CODE] = Wait.IDLE
     clock[Clock.STEP] = one.options.time_step
     return run
 
@@ -178,12 +178,12 @@ def run_four(four, one, motion, factor, output, results):
         step_four(four)
         for number in range(LANES):
             code = int(lane(clock[Clock.CODE], number))
-            if code in (shared.GO, shared.IDLE):
+            if code in (Wait.GO, Wait.IDLE):
                 continue
             copy_run(four, number, one, 0)
             position = one.state.position
             move_faces(one.model, position, work)
-            if one.law.handle(one, output) != shared.GO:
+            if one.law.handle(one, output) != Wait.GO:
                 end(one, output, results)
                 run = start_next(one, run + 1, motion, factor, output, results)
                 running -= run >= motion.size

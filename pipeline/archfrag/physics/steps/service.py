@@ -32,7 +32,7 @@ from archfrag.physics.onset import find_rest_limit
 from archfrag.physics.residual import state_residual
 from archfrag.physics.shared import log_change, write_frame
 from archfrag.physics.state import Clock
-from archfrag.physics.status import Cause, Count, Peak
+from archfrag.physics.status import Cause, Count, Level, Peak, Wait
 from archfrag.physics.steps.at_impacts import next_step
 from archfrag.physics.steps.step import (
     accept_step,
@@ -49,8 +49,6 @@ from archfrag.physics.steps.step import (
 CHANGES = tuple(
     map(int, (Cause.STICK, Cause.SLIDE, Cause.HINGE, Cause.IMPACT, Cause.LOSS))
 )
-BY_REST = int(Cause.REST)
-BY_START = int(Cause.START)
 # A step whose contact problem no method solves is halved, down to this part of the shortest.
 SHORTEST = 1.0 / 100.0
 # Contacts hold a chain that stands if they leave no more than this part of gravity [1].
@@ -157,11 +155,11 @@ def rest_until_onset(runs, plus, minus, output):
     clock[Clock.RESTING] += leave - clock[Clock.TIME]
     clock[Clock.TIME] = leave
     if for_good:
-        return shared.IDLE
+        return Wait.IDLE
     start_moving(state, runs.options, output)
     output.due[0] = leave
-    log_change(state, leave, BY_START, -1, shared.ALL, output)
-    return shared.GO
+    log_change(state, leave, Cause.START, -1, Level.ALL_VOUSSOIRS, output)
+    return Wait.GO
 
 
 @kernel
@@ -308,7 +306,7 @@ def accept_recorded(runs, impulse, output):
         collapsed, broken = accept_step(runs, impulse, True)
     keep_forces(work, step, output)
     if cause >= 0:
-        log_change(state, time, cause, joint, shared.ALL, output)
+        log_change(state, time, cause, joint, Level.ALL_VOUSSOIRS, output)
     return collapsed, broken
 
 
@@ -336,13 +334,13 @@ def handle_unsolved(runs, output):
         if compliant:
             measure_state(runs.model, state, runs.work)
         if broken:
-            return shared.BROKEN
-        return shared.COLLAPSES if collapsed else shared.PAUSE
+            return Wait.BROKEN
+        return Wait.COLLAPSES if collapsed else Wait.PAUSE
     if clock[Clock.STEP] < SHORTEST * options.time_step:
-        return shared.UNSOLVED
+        return Wait.UNSOLVED
     clock[Clock.STEP] *= 0.5
     state.count[Count.SHORTENED] += 1.0
-    return shared.GO
+    return Wait.GO
 
 
 @kernel
@@ -356,22 +354,22 @@ def handle_pause(runs, output):
     if int(state.count[Count.STEPS]) % options.check_interval == 0:
         measure_state(model, state, runs.work)
     if clock[Clock.FASTEST] >= options.still or not options.rests:
-        return shared.GO
+        return Wait.GO
     found = True
     plus = options.rest_plus
     minus = options.rest_minus
     if np.isnan(plus) or not is_as_built(model, state):
         found, plus, minus = rest_range(model, state, runs.work, runs.path.rest)
     if not found:
-        return shared.GO
+        return Wait.GO
     leave, for_good = end_rest(model, grounds, clock, plus, minus)
     over = clock[Clock.TIME] >= end_of_motion(grounds, clock, 0.0)
     if leave <= clock[Clock.TIME] and not (over and for_good):
-        return shared.GO
+        return Wait.GO
     stop(model, state)
     state.count[Count.RESTS] += 1.0
     write_rest(runs, output)
-    log_change(state, clock[Clock.TIME], BY_REST, -1, shared.AT_REST, output)
+    log_change(state, clock[Clock.TIME], Cause.REST, -1, Level.REST, output)
     return rest_until_onset(runs, plus, minus, output)
 
 
@@ -379,9 +377,9 @@ def handle_pause(runs, output):
 def handle(runs, output):
     """Handle the reason for which a run waits; return the code that it goes on or ends with."""
     code = int(runs.state.clock[Clock.CODE])
-    if code == shared.UNSOLVED:
+    if code == Wait.UNSOLVED:
         code = handle_unsolved(runs, output)
-    if code == shared.PAUSE:
+    if code == Wait.PAUSE:
         code = handle_pause(runs, output)
     runs.state.clock[Clock.CODE] = code
     return code
@@ -395,13 +393,13 @@ def code_after(before, outcome, over, spent, due):
     the last below counts.
     """
     _, unsolved, collapsed, broken = outcome
-    code = select(unsolved, float(shared.UNSOLVED), before)
-    code = select(due, float(shared.PAUSE), code)
-    code = select(spent, float(shared.EXHAUSTED), code)
-    code = select(over, float(shared.AT_END), code)
-    code = select(before > shared.PAUSE, before, code)
-    code = select(collapsed, float(shared.COLLAPSES), code)
-    return select(broken, float(shared.BROKEN), code)
+    code = select(unsolved, Wait.UNSOLVED, before)
+    code = select(due, Wait.PAUSE, code)
+    code = select(spent, Wait.EXHAUSTED, code)
+    code = select(over, Wait.AT_END, code)
+    code = select(before > Wait.PAUSE, before, code)
+    code = select(collapsed, Wait.COLLAPSES, code)
+    return select(broken, Wait.BROKEN, code)
 
 
 @kernel
