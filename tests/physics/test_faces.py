@@ -13,7 +13,7 @@ from archfrag.physics.interface import Options
 from archfrag.physics.state import Clock, model_of
 from archfrag.physics.status import Energy, Status
 from archfrag.physics.steps import face_rest, face_step
-from archfrag.physics.steps.face_law import Gaps, bear
+from archfrag.physics.steps.face_law import Gaps, bear, press
 from archfrag.physics.steps.face_rest import first_frequency, settled
 from archfrag.physics.steps.face_step import delay_of, new_face_runs
 from archfrag.physics.steps.face_velocities import balance, find_velocities
@@ -99,6 +99,18 @@ class TestLaw:
             assert has.moment == pytest.approx(
                 (force * place).sum(), abs=1e-5 * scale * half
             )
+
+    @pytest.mark.parametrize("points", [0.0, 2.0, 3.0])
+    def test_what_a_joint_stores_is_the_work_of_what_it_bears(self, points):
+        """The account of a run does not see it: dashpots take the difference."""
+        for d0, d1 in ((-1e-5, 1e-5), (3e-6, -4e-5), (-5e-6, 2e-5)):
+            has = law_of(d0, d1, 0.4, points=points)
+            less, more, left, right = (
+                press(d0 + x, d1 + y, 0.4, K, points)[0]
+                for x, y in ((-1e-9, 0), (1e-9, 0), (0, -1e-9), (0, 1e-9))
+            )
+            assert (less - more) / 2e-9 == pytest.approx(has.normal, rel=1e-5)
+            assert (left - right) / 2e-9 == pytest.approx(has.moment, rel=1e-5)
 
     @pytest.mark.parametrize("points", [0, 2, 3])
     def test_shear_opposes_the_slip_up_to_friction(self, points):

@@ -68,7 +68,7 @@ class Bearing(NamedTuple):
     normal: float  # [N]
     moment: float  # of the normal stresses about the middle, those towards corner 1 positive [N m]
     shear: float  # on the body after, along the tangent [N]
-    l0: float  # moments of the part in contact [m], [m2], [m3]
+    l0: float  # derivatives of normal force and moment over the stiffness [m], [m2], [m3]
     l1: float
     l2: float
     hold: float  # of the shear by the slip where the joint sticks [N/m]
@@ -114,6 +114,19 @@ def overlap_moments(d0, d1, half, points):
     last = select(d0 + half * d1 < 0.0, outer, 0.0)
     middle = select(d0 < 0.0, inner, 0.0)
     return first + middle + last, half * (last - first), half * half * (first + last)
+
+
+@inlined
+def press(d0, d1, half, stiffness, points):
+    """Return the energy that the springs normal to a joint store, and its derivatives [J], [N],
+    [N m].
+
+    The derivatives by gap and slope are -N and -M of `bear`.
+    """
+    l0, l1, l2 = overlap_moments(d0, d1, half, points)
+    by_gap = stiffness * (d0 * l0 + d1 * l1)
+    by_slope = stiffness * (d0 * l1 + d1 * l2)
+    return 0.5 * (d0 * by_gap + d1 * by_slope), by_gap, by_slope
 
 
 @inlined

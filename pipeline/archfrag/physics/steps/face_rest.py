@@ -51,7 +51,9 @@ STIFFEST = 2000.0
 
 
 def first_frequency(model: Model, chain: Chain) -> float:
-    """Return the frequency of the first mode with all joints closed [Hz]."""
+    """Return the frequency of the first mode with all joints closed, as stiff as at first contact
+    [Hz].
+    """
     assert chain.joint is not None
     n_row = model.mass.size
     kept = []

@@ -27,6 +27,7 @@ from archfrag.physics.steps.face_law import (
     ends_of,
     overlap_moments,
     places_of,
+    press,
 )
 from archfrag.physics.steps.face_velocities import (
     OF_BODIES,
@@ -131,17 +132,6 @@ def delay_of(faces, step):
 
 
 @inlined
-def _press(d0, d1, half, stiffness, points):
-    """Return the energy that the springs normal to a joint store, and its derivatives [J], [N],
-    [N m].
-    """
-    l0, l1, l2 = overlap_moments(d0, d1, half, points)
-    by_gap = stiffness * (d0 * l0 + d1 * l1)
-    by_slope = stiffness * (d0 * l1 + d1 * l2)
-    return 0.5 * (d0 * by_gap + d1 * by_slope), by_gap, by_slope
-
-
-@inlined
 def _simpson(start, way, half, law, pieces):
     """Return the work of the springs normal to a joint on its way from a gap and slope, by
     Simpson's rule in so many pieces [J].
@@ -153,7 +143,7 @@ def _simpson(start, way, half, law, pieces):
     for i in range(steps + 1):
         at = i / steps
         share = 1.0 if i in (0, steps) else 2.0 + 2.0 * (i % 2)
-        _, gap, slope = _press(
+        _, gap, slope = press(
             start[0] + at * way[0], start[1] + at * way[1], half, *law
         )
         work -= share / (6.0 * pieces) * (gap * way[0] + slope * way[1])
@@ -169,9 +159,9 @@ def _spring_works(j, runs, law, end):
     half = own.half[j]
     start = own.before[j, 0], own.before[j, 1]
     way = end[0] - start[0], end[1] - start[1]
-    had, _, _ = _press(*start, runs.memory.half[j], *law)
-    has, _, _ = _press(*start, half, *law)
-    stored, _, _ = _press(*end, half, *law)
+    had, _, _ = press(*start, runs.memory.half[j], *law)
+    has, _, _ = press(*start, half, *law)
+    stored, _, _ = press(*end, half, *law)
     work = _simpson(start, way, half, law, 1)
     # A face that closes or opens on its way presses by other laws before and after.
     bent = abs(stored - has + work) > SMOOTH * (stored + has)
