@@ -139,8 +139,11 @@ def wide_encoding(content: bytes) -> str:
     head = content[:400]
     fewer, more = sorted((head[::2].count(0), head[1::2].count(0)))
     plain = len(head) > 8 and not fewer and more > 0.45 * len(head)
-    marked = head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-    return "UTF-16" if plain or marked else ""
+    return (
+        "UTF-16"
+        if plain or (head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        else ""
+    )
 
 
 def sha256_of(path: Path) -> str:
@@ -482,8 +485,9 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
     if comments:
         text = re.sub(r"^#.*$", "", text, flags=re.MULTILINE)
     text = re.sub(r"(?i)\A\s*sep=.(?=\r?\n)", "", text)  # of Excel
-    first = next(filter(str.strip, text.splitlines()), "")
-    separator = separator_of([first]).replace(" ", ",")
+    separator = separator_of([next(filter(str.strip, text.splitlines()), "")]).replace(
+        " ", ","
+    )
     rows = list[Row]()
     reader = csv.reader(
         io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True

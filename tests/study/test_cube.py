@@ -56,7 +56,7 @@ class TestContent:
         table["verdict"].reshape(shape)[1, 0, 2] = Verdict.COLLAPSED
         table["lost_contact_time"][:] = np.nan
         table["lost_contact_time"].reshape(shape)[1, :, 1:] = 0.5
-        cube = build_cube(done.study, done.plan, cases, table, notes)
+        cube = build_cube(done.plan, cases, table, notes)
         assert cube["lost_contact_and_stand"].values.tolist() == [[0, 0, 0], [0, 2, 1]]
         assert cube.attrs["loss_limit"] == "0.5"
 

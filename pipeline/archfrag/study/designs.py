@@ -45,8 +45,9 @@ class Grid:
     seed: int = 0  # of the arch, for what a design draws
 
     def __post_init__(self) -> None:
-        shape = self.records.size, self.levels.size
-        self.seen = np.full(shape, int(Verdict.NOT_RUN), np.int8)
+        self.seen = np.full(
+            (self.records.size, self.levels.size), int(Verdict.NOT_RUN), np.int8
+        )
 
     def run(
         self, rows: IntArray, places: IntArray, level: FloatArray | None = None
@@ -134,8 +135,9 @@ class Stripes(Design):
 
     def requests(self, grid: Grid) -> Requests:
         """Ask for all runs at once."""
-        every = np.arange(grid.seen.size)
-        verdicts = yield from grid.run(*np.divmod(every, grid.levels.size))
+        verdicts = yield from grid.run(
+            *np.divmod(np.arange(grid.seen.size), grid.levels.size)
+        )
         return {"runs": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
@@ -147,7 +149,7 @@ class Cloud(Design):
     """Every record once, as it is or by one factor."""
 
     kind: Literal["cloud"]
-    factor: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
+    factor: float = Field(1.0, gt=0.0, le=1000.0)
     """On every record."""
     on_levels = False
     text = "every record once"
@@ -222,9 +224,9 @@ class Ida(Design):
     """The levels bisected for each record: a border between survival and collapse."""
 
     kind: Literal["ida"]
-    seed: Annotated[int, Field(ge=0, le=10**9)] = 1
+    seed: int = Field(1, ge=0, le=10**9)
     """Seed of the random choices of the design."""
-    checks: Annotated[int, Field(ge=0, le=10**6)] | None = None
+    checks: int | None = Field(None, ge=0, le=10**6)
     """Cells near the borders chosen at random for each arch, to see how often a run contradicts
     the capacity of its record; as many as records searched where not given."""
     adaptive = True
@@ -318,8 +320,9 @@ def search(
     while True:
         below = low[left, None]
         above = high[left, None]
-        within = (border > below) & (border <= above)
-        mass = np.cumsum(np.where(within, expected[left], 0.0), axis=1)
+        mass = np.cumsum(
+            np.where((border > below) & (border <= above), expected[left], 0.0), axis=1
+        )
         collapse = mass[:, :-1] / mass[:, -1:]
         cost = collapse + COST_OF_SURVIVAL * (1.0 - collapse)
         entropy = scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)
@@ -329,8 +332,9 @@ def search(
         waiting += int(some.sum())
         if not waiting:
             return
-        cases = grid.cases(left[some], best[some])
-        left, places, verdicts = yield from grid.some(cases)
+        left, places, verdicts = yield from grid.some(
+            grid.cases(left[some], best[some])
+        )
         waiting -= left.size
         collapsed = verdicts == Verdict.COLLAPSED
         survived = verdicts == Verdict.SURVIVED

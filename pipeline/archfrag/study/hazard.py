@@ -104,8 +104,9 @@ def load_hazard(
                     raise InputError(f"has a second curve {name!r}")
                 found[name] = replace(curve, im=curve.im * factor)
                 messages += level_cautions(measure, found[name].im, str(path))
-                largest = curve.rate.max()
-                messages += unusual("rate", largest, f"{path}: the largest rate")
+                messages += unusual(
+                    "rate", curve.rate.max(), f"{path}: the largest rate"
+                )
         except (InputError, ValueError) as error:
             must = "" if isinstance(error, InputError) else "must hold numbers, but: "
             raise InputError(f"{path}: {must}{error}") from None
@@ -138,8 +139,9 @@ def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
             f"hazard: {type(table).__name__} cannot be read; it must be a path, or a table of "
             "two columns: intensity and annual rate of exceedance"
         )
-    factor = _factor(None, unit, measure, None, False)
-    curve = HazardCurve(factor * points[:, 0], points[:, 1])
+    curve = HazardCurve(
+        _factor(None, unit, measure, None, False) * points[:, 0], points[:, 1]
+    )
     return Hazard(measure, "a table in Python", {"mean": curve})
 
 

@@ -82,8 +82,9 @@ class Section(BaseModel):
             own: Any = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
             for key, text in pairwise(own.body):
                 if isinstance(key, ast.AnnAssign) and isinstance(text, ast.Expr):
-                    about = inspect.cleandoc(ast.literal_eval(text.value))
-                    keys[ast.unparse(key.target)]["description"] = about
+                    keys[ast.unparse(key.target)]["description"] = inspect.cleandoc(
+                        ast.literal_eval(text.value)
+                    )
         return found
 
 

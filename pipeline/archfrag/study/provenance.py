@@ -152,8 +152,11 @@ def write_stamp(study: "StudyKeys", step: str, **others: Any) -> None:
     """
     stamp = read_stamp(study.folder)
     if step == "cube":
-        old = stamp["old"] | stamp["files"]
-        stamp = {"from": study.origin, "files": {}, "old": old}
+        stamp = {
+            "from": study.origin,
+            "files": {},
+            "old": stamp["old"] | stamp["files"],
+        }
     made = filter(Path.is_file, products(study, step))
     stamp["files"] |= {path.name: sha256_of(path) for path in made}
     if step == "report":
@@ -162,8 +165,7 @@ def write_stamp(study: "StudyKeys", step: str, **others: Any) -> None:
             gone = FIGURE.fullmatch(name) and name not in stamp["files"]
             if gone and not path.is_symlink() and sha256_if_there(path) == digest:
                 path.unlink()
-    text = canonical_json(stamp | others) + "\n"
-    write_text(study.work / STAMPS, text)
+    write_text(study.work / STAMPS, canonical_json(stamp | others) + "\n")
 
 
 def out_of_date(study: "StudyKeys", *steps: str) -> str:
@@ -337,8 +339,7 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
         words |= dict.fromkeys(old.keys() & new, "has changed")
         for path in sorted(words):
             if old.get(path) != new.get(path):
-                place = os.path.normpath(folder / path)
-                lines.append(f"{kind} {place} {words[path]}")
+                lines.append(f"{kind} {os.path.normpath(folder / path)} {words[path]}")
     return lines
 
 

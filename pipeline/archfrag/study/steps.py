@@ -151,8 +151,9 @@ def changed_since(study: StudyKeys) -> tuple[bool, list[str]]:
     except InputError as error:
         return False, [str(error)] if products(study, "motions")[0].exists() else []
     if provenance.read_stamp(study.folder)["from"]:
-        wrong = provenance.out_of_date(study, "cube", "fit", "report")
-        changed = list(filter(None, [wrong]))
+        changed = list(
+            filter(None, [provenance.out_of_date(study, "cube", "fit", "report")])
+        )
     return manifest["code"] == provenance.code(), changed
 
 
@@ -194,8 +195,9 @@ def run_study(
             with clock(step, say, quiet):  # the answers are for the end of the run
                 make_step(study, step, None, report=report)
         inputs = provenance.contents(study.folder, _places(study))
-        manifest = read_manifest(study)
-        late = provenance.changes(manifest["inputs"], study_inputs(study), study.folder)
+        late = provenance.changes(
+            read_manifest(study)["inputs"], study_inputs(study), study.folder
+        )
         for path, digest in zip(named, before):
             if provenance.sha256_if_there(path) != digest:
                 late.append(f"{path} has changed")

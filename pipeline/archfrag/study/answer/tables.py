@@ -29,9 +29,10 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Pieces:
     for name in dict.fromkeys((*_RUN, "intensity", *map(str, cube.variables))):
         variable = cube.variables[name]
         own = [d for d in variable.dims if d in _RUN]
-        text = variable.dtype.kind in "OSU" and name not in _GROUPS
         if (
-            own and own != ["arch", "level"] and not text
+            own
+            and own != ["arch", "level"]
+            and not (variable.dtype.kind in "OSU" and name not in _GROUPS)
         ):  # of arch and level: counts of records
             names.append(name)
     columns, values = _columns(cube, names)
@@ -75,8 +76,12 @@ def _columns(
         codes = {}
         attrs = variable.attrs
         if "flag_meanings" in attrs:
-            flags = np.ravel(attrs["flag_values"]).tolist()
-            codes = dict(zip(attrs["flag_meanings"].split(), flags))
+            codes = dict(
+                zip(
+                    attrs["flag_meanings"].split(),
+                    np.ravel(attrs["flag_values"]).tolist(),
+                )
+            )
         text = ". ".join(
             filter(None, (attrs.get("long_name", name), attrs.get("comment", "")))
         )

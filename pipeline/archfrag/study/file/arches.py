@@ -95,7 +95,7 @@ class JointEntry(Section):
     joints.stiffness."""
     shear: OneOrList[OrInfinite] | None = None
     """Shear stiffness [Pa/m]; if not given, as the normal one. Only model: face uses it."""
-    damping: Annotated[float, Field(ge=0.0, le=1.0)] = 0.05
+    damping: float = Field(0.05, ge=0.0, le=1.0)
     """Over the critical one, of the first mode with all joints closed; model: face uses it."""
     model: Literal["inset", "face"] = "inset"
     """inset: rigid joints with contact points as far inside their ends as the strip asks for;
@@ -140,7 +140,7 @@ class Fill(Section):
     springing joint; 0: none [m]."""
     backing_unit_weight: UnitWeight | None = None
     """Weight of the backing, in place of that of the fill [N/m3]."""
-    inertia: Annotated[float, Field(json_schema_extra={"const": 1.0})] = 1.0
+    inertia: float = Field(1.0, json_schema_extra={"const": 1.0})
     """Part of the mass of fill and backing that moves horizontally with the ring. It can only be
     1: a body has one mass, so that all that weighs on it also moves with it."""
 
@@ -152,7 +152,7 @@ class Springings(Section):
     """Movement away from the other springing [m]; negative towards it."""
     settlement: Shift = 0.0
     """Movement downwards [m]."""
-    rotation: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0
+    rotation: float = Field(0.0, ge=-45.0, le=45.0)
     """About the middle of its joint, positive if its extrados goes down [degrees]."""
     springing: Literal["left", "right"] = "right"
     """Which one has moved."""
@@ -163,15 +163,15 @@ class TieEntry(Section):
 
     level: Shift
     """Height at which it goes through the arch, from outer face to outer face [m]."""
-    area: Annotated[float, Field(gt=0.0, le=10.0)]
+    area: float = Field(gt=0.0, le=10.0)
     """Area of its cross-section [m2]."""
-    modulus: Annotated[float, Field(gt=0.0, le=1e13)] = 2.0e11
+    modulus: float = Field(2.0e11, gt=0.0, le=1e13)
     """Young's modulus [N/m2]."""
-    prestress: Annotated[float, Field(ge=0.0, le=1e12)] = 0.0
+    prestress: float = Field(0.0, ge=0.0, le=1e12)
     """Tension at rest [N]."""
-    strength: Annotated[float, Field(gt=0.0, le=1e12)] | None = None
+    strength: float | None = Field(None, gt=0.0, le=1e12)
     """Tension at which it yields [N]; if not given, it stays elastic."""
-    rupture: Annotated[float, Field(gt=0.0, le=1e3)] | None = None
+    rupture: float | None = Field(None, gt=0.0, le=1e3)
     """Elongation at which it breaks [m]; if not given, it never does."""
 
 
@@ -268,11 +268,11 @@ class JointScatter(Section):
 class Vary(Section):
     """Uncertain keys of an arch, and how arches are sampled."""
 
-    samples: Annotated[int, Field(ge=1, le=8192)]
+    samples: int = Field(ge=1, le=8192)
     """Number of sampled arches, each of which meets every record."""
     scheme: Literal["sobol", "latin_hypercube"] = "sobol"
     """sobol keeps its first samples when you add samples; latin_hypercube suits any number."""
-    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 1
+    seed: int = Field(1, ge=0, le=2**32 - 1)
     """Seed of the random numbers; the same seed gives the same arches."""
     of: Annotated[
         dict[str, Distribution],
@@ -305,8 +305,9 @@ class Vary(Section):
             raise refuse("must have a key of or each_joint: nothing varies")
         for name, distribution in scatter or ():
             if distribution is not None and distribution.relative:
-                key = f"each_joint.{name}.relative"
-                raise refuse("cannot be used for each_joint", key)
+                raise refuse(
+                    "cannot be used for each_joint", f"each_joint.{name}.relative"
+                )
         if self.scheme == "sobol" and self.samples & (self.samples - 1):
             text = "must be a power of two with scheme sobol; latin_hypercube takes any number"
             raise refuse(f"= {self.samples} {text}", "samples")
@@ -387,7 +388,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     """Outer ends of the joints, in order [m]."""
     outlines: List[list[Corner]] | None = None
     """Corners of each block: x, y [m] and the bulge of the side to the next one, 0 if straight."""
-    ground: Annotated[list[Line], Field(max_length=2)] | None = None
+    ground: list[Line] | None = Field(None, max_length=2)
     """Lines on which ends stand; if none, the sides opposite to the joints of both ends."""
     fill: Fill | None = None
     """Fill and backing, as weight and mass."""
@@ -399,7 +400,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     """Joints that give, by their stiffness."""
     springings: Springings | None = None
     """A springing that has moved before the record."""
-    ties: Annotated[list[TieEntry], Field(max_length=16)] | None = None
+    ties: list[TieEntry] | None = Field(None, max_length=16)
     """Ties, one or several."""
     vary: Vary | None = None
     """Distributions of uncertain keys; the study then has sampled arches in place of this one."""
@@ -418,8 +419,11 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     @model_validator(mode="after")
     def _have_what_varies(self) -> Self:
         of = self.vary.of if self.vary else {}
-        later = self.table or "joints.stiffness" in of
-        if self.joints and self.joints.stiffness is None and not later:
+        if (
+            self.joints
+            and self.joints.stiffness is None
+            and not (self.table or "joints.stiffness" in of)
+        ):
             raise refuse("must be given", "joints.stiffness")
         for key, distribution in () if self.table else of.items():
             if distribution.relative and self.value(key) is None:

@@ -255,8 +255,9 @@ def _drawn(base: Member) -> Iterator[Member]:
             given |= _of_each_joint(vary.each_joint, entry, given, n_joint, generator)
         told = ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
         place = f"{base.place}: sample {i + 1} ({told or 'joints'})"
-        arch = entry.varied(given, place, "vary")
-        yield replace(base, entry=arch, place=place, values=own)
+        yield replace(
+            base, entry=entry.varied(given, place, "vary"), place=place, values=own
+        )
 
 
 def _of_each_joint(
@@ -275,8 +276,9 @@ def _of_each_joint(
             continue
         values = to_digits(distribution.quantile(points))
         if name == "friction":
-            friction = given.get("friction", entry.friction)
-            keys[name] = to_digits(np.asarray(friction) * values).tolist()
+            keys[name] = to_digits(
+                np.asarray(given.get("friction", entry.friction)) * values
+            ).tolist()
         elif name == "position":  # the springings stay where they are
             end = float(given.get("embrace", entry.embrace or 1.0))
             count = max(n_joint - 1, 1)
@@ -306,8 +308,9 @@ def sample(vary: Vary, seed: Sequence[int]) -> dict[str, FloatArray]:
         return {}
     if vary.scheme == "sobol":
         power = (vary.samples - 1).bit_length()
-        design = qmc.Sobol(len(vary.of), scramble=True, seed=generator)
-        points = design.random_base2(power)
+        points = qmc.Sobol(len(vary.of), scramble=True, seed=generator).random_base2(
+            power
+        )
     else:
         points = qmc.LatinHypercube(len(vary.of), seed=generator).random(vary.samples)
     return {

@@ -106,7 +106,7 @@ class FirstShocks(Section):
         "records": (("records",), ()),
     }
 
-    records: Annotated[list[str], Field(min_length=1)] | None = None
+    records: list[str] | None = Field(None, min_length=1)
     """Ids of the study's records, or of the index, that come first; all of the index if not given.
     Before the n-th record comes the n-th of them, reversed before a reversed record (both_senses);
     if they are fewer, they begin again."""
@@ -141,7 +141,7 @@ class Motions(Section):
 
     index: PathText | None = None
     """Index (CSV) of shipped records, relative to the study file."""
-    select: Annotated[list[str], Field(min_length=1)] | None = None
+    select: list[str] | None = Field(None, min_length=1)
     """Ids of the records to use, in this order; all if not given."""
     files: list[
         Annotated[
@@ -155,9 +155,7 @@ class Motions(Section):
     both_senses: bool = False
     """Whether each record is also used with its horizontal components reversed, as ID-rev, so
     that its sense does not decide. Both belong to one earthquake; the vertical stays as it is."""
-    processing: Annotated[list[_Step], Field(max_length=50)] = Field(
-        default_factory=list
-    )
+    processing: list[_Step] = Field(default_factory=list, max_length=50)
     """Steps applied to each record before it is measured and scaled, in this order."""
     before: FirstShocks | None = None
     """First shocks: motions that shake each arch before its record."""

@@ -80,8 +80,10 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
                 file = RecordFile(path, options)
                 # Two patterns may match the same file.
                 if by_path.setdefault(path, file) != file:
-                    differ = "another unit, inventory, columns or accept"
-                    raise InputError(f"an earlier entry matches {path} with {differ}")
+                    raise InputError(
+                        f"an earlier entry matches {path} with another unit, inventory, columns "
+                        "or accept"
+                    )
     sources = [*sources, *by_path.values()]
     for file in sources:
         for needed in filter(None, (file.path, file.options.get("inventory"))):
@@ -128,26 +130,26 @@ def check_known(
             raise InputError(f"{key}: {name!r} is not a record of the study; {hint}")
 
 
-def following(
-    asked: Motions, records: list[Any], make: Callable[[Motions], list[Any]]
-) -> list[Any]:
-    """Return records with what comes first before each: one of them, or of what `make` makes of
-    an index; as they are without first shocks.
+def following(asked: Motions, make: Callable[[Motions], list[Any]]) -> list[Any]:
+    """Return the records that `make` makes, with what comes first before each: one of them, or of
+    those of an index; as they are without first shocks.
 
     Before a record that is reversed comes the reversed one of what comes before the record.
     """
+    records = make(asked)
     if asked.before is None:
         return records
-    known = {each.id: each for each in (make(asked.first) if asked.first else records)}
+    firsts = make(asked.first) if asked.first else records
+    ids = [each.id for each in firsts]
     senses = 1 + asked.both_senses  # each beside its reverse, as `_name` yields them
-    names = asked.before.records or [*known][::senses]
-    check_known(names, [*known], "motions.before.records")
-    places = [[*known].index(name) for name in names]
+    names = asked.before.records or ids[::senses]
+    check_known(names, ids, "motions.before.records")
     found = []
     for number, record in enumerate(records):
         turn, sense = divmod(number, senses)
-        first = [*known.values()][places[turn % len(places)] ^ sense]
-        found.append(replace(record, first=first))
+        found.append(
+            replace(record, first=firsts[(ids.index(names[turn % len(names)]) ^ sense)])
+        )
     return found
 
 
@@ -218,23 +220,30 @@ def _find_components(
             file.others[kind] = paths[0]
 
 
-_Read = tuple[RecordFile, Motion, list[Motion]]  # a file, one of its motions, all
 _Paired = tuple[RecordFile, Motion, str]  # and how it is called if it is rotated
 
 
 def read_sources(asked: Motions, measure: str) -> Iterator[Motion]:
     """Read the motions that a study asks for one after the other, processed as it states."""
-    steps = asked.steps
-    needed = _needed(asked, measure)
-    chosen = dict(steps).get("choose", {}).get("components", ())
+    steps = dict(asked.steps)
+    chosen = steps.get("choose", {}).get("components", ())
     with one_reader():
-        recordings = _choose(_read(find_sources(asked, measure)), chosen)
-        paired = _pair(recordings, needed, "rotate" in dict(steps))
-        yield from _name(_process(paired, steps), asked)
+        recordings = _read(find_sources(asked, measure), chosen)
+        yield from _name(
+            _pair(recordings, _needed(asked, measure), "rotate" in steps), asked
+        )
 
 
-def _read(files: Iterable[RecordFile]) -> Iterator[_Read]:
-    """Read the horizontal components of files, with what tells the records of one earthquake."""
+def _read(
+    files: Iterable[RecordFile], components: Sequence[str]
+) -> Iterator[tuple[RecordFile, Motion, list[Motion]]]:
+    """Read the chosen horizontal components of files (all if none is named), each with all.
+
+    They have what tells the records of one earthquake. RecordError for a record without one.
+    """
+    letters = {code.upper() for code in components}
+    left_out = dict[Any, str]()
+    used = set[Any]()
     pairs: dict[Path, dict[str, str]] = {}
     for file in files:
         path = file.path
@@ -252,41 +261,34 @@ def _read(files: Iterable[RecordFile]) -> Iterator[_Read]:
                 first = sha256_of(path.with_name(min(path.name, other)))[:16]
                 pair = f"{first} {motion.acceleration.size} {motion.dt:g}"
             motions[place] = motion.stating(file_sha256=digest, pair=pair)
-        yield from ((file, motion, motions) for motion in motions)
-
-
-def _choose(recordings: Iterable[_Read], components: Sequence[str]) -> Iterator[_Read]:
-    """Keep the chosen components (all if none is named); RecordError for a record without one."""
-    letters = {code.upper() for code in components}
-    left_out = dict[Any, str]()
-    used = set[Any]()
-    for file, motion, motions in recordings:
-        facts = motion.facts
-        code = facts.component
-        record = facts.event, facts.station, facts.start_time
-        if not any(record):
-            record = (str(file.path), "", "")
-        if letters and not {code.upper(), code[-1:].upper()} & letters:
-            left_out.setdefault(record, f"{file.path}: record {motion.id} ({code})")
-            continue
-        used.add(record)
-        yield file, motion, motions
-    for lost in (name for record, name in left_out.items() if record not in used):
+        for motion in motions:
+            facts = motion.facts
+            code = facts.component
+            record = facts.event, facts.station, facts.start_time
+            if not any(record):
+                record = str(path), "", ""
+            if letters and not {code.upper(), code[-1:].upper()} & letters:
+                left_out.setdefault(record, f"{path}: record {motion.id} ({code})")
+            else:
+                used.add(record)
+                yield file, motion, motions
+    for record in left_out.keys() - used:
         raise RecordError(
-            f"{lost}: has none of the components {', '.join(components)} that "
+            f"{left_out[record]}: has none of the components {', '.join(components)} that "
             "motions.processing chooses"
         )
 
 
 def _pair(
-    recordings: Iterable[_Read], needed: dict[str, bool], rotates: bool
+    recordings: Iterable[tuple[RecordFile, Motion, list[Motion]]],
+    needed: dict[str, bool],
+    rotates: bool,
 ) -> Iterator[_Paired]:
     """Give motions the components that are needed, and no others.
 
     Where they are rotated, both horizontal components of a record give one motion.
     """
     turned = set[Any]()
-    kinds = [kind for kind, is_needed in needed.items() if is_needed]
     for file, motion, motions in recordings:
         if (file.path, motion.facts.component) in turned:
             continue
@@ -295,7 +297,7 @@ def _pair(
         if motion.vertical is not None and not needed["vertical"]:
             log = (*motion.log, VERTICAL_LEFT)
             paired = replace(motion.stating(of_vertical=None), vertical=None, log=log)
-        for kind in kinds:
+        for kind in filter(needed.get, needed):
             if kind == "transverse" or motion.vertical is None:
                 other = _component(kind, file, motion, motions)
                 if file.entry is not None:  # whose spelling headers need not have
@@ -304,8 +306,11 @@ def _pair(
                 ids[1] = other.id  # of the transverse, which comes last
         part = paired.facts.of_transverse
         if rotates and part:
-            same = part.file == file.path.name
-            other_file = file.path if same else file.others.get("transverse")
+            other_file = (
+                file.path
+                if (part.file == file.path.name)
+                else file.others.get("transverse")
+            )
             turned.add((other_file, part.component))
         # What is rotated is named after both horizontal components.
         common = os.path.commonprefix(ids).rstrip(" -+_.:")  # noqa: RUF071
@@ -344,29 +349,28 @@ def _component(
     return other
 
 
-def _process(
-    paired: Iterable[_Paired], steps: Sequence[tuple[str, dict[str, Any]]]
-) -> Iterator[tuple[RecordFile, Motion]]:
+def _processed(file: RecordFile, motion: Motion, common: str, asked: Motions) -> Motion:
     """Apply the steps of processing."""
-    for file, motion, common in paired:
-        for number, (name, settings) in enumerate(steps):
-            place = f"{file.path}: motions.processing[{number}] ({name})"
-            with at(place, kind=RecordError):
-                inventory = file.options.get("inventory")
-                motion = apply_step(name, settings, motion, file.path, inventory)
-            if name == "rotate":
-                motion = replace(motion, id=common)
-        yield file, motion
+    for number, (name, settings) in enumerate(asked.steps):
+        place = f"{file.path}: motions.processing[{number}] ({name})"
+        with at(place, kind=RecordError):
+            motion = apply_step(
+                name, settings, motion, file.path, file.options.get("inventory")
+            )
+        if name == "rotate":
+            motion = replace(motion, id=common)
+    return motion
 
 
-def _name(
-    processed: Iterable[tuple[RecordFile, Motion]], asked: Motions
-) -> Iterator[Motion]:
-    """Yield the selected motions, in both senses if asked; InputError if ids are not clear."""
+def _name(paired: Iterable[_Paired], asked: Motions) -> Iterator[Motion]:
+    """Yield the selected motions, processed, in both senses if asked; InputError if ids are not
+    clear.
+    """
     taken = dict[str, Path]()
     ids = list[str]()
     before = list[dict[str, Any]]()
-    for file, motion in processed:
+    for file, recorded, common in paired:
+        motion = _processed(file, recorded, common, asked)
         ids.append(motion.id)
         selected = asked.select is None or motion.id in asked.select
         if selected:

@@ -217,8 +217,9 @@ def _prepare(plan: Plan, bar: tqdm) -> float:
         name = method_to_compile(plan)
         if not kernels_are_compiled():  # else each worker loads them for itself
             bar.bar_format = "{desc}"
-            show = partial(bar.set_description_str, refresh=False)
-            compile_time = warmup(name, progress=show)
+            compile_time = warmup(
+                name, progress=partial(bar.set_description_str, refresh=False)
+            )
         check_standing(plan.arches, plan.study.method)
     bar.bar_format = None
     bar.desc = "simulations"

@@ -201,8 +201,10 @@ class Plan:
         given = f"{self.identity}/{digest_of(self.study.method.model_dump())}"
         stems = {}
         keys = []
-        pairs = zip(cases["arch"].tolist(), cases["record"].tolist())
-        for pair, factor in zip(pairs, self.factors(cases).astype("<f8")):
+        for pair, factor in zip(
+            zip(cases["arch"].tolist(), cases["record"].tolist()),
+            self.factors(cases).astype("<f8"),
+        ):
             if pair not in stems:
                 own = f"{given}/{self.arches[pair[0]].chain}/{self.records[pair[1]].samples}/"
                 shock = self.shock(*pair)
@@ -231,8 +233,12 @@ class Plan:
                 share = arch * len(turns) + records
             records = records[share % batches == batch]
             if records.size:
-                seed = zlib.crc32(member.id.encode())
-                about = self.levels, self.unscaled[records], self.power, seed
+                about = (
+                    self.levels,
+                    self.unscaled[records],
+                    self.power,
+                    zlib.crc32(member.id.encode()),
+                )
                 requests[arch] = design.requests(Grid(arch, records, *about))
         return requests
 
