@@ -25,6 +25,7 @@ from archfrag.errors import InputError, OutputError
 if TYPE_CHECKING:
     import pandas as pd
 
+Plain = dict[str, Any]  # what JSON and YAML know
 WORK = ".archfrag"  # in the folder of a study's results: all that is not for people
 STAMPS = "stamp.json"  # SHA-256 of a study's files; of all that archfrag wrote
 MADE = "made.txt"
@@ -516,8 +517,17 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
     return separator, names, rows
 
 
-def table_of(names: Sequence[str], rows: Sequence[Row]) -> "pd.DataFrame":
-    """Return rows as a table of text."""
+def table_of(text: str, commas: bool = True) -> "pd.DataFrame":
+    """Return the cells of a table (`parse_table`) as text, by the numbers of their lines.
+
+    Decimal commas become points, or are refused if `commas` are not allowed.
+    """
     import pandas as pd  # takes a third of a second
 
-    return pd.DataFrame([cells for _, cells in rows], columns=list(names), dtype=str)
+    separator, names, rows = parse_table(text)
+    if commas:
+        rows = with_points(rows, separator)
+    else:
+        check_decimals((line, cell) for line, cells in rows for cell in cells)
+    lines, cells = zip(*rows) if rows else ((), None)
+    return pd.DataFrame(cells, lines, names, dtype=str)

@@ -202,16 +202,16 @@ BAD = [
             ),
             (
                 "[0, 20]",
-                "joints is a block with stiffness; positions are joint_positions",
+                "joints = [0, 20] must be a block of keys, such as {stiffness: ...}",
             ),
-            ("{positions: [0, 20]}", "joints is a block with stiffness; positions are"),
+            ("{positions: [0, 20]}", "joints.positions is not a known key"),
             (
                 "null, vary: {samples: 4, of: {joints: {NORMAL}}}",
-                "vary.of.joints is joints.stiffness",
+                "must be a block of keys, such as {stiffness: ",
             ),
             (
                 "null, vary: {samples: 4, joints: {friction: {NORMAL}}}",
-                "vary.joints is each_joint, what differs from joint to joint",
+                "vary.joints is not a known key",
             ),
             (
                 "{stiffness: 3.0e+10, model: face}, strength: 1.0e+6",

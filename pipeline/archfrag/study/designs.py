@@ -14,13 +14,12 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, TypeAdapter
 
+from archfrag.files import Plain
 from archfrag.fragility.curve import Curve, FloatArray, IntArray
 from archfrag.fragility.fit import fit_brackets, fit_stripes
-from archfrag.fragility.posterior import Posterior
-from archfrag.fragility.quoted import capacity_posterior, quoted_band
 from archfrag.fragility.verdicts import Brackets, Verdict
 from archfrag.study.keys import Section, check_block
 
@@ -30,7 +29,7 @@ Cases = NDArray[np.void]
 Verdicts = NDArray[np.int8]
 _T = TypeVar("_T")
 Asking = Generator[Cases, tuple[Cases, Verdicts], _T]
-Requests = Asking[dict[str, Any]]
+Requests = Asking[Plain]
 
 
 @dataclass
@@ -100,14 +99,6 @@ class Design(Section, ABC):
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Return the number of runs of an arch, and whether it is exact, about or at most."""
 
-    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> Curve:
-        """Return the curve and band; options and errors are those of `quoted_band`."""
-        return quoted_band(found, im, **options)
-
-    def posterior(self, found: Brackets) -> tuple[Posterior, float]:
-        """Return the posterior of the curve, and the number of records or runs."""
-        return capacity_posterior(found)
-
     def likelihood(self, found: Brackets) -> Curve:
         """Return the curve by maximum likelihood, from the collapses at each level.
 
@@ -168,14 +159,14 @@ class Cloud(Design):
 
 def ask(
     requests: Mapping[int, Requests], decide: Callable[[Cases], Verdicts]
-) -> tuple[Cases, dict[int, dict[str, Any]]]:
+) -> tuple[Cases, dict[int, Plain]]:
     """Drive requests with a `decide` that returns the verdicts of all its runs, in order."""
     return drive(requests, lambda cases: (cases, decide(cases)))
 
 
 def drive(
     requests: Mapping[int, Requests], answer: Callable[[Cases], tuple[Cases, Verdicts]]
-) -> tuple[Cases, dict[int, dict[str, Any]]]:
+) -> tuple[Cases, dict[int, Plain]]:
     """Ask the designs of all arches, by `Design.requests`, until none requests a run.
 
     `answer` takes new requests, which may be none, and returns some runs of all those requested
@@ -217,7 +208,6 @@ COST_OF_SURVIVAL = 2.0
 NEAR = 2  # levels beyond a border that are checked: farther ones are hardly ever contradicted
 LEAST_PRIOR = 1e-3  # at each level, whatever other records have shown
 LEAST_DEVIATION = 0.1  # of ln capacity from what is expected
-MOST_NAMED = 12  # arches with checks that contradict; of more only their number
 
 
 class Ida(Design):
@@ -288,20 +278,13 @@ class Ida(Design):
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Return the messages on checks that contradict the borders found."""
-        against = [
-            (name, own["contradictions"], own["checked"])
+        return [
+            f"{name}: {own['contradictions']} of {own['checked']} checks near the border "
+            "contradict the capacity of their record. Such a record has several borders between "
+            "survival and collapse; the search found one of them, not always the lowest. Beta "
+            "includes the scatter of single runs"
             for name, own in facts.items()
             if own.get("contradictions")
-        ]
-        if len(against) > MOST_NAMED:
-            _, counts, checks = zip(*against)
-            against = [(f"{len(against)} arches", sum(counts), sum(checks))]
-        return [
-            f"{name}: {count} of {checked} checks near the border contradict the capacity of "
-            "their record. Such a record has several borders between survival and collapse; the "
-            "search found one of them, not always the lowest. Beta includes the scatter of single "
-            "runs"
-            for name, count, checked in against
         ]
 
 

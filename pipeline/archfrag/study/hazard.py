@@ -20,11 +20,9 @@ from archfrag.files import (
     check_thousands,
     check_years,
     number,
-    parse_table,
     read_text,
     stated_unit,
     table_of,
-    with_points,
 )
 from archfrag.fragility.risk import HazardCurve
 from archfrag.motions.measures import LEVEL_UNITS, Measure, measure_unit, parse_measure
@@ -86,11 +84,9 @@ def load_hazard(
     for path in paths:
         text = read_text(path, LARGEST, InputError, "the hazard curve")
         try:
-            separator, names, rows = parse_table(text)
-            rows = with_points(rows, separator)
-            for line in (line for line, cells in rows if "" in cells):
+            table = table_of(text)
+            for line in table.index[(table == "").any(axis=1)]:
                 raise InputError(f"line {line} has an empty cell; give it a number")
-            table = table_of(names, rows)
             by_site = {"lon", "lat"} <= set(table)
             if site is not None and not by_site:
                 raise InputError(

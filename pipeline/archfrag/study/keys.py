@@ -23,7 +23,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from archfrag.errors import InputError
-from archfrag.files import absolute
+from archfrag.files import Plain, absolute
 from archfrag.study.yaml_text import CONTROL
 
 # Rules where pydantic's own words name its classes or a regular expression.
@@ -74,9 +74,9 @@ class Section(BaseModel):
         return given
 
     @classmethod
-    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Plain:
         """Describe each key by the text below it, which pydantic would read at every start."""
-        found: dict[str, Any] = handler(core)
+        found: Plain = handler(core)
         keys = handler.resolve_ref_schema(found).get("properties", {})
         with contextlib.suppress(OSError):  # of a class that is made from a table
             own: Any = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]

@@ -27,6 +27,7 @@ from archfrag.errors import OutputError
 from archfrag.files import (
     STAMPS,
     WORK,
+    Plain,
     absolute,
     check_targets,
     make_folder,
@@ -124,7 +125,7 @@ def check_own(study: "StudyKeys") -> None:
     sweep(study.work)
 
 
-def read_state(path: Path) -> dict[str, Any]:
+def read_state(path: Path) -> Plain:
     """Return what a file of the hidden folder holds; empty if it cannot be read."""
     try:
         return dict(read_json(path))
@@ -186,7 +187,7 @@ def out_of_date(study: "StudyKeys", *steps: str) -> str:
     )
 
 
-def origin_of(keys: dict[str, Any], place: Path, folder: Path) -> dict[str, str]:
+def origin_of(keys: Plain, place: Path, folder: Path) -> dict[str, str]:
     """Return digests of what the results in a folder follow from, but for files, by name.
 
     `keys` are those of a study file in the folder `place`.
@@ -217,7 +218,7 @@ def contents(folder: Path, places: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def finished_folder(path: Path, keys: dict[str, Any], place: Path) -> Path | None:
+def finished_folder(path: Path, keys: Plain, place: Path) -> Path | None:
     """Return the folder of the results of a study file if nothing has changed since its run; else
     None.
 
@@ -320,9 +321,7 @@ def refuse_foreign_cube(study: "StudyKeys") -> None:
                 if digest is not None and file.read(4) in (b"", b"\x89HDF"):
                     return
     if owner != study.id:
-        whose = "a file that is no cube of archfrag"
-        if owner:
-            whose = f"the cube of study {owner!r}"
+        whose = f"the cube of study {owner!r}" if owner else "a file of something else"
         raise OutputError(
             f"{path}: {whose} is in the place of study {study.id!r}; give the studies different "
             "output folders, or move the file"
@@ -332,9 +331,8 @@ def refuse_foreign_cube(study: "StudyKeys") -> None:
 def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     """List the changes from one state of the inputs to another, a line for each file."""
     lines = []
-    for kind in ("record", "index", "inventory"):
+    for kind, new in now.items():
         old = before.get(kind, {})
-        new = now.get(kind, {})
         words = dict.fromkeys(old, "is gone") | dict.fromkeys(new, "is new")
         words |= dict.fromkeys(old.keys() & new, "has changed")
         for path in sorted(words):
@@ -402,7 +400,7 @@ def available_cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
-def machine() -> dict[str, Any]:
+def machine() -> Plain:
     """Describe the machine for the log."""
     return {
         "host": socket.gethostname(),
@@ -411,7 +409,7 @@ def machine() -> dict[str, Any]:
     }
 
 
-def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
+def add_to_log(folder: Path, entry: Plain) -> None:
     """Add an entry to ``run_log.json`` in a folder."""
     path = folder / "run_log.json"
     before = list[Any]()

@@ -186,7 +186,7 @@ def run_study(
                 "what follows from it is made again; other runs that are finished are kept"
             )
         named = provenance.files_named(study)
-        before = list(map(provenance.sha256_if_there, named))
+        before = provenance.contents(study.folder, named)
         for step in (*["motions"] * (not ready), *batches(study)):
             check_stopped()
             make_step(study, step, say, cores=cores, quiet=quiet)
@@ -198,9 +198,8 @@ def run_study(
         late = provenance.changes(
             read_manifest(study)["inputs"], study_inputs(study), study.folder
         )
-        for path, digest in zip(named, before):
-            if provenance.sha256_if_there(path) != digest:
-                late.append(f"{path} has changed")
+        now = provenance.contents(study.folder, named)
+        late += [f"{path} has changed" for path in named if now[path] != before[path]]
         if late:
             raise ArchfragError(
                 f"{study.folder}: {late[0]}, while the run was at work; the same command makes "

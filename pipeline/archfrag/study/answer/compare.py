@@ -10,7 +10,7 @@ import xarray as xr
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import Curve, FloatArray, IntArray
 from archfrag.fragility.plane import Plane, fit_plane
-from archfrag.fragility.quoted import shared_events
+from archfrag.fragility.quoted import capacity_posterior, shared_events
 from archfrag.fragility.risk import HazardCurve
 from archfrag.fragility.several import crossing_groups, left_out, parts_of, ratios
 from archfrag.fragility.verdicts import Brackets
@@ -42,7 +42,7 @@ def compare(
         """Return ln theta and ln beta of an arch, by the posterior without scatter."""
 
         def estimate(brackets: Brackets) -> Curve:
-            return own.design.posterior(brackets.without_scatter())[0].curve
+            return capacity_posterior(brackets.without_scatter())[0].curve
 
         return left_out(own.brackets, parts_of(groups), estimate)
 

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import counted, make_folder, replacing
+from archfrag.files import Plain, counted, make_folder, replacing
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import measure_unit, scaling_exponent
 from archfrag.physics.status import CollapseMode, Level, Status
@@ -31,9 +31,7 @@ COMPRESSION = 4
 CHUNK = (
     2**17
 )  # cells of a variable that the file stores together: whole arches, up to 1 MB
-_CODES: dict[str, Any] = {
-    codes.__name__: codes for codes in (Verdict, Status, CollapseMode)
-}
+_CODES: Plain = {codes.__name__: codes for codes in (Verdict, Status, CollapseMode)}
 _UDUNITS = {
     "m/s2": "m s-2",
     "cm/s2": "cm s-2",
@@ -65,7 +63,7 @@ def write_cube(study: StudyKeys) -> Path:
 
 
 def build_cube(
-    plan: Plan, cases: Cases, table: Table, facts: dict[int, dict[str, Any]]
+    plan: Plan, cases: Cases, table: Table, facts: dict[int, Plain]
 ) -> xr.Dataset:
     """Return the cube of a study's runs, as `gather` returns them, in the form that is stored.
 
@@ -84,7 +82,7 @@ def build_cube(
         cube[cases["arch"], cases["record"], cases["place"]] = values
         return cube
 
-    values: dict[str, Any] = {
+    values: Plain = {
         "level": np.arange(shape[2]),
         "model": [model.name.lower() for model in Level],
         "measure": names,
@@ -171,7 +169,7 @@ def stored_cube(study: StudyKeys) -> xr.Dataset:
 def _variable(about: Any, values: Any) -> xr.Variable:
     """Return values with CF's attributes, as a row of `VARIABLES` describes them."""
     dimensions = about.dimensions.replace("run", "arch record level").split()
-    attrs: dict[str, Any] = {
+    attrs: Plain = {
         name: getattr(about, name)
         for name in ("long_name", "units", "comment")
         if getattr(about, name)
@@ -179,7 +177,7 @@ def _variable(about: Any, values: Any) -> xr.Variable:
     labels = [name for name in dimensions if name not in (about.name, "level")]
     if {"level", "record"} <= {*dimensions}:
         labels += ["intensity_si", "level"]
-    encoding: dict[str, Any] = {"coordinates": " ".join(labels) or None}
+    encoding: Plain = {"coordinates": " ".join(labels) or None}
     if about.dtype == "S":
         # Text as characters: CF's form that every version of every reader knows.
         length = max(1, *(len(text.encode()) for text in values))
@@ -305,7 +303,7 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
     }
 
 
-def _portable_arch(entry: ArchEntry) -> dict[str, Any]:
+def _portable_arch(entry: ArchEntry) -> Plain:
     """Return an entry as a study gives it, defaults filled in, without folders."""
     if entry.table is not None:
         return {**entry.parameters, "table": Path(entry.table).name}

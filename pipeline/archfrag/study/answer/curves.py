@@ -13,11 +13,17 @@ from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError, attempt
-from archfrag.fragility.curve import Curve, FloatArray
+from archfrag.files import Plain
+from archfrag.fragility.curve import BoolArray, Curve, FloatArray, IntArray
 from archfrag.fragility.damage import fit_state_posterior
 from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_cloud
-from archfrag.fragility.quoted import check_lognormal, isotonic_curve, shared_events
+from archfrag.fragility.quoted import (
+    check_lognormal,
+    isotonic_curve,
+    quoted_band,
+    shared_events,
+)
 from archfrag.fragility.several import (
     crossing_words,
     mixture,
@@ -53,7 +59,7 @@ _OF_BAND = (
     "n_independent",
     "n_non_monotone",
 )
-_DRAWN: dict[str, Any] = {"seed": 1, "resamples": 300}
+_DRAWN: Plain = {"seed": 1, "resamples": 300}
 Worded = Callable[
     [FitError], str
 ]  # text of an error, with its levels in the unit people read
@@ -65,7 +71,7 @@ class ArchRuns:
 
     name: str
     design: Design
-    verdict: NDArray[np.int64]  # (n_record, n_level)
+    verdict: IntArray  # (n_record, n_level)
     level: FloatArray  # (n_level,) or (n_record, n_level) [SI]
     # What makes rows alike, such as an earthquake, and which of them each row has, (n_record,).
     groups: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
@@ -90,7 +96,17 @@ class ArchRuns:
         return np.array([*self.groups.values()]) if several else self.group
 
     @property
-    def decided(self) -> NDArray[np.bool_]:
+    def collapsed(self) -> BoolArray:
+        """Runs that collapsed."""
+        return self.verdict == Verdict.COLLAPSED
+
+    @property
+    def survived(self) -> BoolArray:
+        """Runs that survived."""
+        return self.verdict == Verdict.SURVIVED
+
+    @property
+    def decided(self) -> BoolArray:
         """Runs that collapsed or survived."""
         return np.isin(self.verdict, DECIDED)
 
@@ -116,7 +132,7 @@ class ArchRuns:
         )
 
     @property
-    def filled(self) -> NDArray[np.int64]:
+    def filled(self) -> IntArray:
         """Verdicts; where runs were not made with those that the capacities imply."""
         return self.brackets.filled if self.gaps else self.verdict
 
@@ -264,7 +280,7 @@ def curve_of(runs: ArchRuns, confidence: float) -> Curve:
     try:
         if len(runs.verdict) < 2:
             raise FitError("there is only one record, from which no curve follows")
-        curve = runs.design.estimate(
+        curve = quoted_band(
             runs.brackets,
             band_points(runs),
             confidence=confidence,
@@ -327,13 +343,13 @@ def completed(
     Only `detailed` ones have limit states and other shapes. `keys` are those of `limit_states`.
     """
 
-    def part(make: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
+    def part(make: Callable[..., Plain], *arguments: Any) -> Plain:
         """Make a part of the results, or say why it cannot be made."""
         made = attempt(partial(make, runs, *arguments), runs.worded)
         return {"none": made} if isinstance(made, str) else made
 
     known = {*runs.cube}
-    parts: dict[str, Any] = {}
+    parts: Plain = {}
     if members:
         split = part(dispersion_split, members, curve) if curve.fitted else {}
         parts["dispersion"] = split
@@ -362,9 +378,9 @@ def completed(
     return replace(curve, **parts)
 
 
-def free_shapes(runs: ArchRuns, confidence: float) -> dict[str, Any]:
+def free_shapes(runs: ArchRuns, confidence: float) -> Plain:
     """Return the isotonic curve, and whether the lognormal one describes the runs."""
-    parts: dict[str, Any] = {}
+    parts: Plain = {}
     given = runs.brackets, runs.group
     try:
         curve = isotonic_curve(*given, confidence=confidence, **_DRAWN)
@@ -384,14 +400,14 @@ def free_shapes(runs: ArchRuns, confidence: float) -> dict[str, Any]:
     return parts | {"test_of_fit": {"p_value": p_value, "message": message}}
 
 
-def cloud_curves(runs: ArchRuns, confidence: float) -> dict[str, Any]:
+def cloud_curves(runs: ArchRuns, confidence: float) -> Plain:
     """Return the curve of a cloud by logistic regression."""
     found = runs.brackets  # one run a record
     event = None if runs.group is None else runs.group[found.run]
     return fit_cloud(*found.single_runs(), event, confidence=confidence, **_DRAWN)
 
 
-def measures_compared(runs: ArchRuns) -> dict[str, Any]:
+def measures_compared(runs: ArchRuns) -> Plain:
     """Compare the study's measure with others in which its motions are known."""
     cube = runs.cube
     known, exponent, units = known_measures(cube)
@@ -448,7 +464,7 @@ def limit_states(
     known = dict[bytes, Curve]()
     for name, (meaning, condition) in _damage(runs.cube, keys).items():
         short = runs.decided & condition.values.reshape(runs.verdict.shape)
-        exceeds = short | (runs.verdict == Verdict.COLLAPSED)
+        exceeds = short | runs.collapsed
         key = exceeds.tobytes()  # states often coincide
         if key not in known:
             known[key] = _state_curve(runs, exceeds, collapse)
@@ -510,21 +526,20 @@ def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str,
     return exceeded
 
 
-def _state_curve(runs: ArchRuns, exceeds: NDArray[np.bool_], collapse: Curve) -> Curve:
+def _state_curve(runs: ArchRuns, exceeds: BoolArray, collapse: Curve) -> Curve:
     """Return the curve of runs that exceed a limit state, or the reason why there is none."""
     if not runs.intact:
         return Curve(
             reason="its measure is of the first shock too, so it has no curve after one"
         )
-    collapsed = runs.verdict == Verdict.COLLAPSED
-    if not (exceeds & ~collapsed).any():
+    if not (exceeds & ~runs.collapsed).any():
         return Curve(
             reason="no run exceeds it short of collapse, so it has no curve of its own"
         )
     codes = np.where(exceeds, Verdict.COLLAPSED, Verdict.SURVIVED)
     codes = np.where(runs.decided, codes, runs.verdict)
     if runs.searched:
-        codes[collapsed] = Verdict.NOT_RUN
+        codes[runs.collapsed] = Verdict.NOT_RUN
         return _searched_curve(runs, codes, collapse)
     curve = curve_of(replace(runs, verdict=codes), collapse.confidence)
     if curve.fitted:
@@ -532,7 +547,7 @@ def _state_curve(runs: ArchRuns, exceeds: NDArray[np.bool_], collapse: Curve) ->
     return Curve(reason=f"to collapse means to exceed it, and {curve.reason}")
 
 
-def _searched_curve(runs: ArchRuns, short: NDArray[np.int64], collapse: Curve) -> Curve:
+def _searched_curve(runs: ArchRuns, short: IntArray, collapse: Curve) -> Curve:
     """Return the curve of a state from the runs of a search for collapse.
 
     `short` are verdicts of the runs that did not collapse: whether they exceed the state.
@@ -581,9 +596,7 @@ def _onset_in_measure(cube: xr.Dataset) -> float:
     )
 
 
-def dispersion_split(
-    runs: ArchRuns, curves: Sequence[Curve], whole: Curve
-) -> dict[str, Any]:
+def dispersion_split(runs: ArchRuns, curves: Sequence[Curve], whole: Curve) -> Plain:
     """Divide the dispersion of a `whole` class into that of records and that of its arches.
 
     It is divided by the capacities of all runs. If records withstand the largest level, it is by

@@ -15,12 +15,11 @@ import xarray as xr
 
 from archfrag.errors import InputError
 from archfrag.files import (
+    Plain,
     number,
-    parse_table,
     read_text,
     table_of,
     unquoted,
-    with_points,
 )
 from archfrag.fragility.curve import tails
 from archfrag.fragility.verdicts import Verdict
@@ -121,9 +120,8 @@ def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
         source = str(table)
         with at(source):
             content = read_text(Path(table), LARGEST, InputError, "the table")
-            separator, names, lines = parse_table(content)
-            frame = table_of(names, with_points(lines, separator)).map(unquoted)
-        rows = [f"line {line}" for line, _ in lines]
+            frame = table_of(content).map(unquoted)
+        rows = [f"line {line}" for line in frame.index]
     else:
         source = "the table"
         try:
@@ -282,7 +280,7 @@ def _runs(
     return runs
 
 
-def _verdicts(given: VerdictTable, states: Sequence[str]) -> dict[str, Any]:
+def _verdicts(given: VerdictTable, states: Sequence[str]) -> Plain:
     """Return verdicts, and states by their places in the ordered list of damage states."""
     if "verdict" not in given.heads and not states:
         raise InputError(
@@ -382,7 +380,7 @@ def _cube(
         im = xr.DataArray(np.array(intensity.si), dims="level")
     own = {"measure": intensity.measure, "units": measure_unit(intensity.measure)}
     classes = arches["arch_class"].where(arches["arch_class"] != "", arches["arch"])
-    variables: dict[str, Any] = {
+    variables: Plain = {
         "verdict": verdict,
         "intensity": im.assign_attrs(own),
         "event": ("record", records["event"].tolist()),

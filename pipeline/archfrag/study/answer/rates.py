@@ -12,9 +12,9 @@ from jinja2 import Template
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import FitError, attempt
-from archfrag.files import counted
+from archfrag.files import Plain, counted
 from archfrag.fragility import risk as rates
-from archfrag.fragility.curve import Curve, FloatArray
+from archfrag.fragility.curve import BoolArray, Curve, FloatArray
 from archfrag.fragility.several import (
     average_annual_loss,
     checked_ratios,
@@ -188,9 +188,7 @@ def _arch_risk(
     )
     # Mechanisms are joint and mode: each pair has a number, which rises with both.
     mechanisms, code = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
-    levels, collapsed, code, ends = _on_levels(
-        runs.verdict, code.reshape(shape), runs.level
-    )
+    levels, collapsed, code, ends = _on_levels(runs, code.reshape(shape))
     onset = runs.onset(fit)
     rate = rates.collapse_rate(hazard.main, fit, fit.draws(SEED), confidence, onset)
 
@@ -198,8 +196,8 @@ def _arch_risk(
         return rates.rate_by_level(hazard.main, fit, edges, onset)
 
     level_rate = rate_between(rates.level_edges(levels))
-    in_collapse = runs.verdict == Verdict.COLLAPSED
-    lowest = np.broadcast_to(runs.level, shape)[in_collapse].min(initial=ends[-1])
+    fell = np.broadcast_to(runs.level, shape)[runs.collapsed]
+    lowest = fell.min(initial=ends[-1])
     whole = rate.rate or 1.0
     outer = (rate_between(np.unique(ends)) / whole).tolist()
     kinds, counts = np.unique(code[collapsed], return_counts=True)
@@ -236,13 +234,13 @@ def losses_of(
     hazard: Hazard,
     consequence: Mapping[str, float],
     confidence: float = 0.9,
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, Plain]:
     """Return by arch or class the average annual loss and the table of mean loss [SI], or why not.
 
     `consequence` has by limit state the cost of one or the other as a part of the arch's value.
     """
     ratios = checked_ratios(consequence)
-    found = dict[str, dict[str, Any]]()
+    found = dict[str, Plain]()
     for name, runs in runs_of_cube(cube, curves).items():
         curve = curves[name]
         try:
@@ -284,15 +282,16 @@ def vulnerability_table(
 
 
 def _on_levels(
-    verdict: NDArray, code: NDArray, at: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_], NDArray, FloatArray]:
+    runs: ArchRuns, code: NDArray
+) -> tuple[FloatArray, BoolArray, NDArray, FloatArray]:
     """Put runs on a grid of intensity; those with one of their own in bins of equal ratio.
 
     Returned are levels (n_level,), what collapsed and the code of its mechanism (n_record,
     n_level), and the least and the greatest level.
     """
-    collapsed = verdict == Verdict.COLLAPSED
-    made = verdict != Verdict.NOT_RUN
+    at = runs.level
+    collapsed = runs.collapsed
+    made = runs.verdict != Verdict.NOT_RUN
     if at.ndim == 1:
         # What a bisection left out is as the nearest lower level of the record that was run.
         source = np.maximum.accumulate(np.where(made, np.arange(at.size), -1), axis=1)
@@ -313,11 +312,11 @@ def _on_levels(
     return levels, grid, codes, ends
 
 
-def risk_facts(risk: StudyRisk, study: StudyKeys) -> dict[str, Any]:
+def risk_facts(risk: StudyRisk, study: StudyKeys) -> Plain:
     """Return rates and their parts as plain numbers, with intensities in the study's unit."""
     factor = study.intensity.factor
     hazard = risk.hazard
-    arches: dict[str, Any] = {}
+    arches: Plain = {}
     for name, arch in risk.arches.items():
         if isinstance(arch, str):
             arches[name] = {"none": arch}
@@ -364,7 +363,7 @@ def risk_facts(risk: StudyRisk, study: StudyKeys) -> dict[str, Any]:
         name: {"im": (curve.im / factor).tolist(), "rate": curve.rate.tolist()}
         for name, curve in hazard.curves.items()
     }
-    facts: dict[str, Any] = {
+    facts: Plain = {
         "study": study.id,
         "measure": hazard.measure,
         "unit": study.intensity.unit,
@@ -381,7 +380,7 @@ def risk_facts(risk: StudyRisk, study: StudyKeys) -> dict[str, Any]:
     return dict(finite(facts, None))
 
 
-def risk_text(facts: dict[str, Any]) -> str:
+def risk_text(facts: Plain) -> str:
     """Write `risk_facts` for a terminal, without parts by level."""
     source = Path(__file__).with_name("risk.txt.j2").read_text("utf-8")
     template = Template(source, trim_blocks=True, lstrip_blocks=True)

@@ -1,12 +1,12 @@
 """Tables of a cube: all its runs, its records, its arches, with what each column is."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from archfrag.files import Plain
 from archfrag.fragility.verdicts import Verdict
 
 PIECE = 20_000  # runs held at a time: some ten megabytes
@@ -14,7 +14,7 @@ _RUN = ("arch", "record", "level")
 # Text of records and arches that groups runs; other text would be repeated in every row.
 _GROUPS = ("arch", "record", "event", "arch_class")
 # What each column is: `about`, and where they apply `unit` (CF's spelling) and `codes` by meaning.
-Columns = dict[str, dict[str, Any]]
+Columns = dict[str, Plain]
 # A table in pieces of the same columns. There is at least one piece; it may have no row.
 Pieces = tuple[Columns, Iterable[pd.DataFrame]]
 
@@ -99,9 +99,7 @@ def _columns(
     return columns, values
 
 
-def about_column(
-    text: str, unit: str, codes: Mapping[str, int] | None = None
-) -> dict[str, Any]:
+def about_column(text: str, unit: str, codes: Mapping[str, int] | None = None) -> Plain:
     """Describe a column, without what does not apply."""
     facts = {"about": text, "unit": unit, "codes": codes}
     return {key: value for key, value in facts.items() if value}

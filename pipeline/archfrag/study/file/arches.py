@@ -25,6 +25,7 @@ from archfrag.arch.drawing import read_drawing
 from archfrag.arch.facts import quiet
 from archfrag.arch.polygons import polygon_ring
 from archfrag.errors import InputError
+from archfrag.files import Plain
 from archfrag.properties import (
     DRAWN,
     LARGEST,
@@ -286,18 +287,6 @@ class Vary(Section):
     each_joint: JointScatter | None = None
     """Differences between the joints of one arch."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _keys_are_in_of(cls, given: Any) -> Any:
-        for key in given if isinstance(given, dict) else ():
-            if key in VARIABLE:
-                raise refuse(f"must stand in of: {{of: {{{key}: ...}}}}", key)
-            if key == "joints":
-                raise refuse("is each_joint, what differs from joint to joint", key)
-            if key == "of" and isinstance(given[key], dict) and "joints" in given[key]:
-                raise refuse("is joints.stiffness", "of.joints")
-        return given
-
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
         scatter = self.each_joint
@@ -332,7 +321,7 @@ def _plain_key(row: Any) -> tuple[Any, Any]:
 _ID = (
     "Name of the arch or class of arches in results: letters, digits and _ . + - only."
 )
-_plain: dict[str, Any] = {
+_plain: Plain = {
     "id": (Identifier, Field(description=_ID)),
     **{key: _plain_key(row) for key, row in PROPERTIES.items() if row.text},
 }
@@ -405,17 +394,6 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     vary: Vary | None = None
     """Distributions of uncertain keys; the study then has sampled arches in place of this one."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _joints_are_a_block(cls, given: Any) -> Any:
-        joints = given.get("joints") if isinstance(given, dict) else None
-        if isinstance(joints, list) or (
-            isinstance(joints, dict) and "positions" in joints
-        ):
-            rule = "is a block with stiffness; positions are joint_positions: [...]"
-            raise refuse(rule, "joints")
-        return given
-
     @model_validator(mode="after")
     def _have_what_varies(self) -> Self:
         of = self.vary.of if self.vary else {}
@@ -445,7 +423,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         return hash(repr(self))
 
     @property
-    def parameters(self) -> dict[str, Any]:
+    def parameters(self) -> Plain:
         """Keys that have a value, with defaults, as a study file gives them."""
         return self.model_dump(exclude_none=True)
 
@@ -479,7 +457,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
             return self
         drawn = read_drawing(self.drawing, self.layer, self.unit)
         polygon_ring(drawn, self.tolerance)
-        values: dict[str, Any] = {
+        values: Plain = {
             name: [each.tolist() for each in getattr(drawn, name)]
             for name in ("outlines", "ground")
         }
@@ -505,7 +483,7 @@ def _built(entry: ArchEntry) -> "Arch":
     built: Arch = make(**given)
     if entry.recess is not None:
         built = built.recessed(**entry.recess.model_dump())
-    joints: dict[str, Any] = {
+    joints: Plain = {
         "stiffness": math.inf,
         "strength": entry.strength or math.inf,
     }

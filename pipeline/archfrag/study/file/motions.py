@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
+from archfrag.files import Plain
 from archfrag.motions.calibrate import Acceptable
 from archfrag.study.keys import PathText, Section, refuse
 
@@ -15,15 +16,13 @@ if TYPE_CHECKING:
 
 MOST_LISTED = 12  # pairs of a first shock and its record
 with Path(__file__).with_name("steps.toml").open("rb") as _file:
-    STEPS: dict[str, Any] = tomllib.load(_file)
-_KINDS: dict[str, Any] = {"float": float, "int": int, "bool": bool, "str": str}
+    STEPS: Plain = tomllib.load(_file)
+_KINDS: Plain = {"float": float, "int": int, "bool": bool, "str": str}
 
 
 def _mapping(given: Any) -> Any:
     named = {given: {}} if isinstance(given, str) else given
-    if not isinstance(named, dict):
-        return named
-    if len(named) != 1:
+    if not isinstance(named, dict) or len(named) != 1:
         raise refuse(f"must have one of the keys {', '.join(STEPS)}")
     ((name, settings),) = named.items()
     return {name: {} if settings is None else settings}
@@ -31,7 +30,7 @@ def _mapping(given: Any) -> Any:
 
 def _settings(step: str) -> Any:
     """Return the block of the settings of a step, as the table of steps describes them."""
-    fields: dict[str, Any] = {}
+    fields: Plain = {}
     for key, about in STEPS[step].get("settings", {}).items():
         if "one_of" in about:
             kind: Any = Literal[tuple(about["one_of"])]
@@ -50,7 +49,7 @@ def _settings(step: str) -> Any:
     return create_model(step.capitalize(), __base__=Section, __doc__=about, **fields)
 
 
-_blocks: dict[str, Any] = {name: (_settings(name), None) for name in STEPS}
+_blocks: Plain = {name: (_settings(name), None) for name in STEPS}
 _Step: Any = Annotated[
     create_model(
         "Step",
@@ -165,11 +164,11 @@ class Motions(Section):
         """What is asked for first shocks with an index of their own; None without one."""
         if self.before is None or self.before.index is None:
             return None
-        own: dict[str, Any] = {"index": self.before.index, "files": []}
+        own: Plain = {"index": self.before.index, "files": []}
         return self.model_copy(update=own | dict.fromkeys(("select", "before")))
 
     @property
-    def steps(self) -> list[tuple[str, dict[str, Any]]]:
+    def steps(self) -> list[tuple[str, Plain]]:
         """Name and settings of each step of processing, with defaults filled in."""
         return [
             (name, getattr(step, name).model_dump())
@@ -180,7 +179,7 @@ class Motions(Section):
 
 def apply_step(
     name: str,
-    settings: dict[str, Any],
+    settings: Plain,
     motion: "Motion",
     record: Path,
     inventory: str | None,

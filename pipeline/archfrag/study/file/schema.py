@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from archfrag.errors import InputError
-from archfrag.files import WORK
+from archfrag.files import WORK, Plain
 from archfrag.motions.measures import (
     LEVEL_UNITS,
     measure_unit,
@@ -236,7 +236,7 @@ class StudyKeys(Section):
         return self
 
     _expanded: tuple[Any, Members] = (None, ())
-    _given: tuple[dict[str, Any], Path] = ({}, Path())  # keys as written, their folder
+    _given: tuple[Plain, Path] = ({}, Path())  # keys as written, their folder
 
     @property
     def folder(self) -> Path:
@@ -259,7 +259,7 @@ class StudyKeys(Section):
         return self._expanded[1]
 
     @property
-    def given(self) -> tuple[dict[str, Any], Path]:
+    def given(self) -> tuple[Plain, Path]:
         """Keys as they were written, and the folder of the file."""
         return self._given
 
@@ -278,7 +278,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> StudyKeys:
     return study_of(*read_keys(Path(path), overrides), path)
 
 
-def study_of(given: dict[str, Any], folder: Path, place: Any) -> StudyKeys:
+def study_of(given: Plain, folder: Path, place: Any) -> StudyKeys:
     """Check the keys of a study, whose relative paths are below a folder.
 
     InputError begins with the `place` that they are from.

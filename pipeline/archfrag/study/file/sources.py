@@ -323,30 +323,27 @@ def _component(
     """Return the "vertical" or "transverse" of a motion; RecordError if there is none."""
     path = file.others.get(kind)
     clue = ""
-    vertical = kind == "vertical"
-    other = None if vertical else partners.other_horizontal(motion, motions)
-    if other is None and path is not None:
-        if vertical:
-            return read.read_vertical(path, **file.options)
-        candidates = read.read_horizontals(path, **file.options)
-        other = candidates[0] if len(candidates) == 1 else None
-        if other and file.entry is None and not partners.belong_together(motion, other):
-            other = None
+    if kind == "transverse":
+        own = partners.other_horizontal(motion, motions)
+        if own is not None:
+            return own
+        found = read.read_horizontals(path, **file.options) if path else []
+        if len(found) == 1:
+            if file.entry is not None or partners.belong_together(motion, found[0]):
+                return found[0]
             clue = (
-                f"{path.name} has nearly the same name, but neither start, event and station nor "
-                "length show that it belongs. "
+                f"{file.others[kind].name} has nearly the same name, but neither start, event and "
+                "station nor length show that it belongs. "
             )
-    if other is None:
-        remedy = "leave this record out"
-        remedy += ", or set motions.vertical: false for all records" * vertical
-        component = "vertical" if vertical else "other horizontal"
-        raise RecordError(
-            f"{file.path}: record {motion.id} has no {component} component, which the study "
-            f"needs. {clue}It must be in this file, in one whose name differs in the "
-            "direction only (N and E; 090, 180 and UP), or in the one other row of an index "
-            f"with this event and station. Without such a file, {remedy}"
-        )
-    return other
+    elif path is not None:
+        return read.read_vertical(path, **file.options)
+    raise RecordError(
+        f"{file.path}: record {motion.id} has no {kind} component, which the study needs. "
+        f"{clue}It must be in this file, in one whose name differs in the direction only (N and "
+        "E; 090, 180 and UP), or in the one other row of an index with this event and station. "
+        "Without such a file, leave this record out, or ask for no such component: "
+        "motions.vertical: false, no rotate and no RotD measure"
+    )
 
 
 def _processed(file: RecordFile, motion: Motion, common: str, asked: Motions) -> Motion:

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import replacing
+from archfrag.files import Plain, replacing
+from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import scaling_exponent
 from archfrag.physics.kernels.cache import digest_of_syntax, kernel_platform
@@ -47,6 +48,7 @@ DECIDING = (
 )
 KEY = 16  # bytes
 Table = NDArray[np.void]
+Keys = NDArray[np.bytes_]
 # The cube's variables by name; columns of the file: name; dimensions ("run" stands for arch,
 # record and level); dtype (S for text); units (empty for codes and text); fill, what stands where
 # there is no such value; missing, what stands in a cell that was not simulated; flags, the
@@ -59,13 +61,13 @@ with (
 ):
     _rows: list[Any] = list(csv.reader(_file))
 _Variable: Any = namedtuple("_Variable", _rows[0])  # type: ignore[misc]  # names of a file
-VARIABLES: dict[str, Any] = {row[0]: _Variable(*row) for row in _rows[1:]}
+VARIABLES: Plain = {row[0]: _Variable(*row) for row in _rows[1:]}
 COLUMNS = tuple(each for each in VARIABLES.values() if each.dimensions == "run")
 _VERDICTS = np.full(max(Status) + 1, Verdict.FAILED, np.int8)  # by status
 _VERDICTS[Status.STANDING] = Verdict.SURVIVED
 _VERDICTS[Status.COLLAPSED] = Verdict.COLLAPSED
 _VERDICTS[Status.UNFINISHED] = Verdict.UNFINISHED
-_ENTRIES: dict[str, Any] = {"count": Count, "loss": Loss, "peak": Peak}
+_ENTRIES: Plain = {"count": Count, "loss": Loss, "peak": Peak}
 # A row: its key, all columns, the time simulated in each model, and how long it took.
 ROW = np.dtype(
     [
@@ -178,7 +180,7 @@ class Plan:
         return self.study.work / "parts" / self.identity[:12]
 
     @cached_property
-    def levels(self) -> NDArray[np.float64]:
+    def levels(self) -> FloatArray:
         """Return the levels of the study, (n_level,) [SI]."""
         return np.array(self.study.intensity.si)
 
@@ -188,15 +190,15 @@ class Plan:
         return 1.0 / scaling_exponent(self.study.intensity.measure)
 
     @cached_property
-    def unscaled(self) -> NDArray[np.float64]:
+    def unscaled(self) -> FloatArray:
         """Return the factors that bring the records to 1 in the study's measure, (n_record,)."""
         return np.array([record.factor for record in self.records])
 
-    def factors(self, cases: Cases) -> NDArray[np.float64]:
+    def factors(self, cases: Cases) -> FloatArray:
         """Return the factors that bring the records of runs to their levels, (n,)."""
         return self.unscaled[cases["record"]] * cases["level"] ** self.power
 
-    def keys(self, cases: Cases) -> NDArray[np.bytes_]:
+    def keys(self, cases: Cases) -> Keys:
         """Return the identity of each run, by kernels, method, arch, motion and factor, (n,)."""
         given = f"{self.identity}/{digest_of(self.study.method.model_dump())}"
         stems = {}
@@ -248,7 +250,7 @@ def make_plan(study: StudyKeys) -> Plan:
     return Plan(study, study.members, tuple(load_prepared(study)))
 
 
-def table_of(keys: NDArray[np.bytes_], columns: Mapping[str, Any]) -> Table:
+def table_of(keys: Keys, columns: Mapping[str, Any]) -> Table:
     """Return rows of runs, from their keys and all other columns."""
     table = np.zeros(len(keys), ROW)
     for name, values in {"key": keys, **columns}.items():
@@ -303,21 +305,21 @@ def joined(parts: Iterable[Table | None]) -> Table:
     return table[np.argsort(table["key"], kind="stable")]
 
 
-def places(table: Table, keys: NDArray[np.bytes_]) -> NDArray[np.int64]:
+def places(table: Table, keys: Keys) -> IntArray:
     """Return the row of each key in a table in their order, -1 where there is no result, (n,)."""
     known = np.append(table["key"], b"")  # which is no key
     at = np.searchsorted(known[:-1], keys)
     return np.where(known[at] == keys, at, -1)
 
 
-def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
+def gather(plan: Plan) -> tuple[Cases, Table, dict[int, Plain]]:
     """Return all runs that the design of a plan requests, sorted by arch, record and place.
 
     Returned with their results, and with what the design returned by arch. InputError if results
     are missing.
     """
     table = read_parts(plan.parts)
-    found = list[NDArray[np.int64]]()
+    found = list[IntArray]()
 
     def known(cases: Cases) -> Verdicts:
         at = places(table, plan.keys(cases))
