@@ -442,9 +442,8 @@ def check_years(cells: Sequence[str], name: str) -> None:
 
 def _ambiguous(name: str, found: str, cell: str) -> InputError:
     plain = cell.replace(".", "")
-    other = f"{cell}0"
     return InputError(
-        f"column {name!r} has {found} Write {plain} or {other} for {cell}"
+        f"column {name!r} has {found} Write {plain} or {cell}0 for {cell}"
     )
 
 

@@ -260,7 +260,11 @@ BAD = [
         "levels must increase, but 0.75 follows 1",
     ),
     # Method, design and execution.
-    ("time_stepping", "euler", "method.name = euler must be one of auto"),
+    (
+        "time_stepping",
+        "euler",
+        "method cannot be used: method is 'euler'; allowed are auto",
+    ),
     ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
     ("dt: 2.0e-3", "settings: {}", "method.settings is not a known key; allowed are"),
     (

@@ -261,12 +261,10 @@ class Ida(Design):
         collapsed = verdicts == Verdict.COLLAPSED
         survived = verdicts == Verdict.SURVIVED
         against = int(np.where(place <= low[row], collapsed, survived).sum())
-        checked = int((collapsed | survived).sum())
-        runs = int((grid.seen != Verdict.NOT_RUN).sum())
         return {
-            "runs": runs,
+            "runs": int((grid.seen != Verdict.NOT_RUN).sum()),
             "records": n_record,
-            "checked": checked,
+            "checked": int((collapsed | survived).sum()),
             "contradictions": against,
         }
 

@@ -191,8 +191,10 @@ def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
     if requested is None:
         if len(names) == 1:
             return 0
-        how = f"choose one by longitude and latitude, such as {'; '.join(names[:3])}"
-        raise InputError(f"has {len(names)} sites; {how}")
+        raise InputError(
+            f"has {len(names)} sites; choose one by longitude and latitude, such as "
+            f"{'; '.join(names[:3])}"
+        )
     lon, lat = np.radians(np.reshape(sites, (-1, 2))).T
     lon0, lat0 = np.radians(requested)
     # Great-circle distances [km] by the haversine formula.
@@ -201,7 +203,7 @@ def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
         + np.cos(lat) * np.cos(lat0) * np.sin((lon - lon0) / 2) ** 2
     )
     away = 2.0 * 6371.0 * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
-    if not names or away.min() > FARTHEST:
+    if not (away <= FARTHEST).any():
         place = "longitude {:g}, latitude {:g}".format(*requested)
         raise InputError(f"has no site within {FARTHEST:g} km of {place}")
     return int(away.argmin())

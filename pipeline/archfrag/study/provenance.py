@@ -181,9 +181,9 @@ def out_of_date(study: "StudyKeys", *steps: str) -> str:
     before = stamp["from"]
     now = study.origin
     changed = [name for name in now | before if now.get(name) != before.get(name)]
-    cube = study.folder / CUBE
-    return f"{cube}: was made before these changed: {', '.join(changed)}" * bool(
-        changed
+    return (
+        f"{study.folder / CUBE}: was made before these changed: {', '.join(changed)}"
+        * bool(changed)
     )
 
 
@@ -286,8 +286,8 @@ def products(study: "StudyKeys", step: str) -> list[Path]:
 def files_named(study: "StudyKeys") -> list[str]:
     """Return the files that keys of a study name, but for records."""
     named = [each for entry in study.arches for each in (entry.table, entry.drawing)]
-    hazard = study.risk.hazard if study.risk else None
-    named += [study.motions.index, study.report.logo, hazard]
+    named += [study.motions.index, study.report.logo]
+    named.append(study.risk and study.risk.hazard)
     return [each for each in named if each is not None]
 
 
@@ -297,9 +297,9 @@ def check_outputs(study: "StudyKeys", *steps: str) -> None:
     A README of somebody else stays as it is, and a cube of this study may be damaged.
     """
     refuse_foreign_cube(study)
-    made = (path for step in steps for path in products(study, step))
-    targets = [path for path in made if path.name not in (README, CUBE)]
-    check_targets(targets, files_named(study), of_study=True)
+    targets = [path for step in steps for path in products(study, step)]
+    own = [path for path in targets if path.name not in (README, CUBE)]
+    check_targets(own, files_named(study), of_study=True)
 
 
 def refuse_foreign_cube(study: "StudyKeys") -> None:
@@ -400,19 +400,12 @@ def available_cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
-def machine() -> Plain:
-    """Describe the machine for the log."""
-    return {
-        "host": socket.gethostname(),
-        "system": platform.platform(),
-        "cores": available_cores(),
-    }
-
-
 def add_to_log(folder: Path, entry: Plain) -> None:
-    """Add an entry to ``run_log.json`` in a folder."""
+    """Add an entry, with the machine, to ``run_log.json`` in a folder."""
     path = folder / "run_log.json"
     before = list[Any]()
     with contextlib.suppress(OSError, ValueError, TypeError):
         before = list(read_json(path))
-    write_text(path, json.dumps([*before, entry], indent=1) + "\n")
+    system = {"host": socket.gethostname(), "system": platform.platform()}
+    after = [*before, entry | system | {"cores": available_cores()}]
+    write_text(path, json.dumps(after, indent=1) + "\n")

@@ -303,9 +303,9 @@ def only_run(study: StudyKeys) -> Iterator[None]:
             )  # a reader of records holds no lock
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            what = f"another run of study {study.id!r} is at work here"
             raise OutputError(
-                f"{study.folder}: {what}; wait for it or stop it"
+                f"{study.folder}: another run of study {study.id!r} is at work here; wait "
+                "for it or stop it"
             ) from None
         except OSError as error:
             if error.errno not in _NO_LOCKS:  # of the file system

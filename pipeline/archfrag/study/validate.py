@@ -114,8 +114,9 @@ def unit_warnings(study: StudyKeys, found: Members) -> list[str]:
         if known and stays_at_rest(levels.max(), start):
             texts.append(f"no level is above {where.format(least)}")
         if known and levels.min() > FAR_BEYOND * most:
-            times = f"more than {FAR_BEYOND:.0f} times"
-            texts.append(f"all levels are {times} {where.format(most)}")
+            texts.append(
+                f"all levels are more than {FAR_BEYOND:.0f} times {where.format(most)}"
+            )
         for text in (*texts, *arch_cautions(arch, start)):
             found_of.setdefault(text, []).append(member.id)
     asked = study.intensity
@@ -194,10 +195,9 @@ def check_start(study: StudyKeys) -> tuple[str, ...]:
     risk = study.risk
     messages: tuple[str, ...] = ()
     if risk is not None:
-        hazard = load_hazard(
+        messages = load_hazard(
             [Path(risk.hazard)], study.intensity.measure, risk.unit, risk.site
-        )
-        messages = hazard.messages
+        ).messages
     if study.report.logo is not None:
         logo_url(study.report.logo)
     folder = study.folder

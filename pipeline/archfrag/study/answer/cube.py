@@ -116,10 +116,10 @@ def build_cube(
         values[each.name] = filled(table[each.name], float(each.missing))
     if not (values["moving_before"] == 1).any():
         del values["moving_before"]
-    lost = np.isfinite(values["lost_contact_time"]) & (
-        values["verdict"] == Verdict.SURVIVED
-    )
-    values["lost_contact_and_stand"] = lost.sum(axis=1)
+    values["lost_contact_and_stand"] = (
+        np.isfinite(values["lost_contact_time"])
+        & (values["verdict"] == Verdict.SURVIVED)
+    ).sum(axis=1)
     variables = _arch_variables(plan.arches)
     variables |= {name: _variable(about[name], each) for name, each in values.items()}
     si = variables["intensity"]
@@ -162,8 +162,9 @@ def stored_cube(study: StudyKeys) -> xr.Dataset:
         with provenance.NETCDF, xr.open_dataset(path) as cube:
             return cube.load()
     except (OSError, ValueError) as error:
-        how = "`archfrag cube` on the study file makes it"
-        raise InputError(f"{path}: is missing or damaged; {how}") from error
+        raise InputError(
+            f"{path}: is missing or damaged; `archfrag cube` on the study file makes it"
+        ) from error
 
 
 def _variable(about: Any, values: Any) -> xr.Variable:

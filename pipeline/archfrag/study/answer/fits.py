@@ -124,8 +124,9 @@ def load_fits(study: StudyKeys) -> Fitted:
         AttributeError,
         InputError,
     ) as error:
-        how = "`archfrag fit` makes it"
-        raise InputError(f"{path}: is missing or damaged ({error}); {how}") from None
+        raise InputError(
+            f"{path}: is missing or damaged ({error}); `archfrag fit` makes it"
+        ) from None
     return Fitted(arches, classes, open_cube(study))
 
 
@@ -251,8 +252,7 @@ def arch_cautions(
         )
     if not runs.design.on_levels:
         return
-    stands = runs.survived[:, -1] & ~runs.collapsed.any(axis=1)
-    beyond = stands.sum()
+    beyond = (runs.survived[:, -1] & ~runs.collapsed.any(axis=1)).sum()
     if beyond > MOST_SURVIVING * n_record:
         yield (
             f"{beyond} of {n_record} records cause no collapse up to {named[-1]}, the highest "

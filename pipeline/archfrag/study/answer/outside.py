@@ -66,8 +66,10 @@ class VerdictTable(NamedTuple):
     def wrong(self, place: Any, what: str, rule: str) -> InputError:
         """Return the error of a cell."""
         cell = self.cells[what][place][:60]
-        where = f"{self.source}: {self.rows[place]}"
-        return InputError(f"{where}, column {self.heads[what]!r}: {cell!r} {rule}")
+        return InputError(
+            f"{self.source}: {self.rows[place]}, column {self.heads[what]!r}: {cell!r} "
+            f"{rule}"
+        )
 
     def read(self, what: str, meaning: Callable[[str], Any], rule: str) -> pd.Series:
         """Return what the cells of a column mean; InputError for the first that means nothing."""
@@ -213,16 +215,19 @@ def _heads(
         raise InputError(f"{source}: {_NEEDED}; it has {', '.join(names)}")
     chosen = columns.keys() >= _ENDS
     if by_run and by_record and chosen == bool(_OUTCOMES & columns.keys()):
-        both = f"{heads['lower']} and {heads['upper']} beside {heads['intensity']}"
-        raise InputError(f"{source}: has runs and brackets ({both}); {_CHOOSE}")
+        raise InputError(
+            f"{source}: has runs and brackets ({heads['lower']} and {heads['upper']} beside "
+            f"{heads['intensity']}); {_CHOOSE}"
+        )
     left = _ENDS if by_run and not chosen else {"intensity", *_OUTCOMES}
     return {what: head for what, head in heads.items() if what not in left}
 
 
 def _either(source: str, names: Sequence[str], what: str) -> InputError:
     """Return the error of two columns that may hold one thing."""
-    both = f"{names[0]} and {names[1]}"
-    return InputError(f"{source}: {both} may both be the {what}; {_CHOOSE}")
+    return InputError(
+        f"{source}: {names[0]} and {names[1]} may both be the {what}; {_CHOOSE}"
+    )
 
 
 def _stated(head: str) -> tuple[str, str]:
@@ -333,8 +338,7 @@ def _units(
     (measure, unit), *others = found.values()
     for other, _ in others:
         if other != measure:
-            what = f"brackets are of {measure} and {other}"
-            raise InputError(f"{given.source}: {what}")
+            raise InputError(f"{given.source}: brackets are of {measure} and {other}")
     with at(given.source):
         allowed = LEVEL_UNITS.get(measure_unit(measure), {})
         for end, (_, stated) in found.items():

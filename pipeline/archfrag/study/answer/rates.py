@@ -196,8 +196,7 @@ def _arch_risk(
         return rates.rate_by_level(hazard.main, fit, edges, onset)
 
     level_rate = rate_between(rates.level_edges(levels))
-    fell = np.broadcast_to(runs.level, shape)[runs.collapsed]
-    lowest = fell.min(initial=ends[-1])
+    lowest = np.broadcast_to(runs.level, shape)[runs.collapsed].min(initial=ends[-1])
     whole = rate.rate or 1.0
     outer = (rate_between(np.unique(ends)) / whole).tolist()
     kinds, counts = np.unique(code[collapsed], return_counts=True)

@@ -298,8 +298,11 @@ class Vary(Section):
                     "cannot be used for each_joint", f"each_joint.{name}.relative"
                 )
         if self.scheme == "sobol" and self.samples & (self.samples - 1):
-            text = "must be a power of two with scheme sobol; latin_hypercube takes any number"
-            raise refuse(f"= {self.samples} {text}", "samples")
+            raise refuse(
+                f"= {self.samples} must be a power of two with scheme sobol; latin_hypercube "
+                "takes any number",
+                "samples",
+            )
         return self
 
 

@@ -304,9 +304,8 @@ def sample(vary: Vary, seed: Sequence[int]) -> dict[str, FloatArray]:
     if not vary.of:
         return {}
     if vary.scheme == "sobol":
-        power = (vary.samples - 1).bit_length()
         points = qmc.Sobol(len(vary.of), scramble=True, seed=generator).random_base2(
-            power
+            (vary.samples - 1).bit_length()
         )
     else:
         points = qmc.LatinHypercube(len(vary.of), seed=generator).random(vary.samples)

@@ -35,13 +35,10 @@ def _settings(step: str) -> Any:
         if "one_of" in about:
             kind: Any = Literal[tuple(about["one_of"])]
         else:
-            bounds = {name: about[name] for name in ("gt", "ge", "le") if name in about}
-            kind = Annotated[_KINDS[about["kind"]], Field(**bounds)]
-        least = about.get("size", about.get("least"))
-        if least:
-            kind = Annotated[
-                list[kind], Field(min_length=least, max_length=about.get("size"))
-            ]
+            bounds = Field(**about.get("bounds", {}))
+            kind = Annotated[_KINDS[about["kind"]], bounds]
+        if "list" in about:
+            kind = Annotated[list[kind], Field(**about["list"])]
         default = about.get("default", ... if "required" in about else None)
         kind = kind | None if default is None else kind
         fields[key] = kind, Field(default, description=about["text"])
@@ -49,13 +46,12 @@ def _settings(step: str) -> Any:
     return create_model(step.capitalize(), __base__=Section, __doc__=about, **fields)
 
 
-_blocks: Plain = {name: (_settings(name), None) for name in STEPS}
 _Step: Any = Annotated[
     create_model(
         "Step",
         __base__=Section,
         __doc__="One step: its name, and its settings.",
-        **_blocks,
+        **{name: (_settings(name), None) for name in STEPS},
     ),
     BeforeValidator(_mapping),
 ]

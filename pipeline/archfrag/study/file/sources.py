@@ -103,15 +103,18 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
 
 def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
     """Return the files, by kind, that the motions follow from, or would if they appeared."""
-    asked = [each for each in (study.motions, study.motions.first) if each is not None]
-    sources = [s for each in asked for s in find_sources(each, study.intensity.measure)]
-    records = [s.path for s in sources]
-    records += [path for s in sources for path in s.others.values()]
-    lists = (each.index for each in asked if each.index is not None)
-    indices = [Path(path, index.INDEX_NAME * os.path.isdir(path)) for path in lists]
+    records = list[Path]()
+    indices = list[Path]()
+    inventories = list[Path]()
+    for asked in filter(None, (study.motions, study.motions.first)):
+        if asked.index:
+            name = index.INDEX_NAME * os.path.isdir(asked.index)
+            indices.append(Path(asked.index, name))
+        for source in find_sources(asked, study.intensity.measure):
+            records += (source.path, *source.others.values())
+            if source.options.get("inventory"):
+                inventories.append(Path(source.options["inventory"]))
     names = {name for path in records for name in (path.stem, path.name)}
-    given = (s.options.get("inventory") for s in sources)
-    inventories = [Path(path) for path in given if path is not None]
     for folder in dict.fromkeys(path.parent for path in records):
         indices += (place / index.INDEX_NAME for place in (folder, folder.parent))
         # NAME.xml, or NET.STA.xml with codes that only the record's content gives.

@@ -22,7 +22,7 @@ from archfrag.simulation.warmup import every, is_shipped, kernels_are_compiled, 
 from archfrag.study.designs import CASE, Cases, Verdicts, drive, order_of
 from archfrag.study.file.members import check_standing
 from archfrag.study.file.schema import StudyKeys
-from archfrag.study.provenance import add_to_log, machine
+from archfrag.study.provenance import add_to_log
 from archfrag.study.runs import store
 from archfrag.study.runs.store import Plan, Table, places
 from archfrag.study.runs.workers import Cluster, Threads, workers_of
@@ -34,7 +34,6 @@ LARGEST_CHUNK = 64
 CHUNKS_EACH = 8
 # Of an adaptive design a worker that is free takes its share of what waits.
 LARGEST_SHARE = 16
-_SHOWN = ["verdict", "steps", "wall_time"]  # of a run, in the table of a batch
 
 
 def run_batch(
@@ -75,17 +74,19 @@ def run_batch(
         bar.finish(maker.log["runs"])
         bar.leave = False  # the caller tells what was done
     log = maker.log | {"wall_time": time.perf_counter() - started}
-    add_to_log(study.work, {"step": "runs", "batch": batch, **log, **machine()})
+    add_to_log(study.work, {"step": "runs", "batch": batch, **log})
     cases = cases[order_of(cases)]
     table = store.joined([stored, *maker.made])
-    rows = pd.DataFrame(table[places(table, plan.keys(cases))][_SHOWN])
-    rows["verdict"] = [Verdict(code).name.lower() for code in rows["verdict"]]
-    for place, (name, named) in enumerate(
-        (("arch", plan.arches), ("record", plan.records))
-    ):
-        rows.insert(place, name, [named[number].id for number in cases[name]])
-    rows.insert(2, "level", cases["level"])
-    return log, rows
+    made = table[places(table, plan.keys(cases))]
+    rows = {
+        "arch": [plan.arches[number].id for number in cases["arch"]],
+        "record": [plan.records[number].id for number in cases["record"]],
+        "level": cases["level"],
+        "verdict": [Verdict(code).name.lower() for code in made["verdict"]],
+        "steps": made["steps"],
+        "wall_time": made["wall_time"],
+    }
+    return log, pd.DataFrame(rows)
 
 
 class _Bar(tqdm):
