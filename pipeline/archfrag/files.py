@@ -436,14 +436,13 @@ def check_years(cells: Sequence[str], name: str) -> None:
     dotted = [cell for cell in cells if _THOUSANDS.fullmatch(cell)]
     short = all(map(_ROUNDED.fullmatch, cells)) and max(map(float, cells)) < 100.0
     if dotted and (len(dotted) == len(cells) or short):
-        shown = ", ".join(cells[:3])
-        raise _ambiguous(name, f"{shown}: years, or thousands of years?", dotted[0])
+        what = f"{', '.join(cells[:3])}: years, or thousands of years?"
+        raise _ambiguous(name, what, dotted[0])
 
 
 def _ambiguous(name: str, found: str, cell: str) -> InputError:
-    plain = cell.replace(".", "")
     return InputError(
-        f"column {name!r} has {found} Write {plain} or {cell}0 for {cell}"
+        f"column {name!r} has {found} Write {cell.replace('.', '')} or {cell}0 for {cell}"
     )
 
 

@@ -173,7 +173,7 @@ BAD = [
         for given, part in (
             (
                 "3.0e+10",
-                "joints = 30000000000.0 must be a block of keys, such as {stiffness: 3",
+                "joints = 30000000000.0 must be a block of keys, such as {stiffness: ...}",
             ),
             (
                 "{stiffness: soft}",
@@ -277,7 +277,7 @@ BAD = [
     (
         "execution:",
         "risk: 3\nexecution:",
-        "risk = 3 must be a block of keys, such as {hazard: 3}",
+        "risk = 3 must be a block of keys, such as {hazard: ...}",
     ),
 ]
 

@@ -140,7 +140,7 @@ class Cloud(Design):
     """Every record once, as it is or by one factor."""
 
     kind: Literal["cloud"]
-    factor: float = Field(1.0, gt=0.0, le=1000.0)
+    factor: float = Field(default=1.0, gt=0.0, le=1000.0)
     """On every record."""
     on_levels = False
     text = "every record once"
@@ -214,9 +214,9 @@ class Ida(Design):
     """The levels bisected for each record: a border between survival and collapse."""
 
     kind: Literal["ida"]
-    seed: int = Field(1, ge=0, le=10**9)
+    seed: int = Field(default=1, ge=0, le=10**9)
     """Seed of the random choices of the design."""
-    checks: int | None = Field(None, ge=0, le=10**6)
+    checks: int | None = Field(default=None, ge=0, le=10**6)
     """Cells near the borders chosen at random for each arch, to see how often a run contradicts
     the capacity of its record; as many as records searched where not given."""
     adaptive = True

@@ -204,8 +204,10 @@ def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
     )
     away = 2.0 * 6371.0 * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
     if not (away <= FARTHEST).any():
-        place = "longitude {:g}, latitude {:g}".format(*requested)
-        raise InputError(f"has no site within {FARTHEST:g} km of {place}")
+        raise InputError(
+            f"has no site within {FARTHEST:g} km of longitude {requested[0]:g}, latitude "
+            f"{requested[1]:g}"
+        )
     return int(away.argmin())
 
 

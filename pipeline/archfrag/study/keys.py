@@ -101,10 +101,7 @@ def check_block(given: Any, key: str) -> Any:
     """
     if isinstance(given, dict | Section):
         return given
-    value = _shown(given) if isinstance(given, str | int | float) else "..."
-    raise refuse(
-        "must be a block of keys" + f", such as {{{key}: {value}}}" * bool(key)
-    )
+    raise refuse("must be a block of keys" + f", such as {{{key}: ...}}" * bool(key))
 
 
 def refuse(text: str, *keys: str) -> PydanticCustomError:

@@ -286,8 +286,8 @@ def products(study: "StudyKeys", step: str) -> list[Path]:
 def files_named(study: "StudyKeys") -> list[str]:
     """Return the files that keys of a study name, but for records."""
     named = [each for entry in study.arches for each in (entry.table, entry.drawing)]
-    named += [study.motions.index, study.report.logo]
-    named.append(study.risk and study.risk.hazard)
+    hazard = study.risk.hazard if study.risk else None
+    named += [study.motions.index, study.report.logo, hazard]
     return [each for each in named if each is not None]
 
 
@@ -321,7 +321,11 @@ def refuse_foreign_cube(study: "StudyKeys") -> None:
                 if digest is not None and file.read(4) in (b"", b"\x89HDF"):
                     return
     if owner != study.id:
-        whose = f"the cube of study {owner!r}" if owner else "a file of something else"
+        whose = (
+            f"the cube of study {owner!r}"
+            if owner
+            else "a file that is no cube of archfrag"
+        )
         raise OutputError(
             f"{path}: {whose} is in the place of study {study.id!r}; give the studies different "
             "output folders, or move the file"
@@ -400,12 +404,19 @@ def available_cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
+def machine() -> Plain:
+    """Describe the machine for the log."""
+    return {
+        "host": socket.gethostname(),
+        "system": platform.platform(),
+        "cores": available_cores(),
+    }
+
+
 def add_to_log(folder: Path, entry: Plain) -> None:
-    """Add an entry, with the machine, to ``run_log.json`` in a folder."""
+    """Add an entry to ``run_log.json`` in a folder."""
     path = folder / "run_log.json"
     before = list[Any]()
     with contextlib.suppress(OSError, ValueError, TypeError):
         before = list(read_json(path))
-    system = {"host": socket.gethostname(), "system": platform.platform()}
-    after = [*before, entry | system | {"cores": available_cores()}]
-    write_text(path, json.dumps(after, indent=1) + "\n")
+    write_text(path, json.dumps([*before, entry], indent=1) + "\n")

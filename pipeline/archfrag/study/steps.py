@@ -118,8 +118,10 @@ def _make_batch(
     new = log["runs"] - log["kept"]
     text = f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new"
     if new:
-        seconds = log["wall_time"] - log["compile_time"]
-        text += f"; {seconds:.1f} s on {counted(log['workers'], 'core')}"
+        text += (
+            f"; {log['wall_time'] - log['compile_time']:.1f} s on "
+            f"{counted(log['workers'], 'core')}"
+        )
     told(text)
 
 

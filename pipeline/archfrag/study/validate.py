@@ -76,13 +76,10 @@ def suspicious(records: Sequence[PreparedRecord]) -> list[str]:
     alike: dict[str, list[str]] = {}
     for record in records:
         for text in record.cautions:
-            # Numbers differ from record to record.
-            alike.setdefault(re.sub(r"\d[\d.e+-]*", "#", text), []).append(
-                f"{record.id}: {text}"
-            )
-    of = counted(len(records), "record")
+            kind = re.sub(r"\d[\d.e+-]*", "#", text)  # numbers differ
+            alike.setdefault(kind, []).append(f"{record.id}: {text}")
     return [
-        first + f" (and {len(more)} more of {of})" * bool(more)
+        first + f" (and {len(more)} more of {len(records)} records)" * bool(more)
         for first, *more in alike.values()
     ]
 
@@ -169,22 +166,19 @@ def logo_url(logo: str) -> str:
     content = read_bytes(
         Path(logo), LARGEST_LOGO, InputError, "report.logo: the picture"
     )
-    kind = next(
-        (kind for kind, start in PICTURES.items() if content.startswith(start)), None
-    )
-    if kind is None:
-        roots = list[str]()
-        parser = expat.ParserCreate(namespace_separator=" ")
-        parser.StartElementHandler = lambda name, attributes: roots.append(name)
-        with contextlib.suppress(expat.ExpatError):
-            parser.Parse(content, True)
-            kind = "svg+xml" if roots[0] == "http://www.w3.org/2000/svg svg" else None
-    if kind is None:
+    kinds = [kind for kind, start in PICTURES.items() if content.startswith(start)]
+    roots = list[str]()
+    parser = expat.ParserCreate(namespace_separator=" ")
+    parser.StartElementHandler = lambda name, attributes: roots.append(name)
+    with contextlib.suppress(expat.ExpatError):
+        parser.Parse(content, True)
+        kinds += ["svg+xml"] * (roots[0] == "http://www.w3.org/2000/svg svg")
+    if not kinds:
         raise InputError(
             f"report.logo: {logo} holds no picture; it must be PNG, JPEG or SVG of at most "
             f"{LARGEST_LOGO / 1000:g} kB"
         )
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+    return f"data:image/{kinds[0]};base64,{base64.b64encode(content).decode()}"
 
 
 def check_start(study: StudyKeys) -> tuple[str, ...]:

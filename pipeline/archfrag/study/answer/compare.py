@@ -63,8 +63,9 @@ def compare(
 def _runs_of(study: Fitted, name: str, first: Fitted) -> ArchRuns:
     """Return the runs of a name, under the motions of the first study."""
     if name not in study.curves:
-        have = ", ".join(study.curves)
-        raise InputError(f"there is no arch or class {name!r}; the study has {have}")
+        raise InputError(
+            f"there is no arch or class {name!r}; the study has {', '.join(study.curves)}"
+        )
     if not study.curves[name].fitted:
         raise FitError(f"{name} has no curve: {study.curves[name].reason}")
     if study is first:
@@ -131,7 +132,7 @@ def _same_motions(own: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
         raise InputError(f"{refused} motions differ: {name} is in one of them only")
     common = one.columns.intersection(two.columns)
     alike = np.isclose(one[common], two.loc[one.index, common], rtol=1e-9, atol=0.0)
-    for name in one.index[~alike.all(axis=1)]:
+    for name in one.index[np.flatnonzero(~alike.all(axis=1))]:
         raise InputError(f"{refused} motions differ: {name} is not the same in both")
     return other.isel(record=two.index.get_indexer(one.index))
 

@@ -185,7 +185,7 @@ def _variable(about: Any, values: Any) -> xr.Variable:
         encoding |= {"dtype": "S1", "char_dim_name": f"text{length}"}
         return xr.Variable(dimensions, np.array(values, object), attrs, encoding)
     array = np.asarray(values, dtype=about.dtype)
-    fill = array.dtype.type(about.fill) if about.fill else None
+    fill: Any = array.dtype.type(about.fill) if about.fill else None
     if about.flags:
         meanings = dict(enumerate(about.flags.split()))
         if about.flags in _CODES:

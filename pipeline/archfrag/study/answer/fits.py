@@ -184,8 +184,8 @@ def cautions_of(study: StudyKeys, fitted: Fitted) -> list[str]:
     """List the cautions on a study's cube and curves, with levels in the study's unit."""
     named = ["levels of their own"]
     if study.design.on_levels:
-        unit = study.intensity.unit
-        named = [f"{level:.4g} {unit}" for level in study.intensity.given]
+        asked = study.intensity
+        named = [f"{level:.4g} {asked.unit}" for level in asked.given]
     cautions = []
     for name, curve in fitted.arches.items():
         found = arch_cautions(fitted.runs[name], named, curve)

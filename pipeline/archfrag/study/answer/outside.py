@@ -138,9 +138,9 @@ def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
             raise InputError(f"the table: column {name!r} is there twice")
         frame = frame.where(frame.notna(), "").map(lambda cell: str(cell).strip())
         rows = [f"row {n + 1}" for n in range(len(frame))]
-    heads = _heads(source, list(frame), columns)
+    heads = _heads(source, frame.columns.tolist(), columns)
     without = dict.fromkeys(("event", "arch_class", "scale"), "")
-    cells = {"arch": "structure", "record": rows, **without}
+    cells: dict[str, Any] = {"arch": "structure", "record": rows, **without}
     cells |= {what: frame[head].to_numpy() for what, head in heads.items()}
     return VerdictTable(source, rows, heads, pd.DataFrame(cells, range(len(rows))))
 

@@ -301,7 +301,7 @@ def _on_levels(
     own = at[row, place]
     ends = np.array([own.min(), own.max()])
     count = _SCATTERED_BINS if ends[1] > ends[0] else 1
-    edges = np.geomspace(*ends, count + 1)
+    edges = np.geomspace(ends[0], ends[1], count + 1)
     levels = np.sqrt(edges[1:] * edges[:-1])
     column = np.searchsorted(rates.level_edges(levels), own, side="right")
     grid = np.zeros((len(at), levels.size), bool)

@@ -67,12 +67,10 @@ OrInfinite = Annotated[
 Value = Annotated[float, Field(ge=-_LARGEST_VALUE, le=_LARGEST_VALUE)]
 Positive = Annotated[float, Field(gt=0.0, le=_LARGEST_VALUE)]
 Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
-Line = Annotated[
-    list[Annotated[list[float], Field(min_length=2, max_length=2)]],
-    Field(min_length=2, max_length=2),
-]
+Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+Line = Annotated[list[Pair], Field(min_length=2, max_length=2)]
 Corner = Annotated[list[float], Field(min_length=2, max_length=3)]
-Points = List[Annotated[list[float], Field(min_length=2, max_length=2)]]
+Points = List[Pair]
 Identifier = Annotated[
     str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)
 ]
@@ -321,11 +319,14 @@ def _plain_key(row: Any) -> tuple[Any, Any]:
     )
 
 
-_ID = (
-    "Name of the arch or class of arches in results: letters, digits and _ . + - only."
-)
 _plain: Plain = {
-    "id": (Identifier, Field(description=_ID)),
+    "id": (
+        Identifier,
+        Field(
+            description="Name of the arch or class of arches in results: letters, digits and "
+            "_ . + - only."
+        ),
+    ),
     **{key: _plain_key(row) for key, row in PROPERTIES.items() if row.text},
 }
 _PlainKeys: Any = create_model("_PlainKeys", __base__=Section, **_plain)

@@ -46,12 +46,13 @@ def _settings(step: str) -> Any:
     return create_model(step.capitalize(), __base__=Section, __doc__=about, **fields)
 
 
+_blocks: Plain = {name: (_settings(name), None) for name in STEPS}
 _Step: Any = Annotated[
     create_model(
         "Step",
         __base__=Section,
         __doc__="One step: its name, and its settings.",
-        **{name: (_settings(name), None) for name in STEPS},
+        **_blocks,
     ),
     BeforeValidator(_mapping),
 ]

@@ -117,15 +117,15 @@ class Method(Section):
 
     name: str = "auto"
     """Method; with auto archfrag chooses one."""
-    dt: float | None = Field(None, ge=1e-6, le=0.1)
+    dt: float | None = Field(default=None, ge=1e-6, le=0.1)
     """Fixed time step [s]; if not given, steps follow rtol."""
-    rtol: float | None = Field(None, ge=1e-12, lt=1.0)
+    rtol: float | None = Field(default=None, ge=1e-12, lt=1.0)
     """Allowed relative error, unless dt is given; the method's default if not given."""
     follow: Pause = 20.0
     """Longest time to simulate after a record while the arch still moves [s]."""
-    loss_limit: float = Field(0.5, ge=0.02, le=10.0)
+    loss_limit: float = Field(default=0.5, ge=0.02, le=10.0)
     """Gap at both corners of a joint, over its length, beyond which contact is lost for good."""
-    delay: float | None = Field(None, ge=0.0, le=60.0)
+    delay: float | None = Field(default=None, ge=0.0, le=60.0)
     """Time by which a motion reaches the right springing later than the left one [s]."""
 
     @model_validator(mode="after")
@@ -159,7 +159,7 @@ class ReportKeys(Section):
     """Picture for the head of the page: PNG, JPEG or SVG, at most 500 kB."""
     at: Level | None = None
     """Level whose probability of collapse the report gives first, in the study's unit."""
-    confidence: float = Field(0.9, ge=0.5, lt=1.0)
+    confidence: float = Field(default=0.9, ge=0.5, lt=1.0)
     """Confidence of all bands and intervals, two-sided."""
 
 
@@ -172,7 +172,7 @@ class RiskKeys(Section):
     """Unit of its intensities if the file does not state it."""
     years: float = Field(50.0, gt=0.0, le=1e4)
     """Period for the probability of collapse [years]."""
-    site: list[float] | None = Field(None, min_length=2, max_length=2)
+    site: list[float] | None = Field(default=None, min_length=2, max_length=2)
     """Longitude and latitude, if the file has several sites [degrees]."""
 
 
@@ -194,7 +194,7 @@ class Execution(Section):
     configuration, or a private network."""
     chunk: Count | None = None
     """Runs in one part file; depends on the number of runs if not given."""
-    batches: int = Field(1, ge=1, le=999)
+    batches: int = Field(default=1, ge=1, le=999)
     """Number of Snakemake jobs among which the runs are divided."""
 
 

@@ -22,7 +22,7 @@ from archfrag.simulation.warmup import every, is_shipped, kernels_are_compiled, 
 from archfrag.study.designs import CASE, Cases, Verdicts, drive, order_of
 from archfrag.study.file.members import check_standing
 from archfrag.study.file.schema import StudyKeys
-from archfrag.study.provenance import add_to_log
+from archfrag.study.provenance import add_to_log, machine
 from archfrag.study.runs import store
 from archfrag.study.runs.store import Plan, Table, places
 from archfrag.study.runs.workers import Cluster, Threads, workers_of
@@ -74,7 +74,7 @@ def run_batch(
         bar.finish(maker.log["runs"])
         bar.leave = False  # the caller tells what was done
     log = maker.log | {"wall_time": time.perf_counter() - started}
-    add_to_log(study.work, {"step": "runs", "batch": batch, **log})
+    add_to_log(study.work, {"step": "runs", "batch": batch, **log, **machine()})
     cases = cases[order_of(cases)]
     table = store.joined([stored, *maker.made])
     made = table[places(table, plan.keys(cases))]

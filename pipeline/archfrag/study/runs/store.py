@@ -6,12 +6,10 @@ or grows keeps every run that is still what it was.
 """
 
 import contextlib
-import csv
 import hashlib
 import io
 import re
 import zlib
-from collections import namedtuple
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -19,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
@@ -54,14 +53,10 @@ Keys = NDArray[np.bytes_]
 # there is no such value; missing, what stands in a cell that was not simulated; flags, the
 # enumeration of the codes or the meanings of 0, 1 and so on; source, an array of the kernels'
 # results with the entry there, or a record's attribute; long_name; comment.
-with (
-    Path(__file__)
-    .with_name("variables.csv")
-    .open(encoding="utf-8", newline="") as _file
-):
-    _rows: list[Any] = list(csv.reader(_file))
-_Variable: Any = namedtuple("_Variable", _rows[0])  # type: ignore[misc]  # names of a file
-VARIABLES: Plain = {row[0]: _Variable(*row) for row in _rows[1:]}
+_table = pd.read_csv(
+    Path(__file__).with_name("variables.csv"), dtype=str, keep_default_na=False
+)
+VARIABLES: Plain = {str(row.name): row for row in _table.itertuples(index=False)}
 COLUMNS = tuple(each for each in VARIABLES.values() if each.dimensions == "run")
 _VERDICTS = np.full(max(Status) + 1, Verdict.FAILED, np.int8)  # by status
 _VERDICTS[Status.STANDING] = Verdict.SURVIVED

@@ -66,10 +66,9 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
 def describe_code() -> str:
     """Name the code of this process: version, commit, identity, and what it is compiled with."""
     found = versions()
-    packages = ", ".join(f"{name} {found.get(name)}" for name in ("numba", "numpy"))
     return (
         f"archfrag {found['archfrag']} (commit {commit()[:12]}, identity "
-        f"{store.code_identity()[:12]}, {packages})"
+        f"{store.code_identity()[:12]}, numba {found.get('numba')}, numpy {found.get('numpy')})"
     )
 
 
