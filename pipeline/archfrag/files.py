@@ -333,7 +333,7 @@ NAMES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
 _COMMA = re.compile(r"[-+]?\d+(,\d+)+(\.\d*)?([eE][-+]?\d+)?")
 _POINT = re.compile(r"[-+]?\d*\.\d*([eE][-+]?\d+)?")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}\.\d{3}")
-_WHOLE = re.compile(r"[-+]?\d{1,3}")
+_SHORT = re.compile(r"[-+]?([1-9]\d{0,2}\.\d{3}|\d{1,3})")
 _INTEGER = re.compile(r"[-+]?\d+")
 _THREE = re.compile(r"\d{3}(\.\d*)?")
 _ROUNDED = re.compile(
@@ -403,10 +403,7 @@ def check_thousands(cells: Sequence[str], name: str) -> None:
     """Raise InputError for a column whose points may separate thousands: 1.193 beside 980."""
     dotted = [cell for cell in cells if "." in cell]
     whole = next((cell for cell in cells if "." not in cell), None)
-    alike = all(
-        (_THOUSANDS if "." in cell else _WHOLE).fullmatch(cell) for cell in cells
-    )
-    if dotted and whole and alike:
+    if dotted and whole and all(map(_SHORT.fullmatch, cells)):
         both = f"{dotted[0]} beside {whole}: do its points separate thousands?"
         raise _ambiguous(name, both, dotted[0])
 

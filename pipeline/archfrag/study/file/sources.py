@@ -40,6 +40,7 @@ class RecordFile:
     )
     # Files of the components that the study needs, unless they are in the record's own.
     others: dict[str, Path] = field(default_factory=dict)
+    twin: str | None = None  # name of the file of the other horizontal component
 
     @property
     def is_vertical(self) -> bool:
@@ -203,24 +204,26 @@ def _find_components(
 
     A row of the index with the same event and station comes before a file of nearly the same name.
     """
-    kinds = [kind for kind, is_needed in needed.items() if is_needed]
-    folders = {file.path.parent for file in files} if kinds else ()
+    folders = {file.path.parent for file in files}
     by_name = {folder: partners.partners(folder_names(folder)) for folder in folders}
-    for file, kind in ((file, kind) for file in files for kind in kinds):
-        vertical = kind == "vertical"
-        paths = [
-            row.path
-            for row in listed
-            if file.site
-            and row.site == file.site
-            and row.entry is not file.entry
-            and row.is_vertical == vertical
-        ]
-        name = by_name[file.path.parent][vertical].get(file.path.name)
-        if len(paths) != 1 and name:
-            paths = [file.path.with_name(name)]
-        if len(paths) == 1:
-            file.others[kind] = paths[0]
+    for file in files:
+        across, up = (own.get(file.path.name) for own in by_name[file.path.parent])
+        file.twin = across
+        for kind, name in (("vertical", up), ("transverse", across)):
+            if not needed[kind]:
+                continue
+            paths = [
+                row.path
+                for row in listed
+                if file.site
+                and row.site == file.site
+                and row.entry is not file.entry
+                and row.is_vertical == (kind == "vertical")
+            ]
+            if len(paths) != 1 and name:
+                paths = [file.path.with_name(name)]
+            if len(paths) == 1:
+                file.others[kind] = paths[0]
 
 
 _Paired = tuple[RecordFile, Motion, str]  # and how it is called if it is rotated
@@ -247,21 +250,17 @@ def _read(
     letters = {code.upper() for code in components}
     left_out = dict[Any, str]()
     used = set[Any]()
-    pairs: dict[Path, dict[str, str]] = {}
     for file in files:
         path = file.path
         if file.entry is None:
             motions = read.read_horizontals(path, name=file.name, **file.options)
         else:
             motions = [read.load_motion(file.entry)]
-        if path.parent not in pairs:
-            pairs[path.parent] = partners.partners(folder_names(path.parent))[0]
-        other = pairs[path.parent].get(path.name)
         digest = sha256_of(path)
         pair = ""
         for place, motion in enumerate(motions):
-            if other and not partners.numbered(path.name, other):
-                first = sha256_of(path.with_name(min(path.name, other)))[:16]
+            if file.twin and not partners.numbered(path.name, file.twin):
+                first = sha256_of(path.with_name(min(path.name, file.twin)))[:16]
                 pair = f"{first} {motion.acceleration.size} {motion.dt:g}"
             motions[place] = motion.stating(file_sha256=digest, pair=pair)
         for motion in motions:
