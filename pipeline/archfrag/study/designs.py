@@ -114,8 +114,15 @@ class Design(Section, ABC):
         return fit_stripes(level, collapses, np.bincount(place, minlength=level.size))
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Return the messages on what `requests` returned, by arch."""
-        return []
+        """Return the messages on checks that contradict the borders found."""
+        return [
+            f"{name}: {own['contradictions']} of {own['checked']} checks near the border "
+            "contradict the capacity of their record. Such a record has several borders between "
+            "survival and collapse; the search found one of them, not always the lowest. Beta "
+            "includes the scatter of single runs"
+            for name, own in facts.items()
+            if own.get("contradictions")
+        ]
 
 
 class Stripes(Design):
@@ -273,17 +280,6 @@ class Ida(Design):
         search_runs = int(np.ceil(n_record * np.log2(n_level + 1)))
         checks = n_record if self.checks is None else self.checks
         return min(search_runs + checks, n_record * n_level), "about"
-
-    def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Return the messages on checks that contradict the borders found."""
-        return [
-            f"{name}: {own['contradictions']} of {own['checked']} checks near the border "
-            "contradict the capacity of their record. Such a record has several borders between "
-            "survival and collapse; the search found one of them, not always the lowest. Beta "
-            "includes the scatter of single runs"
-            for name, own in facts.items()
-            if own.get("contradictions")
-        ]
 
 
 def search(

@@ -22,7 +22,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from archfrag.errors import InputError
+from archfrag.errors import InputError, StabilityError
 from archfrag.files import Plain, absolute
 from archfrag.study.yaml_text import CONTROL
 
@@ -176,6 +176,8 @@ def at(
     """Name the place of what is wrong, as an error of a `kind`; `given` is what was validated."""
     try:
         yield
+    except StabilityError as error:
+        raise StabilityError(f"{place}: {error}") from error
     except (InputError, ValidationError) as error:
         why = (
             first_message(error, given) if isinstance(error, ValidationError) else error

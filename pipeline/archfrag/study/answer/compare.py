@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 from archfrag.errors import FitError, InputError
@@ -127,7 +126,14 @@ def _same_motions(own: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
     measures = [str(cube["intensity"].attrs["measure"]) for cube in (own, other)]
     if measures[0] != measures[1]:
         raise InputError(f"{refused} levels are of {' and of '.join(measures)}")
-    one, two = map(_of_motions, (own, other))
+    # The measures of each record, and whether its vertical component is used.
+    one, two = (
+        cube["record_measure"]
+        .transpose("record", "measure")
+        .to_pandas()
+        .assign(vertical=cube["record_vertical"].values.astype(float))
+        for cube in (own, other)
+    )
     for name in one.index.symmetric_difference(two.index)[:1]:
         raise InputError(f"{refused} motions differ: {name} is in one of them only")
     common = one.columns.intersection(two.columns)
@@ -135,12 +141,6 @@ def _same_motions(own: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
     for name in one.index[np.flatnonzero(~alike.all(axis=1))]:
         raise InputError(f"{refused} motions differ: {name} is not the same in both")
     return other.isel(record=two.index.get_indexer(one.index))
-
-
-def _of_motions(cube: xr.Dataset) -> pd.DataFrame:
-    """Tabulate the measures of each record, and whether its vertical component is used."""
-    table = cube["record_measure"].transpose("record", "measure").to_pandas()
-    return table.assign(vertical=cube["record_vertical"].values.astype(float))
 
 
 def _check_pairs(one: ArchRuns, two: ArchRuns) -> None:

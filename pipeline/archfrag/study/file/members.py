@@ -4,7 +4,6 @@ import hashlib
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -326,34 +325,24 @@ def to_digits(values: ArrayLike) -> FloatArray:
     return np.array([float(f"{v:.10g}") for v in array.ravel()]).reshape(array.shape)
 
 
-@contextmanager
-def _placed(member: Member) -> Iterator[None]:
-    """Name the place of an arch that does not stand."""
-    try:
-        yield
-    except StabilityError as error:
-        raise StabilityError(f"{member.place}: {error}") from error
-
-
 def check_buildable(given: Members) -> None:
     """Check that all arches can exist; InputError, or StabilityError of one that does not stand
     with its joints, names the first that cannot.
     """
     for member in given:
-        with _placed(member), at(f"{member.place}: cannot exist"):
+        with at(f"{member.place}: cannot exist"):
             member.entry.build()
 
 
-def check_standing(given: Members, method: Any = None) -> None:
-    """Check that all arches can exist, that the method of their study, if given, can run them (or
+def check_standing(given: Members, method: Any) -> None:
+    """Check that all arches can exist, that the method of their study can run them (or
     InputError), and that they stand (or StabilityError).
     """
     check_buildable(given)
     for member in given:
         arch = member.entry.build()
-        with _placed(member), at(member.place):
-            if method is not None:
-                check_can_run(arch, check_method(method.name), method.delay)
+        with at(member.place):
+            check_can_run(arch, check_method(method.name), method.delay)
             if not onset(arch).stands:
                 why = (
                     "does not stand under its own weight; make it thicker, raise the "
