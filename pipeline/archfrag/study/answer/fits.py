@@ -258,8 +258,8 @@ def arch_cautions(
             f"{beyond} of {n_record} records cause no collapse up to {named[-1]}, the highest "
             "level, beyond which the curve is extrapolated; add higher levels"
         )
-    fell = np.maximum.accumulate(runs.collapsed, axis=1)
-    again = (fell & runs.survived).any(axis=1).sum()
+    once = np.maximum.accumulate(runs.collapsed, axis=1)
+    again = (once & runs.survived).any(axis=1).sum()
     if again > MOST_AGAIN * n_record and not runs.design.adaptive:
         yield (
             f"{again} of {n_record} records do not cause collapse above a level at which they did "

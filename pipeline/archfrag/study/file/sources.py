@@ -207,9 +207,11 @@ def _find_components(
     folders = {file.path.parent for file in files}
     by_name = {folder: partners.partners(folder_names(folder)) for folder in folders}
     for file in files:
-        across, up = (own.get(file.path.name) for own in by_name[file.path.parent])
-        file.twin = across
-        for kind, name in (("vertical", up), ("transverse", across)):
+        transverse, vertical = (
+            own.get(file.path.name) for own in by_name[file.path.parent]
+        )
+        file.twin = transverse
+        for kind, name in (("vertical", vertical), ("transverse", transverse)):
             if not needed[kind]:
                 continue
             paths = [

@@ -10,7 +10,7 @@ import hashlib
 import io
 import re
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -91,27 +91,27 @@ def verdicts_of(status: NDArray) -> NDArray[np.int8]:
     return _VERDICTS[status]
 
 
-def columns_of(results: "Outcomes", starts: Any = 0.0) -> dict[str, NDArray]:
-    """Return the columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s].
+def table_of(keys: Keys, results: "Outcomes", wall_time: Any, starts: Any) -> Table:
+    """Return the rows of runs from their keys, the kernels' results and how long each took [s].
 
     What collapsed before its record `starts` [s] has a verdict of its own.
     """
+    table = np.zeros(len(keys), ROW)
+    table["key"] = keys
+    table["wall_time"] = wall_time
+    table["model_time"] = results.model_time[:, list(Level)]
+    table["verdict"] = verdicts_of(results.status)
+    early = (results.status == Status.COLLAPSED) & (results.collapse_time < starts)
+    table["verdict"][early] = Verdict.COLLAPSED_BEFORE
     balance = results.energy[:, Energy.BALANCE_ERROR_PEAK]
     largest = results.energy[:, Energy.LARGEST_KINETIC]
-    error = np.divide(balance, largest, out=np.zeros(len(largest)), where=largest > 0.0)
-    columns: dict[str, NDArray] = {
-        "verdict": verdicts_of(results.status),
-        "energy_error": error,
-        "model_time": results.model_time[:, list(Level)],
-    }
+    np.divide(balance, largest, out=table["energy_error"], where=largest > 0.0)
     for column in COLUMNS:
         if column.source:
             name, _, entry = column.source.partition(".")
             values = getattr(results, name)
-            columns[column.name] = values[:, _ENTRIES[name][entry]] if entry else values
-    early = (results.status == Status.COLLAPSED) & (results.collapse_time < starts)
-    columns["verdict"][early] = Verdict.COLLAPSED_BEFORE
-    return columns
+            table[column.name] = values[:, _ENTRIES[name][entry]] if entry else values
+    return table
 
 
 # A motion of a minute with its vertical takes 0.2 MB.
@@ -140,9 +140,8 @@ class Plan:
 
     def motion(self, record: PreparedRecord) -> "Motion":
         """Return the motion of a record, or of what comes first before one."""
-        if record.stored in self.motions:
-            return self.motions[record.stored]
-        return _stored_motion(self.study.work, record)
+        known = self.motions.get(record.stored)
+        return known or _stored_motion(self.study.work, record)
 
     def shock(
         self, arch: int, record: int
@@ -222,12 +221,11 @@ class Plan:
         requests = {}
         # An adaptive design follows from names: other arches and the order of all change nothing.
         turns = [zlib.crc32(record.id.encode()) for record in self.records]
+        # What an adaptive design requests follows from all runs of an arch.
+        shares = 1 if design.adaptive else len(turns)
         for arch, member in enumerate(self.arches):
             records = np.argsort(turns, kind="stable")
-            # What an adaptive design requests follows from all runs of an arch.
-            share = 0 * records + arch
-            if not design.adaptive:
-                share = arch * len(turns) + records
+            share = arch * shares + records % shares
             records = records[share % batches == batch]
             if records.size:
                 about = (
@@ -243,14 +241,6 @@ class Plan:
 def make_plan(study: StudyKeys) -> Plan:
     """Return the plan of a study whose motions are prepared."""
     return Plan(study, study.members, tuple(load_prepared(study)))
-
-
-def table_of(keys: Keys, columns: Mapping[str, Any]) -> Table:
-    """Return rows of runs, from their keys and all other columns."""
-    table = np.zeros(len(keys), ROW)
-    for name, values in {"key": keys, **columns}.items():
-        table[name] = values
-    return table
 
 
 def write_part(folder: Path, table: Table) -> Path:

@@ -59,8 +59,7 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
     arch = plan.arch(int(cases["arch"][0]))
     results, wall_time = results_of_runs(arch, motions, factors, **options)
     starts = [motion.record_start for motion in motions]
-    columns = store.columns_of(results, starts) | {"wall_time": wall_time}
-    return store.table_of(plan.keys(cases), columns)
+    return store.table_of(plan.keys(cases), results, wall_time, starts)
 
 
 def describe_code() -> str:
