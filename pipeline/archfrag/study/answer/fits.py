@@ -75,14 +75,12 @@ def fit_runs(study: StudyKeys, cube: xr.Dataset) -> Fitted:
 
 def store_fits(study: StudyKeys, fitted: Fitted) -> None:
     """Write ``fits.json`` and ``curve.csv``."""
-    measure = study.intensity.measure
-    unit = study.intensity.unit
-    factor = study.intensity.factor
+    asked = study.intensity
     cube = fitted.cube
     plain = {name: each.to_dict() for name, each in fitted.arches.items()}
     content = {
         "study": study.id,
-        "measure": measure,
+        "measure": asked.measure,
         "unit": cube["intensity"].attrs["units"],
         "design": json.loads(cube.attrs["archfrag_design"]),
         "fits": {name: each["curve"] for name, each in plain.items()},
@@ -93,17 +91,15 @@ def store_fits(study: StudyKeys, fitted: Fitted) -> None:
         finite(content, None), indent=1, ensure_ascii=False, allow_nan=False
     )
     write_text(study.folder / FITS, text + "\n")
-    rows = [
-        pd.DataFrame(
-            columns=["arch", f"{measure} [{unit}]", "probability", "lower", "upper"]
-        )
-    ]
+    im_head = f"{asked.measure} [{asked.unit}]"
+    head = ["arch", im_head, "probability", "lower", "upper"]
+    rows = [pd.DataFrame(columns=head)]
     for name, curve in fitted.quoted().items():
         if curve.fitted:
             im = np.array(curve.im)
-            chances = (curve(im), curve.lower, curve.upper)
-            values = name, im / factor, *(np.round(each, DECIMALS) for each in chances)
-            rows.append(pd.DataFrame(dict(zip(rows[0].columns, values))))
+            chances = np.round([curve(im), curve.lower, curve.upper], DECIMALS)
+            values = name, im / asked.factor, *chances
+            rows.append(pd.DataFrame(dict(zip(head, values))))
     write_csv(study.folder / CURVE, rows, float_format="%.7g")
 
 

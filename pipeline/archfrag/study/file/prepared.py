@@ -95,7 +95,7 @@ def study_inputs(study: StudyKeys) -> provenance.Inputs:
 
 
 def described(
-    study: StudyKeys, motion: Motion, compared: Sequence[str] = COMPARED
+    study: StudyKeys, motion: Motion, compared: Sequence[str]
 ) -> PreparedRecord:
     """Return the facts of a motion that is not stored yet; InputError if it cannot be scaled.
 
