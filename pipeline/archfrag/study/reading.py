@@ -136,7 +136,7 @@ def read_motions(
         "processing": list(processing),
         "files": [],
     }
-    for path in map(os.fspath, paths):
+    for path in [os.fspath(each) for each in paths]:
         own = os.path.join(path, INDEX_NAME)
         if os.path.basename(path) == INDEX_NAME or os.path.isfile(own):
             if "index" in keys:
