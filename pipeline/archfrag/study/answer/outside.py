@@ -103,13 +103,17 @@ def read_runs(
     measure, unit, factors = _units(given, measure, unit)
     runs = _runs(given, states, factors)
     levels = np.unique(runs["level"]).tolist()
+    # That which the runs have the form of, stripes also if some were not made.
+    design: Design = Ida(kind="ida") if "lower" in given.heads else Stripes()
+    if not runs.duplicated(["arch", "record"]).any():
+        design = Cloud(kind="cloud")
     path = Path(table) if isinstance(table, str | Path) else Path("fit")
     study = StudyKeys.model_construct(
         id=path.stem.replace(" ", "-"),
         title=f"Fragility from {given.source}",
         arches=[],
         output=str(output or Path("results") / path.stem),
-        design=_design(given, runs),
+        design=design,
         intensity=Intensity.model_construct(measure=measure, unit=unit, levels=levels),
         report=ReportKeys(confidence=confidence),
     )
@@ -352,13 +356,6 @@ def _units(
         unit,
         {end: allowed[each] / allowed[unit] for end, (_, each) in found.items()},
     )
-
-
-def _design(given: VerdictTable, runs: pd.DataFrame) -> Design:
-    """Return the design that the runs have the form of, stripes also if some were not made."""
-    if not runs.duplicated(["arch", "record"]).any():
-        return Cloud(kind="cloud")
-    return Ida(kind="ida") if "lower" in given.heads else Stripes()
 
 
 def _cube(

@@ -144,10 +144,14 @@ def risk_of_study(study: StudyKeys, fitted: Fitted) -> StudyRisk | None:
     )
 
 
-def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
-    """Write aligned lines on the rates of collapse, and the cautions on them."""
-    lines = []
-    cautions = list[str]()
+def answer_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
+    """Write aligned lines on the curves of a study and its rates, and all cautions on them."""
+    lines, cautions = fit_lines(study, fitted)
+    risk = attempt(lambda: risk_of_study(study, fitted))
+    if isinstance(risk, str):
+        cautions.append(f"no rates of collapse: {risk}")
+    if not isinstance(risk, StudyRisk):  # else of a study that has a hazard
+        return lines, cautions
     first = max(map(len, ("report", *list(risk.arches)[:SHOWN])))
     for name, arch in list(risk.arches.items())[:SHOWN]:
         if isinstance(arch, str):
@@ -163,19 +167,6 @@ def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
         lines.append(f"{name:{first}}  {words}")
         cautions += [f"{name}: {each}" for each in arch.cautions]
     return lines, [*cautions, *risk.hazard.messages]
-
-
-def answer_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
-    """Write aligned lines on the curves of a study and its rates, and all cautions on them."""
-    answers, cautions = fit_lines(study, fitted)
-    risk = attempt(lambda: risk_of_study(study, fitted))
-    if isinstance(risk, str):
-        cautions.append(f"no rates of collapse: {risk}")
-    elif risk is not None:  # of a study that has a hazard
-        lines, more = risk_lines(risk)
-        answers += lines
-        cautions += more
-    return answers, cautions
 
 
 def _arch_risk(
