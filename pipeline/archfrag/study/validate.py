@@ -2,7 +2,6 @@
 
 import base64
 import contextlib
-import errno
 import os
 import re
 import shutil
@@ -198,8 +197,7 @@ def check_start(study: StudyKeys) -> tuple[str, ...]:
     try:
         place = next(path for path in (folder, *folder.parents) if path.exists())
         if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
-            code = errno.EACCES if place.is_dir() else errno.ENOTDIR
-            raise OSError(code, os.strerror(code))
+            raise OSError(0, f"{place} is no folder that allows it")
     except OSError as error:
         raise cannot_write(folder, error) from error
     check_outputs(study, "cube", "fit", "report")

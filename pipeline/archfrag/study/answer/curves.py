@@ -60,6 +60,7 @@ _OF_BAND = (
     "n_non_monotone",
 )
 _DRAWN: Plain = {"seed": 1, "resamples": 300}
+Names = NDArray[np.str_]  # by row
 Worded = Callable[
     [FitError], str
 ]  # text of an error, with its levels in the unit people read
@@ -74,7 +75,7 @@ class ArchRuns:
     verdict: IntArray  # (n_record, n_level)
     level: FloatArray  # (n_level,) or (n_record, n_level) [SI]
     # What makes rows alike, such as an earthquake, and which of them each row has, (n_record,).
-    groups: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
+    groups: Mapping[str, Names] = field(default_factory=dict)
     worded: Worded = str
     whole: Any = None  # cube of the study
     arches: Sequence[int] = ()  # places in it
@@ -85,12 +86,12 @@ class ArchRuns:
         return self.whole.isel(arch=self.arches)
 
     @property
-    def group(self) -> NDArray[np.str_] | None:
+    def group(self) -> Names | None:
         """The coarsest of the groups, where one is asked for; None if there is none."""
         return min(self.groups.values(), key=lambda each: len({*each}), default=None)
 
     @property
-    def alike(self) -> NDArray[np.str_] | None:
+    def alike(self) -> Names | None:
         """What `quoted_band` asks for: the groups, (n_record,) or of several (n_way, n_record)."""
         several = len(self.groups) > 1 and self.design.on_levels
         return np.array([*self.groups.values()]) if several else self.group
