@@ -31,16 +31,12 @@ STAMPS = "stamp.json"  # SHA-256 of a study's files; of all that archfrag wrote
 MADE = "made.txt"
 _HOST = re.sub(r"\W", "_", socket.gethostname())
 # Temporary names give host and process, so that what a killed process left can be recognised.
-_TEMPORARY = re.compile(
-    r"\.archfrag-(?P<host>\w+)-(?P<pid>[0-9]{1,9})-[a-z0-9_]{8}\.tmp"
-)
+_TEMPORARY = r"\.archfrag-(?P<host>\w+)-(?P<pid>[0-9]{1,9})-[a-z0-9_]{8}\.tmp"
 _SURELY_LEFT = (
     30 * 86400.0
 )  # age at which no process can be at work on a temporary file [s]
 # Characters that a terminal obeys, or that change the direction of the text around them.
-_OBEYED = re.compile(
-    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
-)
+_OBEYED = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 _FORMULA = re.compile(
     r"[=+\-@\t\r]"
 )  # first characters of a cell that a spreadsheet computes
@@ -90,7 +86,7 @@ def printable(text: str) -> str:
     """Return the text from elsewhere as a terminal may show it: what it would obey stands as
     ``\\u001b``.
     """
-    return _OBEYED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return re.sub(_OBEYED, lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 @contextlib.contextmanager
@@ -188,7 +184,7 @@ def temporary_folder(place: Path) -> "tempfile.TemporaryDirectory[str]":
 def sweep(folder: Path) -> None:
     """Remove temporary files and folders of killed processes, by their names, below a folder."""
     for entry in list(folder.rglob("*")):
-        found = _TEMPORARY.fullmatch(entry.name)
+        found = re.fullmatch(_TEMPORARY, entry.name)
         if found is None or entry.is_symlink():
             continue
         with contextlib.suppress(OSError):

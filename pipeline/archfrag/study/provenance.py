@@ -49,7 +49,7 @@ ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
 SHOWN = 12  # arches that a report shows one by one; of more it shows three
 MANIFEST = "motions.json"  # in the hidden folder
 OWNER = "study.json"  # in the hidden folder
-FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
+FIGURE = r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg"
 # netCDF's C library is not safe in threads, and xarray's own lock does not hold for attributes.
 NETCDF = threading.RLock()
 Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
@@ -163,7 +163,7 @@ def write_stamp(study: "StudyKeys", step: str, **others: Any) -> None:
     if step == "report":
         for name, digest in stamp.pop("old").items():
             path = study.folder / name
-            gone = FIGURE.fullmatch(name) and name not in stamp["files"]
+            gone = re.fullmatch(FIGURE, name) and name not in stamp["files"]
             if gone and not path.is_symlink() and sha256_if_there(path) == digest:
                 path.unlink()
     write_text(study.work / STAMPS, canonical_json(stamp | others) + "\n")

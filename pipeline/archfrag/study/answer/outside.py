@@ -14,13 +14,7 @@ import pandas as pd
 import xarray as xr
 
 from archfrag.errors import InputError
-from archfrag.files import (
-    Plain,
-    number,
-    read_text,
-    table_of,
-    unquoted,
-)
+from archfrag.files import Plain, number, read_text, table_of, unquoted
 from archfrag.fragility.curve import tails
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import LEVEL_UNITS, measure_unit

@@ -487,10 +487,7 @@ def _built(entry: ArchEntry) -> "Arch":
     built: Arch = make(**given)
     if entry.recess is not None:
         built = built.recessed(**entry.recess.model_dump())
-    joints: Plain = {
-        "stiffness": math.inf,
-        "strength": entry.strength or math.inf,
-    }
+    joints: Plain = {"stiffness": math.inf, "strength": entry.strength or math.inf}
     if entry.joints is not None:
         joints |= entry.joints.model_dump(exclude_none=True)
     built = jointed(built, **joints)

@@ -15,13 +15,7 @@ from scipy.stats import qmc
 
 from archfrag.arch.checks import FloatArray
 from archfrag.errors import InputError, StabilityError
-from archfrag.files import (
-    Plain,
-    number,
-    read_text,
-    stated_unit,
-    table_of,
-)
+from archfrag.files import Plain, number, read_text, stated_unit, table_of
 from archfrag.properties import PROPERTIES, SPELLED, VARIABLE
 from archfrag.simulation.arguments import check_can_run, check_method
 from archfrag.simulation.simulate import onset
@@ -36,7 +30,6 @@ MOST_CHECKED = (
 )
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
 LARGEST_TABLE = 20_000_000  # [bytes]
-_UNIT_SIGNS = re.compile(r"[\s^]")
 _ALIKE = (
     0.85  # of a column's name to a key, by difflib's ratio, for a slip of the keyboard
 )
@@ -193,7 +186,7 @@ def _key_or_attribute(column: str) -> str:
     if name in COLUMNS:
         about = PROPERTIES.get(name)
         asked = "" if about is None or about.unit is None else SPELLED[about.unit][1]
-        if unit is not None and _UNIT_SIGNS.sub("", unit) not in asked.split():
+        if unit is not None and re.sub(r"[\s^]", "", unit) not in asked.split():
             must = f"is in {asked.split()[0]}" if asked else "has no unit"
             raise InputError(
                 f"column {column!r}: {name} {must}; change the numbers and the name"

@@ -175,11 +175,7 @@ class Motions(Section):
 
 
 def apply_step(
-    name: str,
-    settings: Plain,
-    motion: "Motion",
-    record: Path,
-    inventory: str | None,
+    name: str, settings: Plain, motion: "Motion", record: Path, inventory: str | None
 ) -> "Motion":
     """Apply one step to a motion; InputError if it does not suit it."""
     from archfrag.motions import process  # start-up: workers load no obspy

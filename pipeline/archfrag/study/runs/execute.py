@@ -37,10 +37,7 @@ LARGEST_SHARE = 16
 
 
 def run_batch(
-    study: StudyKeys,
-    batch: int = 0,
-    workers: int | None = None,
-    quiet: bool = False,
+    study: StudyKeys, batch: int = 0, workers: int | None = None, quiet: bool = False
 ) -> tuple[Plain, "pd.DataFrame"]:
     """Make the runs of one batch that the design requests; those that are there are kept.
 
