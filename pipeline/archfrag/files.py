@@ -25,21 +25,18 @@ from archfrag.errors import InputError, OutputError
 if TYPE_CHECKING:
     import pandas as pd
 
+Plain = dict[str, Any]  # what JSON and YAML know
 WORK = ".archfrag"  # in the folder of a study's results: all that is not for people
 STAMPS = "stamp.json"  # SHA-256 of a study's files; of all that archfrag wrote
 MADE = "made.txt"
 _HOST = re.sub(r"\W", "_", socket.gethostname())
 # Temporary names give host and process, so that what a killed process left can be recognised.
-_TEMPORARY = re.compile(
-    r"\.archfrag-(?P<host>\w+)-(?P<pid>[0-9]{1,9})-[a-z0-9_]{8}\.tmp"
-)
+_TEMPORARY = r"\.archfrag-(?P<host>\w+)-(?P<pid>[0-9]{1,9})-[a-z0-9_]{8}\.tmp"
 _SURELY_LEFT = (
     30 * 86400.0
 )  # age at which no process can be at work on a temporary file [s]
 # Characters that a terminal obeys, or that change the direction of the text around them.
-_OBEYED = re.compile(
-    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
-)
+_OBEYED = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 _FORMULA = re.compile(
     r"[=+\-@\t\r]"
 )  # first characters of a cell that a spreadsheet computes
@@ -89,7 +86,7 @@ def printable(text: str) -> str:
     """Return the text from elsewhere as a terminal may show it: what it would obey stands as
     ``\\u001b``.
     """
-    return _OBEYED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return re.sub(_OBEYED, lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 @contextlib.contextmanager
@@ -139,8 +136,11 @@ def wide_encoding(content: bytes) -> str:
     head = content[:400]
     fewer, more = sorted((head[::2].count(0), head[1::2].count(0)))
     plain = len(head) > 8 and not fewer and more > 0.45 * len(head)
-    marked = head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-    return "UTF-16" if plain or marked else ""
+    return (
+        "UTF-16"
+        if plain or (head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        else ""
+    )
 
 
 def sha256_of(path: Path) -> str:
@@ -184,7 +184,7 @@ def temporary_folder(place: Path) -> "tempfile.TemporaryDirectory[str]":
 def sweep(folder: Path) -> None:
     """Remove temporary files and folders of killed processes, by their names, below a folder."""
     for entry in list(folder.rglob("*")):
-        found = _TEMPORARY.fullmatch(entry.name)
+        found = re.fullmatch(_TEMPORARY, entry.name)
         if found is None or entry.is_symlink():
             continue
         with contextlib.suppress(OSError):
@@ -329,7 +329,7 @@ NAMES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
 _COMMA = re.compile(r"[-+]?\d+(,\d+)+(\.\d*)?([eE][-+]?\d+)?")
 _POINT = re.compile(r"[-+]?\d*\.\d*([eE][-+]?\d+)?")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}\.\d{3}")
-_WHOLE = re.compile(r"[-+]?\d{1,3}")
+_SHORT = re.compile(r"[-+]?([1-9]\d{0,2}\.\d{3}|\d{1,3})")
 _INTEGER = re.compile(r"[-+]?\d+")
 _THREE = re.compile(r"\d{3}(\.\d*)?")
 _ROUNDED = re.compile(
@@ -399,10 +399,7 @@ def check_thousands(cells: Sequence[str], name: str) -> None:
     """Raise InputError for a column whose points may separate thousands: 1.193 beside 980."""
     dotted = [cell for cell in cells if "." in cell]
     whole = next((cell for cell in cells if "." not in cell), None)
-    alike = all(
-        (_THOUSANDS if "." in cell else _WHOLE).fullmatch(cell) for cell in cells
-    )
-    if dotted and whole and alike:
+    if dotted and whole and all(map(_SHORT.fullmatch, cells)):
         both = f"{dotted[0]} beside {whole}: do its points separate thousands?"
         raise _ambiguous(name, both, dotted[0])
 
@@ -432,15 +429,13 @@ def check_years(cells: Sequence[str], name: str) -> None:
     dotted = [cell for cell in cells if _THOUSANDS.fullmatch(cell)]
     short = all(map(_ROUNDED.fullmatch, cells)) and max(map(float, cells)) < 100.0
     if dotted and (len(dotted) == len(cells) or short):
-        shown = ", ".join(cells[:3])
-        raise _ambiguous(name, f"{shown}: years, or thousands of years?", dotted[0])
+        what = f"{', '.join(cells[:3])}: years, or thousands of years?"
+        raise _ambiguous(name, what, dotted[0])
 
 
 def _ambiguous(name: str, found: str, cell: str) -> InputError:
-    plain = cell.replace(".", "")
-    other = f"{cell}0"
     return InputError(
-        f"column {name!r} has {found} Write {plain} or {other} for {cell}"
+        f"column {name!r} has {found} Write {cell.replace('.', '')} or {cell}0 for {cell}"
     )
 
 
@@ -482,8 +477,9 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
     if comments:
         text = re.sub(r"^#.*$", "", text, flags=re.MULTILINE)
     text = re.sub(r"(?i)\A\s*sep=.(?=\r?\n)", "", text)  # of Excel
-    first = next(filter(str.strip, text.splitlines()), "")
-    separator = separator_of([first]).replace(" ", ",")
+    separator = separator_of([next(filter(str.strip, text.splitlines()), "")]).replace(
+        " ", ","
+    )
     rows = list[Row]()
     reader = csv.reader(
         io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True
@@ -512,8 +508,17 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
     return separator, names, rows
 
 
-def table_of(names: Sequence[str], rows: Sequence[Row]) -> "pd.DataFrame":
-    """Return rows as a table of text."""
+def table_of(text: str, commas: bool = True) -> "pd.DataFrame":
+    """Return the cells of a table (`parse_table`) as text, by the numbers of their lines.
+
+    Decimal commas become points, or are refused if `commas` are not allowed.
+    """
     import pandas as pd  # takes a third of a second
 
-    return pd.DataFrame([cells for _, cells in rows], columns=list(names), dtype=str)
+    separator, names, rows = parse_table(text)
+    if commas:
+        rows = with_points(rows, separator)
+    else:
+        check_decimals((line, cell) for line, cells in rows for cell in cells)
+    lines, cells = zip(*rows) if rows else ((), None)
+    return pd.DataFrame(cells, lines, names, dtype=str)

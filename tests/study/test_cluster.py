@@ -197,8 +197,8 @@ def test_runs_wait_for_the_first_worker_and_a_lost_scheduler_is_a_message(
     [
         (
             "study/runs/store.py",
-            '"verdict": verdicts_of(results.status)',
-            '"verdict": np.ones(len(results.status))',
+            '"verdict"] = verdicts_of(results.status)',
+            '"verdict"] = np.ones(len(results.status))',
             "a worker on .* runs archfrag .* numba .*; the study is run by "
             "archfrag .*; install the "
             "same code for all workers",

@@ -46,16 +46,13 @@ def curves_of(cube):
 
 
 def compared(cube, *names, other=None):
-    other = cube if other is None else other
-    one, two = (curves_of(each) for each in (cube, other))
-    return compare(
-        [one, *[one if other is cube else two] * (len(names) - 1)], names, HAZARD
-    )
+    one = curves_of(cube)
+    return compare([one, one if other is None else curves_of(other)], names, HAZARD)
 
 
 def test_classes_are_compared_as_their_arches_are(cube):
-    found = compared(cube, "before", "after")["after"]
-    each = compared(cube, "before-1", "after-1")["after-1"]
+    found = compared(cube, "before", "after")
+    each = compared(cube, "before-1", "after-1")
     for row, least, most in (("theta", 1.3, 1.7), ("rate", 0.2, 0.8)):
         assert (
             least
@@ -65,17 +62,14 @@ def test_classes_are_compared_as_their_arches_are(cube):
             < most
         )
         assert found[row]["ratio"] == pytest.approx(each[row]["ratio"], rel=0.1)
-    assert set(compared(cube, "before-1", "after-1", "after-2")) == {
-        "after-1",
-        "after-2",
-    }
+    assert compared(cube, "before-1", "after-2") != each
 
 
 def test_arches_of_two_studies_on_the_same_motions(cube):
     both = compared(cube, "before", "after")
     parts = cube.isel(arch=[0, 1]), cube.isel(arch=[2, 3], record=np.arange(12)[::-1])
     ratios = compare([*map(curves_of, parts)], ("before", "after"), HAZARD)
-    assert ratios["after"] == both["after"]
+    assert ratios == both
 
 
 def test_what_cannot_be_compared_is_refused(cube):
@@ -131,9 +125,9 @@ class TestAlike:
         )
 
     def test_a_ratio_after_first_shocks_is_as_wide_as_few_of_them_ask(self, shaken):
-        found = compared(shaken, "ring", "ring-after")["ring-after"]["theta"]
+        found = compared(shaken, "ring", "ring-after")["theta"]
         every = shaken.assign(first_event=("record", np.arange(24).astype(str)))
-        alone = compared(every, "ring", "ring-after")["ring-after"]["theta"]
+        alone = compared(every, "ring", "ring-after")["theta"]
         assert found["ratio"] == pytest.approx(alone["ratio"], rel=0.01)
         widths = [np.log(each["upper"] / each["lower"]) for each in (found, alone)]
         assert widths[0] > 1.8 * widths[1]

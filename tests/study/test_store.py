@@ -24,7 +24,6 @@ from archfrag.study.runs.store import (
     places,
     read_part,
     read_parts,
-    table_of,
     write_part,
 )
 from tests.study.small import command, dumped, files_below
@@ -152,9 +151,16 @@ class TestParts:
         assert read_part(path.rename(path.with_stem(digest))) is None
 
 
+def rows(keys, verdict):
+    table = np.zeros(len(keys), ROW)
+    table["key"] = keys
+    table["verdict"] = verdict
+    return table
+
+
 def drawn(folder, seed, count):
     keys = np.frombuffer(np.random.default_rng(seed).bytes(count * KEY), f"S{KEY}")
-    return write_part(folder, table_of(keys, {"verdict": 1}))
+    return write_part(folder, rows(keys, 1))
 
 
 class TestStore:
@@ -173,7 +179,7 @@ class TestStore:
         other = keys[len(keys) // 2 :]
         verdict = generator.integers(0, 4, len(stored)).astype(np.int8)
         for some in np.array_split(np.arange(len(stored)), 7):
-            write_part(tmp_path, table_of(stored[some], {"verdict": verdict[some]}))
+            write_part(tmp_path, rows(stored[some], verdict[some]))
         table = read_parts(tmp_path)
         there = places(table, np.concatenate([other, stored, stored[:5]])) >= 0
         assert there.tolist() == [False] * len(other) + [True] * (len(stored) + 5)

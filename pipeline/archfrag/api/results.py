@@ -322,7 +322,7 @@ class Results:
             site = self._hazard(hazard, **given)[0].main
         both = self._fitted, (other or self)._fitted
         ratios = compare(both, (before, after), site, self._study.report.confidence)
-        table = pd.DataFrame(ratios[after]).T
+        table = pd.DataFrame(ratios).T
         table.loc["theta", ["before", "after"]] /= self._study.intensity.factor
         return table
 

@@ -219,7 +219,7 @@ class ReportInputs:
         both = [self.fitted] * 2
         return attempt(
             lambda: {
-                name: compare(both, [reference, name], site, self.confidence)[name]
+                name: compare(both, [reference, name], site, self.confidence)
                 for name, reference in self.references.items()
             }
         )

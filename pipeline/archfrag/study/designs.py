@@ -14,13 +14,12 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, TypeAdapter
 
+from archfrag.files import Plain
 from archfrag.fragility.curve import Curve, FloatArray, IntArray
 from archfrag.fragility.fit import fit_brackets, fit_stripes
-from archfrag.fragility.posterior import Posterior
-from archfrag.fragility.quoted import capacity_posterior, quoted_band
 from archfrag.fragility.verdicts import Brackets, Verdict
 from archfrag.study.keys import Section, check_block
 
@@ -30,7 +29,7 @@ Cases = NDArray[np.void]
 Verdicts = NDArray[np.int8]
 _T = TypeVar("_T")
 Asking = Generator[Cases, tuple[Cases, Verdicts], _T]
-Requests = Asking[dict[str, Any]]
+Requests = Asking[Plain]
 
 
 @dataclass
@@ -45,8 +44,9 @@ class Grid:
     seed: int = 0  # of the arch, for what a design draws
 
     def __post_init__(self) -> None:
-        shape = self.records.size, self.levels.size
-        self.seen = np.full(shape, int(Verdict.NOT_RUN), np.int8)
+        self.seen = np.full(
+            (self.records.size, self.levels.size), int(Verdict.NOT_RUN), np.int8
+        )
 
     def run(
         self, rows: IntArray, places: IntArray, level: FloatArray | None = None
@@ -99,14 +99,6 @@ class Design(Section, ABC):
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Return the number of runs of an arch, and whether it is exact, about or at most."""
 
-    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> Curve:
-        """Return the curve and band; options and errors are those of `quoted_band`."""
-        return quoted_band(found, im, **options)
-
-    def posterior(self, found: Brackets) -> tuple[Posterior, float]:
-        """Return the posterior of the curve, and the number of records or runs."""
-        return capacity_posterior(found)
-
     def likelihood(self, found: Brackets) -> Curve:
         """Return the curve by maximum likelihood, from the collapses at each level.
 
@@ -122,8 +114,15 @@ class Design(Section, ABC):
         return fit_stripes(level, collapses, np.bincount(place, minlength=level.size))
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Return the messages on what `requests` returned, by arch."""
-        return []
+        """Return the messages on checks that contradict the borders found."""
+        return [
+            f"{name}: {own['contradictions']} of {own['checked']} checks near the border "
+            "contradict the capacity of their record. Such a record has several borders between "
+            "survival and collapse; the search found one of them, not always the lowest. Beta "
+            "includes the scatter of single runs"
+            for name, own in facts.items()
+            if own.get("contradictions")
+        ]
 
 
 class Stripes(Design):
@@ -134,8 +133,9 @@ class Stripes(Design):
 
     def requests(self, grid: Grid) -> Requests:
         """Ask for all runs at once."""
-        every = np.arange(grid.seen.size)
-        verdicts = yield from grid.run(*np.divmod(every, grid.levels.size))
+        verdicts = yield from grid.run(
+            *np.divmod(np.arange(grid.seen.size), grid.levels.size)
+        )
         return {"runs": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
@@ -147,7 +147,7 @@ class Cloud(Design):
     """Every record once, as it is or by one factor."""
 
     kind: Literal["cloud"]
-    factor: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
+    factor: float = Field(default=1.0, gt=0.0, le=1000.0)
     """On every record."""
     on_levels = False
     text = "every record once"
@@ -166,14 +166,14 @@ class Cloud(Design):
 
 def ask(
     requests: Mapping[int, Requests], decide: Callable[[Cases], Verdicts]
-) -> tuple[Cases, dict[int, dict[str, Any]]]:
+) -> tuple[Cases, dict[int, Plain]]:
     """Drive requests with a `decide` that returns the verdicts of all its runs, in order."""
     return drive(requests, lambda cases: (cases, decide(cases)))
 
 
 def drive(
     requests: Mapping[int, Requests], answer: Callable[[Cases], tuple[Cases, Verdicts]]
-) -> tuple[Cases, dict[int, dict[str, Any]]]:
+) -> tuple[Cases, dict[int, Plain]]:
     """Ask the designs of all arches, by `Design.requests`, until none requests a run.
 
     `answer` takes new requests, which may be none, and returns some runs of all those requested
@@ -215,16 +215,15 @@ COST_OF_SURVIVAL = 2.0
 NEAR = 2  # levels beyond a border that are checked: farther ones are hardly ever contradicted
 LEAST_PRIOR = 1e-3  # at each level, whatever other records have shown
 LEAST_DEVIATION = 0.1  # of ln capacity from what is expected
-MOST_NAMED = 12  # arches with checks that contradict; of more only their number
 
 
 class Ida(Design):
     """The levels bisected for each record: a border between survival and collapse."""
 
     kind: Literal["ida"]
-    seed: Annotated[int, Field(ge=0, le=10**9)] = 1
+    seed: int = Field(default=1, ge=0, le=10**9)
     """Seed of the random choices of the design."""
-    checks: Annotated[int, Field(ge=0, le=10**6)] | None = None
+    checks: int | None = Field(default=None, ge=0, le=10**6)
     """Cells near the borders chosen at random for each arch, to see how often a run contradicts
     the capacity of its record; as many as records searched where not given."""
     adaptive = True
@@ -269,12 +268,10 @@ class Ida(Design):
         collapsed = verdicts == Verdict.COLLAPSED
         survived = verdicts == Verdict.SURVIVED
         against = int(np.where(place <= low[row], collapsed, survived).sum())
-        checked = int((collapsed | survived).sum())
-        runs = int((grid.seen != Verdict.NOT_RUN).sum())
         return {
-            "runs": runs,
+            "runs": int((grid.seen != Verdict.NOT_RUN).sum()),
             "records": n_record,
-            "checked": checked,
+            "checked": int((collapsed | survived).sum()),
             "contradictions": against,
         }
 
@@ -283,24 +280,6 @@ class Ida(Design):
         search_runs = int(np.ceil(n_record * np.log2(n_level + 1)))
         checks = n_record if self.checks is None else self.checks
         return min(search_runs + checks, n_record * n_level), "about"
-
-    def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Return the messages on checks that contradict the borders found."""
-        against = [
-            (name, own["contradictions"], own["checked"])
-            for name, own in facts.items()
-            if own.get("contradictions")
-        ]
-        if len(against) > MOST_NAMED:
-            _, counts, checks = zip(*against)
-            against = [(f"{len(against)} arches", sum(counts), sum(checks))]
-        return [
-            f"{name}: {count} of {checked} checks near the border contradict the capacity of "
-            "their record. Such a record has several borders between survival and collapse; the "
-            "search found one of them, not always the lowest. Beta includes the scatter of single "
-            "runs"
-            for name, count, checked in against
-        ]
 
 
 def search(
@@ -318,8 +297,9 @@ def search(
     while True:
         below = low[left, None]
         above = high[left, None]
-        within = (border > below) & (border <= above)
-        mass = np.cumsum(np.where(within, expected[left], 0.0), axis=1)
+        mass = np.cumsum(
+            np.where((border > below) & (border <= above), expected[left], 0.0), axis=1
+        )
         collapse = mass[:, :-1] / mass[:, -1:]
         cost = collapse + COST_OF_SURVIVAL * (1.0 - collapse)
         entropy = scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)
@@ -329,8 +309,9 @@ def search(
         waiting += int(some.sum())
         if not waiting:
             return
-        cases = grid.cases(left[some], best[some])
-        left, places, verdicts = yield from grid.some(cases)
+        left, places, verdicts = yield from grid.some(
+            grid.cases(left[some], best[some])
+        )
         waiting -= left.size
         collapsed = verdicts == Verdict.COLLAPSED
         survived = verdicts == Verdict.SURVIVED

@@ -20,11 +20,9 @@ from archfrag.files import (
     check_thousands,
     check_years,
     number,
-    parse_table,
     read_text,
     stated_unit,
     table_of,
-    with_points,
 )
 from archfrag.fragility.risk import HazardCurve
 from archfrag.motions.measures import LEVEL_UNITS, Measure, measure_unit, parse_measure
@@ -86,11 +84,9 @@ def load_hazard(
     for path in paths:
         text = read_text(path, LARGEST, InputError, "the hazard curve")
         try:
-            separator, names, rows = parse_table(text)
-            rows = with_points(rows, separator)
-            for line in (line for line, cells in rows if "" in cells):
+            table = table_of(text)
+            for line in table.index[(table == "").any(axis=1)]:
                 raise InputError(f"line {line} has an empty cell; give it a number")
-            table = table_of(names, rows)
             by_site = {"lon", "lat"} <= set(table)
             if site is not None and not by_site:
                 raise InputError(
@@ -104,8 +100,9 @@ def load_hazard(
                     raise InputError(f"has a second curve {name!r}")
                 found[name] = replace(curve, im=curve.im * factor)
                 messages += level_cautions(measure, found[name].im, str(path))
-                largest = curve.rate.max()
-                messages += unusual("rate", largest, f"{path}: the largest rate")
+                messages += unusual(
+                    "rate", curve.rate.max(), f"{path}: the largest rate"
+                )
         except (InputError, ValueError) as error:
             must = "" if isinstance(error, InputError) else "must hold numbers, but: "
             raise InputError(f"{path}: {must}{error}") from None
@@ -138,8 +135,9 @@ def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
             f"hazard: {type(table).__name__} cannot be read; it must be a path, or a table of "
             "two columns: intensity and annual rate of exceedance"
         )
-    factor = _factor(None, unit, measure, None, False)
-    curve = HazardCurve(factor * points[:, 0], points[:, 1])
+    curve = HazardCurve(
+        _factor(None, unit, measure, None, False) * points[:, 0], points[:, 1]
+    )
     return Hazard(measure, "a table in Python", {"mean": curve})
 
 
@@ -193,8 +191,10 @@ def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
     if requested is None:
         if len(names) == 1:
             return 0
-        how = f"choose one by longitude and latitude, such as {'; '.join(names[:3])}"
-        raise InputError(f"has {len(names)} sites; {how}")
+        raise InputError(
+            f"has {len(names)} sites; choose one by longitude and latitude, such as "
+            f"{'; '.join(names[:3])}"
+        )
     lon, lat = np.radians(np.reshape(sites, (-1, 2))).T
     lon0, lat0 = np.radians(requested)
     # Great-circle distances [km] by the haversine formula.
@@ -203,9 +203,11 @@ def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
         + np.cos(lat) * np.cos(lat0) * np.sin((lon - lon0) / 2) ** 2
     )
     away = 2.0 * 6371.0 * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
-    if not names or away.min() > FARTHEST:
-        place = "longitude {:g}, latitude {:g}".format(*requested)
-        raise InputError(f"has no site within {FARTHEST:g} km of {place}")
+    if not (away <= FARTHEST).any():
+        raise InputError(
+            f"has no site within {FARTHEST:g} km of longitude {requested[0]:g}, latitude "
+            f"{requested[1]:g}"
+        )
     return int(away.argmin())
 
 

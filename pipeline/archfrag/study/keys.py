@@ -22,8 +22,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from archfrag.errors import InputError
-from archfrag.files import absolute
+from archfrag.errors import InputError, StabilityError
+from archfrag.files import Plain, absolute
 from archfrag.study.yaml_text import CONTROL
 
 # Rules where pydantic's own words name its classes or a regular expression.
@@ -74,16 +74,17 @@ class Section(BaseModel):
         return given
 
     @classmethod
-    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Plain:
         """Describe each key by the text below it, which pydantic would read at every start."""
-        found: dict[str, Any] = handler(core)
+        found: Plain = handler(core)
         keys = handler.resolve_ref_schema(found).get("properties", {})
         with contextlib.suppress(OSError):  # of a class that is made from a table
             own: Any = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
             for key, text in pairwise(own.body):
                 if isinstance(key, ast.AnnAssign) and isinstance(text, ast.Expr):
-                    about = inspect.cleandoc(ast.literal_eval(text.value))
-                    keys[ast.unparse(key.target)]["description"] = about
+                    keys[ast.unparse(key.target)]["description"] = inspect.cleandoc(
+                        ast.literal_eval(text.value)
+                    )
         return found
 
 
@@ -100,10 +101,7 @@ def check_block(given: Any, key: str) -> Any:
     """
     if isinstance(given, dict | Section):
         return given
-    value = _shown(given) if isinstance(given, str | int | float) else "..."
-    raise refuse(
-        "must be a block of keys" + f", such as {{{key}: {value}}}" * bool(key)
-    )
+    raise refuse("must be a block of keys" + f", such as {{{key}: ...}}" * bool(key))
 
 
 def refuse(text: str, *keys: str) -> PydanticCustomError:
@@ -178,6 +176,8 @@ def at(
     """Name the place of what is wrong, as an error of a `kind`; `given` is what was validated."""
     try:
         yield
+    except StabilityError as error:
+        raise StabilityError(f"{place}: {error}") from error
     except (InputError, ValidationError) as error:
         why = (
             first_message(error, given) if isinstance(error, ValidationError) else error

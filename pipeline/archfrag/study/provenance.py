@@ -27,6 +27,7 @@ from archfrag.errors import OutputError
 from archfrag.files import (
     STAMPS,
     WORK,
+    Plain,
     absolute,
     check_targets,
     make_folder,
@@ -48,7 +49,7 @@ ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
 SHOWN = 12  # arches that a report shows one by one; of more it shows three
 MANIFEST = "motions.json"  # in the hidden folder
 OWNER = "study.json"  # in the hidden folder
-FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
+FIGURE = r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg"
 # netCDF's C library is not safe in threads, and xarray's own lock does not hold for attributes.
 NETCDF = threading.RLock()
 Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
@@ -124,7 +125,7 @@ def check_own(study: "StudyKeys") -> None:
     sweep(study.work)
 
 
-def read_state(path: Path) -> dict[str, Any]:
+def read_state(path: Path) -> Plain:
     """Return what a file of the hidden folder holds; empty if it cannot be read."""
     try:
         return dict(read_json(path))
@@ -152,18 +153,20 @@ def write_stamp(study: "StudyKeys", step: str, **others: Any) -> None:
     """
     stamp = read_stamp(study.folder)
     if step == "cube":
-        old = stamp["old"] | stamp["files"]
-        stamp = {"from": study.origin, "files": {}, "old": old}
+        stamp = {
+            "from": study.origin,
+            "files": {},
+            "old": stamp["old"] | stamp["files"],
+        }
     made = filter(Path.is_file, products(study, step))
     stamp["files"] |= {path.name: sha256_of(path) for path in made}
     if step == "report":
         for name, digest in stamp.pop("old").items():
             path = study.folder / name
-            gone = FIGURE.fullmatch(name) and name not in stamp["files"]
+            gone = re.fullmatch(FIGURE, name) and name not in stamp["files"]
             if gone and not path.is_symlink() and sha256_if_there(path) == digest:
                 path.unlink()
-    text = canonical_json(stamp | others) + "\n"
-    write_text(study.work / STAMPS, text)
+    write_text(study.work / STAMPS, canonical_json(stamp | others) + "\n")
 
 
 def out_of_date(study: "StudyKeys", *steps: str) -> str:
@@ -178,13 +181,13 @@ def out_of_date(study: "StudyKeys", *steps: str) -> str:
     before = stamp["from"]
     now = study.origin
     changed = [name for name in now | before if now.get(name) != before.get(name)]
-    cube = study.folder / CUBE
-    return f"{cube}: was made before these changed: {', '.join(changed)}" * bool(
-        changed
+    return (
+        f"{study.folder / CUBE}: was made before these changed: {', '.join(changed)}"
+        * bool(changed)
     )
 
 
-def origin_of(keys: dict[str, Any], place: Path, folder: Path) -> dict[str, str]:
+def origin_of(keys: Plain, place: Path, folder: Path) -> dict[str, str]:
     """Return digests of what the results in a folder follow from, but for files, by name.
 
     `keys` are those of a study file in the folder `place`.
@@ -215,7 +218,7 @@ def contents(folder: Path, places: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def finished_folder(path: Path, keys: dict[str, Any], place: Path) -> Path | None:
+def finished_folder(path: Path, keys: Plain, place: Path) -> Path | None:
     """Return the folder of the results of a study file if nothing has changed since its run; else
     None.
 
@@ -294,9 +297,9 @@ def check_outputs(study: "StudyKeys", *steps: str) -> None:
     A README of somebody else stays as it is, and a cube of this study may be damaged.
     """
     refuse_foreign_cube(study)
-    made = (path for step in steps for path in products(study, step))
-    targets = [path for path in made if path.name not in (README, CUBE)]
-    check_targets(targets, files_named(study), of_study=True)
+    targets = [path for step in steps for path in products(study, step)]
+    own = [path for path in targets if path.name not in (README, CUBE)]
+    check_targets(own, files_named(study), of_study=True)
 
 
 def refuse_foreign_cube(study: "StudyKeys") -> None:
@@ -318,9 +321,11 @@ def refuse_foreign_cube(study: "StudyKeys") -> None:
                 if digest is not None and file.read(4) in (b"", b"\x89HDF"):
                     return
     if owner != study.id:
-        whose = "a file that is no cube of archfrag"
-        if owner:
-            whose = f"the cube of study {owner!r}"
+        whose = (
+            f"the cube of study {owner!r}"
+            if owner
+            else "a file that is no cube of archfrag"
+        )
         raise OutputError(
             f"{path}: {whose} is in the place of study {study.id!r}; give the studies different "
             "output folders, or move the file"
@@ -330,15 +335,13 @@ def refuse_foreign_cube(study: "StudyKeys") -> None:
 def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     """List the changes from one state of the inputs to another, a line for each file."""
     lines = []
-    for kind in ("record", "index", "inventory"):
+    for kind, new in now.items():
         old = before.get(kind, {})
-        new = now.get(kind, {})
         words = dict.fromkeys(old, "is gone") | dict.fromkeys(new, "is new")
         words |= dict.fromkeys(old.keys() & new, "has changed")
         for path in sorted(words):
             if old.get(path) != new.get(path):
-                place = os.path.normpath(folder / path)
-                lines.append(f"{kind} {place} {words[path]}")
+                lines.append(f"{kind} {os.path.normpath(folder / path)} {words[path]}")
     return lines
 
 
@@ -401,7 +404,7 @@ def available_cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
-def machine() -> dict[str, Any]:
+def machine() -> Plain:
     """Describe the machine for the log."""
     return {
         "host": socket.gethostname(),
@@ -410,7 +413,7 @@ def machine() -> dict[str, Any]:
     }
 
 
-def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
+def add_to_log(folder: Path, entry: Plain) -> None:
     """Add an entry to ``run_log.json`` in a folder."""
     path = folder / "run_log.json"
     before = list[Any]()

@@ -126,22 +126,6 @@ def read_motions(
     0  A090      0.2          0.03    0.01  Event  Station
     1  A180      0.2          0.03    0.01  Event  Station
     """
-    named = [os.fspath(path) for path in paths]
-    indices = [
-        path
-        for path in named
-        if os.path.isfile(os.path.join(path, INDEX_NAME))
-        or os.path.basename(path) == INDEX_NAME
-    ]
-    if indices[1:]:
-        raise InputError(
-            f"read_motions: {' and '.join(indices)}: at most one index is allowed"
-        )
-    files = [
-        os.path.join(path, "*") if os.path.isdir(path) else path
-        for path in named
-        if path not in indices
-    ]
     options = {
         "unit": unit,
         "columns": columns and str(columns),
@@ -150,14 +134,23 @@ def read_motions(
     keys: dict[str, Any] = {
         "vertical": vertical,
         "processing": list(processing),
-        "files": [{"path": path} | options for path in files],
+        "files": [],
     }
-    keys |= {"index": indices[0]} if indices else {}
-    keys |= {} if select is None else {"select": list(select)}
+    for path in [os.fspath(each) for each in paths]:
+        own = os.path.join(path, INDEX_NAME)
+        if os.path.basename(path) == INDEX_NAME or os.path.isfile(own):
+            if "index" in keys:
+                both = f"{keys['index']} and {path}"
+                raise InputError(f"read_motions: {both}: at most one index is allowed")
+            keys["index"] = path
+        else:
+            pattern = os.path.join(path, "*") if os.path.isdir(path) else path
+            keys["files"].append({"path": pattern, **options})
+    if select is not None:
+        keys["select"] = list(select)
     with at("read_motions", keys):
         asked = Motions.model_validate(keys, context={"folder": Path.cwd()})
     motions = list(read_sources(asked, _MEASURE))
-    ids = asked.select
-    if ids:
-        motions.sort(key=lambda motion: ids.index(motion.id))
+    if select:
+        motions.sort(key=lambda motion: list(select).index(motion.id))
     return MotionList(motions, asked)

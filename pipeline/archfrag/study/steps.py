@@ -118,8 +118,10 @@ def _make_batch(
     new = log["runs"] - log["kept"]
     text = f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new"
     if new:
-        seconds = log["wall_time"] - log["compile_time"]
-        text += f"; {seconds:.1f} s on {counted(log['workers'], 'core')}"
+        text += (
+            f"; {log['wall_time'] - log['compile_time']:.1f} s on "
+            f"{counted(log['workers'], 'core')}"
+        )
     told(text)
 
 
@@ -151,8 +153,9 @@ def changed_since(study: StudyKeys) -> tuple[bool, list[str]]:
     except InputError as error:
         return False, [str(error)] if products(study, "motions")[0].exists() else []
     if provenance.read_stamp(study.folder)["from"]:
-        wrong = provenance.out_of_date(study, "cube", "fit", "report")
-        changed = list(filter(None, [wrong]))
+        changed = list(
+            filter(None, [provenance.out_of_date(study, "cube", "fit", "report")])
+        )
     return manifest["code"] == provenance.code(), changed
 
 
@@ -185,7 +188,7 @@ def run_study(
                 "what follows from it is made again; other runs that are finished are kept"
             )
         named = provenance.files_named(study)
-        before = list(map(provenance.sha256_if_there, named))
+        before = provenance.contents(study.folder, named)
         for step in (*["motions"] * (not ready), *batches(study)):
             check_stopped()
             make_step(study, step, say, cores=cores, quiet=quiet)
@@ -194,11 +197,11 @@ def run_study(
             with clock(step, say, quiet):  # the answers are for the end of the run
                 make_step(study, step, None, report=report)
         inputs = provenance.contents(study.folder, _places(study))
-        manifest = read_manifest(study)
-        late = provenance.changes(manifest["inputs"], study_inputs(study), study.folder)
-        for path, digest in zip(named, before):
-            if provenance.sha256_if_there(path) != digest:
-                late.append(f"{path} has changed")
+        late = provenance.changes(
+            read_manifest(study)["inputs"], study_inputs(study), study.folder
+        )
+        now = provenance.contents(study.folder, named)
+        late += [f"{path} has changed" for path in named if now[path] != before[path]]
         if late:
             raise ArchfragError(
                 f"{study.folder}: {late[0]}, while the run was at work; the same command makes "
@@ -302,9 +305,9 @@ def only_run(study: StudyKeys) -> Iterator[None]:
             )  # a reader of records holds no lock
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            what = f"another run of study {study.id!r} is at work here"
             raise OutputError(
-                f"{study.folder}: {what}; wait for it or stop it"
+                f"{study.folder}: another run of study {study.id!r} is at work here; wait "
+                "for it or stop it"
             ) from None
         except OSError as error:
             if error.errno not in _NO_LOCKS:  # of the file system

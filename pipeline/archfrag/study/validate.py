@@ -2,7 +2,6 @@
 
 import base64
 import contextlib
-import errno
 import os
 import re
 import shutil
@@ -26,14 +25,9 @@ from archfrag.simulation.standing import arch_cautions, joints_text
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import Member, Members, check_standing, checked
 from archfrag.study.file.motions import pairs_text
-from archfrag.study.file.prepared import PreparedRecord, described, in_order
+from archfrag.study.file.prepared import PreparedRecord, read_records
 from archfrag.study.file.schema import StudyKeys, study_schema
-from archfrag.study.file.sources import (
-    VERTICAL_LEFT,
-    find_sources,
-    following,
-    read_sources,
-)
+from archfrag.study.file.sources import VERTICAL_LEFT, find_sources
 from archfrag.study.hazard import level_cautions, load_hazard
 from archfrag.study.provenance import OWNER, PACKAGE, check_outputs, read_state
 
@@ -47,7 +41,6 @@ PICTURES = {
 }  # kinds, and how they begin
 MOST_ASKED = 12  # arches
 _LEVELS = "intensity.levels"
-# What an arch has besides the blocks of its drawing.
 
 
 def shipped_folder() -> Path:
@@ -82,13 +75,10 @@ def suspicious(records: Sequence[PreparedRecord]) -> list[str]:
     alike: dict[str, list[str]] = {}
     for record in records:
         for text in record.cautions:
-            # Numbers differ from record to record.
-            alike.setdefault(re.sub(r"\d[\d.e+-]*", "#", text), []).append(
-                f"{record.id}: {text}"
-            )
-    of = counted(len(records), "record")
+            kind = re.sub(r"\d[\d.e+-]*", "#", text)  # numbers differ
+            alike.setdefault(kind, []).append(f"{record.id}: {text}")
     return [
-        first + f" (and {len(more)} more of {of})" * bool(more)
+        first + f" (and {len(more)} more of {len(records)} records)" * bool(more)
         for first, *more in alike.values()
     ]
 
@@ -120,8 +110,9 @@ def unit_warnings(study: StudyKeys, found: Members) -> list[str]:
         if known and stays_at_rest(levels.max(), start):
             texts.append(f"no level is above {where.format(least)}")
         if known and levels.min() > FAR_BEYOND * most:
-            times = f"more than {FAR_BEYOND:.0f} times"
-            texts.append(f"all levels are {times} {where.format(most)}")
+            texts.append(
+                f"all levels are more than {FAR_BEYOND:.0f} times {where.format(most)}"
+            )
         for text in (*texts, *arch_cautions(arch, start)):
             found_of.setdefault(text, []).append(member.id)
     asked = study.intensity
@@ -135,8 +126,9 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
     """Return a text on the blocks of a drawing, span first, and a caution if it shows more."""
     path = Path(str(entry.drawing))
     drawn = read_drawing(path, entry.layer, entry.unit)
-    added = ("piers", "fill", *LATER, "vary")
-    arch = entry.model_copy(update=dict.fromkeys(added)).build()
+    arch = entry.model_copy(
+        update=dict.fromkeys(("piers", "fill", *LATER, "vary"))
+    ).build()
     size, high, thick = arch.dimensions
     text = f"clear span {size:.3g} m, rise {high:.3g} m"
     if arch.free_end:
@@ -173,22 +165,19 @@ def logo_url(logo: str) -> str:
     content = read_bytes(
         Path(logo), LARGEST_LOGO, InputError, "report.logo: the picture"
     )
-    kind = next(
-        (kind for kind, start in PICTURES.items() if content.startswith(start)), None
-    )
-    if kind is None:
-        roots = list[str]()
-        parser = expat.ParserCreate(namespace_separator=" ")
-        parser.StartElementHandler = lambda name, attributes: roots.append(name)
-        with contextlib.suppress(expat.ExpatError):
-            parser.Parse(content, True)
-            kind = "svg+xml" if roots[0] == "http://www.w3.org/2000/svg svg" else None
-    if kind is None:
+    kinds = [kind for kind, start in PICTURES.items() if content.startswith(start)]
+    roots = list[str]()
+    parser = expat.ParserCreate(namespace_separator=" ")
+    parser.StartElementHandler = lambda name, attributes: roots.append(name)
+    with contextlib.suppress(expat.ExpatError):
+        parser.Parse(content, True)
+        kinds += ["svg+xml"] * (roots[0] == "http://www.w3.org/2000/svg svg")
+    if not kinds:
         raise InputError(
             f"report.logo: {logo} holds no picture; it must be PNG, JPEG or SVG of at most "
             f"{LARGEST_LOGO / 1000:g} kB"
         )
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+    return f"data:image/{kinds[0]};base64,{base64.b64encode(content).decode()}"
 
 
 def check_start(study: StudyKeys) -> tuple[str, ...]:
@@ -199,17 +188,16 @@ def check_start(study: StudyKeys) -> tuple[str, ...]:
     risk = study.risk
     messages: tuple[str, ...] = ()
     if risk is not None:
-        paths = [Path(risk.hazard)]
-        hazard = load_hazard(paths, study.intensity.measure, risk.unit, risk.site)
-        messages = hazard.messages
+        messages = load_hazard(
+            [Path(risk.hazard)], study.intensity.measure, risk.unit, risk.site
+        ).messages
     if study.report.logo is not None:
         logo_url(study.report.logo)
     folder = study.folder
     try:
         place = next(path for path in (folder, *folder.parents) if path.exists())
         if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
-            code = errno.EACCES if place.is_dir() else errno.ENOTDIR
-            raise OSError(code, os.strerror(code))
+            raise OSError(0, f"{place} is no folder that allows it")
     except OSError as error:
         raise cannot_write(folder, error) from error
     check_outputs(study, "cube", "fit", "report")
@@ -232,12 +220,11 @@ def check_study(study: StudyKeys) -> dict[str, Any]:
     found = study.members
     some = checked(found)
     records = list[PreparedRecord]()
-    partners = list[str]()
     cautions = list[str]()
     for check in (
         lambda: cautions.extend(check_start(study)),
         lambda: check_standing(some, study.method),
-        lambda: _read_records(study, records, partners),
+        lambda: records.extend(read_records(study)),
     ):
         try:
             check()
@@ -257,11 +244,8 @@ def check_study(study: StudyKeys) -> dict[str, Any]:
             f"{len(found) - len(some)} of {len(found)} arches were not checked; the run checks "
             "all of them before it simulates"
         )
-    drawn = [
-        entry
-        for entry in (*study.arches, *(member.entry for member in some))
-        if entry.drawing and not entry.table
-    ]
+    entries = (*study.arches, *(member.entry for member in some))
+    drawn = [each for each in entries if each.drawing and not each.table][:MOST_ASKED]
     return {
         "study": study.id,
         "arches": len(found),
@@ -272,47 +256,34 @@ def check_study(study: StudyKeys) -> dict[str, Any]:
         "extent": extent,
         "classes": [f"{name}: {counted(n, 'arch')}" for name, n in sizes_of.items()],
         "cautions": cautions,
-        "partners": partners,
-        "drawings": [
-            f"{each.id}: {read_from_drawing(each)[0]}" for each in drawn[:MOST_ASKED]
-        ],
+        "partners": record_texts(study, records),
+        "drawings": [f"{each.id}: {read_from_drawing(each)[0]}" for each in drawn],
         "facts": arch_texts(study),
     }
 
 
-def _read_records(
-    study: StudyKeys, records: list[PreparedRecord], partners: list[str]
-) -> None:
-    """Read the records of a study, and say which files belong together."""
-    unused = set[str]()
+def record_texts(study: StudyKeys, records: Sequence[PreparedRecord]) -> list[str]:
+    """Say which files belong together, and which components of them are not used."""
     every = study.motions.model_copy(update={"vertical": True})
     partnered = {
         source.path.name
         for source in find_sources(every, study.intensity.measure)
         if "vertical" in source.others
     }
-    for motion in read_sources(study.motions, study.intensity.measure):
-        records.append(described(study, motion, ()))
-        own = motion.facts
-        parts = filter(None, (own.of_transverse, own.of_vertical))
-        others = [part.file for part in parts if part.file != own.file]
+    texts = list[str]()
+    unused = 0
+    for record in records:
+        parts = filter(None, (record.of_transverse, record.of_vertical))
+        others = [part.file for part in parts if part.file != record.file]
         if others:
-            partners.append(f"{own.file} with {' and '.join(others)}")
-        if motion.vertical is None and (
-            own.file in partnered or VERTICAL_LEFT in motion.log
-        ):
-            unused.add(records[-1].id)
-    records[:] = following(
-        study.motions,
-        in_order(study.motions, records),
-        lambda asked: [
-            described(study, motion, ())
-            for motion in read_sources(asked, study.intensity.measure)
-        ],
-    )
-    partners += pairs_text(records)
+            texts.append(f"{record.file} with {' and '.join(others)}")
+        unused += (
+            record.file in partnered or VERTICAL_LEFT in record.log
+        ) and not record.vertical
+    texts += pairs_text(records)
     if unused:
-        partners.append(
-            f"{len(unused)} of {counted(len(records), 'record')} have a vertical component that "
-            "is not used; motions.vertical: true uses it"
+        texts.append(
+            f"{unused} of {counted(len(records), 'record')} have a vertical component that is not "
+            "used; motions.vertical: true uses it"
         )
+    return texts

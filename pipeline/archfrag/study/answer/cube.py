@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import counted, make_folder, replacing
+from archfrag.files import Plain, counted, make_folder, replacing
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import measure_unit, scaling_exponent
 from archfrag.physics.status import CollapseMode, Level, Status
@@ -32,11 +31,7 @@ COMPRESSION = 4
 CHUNK = (
     2**17
 )  # cells of a variable that the file stores together: whole arches, up to 1 MB
-_CODES: dict[str, Any] = {
-    "Verdict": Verdict,
-    "Status": Status,
-    "CollapseMode": CollapseMode,
-}
+_CODES: Plain = {codes.__name__: codes for codes in (Verdict, Status, CollapseMode)}
 _UDUNITS = {
     "m/s2": "m s-2",
     "cm/s2": "cm s-2",
@@ -57,33 +52,29 @@ def write_cube(study: StudyKeys) -> Path:
     """
     provenance.refuse_foreign_cube(study)
     plan = make_plan(study)
-    cube = build_cube(study, plan, *gather(plan))
+    cube = build_cube(plan, *gather(plan))
     path = make_folder(study.folder) / provenance.CUBE
-    with replacing(path) as temporary:
+    with replacing(path) as temporary, provenance.NETCDF:
         try:
-            with provenance.NETCDF:
-                cube.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
+            cube.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
         except RuntimeError as error:  # netCDF's word for a disk that is full
             raise OSError(str(error)) from error
     return path
 
 
 def build_cube(
-    study: StudyKeys,
-    plan: Plan,
-    cases: Cases,
-    table: Table,
-    facts: dict[int, dict[str, Any]],
+    plan: Plan, cases: Cases, table: Table, facts: dict[int, Plain]
 ) -> xr.Dataset:
     """Return the cube of a study's runs, as `gather` returns them, in the form that is stored.
 
     It is along intensity in the study's unit, beside ``intensity_si``; along level if each run
     has an intensity of its own. It takes about 600 bytes of memory a run.
     """
+    study = plan.study
     regular = study.design.on_levels
-    measure = study.intensity.measure
-    names = list(plan.records[0].measures)
+    asked = study.intensity
     records = plan.records
+    names = list(records[0].measures)
     shape = (len(plan.arches), len(records), len(plan.levels) if regular else 1)
 
     def filled(values: NDArray, missing: float) -> NDArray:
@@ -91,41 +82,32 @@ def build_cube(
         cube[cases["arch"], cases["record"], cases["place"]] = values
         return cube
 
-    values: dict[str, Any] = {
+    values: Plain = {
         "level": np.arange(shape[2]),
         "model": [model.name.lower() for model in Level],
         "measure": names,
         "measure_unit": list(map(measure_unit, names)),
         "measure_exponent": list(map(scaling_exponent, names)),
-        "record_measure": [
-            [record.measures[name] for name in names] for record in records
-        ],
+        "record_measure": [list(record.measures.values()) for record in records],
+        "intensity": plan.levels,
+        "scale_factor": plan.unscaled[:, None] * plan.levels**plan.power,
     }
-    about = VARIABLES | {
-        "intensity": VARIABLES["intensity"]._replace(
-            units=_UDUNITS[measure_unit(measure)],
-            long_name=f"{measure} of the scaled record",
-        )
-    }
+    unit = _UDUNITS[measure_unit(asked.measure)]
+    name = f"{asked.measure} of the scaled record"
+    about = dict(VARIABLES)
+    about["first_shock"] = about["first_shock"]._replace(units=unit)
+    about["intensity"] = about["intensity"]._replace(units=unit, long_name=name)
     if study.motions.before is not None:
-        about["first_shock"] = about["first_shock"]._replace(
-            units=about["intensity"].units
-        )
         values["first_shock"] = [sum(member.shock[:1]) for member in plan.arches]
         if any(values["first_shock"]):
             before = [record.first for record in records if record.first]
             values["first_record"] = [each.id for each in before]
             values["first_event"] = [each.event or each.id for each in before]
-    if regular:
-        scales = plan.unscaled[:, None] * plan.levels**plan.power
-        values |= {"intensity": plan.levels, "scale_factor": scales}
-    else:
-        for name, each in (
-            ("intensity", cases["level"]),
-            ("scale_factor", plan.factors(cases)),
-        ):
+    if not regular:
+        values["intensity"] = filled(cases["level"], np.nan)
+        values["scale_factor"] = filled(plan.factors(cases), np.nan)
+        for name in ("intensity", "scale_factor"):
             about[name] = about[name]._replace(dimensions="run")
-            values[name] = filled(each, np.nan)
     for each in VARIABLES.values():
         if each.dimensions == "record" and each.source:
             found = [getattr(record, each.source) for record in records]
@@ -134,24 +116,20 @@ def build_cube(
         values[each.name] = filled(table[each.name], float(each.missing))
     if not (values["moving_before"] == 1).any():
         del values["moving_before"]
-    lost = np.isfinite(values["lost_contact_time"]) & (
-        values["verdict"] == Verdict.SURVIVED
-    )
-    values["lost_contact_and_stand"] = lost.sum(axis=1)
+    values["lost_contact_and_stand"] = (
+        np.isfinite(values["lost_contact_time"])
+        & (values["verdict"] == Verdict.SURVIVED)
+    ).sum(axis=1)
     variables = _arch_variables(plan.arches)
     variables |= {name: _variable(about[name], each) for name, each in values.items()}
-    variables["intensity"].attrs["measure"] = measure
-    variables["intensity_si"] = variables["intensity"]
-    unit = study.intensity.unit
-    own = (
-        study.intensity.given
-        if regular
-        else values["intensity"] / study.intensity.factor
-    )
-    attrs = variables["intensity"].attrs | {"units": _UDUNITS[unit], "unit": unit}
-    unfilled = {"_FillValue": None}  # CF's rule for a variable of a dimension
+    si = variables["intensity"]
+    si.attrs["measure"] = asked.measure
+    variables["intensity_si"] = si
     variables["intensity"] = xr.Variable(
-        variables["intensity"].dims, [*own], attrs, unfilled
+        si.dims,
+        [*asked.given] if regular else si.values / asked.factor,
+        si.attrs | {"units": _UDUNITS[asked.unit], "unit": asked.unit},
+        {"_FillValue": None},  # CF's rule for a variable of a dimension
     )
     of_arches = {plan.arches[arch].id: own for arch, own in sorted(facts.items())}
     design = study.design.model_dump(mode="json") | {"arches": of_arches}
@@ -166,19 +144,14 @@ def open_cube(study: StudyKeys) -> xr.Dataset:
     Its runs are along level, intensities in SI units, and verdicts codes without a missing value.
     InputError if there is none, OutputError if it is another study's.
     """
-    stored = stored_cube(study)
-    along = (
-        stored.swap_dims(intensity="level") if "intensity" in stored.dims else stored
-    )
-    verdict = along["verdict"]
-    codes = verdict.fillna(Verdict.NOT_RUN).astype(VARIABLES["verdict"].dtype)
-    codes.encoding = verdict.encoding
-    codes = codes.assign_attrs(verdict.attrs)
-    return (
-        along.assign(verdict=codes)
-        .drop_vars("intensity")
-        .rename(intensity_si="intensity")
-    )
+    cube = stored_cube(study)
+    if "intensity" in cube.dims:
+        cube = cube.swap_dims(intensity="level")
+    stored = cube["verdict"]
+    codes = stored.fillna(Verdict.NOT_RUN).astype("i1").assign_attrs(stored.attrs)
+    codes.encoding = stored.encoding
+    cube["verdict"] = codes
+    return cube.drop_vars("intensity").rename(intensity_si="intensity")
 
 
 def stored_cube(study: StudyKeys) -> xr.Dataset:
@@ -189,39 +162,39 @@ def stored_cube(study: StudyKeys) -> xr.Dataset:
         with provenance.NETCDF, xr.open_dataset(path) as cube:
             return cube.load()
     except (OSError, ValueError) as error:
-        how = "`archfrag cube` on the study file makes it"
-        raise InputError(f"{path}: is missing or damaged; {how}") from error
+        raise InputError(
+            f"{path}: is missing or damaged; `archfrag cube` on the study file makes it"
+        ) from error
 
 
 def _variable(about: Any, values: Any) -> xr.Variable:
     """Return values with CF's attributes, as a row of `VARIABLES` describes them."""
     dimensions = about.dimensions.replace("run", "arch record level").split()
-    stated = {
-        "long_name": about.long_name,
-        "units": about.units,
-        "comment": about.comment,
+    attrs: Plain = {
+        name: getattr(about, name)
+        for name in ("long_name", "units", "comment")
+        if getattr(about, name)
     }
-    attrs: dict[str, Any] = {name: text for name, text in stated.items() if text}
     labels = [name for name in dimensions if name not in (about.name, "level")]
-    labels += ["intensity_si", "level"] * (
-        "level" in dimensions and "record" in dimensions
-    )
-    encoding: dict[str, Any] = {"coordinates": " ".join(labels) or None}
+    if {"level", "record"} <= {*dimensions}:
+        labels += ["intensity_si", "level"]
+    encoding: Plain = {"coordinates": " ".join(labels) or None}
     if about.dtype == "S":
         # Text as characters: CF's form that every version of every reader knows.
         length = max(1, *(len(text.encode()) for text in values))
         encoding |= {"dtype": "S1", "char_dim_name": f"text{length}"}
         return xr.Variable(dimensions, np.array(values, object), attrs, encoding)
     array = np.asarray(values, dtype=about.dtype)
-    fill = array.dtype.type(about.fill) if about.fill else None
+    fill: Any = array.dtype.type(about.fill) if about.fill else None
     if about.flags:
         meanings = dict(enumerate(about.flags.split()))
         if about.flags in _CODES:
-            meanings = {int(about.missing): "not_run"}
-            meanings |= {int(code): code.name.lower() for code in _CODES[about.flags]}
-        meanings = {code: text for code, text in meanings.items() if code != fill}
-        attrs["flag_values"] = np.array(sorted(meanings), dtype=about.dtype)
-        attrs["flag_meanings"] = " ".join(meanings[code] for code in sorted(meanings))
+            codes = {int(code): code.name.lower() for code in _CODES[about.flags]}
+            meanings = {int(about.missing): "not_run"} | codes
+        meanings.pop(fill, None)
+        kept = sorted(meanings)
+        attrs["flag_values"] = np.array(kept, dtype=about.dtype)
+        attrs["flag_meanings"] = " ".join(meanings[code] for code in kept)
     sizes = list[int]()
     cells = CHUNK
     for size in reversed(array.shape):
@@ -245,36 +218,31 @@ def _arch_variables(arches: Members) -> dict[str, xr.Variable]:
         **({"stock_row": rows} if any(rows) else {}),
         "onset_plus": np.where(gives, np.nan, [start.plus for start in starts]),
         "onset_minus": np.where(gives, np.nan, [start.minus for start in starts]),
-        "static_limit": [
-            static_limit(arch, start) for arch, start in zip(built, starts)
-        ],
+        "static_limit": list(map(static_limit, built, starts)),
         "joint_length": [arch.dimensions[2] for arch in built],
     }
     found = {name: _variable(VARIABLES[name], each) for name, each in values.items()}
     about = VARIABLES["arch"]
     for name in dict.fromkeys(name for member in arches for name in member.values):
-        numbers = [
-            member.values.get(name, member.entry.number(name)) for member in arches
-        ]
-        variable = f"arch_{name}".replace(".", "_")
-        found[variable] = _variable(
-            about._replace(
-                name=variable,
-                dtype="f8",
-                units=UNITS.get(name, "1"),
-                fill="nan",
-                long_name=f"{name} of the arch",
-            ),
-            numbers,
+        plain = f"arch_{name}".replace(".", "_")
+        own = about._replace(
+            name=plain,
+            dtype="f8",
+            units=UNITS.get(name, "1"),
+            fill="nan",
+            long_name=f"{name} of the arch",
         )
-    texts = pd.DataFrame([member.attributes for member in arches]).fillna("")
-    for name in map(str, texts):
+        numbers = [each.values.get(name, each.entry.number(name)) for each in arches]
+        found[plain] = _variable(own, numbers)
+    for name in dict.fromkeys(name for member in arches for name in member.attributes):
         # Names in files have letters, digits and _ only; long_name is as in the table.
         plain = re.sub("[^A-Za-z0-9_]", "_", f"attribute_{name}")
         while plain in found:
             plain += "_"
         own = about._replace(name=plain, long_name=f"{name} of the arch")
-        found[plain] = _variable(own, texts[name].tolist())
+        found[plain] = _variable(
+            own, [each.attributes.get(name, "") for each in arches]
+        )
     return found
 
 
@@ -299,17 +267,18 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
         ],
         "versions": provenance.versions(),
     }
-    before = study.motions.before
-    if before:
+    if study.motions.before:
         pairs = {each.id: each.first.id for each in plan.records if each.first}
-        names = list(dict.fromkeys(pairs.values()))
-        facts["first_shocks"] = {"gap": before.gap, "records": names, "before": pairs}
+        facts["first_shocks"] = {
+            "gap": study.motions.before.gap,
+            "records": list(dict.fromkeys(pairs.values())),
+            "before": pairs,
+        }
     count = sum(record.vertical for record in plan.records)
     of = len(plan.records)
     vertical = "used" if count else "not used"
     if 0 < count < of:
         vertical = f"used for {count} of {of} records"
-    counts = f"{counted(len(plan.arches), 'arch')} under {counted(of, 'record')}"
     return {
         "Conventions": "CF-1.11",
         "title": study.title,
@@ -322,8 +291,8 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
         "archfrag.",
         "references": "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; the "
         "README of archfrag",
-        "comment": f"{counts} scaled by {about.measure}. Wall times and machine are in a log "
-        "beside this file.",
+        "comment": f"{counted(len(plan.arches), 'arch')} under {counted(of, 'record')} scaled by "
+        f"{about.measure}. Wall times and machine are in a log beside this file.",
         "loss_limit": f"{study.method.loss_limit:g}",
         "archfrag_study": study.id,
         **{f"archfrag_{name}": strict_json(fact) for name, fact in facts.items()},
@@ -335,7 +304,7 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
     }
 
 
-def _portable_arch(entry: ArchEntry) -> dict[str, Any]:
+def _portable_arch(entry: ArchEntry) -> Plain:
     """Return an entry as a study gives it, defaults filled in, without folders."""
     if entry.table is not None:
         return {**entry.parameters, "table": Path(entry.table).name}
@@ -350,9 +319,9 @@ def _portable_arch(entry: ArchEntry) -> dict[str, Any]:
 
 def _by_name(digests: dict[str, str]) -> dict[str, str]:
     """Return digests by the shortest ends of their paths that distinguish all, without a place."""
-    paths = [Path(path).parts for path in digests]
-    for size in range(1, max(map(len, paths), default=1) + 1):
-        ends = ["/".join(parts[-size:]) for parts in paths]
-        if len(set(ends)) == len(ends):
-            break
+    size = 0
+    ends = list[str]()
+    while len({*ends}) < len(digests):
+        size += 1
+        ends = ["/".join(Path(path).parts[-size:]) for path in digests]
     return dict(zip(ends, digests.values()))

@@ -13,11 +13,17 @@ from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError, attempt
-from archfrag.fragility.curve import Curve, FloatArray
+from archfrag.files import Plain
+from archfrag.fragility.curve import BoolArray, Curve, FloatArray, IntArray
 from archfrag.fragility.damage import fit_state_posterior
 from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_cloud
-from archfrag.fragility.quoted import check_lognormal, isotonic_curve, shared_events
+from archfrag.fragility.quoted import (
+    check_lognormal,
+    isotonic_curve,
+    quoted_band,
+    shared_events,
+)
 from archfrag.fragility.several import (
     crossing_words,
     mixture,
@@ -53,7 +59,8 @@ _OF_BAND = (
     "n_independent",
     "n_non_monotone",
 )
-_DRAWN: dict[str, Any] = {"seed": 1, "resamples": 300}
+_DRAWN: Plain = {"seed": 1, "resamples": 300}
+Names = NDArray[np.str_]  # by row
 Worded = Callable[
     [FitError], str
 ]  # text of an error, with its levels in the unit people read
@@ -65,10 +72,10 @@ class ArchRuns:
 
     name: str
     design: Design
-    verdict: NDArray[np.int64]  # (n_record, n_level)
+    verdict: IntArray  # (n_record, n_level)
     level: FloatArray  # (n_level,) or (n_record, n_level) [SI]
     # What makes rows alike, such as an earthquake, and which of them each row has, (n_record,).
-    groups: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
+    groups: Mapping[str, Names] = field(default_factory=dict)
     worded: Worded = str
     whole: Any = None  # cube of the study
     arches: Sequence[int] = ()  # places in it
@@ -79,20 +86,28 @@ class ArchRuns:
         return self.whole.isel(arch=self.arches)
 
     @property
-    def group(self) -> NDArray[np.str_] | None:
+    def group(self) -> Names | None:
         """The coarsest of the groups, where one is asked for; None if there is none."""
-        return min(
-            self.groups.values(), key=lambda each: np.unique(each).size, default=None
-        )
+        return min(self.groups.values(), key=lambda each: len({*each}), default=None)
 
     @property
-    def alike(self) -> NDArray[np.str_] | None:
+    def alike(self) -> Names | None:
         """What `quoted_band` asks for: the groups, (n_record,) or of several (n_way, n_record)."""
         several = len(self.groups) > 1 and self.design.on_levels
         return np.array([*self.groups.values()]) if several else self.group
 
     @property
-    def decided(self) -> NDArray[np.bool_]:
+    def collapsed(self) -> BoolArray:
+        """Runs that collapsed."""
+        return self.verdict == Verdict.COLLAPSED
+
+    @property
+    def survived(self) -> BoolArray:
+        """Runs that survived."""
+        return self.verdict == Verdict.SURVIVED
+
+    @property
+    def decided(self) -> BoolArray:
         """Runs that collapsed or survived."""
         return np.isin(self.verdict, DECIDED)
 
@@ -111,11 +126,14 @@ class ArchRuns:
         """Number of decided runs that still moved from a first shock when the record began."""
         if self.whole is None or "moving_before" not in self.cube:
             return 0
-        decided = np.isin(self.cube["verdict"].values, DECIDED)
-        return int((decided & (self.cube["moving_before"].values == 1)).sum())
+        return int(
+            (
+                self.cube["verdict"].isin(DECIDED) & (self.cube["moving_before"] == 1)
+            ).sum()
+        )
 
     @property
-    def filled(self) -> NDArray[np.int64]:
+    def filled(self) -> IntArray:
         """Verdicts; where runs were not made with those that the capacities imply."""
         return self.brackets.filled if self.gaps else self.verdict
 
@@ -128,9 +146,9 @@ class ArchRuns:
     def searched(self) -> bool:
         """Whether a search chose the levels of runs, or most runs below capacities are missing."""
         found = self.brackets
-        missing = found.verdict == Verdict.NOT_RUN
-        below = (found.levels < found.lower[:, None]) & ~missing.all(axis=0)
-        lacking = int((below & missing).sum())
+        made = found.verdict != Verdict.NOT_RUN
+        below = (found.levels < found.lower[:, None]) & made.any(axis=0)
+        lacking = int((below & ~made).sum())
         return self.design.adaptive or lacking > MOST_LACKING * below.sum()
 
     def onset(self, curve: Curve) -> FloatArray:
@@ -139,14 +157,13 @@ class ArchRuns:
         There is one for each part of the curve. They are known in PGA, if the mechanism at onset
         does not slide, else its onset is an upper bound, and no shock came first.
         """
-        if "static_limit" not in self.cube:  # runs of another program
-            return np.zeros(() if curve.members is None else len(self.arches))
-        known = np.isfinite(self.cube["static_limit"].values)
-        known &= str(self.cube["intensity"].attrs["measure"]) == "PGA"
-        known &= (
-            self.intact and "row" not in self.groups
-        )  # others of a stock may move earlier
-        least = np.where(known, _onset_peaks(self.cube), 0.0)
+        least = np.zeros(len(self.arches))
+        if "static_limit" in self.cube:  # else runs of another program
+            known = np.isfinite(self.cube["static_limit"].values)
+            known &= str(self.cube["intensity"].attrs["measure"]) == "PGA"
+            # Others of a stock may move earlier.
+            known &= self.intact and "row" not in self.groups
+            least = np.where(known, _onset_peaks(self.cube), 0.0)
         return least if curve.members is not None else np.asarray(least.min())
 
 
@@ -169,7 +186,7 @@ def runs_of_cube(
     of_class = arch_classes(cube)
     places = dict[str, list[int]]()
     for place, both in enumerate(of_class.items()):
-        for name in set(both):
+        for name in {*both}:
             places.setdefault(name, []).append(place)
     runs = dict[str, ArchRuns]()
     for name in of_class if names is None else names:
@@ -179,10 +196,13 @@ def runs_of_cube(
         alike = {"event": event}
         if several and (event is None or not stock):
             alike = {"record": record}
-        if first is not None and cube["first_shock"].values[own].any():
+        if "first_shock" in cube and cube["first_shock"].values[own].any():
             alike["first shock"] = first
-        known = {what: each for what, each in alike.items() if each is not None}
-        groups = {what: np.tile(each, len(own)) for what, each in known.items()}
+        groups = {
+            what: np.tile(each, len(own))
+            for what, each in alike.items()
+            if each is not None
+        }
         if stock:
             groups["row"] = np.repeat(rows[own].astype(str), record.size)
         runs[name] = ArchRuns(
@@ -233,15 +253,19 @@ class Fitted:
 
     def capacities(self, factor: float) -> pd.DataFrame:
         """Tabulate capacities as `archfrag.Results.capacities` does, all times `factor`."""
-        tables = []
-        for name in self.arches:
-            own = self.runs[name].brackets
-            table = pd.DataFrame({"record": self.cube["record"].values.astype(str)})
-            table.insert(0, "arch", name)
-            table["lower"] = factor * own.lower
-            table["upper"] = factor * own.upper
-            table["capacity"] = factor * own.middle
-            tables.append(table)
+        brackets = {name: self.runs[name].brackets for name in self.arches}
+        tables = [
+            pd.DataFrame(
+                {
+                    "arch": name,
+                    "record": self.cube["record"].values.astype(str),
+                    "lower": factor * own.lower,
+                    "upper": factor * own.upper,
+                    "capacity": factor * own.middle,
+                }
+            )
+            for name, own in brackets.items()
+        ]
         return pd.concat(tables, ignore_index=True)
 
 
@@ -257,7 +281,7 @@ def curve_of(runs: ArchRuns, confidence: float) -> Curve:
     try:
         if len(runs.verdict) < 2:
             raise FitError("there is only one record, from which no curve follows")
-        curve = runs.design.estimate(
+        curve = quoted_band(
             runs.brackets,
             band_points(runs),
             confidence=confidence,
@@ -281,16 +305,12 @@ def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) ->
     `stock`, the lognormal curve of all runs. Band and intervals are of the latter. The class has
     no curve by maximum likelihood.
     """
-    pooled = replace(pooled, likelihood=None)
+    curve = replace(pooled, likelihood=None)
     if not pooled.fitted:
-        return pooled
+        return curve
     fits = [each for each in members if each.fitted]
     count = len(members)
     lacking = count - len(fits)
-    made = (
-        f"The curve is the mean of the curves of its {count} arches; theta and beta are those of "
-        "the lognormal curve with the same mean and standard deviation of ln capacity."
-    )
     if stock:
         made = (
             f"Its {count} arches are a sample of a larger stock, whose curve is the lognormal one "
@@ -301,9 +321,15 @@ def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) ->
             f"{lacking} of its {count} arches have no curve, so the curve is the lognormal one of "
             "all runs of the class."
         )
-    curve = pooled if lacking or stock else mixture(pooled, fits)
-    text = f"{made} Band and intervals: {pooled.assumptions}"
-    return replace(curve, assumptions=text)
+    else:
+        curve = mixture(curve, fits)
+        made = (
+            f"The curve is the mean of the curves of its {count} arches; theta and beta are those "
+            "of the lognormal curve with the same mean and standard deviation of ln capacity."
+        )
+    return replace(
+        curve, assumptions=f"{made} Band and intervals: {pooled.assumptions}"
+    )
 
 
 def completed(
@@ -318,17 +344,16 @@ def completed(
     Only `detailed` ones have limit states and other shapes. `keys` are those of `limit_states`.
     """
 
-    def part(make: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
+    def part(make: Callable[..., Plain], *arguments: Any) -> Plain:
         """Make a part of the results, or say why it cannot be made."""
         made = attempt(partial(make, runs, *arguments), runs.worded)
         return {"none": made} if isinstance(made, str) else made
 
     known = {*runs.cube}
-    parts: dict[str, Any] = {}
+    parts: Plain = {}
     if members:
-        parts["dispersion"] = (
-            part(dispersion_split, members, curve) if curve.fitted else {}
-        )
+        split = part(dispersion_split, members, curve) if curve.fitted else {}
+        parts["dispersion"] = split
     elif detailed:
         parts["free"] = part(free_shapes, curve.confidence)
         if "record_measure" in known:
@@ -337,9 +362,8 @@ def completed(
             parts["cloud"] = {"logistic": part(cloud_curves, curve.confidence)}
     if detailed and known & {"openings", "damage"}:
         made = attempt(partial(limit_states, runs, keys, curve), runs.worded)
-        parts["states"], parts["crossings"] = (
-            ((), made) if isinstance(made, str) else made
-        )
+        both = ((), made) if isinstance(made, str) else made
+        parts["states"], parts["crossings"] = both
     lost = np.isin(runs.verdict, (Verdict.UNFINISHED, Verdict.FAILED))
     if lost.any():
         parts["n_undecided"] = int(lost.sum())
@@ -348,22 +372,19 @@ def completed(
             decided = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
             end = curve_of(decided, curve.confidence)
             if members:
-                own = [
-                    each.extremes[place] if each.extremes else each for each in members
-                ]
+                own = [(each.extremes or (each, each))[place] for each in members]
                 end = class_curve(end, own)
             ends.append(end)
         parts["extremes"] = tuple(ends)
     return replace(curve, **parts)
 
 
-def free_shapes(runs: ArchRuns, confidence: float) -> dict[str, Any]:
+def free_shapes(runs: ArchRuns, confidence: float) -> Plain:
     """Return the isotonic curve, and whether the lognormal one describes the runs."""
-    parts: dict[str, Any] = {}
+    parts: Plain = {}
+    given = runs.brackets, runs.group
     try:
-        curve = isotonic_curve(
-            runs.brackets, runs.group, confidence=confidence, **_DRAWN
-        )
+        curve = isotonic_curve(*given, confidence=confidence, **_DRAWN)
         parts["isotonic"] = {name: values.tolist() for name, values in curve.items()}
         p_value, _ = check_lognormal(runs.brackets, **_DRAWN)
     except FitError as error:
@@ -380,14 +401,14 @@ def free_shapes(runs: ArchRuns, confidence: float) -> dict[str, Any]:
     return parts | {"test_of_fit": {"p_value": p_value, "message": message}}
 
 
-def cloud_curves(runs: ArchRuns, confidence: float) -> dict[str, Any]:
+def cloud_curves(runs: ArchRuns, confidence: float) -> Plain:
     """Return the curve of a cloud by logistic regression."""
     found = runs.brackets  # one run a record
     event = None if runs.group is None else runs.group[found.run]
     return fit_cloud(*found.single_runs(), event, confidence=confidence, **_DRAWN)
 
 
-def measures_compared(runs: ArchRuns) -> dict[str, Any]:
+def measures_compared(runs: ArchRuns) -> Plain:
     """Compare the study's measure with others in which its motions are known."""
     cube = runs.cube
     known, exponent, units = known_measures(cube)
@@ -410,20 +431,25 @@ def known_measures(
 ) -> tuple[dict[str, FloatArray], dict[str, float], dict]:
     """Return measures that grow with the factor: values of records, exponents, and SI units."""
     if "measure" not in cube:
-        what = (
+        raise FitError(
             "a table of verdicts has one measure of its motions, so there is no other"
         )
-        raise FitError(what)
     names = cube["measure"].values.astype(str).tolist()
-    values = cube["record_measure"].transpose("measure", "record").values
-    exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))
-    units = dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
+    exponent, units = (
+        dict(zip(names, cube[f"measure_{about}"].values.tolist()))
+        for about in ("exponent", "unit")
+    )
     known = {
         name: value
-        for name, value in zip(names, values)
+        for name, value in zip(names, _measures(cube))
         if exponent[name] > 0.0 and (value > 0.0).all()
     }
     return known, exponent, units
+
+
+def _measures(cube: xr.Dataset) -> Any:
+    """Return the values of records in each measure, (n_measure, n_record)."""
+    return cube["record_measure"].transpose("measure", "record").values
 
 
 def limit_states(
@@ -434,22 +460,21 @@ def limit_states(
     A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study. The
     last curve of an arch is that of `collapse`, without its band.
     """
-    collapsed = runs.verdict == Verdict.COLLAPSED
     onset = _onset_in_measure(runs.cube)
     states = list[Curve]()
     known = dict[bytes, Curve]()
     for name, (meaning, condition) in _damage(runs.cube, keys).items():
         short = runs.decided & condition.values.reshape(runs.verdict.shape)
-        exceeds = collapsed | short
+        exceeds = short | runs.collapsed
         key = exceeds.tobytes()  # states often coincide
         if key not in known:
             known[key] = _state_curve(runs, exceeds, collapse)
         curve = known[key]
         below = float(curve(onset)) if curve.fitted and onset > 0.0 else 0.0
         if below > MOST_BELOW:
-            why = f"it would give a probability of {below:.2f} at the onset of motion, below"
             curve = Curve(
-                reason=f"{why} which nothing moves; levels near the onset may show it"
+                reason=f"it would give a probability of {below:.2f} at the onset of motion, below "
+                "which nothing moves; levels near the onset may show it"
             )
         states.append(replace(curve, name=runs.name, state=name, meaning=meaning))
     # The lightest first; what has no curve before them.
@@ -465,10 +490,11 @@ def limit_states(
 def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str, Any]]:
     """Return what each limit state means, and which runs exceed it."""
     if "damage" in cube:
-        given = [*enumerate(json.loads(cube["damage"].attrs["states"]))][1:-1]
+        names = json.loads(cube["damage"].attrs["states"])
         return {
             name: ("damage that the table states", cube["damage"] >= n)
-            for n, name in given
+            for n, name in enumerate(names[:-1])
+            if n
         }
     limits = cube["static_limit"]
     residual = keys["residual"]
@@ -495,26 +521,26 @@ def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str,
     }
     if not np.isfinite(limits).all():
         del exceeded["rotation"]
-    if np.isnan(
-        cube["onset_plus"]
-    ).any():  # corners of joints that give open in any motion
+    # Corners of joints that give open in any motion.
+    if np.isnan(cube["onset_plus"]).any():
         del exceeded["motion"], exceeded["impact"]
     return exceeded
 
 
-def _state_curve(runs: ArchRuns, exceeds: NDArray[np.bool_], collapse: Curve) -> Curve:
+def _state_curve(runs: ArchRuns, exceeds: BoolArray, collapse: Curve) -> Curve:
     """Return the curve of runs that exceed a limit state, or the reason why there is none."""
     if not runs.intact:
-        why = "its measure is of the first shock too, so it has no curve after one"
-        return Curve(reason=why)
-    collapsed = runs.verdict == Verdict.COLLAPSED
-    if not (exceeds & ~collapsed).any():
-        why = "no run exceeds it short of collapse, so it has no curve of its own"
-        return Curve(reason=why)
+        return Curve(
+            reason="its measure is of the first shock too, so it has no curve after one"
+        )
+    if not (exceeds & ~runs.collapsed).any():
+        return Curve(
+            reason="no run exceeds it short of collapse, so it has no curve of its own"
+        )
     codes = np.where(exceeds, Verdict.COLLAPSED, Verdict.SURVIVED)
     codes = np.where(runs.decided, codes, runs.verdict)
     if runs.searched:
-        codes[collapsed] = Verdict.NOT_RUN
+        codes[runs.collapsed] = Verdict.NOT_RUN
         return _searched_curve(runs, codes, collapse)
     curve = curve_of(replace(runs, verdict=codes), collapse.confidence)
     if curve.fitted:
@@ -522,27 +548,28 @@ def _state_curve(runs: ArchRuns, exceeds: NDArray[np.bool_], collapse: Curve) ->
     return Curve(reason=f"to collapse means to exceed it, and {curve.reason}")
 
 
-def _searched_curve(runs: ArchRuns, short: NDArray[np.int64], collapse: Curve) -> Curve:
+def _searched_curve(runs: ArchRuns, short: IntArray, collapse: Curve) -> Curve:
     """Return the curve of a state from the runs of a search for collapse.
 
     `short` are verdicts of the runs that did not collapse: whether they exceed the state.
     """
-    state = find_brackets(short, runs.level)
     number = collapse.n_independent
     kind = runs.design.kind if runs.design.adaptive else "a search"
+    chose = f"{kind} chose the levels"
     try:
         if not collapse.fitted:
             raise FitError(f"its curve needs one of collapse, and {collapse.reason}")
-        found = fit_state_posterior(runs.brackets, state, number)
+        found = fit_state_posterior(
+            runs.brackets, find_brackets(short, runs.level), number
+        )
     except FitError as error:
-        why = f"{kind} chose the levels of the runs by collapse: {runs.worded(error)}"
-        return Curve(reason=why)
+        return Curve(reason=f"{chose} of the runs by collapse: {runs.worded(error)}")
     return replace(
         found.with_band(band_points(runs), collapse.confidence),
         n_independent=number,
         method="posterior of the capacities for it and for collapse together",
-        assumptions=f"Capacities for it and for collapse are lognormal together, as {kind} chose "
-        f"the levels by collapse; {number:.3g} records are independent.",
+        assumptions=f"Capacities for it and for collapse are lognormal together, as {chose} by "
+        f"collapse; {number:.3g} records are independent.",
     )
 
 
@@ -552,28 +579,25 @@ def _onset_peaks(cube: xr.Dataset) -> FloatArray:
     It is known if all points of the ground have one horizontal motion and no vertical one.
     """
     least = np.minimum(cube["onset_plus"].values, cube["onset_minus"].values)
-    least = STANDARD_GRAVITY * np.where(np.isfinite(least), least, 0.0)
     method = json.loads(cube.attrs.get("archfrag_config", "{}")).get("method", {})
-    unknown = bool(cube["record_vertical"].any()) or method.get("delay") is not None
-    return 0.0 * least if unknown else least
+    known = not cube["record_vertical"].any() and method.get("delay") is None
+    return STANDARD_GRAVITY * np.where(np.isfinite(least) & known, least, 0.0)
 
 
 def _onset_in_measure(cube: xr.Dataset) -> float:
     """Return the least level at which an arch can move under its records [SI]; 0 if not known."""
     own = cube["intensity"].attrs["measure"]
     names = cube["measure"].values.tolist() if "measure" in cube else ()
-    if own not in names or "PGA" not in names:
+    if not {own, "PGA"} <= {*names}:
         return 0.0
-    places = [names.index(own), names.index("PGA")]
-    of_measures = cube.isel(measure=places)
-    value, peak = of_measures["record_measure"].transpose("measure", "record").values
-    power = float(of_measures["measure_exponent"].values[0])
-    return float(np.min(value * (_onset_peaks(cube).min() / peak) ** power))
+    known = dict(zip(names, _measures(cube)))
+    power = float(cube["measure_exponent"].values[names.index(own)])
+    return float(
+        np.min(known[own] * (_onset_peaks(cube).min() / known["PGA"]) ** power)
+    )
 
 
-def dispersion_split(
-    runs: ArchRuns, curves: Sequence[Curve], whole: Curve
-) -> dict[str, Any]:
+def dispersion_split(runs: ArchRuns, curves: Sequence[Curve], whole: Curve) -> Plain:
     """Divide the dispersion of a `whole` class into that of records and that of its arches.
 
     It is divided by the capacities of all runs. If records withstand the largest level, it is by
@@ -591,16 +615,18 @@ def dispersion_split(
         logs = np.log(capacity[:, known])
         shared = 0.0
         if logs.shape[1] >= 3 and (np.ptp(logs, axis=1) > 0.0).all():
-            pairs = np.triu_indices(len(logs), k=1)
-            shared = float(np.clip(np.corrcoef(logs)[pairs].mean(), 0.0, 0.99))
-        likeliest = (each.likelihood for each in curves)
-        fits = [fit for fit in likeliest if fit is not None and fit.fitted]
-        split = split_curves(
-            [fit.theta for fit in fits],
-            [fit.beta for fit in fits],
-            [fit.standard_errors[0] for fit in fits],
-            shared=shared,
-        )
+            shared = float(
+                np.clip(
+                    np.corrcoef(logs)[np.triu_indices(len(logs), k=1)].mean(), 0.0, 0.99
+                )
+            )
+        fits = [each.likelihood for each in curves]
+        numbers = [
+            (fit.theta, fit.beta, fit.standard_errors[0])
+            for fit in fits
+            if fit is not None and fit.fitted
+        ]
+        split = split_curves(*np.reshape(numbers, (-1, 3)).T, shared=shared)
     if not any(split):
         return {"none": "all capacities lie between the same two levels"}
     scale = whole.beta / np.hypot(*split)

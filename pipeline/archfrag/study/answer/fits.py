@@ -75,14 +75,12 @@ def fit_runs(study: StudyKeys, cube: xr.Dataset) -> Fitted:
 
 def store_fits(study: StudyKeys, fitted: Fitted) -> None:
     """Write ``fits.json`` and ``curve.csv``."""
-    measure = study.intensity.measure
-    unit = study.intensity.unit
-    factor = study.intensity.factor
+    asked = study.intensity
     cube = fitted.cube
     plain = {name: each.to_dict() for name, each in fitted.arches.items()}
     content = {
         "study": study.id,
-        "measure": measure,
+        "measure": asked.measure,
         "unit": cube["intensity"].attrs["units"],
         "design": json.loads(cube.attrs["archfrag_design"]),
         "fits": {name: each["curve"] for name, each in plain.items()},
@@ -93,17 +91,15 @@ def store_fits(study: StudyKeys, fitted: Fitted) -> None:
         finite(content, None), indent=1, ensure_ascii=False, allow_nan=False
     )
     write_text(study.folder / FITS, text + "\n")
-    rows = [
-        pd.DataFrame(
-            columns=["arch", f"{measure} [{unit}]", "probability", "lower", "upper"]
-        )
-    ]
+    im_head = f"{asked.measure} [{asked.unit}]"
+    head = ["arch", im_head, "probability", "lower", "upper"]
+    rows = [pd.DataFrame(columns=head)]
     for name, curve in fitted.quoted().items():
         if curve.fitted:
             im = np.array(curve.im)
-            chances = (curve(im), curve.lower, curve.upper)
-            values = name, im / factor, *(np.round(each, DECIMALS) for each in chances)
-            rows.append(pd.DataFrame(dict(zip(rows[0].columns, values))))
+            chances = np.round([curve(im), curve.lower, curve.upper], DECIMALS)
+            values = name, im / asked.factor, *chances
+            rows.append(pd.DataFrame(dict(zip(head, values))))
     write_csv(study.folder / CURVE, rows, float_format="%.7g")
 
 
@@ -124,8 +120,9 @@ def load_fits(study: StudyKeys) -> Fitted:
         AttributeError,
         InputError,
     ) as error:
-        how = "`archfrag fit` makes it"
-        raise InputError(f"{path}: is missing or damaged ({error}); {how}") from None
+        raise InputError(
+            f"{path}: is missing or damaged ({error}); `archfrag fit` makes it"
+        ) from None
     return Fitted(arches, classes, open_cube(study))
 
 
@@ -140,8 +137,9 @@ def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
     answers = {
         name: in_unit(each, study.intensity) for name, each in fitted.quoted().items()
     }
-    rows = [(name, *answers[name].words()) for name in list(answers)[:SHOWN]]
-    first = max(len("report"), *(len(name) for name, _, _ in rows))
+    named = list(answers)[:SHOWN]
+    rows = [(name, *answers[name].words()) for name in named]
+    first = max(map(len, ("report", *named)))
     second = max(len(median) if beta else 0 for _, median, beta in rows)
     lines = [
         f"{name:{first}}  {median:{second}}  {beta}".rstrip()
@@ -149,13 +147,9 @@ def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
     ]
     if len(answers) > SHOWN:
         lines.append(f"{len(answers) - SHOWN} more in {study.folder / CURVE}")
-    cautions = [
-        f"{name}: {text}"
-        for name, each in answers.items()
-        if (text := each.undecided())
-    ]
-    cautions += cautions_of(study, fitted)
-    return lines, gathered(cautions, fitted.cube, list(answers)[:SHOWN])
+    undecided = [(name, each.undecided()) for name, each in answers.items()]
+    cautions = [f"{name}: {text}" for name, text in undecided if text]
+    return lines, gathered(cautions + cautions_of(study, fitted), fitted.cube, named)
 
 
 def gathered(
@@ -171,10 +165,9 @@ def gathered(
         name, _, words = each.partition(": ")
         key = "", each
         if name in of_class and name not in shown:
-            key = (
-                of_class[name] * (of_class[name] != name),
-                re.sub(r"[\d.]+", "", words),
-            )
+            key = of_class[name], re.sub(r"[\d.]+", "", words)
+            if of_class[name] == name:
+                key = "", key[1]
         kinds.setdefault(key, []).append(each)
     found = []
     for (name, _), alike in kinds.items():
@@ -185,43 +178,36 @@ def gathered(
 
 def cautions_of(study: StudyKeys, fitted: Fitted) -> list[str]:
     """List the cautions on a study's cube and curves, with levels in the study's unit."""
-    unit = study.intensity.unit
     named = ["levels of their own"]
     if study.design.on_levels:
-        named = [f"{level:.4g} {unit}" for level in study.intensity.given]
-    cautions = [
-        f"{name}: {message}"
-        for name, curve in fitted.arches.items()
-        for message in arch_cautions(fitted.runs[name], named, curve)
-    ]
+        asked = study.intensity
+        named = [f"{level:.4g} {asked.unit}" for level in asked.given]
+    cautions = []
+    for name, curve in fitted.arches.items():
+        found = arch_cautions(fitted.runs[name], named, curve)
+        cautions += [f"{name}: {message}" for message in found]
     facts = json.loads(fitted.cube.attrs["archfrag_design"]).get("arches", {})
     if study.arches:  # none of a table
         cautions += unit_warnings(study, study.members)
         cautions += suspicious(read_manifest(study)["records"])
     else:
         for name in fitted.arches:
-            cautions += [
-                f"{name}: {each}" for each in table_cautions(fitted.runs[name])
-            ]
+            found = table_cautions(fitted.runs[name])
+            cautions += [f"{name}: {message}" for message in found]
     return [*cautions, *study.design.cautions(facts), *record_cautions(fitted.cube)]
 
 
 def table_cautions(runs: curves.ArchRuns) -> Iterator[str]:
     """Yield messages on verdicts of others that are few, or fall with intensity."""
-    collapsed = runs.verdict == Verdict.COLLAPSED
-    survived = runs.verdict == Verdict.SURVIVED
-    records = int((collapsed | survived).any(axis=1).sum())
+    records = int(runs.decided.any(axis=1).sum())
     if 0 < records < LEAST_RECORDS:
         yield (
             f"the curve is from {counted(records, 'record')}: the prior, not the verdicts, fixes "
             f"most of its median and its dispersion; add records, at least {LEAST_RECORDS}"
         )
     levels = np.log(np.broadcast_to(runs.level, runs.verdict.shape))
-    if (
-        collapsed.any()
-        and survived.any()
-        and levels[collapsed].mean() < levels[survived].mean()
-    ):
+    both = runs.collapsed.any() and runs.survived.any()
+    if both and levels[runs.collapsed].mean() < levels[runs.survived].mean():
         yield (
             "runs that collapsed have lower intensities than those that survived, so the "
             "probability of collapse falls with intensity; does 1 mean survived here? Then name "
@@ -235,7 +221,7 @@ def arch_cautions(
     """Yield messages on the runs of an arch, at levels as they are `named`."""
     verdict = runs.verdict
     levels = runs.level
-    n_record = len(runs.verdict)
+    n_record = len(verdict)
     counts = count_verdicts(verdict)
     lost = counts["unfinished"] + counts["failed"]
     fraction = lost / np.maximum(counts["runs"], 1)
@@ -262,17 +248,14 @@ def arch_cautions(
         )
     if not runs.design.on_levels:
         return
-    collapsed = verdict == Verdict.COLLAPSED
-    survived = verdict == Verdict.SURVIVED
-    beyond = (survived[:, -1] & ~collapsed.any(axis=1)).sum()
-    if beyond > MOST_SURVIVING * n_record and not collapsed.any():
-        yield f"no record caused collapse up to {named[-1]}, the highest level; add higher levels"
-    elif beyond > MOST_SURVIVING * n_record:
+    beyond = (runs.survived[:, -1] & ~runs.collapsed.any(axis=1)).sum()
+    if beyond > MOST_SURVIVING * n_record:
         yield (
-            f"{beyond} of {n_record} records do not cause collapse at {named[-1]}, the highest "
-            "level, so the upper part of the curve is extrapolated; add higher levels"
+            f"{beyond} of {n_record} records cause no collapse up to {named[-1]}, the highest "
+            "level, beyond which the curve is extrapolated; add higher levels"
         )
-    again = (np.maximum.accumulate(collapsed, axis=1) & survived).any(axis=1).sum()
+    once = np.maximum.accumulate(runs.collapsed, axis=1)
+    again = (once & runs.survived).any(axis=1).sum()
     if again > MOST_AGAIN * n_record and not runs.design.adaptive:
         yield (
             f"{again} of {n_record} records do not cause collapse above a level at which they did "
@@ -297,16 +280,11 @@ def record_cautions(cube: xr.Dataset) -> Iterator[str]:
     far = int((largest > MOST_SCALING).sum())
     if far:
         record = int(np.nanargmax(largest))
-        worst = (
-            f"{largest[record]:,.0f}"
-            if largest[record] >= 100.0
-            else f"{largest[record]:.3g}"
-        )
         yield (
             f"{far} of {largest.size} records were scaled up by more than {MOST_SCALING:g} (most: "
-            f"{cube['record'].values[record]!s}, by {worst}). A weak motion that is scaled up "
-            "differs from a strong one (it is shorter and has less long-period energy); use "
-            "stronger records"
+            f"{cube['record'].values[record]!s}, by {largest[record]:,.4g}). A weak motion that "
+            "is scaled up differs from a strong one (it is shorter and has less long-period "
+            "energy); use stronger records"
         )
     for name, tie, what, more in (
         ("event", "are of", "earthquake", "records of other earthquakes"),
@@ -314,19 +292,10 @@ def record_cautions(cube: xr.Dataset) -> Iterator[str]:
     ):
         events = cube[name].values.astype(str) if name in cube else np.array([""])
         names = np.unique(events)
-        if (
-            len(events) < 2
-            or names.size >= min(LEAST_EVENTS, len(events))
-            or not events.all()
-        ):
-            continue
-        if names.size > 1:
+        few = names.size < min(LEAST_EVENTS, len(events))
+        if few and len(events) > 1 and events.all():
             yield (
-                f"the {len(events)} records {tie} {names.size} {what}s, too few to show how "
-                f"{what}s differ, so bands may be too narrow; add {more}"
-            )
-        else:
-            yield (
-                f"all records {tie} one {what} ({events[0]}): dispersion and bands do not "
-                f"include the variation between {what}s"
+                f"the {len(events)} records {tie} {counted(names.size, what)} "
+                f"({', '.join(names)}), too few to show how {what}s differ: dispersion and bands "
+                f"do not include it and may be too narrow; add {more}"
             )

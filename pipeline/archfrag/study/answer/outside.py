@@ -12,17 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import (
-    number,
-    parse_table,
-    read_text,
-    table_of,
-    unquoted,
-    with_points,
-)
+from archfrag.files import Plain, number, read_text, table_of, unquoted
 from archfrag.fragility.curve import tails
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import LEVEL_UNITS, measure_unit
@@ -44,6 +36,8 @@ _SURVIVED_CODES = {word: 1 - _WORDS[word] for word in _NAMED["answers"]["words"]
 _SURVIVED_NAMES = {*_NAMED["verdicts"]["survived"]} - {*_SURVIVED_CODES}
 _UNITS = {unit for units in LEVEL_UNITS.values() for unit in units}
 _CHOOSE = "say which by columns"
+_ENDS = {"lower", "upper"}
+_OUTCOMES = {"verdict", "state"}
 _NONE = {
     "intensity": (),
     "lower": ("", "0", "0.0"),
@@ -66,8 +60,10 @@ class VerdictTable(NamedTuple):
     def wrong(self, place: Any, what: str, rule: str) -> InputError:
         """Return the error of a cell."""
         cell = self.cells[what][place][:60]
-        where = f"{self.source}: {self.rows[place]}"
-        return InputError(f"{where}, column {self.heads[what]!r}: {cell!r} {rule}")
+        return InputError(
+            f"{self.source}: {self.rows[place]}, column {self.heads[what]!r}: {cell!r} "
+            f"{rule}"
+        )
 
     def read(self, what: str, meaning: Callable[[str], Any], rule: str) -> pd.Series:
         """Return what the cells of a column mean; InputError for the first that means nothing."""
@@ -92,24 +88,27 @@ def read_runs(
     """
     tails(confidence)
     if not isinstance(columns, Mapping | None):
-        how = "it must be a mapping, such as {'intensity': 'PGA', 'verdict': 'fell'}"
-        raise InputError(f"columns is {columns!r}; {how}")
-    given = read_table(
-        table, {what: str(name) for what, name in (columns or {}).items()}
-    )
+        raise InputError(
+            f"columns is {columns!r}; it must be a mapping, such as {{'intensity': 'PGA', "
+            "'verdict': 'fell'}"
+        )
+    given = read_table(table, columns or {})
     states = _checked_states(given, states)
     measure, unit, factors = _units(given, measure, unit)
     runs = _runs(given, states, factors)
     levels = np.unique(runs["level"]).tolist()
-    intensity = Intensity.model_construct(measure=measure, unit=unit, levels=levels)
+    # That which the runs have the form of, stripes also if some were not made.
+    design: Design = Ida(kind="ida") if "lower" in given.heads else Stripes()
+    if not runs.duplicated(["arch", "record"]).any():
+        design = Cloud(kind="cloud")
     path = Path(table) if isinstance(table, str | Path) else Path("fit")
     study = StudyKeys.model_construct(
         id=path.stem.replace(" ", "-"),
         title=f"Fragility from {given.source}",
         arches=[],
         output=str(output or Path("results") / path.stem),
-        design=_design(given, runs),
-        intensity=intensity,
+        design=design,
+        intensity=Intensity.model_construct(measure=measure, unit=unit, levels=levels),
         report=ReportKeys(confidence=confidence),
     )
     return study, _cube(given, runs, study, states)
@@ -121,51 +120,42 @@ def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
         source = str(table)
         with at(source):
             content = read_text(Path(table), LARGEST, InputError, "the table")
-            separator, names, lines = parse_table(content)
-            frame = table_of(names, with_points(lines, separator)).map(unquoted)
-        rows = [f"line {line}" for line, _ in lines]
+            frame = table_of(content).map(unquoted)
+        rows = [f"line {line}" for line in frame.index]
     else:
         source = "the table"
         try:
-            frame = pd.DataFrame(table)
+            frame = pd.DataFrame(table).astype(object)
             frame.columns = pd.Index([str(name) for name in frame])
         except (ValueError, TypeError) as error:
-            how = "give a file, a DataFrame, or columns of one length by name"
-            raise InputError(f"the table is no table ({error}); {how}") from None
+            raise InputError(
+                f"the table is no table ({error}); give a file, a DataFrame, or columns of one "
+                "length by name"
+            ) from None
         for name in frame.columns[frame.columns.duplicated()]:
             raise InputError(f"the table: column {name!r} is there twice")
-        text = (
-            frame.astype(object)
-            .where(frame.notna(), "")
-            .map(lambda cell: str(cell).strip())
-        )
-        frame = text
+        frame = frame.where(frame.notna(), "").map(lambda cell: str(cell).strip())
         rows = [f"row {n + 1}" for n in range(len(frame))]
     heads = _heads(source, frame.columns.tolist(), columns)
-    without = {
-        "arch": "structure",
-        "record": rows,
-        "event": "",
-        "arch_class": "",
-        "scale": "",
-    }
-    found = {what: frame[head].to_numpy() for what, head in heads.items()}
-    return VerdictTable(
-        source, rows, heads, pd.DataFrame(without | found, range(len(rows)))
-    )
+    without = dict.fromkeys(("event", "arch_class", "scale"), "")
+    cells: dict[str, Any] = {"arch": "structure", "record": rows, **without}
+    cells |= {what: frame[head].to_numpy() for what, head in heads.items()}
+    return VerdictTable(source, rows, heads, pd.DataFrame(cells, range(len(rows))))
 
 
 def _checked_states(given: VerdictTable, states: Sequence[str]) -> list[str]:
     """Return the names of damage states; InputError unless they differ and have a column."""
-    names = [states] if isinstance(states, str) else [str(each) for each in states]
-    if names and (
-        isinstance(states, str) or len({*map(_plain, names)}) < max(len(names), 2)
-    ):
-        rule = "they must be a list of different names, from no damage to collapse"
-        raise InputError(f"states are {states!r}; {rule}")
+    names = [states] if isinstance(states, str) else list(map(str, states))
+    if names and len({*map(_plain, names)}) < max(len(names), 2):
+        raise InputError(
+            f"states are {states!r}; they must be a list of different names, from no damage to "
+            "collapse"
+        )
     if names and "state" not in given.heads:
-        how = "leave states out, or name its column, such as damage state"
-        raise InputError(f"{given.source}: has no column of damage states; {how}")
+        raise InputError(
+            f"{given.source}: has no column of damage states; leave states out, or name its "
+            "column, such as damage state"
+        )
     return names
 
 
@@ -194,48 +184,48 @@ def _heads(
             raise InputError(
                 f"columns: {what!r} is not known; allowed are {', '.join(_ROLES)}"
             )
-        head = given if given in names else plain.get(_plain(given))
-        if head is None:
+        head = str(given)
+        heads[what] = head if head in names else plain.get(_plain(head), "")
+        if heads[what] not in names:
             raise InputError(
-                f"columns: {source} has no column {given!r}, but {', '.join(names)}"
+                f"columns: {source} has no column {head!r}, but {', '.join(names)}"
             )
-        heads[what] = head
     for what, known in _ROLES.items():
         own = [plain[name] for name in known if name in plain]
         if what not in _NONE:  # brackets behind another name state no unit
             own = [name for name in own if not stated[name][1]]
         if what == "verdict" and what not in heads and own[1:]:
-            raise InputError(
-                f"{source}: {own[0]} and {own[1]} may both be the {what}; {_CHOOSE}"
-            )
-        heads |= (
-            {what: own[0]} if {*own} - {*heads.values()} and what not in heads else {}
-        )
-    weak = (
+            raise _either(source, own, what)
+        if what not in heads and {*own} - {*heads.values()}:
+            heads[what] = own[0]
+    if (
         "intensity" not in columns
         and _plain(heads.get("intensity", "level")) == "level"
-    )
-    measured = [
-        n for n in names if measure_of(_stated(n)[0]) and n not in heads.values()
-    ]
-    if weak and len(measured) > 1:
-        both = " and ".join(measured[:2])
-        raise InputError(f"{source}: {both} may both be the intensity; {_CHOOSE}")
-    heads |= {"intensity": measured[0]} if weak and measured else {}
-    by_run = "intensity" in heads and {"verdict", "state"} & heads.keys()
-    by_record = {"lower", "upper"} <= heads.keys()
+    ):
+        free = [name for name in names if name not in heads.values()]
+        measured = [name for name in free if measure_of(stated[name][0])]
+        if measured[1:]:
+            raise _either(source, measured, "intensity")
+        heads |= dict(zip(["intensity"], measured))
+    by_run = "intensity" in heads and _OUTCOMES & heads.keys()
+    by_record = heads.keys() >= _ENDS
     if not by_run and not by_record:
         raise InputError(f"{source}: {_NEEDED}; it has {', '.join(names)}")
-    chosen = {"lower", "upper"} <= columns.keys()
-    if by_run and by_record and chosen == bool({"verdict", "state"} & columns.keys()):
-        both = f"{heads['lower']} and {heads['upper']} beside {heads['intensity']}"
-        raise InputError(f"{source}: has runs and brackets ({both}); {_CHOOSE}")
-    left = (
-        ("lower", "upper")
-        if by_run and not chosen
-        else ("intensity", "verdict", "state")
-    )
+    chosen = columns.keys() >= _ENDS
+    if by_run and by_record and chosen == bool(_OUTCOMES & columns.keys()):
+        raise InputError(
+            f"{source}: has runs and brackets ({heads['lower']} and {heads['upper']} beside "
+            f"{heads['intensity']}); {_CHOOSE}"
+        )
+    left = _ENDS if by_run and not chosen else {"intensity", *_OUTCOMES}
     return {what: head for what, head in heads.items() if what not in left}
+
+
+def _either(source: str, names: Sequence[str], what: str) -> InputError:
+    """Return the error of two columns that may hold one thing."""
+    return InputError(
+        f"{source}: {names[0]} and {names[1]} may both be the {what}; {_CHOOSE}"
+    )
 
 
 def _stated(head: str) -> tuple[str, str]:
@@ -252,13 +242,11 @@ def _runs(
 ) -> pd.DataFrame:
     """Return the runs, of brackets those at both ends, with their cells and the places of rows."""
     for what in ("arch", "record"):
-        given.read(
-            what, lambda cell: cell or None, f"is no name; every row needs its {what}"
-        )
+        rule = f"is no name; every row needs its {what}"
+        given.read(what, lambda cell: cell or None, rule)
     rule = "is no intensity; it must be a number above 0"
-    ends = [*factors]
-    found = [given.read(end, partial(_level, _NONE[end]), rule) for end in ends]
-    levels = pd.concat(found, axis=1).replace(0.0, np.nan)
+    ends = [given.read(end, partial(_level, _NONE[end]), rule) for end in factors]
+    levels = pd.concat(ends, axis=1).replace(0.0, np.nan)
     for end, factor in factors.items():
         if factor != 1.0:
             levels[end] = (factor * levels[end]).map("{:.12g}".format).astype(float)
@@ -270,19 +258,20 @@ def _runs(
     if "lower" in levels:
         for n in np.flatnonzero(levels["lower"] >= levels["upper"]):
             rule = (
-                "the highest level that stood must be below the lowest that collapsed"
+                f"is not above {levels['lower'][n]:g}; the highest level that stood must be below "
+                "the lowest that collapsed"
             )
-            raise given.wrong(
-                n, "upper", f"is not above {levels['lower'][n]:g}; {rule}"
-            )
+            raise given.wrong(n, "upper", rule)
         runs["code"] = runs["end"] == "upper"
     else:
         runs = runs.assign(**_verdicts(given, states))
     for place, run in runs[runs.duplicated(keys)].iterrows():
         first = runs.index[(runs[keys] == run[keys]).all(axis=1)][0]
-        rule = f"is there twice for {run['record']}, see {given.rows[first]}"
-        how = "give a repeated test a record of its own, and both the same event"
-        raise given.wrong(place, run["end"], f"{rule}; {how}")
+        rule = (
+            f"is there twice for {run['record']}, see {given.rows[first]}; give a repeated test a "
+            "record of its own, and both the same event"
+        )
+        raise given.wrong(place, run["end"], rule)
     runs = runs[runs["code"] != Verdict.NOT_RUN]
     if runs.empty:
         raise InputError(f"{given.source}: has no run; {_NEEDED}")
@@ -294,28 +283,24 @@ def _runs(
     return runs
 
 
-def _verdicts(given: VerdictTable, states: Sequence[str]) -> dict[str, Any]:
+def _verdicts(given: VerdictTable, states: Sequence[str]) -> Plain:
     """Return verdicts, and states by their places in the ordered list of damage states."""
-    if "state" in given.heads and "verdict" not in given.heads and len(states) < 2:
-        rule = "states must list all of them in order, from no damage to collapse"
+    if "verdict" not in given.heads and not states:
         raise InputError(
-            f"{given.source}: column {given.heads['state']!r} is of damage: {rule}"
+            f"{given.source}: column {given.heads['state']!r} is of damage: states must list all "
+            "of them in order, from no damage to collapse"
         )
-    what = "verdict"
+    what = "state" if states and "state" in given.heads else "verdict"
     rule = _RULE
     words = _WORDS
-    if states and "state" in given.heads:
-        known = f"they are {', '.join(states)}, or their numbers from 0"
-        what = "state"
-        rule = f"is no damage state; {known}"
-        words = {
-            word: -code
-            for word, code in _WORDS.items()
-            if code > 1 and not word.isdecimal()
-        }
+    if what == "state":
+        rule = (
+            f"is no damage state; they are {', '.join(states)}, or their numbers from 0"
+        )
+        words = {w: -code for w, code in words.items() if code > 1 and w.isalpha()}
         words |= {str(n): n for n in range(len(states))}
         words |= {_plain(state): n for n, state in enumerate(states)}
-    elif _plain(given.heads["verdict"]) in _SURVIVED_NAMES:  # there a 1 is a survival
+    elif _plain(given.heads[what]) in _SURVIVED_NAMES:  # there a 1 is a survival
         words = _WORDS | _SURVIVED_CODES
     found = given.read(
         what, lambda cell: words.get(_plain(cell).removesuffix(".0")), rule
@@ -351,8 +336,7 @@ def _units(
     (measure, unit), *others = found.values()
     for other, _ in others:
         if other != measure:
-            what = f"brackets are of {measure} and {other}"
-            raise InputError(f"{given.source}: {what}")
+            raise InputError(f"{given.source}: brackets are of {measure} and {other}")
     with at(given.source):
         allowed = LEVEL_UNITS.get(measure_unit(measure), {})
         for end, (_, stated) in found.items():
@@ -368,13 +352,6 @@ def _units(
     )
 
 
-def _design(given: VerdictTable, runs: pd.DataFrame) -> Design:
-    """Return the design that the runs have the form of, stripes also if some were not made."""
-    if not runs.duplicated(["arch", "record"]).any():
-        return Cloud(kind="cloud")
-    return Ida(kind="ida") if "lower" in given.heads else Stripes()
-
-
 def _cube(
     given: VerdictTable, runs: pd.DataFrame, study: StudyKeys, states: Sequence[str]
 ) -> xr.Dataset:
@@ -382,43 +359,39 @@ def _cube(
     intensity = study.intensity
     regular = study.design.on_levels
     arches, records = (runs.drop_duplicates(name) for name in ("arch", "record"))
-    shape = len(arches), len(records), len(intensity.given) if regular else 1
-    cells = [pd.factorize(runs[name])[0] for name in ("arch", "record")]
-    cells.append(np.searchsorted(intensity.given, runs["level"]) * regular)
-    dims = "arch", "record", "level"
-
-    def filled(values: Any, missing: float, kind: str = "f8") -> NDArray:
-        cube = np.full(shape, missing, kind)
-        cube[tuple(cells)] = values
-        return cube
-
-    own = {"measure": intensity.measure, "units": measure_unit(intensity.measure)}
-    si = np.array(intensity.si)
-    if not regular:  # any level above 0 where there is no run
-        si = filled(runs["level"] * intensity.factor, si[0])
+    numbers = runs[["arch", "record", "code", *{"damage"} & {*runs}]].assign(
+        intensity=runs["level"] * intensity.factor,
+        level=np.searchsorted(intensity.given, runs["level"]) * regular,
+        scale_factor=pd.to_numeric(runs["scale"], errors="coerce"),
+    )
+    cells = numbers.set_index(["arch", "record", "level"]).astype(float).to_xarray()
+    cells = cells.sel(arch=arches["arch"].tolist(), record=records["record"].tolist())
     codes = {each.name.lower(): int(each) for each in Verdict}
     flags = {"flag_values": list(codes.values()), "flag_meanings": " ".join(codes)}
+    verdict = cells["code"].fillna(Verdict.NOT_RUN).astype("i1").assign_attrs(flags)
+    # Any level above 0 where there is no run.
+    im = cells["intensity"].fillna(intensity.si[0])
+    if regular:
+        im = xr.DataArray(np.array(intensity.si), dims="level")
+    own = {"measure": intensity.measure, "units": measure_unit(intensity.measure)}
     classes = arches["arch_class"].where(arches["arch_class"] != "", arches["arch"])
-    variables: dict[str, Any] = {
-        "verdict": (dims, filled(runs["code"], Verdict.NOT_RUN, "i1"), flags),
-        "intensity": ("level" if regular else dims, si, own),
-        "record": ("record", records["record"].tolist()),
+    variables: Plain = {
+        "verdict": verdict,
+        "intensity": im.assign_attrs(own),
         "event": ("record", records["event"].tolist()),
-        "arch": ("arch", arches["arch"].tolist()),
-        "level": ("level", np.arange(shape[2])),
         "arch_class": ("arch", classes.tolist()),
-        "scale_factor": (
-            dims,
-            filled(pd.to_numeric(runs["scale"], errors="coerce"), np.nan),
-        ),
+        "scale_factor": cells["scale_factor"],
+        **{
+            name: verdict.copy(data=np.full(verdict.shape, none))
+            for name, none in BLANK.items()
+        },
     }
-    variables |= {name: (dims, np.full(shape, none)) for name, none in BLANK.items()}
     if _plain(given.heads.get("arch_class", "")) == "stock":
         named = arches["arch"].where(arches["arch_class"] != "", "")
         variables["stock_row"] = "arch", named.tolist()
-    if "damage" in runs:
-        of_states = {"states": strict_json(states)}
-        variables["damage"] = dims, filled(runs["damage"], -1, "i2"), of_states
+    if "damage" in cells:
+        damage = cells["damage"].fillna(-1).astype("i2")
+        variables["damage"] = damage.assign_attrs(states=strict_json(states))
     digest = digest_of(given.cells[[*given.heads]].to_dict("list"))
     return xr.Dataset(
         variables,

@@ -12,9 +12,9 @@ from jinja2 import Template
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import FitError, attempt
-from archfrag.files import counted
+from archfrag.files import Plain, counted
 from archfrag.fragility import risk as rates
-from archfrag.fragility.curve import Curve, FloatArray
+from archfrag.fragility.curve import BoolArray, Curve, FloatArray
 from archfrag.fragility.several import (
     average_annual_loss,
     checked_ratios,
@@ -69,6 +69,7 @@ class ArchRisk:
     def cautions(self) -> tuple[str, ...]:
         """Messages on parts of the rate of which little is known."""
         level = "level that was simulated, where the fragility curve is extrapolated"
+        unseen = self.below_collapse * (self.below_collapse > MOST_UNSEEN)
         parts = {
             "below the first point of the hazard curve, whose first slope goes "
             "on there": self.rate.below,
@@ -77,25 +78,29 @@ class ArchRisk:
             f"below the least {level}": self.beyond[0],
             f"above the greatest {level}": self.beyond[1],
             "below the lowest level at which a run collapsed, where it follows from the shape of "
-            "the fitted curve alone; add records": self.below_collapse
-            * (self.below_collapse > MOST_UNSEEN),
+            "the fitted curve alone; add records": unseen,
         }
-        bound = (
-            "most of the rate is from outside the hazard curve, so the part within it is quoted, "
-            "as a lower bound and without a band; use a hazard curve that reaches farther",
-        )
-        more = self.rate.mean / (self.rate.rate or np.nan)
-        wide = (
-            f"the mean rate over uncertain theta and beta, {self.rate.mean:.2g} a year, is "
-            f"{more:.2g} times that of the median curve: a small number of runs leaves wide "
-            "curves possible, which decide it; add records"
-        )
-        first = bound * self.rate.is_bound + (wide,) * (more > MOST_MEAN)
-        return first + tuple(
+        found = [
             f"{100 * fraction:.0f} % of the rate is from intensities {where}"
             for where, fraction in parts.items()
             if fraction > NOTED
-        )
+        ]
+        more = self.rate.mean / (self.rate.rate or np.nan)
+        if more > MOST_MEAN:
+            found.insert(
+                0,
+                f"the mean rate over uncertain theta and beta, {self.rate.mean:.2g} a year, is "
+                f"{more:.2g} times that of the median curve: a small number of runs leaves wide "
+                "curves possible, which decide it; add records",
+            )
+        if self.rate.is_bound:
+            found.insert(
+                0,
+                "most of the rate is from outside the hazard curve, so the part within it is "
+                "quoted, as a lower bound and without a band; use a hazard curve that reaches "
+                "farther",
+            )
+        return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -117,14 +122,12 @@ def risk_of(
 ) -> StudyRisk:
     """Find rates of collapse at a site by arch or class, and probabilities in `years`."""
     arches = dict[str, ArchRisk | str]()
-    sizes = {}
-    for name, runs in runs_of_cube(cube, curves).items():
-        fit = curves[name]
+    runs = runs_of_cube(cube, curves)
+    for name, fit in curves.items():
         arches[name] = fit.reason
         if fit.fitted:
-            arches[name] = _arch_risk(runs, fit, hazard, confidence)
-        if len(runs.arches) > 1:
-            sizes[name] = len(runs.arches)
+            arches[name] = _arch_risk(runs[name], fit, hazard, confidence)
+    sizes = {name: len(own.arches) for name, own in runs.items() if own.arches[1:]}
     return StudyRisk(hazard, years, arches, sizes)
 
 
@@ -133,46 +136,37 @@ def risk_of_study(study: StudyKeys, fitted: Fitted) -> StudyRisk | None:
     given = study.risk
     if given is None:
         return None
-    file = Path(given.hazard)
-    hazard = load_hazard([file], study.intensity.measure, given.unit, given.site)
-    confidence = study.report.confidence
-    return risk_of(fitted.cube, fitted.quoted(), hazard, given.years, confidence)
+    hazard = load_hazard(
+        [Path(given.hazard)], study.intensity.measure, given.unit, given.site
+    )
+    return risk_of(
+        fitted.cube, fitted.quoted(), hazard, given.years, study.report.confidence
+    )
 
 
-def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
-    """Write aligned lines on the rates of collapse, and the cautions on them."""
-    lines = []
-    cautions = list[str]()
+def answer_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
+    """Write aligned lines on the curves of a study and its rates, and all cautions on them."""
+    lines, cautions = fit_lines(study, fitted)
+    risk = attempt(lambda: risk_of_study(study, fitted))
+    if isinstance(risk, str):
+        cautions.append(f"no rates of collapse: {risk}")
+    if not isinstance(risk, StudyRisk):  # else of a study that has a hazard
+        return lines, cautions
+    first = max(map(len, ("report", *list(risk.arches)[:SHOWN])))
     for name, arch in list(risk.arches.items())[:SHOWN]:
         if isinstance(arch, str):
-            lines.append((name, f"no rate of collapse: {arch}"))
+            lines.append(f"{name:{first}}  no rate of collapse: {arch}")
             continue
         rate = arch.rate
-        least = "at least " * arch.rate.is_bound
-        words = f"rate {least}{rate.quoted:#.2g} a year"
+        words = f"rate {'at least ' * rate.is_bound}{rate.quoted:#.2g} a year"
         if not rate.is_bound:
             band = f"{rate.lower:#.2g}–{rate.upper:#.2g}"
             words += f" ({100 * rate.confidence:g} %: {band})"
         if rate.quoted > 0.0:
             words += f"  return period {float(f'{rate.return_period:.2g}'):,.0f} years"
-        lines.append((name, words))
+        lines.append(f"{name:{first}}  {words}")
         cautions += [f"{name}: {each}" for each in arch.cautions]
-    first = max(len("report"), *(len(name) for name, _ in lines))
-    told = [f"{name:{first}}  {words}" for name, words in lines]
-    return told, [*cautions, *risk.hazard.messages]
-
-
-def answer_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
-    """Write aligned lines on the curves of a study and its rates, and all cautions on them."""
-    answers, cautions = fit_lines(study, fitted)
-    risk = attempt(lambda: risk_of_study(study, fitted))
-    if isinstance(risk, str):
-        cautions.append(f"no rates of collapse: {risk}")
-    elif risk is not None:  # of a study that has a hazard
-        lines, more = risk_lines(risk)
-        answers = answers + lines
-        cautions = cautions + more
-    return answers, cautions
+    return lines, [*cautions, *risk.hazard.messages]
 
 
 def _arch_risk(
@@ -185,9 +179,7 @@ def _arch_risk(
     )
     # Mechanisms are joint and mode: each pair has a number, which rises with both.
     mechanisms, code = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
-    levels, collapsed, code, ends = _on_levels(
-        runs.verdict, code.reshape(shape), runs.level
-    )
+    levels, collapsed, code, ends = _on_levels(runs, code.reshape(shape))
     onset = runs.onset(fit)
     rate = rates.collapse_rate(hazard.main, fit, fit.draws(SEED), confidence, onset)
 
@@ -195,8 +187,7 @@ def _arch_risk(
         return rates.rate_by_level(hazard.main, fit, edges, onset)
 
     level_rate = rate_between(rates.level_edges(levels))
-    in_collapse = runs.verdict == Verdict.COLLAPSED
-    lowest = np.broadcast_to(runs.level, shape)[in_collapse].min(initial=ends[-1])
+    lowest = np.broadcast_to(runs.level, shape)[runs.collapsed].min(initial=ends[-1])
     whole = rate.rate or 1.0
     outer = (rate_between(np.unique(ends)) / whole).tolist()
     kinds, counts = np.unique(code[collapsed], return_counts=True)
@@ -233,13 +224,13 @@ def losses_of(
     hazard: Hazard,
     consequence: Mapping[str, float],
     confidence: float = 0.9,
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, Plain]:
     """Return by arch or class the average annual loss and the table of mean loss [SI], or why not.
 
     `consequence` has by limit state the cost of one or the other as a part of the arch's value.
     """
     ratios = checked_ratios(consequence)
-    found = dict[str, dict[str, Any]]()
+    found = dict[str, Plain]()
     for name, runs in runs_of_cube(cube, curves).items():
         curve = curves[name]
         try:
@@ -249,12 +240,12 @@ def losses_of(
         except FitError as error:
             found[name] = {"none": str(error)}
             continue
-        loss = average_annual_loss(hazard.main, steps, SEED, confidence, runs.onset)
         im = np.array(curve.im)
         if not curve.im:  # as of a curve that was put into fits.json
             im = np.linspace(0.0, 1.05 * np.nanmax(runs.level))
-        rows = np.array([im, *vulnerability(steps, im)]).tolist()
         columns = ("im", "loss_ratio", "loss_ratio_lower", "loss_ratio_upper")
+        rows = np.array([im, *vulnerability(steps, im)]).tolist()
+        loss = average_annual_loss(hazard.main, steps, SEED, confidence, runs.onset)
         found[name] = loss | {"vulnerability": dict(zip(columns, rows))}
     return found
 
@@ -266,42 +257,44 @@ def vulnerability_table(
     given = study.intensity
     own = {"measure": given.measure, "unit": given.unit}
     frames = [
-        pd.DataFrame({"arch": name} | own | each["vulnerability"])
+        pd.DataFrame({"arch": name, **own, **each["vulnerability"]})
         for name, each in found.items()
         if "none" not in each
     ]
     if not frames:
         why = "; ".join(f"{name}: {each['none']}" for name, each in found.items())
-        what = "no arch has the curves of all consequences, so there is no loss"
-        raise FitError(f"{what}: {why}")
+        raise FitError(
+            f"no arch has the curves of all consequences, so there is no loss: {why}"
+        )
     table = pd.concat(frames, ignore_index=True)
     table["im"] /= given.factor
     return table
 
 
 def _on_levels(
-    verdict: NDArray, code: NDArray, at: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_], NDArray, FloatArray]:
+    runs: ArchRuns, code: NDArray
+) -> tuple[FloatArray, BoolArray, NDArray, FloatArray]:
     """Put runs on a grid of intensity; those with one of their own in bins of equal ratio.
 
     Returned are levels (n_level,), what collapsed and the code of its mechanism (n_record,
     n_level), and the least and the greatest level.
     """
-    collapsed = verdict == Verdict.COLLAPSED
-    made = verdict != Verdict.NOT_RUN
+    at = runs.level
+    collapsed = runs.collapsed
+    made = runs.verdict != Verdict.NOT_RUN
     if at.ndim == 1:
         # What a bisection left out is as the nearest lower level of the record that was run.
-        source = np.where(made, np.arange(at.size), -1)
-        source = np.maximum.accumulate(source, axis=1)
-        row = np.arange(len(code))[:, None]
-        filled = (source >= 0) & collapsed[row, source]
-        return at, filled, np.where(filled, code[row, source], code), at[[0, -1]]
+        source = np.maximum.accumulate(np.where(made, np.arange(at.size), -1), axis=1)
+        filled = (source >= 0) & np.take_along_axis(collapsed, source, axis=1)
+        codes = np.take_along_axis(code, source, axis=1)
+        return at, filled, np.where(filled, codes, code), at[[0, -1]]
     row, place = np.nonzero(made & (at > 0.0))
-    ends = np.array([at[row, place].min(), at[row, place].max()])
+    own = at[row, place]
+    ends = np.array([own.min(), own.max()])
     count = _SCATTERED_BINS if ends[1] > ends[0] else 1
     edges = np.geomspace(ends[0], ends[1], count + 1)
     levels = np.sqrt(edges[1:] * edges[:-1])
-    column = np.searchsorted(rates.level_edges(levels), at[row, place], side="right")
+    column = np.searchsorted(rates.level_edges(levels), own, side="right")
     grid = np.zeros((len(at), levels.size), bool)
     codes = np.full(grid.shape, -1)
     grid[row, column] = collapsed[row, place]
@@ -309,16 +302,17 @@ def _on_levels(
     return levels, grid, codes, ends
 
 
-def risk_facts(risk: StudyRisk, study: StudyKeys) -> dict[str, Any]:
+def risk_facts(risk: StudyRisk, study: StudyKeys) -> Plain:
     """Return rates and their parts as plain numbers, with intensities in the study's unit."""
     factor = study.intensity.factor
     hazard = risk.hazard
-    arches: dict[str, Any] = {}
+    arches: Plain = {}
     for name, arch in risk.arches.items():
         if isinstance(arch, str):
             arches[name] = {"none": arch}
             continue
         rate = arch.rate
+        split = arch.by_mechanism
         probability, *band = rate.probability_in(risk.years)
         arches[name] = {
             "theta": arch.fit.theta / factor,
@@ -343,47 +337,42 @@ def risk_facts(risk: StudyRisk, study: StudyKeys) -> dict[str, Any]:
             "levels": (arch.levels / factor).tolist(),
             "edges": (rates.level_edges(arch.levels) / factor).tolist(),
             "rate_by_level": arch.level_rate.tolist(),
+            "by_mechanism": [
+                {
+                    "category": label,
+                    "collapses": int(split.counts[i].sum()),
+                    "fraction": float(split.fraction[i]),
+                    "rate_by_level": split.rate[i].tolist(),
+                }
+                for i, label in enumerate(split.categories)
+                if split.shown[i]
+            ],
+            "cautions": list(arch.cautions),
         }
-        found = arch.by_mechanism
-        arches[name]["by_mechanism"] = [
-            {
-                "category": label,
-                "collapses": int(found.counts[i].sum()),
-                "fraction": float(found.fraction[i]),
-                "rate_by_level": found.rate[i].tolist(),
-            }
-            for i, label in enumerate(found.categories)
-            if found.shown[i]
-        ]
-        arches[name]["cautions"] = list(arch.cautions)
     curves = {
         name: {"im": (curve.im / factor).tolist(), "rate": curve.rate.tolist()}
         for name, curve in hazard.curves.items()
     }
-    facts: dict[str, Any] = finite(
-        {
-            "study": study.id,
-            "measure": hazard.measure,
-            "unit": study.intensity.unit,
-            "years": risk.years,
-            "hazard": {
-                "source": hazard.source,
-                "notes": list(hazard.messages),
-                "curves": curves,
-            },
-            "assumptions": list(ASSUMPTIONS),
-            "arches": arches,
-            "classes": risk.classes,
+    facts: Plain = {
+        "study": study.id,
+        "measure": hazard.measure,
+        "unit": study.intensity.unit,
+        "years": risk.years,
+        "hazard": {
+            "source": hazard.source,
+            "notes": list(hazard.messages),
+            "curves": curves,
         },
-        None,
-    )
-    return facts
+        "assumptions": list(ASSUMPTIONS),
+        "arches": arches,
+        "classes": risk.classes,
+    }
+    return dict(finite(facts, None))
 
 
-def risk_text(facts: dict[str, Any]) -> str:
+def risk_text(facts: Plain) -> str:
     """Write `risk_facts` for a terminal, without parts by level."""
     source = Path(__file__).with_name("risk.txt.j2").read_text("utf-8")
     template = Template(source, trim_blocks=True, lstrip_blocks=True)
-    return template.render(
-        facts, counted=counted, repr=repr, most_mean=MOST_MEAN
-    ).rstrip()
+    helpers = {"counted": counted, "repr": repr, "most_mean": MOST_MEAN}
+    return template.render(facts, **helpers).rstrip()

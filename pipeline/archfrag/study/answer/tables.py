@@ -1,12 +1,12 @@
 """Tables of a cube: all its runs, its records, its arches, with what each column is."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from archfrag.files import Plain
 from archfrag.fragility.verdicts import Verdict
 
 PIECE = 20_000  # runs held at a time: some ten megabytes
@@ -14,7 +14,7 @@ _RUN = ("arch", "record", "level")
 # Text of records and arches that groups runs; other text would be repeated in every row.
 _GROUPS = ("arch", "record", "event", "arch_class")
 # What each column is: `about`, and where they apply `unit` (CF's spelling) and `codes` by meaning.
-Columns = dict[str, dict[str, Any]]
+Columns = dict[str, Plain]
 # A table in pieces of the same columns. There is at least one piece; it may have no row.
 Pieces = tuple[Columns, Iterable[pd.DataFrame]]
 
@@ -29,9 +29,10 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Pieces:
     for name in dict.fromkeys((*_RUN, "intensity", *map(str, cube.variables))):
         variable = cube.variables[name]
         own = [d for d in variable.dims if d in _RUN]
-        text = variable.dtype.kind in "OSU" and name not in _GROUPS
         if (
-            own and own != ["arch", "level"] and not text
+            own
+            and own != ["arch", "level"]
+            and not (variable.dtype.kind in "OSU" and name not in _GROUPS)
         ):  # of arch and level: counts of records
             names.append(name)
     columns, values = _columns(cube, names)
@@ -75,8 +76,12 @@ def _columns(
         codes = {}
         attrs = variable.attrs
         if "flag_meanings" in attrs:
-            flags = np.ravel(attrs["flag_values"]).tolist()
-            codes = dict(zip(attrs["flag_meanings"].split(), flags))
+            codes = dict(
+                zip(
+                    attrs["flag_meanings"].split(),
+                    np.ravel(attrs["flag_values"]).tolist(),
+                )
+            )
         text = ". ".join(
             filter(None, (attrs.get("long_name", name), attrs.get("comment", "")))
         )
@@ -94,9 +99,7 @@ def _columns(
     return columns, values
 
 
-def about_column(
-    text: str, unit: str, codes: Mapping[str, int] | None = None
-) -> dict[str, Any]:
+def about_column(text: str, unit: str, codes: Mapping[str, int] | None = None) -> Plain:
     """Describe a column, without what does not apply."""
     facts = {"about": text, "unit": unit, "codes": codes}
     return {key: value for key, value in facts.items() if value}

@@ -25,6 +25,7 @@ from archfrag.arch.drawing import read_drawing
 from archfrag.arch.facts import quiet
 from archfrag.arch.polygons import polygon_ring
 from archfrag.errors import InputError
+from archfrag.files import Plain
 from archfrag.properties import (
     DRAWN,
     LARGEST,
@@ -66,12 +67,10 @@ OrInfinite = Annotated[
 Value = Annotated[float, Field(ge=-_LARGEST_VALUE, le=_LARGEST_VALUE)]
 Positive = Annotated[float, Field(gt=0.0, le=_LARGEST_VALUE)]
 Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
-Line = Annotated[
-    list[Annotated[list[float], Field(min_length=2, max_length=2)]],
-    Field(min_length=2, max_length=2),
-]
+Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+Line = Annotated[list[Pair], Field(min_length=2, max_length=2)]
 Corner = Annotated[list[float], Field(min_length=2, max_length=3)]
-Points = List[Annotated[list[float], Field(min_length=2, max_length=2)]]
+Points = List[Pair]
 Identifier = Annotated[
     str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)
 ]
@@ -95,7 +94,7 @@ class JointEntry(Section):
     joints.stiffness."""
     shear: OneOrList[OrInfinite] | None = None
     """Shear stiffness [Pa/m]; if not given, as the normal one. Only model: face uses it."""
-    damping: Annotated[float, Field(ge=0.0, le=1.0)] = 0.05
+    damping: float = Field(0.05, ge=0.0, le=1.0)
     """Over the critical one, of the first mode with all joints closed; model: face uses it."""
     model: Literal["inset", "face"] = "inset"
     """inset: rigid joints with contact points as far inside their ends as the strip asks for;
@@ -140,7 +139,7 @@ class Fill(Section):
     springing joint; 0: none [m]."""
     backing_unit_weight: UnitWeight | None = None
     """Weight of the backing, in place of that of the fill [N/m3]."""
-    inertia: Annotated[float, Field(json_schema_extra={"const": 1.0})] = 1.0
+    inertia: float = Field(1.0, json_schema_extra={"const": 1.0})
     """Part of the mass of fill and backing that moves horizontally with the ring. It can only be
     1: a body has one mass, so that all that weighs on it also moves with it."""
 
@@ -152,7 +151,7 @@ class Springings(Section):
     """Movement away from the other springing [m]; negative towards it."""
     settlement: Shift = 0.0
     """Movement downwards [m]."""
-    rotation: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0
+    rotation: float = Field(0.0, ge=-45.0, le=45.0)
     """About the middle of its joint, positive if its extrados goes down [degrees]."""
     springing: Literal["left", "right"] = "right"
     """Which one has moved."""
@@ -163,15 +162,15 @@ class TieEntry(Section):
 
     level: Shift
     """Height at which it goes through the arch, from outer face to outer face [m]."""
-    area: Annotated[float, Field(gt=0.0, le=10.0)]
+    area: float = Field(gt=0.0, le=10.0)
     """Area of its cross-section [m2]."""
-    modulus: Annotated[float, Field(gt=0.0, le=1e13)] = 2.0e11
+    modulus: float = Field(2.0e11, gt=0.0, le=1e13)
     """Young's modulus [N/m2]."""
-    prestress: Annotated[float, Field(ge=0.0, le=1e12)] = 0.0
+    prestress: float = Field(0.0, ge=0.0, le=1e12)
     """Tension at rest [N]."""
-    strength: Annotated[float, Field(gt=0.0, le=1e12)] | None = None
+    strength: float | None = Field(None, gt=0.0, le=1e12)
     """Tension at which it yields [N]; if not given, it stays elastic."""
-    rupture: Annotated[float, Field(gt=0.0, le=1e3)] | None = None
+    rupture: float | None = Field(None, gt=0.0, le=1e3)
     """Elongation at which it breaks [m]; if not given, it never does."""
 
 
@@ -268,11 +267,11 @@ class JointScatter(Section):
 class Vary(Section):
     """Uncertain keys of an arch, and how arches are sampled."""
 
-    samples: Annotated[int, Field(ge=1, le=8192)]
+    samples: int = Field(ge=1, le=8192)
     """Number of sampled arches, each of which meets every record."""
     scheme: Literal["sobol", "latin_hypercube"] = "sobol"
     """sobol keeps its first samples when you add samples; latin_hypercube suits any number."""
-    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 1
+    seed: int = Field(1, ge=0, le=2**32 - 1)
     """Seed of the random numbers; the same seed gives the same arches."""
     of: Annotated[
         dict[str, Distribution],
@@ -286,18 +285,6 @@ class Vary(Section):
     each_joint: JointScatter | None = None
     """Differences between the joints of one arch."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _keys_are_in_of(cls, given: Any) -> Any:
-        for key in given if isinstance(given, dict) else ():
-            if key in VARIABLE:
-                raise refuse(f"must stand in of: {{of: {{{key}: ...}}}}", key)
-            if key == "joints":
-                raise refuse("is each_joint, what differs from joint to joint", key)
-            if key == "of" and isinstance(given[key], dict) and "joints" in given[key]:
-                raise refuse("is joints.stiffness", "of.joints")
-        return given
-
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
         scatter = self.each_joint
@@ -305,11 +292,15 @@ class Vary(Section):
             raise refuse("must have a key of or each_joint: nothing varies")
         for name, distribution in scatter or ():
             if distribution is not None and distribution.relative:
-                key = f"each_joint.{name}.relative"
-                raise refuse("cannot be used for each_joint", key)
+                raise refuse(
+                    "cannot be used for each_joint", f"each_joint.{name}.relative"
+                )
         if self.scheme == "sobol" and self.samples & (self.samples - 1):
-            text = "must be a power of two with scheme sobol; latin_hypercube takes any number"
-            raise refuse(f"= {self.samples} {text}", "samples")
+            raise refuse(
+                f"= {self.samples} must be a power of two with scheme sobol; latin_hypercube "
+                "takes any number",
+                "samples",
+            )
         return self
 
 
@@ -328,11 +319,14 @@ def _plain_key(row: Any) -> tuple[Any, Any]:
     )
 
 
-_ID = (
-    "Name of the arch or class of arches in results: letters, digits and _ . + - only."
-)
-_plain: dict[str, Any] = {
-    "id": (Identifier, Field(description=_ID)),
+_plain: Plain = {
+    "id": (
+        Identifier,
+        Field(
+            description="Name of the arch or class of arches in results: letters, digits and "
+            "_ . + - only."
+        ),
+    ),
     **{key: _plain_key(row) for key, row in PROPERTIES.items() if row.text},
 }
 _PlainKeys: Any = create_model("_PlainKeys", __base__=Section, **_plain)
@@ -387,7 +381,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     """Outer ends of the joints, in order [m]."""
     outlines: List[list[Corner]] | None = None
     """Corners of each block: x, y [m] and the bulge of the side to the next one, 0 if straight."""
-    ground: Annotated[list[Line], Field(max_length=2)] | None = None
+    ground: list[Line] | None = Field(None, max_length=2)
     """Lines on which ends stand; if none, the sides opposite to the joints of both ends."""
     fill: Fill | None = None
     """Fill and backing, as weight and mass."""
@@ -399,27 +393,19 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     """Joints that give, by their stiffness."""
     springings: Springings | None = None
     """A springing that has moved before the record."""
-    ties: Annotated[list[TieEntry], Field(max_length=16)] | None = None
+    ties: list[TieEntry] | None = Field(None, max_length=16)
     """Ties, one or several."""
     vary: Vary | None = None
     """Distributions of uncertain keys; the study then has sampled arches in place of this one."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _joints_are_a_block(cls, given: Any) -> Any:
-        joints = given.get("joints") if isinstance(given, dict) else None
-        if isinstance(joints, list) or (
-            isinstance(joints, dict) and "positions" in joints
-        ):
-            rule = "is a block with stiffness; positions are joint_positions: [...]"
-            raise refuse(rule, "joints")
-        return given
-
     @model_validator(mode="after")
     def _have_what_varies(self) -> Self:
         of = self.vary.of if self.vary else {}
-        later = self.table or "joints.stiffness" in of
-        if self.joints and self.joints.stiffness is None and not later:
+        if (
+            self.joints
+            and self.joints.stiffness is None
+            and not (self.table or "joints.stiffness" in of)
+        ):
             raise refuse("must be given", "joints.stiffness")
         for key, distribution in () if self.table else of.items():
             if distribution.relative and self.value(key) is None:
@@ -441,7 +427,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         return hash(repr(self))
 
     @property
-    def parameters(self) -> dict[str, Any]:
+    def parameters(self) -> Plain:
         """Keys that have a value, with defaults, as a study file gives them."""
         return self.model_dump(exclude_none=True)
 
@@ -475,7 +461,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
             return self
         drawn = read_drawing(self.drawing, self.layer, self.unit)
         polygon_ring(drawn, self.tolerance)
-        values: dict[str, Any] = {
+        values: Plain = {
             name: [each.tolist() for each in getattr(drawn, name)]
             for name in ("outlines", "ground")
         }
@@ -501,10 +487,7 @@ def _built(entry: ArchEntry) -> "Arch":
     built: Arch = make(**given)
     if entry.recess is not None:
         built = built.recessed(**entry.recess.model_dump())
-    joints: dict[str, Any] = {
-        "stiffness": math.inf,
-        "strength": entry.strength or math.inf,
-    }
+    joints: Plain = {"stiffness": math.inf, "strength": entry.strength or math.inf}
     if entry.joints is not None:
         joints |= entry.joints.model_dump(exclude_none=True)
     built = jointed(built, **joints)

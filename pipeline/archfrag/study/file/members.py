@@ -4,7 +4,6 @@ import hashlib
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,14 +15,7 @@ from scipy.stats import qmc
 
 from archfrag.arch.checks import FloatArray
 from archfrag.errors import InputError, StabilityError
-from archfrag.files import (
-    check_decimals,
-    number,
-    parse_table,
-    read_text,
-    stated_unit,
-    table_of,
-)
+from archfrag.files import Plain, number, read_text, stated_unit, table_of
 from archfrag.properties import PROPERTIES, SPELLED, VARIABLE
 from archfrag.simulation.arguments import check_can_run, check_method
 from archfrag.simulation.simulate import onset
@@ -38,7 +30,6 @@ MOST_CHECKED = (
 )
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
 LARGEST_TABLE = 20_000_000  # [bytes]
-_UNIT_SIGNS = re.compile(r"[\s^]")
 _ALIKE = (
     0.85  # of a column's name to a key, by difflib's ratio, for a slip of the keyboard
 )
@@ -130,7 +121,7 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
             for end, shock in shocks
             for own in new
         ]
-        names = [entry.id + end for end in ("", *(end for end, _ in shocks))]
+        names = dict.fromkeys(each.arch_class for each in new)
         own = (each.id for each in new if entry.table or each.id != each.arch_class)
         for name in (*names, *own):
             if name in seen:
@@ -154,9 +145,7 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         Path(entry.table), LARGEST_TABLE, InputError, f"{where}: the table"
     )
     with at(place):
-        _, columns, rows = parse_table(text)
-        check_decimals((line, cell) for line, cells in rows for cell in cells)
-        table = table_of(columns, rows)
+        table = table_of(text, commas=False)
         if "id" not in table or table.empty:
             raise InputError("must have arches and a column id")
         table.columns = table.columns.map(_key_or_attribute)
@@ -166,13 +155,14 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
             raise InputError(f"several arches have the id {name!r}")
     keys = [name for name in map(str, table) if name in COLUMNS and name != "id"]
     for row in table.to_dict("records"):
-        given: dict[str, Any] = {"id": row["id"]}
+        given: Plain = {"id": row["id"]}
         for key in filter(row.get, keys):
             try:  # numbers as spreadsheets write them, such as 7.0 for 7
-                value = number(row[key])
-                given[key] = int(value) if value.is_integer() else value
+                value: Any = number(row[key])
             except ValueError:
-                given[key] = parse_value(row[key], f"{place}, column {key}")
+                value = parse_value(row[key], f"{place}, column {key}")
+            whole = isinstance(value, float) and value.is_integer()
+            given[key] = int(value) if whole else value
         own = f"{place}, arch {row['id']}"
         arch = entry.varied(given, own, "table", "rows")
         # Of rows that leave a cell empty too: the study's entry gives what they have.
@@ -196,22 +186,20 @@ def _key_or_attribute(column: str) -> str:
     if name in COLUMNS:
         about = PROPERTIES.get(name)
         asked = "" if about is None or about.unit is None else SPELLED[about.unit][1]
-        if unit is not None and _UNIT_SIGNS.sub("", unit) not in asked.split():
+        if unit is not None and re.sub(r"[\s^]", "", unit) not in asked.split():
             must = f"is in {asked.split()[0]}" if asked else "has no unit"
             raise InputError(
                 f"column {column!r}: {name} {must}; change the numbers and the name"
             )
         return name
-    block = name.partition(".")[0]
+    block, dot, key = name.partition(".")
     hint = meant(name.lower(), COLUMNS, _ALIKE)
-    if "." in name and block in COLUMNS:
-        hint = (
-            f"a column {block} takes blocks such as {{{name.partition('.')[2]}: 1.0}}"
-        )
+    if dot and block in COLUMNS:
+        hint = f"a column {block} takes blocks such as {{{key}: 1.0}}"
     if hint or unit is not None:
-        rule = "an attribute has no unit, and a name less like a key"
         raise InputError(
-            f"column {column} is not a key of an arch; {hint or rule} ({rule})"
+            f"column {column} is not a key of an arch; {hint} (an attribute has no unit, and a "
+            "name less like a key)"
         )
     return column
 
@@ -236,7 +224,7 @@ def _drawn(base: Member) -> Iterator[Member]:
         n_joint = 0 if vary.each_joint is None else entry.build().n_joint
     values = sample(vary, seed)
     for i in range(vary.samples):
-        given: dict[str, Any] = {"id": f"{base.id}-{i + 1:04d}"}
+        given: Plain = {"id": f"{base.id}-{i + 1:04d}"}
         own = dict(base.values)
         for key, distribution in vary.of.items():
             value = given[key] = float(values[key][i])
@@ -246,17 +234,19 @@ def _drawn(base: Member) -> Iterator[Member]:
             own[f"{key}_factor" if many else key] = value if many else given[key]
         if "embrace" in given and entry.joint_positions:
             # Joints in degrees keep their parts of an angle of embrace that varies.
-            ratio = given["embrace"] / entry.embrace
-            inner = (place * ratio for place in entry.joint_positions[:-1])
-            given["joint_positions"] = [*inner, given["embrace"]]
+            places = np.multiply(
+                entry.joint_positions, given["embrace"] / entry.embrace
+            )
+            given["joint_positions"] = [*places[:-1].tolist(), given["embrace"]]
         if vary.each_joint is not None:
             # Zeros behind a seed are the same seed to numpy: 1 separates joints from keys.
             generator = np.random.default_rng([*seed, i, 1])
             given |= _of_each_joint(vary.each_joint, entry, given, n_joint, generator)
         told = ", ".join(f"{name} = {number:.6g}" for name, number in own.items())
         place = f"{base.place}: sample {i + 1} ({told or 'joints'})"
-        arch = entry.varied(given, place, "vary")
-        yield replace(base, entry=arch, place=place, values=own)
+        yield replace(
+            base, entry=entry.varied(given, place, "vary"), place=place, values=own
+        )
 
 
 def _of_each_joint(
@@ -265,9 +255,9 @@ def _of_each_joint(
     given: Mapping[str, Any],
     n_joint: int,
     generator: np.random.Generator,
-) -> dict[str, Any]:
+) -> Plain:
     """Return the keys of an arch with what is `given` that differ from joint to joint."""
-    keys: dict[str, Any] = {}
+    keys: Plain = {}
     # All are drawn, so that one key more leaves the others' numbers as they are.
     for name, distribution in scatter:
         points = _inside(generator.random(n_joint))
@@ -275,14 +265,15 @@ def _of_each_joint(
             continue
         values = to_digits(distribution.quantile(points))
         if name == "friction":
-            friction = given.get("friction", entry.friction)
-            keys[name] = to_digits(np.asarray(friction) * values).tolist()
+            keys[name] = to_digits(
+                np.asarray(given.get("friction", entry.friction)) * values
+            ).tolist()
         elif name == "position":  # the springings stay where they are
             end = float(given.get("embrace", entry.embrace or 1.0))
             count = max(n_joint - 1, 1)
             step = end / count
-            places = given.get("joint_positions", entry.joint_positions)
-            places = places or [*(step * j for j in range(count)), end]
+            known = given.get("joint_positions", entry.joint_positions)
+            places = known or [*(step * np.arange(count)), end]
             moved = np.asarray(places[1:-1]) + step * values[1:-1]
             inner = (float(f"{place:.12g}") for place in moved)
             keys["joint_positions"] = [float(places[0]), *inner, float(places[-1])]
@@ -305,9 +296,9 @@ def sample(vary: Vary, seed: Sequence[int]) -> dict[str, FloatArray]:
     if not vary.of:
         return {}
     if vary.scheme == "sobol":
-        power = (vary.samples - 1).bit_length()
-        design = qmc.Sobol(len(vary.of), scramble=True, seed=generator)
-        points = design.random_base2(power)
+        points = qmc.Sobol(len(vary.of), scramble=True, seed=generator).random_base2(
+            (vary.samples - 1).bit_length()
+        )
     else:
         points = qmc.LatinHypercube(len(vary.of), seed=generator).random(vary.samples)
     return {
@@ -327,34 +318,24 @@ def to_digits(values: ArrayLike) -> FloatArray:
     return np.array([float(f"{v:.10g}") for v in array.ravel()]).reshape(array.shape)
 
 
-@contextmanager
-def _placed(member: Member) -> Iterator[None]:
-    """Name the place of an arch that does not stand."""
-    try:
-        yield
-    except StabilityError as error:
-        raise StabilityError(f"{member.place}: {error}") from error
-
-
 def check_buildable(given: Members) -> None:
     """Check that all arches can exist; InputError, or StabilityError of one that does not stand
     with its joints, names the first that cannot.
     """
     for member in given:
-        with _placed(member), at(f"{member.place}: cannot exist"):
+        with at(f"{member.place}: cannot exist"):
             member.entry.build()
 
 
-def check_standing(given: Members, method: Any = None) -> None:
-    """Check that all arches can exist, that the method of their study, if given, can run them (or
+def check_standing(given: Members, method: Any) -> None:
+    """Check that all arches can exist, that the method of their study can run them (or
     InputError), and that they stand (or StabilityError).
     """
     check_buildable(given)
     for member in given:
         arch = member.entry.build()
-        with _placed(member), at(member.place):
-            if method is not None:
-                check_can_run(arch, check_method(method.name), method.delay)
+        with at(member.place):
+            check_can_run(arch, check_method(method.name), method.delay)
             if not onset(arch).stands:
                 why = (
                     "does not stand under its own weight; make it thicker, raise the "

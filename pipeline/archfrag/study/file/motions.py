@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
+from archfrag.files import Plain
 from archfrag.motions.calibrate import Acceptable
 from archfrag.study.keys import PathText, Section, refuse
 
@@ -15,15 +16,13 @@ if TYPE_CHECKING:
 
 MOST_LISTED = 12  # pairs of a first shock and its record
 with Path(__file__).with_name("steps.toml").open("rb") as _file:
-    STEPS: dict[str, Any] = tomllib.load(_file)
-_KINDS: dict[str, Any] = {"float": float, "int": int, "bool": bool, "str": str}
+    STEPS: Plain = tomllib.load(_file)
+_KINDS: Plain = {"float": float, "int": int, "bool": bool, "str": str}
 
 
 def _mapping(given: Any) -> Any:
     named = {given: {}} if isinstance(given, str) else given
-    if not isinstance(named, dict):
-        return named
-    if len(named) != 1:
+    if not isinstance(named, dict) or len(named) != 1:
         raise refuse(f"must have one of the keys {', '.join(STEPS)}")
     ((name, settings),) = named.items()
     return {name: {} if settings is None else settings}
@@ -31,18 +30,15 @@ def _mapping(given: Any) -> Any:
 
 def _settings(step: str) -> Any:
     """Return the block of the settings of a step, as the table of steps describes them."""
-    fields: dict[str, Any] = {}
+    fields: Plain = {}
     for key, about in STEPS[step].get("settings", {}).items():
         if "one_of" in about:
             kind: Any = Literal[tuple(about["one_of"])]
         else:
-            bounds = {name: about[name] for name in ("gt", "ge", "le") if name in about}
-            kind = Annotated[_KINDS[about["kind"]], Field(**bounds)]
-        least = about.get("size", about.get("least"))
-        if least:
-            kind = Annotated[
-                list[kind], Field(min_length=least, max_length=about.get("size"))
-            ]
+            bounds = Field(**about.get("bounds", {}))
+            kind = Annotated[_KINDS[about["kind"]], bounds]
+        if "list" in about:
+            kind = Annotated[list[kind], Field(**about["list"])]
         default = about.get("default", ... if "required" in about else None)
         kind = kind | None if default is None else kind
         fields[key] = kind, Field(default, description=about["text"])
@@ -50,7 +46,7 @@ def _settings(step: str) -> Any:
     return create_model(step.capitalize(), __base__=Section, __doc__=about, **fields)
 
 
-_blocks: dict[str, Any] = {name: (_settings(name), None) for name in STEPS}
+_blocks: Plain = {name: (_settings(name), None) for name in STEPS}
 _Step: Any = Annotated[
     create_model(
         "Step",
@@ -106,7 +102,7 @@ class FirstShocks(Section):
         "records": (("records",), ()),
     }
 
-    records: Annotated[list[str], Field(min_length=1)] | None = None
+    records: list[str] | None = Field(None, min_length=1)
     """Ids of the study's records, or of the index, that come first; all of the index if not given.
     Before the n-th record comes the n-th of them, reversed before a reversed record (both_senses);
     if they are fewer, they begin again."""
@@ -141,7 +137,7 @@ class Motions(Section):
 
     index: PathText | None = None
     """Index (CSV) of shipped records, relative to the study file."""
-    select: Annotated[list[str], Field(min_length=1)] | None = None
+    select: list[str] | None = Field(None, min_length=1)
     """Ids of the records to use, in this order; all if not given."""
     files: list[
         Annotated[
@@ -155,9 +151,7 @@ class Motions(Section):
     both_senses: bool = False
     """Whether each record is also used with its horizontal components reversed, as ID-rev, so
     that its sense does not decide. Both belong to one earthquake; the vertical stays as it is."""
-    processing: Annotated[list[_Step], Field(max_length=50)] = Field(
-        default_factory=list
-    )
+    processing: list[_Step] = Field(default_factory=list, max_length=50)
     """Steps applied to each record before it is measured and scaled, in this order."""
     before: FirstShocks | None = None
     """First shocks: motions that shake each arch before its record."""
@@ -167,11 +161,11 @@ class Motions(Section):
         """What is asked for first shocks with an index of their own; None without one."""
         if self.before is None or self.before.index is None:
             return None
-        own: dict[str, Any] = {"index": self.before.index, "files": []}
+        own: Plain = {"index": self.before.index, "files": []}
         return self.model_copy(update=own | dict.fromkeys(("select", "before")))
 
     @property
-    def steps(self) -> list[tuple[str, dict[str, Any]]]:
+    def steps(self) -> list[tuple[str, Plain]]:
         """Name and settings of each step of processing, with defaults filled in."""
         return [
             (name, getattr(step, name).model_dump())
@@ -181,11 +175,7 @@ class Motions(Section):
 
 
 def apply_step(
-    name: str,
-    settings: dict[str, Any],
-    motion: "Motion",
-    record: Path,
-    inventory: str | None,
+    name: str, settings: Plain, motion: "Motion", record: Path, inventory: str | None
 ) -> "Motion":
     """Apply one step to a motion; InputError if it does not suit it."""
     from archfrag.motions import process  # start-up: workers load no obspy

@@ -4,14 +4,13 @@ import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from archfrag.errors import InputError
-from archfrag.files import make_folder, sha256_of
+from archfrag.files import Plain, make_folder, sha256_of
 from archfrag.motions.channel import Facts
 from archfrag.motions.measures import measure, sample_cautions, scale_factor
 from archfrag.motions.motion import REVERSED, Motion, load_stored, store
@@ -96,7 +95,7 @@ def study_inputs(study: StudyKeys) -> provenance.Inputs:
 
 
 def described(
-    study: StudyKeys, motion: Motion, compared: Sequence[str] = COMPARED
+    study: StudyKeys, motion: Motion, compared: Sequence[str]
 ) -> PreparedRecord:
     """Return the facts of a motion that is not stored yet; InputError if it cannot be scaled.
 
@@ -113,9 +112,8 @@ def described(
             continue
         samples.update(np.ascontiguousarray(part, "<f8").data)
         cautions += (prefix + text for text in sample_cautions(part, motion.dt))
-    own = vars(motion.facts) | {"cautions": cautions}
     return PreparedRecord(
-        **own,
+        **vars(motion.facts) | {"cautions": cautions},
         id=motion.id,
         dt=motion.dt,
         duration=motion.duration,
@@ -134,10 +132,7 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
     """
     inputs = study_inputs(study)
     folder = make_folder(study.work / FOLDER)
-    store_all = partial(_stored, study)
-    records: list[PreparedRecord] = _sources().following(
-        study.motions, store_all(study.motions), store_all
-    )
+    records = read_records(study, keep=True)
     manifest = {
         "key": motions_key(study),
         "inputs": inputs,
@@ -148,35 +143,40 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
         study.work / MANIFEST, provenance.canonical_json(manifest) + "\n"
     )
     kept = {study.work / each.stored for record in records for each in record.motions}
-    for path in set(folder.glob("*.npz")) - kept:
+    for path in {*folder.glob("*.npz")} - kept:
         path.unlink()
     return records
 
 
-def _stored(study: StudyKeys, asked: Motions) -> list[PreparedRecord]:
-    """Store the motions that are asked for, and return them."""
-    records = list[PreparedRecord]()
+def read_records(study: StudyKeys, keep: bool = False) -> list[PreparedRecord]:
+    """Read the records of a study in its order, with what comes first before each.
+
+    To `keep` them stores their motions and measures them for comparison.
+    """
     new = study.work / FOLDER / "new.npz"
-    for motion in _sources().read_sources(asked, study.intensity.measure):
-        store(new, motion)
-        prepared = sha256_of(new)
-        stored = f"{FOLDER}/{prepared[:16]}.npz"
-        record = replace(described(study, motion), stored=stored, prepared=prepared)
-        records.append(record)
-        new.replace(study.work / stored)
-    events = zip(records, earthquakes(records))
-    return in_order(asked, [replace(each, event=name) for each, name in events])
+
+    def read(asked: Motions) -> list[PreparedRecord]:
+        records = list[PreparedRecord]()
+        for motion in _sources().read_sources(asked, study.intensity.measure):
+            record = described(study, motion, COMPARED if keep else ())
+            if keep:
+                store(new, motion)
+                prepared = sha256_of(new)
+                stored = f"{FOLDER}/{prepared[:16]}.npz"
+                record = replace(record, stored=stored, prepared=prepared)
+                new.replace(study.work / stored)
+            records.append(record)
+        order = [name + end for name in asked.select or () for end in ("", REVERSED)]
+        events = dict(zip((each.id for each in records), earthquakes(records)))
+        if order:
+            records.sort(key=lambda record: order.index(record.id))
+        return [replace(each, event=events[each.id]) for each in records]
+
+    found: list[PreparedRecord] = _sources().following(study.motions, read)
+    return found
 
 
-def in_order(asked: Motions, records: list[PreparedRecord]) -> list[PreparedRecord]:
-    """Return records in the order in which the study selects them, if it does."""
-    order = [name + end for name in asked.select or () for end in ("", REVERSED)]
-    return (
-        sorted(records, key=lambda record: order.index(record.id)) if order else records
-    )
-
-
-def read_manifest(study: StudyKeys) -> dict[str, Any]:
+def read_manifest(study: StudyKeys) -> Plain:
     """Return the manifest that `prepare_motions` wrote: key, inputs, code and records."""
     path = study.work / MANIFEST
     try:
@@ -199,24 +199,23 @@ def load_prepared(study: StudyKeys) -> list[PreparedRecord]:
     """Return the stored records; InputError if they are not the study's."""
     manifest = read_manifest(study)
     records: list[PreparedRecord] = manifest["records"]
-    follows = study.motions.before is not None
-    paired = all((record.first is not None) == follows for record in records)
-    if not paired or manifest["key"] != motions_key(study):
+    alone = study.motions.before is None
+    unlike = any((record.first is None) != alone for record in records)
+    if unlike or manifest["key"] != motions_key(study):
         raise InputError(
             f"{study.work / MANIFEST}: was made for other records or another measure than the "
             f"study now has; {_AGAIN}"
         )
-    for each in (each for record in records for each in record.motions):
-        _check_stored(study.work, each)
+    for record in records:
+        for each in record.motions:
+            _check_stored(study.work, each)
     return records
 
 
 def load_record(work: Path, record: PreparedRecord) -> Motion:
     """Load the motion of a record from a study's folder of work."""
-    path = _check_stored(work, record)
-    return load_stored(
-        path, dt=record.dt, id=record.id, metadata=record, log=record.log
-    )
+    about = {"dt": record.dt, "id": record.id, "log": record.log, "metadata": record}
+    return load_stored(_check_stored(work, record), **about)
 
 
 def _check_stored(work: Path, record: PreparedRecord) -> Path:
@@ -230,7 +229,7 @@ def _check_stored(work: Path, record: PreparedRecord) -> Path:
     return path
 
 
-def motions_key(study: StudyKeys) -> dict[str, Any]:
+def motions_key(study: StudyKeys) -> Plain:
     """Return what a study sets of its motions and measure; paths are as in `study_inputs`."""
     motions = relative(study.motions.model_dump(mode="json"), study.folder)
     return {"motions": motions, "measure": study.intensity.measure}

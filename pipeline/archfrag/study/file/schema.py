@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from archfrag.errors import InputError
-from archfrag.files import WORK
+from archfrag.files import WORK, Plain
 from archfrag.motions.measures import (
     LEVEL_UNITS,
     measure_unit,
@@ -47,7 +47,7 @@ class LevelRange(Section):
     """First level."""
     stop: Level
     """Last level."""
-    count: Annotated[int, Field(ge=2, le=MOST_LEVELS)]
+    count: int = Field(ge=2, le=MOST_LEVELS)
     """Number of levels, both ends included."""
 
 
@@ -117,25 +117,23 @@ class Method(Section):
 
     name: str = "auto"
     """Method; with auto archfrag chooses one."""
-    dt: Annotated[float, Field(ge=1e-6, le=0.1)] | None = None
+    dt: float | None = Field(default=None, ge=1e-6, le=0.1)
     """Fixed time step [s]; if not given, steps follow rtol."""
-    rtol: Annotated[float, Field(ge=1e-12, lt=1.0)] | None = None
+    rtol: float | None = Field(default=None, ge=1e-12, lt=1.0)
     """Allowed relative error, unless dt is given; the method's default if not given."""
     follow: Pause = 20.0
     """Longest time to simulate after a record while the arch still moves [s]."""
-    loss_limit: Annotated[float, Field(ge=0.02, le=10.0)] = 0.5
+    loss_limit: float = Field(default=0.5, ge=0.02, le=10.0)
     """Gap at both corners of a joint, over its length, beyond which contact is lost for good."""
-    delay: Annotated[float, Field(ge=0.0, le=60.0)] | None = None
+    delay: float | None = Field(default=None, ge=0.0, le=60.0)
     """Time by which a motion reaches the right springing later than the left one [s]."""
 
     @model_validator(mode="after")
     def _is_known(self) -> Self:
-        names = arguments.method_names()
-        if self.name not in names:
-            raise refuse(f"= {self.name} must be one of {', '.join(names)}", "name")
         with at("cannot be used", kind=refuse):
-            method = arguments.check_method(self.name)
-            arguments.check_taken(method, dt=self.dt, rtol=self.rtol)
+            arguments.check_taken(
+                arguments.check_method(self.name), dt=self.dt, rtol=self.rtol
+            )
         return self
 
 
@@ -161,7 +159,7 @@ class ReportKeys(Section):
     """Picture for the head of the page: PNG, JPEG or SVG, at most 500 kB."""
     at: Level | None = None
     """Level whose probability of collapse the report gives first, in the study's unit."""
-    confidence: Annotated[float, Field(ge=0.5, lt=1.0)] = 0.9
+    confidence: float = Field(default=0.9, ge=0.5, lt=1.0)
     """Confidence of all bands and intervals, two-sided."""
 
 
@@ -172,9 +170,9 @@ class RiskKeys(Section):
     """CSV of intensity and annual rate or probability, or a file of OpenQuake."""
     unit: str | None = None
     """Unit of its intensities if the file does not state it."""
-    years: Annotated[float, Field(gt=0.0, le=1e4)] = 50.0
+    years: float = Field(50.0, gt=0.0, le=1e4)
     """Period for the probability of collapse [years]."""
-    site: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
+    site: list[float] | None = Field(default=None, min_length=2, max_length=2)
     """Longitude and latitude, if the file has several sites [degrees]."""
 
 
@@ -196,7 +194,7 @@ class Execution(Section):
     configuration, or a private network."""
     chunk: Count | None = None
     """Runs in one part file; depends on the number of runs if not given."""
-    batches: Annotated[int, Field(ge=1, le=999)] = 1
+    batches: int = Field(default=1, ge=1, le=999)
     """Number of Snakemake jobs among which the runs are divided."""
 
 
@@ -205,13 +203,13 @@ class StudyKeys(Section):
 
     id: Identifier
     """Name of the study: letters, digits and _ . + - only."""
-    title: Annotated[str, Field(min_length=1, max_length=500)]
+    title: str = Field(min_length=1, max_length=500)
     """Heading of the report."""
-    institution: Annotated[str, Field(max_length=500)] = "not stated"
+    institution: str = Field("not stated", max_length=500)
     """Institution that made the study, for the attributes of the cube."""
     output: PathText = "results"
     """Folder of the results, relative to the study file; results/ID beside it if not given."""
-    arches: Annotated[list[ArchEntry], Field(min_length=1, max_length=1000)]
+    arches: list[ArchEntry] = Field(min_length=1, max_length=1000)
     """Arches, columns or blocks; classes of them sampled by `vary` or listed in a table."""
     motions: Motions
     intensity: Intensity
@@ -235,7 +233,7 @@ class StudyKeys(Section):
         return self
 
     _expanded: tuple[Any, Members] = (None, ())
-    _given: tuple[dict[str, Any], Path] = ({}, Path())  # keys as written, their folder
+    _given: tuple[Plain, Path] = ({}, Path())  # keys as written, their folder
 
     @property
     def folder(self) -> Path:
@@ -258,7 +256,7 @@ class StudyKeys(Section):
         return self._expanded[1]
 
     @property
-    def given(self) -> tuple[dict[str, Any], Path]:
+    def given(self) -> tuple[Plain, Path]:
         """Keys as they were written, and the folder of the file."""
         return self._given
 
@@ -277,7 +275,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> StudyKeys:
     return study_of(*read_keys(Path(path), overrides), path)
 
 
-def study_of(given: dict[str, Any], folder: Path, place: Any) -> StudyKeys:
+def study_of(given: Plain, folder: Path, place: Any) -> StudyKeys:
     """Check the keys of a study, whose relative paths are below a folder.
 
     InputError begins with the `place` that they are from.

@@ -40,6 +40,7 @@ class RecordFile:
     )
     # Files of the components that the study needs, unless they are in the record's own.
     others: dict[str, Path] = field(default_factory=dict)
+    twin: str | None = None  # name of the file of the other horizontal component
 
     @property
     def is_vertical(self) -> bool:
@@ -80,8 +81,10 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
                 file = RecordFile(path, options)
                 # Two patterns may match the same file.
                 if by_path.setdefault(path, file) != file:
-                    differ = "another unit, inventory, columns or accept"
-                    raise InputError(f"an earlier entry matches {path} with {differ}")
+                    raise InputError(
+                        f"an earlier entry matches {path} with another unit, inventory, columns "
+                        "or accept"
+                    )
     sources = [*sources, *by_path.values()]
     for file in sources:
         for needed in filter(None, (file.path, file.options.get("inventory"))):
@@ -101,15 +104,18 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
 
 def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
     """Return the files, by kind, that the motions follow from, or would if they appeared."""
-    asked = [each for each in (study.motions, study.motions.first) if each is not None]
-    sources = [s for each in asked for s in find_sources(each, study.intensity.measure)]
-    records = [s.path for s in sources]
-    records += [path for s in sources for path in s.others.values()]
-    lists = (each.index for each in asked if each.index is not None)
-    indices = [Path(path, index.INDEX_NAME * os.path.isdir(path)) for path in lists]
+    records = list[Path]()
+    indices = list[Path]()
+    inventories = list[Path]()
+    for asked in filter(None, (study.motions, study.motions.first)):
+        if asked.index:
+            name = index.INDEX_NAME * os.path.isdir(asked.index)
+            indices.append(Path(asked.index, name))
+        for source in find_sources(asked, study.intensity.measure):
+            records += (source.path, *source.others.values())
+            if source.options.get("inventory"):
+                inventories.append(Path(source.options["inventory"]))
     names = {name for path in records for name in (path.stem, path.name)}
-    given = (s.options.get("inventory") for s in sources)
-    inventories = [Path(path) for path in given if path is not None]
     for folder in dict.fromkeys(path.parent for path in records):
         indices += (place / index.INDEX_NAME for place in (folder, folder.parent))
         # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
@@ -128,26 +134,26 @@ def check_known(
             raise InputError(f"{key}: {name!r} is not a record of the study; {hint}")
 
 
-def following(
-    asked: Motions, records: list[Any], make: Callable[[Motions], list[Any]]
-) -> list[Any]:
-    """Return records with what comes first before each: one of them, or of what `make` makes of
-    an index; as they are without first shocks.
+def following(asked: Motions, make: Callable[[Motions], list[Any]]) -> list[Any]:
+    """Return the records that `make` makes, with what comes first before each: one of them, or of
+    those of an index; as they are without first shocks.
 
     Before a record that is reversed comes the reversed one of what comes before the record.
     """
+    records = make(asked)
     if asked.before is None:
         return records
-    known = {each.id: each for each in (make(asked.first) if asked.first else records)}
+    firsts = make(asked.first) if asked.first else records
+    ids = [each.id for each in firsts]
     senses = 1 + asked.both_senses  # each beside its reverse, as `_name` yields them
-    names = asked.before.records or [*known][::senses]
-    check_known(names, [*known], "motions.before.records")
-    places = [[*known].index(name) for name in names]
+    names = asked.before.records or ids[::senses]
+    check_known(names, ids, "motions.before.records")
     found = []
     for number, record in enumerate(records):
         turn, sense = divmod(number, senses)
-        first = [*known.values()][places[turn % len(places)] ^ sense]
-        found.append(replace(record, first=first))
+        found.append(
+            replace(record, first=firsts[(ids.index(names[turn % len(names)]) ^ sense)])
+        )
     return found
 
 
@@ -198,95 +204,95 @@ def _find_components(
 
     A row of the index with the same event and station comes before a file of nearly the same name.
     """
-    kinds = [kind for kind, is_needed in needed.items() if is_needed]
-    folders = {file.path.parent for file in files} if kinds else ()
+    folders = {file.path.parent for file in files}
     by_name = {folder: partners.partners(folder_names(folder)) for folder in folders}
-    for file, kind in ((file, kind) for file in files for kind in kinds):
-        vertical = kind == "vertical"
-        paths = [
-            row.path
-            for row in listed
-            if file.site
-            and row.site == file.site
-            and row.entry is not file.entry
-            and row.is_vertical == vertical
-        ]
-        name = by_name[file.path.parent][vertical].get(file.path.name)
-        if len(paths) != 1 and name:
-            paths = [file.path.with_name(name)]
-        if len(paths) == 1:
-            file.others[kind] = paths[0]
+    for file in files:
+        transverse, vertical = (
+            own.get(file.path.name) for own in by_name[file.path.parent]
+        )
+        file.twin = transverse
+        for kind, name in (("vertical", vertical), ("transverse", transverse)):
+            if not needed[kind]:
+                continue
+            paths = [
+                row.path
+                for row in listed
+                if file.site
+                and row.site == file.site
+                and row.entry is not file.entry
+                and row.is_vertical == (kind == "vertical")
+            ]
+            if len(paths) != 1 and name:
+                paths = [file.path.with_name(name)]
+            if len(paths) == 1:
+                file.others[kind] = paths[0]
 
 
-_Read = tuple[RecordFile, Motion, list[Motion]]  # a file, one of its motions, all
 _Paired = tuple[RecordFile, Motion, str]  # and how it is called if it is rotated
 
 
 def read_sources(asked: Motions, measure: str) -> Iterator[Motion]:
     """Read the motions that a study asks for one after the other, processed as it states."""
-    steps = asked.steps
-    needed = _needed(asked, measure)
-    chosen = dict(steps).get("choose", {}).get("components", ())
+    steps = dict(asked.steps)
+    chosen = steps.get("choose", {}).get("components", ())
     with one_reader():
-        recordings = _choose(_read(find_sources(asked, measure)), chosen)
-        paired = _pair(recordings, needed, "rotate" in dict(steps))
-        yield from _name(_process(paired, steps), asked)
+        recordings = _read(find_sources(asked, measure), chosen)
+        yield from _name(
+            _pair(recordings, _needed(asked, measure), "rotate" in steps), asked
+        )
 
 
-def _read(files: Iterable[RecordFile]) -> Iterator[_Read]:
-    """Read the horizontal components of files, with what tells the records of one earthquake."""
-    pairs: dict[Path, dict[str, str]] = {}
+def _read(
+    files: Iterable[RecordFile], components: Sequence[str]
+) -> Iterator[tuple[RecordFile, Motion, list[Motion]]]:
+    """Read the chosen horizontal components of files (all if none is named), each with all.
+
+    They have what tells the records of one earthquake. RecordError for a record without one.
+    """
+    letters = {code.upper() for code in components}
+    left_out = dict[Any, str]()
+    used = set[Any]()
     for file in files:
         path = file.path
         if file.entry is None:
             motions = read.read_horizontals(path, name=file.name, **file.options)
         else:
             motions = [read.load_motion(file.entry)]
-        if path.parent not in pairs:
-            pairs[path.parent] = partners.partners(folder_names(path.parent))[0]
-        other = pairs[path.parent].get(path.name)
         digest = sha256_of(path)
         pair = ""
         for place, motion in enumerate(motions):
-            if other and not partners.numbered(path.name, other):
-                first = sha256_of(path.with_name(min(path.name, other)))[:16]
+            if file.twin and not partners.numbered(path.name, file.twin):
+                first = sha256_of(path.with_name(min(path.name, file.twin)))[:16]
                 pair = f"{first} {motion.acceleration.size} {motion.dt:g}"
             motions[place] = motion.stating(file_sha256=digest, pair=pair)
-        yield from ((file, motion, motions) for motion in motions)
-
-
-def _choose(recordings: Iterable[_Read], components: Sequence[str]) -> Iterator[_Read]:
-    """Keep the chosen components (all if none is named); RecordError for a record without one."""
-    letters = {code.upper() for code in components}
-    left_out = dict[Any, str]()
-    used = set[Any]()
-    for file, motion, motions in recordings:
-        facts = motion.facts
-        code = facts.component
-        record = facts.event, facts.station, facts.start_time
-        if not any(record):
-            record = (str(file.path), "", "")
-        if letters and not {code.upper(), code[-1:].upper()} & letters:
-            left_out.setdefault(record, f"{file.path}: record {motion.id} ({code})")
-            continue
-        used.add(record)
-        yield file, motion, motions
-    for lost in (name for record, name in left_out.items() if record not in used):
+        for motion in motions:
+            facts = motion.facts
+            code = facts.component
+            record = facts.event, facts.station, facts.start_time
+            if not any(record):
+                record = str(path), "", ""
+            if letters and not {code.upper(), code[-1:].upper()} & letters:
+                left_out.setdefault(record, f"{path}: record {motion.id} ({code})")
+            else:
+                used.add(record)
+                yield file, motion, motions
+    for record in left_out.keys() - used:
         raise RecordError(
-            f"{lost}: has none of the components {', '.join(components)} that "
+            f"{left_out[record]}: has none of the components {', '.join(components)} that "
             "motions.processing chooses"
         )
 
 
 def _pair(
-    recordings: Iterable[_Read], needed: dict[str, bool], rotates: bool
+    recordings: Iterable[tuple[RecordFile, Motion, list[Motion]]],
+    needed: dict[str, bool],
+    rotates: bool,
 ) -> Iterator[_Paired]:
     """Give motions the components that are needed, and no others.
 
     Where they are rotated, both horizontal components of a record give one motion.
     """
     turned = set[Any]()
-    kinds = [kind for kind, is_needed in needed.items() if is_needed]
     for file, motion, motions in recordings:
         if (file.path, motion.facts.component) in turned:
             continue
@@ -295,7 +301,7 @@ def _pair(
         if motion.vertical is not None and not needed["vertical"]:
             log = (*motion.log, VERTICAL_LEFT)
             paired = replace(motion.stating(of_vertical=None), vertical=None, log=log)
-        for kind in kinds:
+        for kind in filter(needed.get, needed):
             if kind == "transverse" or motion.vertical is None:
                 other = _component(kind, file, motion, motions)
                 if file.entry is not None:  # whose spelling headers need not have
@@ -304,8 +310,11 @@ def _pair(
                 ids[1] = other.id  # of the transverse, which comes last
         part = paired.facts.of_transverse
         if rotates and part:
-            same = part.file == file.path.name
-            other_file = file.path if same else file.others.get("transverse")
+            other_file = (
+                file.path
+                if (part.file == file.path.name)
+                else file.others.get("transverse")
+            )
             turned.add((other_file, part.component))
         # What is rotated is named after both horizontal components.
         common = os.path.commonprefix(ids).rstrip(" -+_.:")  # noqa: RUF071
@@ -318,55 +327,51 @@ def _component(
     """Return the "vertical" or "transverse" of a motion; RecordError if there is none."""
     path = file.others.get(kind)
     clue = ""
-    vertical = kind == "vertical"
-    other = None if vertical else partners.other_horizontal(motion, motions)
-    if other is None and path is not None:
-        if vertical:
-            return read.read_vertical(path, **file.options)
-        candidates = read.read_horizontals(path, **file.options)
-        other = candidates[0] if len(candidates) == 1 else None
-        if other and file.entry is None and not partners.belong_together(motion, other):
-            other = None
+    if kind == "transverse":
+        own = partners.other_horizontal(motion, motions)
+        if own is not None:
+            return own
+        found = read.read_horizontals(path, **file.options) if path else []
+        if len(found) == 1:
+            if file.entry is not None or partners.belong_together(motion, found[0]):
+                return found[0]
             clue = (
-                f"{path.name} has nearly the same name, but neither start, event and station nor "
-                "length show that it belongs. "
+                f"{file.others[kind].name} has nearly the same name, but neither start, event and "
+                "station nor length show that it belongs. "
             )
-    if other is None:
-        remedy = "leave this record out"
-        remedy += ", or set motions.vertical: false for all records" * vertical
-        component = "vertical" if vertical else "other horizontal"
-        raise RecordError(
-            f"{file.path}: record {motion.id} has no {component} component, which the study "
-            f"needs. {clue}It must be in this file, in one whose name differs in the "
-            "direction only (N and E; 090, 180 and UP), or in the one other row of an index "
-            f"with this event and station. Without such a file, {remedy}"
-        )
-    return other
+    elif path is not None:
+        return read.read_vertical(path, **file.options)
+    raise RecordError(
+        f"{file.path}: record {motion.id} has no {kind} component, which the study needs. "
+        f"{clue}It must be in this file, in one whose name differs in the direction only (N and "
+        "E; 090, 180 and UP), or in the one other row of an index with this event and station. "
+        "Without such a file, leave this record out, or ask for no such component: "
+        "motions.vertical: false, no rotate and no RotD measure"
+    )
 
 
-def _process(
-    paired: Iterable[_Paired], steps: Sequence[tuple[str, dict[str, Any]]]
-) -> Iterator[tuple[RecordFile, Motion]]:
+def _processed(file: RecordFile, motion: Motion, common: str, asked: Motions) -> Motion:
     """Apply the steps of processing."""
-    for file, motion, common in paired:
-        for number, (name, settings) in enumerate(steps):
-            place = f"{file.path}: motions.processing[{number}] ({name})"
-            with at(place, kind=RecordError):
-                inventory = file.options.get("inventory")
-                motion = apply_step(name, settings, motion, file.path, inventory)
-            if name == "rotate":
-                motion = replace(motion, id=common)
-        yield file, motion
+    for number, (name, settings) in enumerate(asked.steps):
+        place = f"{file.path}: motions.processing[{number}] ({name})"
+        with at(place, kind=RecordError):
+            motion = apply_step(
+                name, settings, motion, file.path, file.options.get("inventory")
+            )
+        if name == "rotate":
+            motion = replace(motion, id=common)
+    return motion
 
 
-def _name(
-    processed: Iterable[tuple[RecordFile, Motion]], asked: Motions
-) -> Iterator[Motion]:
-    """Yield the selected motions, in both senses if asked; InputError if ids are not clear."""
+def _name(paired: Iterable[_Paired], asked: Motions) -> Iterator[Motion]:
+    """Yield the selected motions, processed, in both senses if asked; InputError if ids are not
+    clear.
+    """
     taken = dict[str, Path]()
     ids = list[str]()
     before = list[dict[str, Any]]()
-    for file, motion in processed:
+    for file, recorded, common in paired:
+        motion = _processed(file, recorded, common, asked)
         ids.append(motion.id)
         selected = asked.select is None or motion.id in asked.select
         if selected:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from archfrag.files import make_folder
+from archfrag.files import Plain, make_folder
 from archfrag.fragility.verdicts import Verdict
 from archfrag.physics.methods.auto import goes_by_events
 from archfrag.physics.methods.registry import AUTO, METHODS
@@ -34,15 +34,11 @@ LARGEST_CHUNK = 64
 CHUNKS_EACH = 8
 # Of an adaptive design a worker that is free takes its share of what waits.
 LARGEST_SHARE = 16
-_SHOWN = ["verdict", "steps", "wall_time"]  # of a run, in the table of a batch
 
 
 def run_batch(
-    study: StudyKeys,
-    batch: int = 0,
-    workers: int | None = None,
-    quiet: bool = False,
-) -> tuple[dict[str, Any], "pd.DataFrame"]:
+    study: StudyKeys, batch: int = 0, workers: int | None = None, quiet: bool = False
+) -> tuple[Plain, "pd.DataFrame"]:
     """Make the runs of one batch that the design requests; those that are there are kept.
 
     Returned are the entry of the log (runs requested and of them kept, iterations, workers, wall
@@ -78,14 +74,16 @@ def run_batch(
     add_to_log(study.work, {"step": "runs", "batch": batch, **log, **machine()})
     cases = cases[order_of(cases)]
     table = store.joined([stored, *maker.made])
-    rows = pd.DataFrame(table[places(table, plan.keys(cases))][_SHOWN])
-    rows["verdict"] = [Verdict(code).name.lower() for code in rows["verdict"]]
-    for place, (name, named) in enumerate(
-        (("arch", plan.arches), ("record", plan.records))
-    ):
-        rows.insert(place, name, [named[number].id for number in cases[name]])
-    rows.insert(2, "level", cases["level"])
-    return log, rows
+    made = table[places(table, plan.keys(cases))]
+    rows = {
+        "arch": [plan.arches[number].id for number in cases["arch"]],
+        "record": [plan.records[number].id for number in cases["record"]],
+        "level": cases["level"],
+        "verdict": [Verdict(code).name.lower() for code in made["verdict"]],
+        "steps": made["steps"],
+        "wall_time": made["wall_time"],
+    }
+    return log, pd.DataFrame(rows)
 
 
 class _Bar(tqdm):
@@ -120,7 +118,7 @@ class _Maker:
     def __post_init__(self) -> None:
         self.made: list[Table] = []
         counts = dict.fromkeys(("runs", "kept", "iterations", "workers"), 0)
-        self.log: dict[str, Any] = {**counts, "kernel_time": 0.0, "compile_time": 0.0}
+        self.log: Plain = {**counts, "kernel_time": 0.0, "compile_time": 0.0}
         self._workers: Threads | Cluster | None = None
         self._waiting = np.empty(0, CASE)
         self._alike = np.empty(0, CASE)  # runs that another is the same as
@@ -217,8 +215,9 @@ def _prepare(plan: Plan, bar: tqdm) -> float:
         name = method_to_compile(plan)
         if not kernels_are_compiled():  # else each worker loads them for itself
             bar.bar_format = "{desc}"
-            show = partial(bar.set_description_str, refresh=False)
-            compile_time = warmup(name, progress=show)
+            compile_time = warmup(
+                name, progress=partial(bar.set_description_str, refresh=False)
+            )
         check_standing(plan.arches, plan.study.method)
     bar.bar_format = None
     bar.desc = "simulations"

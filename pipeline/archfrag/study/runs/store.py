@@ -6,23 +6,23 @@ or grows keeps every run that is still what it was.
 """
 
 import contextlib
-import csv
 import hashlib
 import io
 import re
 import zlib
-from collections import namedtuple
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import replacing
+from archfrag.files import Plain, replacing
+from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import scaling_exponent
 from archfrag.physics.kernels.cache import digest_of_syntax, kernel_platform
@@ -47,25 +47,22 @@ DECIDING = (
 )
 KEY = 16  # bytes
 Table = NDArray[np.void]
+Keys = NDArray[np.bytes_]
 # The cube's variables by name; columns of the file: name; dimensions ("run" stands for arch,
 # record and level); dtype (S for text); units (empty for codes and text); fill, what stands where
 # there is no such value; missing, what stands in a cell that was not simulated; flags, the
 # enumeration of the codes or the meanings of 0, 1 and so on; source, an array of the kernels'
 # results with the entry there, or a record's attribute; long_name; comment.
-with (
-    Path(__file__)
-    .with_name("variables.csv")
-    .open(encoding="utf-8", newline="") as _file
-):
-    _rows: list[Any] = list(csv.reader(_file))
-_Variable: Any = namedtuple("_Variable", _rows[0])  # type: ignore[misc]  # names of a file
-VARIABLES: dict[str, Any] = {row[0]: _Variable(*row) for row in _rows[1:]}
+_table = pd.read_csv(
+    Path(__file__).with_name("variables.csv"), dtype=str, keep_default_na=False
+)
+VARIABLES: Plain = {str(row.name): row for row in _table.itertuples(index=False)}
 COLUMNS = tuple(each for each in VARIABLES.values() if each.dimensions == "run")
 _VERDICTS = np.full(max(Status) + 1, Verdict.FAILED, np.int8)  # by status
 _VERDICTS[Status.STANDING] = Verdict.SURVIVED
 _VERDICTS[Status.COLLAPSED] = Verdict.COLLAPSED
 _VERDICTS[Status.UNFINISHED] = Verdict.UNFINISHED
-_ENTRIES: dict[str, Any] = {"count": Count, "loss": Loss, "peak": Peak}
+_ENTRIES: Plain = {"count": Count, "loss": Loss, "peak": Peak}
 # A row: its key, all columns, the time simulated in each model, and how long it took.
 ROW = np.dtype(
     [
@@ -94,27 +91,27 @@ def verdicts_of(status: NDArray) -> NDArray[np.int8]:
     return _VERDICTS[status]
 
 
-def columns_of(results: "Outcomes", starts: Any = 0.0) -> dict[str, NDArray]:
-    """Return the columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s].
+def table_of(keys: Keys, results: "Outcomes", wall_time: Any, starts: Any) -> Table:
+    """Return the rows of runs from their keys, the kernels' results and how long each took [s].
 
     What collapsed before its record `starts` [s] has a verdict of its own.
     """
+    table = np.zeros(len(keys), ROW)
+    table["key"] = keys
+    table["wall_time"] = wall_time
+    table["model_time"] = results.model_time[:, list(Level)]
+    table["verdict"] = verdicts_of(results.status)
+    early = (results.status == Status.COLLAPSED) & (results.collapse_time < starts)
+    table["verdict"][early] = Verdict.COLLAPSED_BEFORE
     balance = results.energy[:, Energy.BALANCE_ERROR_PEAK]
     largest = results.energy[:, Energy.LARGEST_KINETIC]
-    error = np.divide(balance, largest, out=np.zeros(len(largest)), where=largest > 0.0)
-    columns: dict[str, NDArray] = {
-        "verdict": verdicts_of(results.status),
-        "energy_error": error,
-        "model_time": results.model_time[:, list(Level)],
-    }
+    np.divide(balance, largest, out=table["energy_error"], where=largest > 0.0)
     for column in COLUMNS:
         if column.source:
             name, _, entry = column.source.partition(".")
             values = getattr(results, name)
-            columns[column.name] = values[:, _ENTRIES[name][entry]] if entry else values
-    early = (results.status == Status.COLLAPSED) & (results.collapse_time < starts)
-    columns["verdict"][early] = Verdict.COLLAPSED_BEFORE
-    return columns
+            table[column.name] = values[:, _ENTRIES[name][entry]] if entry else values
+    return table
 
 
 # A motion of a minute with its vertical takes 0.2 MB.
@@ -143,9 +140,8 @@ class Plan:
 
     def motion(self, record: PreparedRecord) -> "Motion":
         """Return the motion of a record, or of what comes first before one."""
-        if record.stored in self.motions:
-            return self.motions[record.stored]
-        return _stored_motion(self.study.work, record)
+        known = self.motions.get(record.stored)
+        return known or _stored_motion(self.study.work, record)
 
     def shock(
         self, arch: int, record: int
@@ -178,7 +174,7 @@ class Plan:
         return self.study.work / "parts" / self.identity[:12]
 
     @cached_property
-    def levels(self) -> NDArray[np.float64]:
+    def levels(self) -> FloatArray:
         """Return the levels of the study, (n_level,) [SI]."""
         return np.array(self.study.intensity.si)
 
@@ -188,21 +184,23 @@ class Plan:
         return 1.0 / scaling_exponent(self.study.intensity.measure)
 
     @cached_property
-    def unscaled(self) -> NDArray[np.float64]:
+    def unscaled(self) -> FloatArray:
         """Return the factors that bring the records to 1 in the study's measure, (n_record,)."""
         return np.array([record.factor for record in self.records])
 
-    def factors(self, cases: Cases) -> NDArray[np.float64]:
+    def factors(self, cases: Cases) -> FloatArray:
         """Return the factors that bring the records of runs to their levels, (n,)."""
         return self.unscaled[cases["record"]] * cases["level"] ** self.power
 
-    def keys(self, cases: Cases) -> NDArray[np.bytes_]:
+    def keys(self, cases: Cases) -> Keys:
         """Return the identity of each run, by kernels, method, arch, motion and factor, (n,)."""
         given = f"{self.identity}/{digest_of(self.study.method.model_dump())}"
         stems = {}
         keys = []
-        pairs = zip(cases["arch"].tolist(), cases["record"].tolist())
-        for pair, factor in zip(pairs, self.factors(cases).astype("<f8")):
+        for pair, factor in zip(
+            zip(cases["arch"].tolist(), cases["record"].tolist()),
+            self.factors(cases).astype("<f8"),
+        ):
             if pair not in stems:
                 own = f"{given}/{self.arches[pair[0]].chain}/{self.records[pair[1]].samples}/"
                 shock = self.shock(*pair)
@@ -223,16 +221,19 @@ class Plan:
         requests = {}
         # An adaptive design follows from names: other arches and the order of all change nothing.
         turns = [zlib.crc32(record.id.encode()) for record in self.records]
+        # What an adaptive design requests follows from all runs of an arch.
+        shares = 1 if design.adaptive else len(turns)
         for arch, member in enumerate(self.arches):
             records = np.argsort(turns, kind="stable")
-            # What an adaptive design requests follows from all runs of an arch.
-            share = 0 * records + arch
-            if not design.adaptive:
-                share = arch * len(turns) + records
+            share = arch * shares + records % shares
             records = records[share % batches == batch]
             if records.size:
-                seed = zlib.crc32(member.id.encode())
-                about = self.levels, self.unscaled[records], self.power, seed
+                about = (
+                    self.levels,
+                    self.unscaled[records],
+                    self.power,
+                    zlib.crc32(member.id.encode()),
+                )
                 requests[arch] = design.requests(Grid(arch, records, *about))
         return requests
 
@@ -240,14 +241,6 @@ class Plan:
 def make_plan(study: StudyKeys) -> Plan:
     """Return the plan of a study whose motions are prepared."""
     return Plan(study, study.members, tuple(load_prepared(study)))
-
-
-def table_of(keys: NDArray[np.bytes_], columns: Mapping[str, Any]) -> Table:
-    """Return rows of runs, from their keys and all other columns."""
-    table = np.zeros(len(keys), ROW)
-    for name, values in {"key": keys, **columns}.items():
-        table[name] = values
-    return table
 
 
 def write_part(folder: Path, table: Table) -> Path:
@@ -297,21 +290,21 @@ def joined(parts: Iterable[Table | None]) -> Table:
     return table[np.argsort(table["key"], kind="stable")]
 
 
-def places(table: Table, keys: NDArray[np.bytes_]) -> NDArray[np.int64]:
+def places(table: Table, keys: Keys) -> IntArray:
     """Return the row of each key in a table in their order, -1 where there is no result, (n,)."""
     known = np.append(table["key"], b"")  # which is no key
     at = np.searchsorted(known[:-1], keys)
     return np.where(known[at] == keys, at, -1)
 
 
-def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
+def gather(plan: Plan) -> tuple[Cases, Table, dict[int, Plain]]:
     """Return all runs that the design of a plan requests, sorted by arch, record and place.
 
     Returned with their results, and with what the design returned by arch. InputError if results
     are missing.
     """
     table = read_parts(plan.parts)
-    found = list[NDArray[np.int64]]()
+    found = list[IntArray]()
 
     def known(cases: Cases) -> Verdicts:
         at = places(table, plan.keys(cases))

@@ -59,16 +59,16 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
     arch = plan.arch(int(cases["arch"][0]))
     results, wall_time = results_of_runs(arch, motions, factors, **options)
     starts = [motion.record_start for motion in motions]
-    columns = store.columns_of(results, starts) | {"wall_time": wall_time}
-    return store.table_of(plan.keys(cases), columns)
+    return store.table_of(plan.keys(cases), results, wall_time, starts)
 
 
 def describe_code() -> str:
     """Name the code of this process: version, commit, identity, and what it is compiled with."""
     found = versions()
-    packages = ", ".join(f"{name} {found.get(name)}" for name in ("numba", "numpy"))
-    own = f"identity {store.code_identity()[:12]}, {packages}"
-    return f"archfrag {found['archfrag']} (commit {commit()[:12]}, {own})"
+    return (
+        f"archfrag {found['archfrag']} (commit {commit()[:12]}, identity "
+        f"{store.code_identity()[:12]}, numba {found.get('numba')}, numpy {found.get('numpy')})"
+    )
 
 
 class Threads:
@@ -196,8 +196,10 @@ class Cluster:
             ) from error
         # Of other modules.
         except (ImportError, NameError, AttributeError, TypeError) as error:
-            what = f"{type(error).__name__}: {error}; all workers must have {describe_code()}"
-            raise WorkerError(f"a worker failed: {what}; {_GO_ON}") from error
+            raise WorkerError(
+                f"a worker failed: {type(error).__name__}: {error}; all workers must have "
+                f"{describe_code()}; {_GO_ON}"
+            ) from error
 
 
 @contextlib.contextmanager
@@ -249,5 +251,7 @@ def _client_of(given: str) -> "Client":
         address = json.loads(Path(given).read_bytes())["address"] if read else given
         return Client(address, timeout=ANSWER_WITHIN, set_as_default=False)
     except (OSError, ValueError, RuntimeError, LookupError, TypeError) as error:
-        what = f"{given} cannot be used: {error or type(error).__name__}"
-        raise WorkerError(f"execution.scheduler: {what}; {_GO_ON}") from error
+        raise WorkerError(
+            f"execution.scheduler: {given} cannot be used: {error or type(error).__name__}; "
+            f"{_GO_ON}"
+        ) from error
