@@ -15,6 +15,7 @@ from pydantic import (
     Tag,
     WithJsonSchema,
     create_model,
+    field_validator,
     model_validator,
 )
 from scipy import stats
@@ -397,6 +398,15 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     """Ties, one or several."""
     vary: Vary | None = None
     """Distributions of uncertain keys; the study then has sampled arches in place of this one."""
+
+    @field_validator("joints", mode="before")
+    @classmethod
+    def _are_a_block(cls, given: Any) -> Any:
+        if isinstance(given, list) or isinstance(given, dict) and "positions" in given:
+            raise refuse(
+                "is a block with stiffness; positions are joint_positions: [...]"
+            )
+        return given
 
     @model_validator(mode="after")
     def _have_what_varies(self) -> Self:
