@@ -104,7 +104,7 @@ def joint_positions(
     """Return positions of joints from the middle of the ring, from minus to plus half `end`."""
     if value is None:
         # Integer numerators make mirrored joints equal to the last bit.
-        index = np.arange(voussoirs + 1, dtype=np.float64)
+        index = np.arange(voussoirs + 1, dtype=float)
         return end * ((2.0 * index - voussoirs) / (2.0 * voussoirs))
     allowed = (
         f"one of {voussoirs + 1} numbers that increase from 0 at the left springing "

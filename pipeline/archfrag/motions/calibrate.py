@@ -58,18 +58,17 @@ _INSTRUMENTS = {
     "S": "a strain gauge",
 }
 # Of an instrument that does not record the motion of the ground.
-_STRUCTURE = re.compile(
-    r"\b(roof|penthouse|attic|parapet|(?!1st)\d+(st|nd|rd|th)\s+(floor|fl|level|story)|deck|girder|"
-    r"superstructure|crest|chimney|mid-?(span|height)|top (of|center)|bent|pier)\b",
-    re.IGNORECASE,
+_STRUCTURE = (
+    r"(?i)\b(roof|penthouse|attic|parapet|(?!1st)\d+(st|nd|rd|th)\s+(floor|fl|level|story)|deck|girder|"
+    r"superstructure|crest|chimney|mid-?(span|height)|top (of|center)|bent|pier)\b"
 )
 _QUANTITIES = {
     "a velocity": r"([nuµmck]?m|in|ft)/s|kine",
     "a displacement": r"([nuµmck]?m|in|ft)",
     "an acceleration in another unit": r"([nuµk]?m|in|ft)/s2|m?g?gal|[mu]g|%g",
 }
-_UNSTATED = re.compile("|unknown|none|n/?a|-|1|integer|float|ascii")
-_COUNTS = re.compile("(digital_?)?(count|cnt)s?|du|digits")
+_UNSTATED = "|unknown|none|n/?a|-|1|integer|float|ascii"
+_COUNTS = "(digital_?)?(count|cnt)s?|du|digits"
 
 
 def accepted_words(words: Iterable[str], place: object) -> tuple[Acceptable, ...]:
@@ -170,9 +169,9 @@ def _add_stated(channel: Channel) -> None:
     quantity = quantity or _SAC_QUANTITIES.get(_number(sac, "idep"))
     if unit in METRES_PER_SECOND_SQUARED:
         channel.unit = unit
-    elif _COUNTS.fullmatch(unit):
+    elif re.fullmatch(_COUNTS, unit):
         channel.unit = "counts"
-    elif not _UNSTATED.fullmatch(unit):
+    elif not re.fullmatch(_UNSTATED, unit):
         kinds = (kind for kind, form in _QUANTITIES.items() if re.fullmatch(form, unit))
         quantity = f"{next(kinds, 'no acceleration')} (its unit is {stated!r})"
     if quantity:
@@ -268,7 +267,7 @@ def _add_place(channel: Channel, path: Path) -> None:
     stats = channel.trace.stats
     station = f"{stats.station} {channel.station} {path.name}".upper()
     kik_net = stats._format == "KNET" or re.search(r"\b[A-Z]{3}H\d\d", station)
-    place = _STRUCTURE.search(f"{channel.place} {stats.location}")
+    place = re.search(_STRUCTURE, f"{channel.place} {stats.location}")
     if _BOREHOLE.fullmatch(path.suffix[1:].upper()) or (
         kik_net and _BOREHOLE.fullmatch(channel.code.upper())
     ):

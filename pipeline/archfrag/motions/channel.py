@@ -29,12 +29,9 @@ METRES_PER_SECOND_SQUARED = {
     "g": STANDARD_GRAVITY,
 }
 
-VERTICAL = re.compile(
-    r"[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)", re.IGNORECASE
-)
+VERTICAL = re.compile(r"(?i)[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)")
 HORIZONTAL = re.compile(
-    r"[-+]?((EW|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12])",
-    re.IGNORECASE,
+    r"(?i)[-+]?((EW|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12])"
 )
 AZIMUTHS = {
     "N": 0.0,
@@ -49,8 +46,7 @@ AZIMUTHS = {
     "W": 270.0,
     "WEST": 270.0,
 }
-_QUADRANT = re.compile(r"([NS])(\d+(?:\.\d+)?)([EW])")
-_SEED = re.compile(r"[A-Z]{2}[A-Z\d]")
+_QUADRANT = r"([NS])(\d+(?:\.\d+)?)([EW])"
 _SKEWED = 5.0  # [degrees] by which two components may be off a right angle
 # How indices of records spell facts.
 _SPELLINGS = {"Mw": "magnitude", "Vs30_mps": "vs30_mps", "event_id": "event"}
@@ -290,13 +286,16 @@ def _may_be(channel: Channel, listed: str) -> bool:
     named = azimuth_of_code(listed)
     if azimuth is not None and named is not None:
         return turned_by(azimuth, named) <= _SKEWED
-    codes = all(_SEED.fullmatch(code.upper()) for code in (channel.code, listed))
+    codes = all(
+        re.fullmatch(r"[A-Z]{2}[A-Z\d]", code.upper())
+        for code in (channel.code, listed)
+    )
     return not channel.code or (HORIZONTAL.fullmatch(listed) is not None and not codes)
 
 
 def quadrant(text: str) -> float | None:
     """Return the azimuth of a bearing such as S16W [degrees from north]; None for other text."""
-    bearing = _QUADRANT.fullmatch(text.upper())
+    bearing = re.fullmatch(_QUADRANT, text.upper())
     if bearing is None:
         return None
     angle = float(bearing[2])

@@ -45,7 +45,6 @@ _ANGLES = np.deg2rad(np.arange(180.0))  # of directions in the horizontal plane
 _HUSID = np.pi / (2.0 * STANDARD_GRAVITY)
 _HOUSNER = np.linspace(0.1, 2.5, 121)  # [s]
 _SPELLINGS = {"SA": "Sa", "SaAvg": "AvgSA"}
-_ROTATED = re.compile(r"(RotD(?:50|100))\((.*)\)")
 # From which on there is a caution. Of 106 components of nine agencies (raw: mean removed) the
 # largest offset is 0.0001, drift 0.09, end 0.15, but for one analogue record that drifts (0.25).
 OFFSET = 0.01  # of the mean to the peak
@@ -88,7 +87,7 @@ def arias_times(
     """Return the times [s] at which the Arias intensity of both horizontals reaches fractions."""
     squares = acceleration**2 + (0.0 if transverse is None else transverse**2)
     husid = _HUSID * integral(squares, dt)
-    time = np.arange(husid.size, dtype=np.float64) * np.float64(dt)
+    time = np.arange(husid.size) * dt
     moved = husid[-1] != 0.0
     return [
         float(np.interp(part * husid[-1], husid, time)) if moved else 0.0
@@ -177,7 +176,7 @@ def parse_measure(name: str) -> Measure:
     Measure(kind='AvgSA', periods=(0.2, 1.0), unit='m/s2', rotated='')
     """
     text = name.strip() if isinstance(name, str) else ""
-    rotated = _ROTATED.fullmatch(text)
+    rotated = re.fullmatch(r"(RotD(?:50|100))\((.*)\)", text)
     if rotated:
         inner = parse_measure(rotated[2])
         if inner.kind not in ("PGA", "PGV", "Sa") or inner.rotated:
@@ -359,7 +358,7 @@ def _spectrum(
     ground: NDArray[Any], dt: float, periods: ArrayLike, angles: Samples
 ) -> Samples:
     """Return Sa by angle, (n_period, n_angle); `ground` has the second component as imaginary."""
-    chosen = np.atleast_1d(np.asarray(periods, dtype=np.float64))
+    chosen = np.atleast_1d(np.asarray(periods, float))
     if not (np.isfinite(chosen).all() and (chosen > 0.0).all()):
         raise InputError(
             f"periods {chosen.tolist()} must be positive numbers of seconds"

@@ -90,7 +90,7 @@ class Motion:
                     what = f"{key} has {'masked' if masked else 'complex'} samples"
                     raise RecordError(f"{name}: {what}; all must be real numbers")
             arrays = {
-                key: np.array(samples, dtype=np.float64)
+                key: np.array(samples, float)
                 for key, samples in components.items()
                 if samples is not None
             }
@@ -155,7 +155,7 @@ class Motion:
     @property
     def time(self) -> Samples:
         """Time of each sample from the first, shape (n_sample,) [s]."""
-        return np.arange(self.acceleration.size, dtype=np.float64) * np.float64(self.dt)
+        return np.arange(self.acceleration.size, dtype=float) * self.dt
 
     def scaled(self, factor: float) -> Motion:
         """Return the motion with all components multiplied by `factor`, a finite number."""
@@ -278,7 +278,7 @@ class Motion:
             )
             warnings = calibrate.impossible(channel)
             channel.accepted = calibrate.accept_or_refuse(place, words, warnings)
-            trace.data = np.asarray(trace.data, dtype=np.float64) * factor
+            trace.data = np.asarray(trace.data, float) * factor
             channels.append(channel)
         chosen, verticals = choose_horizontal(channels, place, component)
         return motion_of_channel(chosen, Path(place), chosen.trace.id, verticals)

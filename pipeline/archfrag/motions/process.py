@@ -255,8 +255,8 @@ def rotate(
     along = np.deg2rad(turned)
     # a(azimuth) = N cos + E sin holds for both components; solved for the direction.
     waves = [
-        np.float64(np.sin(second - direction) / sine) * motion.acceleration
-        + np.float64(np.sin(direction - first) / sine) * motion.transverse
+        np.sin(second - direction) / sine * motion.acceleration
+        + np.sin(direction - first) / sine * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     ]
     labels = list[dict[str, Any]]()
@@ -319,7 +319,7 @@ def remove_response(
                 f"{record}: the response of channel {trace.id} cannot be removed "
                 f"({reason_of(error)})"
             ) from None
-        changed[key] = np.asarray(trace.data, dtype=np.float64)
+        changed[key] = np.asarray(trace.data, float)
     kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
     done = (
         f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."

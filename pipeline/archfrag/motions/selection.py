@@ -33,9 +33,7 @@ from archfrag.motions.motion import Motion
 from archfrag.motions.target import Target, spectrum_target
 
 LARGEST_TABLE = 200_000_000  # [bytes]
-_FIXED = re.compile(
-    r"T[0-9.]+S|period_s|Sa_g|sd|scale"
-)  # columns whose name states a unit
+_FIXED = r"T[0-9.]+S|period_s|Sa_g|sd|scale"  # columns whose name states a unit
 _LEADING_ZERO = re.compile(r"[-+]?0[0-9]")  # which pandas passes over
 PERIODS = (
     0.01,
@@ -138,7 +136,7 @@ def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
         separator, names, rows = parse_table(text, comments=False)
         check_decimals((line, cell) for line, cells in rows for cell in cells)
         for head, (name, unit) in zip(names, map(stated_unit, names)):
-            if unit is not None and _FIXED.fullmatch(name):
+            if unit is not None and re.fullmatch(_FIXED, name):
                 rule = "is in g, periods in s and sd of ln Sa; write its name without a unit"
                 raise InputError(f"column {head!r}: Sa {rule}")
         table = pd.read_csv(
@@ -159,7 +157,7 @@ def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
 def numbers(table: pd.DataFrame, column: str, source: str) -> Samples:
     """Return a column as numbers, nan if empty; RecordError if it is missing or holds text."""
     try:
-        return pd.to_numeric(table[column]).to_numpy(dtype=np.float64)
+        return pd.to_numeric(table[column]).to_numpy(float)
     except KeyError:
         raise RecordError(f"{source}: column {column!r} is missing") from None
     except ValueError as error:

@@ -96,13 +96,13 @@ def correlation(first: ArrayLike, second: ArrayLike) -> Samples:
     Baker and Jayaram (2008), Earthquake Spectra 24(1), 299-317, as pygmm computes it; InputError
     for a period outside 0.01 to 10 s, where it was fitted.
     """
-    both = [np.asarray(periods, dtype=np.float64) for periods in (first, second)]
+    both = [np.asarray(periods, float) for periods in (first, second)]
     for periods in both:
         _check_within(
             periods, 0.01, 10.0, "of the correlations of Baker and Jayaram (2008)"
         )
     pygmm = from_extra("pygmm.baker_jayaram_2008", "select")
-    return np.asarray(pygmm.calc_correls(*both), dtype=np.float64)
+    return np.asarray(pygmm.calc_correls(*both), float)
 
 
 def _check_within(periods: Samples, low: float, high: float, what: str) -> None:
@@ -241,7 +241,7 @@ def spectrum_target(
 
 
 def _rising(periods: ArrayLike, name: str) -> Samples:
-    values = np.sort(np.asarray(periods, dtype=np.float64).ravel())
+    values = np.sort(np.asarray(periods, float).ravel())
     if not (values.size and np.isfinite(values).all() and values[0] > 0.0):
         raise InputError(
             f"{name} {values.tolist()} must be positive numbers of seconds"

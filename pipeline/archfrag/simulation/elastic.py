@@ -9,7 +9,7 @@ The largest acceleration is where all of these together cost least.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,7 @@ class ElasticArch:
         self.stiffness = (stiffness * arch.joint_depths)[:, None]
         self.shear = (shear * arch.joint_depths)[:, None]
         # Bodies before and after each joint, the grounds counted (n_joint, 2).
-        self.pair = np.arange(arch.n_joint)[:, None] + [0, 1]
+        self.pair: NDArray[Any] = np.arange(arch.n_joint)[:, None] + [0, 1]
         along = chain.face_before[:, 1] - chain.face_before[:, 0]
         self.length = np.hypot(*along.T)
         self.tangent = (along / self.length[:, None]).T[..., None]

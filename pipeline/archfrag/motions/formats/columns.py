@@ -18,8 +18,8 @@ from archfrag.motions.formats.layout import Text, number, search, split, trace_o
 MOST_COLUMNS = 1000
 # What lines before the numbers may state: units of columns (GeoCSV), a unit of acceleration, the
 # step or the rate of samples, and their number.
-_GEOCSV_UNITS = re.compile(r"(?m)^#\s*field_unit\s*:(.*)$")
-_UNIT = re.compile(
+_GEOCSV_UNITS = r"^#\s*field_unit\s*:(.*)$"
+_UNIT = (
     r"(?i)(?:[\[(]\s*|\bin\s+(?:units\s+of\s+)?|\bunits?\s*(?:of|:|=)\s*)"
     r"(m?g|%g|m?gal|(?:[cm]?m|in|ft)\s*/\s*s(?:ec)?\s*(?:\^|\*\*)?\s*(?:2|Â?²|/\s*s(?:ec)?))s?(?![\w/])"
 )
@@ -135,7 +135,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
         raise
     except InputError as error:
         raise RecordError(f"{name}, {error}") from None
-    values = np.array([value for row in table for value in row], dtype=np.float64)
+    values = np.array([value for row in table for value in row], float)
     samples = values.reshape(-1, len(chosen) or 1).T
     if len(samples[0]) < 2:
         raise RecordError(
@@ -176,8 +176,8 @@ def _unit_in(head: str, column: int) -> str:
     stated = search(_GEOCSV_UNITS, head)
     if stated:
         return re.split(r"[,;|\s]+", stated.strip())[: column + 1][-1]
-    known = set(map(plain_unit, _UNIT.findall(head)))
-    if not known and not re.search("accel", head, re.IGNORECASE):
+    known = set(map(plain_unit, re.findall(_UNIT, head)))
+    if not known and not re.search("(?i)accel", head):
         return search(r"\b(velocity|displacement)\b", head)
     return known.pop() if len(known) == 1 else ""
 

@@ -35,28 +35,13 @@ _NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[Ee][-+]?\d+)?")
 # Fixed-width columns leave no blank before a sign, nor after a two-digit exponent.
 _RUN_TOGETHER = re.compile(r"(?<=[Ee][-+]\d\d)(?=[-+.\d])|(?<=[\d.])(?=[-+])")
 _FIXED_WIDTH = re.compile(r"[-+]?(?:\d+\.\d*|\.\d+)(?:[Ee][-+]\d\d)?")
-_FORMAT = re.compile(
-    r"\(\s*\d*P?,?\s*\d*\s*[FEGDI]\s*(\d{1,2})(?:\.\d+)?\s*\)", re.IGNORECASE
-)
+_FORMAT = r"\(\s*\d*P?,?\s*\d*\s*[FEGDI]\s*(\d{1,2})(?:\.\d+)?\s*\)"
 _STEPS = np.outer(10.0 ** np.arange(-5, 1), (1.0, 2.0, 2.5, 5.0)).ravel()  # [s]
-END_OF_DATA = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
-WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
+END_OF_DATA = re.compile(r"(?i:/&|\s*END[ -]OF[ -]DATA)")
+WORDS = re.compile(r"(?i)[A-Za-z]{4}|/&|END")
 
-_MONTHS = [
-    "JAN",
-    "FEB",
-    "MAR",
-    "APR",
-    "MAY",
-    "JUN",
-    "JUL",
-    "AUG",
-    "SEP",
-    "OCT",
-    "NOV",
-    "DEC",
-]
-_NAMED = rf"(?P<month>{'|'.join(_MONTHS)})[A-Z]*\.?"
+_MONTHS = "JAN|FEB|MAR|APR|MAY|JUN|JUL|AUG|SEP|OCT|NOV|DEC"
+_NAMED = rf"(?P<month>{_MONTHS})[A-Z]*\.?"
 _DATES = (
     r"\b(?P<year>\d{4})[-/](?P<month>\d{1,2})[-/](?P<day>\d{1,2})\b",
     r"\b(?P<month>\d{1,2})[-/](?P<day>\d{1,2})[-/](?P<year>\d{4}|\d{2})\b",
@@ -247,11 +232,9 @@ def on_even_steps(pairs: Samples, name: str) -> tuple[NDArray, float, str]:
     return np.interp(grid, times, values), step, done
 
 
-def search(pattern: str | re.Pattern[str], text: str, group: int = 1) -> str:
+def search(pattern: str, text: str, group: int = 1) -> str:
     """Return a group of the first match in a text, in any case; empty if there is no match."""
-    if isinstance(pattern, str):
-        pattern = re.compile(pattern, re.IGNORECASE | re.MULTILINE)
-    match = pattern.search(text)
+    match = re.search(pattern, text, re.IGNORECASE | re.MULTILINE)
     return (match.group(group) or "") if match else ""
 
 
@@ -283,7 +266,7 @@ def iso_date(*texts: str) -> str:
     matches = (re.search(form, text.upper()) for text in texts for form in _DATES)
     for date in filter(None, matches):
         named = date["month"]
-        month = int(named) if named.isdigit() else _MONTHS.index(named) + 1
+        month = int(named) if named.isdigit() else _MONTHS.split("|").index(named) + 1
         year = int(date["year"])
         day = int(date["day"])
         if year < 100:
@@ -384,20 +367,19 @@ def trace_of(
     dt: float | None,
     where: str,
     facts: dict[str, Any],
-    *,
-    peak: str = "",
     codes: Sequence[str] = (),
     start: UTCDateTime | None = None,
 ) -> Trace:
     """Return a trace with network, station and location `codes`, and `facts` in its `Channel`.
 
-    RecordError if the time step [s] is not one; a `peak` and a `length` [s] among the facts that
-    the header states are judged.
+    RecordError if the time step [s] is not one. A "peak" and a "length" [s] among the facts are
+    what the header states of the samples: they are judged.
     """
     if not 0.0 < (dt or 0.0) < math.inf:
         raise RecordError(
             f"{where}: no time step above 0 s is stated, but {dt or 'none'}"
         )
+    peak = facts.pop("peak", "")
     length = facts.pop("length", None)
     channel = Channel(**{"held": samples.size, **facts})
     judge_peak(channel, peak, samples, channel.unit)
@@ -405,4 +387,5 @@ def trace_of(
         channel.contradicted = wrong_length(length, channel.held, float(dt or 0))
     header = dict[str, Any](zip(("network", "station", "location"), codes))
     header |= {"delta": dt, "channel": channel.code, "record": channel}
-    return Trace(samples, header if start is None else {**header, "starttime": start})
+    header |= {"starttime": start} if start else {}
+    return Trace(samples, header)

@@ -113,9 +113,9 @@ def make_motion(recipe: Recipe) -> Motion:
     length = fourier.WINDOW_LENGTH * fourier.ground_motion_duration(magnitude, distance)
     active = round((1.25 * length + 2.0 * _MARGIN) / dt) + 1
     size = 1 << int(np.ceil(np.log2(active + 1.5 / (fourier.low_cut(magnitude) * dt))))
-    time = np.arange(size, dtype=np.float64) * np.float64(dt) - _MARGIN
+    time = np.arange(size, dtype=float) * dt - _MARGIN
     shape = fourier.window(time, length)
-    f = np.fft.rfftfreq(size, dt)[1:].astype(np.float64)
+    f = np.fft.rfftfreq(size, dt)[1:].astype(float)
     amplitude = _amplitude(f, magnitude, distance, vs30)
 
     def wave(stream: str, term: Samples) -> Samples:
@@ -211,7 +211,7 @@ def _finished(samples: Samples, dt: float) -> Samples:
     closed = samples - np.linalg.solve(np.array(ends[:2]).T, ends[2]) @ shapes
     quiet = np.zeros(int(_QUIET / dt))
     rounded = np.round(closed / _QUANTUM) * _QUANTUM
-    return np.concatenate((quiet, rounded, quiet)).astype(np.float32).astype(np.float64)
+    return np.concatenate((quiet, rounded, quiet)).astype(np.float32).astype(float)
 
 
 def _with_pulse(

@@ -49,7 +49,7 @@ def read_table(name: str) -> dict[str, Samples]:
     """Read a table of numbers beside this file: columns by their names."""
     lines = Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines()
     head, *rows = (line.split(",") for line in lines if not line.startswith("#"))
-    return dict(zip(head, np.array(rows, dtype=np.float64).T))
+    return dict(zip(head, np.array(rows, float).T))
 
 
 # Coefficients of Bayless and Abrahamson by their names, at 61 frequencies [Hz].
@@ -68,7 +68,7 @@ _MAGNITUDES, _DISTANCES = (
     np.unique(_ADJUSTMENT.pop(key)) for key in ("magnitude", "distance_km")
 )
 # ln factor by magnitude, distance and ln frequency.
-_NODES = np.log(np.array([*_ADJUSTMENT], dtype=np.float64))
+_NODES = np.log(np.array([*_ADJUSTMENT], float))
 _FACTORS = np.column_stack([*_ADJUSTMENT.values()]).reshape(
     _MAGNITUDES.size, _DISTANCES.size, -1
 )
@@ -110,7 +110,7 @@ def fourier_amplitude(
     frequency: ArrayLike, magnitude: float, distance: float
 ) -> Samples:
     """Return the amplitude of a horizontal [m/s], in the form of [1]_, values of [2]_ and [4]_."""
-    f = np.asarray(frequency, dtype=np.float64)
+    f = np.asarray(frequency, float)
     # 1e-20 with these units gives cm s; 1e-2 more gives m s.
     radiation = 0.55  # [g/cm3]
     surface = 2.0
@@ -143,13 +143,13 @@ def window(time: ArrayLike, length: float) -> Samples:
         / (1.0 + WINDOW_PEAK * (np.log(WINDOW_PEAK) - 1.0))
     )
     c = b / WINDOW_PEAK
-    part = np.maximum(np.asarray(time, dtype=np.float64) / length, 0.0)
+    part = np.maximum(np.asarray(time, float) / length, 0.0)
     return (np.e / WINDOW_PEAK * part) ** b * np.exp(-c * part)
 
 
 def site_factor(frequency: ArrayLike, vs30: float) -> Samples:
     """Return the amplitude over that at 760 m/s: the linear site term of [5]_."""
-    f = np.asarray(frequency, dtype=np.float64)
+    f = np.asarray(frequency, float)
     return np.exp(
         np.interp(f, FREQUENCIES, COEFFICIENTS["c8"]) * np.log(min(vs30, 1000.0) / VS30)
     )
@@ -168,7 +168,7 @@ def median_adjustment(
 
 def correlation(frequency: ArrayLike) -> Samples:
     """Return the correlation of ln amplitude between frequencies [Hz], square, by [8]_."""
-    f = np.clip(np.asarray(frequency, dtype=np.float64), *FREQUENCIES[[0, -1]])
+    f = np.clip(np.asarray(frequency, float), *FREQUENCIES[[0, -1]])
     lower = np.minimum(f[:, None], f)
     apart = np.abs(np.log(f[:, None] / f))
     a, b, c, d = (np.interp(lower, FREQUENCIES, COEFFICIENTS[name]) for name in "ABCD")
