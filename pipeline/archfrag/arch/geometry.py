@@ -47,8 +47,8 @@ def polygon_section(corners: FloatArray) -> Section:
     twice = cross(here, there)
     area = 0.5 * math.fsum(twice)
     shift = twice @ (here + there) / (6.0 * area)
-    here = here - shift
-    there = there - shift
+    here -= shift
+    there -= shift
     twice = cross(here, there)
     squares = (here * here + here * there + there * there).sum(axis=1)
     polar = math.fsum(twice * squares) / 12.0
@@ -149,36 +149,27 @@ def cut_sides(line: FloatArray, levels: Iterable[float] = ()) -> list[Side]:
         turn = 4.0 * math.atan(start[2])
         chord = (end - start)[:2]
         if turn == 0.0:
-            cuts = [
-                (level - start[1]) / chord[1] for level in levels if chord[1] != 0.0
-            ]
+            rises = chord[1] != 0.0
+            cuts = [(level - start[1]) / chord[1] for level in levels if rises]
         else:
-            away = (
-                (1.0 - start[2] ** 2)
-                / (4.0 * start[2])
-                * np.array([-chord[1], chord[0]])
-            )
-            centre = 0.5 * (start + end)[:2] + away
+            away = (1.0 - start[2] ** 2) / (4.0 * start[2])
+            middle = 0.5 * (start + end)[:2]
+            centre = middle + away * np.array([-chord[1], chord[0]])
             radius = math.hypot(*(start[:2] - centre))
             first = math.atan2(*(start[:2] - centre)[::-1])
             sines = [(level - centre[1]) / radius for level in levels]
             rise = [math.asin(sine) for sine in sines if abs(sine) < 1.0]
-            angles = [
-                *(0.5 * math.pi * k for k in range(4)),
-                *rise,
-                *(math.pi - a for a in rise),
-            ]
+            angles = [0.5 * math.pi * k for k in range(4)]
+            angles += rise + [math.pi - a for a in rise]
             whole = math.copysign(2.0 * math.pi, turn)
             cuts = [(angle - first) % whole / turn for angle in angles]
-        parts = np.array(
-            [0.0, *sorted(p for p in cuts if _SLIP < p < 1.0 - _SLIP), 1.0]
-        )
+        inside = sorted(p for p in cuts if _SLIP < p < 1.0 - _SLIP)
+        parts = np.array([0.0, *inside, 1.0])
         points = start[:2] + parts[:, None] * chord
         if turn != 0.0:
             angle = first + parts[1:-1] * turn
-            points[1:-1] = centre + radius * np.column_stack(
-                [np.cos(angle), np.sin(angle)]
-            )
+            ways = np.column_stack([np.cos(angle), np.sin(angle)])
+            points[1:-1] = centre + radius * ways
         bulges = np.append(np.tan(0.25 * turn * np.diff(parts)), 0.0)
         sides += list(pairwise(np.column_stack([points, bulges])))
     return sides
@@ -186,11 +177,7 @@ def cut_sides(line: FloatArray, levels: Iterable[float] = ()) -> list[Side]:
 
 def height_at(line: FloatArray, x: float) -> float:
     """Return the greatest height of a line ``(m, 3)`` at an x within its reach [m]."""
-    exchanged = line[:, [1, 0, 2]] * [
-        1.0,
-        1.0,
-        -1.0,
-    ]  # a reflection, which turns arcs round
+    exchanged = line[:, [1, 0, 2]] * [1, 1, -1]  # a reflection, which turns arcs round
     points = np.concatenate(cut_sides(exchanged, (x,)))
     return float(points[np.isclose(points[:, 1], x, rtol=0.0, atol=1e-9), 0].max())
 

@@ -111,15 +111,12 @@ def _fill_outlines(arch: Shape) -> list[FloatArray]:
         left = tops[0][:, 0] < below[0, 0]
         right = tops[1][:, 0] > below[-1, 0]
         below = np.concatenate([tops[0][left], below, tops[1][right]])
-    level = (
-        np.concatenate(arch.outlines[first:last])[:, 1].max()
-        + fill["height_over_crown"]
-    )
+    top = np.concatenate(arch.outlines[first:last])[:, 1].max()
+    level = top + fill["height_over_crown"]
     middle = 0.5 * (arch.intrados + arch.extrados)[[first, last], 1].min()
-    backed = fill["backing_height"] > 0.0
-    levels = [level, middle + fill["backing_height"]][: 1 + backed]
+    levels = [level, min(level, middle + fill["backing_height"])]
     outlines = []
-    for top in np.minimum(levels, level):
+    for top in levels[: 1 + (fill["backing_height"] > 0.0)]:
         line = np.column_stack([below[:, 0], np.minimum(below[:, 1], top)])
         outlines.append(np.concatenate([line, [[line[-1, 0], top], [line[0, 0], top]]]))
     return outlines

@@ -98,12 +98,9 @@ class Arch(Shape):
         facts = [f"{key} {given[key]:g} m" for key in _SHOWN if key in given]
         facts = facts or [f"{width:.3g} m wide", f"{height:.3g} m high"]
         weight = self.chain.mass.sum() * self.chain.gravity / 1e3
-        counts = (
-            f"{counted(self.n_voussoir, 'voussoir')}, {counted(self.n_joint, 'joint')}"
-        )
-        return (
-            f"<Arch {given['profile']}: {counts}; {', '.join(facts)}; {weight:.3g} kN>"
-        )
+        counts = [counted(self.n_voussoir, "voussoir"), counted(self.n_joint, "joint")]
+        what = f"{', '.join(counts)}; {', '.join(facts)}; {weight:.3g} kN"
+        return f"<Arch {given['profile']}: {what}>"
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the arch to scale with the numbers of its joints, in `ax` or in new axes."""
@@ -158,9 +155,10 @@ class Arch(Shape):
             checks.joint_positions(joint_positions, voussoirs, embrace, "degrees")
         )
         ring = rings.circular_ring(np.zeros(2), radius, thickness, angle, sector)
-        shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
         given = {
-            **shape,
+            "radius": radius,
+            "thickness": thickness,
+            "embrace": embrace,
             "voussoirs": voussoirs,
             "sector": sector,
             "joint_positions": plain(joint_positions),
@@ -286,8 +284,9 @@ class Arch(Shape):
             "rise": rise,
             "thickness": thickness,
             "voussoirs": voussoirs,
+            **own,
+            "joint_positions": plain(joint_positions),
         }
-        shape |= own | {"joint_positions": plain(joint_positions)}
         return cls._built_of(profile, shape, ring, friction, **material)
 
     @classmethod
@@ -482,10 +481,12 @@ class Arch(Shape):
         told = {
             key: value for key, value in given.items() if value not in (None, math.inf)
         }
-        ties_told = [*self.parameters.get("ties", ()), told]
-        chain = self.chain._replace(tie=np.array(ties))
         tied = self.changed(
-            chain=chain, parameters={**self.parameters, "ties": ties_told}
+            chain=self.chain._replace(tie=np.array(ties)),
+            parameters={
+                **self.parameters,
+                "ties": [*self.parameters.get("ties", ()), told],
+            },
         )
         tied = tied._warned(f"ties[{len(ties) - 1}]")
         if self.chain.start is None or prestress == 0.0:
@@ -519,9 +520,10 @@ class Arch(Shape):
                 "the arch has joints that give already; recessed comes before"
             )
         n_joint = self.n_joint
+        given = {"intrados": intrados, "extrados": extrados}
         depths = [
-            checks.shared_or_each(f"recess.{name}", value, n_joint, "joint")
-            for name, value in (("intrados", intrados), ("extrados", extrados))
+            checks.shared_or_each(f"recess.{side}", depth, n_joint, "joint")
+            for side, depth in given.items()
         ]
         face = self.extrados[:n_joint] - self.intrados[:n_joint]
         length = np.hypot(*face.T)
@@ -536,14 +538,16 @@ class Arch(Shape):
         lost = np.stack([depths[0][:, None] * along, -depths[1][:, None] * along])
         lines = np.stack([self.intrados, self.extrados])
         lines[:, :n_joint] += lost
-        corner = np.stack([*(lost[::-1] if self.flipped else lost)], axis=1)
+        corner = lost[:: -1 if self.flipped else 1].swapaxes(0, 1)
         chain = self.chain._replace(
             face_before=self.chain.face_before + corner,
             face_after=self.chain.face_after + corner,
         )
-        recess = {"intrados": plain(intrados), "extrados": plain(extrados)}
-        for side, lost in self.parameters.get("recess", {}).items():
-            recess[side] = plain(np.add(lost, recess[side]))
+        before = self.parameters.get("recess", {})
+        recess = {
+            side: plain(np.add(before.get(side, 0.0), depth))
+            for side, depth in given.items()
+        }
         return self.changed(
             intrados=lines[0],
             extrados=lines[1],

@@ -72,10 +72,8 @@ def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     sine = np.sin(u)
     cosine = np.cos(u)
     # The springings are exact, where cos(pi/2) is not quite zero.
-    sine[0] = -1.0
-    cosine[0] = 0.0
-    sine[-1] = 1.0
-    cosine[-1] = 0.0
+    sine[[0, -1]] = -1.0, 1.0
+    cosine[[0, -1]] = 0.0
     outward = np.column_stack([b * sine, a * cosine])
     outward /= np.hypot(outward[:, :1], outward[:, 1:])
     return np.column_stack([a * sine, b * cosine]), outward
@@ -104,10 +102,8 @@ def catenary(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     secant = np.hypot(1.0, slope)
     # cosh − 1 without cancellation: slope²/(1 + secant).
     y = rise - c * slope**2 / (1.0 + secant)
-    x[0] = -0.5 * span
-    x[-1] = 0.5 * span
-    y[0] = 0.0
-    y[-1] = 0.0
+    x[[0, -1]] = -0.5 * span, 0.5 * span
+    y[[0, -1]] = 0.0
     return np.column_stack([x, y]), np.column_stack([slope / secant, 1.0 / secant])
 
 
@@ -144,16 +140,11 @@ def pointed_ring(
     outward = np.column_stack([sign * np.cos(angle), np.sin(angle)])
     centre = np.column_stack([-sign * reach, np.zeros_like(side)])
     right = int(np.flatnonzero(sign < 0.0)[-1]) + 1
-    intrados, extrados = (
-        np.insert(
-            centre + r * outward,
-            right,
-            [0.0, math.sqrt(max(r**2 - reach**2, 0.0))],
-            axis=0,
-        )
-        for r in (radius - 0.5 * thickness, radius + 0.5 * thickness)
-    )
-    return straight_ring(intrados, extrados, None if at_crown else right)
+    lines = []
+    for r in (radius - 0.5 * thickness, radius + 0.5 * thickness):
+        crown = [0.0, math.sqrt(max(r**2 - reach**2, 0.0))]
+        lines.append(np.insert(centre + r * outward, right, crown, axis=0))
+    return straight_ring(*lines, None if at_crown else right)
 
 
 def straight_ring(
@@ -225,9 +216,8 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
     with np.errstate(invalid="ignore"):  # corners that coincide are refused below
         side /= np.hypot(side[..., 0], side[..., 1])[..., None]
     bend = cross(side, np.roll(side, -1, axis=1))
-    sense = np.where(
-        (bend > _TOLERANCE).all(1), 1, np.where((bend < -_TOLERANCE).all(1), -1, 0)
-    )
+    left = (bend > _TOLERANCE).all(axis=1)
+    sense = left.astype(int) - (bend < -_TOLERANCE).all(axis=1)
     if not sense.all():
         body = int(np.argmin(np.abs(sense)))
         corners = ", ".join(map(geometry.place_text, quads[body]))
@@ -250,17 +240,11 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
     near = (low[:, None] < high[None]).all(axis=2)
     first, second = np.nonzero(np.triu(near & near.T, 2))
     pairs = quads[np.stack([first, second])]  # (2, n_pair, 4, 2)
-    normal = np.concatenate([side[first], side[second]], axis=1)[..., ::-1] * [
-        1.0,
-        -1.0,
-    ]
+    normal = np.concatenate([side[first], side[second]], axis=1)[..., ::-1] * [1, -1]
     along = np.einsum("pnci,nki->pnkc", pairs, normal)
     depth = along.max(axis=3).min(axis=0) - along.min(axis=3).max(axis=0)
-    overlaps = np.flatnonzero(
-        depth.min(axis=1) > _TOLERANCE * np.hypot(*np.ptp(quads, (0, 1)))
-    )
-    if overlaps.size:
-        pair = overlaps[0]
+    size = np.hypot(*np.ptp(quads, (0, 1)))
+    for pair in np.flatnonzero(depth.min(axis=1) > _TOLERANCE * size):
         raise GeometryError(
             f"voussoirs {first[pair]} and {second[pair]} overlap by "
             f"{depth[pair].min():.3g} m; the ring must not cross itself"

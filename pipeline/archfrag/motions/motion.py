@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 REVERSED = "-rev"  # ends the id of a motion whose horizontal components are reversed
 
 
+_COMPONENTS = ("acceleration", "vertical", "transverse")
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion:
     """Ground acceleration in one horizontal direction, with the vertical if there is one.
@@ -82,19 +85,15 @@ class Motion:
 
     def __post_init__(self) -> None:
         name = self.id or "motion"
-        components = self.components
+        fields: dict[str, Any] = {"log": tuple(self.log)}
         try:
-            for key, samples in components.items():
+            fields["dt"] = step = float(self.dt)
+            for key, samples in self.components.items():
                 masked = np.ma.is_masked(samples)
-                if masked or np.asanyarray(samples).dtype.kind == "c":
+                if masked or np.iscomplexobj(samples):
                     what = f"{key} has {'masked' if masked else 'complex'} samples"
                     raise RecordError(f"{name}: {what}; all must be real numbers")
-            arrays = {
-                key: np.array(samples, float)
-                for key, samples in components.items()
-                if samples is not None
-            }
-            step = float(self.dt)
+                fields[key] = np.array(samples, float)
         except (TypeError, ValueError):
             raise RecordError(
                 f"{name}: dt and samples of acceleration must be numbers"
@@ -103,21 +102,20 @@ class Motion:
             raise RecordError(
                 f"{name}: time step dt = {step} s must be a positive number"
             )
-        for key, samples in arrays.items():
-            size = max(2, np.size(self.acceleration))
-            if samples.shape != (size,):
+        size = max(2, np.size(self.acceleration))
+        for key in self.components:
+            if fields[key].shape != (size,):
                 raise RecordError(
-                    f"{name}: {key} must be a row of {size}, not {samples.shape}"
+                    f"{name}: {key} must be a row of {size}, not {fields[key].shape}"
                 )
-            bad = np.flatnonzero(~np.isfinite(samples))
+            bad = np.flatnonzero(~np.isfinite(fields[key]))
             if bad.size:
                 raise RecordError(
                     f"{name}: {key} is not finite, the first time at index {bad[0]}"
                 )
-        about = {"dt": step, "log": tuple(self.log)}
         if not isinstance(self.metadata, Facts):
-            about["metadata"] = Facts.of(self.metadata or {})
-        for key, value in (arrays | about).items():
+            fields["metadata"] = Facts.of(self.metadata or {})
+        for key, value in fields.items():
             object.__setattr__(self, key, value)
 
     @property
@@ -133,19 +131,14 @@ class Motion:
         self, change: Callable[[Samples], Samples], done: str, **fields: Any
     ) -> Motion:
         """Return the motion with each component changed, and a line about it in the log."""
-        changed: dict[str, Any] = {
-            key: None if samples is None else change(samples)
-            for key, samples in self.components.items()
-        }
-        return replace(self, **changed, log=(*self.log, done), **fields)
+        fields |= {key: change(samples) for key, samples in self.components.items()}
+        return replace(self, log=(*self.log, done), **fields)
 
     @property
-    def components(self) -> dict[str, Samples | None]:
-        """Acceleration, vertical and transverse by name; None if a component is missing."""
-        return {
-            key: getattr(self, key)
-            for key in ("acceleration", "vertical", "transverse")
-        }
+    def components(self) -> dict[str, Samples]:
+        """Acceleration, vertical and transverse by name, of those that there are."""
+        every = {name: getattr(self, name) for name in _COMPONENTS}
+        return {name: wave for name, wave in every.items() if wave is not None}
 
     @property
     def duration(self) -> float:
@@ -184,19 +177,19 @@ class Motion:
         if not 0.0 <= gap < np.inf:
             raise InputError(f"gap = {gap} s must be a time from 0 upwards")
         step = min(self.dt, second.dt)
-        waves = dict[str, Any]()
         ends = [int(each.duration / step + 1e-6) + 1 for each in (self, second)]
         rest = np.zeros(round(gap / step))
-        for key, part in second.components.items():
-            first = self.components[key]
-            if first is not None or part is not None:
-                one, two = (
-                    np.zeros(count)
-                    if wave is None
-                    else np.interp(np.arange(count) * step, each.time, wave)
-                    for count, each, wave in zip(ends, (self, second), (first, part))
+        waves: dict[str, Any] = {}
+        for key in self.components | second.components:
+            one, two = (
+                np.interp(
+                    step * np.arange(end),
+                    each.time,
+                    each.components.get(key, 0.0 * each.time),
                 )
-                waves[key] = np.concatenate([one, rest, two])
+                for end, each in zip(ends, (self, second))
+            )
+            waves[key] = np.concatenate([one, rest, two])
         return replace(
             second,
             **waves,
@@ -278,7 +271,7 @@ class Motion:
             )
             warnings = calibrate.impossible(channel)
             channel.accepted = calibrate.accept_or_refuse(place, words, warnings)
-            trace.data = np.asarray(trace.data, float) * factor
+            trace.data = trace.data.astype(float) * factor
             channels.append(channel)
         chosen, verticals = choose_horizontal(channels, place, component)
         return motion_of_channel(chosen, Path(place), chosen.trace.id, verticals)
@@ -290,14 +283,10 @@ class Motion:
         return plot_motion(self, ax)
 
     def __repr__(self) -> str:
-        parts = [
-            key.replace("acceleration", "horizontal")
-            for key, samples in self.components.items()
-            if samples is not None
-        ]
+        parts = " and ".join(self.components).replace("acceleration", "horizontal")
         peak = f"PGA {self.pga / STANDARD_GRAVITY:.3g} g"
         size = f"{self.duration:g} s at {self.dt:g} s"
-        return f"<Motion {self.id or '(no id)'}: {peak}, {size}, {' and '.join(parts)}>"
+        return f"<Motion {self.id or '(no id)'}: {peak}, {size}, {parts}>"
 
     def _repr_html_(self) -> str:
         from archfrag.plots import html_of

@@ -32,7 +32,7 @@ from archfrag.motions.motion import REVERSED, Motion
 
 def demean(motion: Motion) -> Motion:
     """Subtract from each component its mean: the offset of a raw record can exceed the motion."""
-    rows = [samples for samples in motion.components.values() if samples is not None]
+    rows = motion.components.values()
     offsets = " and ".join(f"{samples.mean():.6g}" for samples in rows)
     return motion.changed(lambda a: a - a.mean(), f"Mean removed ({offsets} m/s2).")
 
@@ -288,10 +288,8 @@ def remove_response(
     table = None
     changed = dict[str, Any]()
     start = UTCDateTime(motion.facts.start_time or 0)
-    facts = (motion.facts, motion.facts.of_vertical, motion.facts.of_transverse)
-    for (key, samples), own in zip(motion.components.items(), facts):
-        if samples is None:
-            continue
+    for key, samples in motion.components.items():
+        own = getattr(motion.facts, f"of_{key}", motion.facts)
         codes = (own or Facts()).trace.split(".")
         header = dict[str, Any](
             zip(("network", "station", "location", "channel"), codes)
@@ -319,7 +317,7 @@ def remove_response(
                 f"{record}: the response of channel {trace.id} cannot be removed "
                 f"({reason_of(error)})"
             ) from None
-        changed[key] = np.asarray(trace.data, float)
+        changed[key] = trace.data.astype(float)
     kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
     done = (
         f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."

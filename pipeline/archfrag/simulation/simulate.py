@@ -319,9 +319,8 @@ def results_of_runs(
     info, options = _checked_call(arch, motions, factors, far, **given)
     arguments.check_compiled(plain=False)
     check_stands(arch)
-    unique = list({id(motion): motion for motion in motions}.values())
-    number = {id(motion): k for k, motion in enumerate(unique)}
-    motion = np.array([number[id(each)] for each in motions], int)
+    unique = list(dict.fromkeys(motions))
+    motion = np.array([unique.index(each) for each in motions], int)
     grounds = _grounds(unique, far)
     factor = np.array(factors, float)
     started = time.perf_counter()
@@ -394,7 +393,8 @@ def simulate_many(
 
     scales = np.atleast_1d(np.asarray(factors, float))
     each = [motions] if isinstance(motions, Motion) else list(motions)
-    each *= scales.size if len(each) == 1 else 1
+    if len(each) == 1:
+        each *= scales.size
     if scales.ndim != 1 or len(each) != scales.size:
         raise InputError(
             f"motions are {len(each)} and factors have shape {scales.shape}; there must be one "
@@ -409,14 +409,13 @@ def simulate_many(
     if strongest is not None:
         warn_if_in_g(each[strongest], scales[strongest], onset(arch))
     names = [each.name for each in fields(Response) if each.name not in _LEFT_OUT]
-    columns = {
-        name: [getattr(each, name) for each in responses] for name in (*names, "steps")
-    }
-    columns["status"] = [response.status.name.lower() for response in responses]
-    variables = {
-        name: ("run", np.array(values), {"units": UNITS.get(name.split("_")[-1], "1")})
-        for name, values in columns.items()
-    }
+    variables: dict[str, Any] = {}
+    for name in (*names, "steps"):
+        values = [getattr(each, name) for each in responses]
+        if name == "status":
+            values = [status.name.lower() for status in values]
+        unit = UNITS.get(name.split("_")[-1], "1")
+        variables[name] = "run", np.array(values), {"units": unit}
     return xarray.Dataset(
         variables, coords={"factor": ("run", scales)}, attrs={"method": method}
     )

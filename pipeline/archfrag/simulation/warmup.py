@@ -109,32 +109,29 @@ def used_kernels() -> dict[str, list[Any]]:
     arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
     motion = Motion(np.sin(np.arange(50.0)), dt=0.01)
 
-    def rest() -> None:
+    def calls() -> Iterator[None]:
         onset(arch)
         slow = SlowArch(arch.tied(level=6.0, area=5e-4, prestress=100.0))
         slow.tension(0, 200.0)
         for wave in (motion.acceleration, motion.acceleration * 1j):
             largest_response(wave, 0.01, 10.0, 0.05, np.ones(1, complex), np.zeros(1))
-
-    def steps() -> None:
+        yield
         simulate_many(arch, motion, [0.5], method="time_stepping")
-
-    def events() -> None:
+        yield
         simulate(arch, motion, method="time_stepping")
         simulate_many(arch, motion, [0.5], method="event_driven")
         simulate(arch, motion, method="event_driven")
-
-    def faces() -> None:
+        yield
         joint = np.tile([1e10, 1e10, 0.05, 0.0], (arch.n_joint, 1))
         soft = arch.changed(chain=arch.chain._replace(joint=joint))
         simulate_many(soft, motion, [0.5])
         simulate(soft, motion)
+        yield
 
     sets = dict[str, list[Any]]()
     known = set[Any]()
     load.called.clear()
-    for name, call in zip(load.SETS, (rest, steps, events, faces), strict=True):
-        call()
+    for name, _ in zip(load.SETS, calls()):
         sets[name] = sorted(set(load.called) - known, key=repr)
         known.update(load.called)
     return sets

@@ -124,9 +124,7 @@ def make_motion(recipe: Recipe) -> Motion:
         spectrum = np.fft.rfft(noise * shape)
         spectrum /= np.sqrt(np.mean(np.abs(spectrum) ** 2))
         spectrum[0] = 0.0
-        spectrum[1:] *= amplitude * np.exp(
-            np.interp(np.log(f), np.log(FREQUENCIES), term)
-        )
+        spectrum[1:] *= amplitude * np.exp(fourier.at_frequencies(f, term))
         samples = np.fft.irfft(spectrum, size)[:active] / dt
         return samples * cosine_taper(active, int(_MARGIN / dt))
 
@@ -162,9 +160,8 @@ def _generator(stream: str, seed: int) -> np.random.Generator:
 
 def _amplitude(f: Samples, magnitude: float, distance: float, vs30: float) -> Samples:
     """Return the Fourier amplitude without variation, above zero frequency [m/s]."""
-    amplitude = fourier.fourier_amplitude(f, magnitude, distance) * fourier.site_factor(
-        f, vs30
-    )
+    amplitude = fourier.fourier_amplitude(f, magnitude, distance)
+    amplitude *= fourier.site_factor(f, vs30)
     amplitude *= fourier.median_adjustment(f, magnitude, distance)
     return amplitude / (1.0 + (fourier.low_cut(magnitude) / f) ** 8)
 
@@ -326,9 +323,8 @@ def make_suite(
             "starttime": UTCDateTime(2000, 1, 1),
         }
         for channel, samples in zip((COMPONENT, "HNZ"), motion.components.values()):
-            if samples is not None:
-                header["channel"] = channel
-                stream.append(Trace(samples.astype(np.float32), header))
+            header["channel"] = channel
+            stream.append(Trace(samples.astype(np.float32), header))
         with replacing(path, lasting=False) as part:
             stream.write(
                 str(part), "MSEED", encoding="FLOAT32", reclen=4096, byteorder=">"
