@@ -144,7 +144,7 @@ def pointed_ring(
     for r in (radius - 0.5 * thickness, radius + 0.5 * thickness):
         crown = [0.0, math.sqrt(max(r**2 - reach**2, 0.0))]
         lines.append(np.insert(centre + r * outward, right, crown, axis=0))
-    return straight_ring(*lines, None if at_crown else right)
+    return straight_ring(lines[0], lines[1], None if at_crown else right)
 
 
 def straight_ring(

@@ -54,9 +54,7 @@ _NUMBERS: dict[str, tuple[Any, float, float]] = {
     "distance_km": (float, 0.0, 20_040.0),
     "Vs30_mps": (float, 1.0, 1e4),
     "dt_s": (float, 1e-6, 10.0),
-    "seed": (int, -np.inf, np.inf),
-    "event_seed": (int, -np.inf, np.inf),
-    "site_seed": (int, -np.inf, np.inf),
+    **dict.fromkeys(("seed", "event_seed", "site_seed"), (int, -np.inf, np.inf)),
 }
 _STEMS = {"distance": "distance_km", "vs30": "Vs30_mps", "dt": "dt_s", "mw": "Mw"}
 _APART = (*_NEEDED, "sha256", "accept", "accepted", "columns")
@@ -83,8 +81,11 @@ class IndexEntry:
     @property
     def options(self) -> dict[str, Any]:
         """Return how the file is read, as options of `archfrag.read_motion`."""
-        unit = self.unit or None
-        return {"unit": unit, "accept": self.accept, "columns": self.columns}
+        return {
+            "unit": self.unit or None,
+            "accept": self.accept,
+            "columns": self.columns,
+        }
 
 
 def load_index(path: str | Path) -> list[IndexEntry]:
@@ -197,8 +198,10 @@ def _table(source: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
     ]
 
 
-def find_entry(path: str | Path) -> IndexEntry | None:
-    """Return the row of a file in the index of its folder or the one above, or None."""
+def find_entry(path: str | Path) -> IndexEntry:
+    """Return the row of a file in the index of its folder or the one above; one without id if it
+    is not listed.
+    """
     record = Path(os.path.realpath(path))  # which takes links that form a circle
     for folder in (record.parent, record.parent.parent):
         index = folder / INDEX_NAME
@@ -207,7 +210,7 @@ def find_entry(path: str | Path) -> IndexEntry | None:
             rows = _by_path(index, state.st_mtime_ns, state.st_size)
             if record in rows:
                 return rows[record]
-    return None
+    return IndexEntry("", record, "", {})
 
 
 @lru_cache(maxsize=4)

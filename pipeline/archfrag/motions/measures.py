@@ -79,18 +79,17 @@ def integral(samples: Samples, dt: float) -> Samples:
 
 
 def arias_times(
-    acceleration: Samples,
-    transverse: Samples | None,
-    dt: float,
-    fractions: Sequence[float],
+    motion: Shaking, transverse: Samples | None, fractions: Sequence[float]
 ) -> list[float]:
-    """Return the times [s] at which the Arias intensity of both horizontals reaches fractions."""
-    squares = acceleration**2 + (0.0 if transverse is None else transverse**2)
-    husid = _HUSID * integral(squares, dt)
-    time = np.arange(husid.size) * dt
+    """Return the times [s] at which the Arias intensity reaches fractions of the whole.
+
+    It is that of the motion's horizontal component, and of a transverse one if there is one.
+    """
+    squares = motion.acceleration**2 + (0.0 if transverse is None else transverse**2)
+    husid = _HUSID * integral(squares, motion.dt)
     moved = husid[-1] != 0.0
     return [
-        float(np.interp(part * husid[-1], husid, time)) if moved else 0.0
+        float(np.interp(part * husid[-1], husid, motion.time)) if moved else 0.0
         for part in fractions
     ]
 
@@ -113,13 +112,18 @@ def _cav(motion: Shaking, count: int = 2**16, least: float = 0.0) -> float:
             squares = before**2 + after**2
             np.divide(squares, sizes, out=sizes, where=crossing)
             total += (0.5 * motion.dt * sizes).sum()
-    return float(total)
+    return total
 
 
 def _average(motion: Shaking, low: float, high: float) -> float:
     """Return the geometric mean of Sa at 10 periods."""
     values = spectral_acceleration(motion, np.geomspace(low, high, 10))
-    return float(np.exp(np.log(values).mean())) if values.all() else 0.0
+    return np.exp(np.log(values).mean()) if values.all() else 0.0
+
+
+def _velocities(motion: Shaking, periods: Samples) -> Samples:
+    """Return the pseudo-spectral velocity."""
+    return spectral_acceleration(motion, periods) * periods / (2.0 * np.pi)
 
 
 # Unit; power of a factor on the motion with which it grows, 0 for no power; number of periods in
@@ -128,12 +132,7 @@ _KINDS: dict[str, Any] = {
     "PGA": ("m/s2", 1, 0, lambda m: _peak(m.acceleration)),
     "PGV": ("m/s", 1, 0, lambda m: _peak(integral(m.acceleration, m.dt))),
     "PGD": ("m", 1, 0, lambda m: _peak(integral(integral(m.acceleration, m.dt), m.dt))),
-    "Arias": (
-        "m/s",
-        2,
-        0,
-        lambda m: float(_HUSID * integral(m.acceleration**2, m.dt)[-1]),
-    ),
+    "Arias": ("m/s", 2, 0, lambda m: _HUSID * integral(m.acceleration**2, m.dt)[-1]),
     "CAV": ("m/s", 1, 0, _cav),
     "CAVstd": (
         "m/s",
@@ -141,25 +140,9 @@ _KINDS: dict[str, Any] = {
         0,
         lambda m: _cav(m, round(1.0 / m.dt) or 1, 0.025 * STANDARD_GRAVITY),
     ),
-    "D5_95": (
-        "s",
-        0,
-        0,
-        lambda m: float(
-            np.diff(arias_times(m.acceleration, None, m.dt, (0.05, 0.95)))[0]
-        ),
-    ),
-    "HI": (
-        "m",
-        1,
-        0,
-        lambda m: float(
-            np.trapezoid(
-                spectral_acceleration(m, _HOUSNER) * _HOUSNER / (2.0 * np.pi), _HOUSNER
-            )
-        ),
-    ),
-    "Sa": ("m/s2", 1, 1, lambda m, period: float(spectral_acceleration(m, period)[0])),
+    "D5_95": ("s", 0, 0, lambda m: np.diff(arias_times(m, None, (0.05, 0.95)))[0]),
+    "HI": ("m", 1, 0, lambda m: np.trapezoid(_velocities(m, _HOUSNER), _HOUSNER)),
+    "Sa": ("m/s2", 1, 1, lambda m, period: spectral_acceleration(m, period)[0]),
     "AvgSA": ("m/s2", 1, 2, _average),
 }
 PLAIN = [name for name, (_, _, count, _) in _KINDS.items() if not count]
@@ -214,7 +197,7 @@ def measure(motion: Shaking, name: str) -> float:
     """Return an intensity measure in its SI unit; InputError for an unknown name or component."""
     asked = parse_measure(name)
     if not asked.rotated:
-        return _KINDS[asked.kind][3](motion, *asked.periods)
+        return float(_KINDS[asked.kind][3](motion, *asked.periods))
     place = f"{motion.id or 'motion'}: {name}"
     if motion.transverse is None:
         raise InputError(f"{place} needs two horizontal components")

@@ -156,7 +156,7 @@ def trim(
     if times is not None:
         start, end = times
     elif arias is not None:
-        reached = arias_times(motion.acceleration, motion.transverse, dt, arias)
+        reached = arias_times(motion, motion.transverse, arias)
         start = max(0.0, reached[0] - margin) if arias[0] > 0.0 else 0.0
         end = reached[1] + margin if arias[1] < 1.0 else length
     else:

@@ -129,10 +129,10 @@ def _read_one(
     """See `read_motion`; `listed` names the component in a file with several horizontals."""
     channels, entry = read_channels(path, **options)
     chosen, verticals = choose_horizontal(channels, path, component, listed)
-    name, facts = (entry.id, entry.metadata) if entry else (record_name(path), {})
-    return motion_of_channel(
-        chosen, path, name, verticals if own_vertical else (), facts
-    )
+    if not own_vertical:
+        verticals = []
+    name = entry.id or record_name(path)
+    return motion_of_channel(chosen, path, name, verticals, entry.metadata)
 
 
 def read_horizontals(
@@ -151,14 +151,13 @@ def read_horizontals(
     horizontals, verticals = split_by_direction(channels, path)
     codes = [channel.code for channel in horizontals]
     base = name or record_name(path)
-    if entry and not codes[1:]:
-        base = entry.id
+    if not codes[1:]:
+        base = entry.id or base
     motions = []
     for channel, code in zip(horizontals, codes):
         place = f"{channel.trace.stats.location}." if codes.count(code) > 1 else ""
         id = f"{base}:{place}{code}" if codes[1:] else base
-        facts = entry.metadata if entry else {}
-        motions.append(motion_of_channel(channel, path, id, verticals, facts))
+        motions.append(motion_of_channel(channel, path, id, verticals, entry.metadata))
     return motions
 
 
@@ -199,14 +198,12 @@ def load_motion(entry: IndexEntry) -> Motion:
 
 def read_channels(
     path: Path, unit: str | None = None, *, accept: Iterable[str] = (), **options: Any
-) -> tuple[list[Channel], IndexEntry | None]:
+) -> tuple[list[Channel], IndexEntry]:
     """Return the channels of a file in m/s2, and the row of an index that lists it."""
-    words = calibrate.accepted_words(accept, path)
     entry = find_entry(path)
-    if entry is not None:
-        words += entry.accept
-        if path.is_file():
-            check_sha256(entry)
+    words = calibrate.accepted_words(accept, path) + entry.accept
+    if path.is_file():
+        check_sha256(entry)
     channels, gap = _examine(path, entry, unit, **options)
     if "sensor" not in words:
         channels = _on_the_ground(channels)
@@ -237,14 +234,14 @@ def _on_the_ground(channels: list[Channel]) -> list[Channel]:
 
 def _examine(
     path: Path,
-    entry: IndexEntry | None,
+    entry: IndexEntry,
     unit: str | None,
     inventory: str | Path | Inventory | None = None,
     columns: Columns | None = None,
 ) -> tuple[list[Channel], str]:
     """Return the channels of a file whatever is wrong, and why its pieces cannot be joined."""
     check_file(path)
-    columns = columns or (entry.columns if entry else None)
+    columns = columns or entry.columns
     if columns:
         traces = read_columns(path, columns)
     else:
@@ -255,13 +252,15 @@ def _examine(
     gap = ""
     if len({trace.id for trace in traces}) < len(traces):
         traces, gap = _join_pieces(path, traces)
-    channels = [trace.stats.record for trace in traces]
+    channels = []
+    places: dict[str, set[str]] = {}
+    for trace in traces:
+        channel = trace.stats.record
+        channel.trace = trace
+        channels.append(channel)
+        places.setdefault(channel.code, set()).add(str(trace.stats.location))
     held = ", ".join(f"{channel.code} {channel.held}" for channel in channels)
     unequal = len({channel.held for channel in channels}) > 1 and form in OWN
-    places: dict[str, set[str]] = {}
-    for channel, trace in zip(channels, traces):
-        channel.trace = trace
-        places.setdefault(channel.code, set()).add(str(trace.stats.location))
     for channel in channels:
         channel.warnings = list(calibrate.impossible(channel))
         several = sorted(places[channel.code])
@@ -276,7 +275,7 @@ def _examine(
             channel.trace.data = channel.trace.data[:-1]
             left = "the last sample is left out, since the file ends within its line"
             channel.warnings.append(("samples", left))
-        calibrate.to_si(channel, path, unit, entry.unit if entry else "", inventory)
+        calibrate.to_si(channel, path, unit, entry.unit, inventory)
         if unequal:
             channel.errors.append(
                 f"the channels of the file have unequal numbers of samples ({held})"
@@ -322,27 +321,29 @@ def inspect_record(
         stats = trace.stats
         dt = float(stats.delta)
         names = (stats.network, stats.station, stats.location)
-        facts: dict[str, Any] = {
-            "code": channel.code,
-            "station": channel.station or ".".join(filter(None, names)),
-            "start": str(stats.starttime) if stats.starttime.timestamp else "",
-            "dt": dt,
-            "announced": channel.announced,
-            "count": channel.held,
-            "unit": channel.unit_in_file,
-            "level": channel.level or "raw" * (channel.unit_in_file == "counts"),
-            "vertical": channel.is_vertical,
-            "errors": [text for _, text in channel.warnings],
-            "duration": (channel.held - 1) * dt,
-            "PGA": None,
-        }
-        facts["errors"] += channel.errors + channel.cautions
+        errors = [text for _, text in channel.warnings]
+        errors += channel.errors + channel.cautions
+        peak = None
         if channel.unit_in_file:
-            facts["PGA"] = float(abs(trace.data).max())
-            facts["errors"] += [text for _, text in calibrate.implausible(channel)]
-            facts["errors"] += sample_cautions(trace.data, dt)
-        facts["errors"] = list(dict.fromkeys(facts["errors"]))
-        listed.append(facts)
+            peak = float(abs(trace.data).max())
+            errors += [text for _, text in calibrate.implausible(channel)]
+            errors += sample_cautions(trace.data, dt)
+        listed.append(
+            {
+                "code": channel.code,
+                "station": channel.station or ".".join(filter(None, names)),
+                "start": str(stats.starttime) if stats.starttime.timestamp else "",
+                "dt": dt,
+                "announced": channel.announced,
+                "count": channel.held,
+                "unit": channel.unit_in_file,
+                "level": channel.level or "raw" * (channel.unit_in_file == "counts"),
+                "vertical": channel.is_vertical,
+                "errors": list(dict.fromkeys(errors)),
+                "duration": (channel.held - 1) * dt,
+                "PGA": peak,
+            }
+        )
     return {
         "file": str(path),
         "format": first.trace.stats._format,

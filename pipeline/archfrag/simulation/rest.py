@@ -183,12 +183,12 @@ def onset(arch: Arch) -> Onset:
         and plus.load_factor >= -STANDS_TOLERANCE
         and minus.load_factor <= STANDS_TOLERANCE
     )
-    thrusts = [
+    ahead, back = (
         contact_centres(work, limit.reaction)
         if limit.found and math.isfinite(limit.load_factor)
         else None
         for limit in (plus, minus)
-    ]
+    )
     if stands:
         work.free[1:-1, 1] = -model.gravity
         work.position[:] = state.position
@@ -206,7 +206,8 @@ def onset(arch: Arch) -> Onset:
         *_mechanism(arch, plus),
         *_mechanism(arch, minus),
         contact_centres(work, weight) if stands else None,
-        *thrusts,
+        ahead,
+        back,
         normal if stands else None,
         arch,
     )
