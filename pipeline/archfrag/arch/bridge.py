@@ -192,7 +192,7 @@ def weight_of_fill(
     first, last = springings
     sides = (side for line in ring.surfaces[first:last] for side in cut_sides(line))
     crown = max(point[1] for side in sides for point in side)
-    springing = float(0.5 * (ring.intrados + ring.extrados)[[first, last], 1].min())
+    springing = 0.5 * (ring.intrados + ring.extrados)[[first, last], 1].min()
     level = crown + fill["height_over_crown"]
     backed = springing + fill["backing_height"]
     if backed > level and fill["backing_height"] > 0.0:

@@ -130,7 +130,7 @@ def tie_row(
     checks.number("ties.prestress", prestress, most=strength)
     both = _checked_ends(arch, ends) if level is None else _at_level(arch, float(level))
     points = np.array([end[1:] for end in both], dtype=float)
-    length = float(np.hypot(*(points[1] - points[0])))
+    length = np.hypot(*(points[1] - points[0]))
     if not length > SMALLEST:
         raise GeometryError(f"the ends of the tie are {length:g} m apart")
     # In the frame of a body, or of the ground.
@@ -145,9 +145,8 @@ def tie_row(
             f"by its prestress of {prestress:g} N, and rupture must exceed that (it is an "
             "elongation in m, not a strain)"
         )
-    bodies = [float(body + 1) for body, *_ in both]
-    limits = [float(strength), float(rupture)]
-    return [*bodies, *points.ravel().tolist(), rate, length - stretched, *limits]
+    bodies = [body + 1 for body, *_ in both]
+    return [*bodies, *points.ravel(), rate, length - stretched, strength, rupture]
 
 
 def _at_level(arch: Shape, level: float) -> list[End]:

@@ -109,7 +109,7 @@ def read_drawing(
             found.names.append(name)
             places.append(place)
     every = np.concatenate(found.outlines)[:, :2]
-    size = float(np.ptp(every, axis=0).max())
+    size = np.ptp(every, axis=0).max()
     if len(every) > MOST_CORNERS or not SMALLEST <= size <= LARGEST:
         raise GeometryError(
             f"{path}, layer {found.layer}: the blocks have {len(every)} corners and take "
@@ -395,7 +395,7 @@ def _outline(entity: Any, name: str) -> FloatArray:
         )
     if entity.dxf.extrusion.z < 0.0:  # seen from behind
         points *= [-1.0, 1.0, -1.0]
-    least = 1e-9 * float(np.ptp(points[:, :2], axis=0).max())
+    least = 1e-9 * np.ptp(points[:, :2], axis=0).max()
     if not entity.is_closed and np.hypot(*(points[-1] - points[0])[:2]) > least:
         raise GeometryError(f"{name} is open; a block must be a closed polyline")
     return without_repeated(points, least)

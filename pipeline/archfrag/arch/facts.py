@@ -110,10 +110,10 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
     first, last = arch.springings
     values = {**given, "friction": arch.chain.friction}
     if arch.free_end:
-        values["height"] = float(np.ptp(np.concatenate(arch.outlines)[:, 1]))
+        values["height"] = np.ptp(np.concatenate(arch.outlines)[:, 1])
     else:
         # Springings of a horseshoe are nearer to each other than its haunches.
-        reach = float(np.ptp(arch.intrados[first : last + 1, 0]))
+        reach = np.ptp(arch.intrados[first : last + 1, 0])
         values |= {"thickness": thickness, "span": max(span, reach)}
     if "fill" in given and not given["fill"]["backing_height"]:
         values["fill"] = {**given["fill"], "backing_unit_weight": None}
@@ -128,7 +128,7 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
             on = f"on a ring of {force_text(weight)}"
             yield "dead_load", f"dead_load is {force_text(load)} {on}; is it in N?"
     for number, (tie, ends) in enumerate(zip(given.get("ties", ()), arch.tie_lines)):
-        length = float(np.hypot(*(ends[1] - ends[0])))
+        length = np.hypot(*(ends[1] - ends[0]))
         for key, text in _doubtful_tie(tie, length, f"ties[{number}]"):
             yield f"ties[{number}].{key}", text
 

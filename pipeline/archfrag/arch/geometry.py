@@ -179,7 +179,7 @@ def height_at(line: FloatArray, x: float) -> float:
     """Return the greatest height of a line ``(m, 3)`` at an x within its reach [m]."""
     exchanged = line[:, [1, 0, 2]] * [1, 1, -1]  # a reflection, which turns arcs round
     points = np.concatenate(cut_sides(exchanged, (x,)))
-    return float(points[np.isclose(points[:, 1], x, rtol=0.0, atol=1e-9), 0].max())
+    return points[np.isclose(points[:, 1], x, rtol=0.0, atol=1e-9), 0].max()
 
 
 def rotated(vector: FloatArray, angle: FloatArray) -> FloatArray:

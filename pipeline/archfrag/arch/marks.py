@@ -86,7 +86,7 @@ def frame(
     rest = np.concatenate(arch.outlines)
     low = rest.min(axis=0)
     high = rest.max(axis=0)
-    size = float((high - low).max())
+    size = (high - low).max()
     first = np.maximum(np.minimum(low, seen.min(axis=0)), low - size)
     last = np.minimum(np.maximum(high, seen.max(axis=0)), high + size)
     return first - margin * size, last + margin * size

@@ -107,7 +107,7 @@ def _stretched(
     Arcs keep their angle: a circular ring stays one, with the thickness times the factor.
     """
     lines = np.stack([ring.intrados, ring.extrados], axis=1)
-    tolerance = 2.0 * TOLERANCE * float(np.hypot(*np.ptp(lines, axis=(0, 1))))
+    tolerance = 2.0 * TOLERANCE * np.hypot(*np.ptp(lines, axis=(0, 1)))
     moves = (factor - 1.0) * (lines - 0.5 * (ring.intrados + ring.extrados)[:, None])
     result = []
     for i, outline in enumerate(outlines):
@@ -142,7 +142,7 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
         raise GeometryError(
             f"outlines are {len(drawn.outlines)}; there must be 1 to {MOST_VOUSSOIRS}"
         )
-    size = float(np.hypot(*np.ptp(np.concatenate(drawn.outlines)[:, :2], axis=0)))
+    size = np.hypot(*np.ptp(np.concatenate(drawn.outlines)[:, :2], axis=0))
     tolerance = (
         TOLERANCE * size if tolerance is None else checks.number("tolerance", tolerance)
     )
@@ -227,7 +227,7 @@ def _places_along(
         off[outline[:, 2] != 0.0] += off.max() + 1.0
         side = int(np.argmin(off))
         places.append(along[side] + part[side] * np.hypot(*chord[side]))
-    return along[:-1], np.array(places), float(along[-1])
+    return along[:-1], np.array(places), along[-1]
 
 
 def _check_simple(given: Blocks) -> None:
@@ -305,7 +305,7 @@ def _find_joints(given: Blocks) -> None:
 
 def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment | None:
     """Return the overlap of two edges of one direction, along the first; None if there is none."""
-    length = float(np.hypot(*(edge[1] - edge[0])))
+    length = np.hypot(*(edge[1] - edge[0]))
     place = (other - edge[0]) @ ((edge[1] - edge[0]) / length)
     if min(length, place[1]) - max(0.0, place[0]) < _SHORTEST * tolerance:
         return None

@@ -255,10 +255,10 @@ def sample_cautions(samples: Samples, dt: float) -> list[str]:
     if not peak > 0.0:
         return []
     velocity = integral(samples, dt)
-    offset = abs(float(samples.mean())) / peak
-    slow = abs(float(velocity[-1]))
+    offset = abs(samples.mean()) / peak
+    slow = abs(velocity[-1])
     where = "at the end"
-    mean = abs(float(velocity.mean()))
+    mean = abs(velocity.mean())
     if (
         samples.size * dt > SHORT and mean > slow
     ):  # of a pulse it is not that of a drift
@@ -329,7 +329,7 @@ def _flat_parts(samples: Samples, dt: float) -> Iterator[str]:
         )
     inside = (ends > strong[0]) & (ends - lengths < strong[-1]) & ~extreme
     longest = int((lengths * inside).argmax())
-    span = float(lengths[longest]) * dt
+    span = lengths[longest] * dt
     if inside[longest] and span > STUCK:
         start = (ends[longest] - lengths[longest] + 1) * dt
         yield (
@@ -353,7 +353,7 @@ def _spectrum(
     directions = np.exp(1j * angles)
     rates = (2.0 * np.pi / chosen).tolist()
     for rate, count, row in zip(rates, after + ground.size, largest):
-        largest_response(padded[:count], float(dt), rate, _DAMPING, directions, row)
+        largest_response(padded[:count], dt, rate, _DAMPING, directions, row)
     scale = 10.0 ** (
         _DIGITS - 1 - np.floor(np.log10(np.where(largest > 0.0, largest, 1.0)))
     )

@@ -326,7 +326,7 @@ def motion_of_channel(
     kind = " ".join(filter(None, (stats._format, channel.level)))
     log = (f"Read from {path.name} ({kind}).", *channel.log, *accepted)
     own = {**Facts.of(facts), **Facts.of(listed or {})}
-    motion = Motion(trace.data, float(stats.delta), None, name, own, log)
+    motion = Motion(trace.data, stats.delta, None, name, own, log)
     for vertical in verticals:
         if vertical.instrument == channel.instrument:
             other = motion_of_channel(vertical, path, name, listed=listed)

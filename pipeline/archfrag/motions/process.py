@@ -160,7 +160,7 @@ def trim(
         start = max(0.0, reached[0] - margin) if arias[0] > 0.0 else 0.0
         end = reached[1] + margin if arias[1] < 1.0 else length
     else:
-        least = float(threshold_g or 0.0) * STANDARD_GRAVITY
+        least = (threshold_g or 0.0) * STANDARD_GRAVITY
         strong = np.abs(motion.acceleration) >= least
         if motion.transverse is not None:
             strong |= np.abs(motion.transverse) >= least

@@ -319,7 +319,7 @@ def inspect_record(
     for channel in channels:
         trace = channel.trace
         stats = trace.stats
-        dt = float(stats.delta)
+        dt = stats.delta
         names = (stats.network, stats.station, stats.location)
         errors = [text for _, text in channel.warnings]
         errors += channel.errors + channel.cautions

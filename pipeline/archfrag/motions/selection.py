@@ -323,7 +323,7 @@ def select_records(
     for column in ("record",) if per_event is None else ("record", "event"):
         if column not in table:
             raise RecordError(f"the flatfile: column {column!r} is missing")
-    limit = float(np.log(max_scale))
+    limit = np.log(max_scale)
     records, ln_sa, groups = _candidates(table, target, count, limit, per_event)
 
     values, vectors = np.linalg.eigh(target.covariance)
@@ -347,7 +347,7 @@ def select_records(
         factors = factors[np.arange(count), chosen]
         held = ln_sa[chosen] + factors[:, None]
         error = _error(target, held.mean(axis=0), _deviation(held, target.sd))
-        sets.append((float(error), chosen, factors, held))
+        sets.append((error, chosen, factors, held))
     _, chosen, factors, held = min(sets, key=lambda improved: improved[0])
     order = np.argsort(chosen)
     selected = records.iloc[chosen[order]].reset_index(drop=True)

@@ -74,9 +74,9 @@ class ElasticArch:
         # Middles of joints from the centroids of the bodies before and after (2, n_joint, 2).
         faces = np.stack([chain.face_before, chain.face_after], axis=1)
         self.arm = np.moveaxis(faces.mean(axis=2), -1, 0)
-        self.size = float(self.length.mean())
+        self.size = self.length.mean()
         stiff = stiffness * arch.joint_depths * self.length
-        overlap = self.weight.sum() / float(stiff.mean())
+        overlap = self.weight.sum() / stiff.mean()
         self.nudge = NUDGE * overlap * np.array([1.0, 1.0, 1.0 / self.size])
 
     def _bear(self, moved: FloatArray, closed: bool = False) -> tuple[NDArray, NDArray]:
@@ -167,7 +167,7 @@ class ElasticArch:
             if not np.isfinite(step).all():
                 break
             position = position + step[:-1].reshape(-1, 3)
-            load = load + float(step[-1])
+            load = load + step[-1]
         return position, load, 5 * MOST_ITERATIONS
 
     def rest(self) -> tuple[FloatArray, FloatArray] | None:
@@ -191,7 +191,7 @@ class ElasticArch:
         """
         position = rest
         load = 0.0
-        sway = float(-self.share @ rest[:, 0])
+        sway = -self.share @ rest[:, 0]
         step = FIRST * self.size
         before = (rest, 0.0, math.inf)
         path = [(sway, 0.0)]

@@ -268,12 +268,12 @@ def inset_of(arch: Arch, stiffness: FloatArray, shear: FloatArray) -> Inset:
 
     part = 0.0
     if excess(part) > 0.0:
-        widest = 0.5 * float((length / np.maximum(strip, SMALLEST)).min())
-        part = float(scipy.optimize.brentq(excess, 0.0, widest, rtol=CLOSE))
+        widest = 0.5 * (length / np.maximum(strip, SMALLEST)).min()
+        part = scipy.optimize.brentq(excess, 0.0, widest, rtol=CLOSE)
     return Inset(
         part * strip * stiffer,
         max(1.0 - limit.load / start for _, start, limit in most),
-        max(float(limit.normal.max() / force.max()) for _, _, limit in most),
+        max(limit.normal.max() / force.max() for _, _, limit in most),
     )
 
 
@@ -293,8 +293,8 @@ def _turn(arch: Arch, strip: FloatArray, length: FloatArray) -> float:
     ends = 0.5 * (arch.intrados + arch.extrados)[[0] if arch.free_end else [0, -1], 1]
     mass = arch.chain.mass
     height = max(mass @ arch.centroids[:, 1] / mass.sum() - ends.min(), length.mean())
-    middle = max(float(np.sqrt(np.mean(strip**2))), SMALLEST)
-    return float((middle / (6.0 * height)) ** (2.0 / 3.0))
+    middle = max(np.sqrt(np.mean(strip**2)), SMALLEST)
+    return (middle / (6.0 * height)) ** (2.0 / 3.0)
 
 
 def _shortened(arch: Arch, inset: FloatArray, strength: float) -> Arch | None:

@@ -258,17 +258,18 @@ class Response:
         """
         assert self.arch is not None
         time, shift, turn = self._arrays()
-        size = float(np.ptp(np.concatenate(self.arch.outlines), axis=0).max())
+        size = np.ptp(np.concatenate(self.arch.outlines), axis=0).max()
         turned = np.abs(turn).max(axis=1)
         reach = np.maximum(np.abs(shift).max(axis=(1, 2)), 0.1 * size * turned)
         moving = np.flatnonzero(reach > 1e-5 * size)
+        times = time.tolist()
         if moving.size < 2:
-            return float(time[0]), float(time[0])
-        first = float(time[max(moving[0] - 1, 0)])
-        last = float(time[moving[-1]])
-        peak = float(time[turned.argmax()])
+            return times[0], times[0]
+        first = times[max(moving[0] - 1, 0)]
+        last = times[moving[-1]]
+        peak = times[turned.argmax()]
         if self.collapsed:
-            peak = last = float(time[-1])
+            peak = last = times[-1]
         first = max(first, min(peak - 0.5 * seconds, last - seconds))
         return first, min(last, first + seconds)
 

@@ -302,7 +302,7 @@ def own_time(arch: Arch) -> float:
     """Return the time in which things happen in an arch: root of its shortest joint over gravity
     [s].
     """
-    return math.sqrt(float(model_of(arch.chain).length.min()) / arch.chain.gravity)
+    return math.sqrt(model_of(arch.chain).length.min() / arch.chain.gravity)
 
 
 def at_rest(arch: Arch) -> tuple[NDArray, NDArray]:

@@ -209,7 +209,7 @@ def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -
     bound, _, _ = check_stands(arch).mechanism(towards)
     locks = math.isinf(bound)
     bound = LARGEST_LOAD if locks else bound
-    length = float(model_of(arch.chain).length.min())
+    length = model_of(arch.chain).length.min()
     unit = math.sqrt(length / arch.chain.gravity)
     time = np.linspace(0.0, RAMP * unit, 2001)
     most = BEYOND_BOUND * bound * STANDARD_GRAVITY
@@ -227,12 +227,8 @@ def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -
         if locks:
             raise InputError(f"{up_to}; its joints lock each other")
         raise ArchfragError(f"{up_to}, beyond the static bound")
-    return (
-        BEYOND_BOUND
-        * bound
-        * float(history.time[int(np.argmax(moved))])
-        / float(time[-1])
-    )
+    first = history.time.values[np.argmax(moved)]
+    return float(BEYOND_BOUND * bound * first / time[-1])
 
 
 def _checked_call(
@@ -284,18 +280,18 @@ def _checked_call(
         )
     span = max(motion.duration for motion in motions) + follow
     samples = max(len(motion.acceleration) for motion in motions)
-    sampling = min(float(motion.dt) for motion in motions)
+    sampling = min(motion.dt for motion in motions)
     options = Options(
-        time_step=float(step),
+        time_step=step,
         tolerance=float(tolerance),
         accuracy=float(tolerance),
         follow=float(follow),
         loss_limit=float(loss_limit),
         check_interval=CHECK_INTERVAL,
         max_steps=int(span / min(step, OWN_STEP * unit)) + samples + 1000,
-        frame_interval=max(float(step), min(sampling, COARSEST_FRAMES)),
+        frame_interval=max(step, min(sampling, COARSEST_FRAMES)),
         crowding=0.0,
-        largest_step=float(largest),
+        largest_step=largest,
     )
     return info, options
 

@@ -95,7 +95,7 @@ def springing_path(
     if springing not in ("left", "right") or (right and arch.free_end):
         allowed = "left" if arch.free_end else "left or right"
         raise InputError(f"springing = {springing!r} must be {allowed}")
-    size = float(np.ptp(np.concatenate(arch.outlines), axis=0).max())
+    size = np.ptp(np.concatenate(arch.outlines), axis=0).max()
     check_number("spread", spread, -size, size, "m")
     check_number("settlement", settlement, -size, size, "m")
     check_number("rotation", rotation, -45.0, 45.0, "degrees")

@@ -214,9 +214,9 @@ def _part_of_prestress(arch: Arch) -> float:
 
     if stands(1.0) or not stands(0.0):
         return math.nan
-    low = 0.0
-    high = 1.0
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if stands(middle) else (low, middle)
-    return low
+    part = 0.0
+    for halvings in range(1, HALVINGS + 1):
+        more = 0.5**halvings
+        if stands(part + more):
+            part += more
+    return part

@@ -62,14 +62,13 @@ class Columns:
     skip: int = 0
 
     def __post_init__(self) -> None:
-        columns = [
-            c for c in (self.time, self.acceleration, self.vertical) if c is not None
-        ]
+        every = (self.time, self.acceleration, self.vertical)
+        columns = [column for column in every if column is not None]
         outside = next((c for c in columns if not 1 <= c <= MOST_COLUMNS), None)
         for wrong, needed in (
             ((self.time is None) == (self.dt is None), "either time or dt"),
             (
-                self.dt is not None and not 0.0 < self.dt < float("inf"),
+                self.dt is not None and not 0.0 < self.dt < np.inf,
                 f"a positive dt, not {self.dt or 0.0:g}",
             ),
             (
@@ -113,9 +112,9 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     text = Text(path)
     name = str(path)
     lines = [
-        (place + 1, line.split("#")[0])
-        for place, line in enumerate(text.lines)
-        if place >= columns.skip and not line.lstrip().startswith(("#", "%"))
+        (place, line.split("#")[0])
+        for place, line in enumerate(text.lines, 1)
+        if place > columns.skip and not line.lstrip().startswith(("#", "%"))
     ]
     named = (columns.time, columns.acceleration, columns.vertical)
     chosen = [column - 1 for column in named if column]
@@ -123,7 +122,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     rows = files.cells_of(lines, separator)
     used = [number for number, _ in rows]
     try:
-        table = _numbers(rows, separator, chosen, text)
+        table = _numbers(rows, separator, chosen)
         if chosen:
             files.check_counts(rows, separator)
             for column in chosen[columns.time is not None :]:
@@ -131,8 +130,6 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
                 files.check_one_number(rows, column, separator)
         else:
             _refuse_columns(table, used)
-    except RecordError:
-        raise
     except InputError as error:
         raise RecordError(f"{name}, {error}") from None
     values = np.array([value for row in table for value in row], float)
@@ -144,8 +141,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     _refuse_header(values, used[0], name)
     step = columns.dt
     if columns.time is not None:
-        places = [text.place(number - 1) for number in used]
-        step = _even_step(samples[0], places, columns)
+        step = _even_step(samples[0], used, columns, name)
         samples = samples[1:]
         chosen = chosen[1:]
     before = (line for i, line in enumerate(text.head(0, 50), 1) if i not in {*used})
@@ -162,7 +158,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
             "code": code if columns.vertical else "",
             "vertical": code == "V",
             "log": [f"Columns {columns}."],
-            "contradicted": _other_step(head, float(step or 0.0)),
+            "contradicted": _other_step(head, step or 0.0),
         }
         trace = trace_of(np.ascontiguousarray(series), step, name, facts)
         trace.stats._format = "COLUMNS"
@@ -204,7 +200,7 @@ def _refuse_header(values: Samples, line: int, name: str) -> None:
 
 
 def _numbers(
-    rows: Sequence[files.Row], separator: str, chosen: Sequence[int], text: Text
+    rows: Sequence[files.Row], separator: str, chosen: Sequence[int]
 ) -> list[list[float]]:
     """Return the numbers of chosen or all columns by rows; InputError for other cells."""
     table = []
@@ -229,16 +225,12 @@ def _numbers(
                     f"line {line}: {cell[:40]!r} is not a finite number; "
                     f"{files.NAMES[separator]} are between the cells of this file"
                 )
-            values += split(cell, text.place(line - 1))
+            values += split(cell, f"line {line}")
         if len(values) != len(picked) and (chosen or separator != " "):
             raise InputError(f"line {line}: columns run together")
         table.append(values)
-    cells = (cell for _, row in rows for cell in row)
-    if (
-        rows
-        and separator == ","
-        and not any(re.search("[.Ee]", each) for each in cells)
-    ):
+    cells = " ".join(cell for _, row in rows for cell in row)
+    if rows and separator == "," and not re.search("[.Ee]", cells):
         raise InputError(
             f"line {rows[0][0]}: has only whole numbers, with commas between them: are the "
             "commas decimal? Write decimal points"
@@ -280,7 +272,9 @@ def _rises_evenly(values: Samples) -> bool:
     )
 
 
-def _even_step(times: Samples, places: list[str], columns: Columns) -> float:
+def _even_step(
+    times: Samples, lines: Sequence[int], columns: Columns, name: str
+) -> float:
     """Return the step of times that are evenly spaced but for rounding [s]; else RecordError."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
@@ -290,7 +284,7 @@ def _even_step(times: Samples, places: list[str], columns: Columns) -> float:
     wrong = steps <= 0.0 if steps.min() <= 0.0 else np.abs(steps - mean)
     late = int(wrong.argmax()) + 1
     raise RecordError(
-        f"{places[late]}: times must be evenly spaced, {times[late]:.9g} s in column "
+        f"{name}, line {lines[late]}: times must be evenly spaced, {times[late]:.9g} s in column "
         f"{columns.time} comes after {times[late - 1]:.9g} s; if times are only rounded, give dt "
         "instead of their column"
     )

@@ -219,7 +219,7 @@ def on_even_steps(pairs: Samples, name: str) -> tuple[NDArray, float, str]:
         )
         return np.ascontiguousarray(values), step, ""
     # Linear between samples, as digitised film is; a step of 1, 2, 2.5, 5, 10... up to the median.
-    median = float(np.median(steps[steps > 0.0]))
+    median = np.median(steps[steps > 0.0])
     step = float(_STEPS[median >= _STEPS / 1.02].max(initial=0.0)) or median
     if not length / step < 20 * times.size:
         raise RecordError(
@@ -352,7 +352,7 @@ def judge_peak(channel: Channel, stated: str, values: Samples, unit: str) -> Non
     rounding = 10.0 ** int(
         Decimal(stated.strip().translate(_FORTRAN)).as_tuple().exponent
     )
-    peaks = [float(np.abs(row).max()) for row in (values, values - values.mean())]
+    peaks = [np.abs(row).max() for row in (values, values - values.mean())]
     nearest = min(peaks, key=lambda value: abs(value - peak))
     off = abs(nearest - peak) - rounding
     text = f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g} {unit}"
@@ -384,7 +384,7 @@ def trace_of(
     channel = Channel(**{"held": samples.size, **facts})
     judge_peak(channel, peak, samples, channel.unit)
     if not channel.contradicted:
-        channel.contradicted = wrong_length(length, channel.held, float(dt or 0))
+        channel.contradicted = wrong_length(length, channel.held, dt or 0.0)
     header = dict[str, Any](zip(("network", "station", "location"), codes))
     header |= {"delta": dt, "channel": channel.code, "record": channel}
     header |= {"starttime": start} if start else {}
