@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -103,7 +102,7 @@ def plain(value: ArrayLike | None) -> Any:
     if value is None:
         return None
     numbers = np.asarray(value, dtype=float).astype(object)
-    numbers[numbers == math.inf] = "inf"
+    numbers[numbers == np.inf] = "inf"
     return numbers.tolist()
 
 

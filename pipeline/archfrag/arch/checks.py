@@ -1,6 +1,5 @@
 """Checks of what users give: each returns floats or raises one clear message."""
 
-import math
 import reprlib
 from collections.abc import Callable
 from typing import Any
@@ -46,7 +45,7 @@ def number(
     value: Any,
     *,
     least: float = 0.0,
-    most: float = math.inf,
+    most: float = np.inf,
     closed: bool = True,
     meaning: str = "",
 ) -> float:
@@ -86,12 +85,12 @@ def shared_or_each(key: str, value: Any, size: int, each: str) -> FloatArray:
     about = PROPERTIES[key]
     least = f"one number or one for each of the {size} {each}s, all at least {about.least:g}"
     most = f"at most {about.most:g} {about.unit}".rstrip()
-    most = most if math.isfinite(about.most) else "finite"
+    most = most if np.isfinite(about.most) else "finite"
     most += f" (inf: {about.infinite})" if about.infinite else ""
 
     def fits(x: FloatArray) -> Any:
         within = (x >= about.least) & (x <= about.most) & np.isfinite(x)
-        return within | (x == math.inf) & bool(about.infinite)
+        return within | (x == np.inf) & bool(about.infinite)
 
     allowed = f"{f'{least} {about.unit}'.rstrip()} and {most}"
     array = _floats(key, value, allowed, fits, lambda shape: shape in ((), (size,)))

@@ -128,18 +128,15 @@ def read_drawing(
     ]
     cautions = list[str]()
     viewports = document.query("VIEWPORT")
-    hidden_layers = {
-        name.casefold() for each in viewports for name in each.frozen_layers
-    }
-    frozen = hidden_layers & layers.keys()
+    unseen = {name.casefold() for each in viewports for name in each.frozen_layers}
+    frozen = [layers[name] for name in sorted(unseen & layers.keys())]
     if left:
         used = {id(part.reference) for part in parts if part.layer.casefold() in layers}
         what = f"{_counted(left, used)} {'are' if len(left) > 1 else 'is'} not part of the arch"
         cautions.append(f"{what}; if some of it is, name its layer too")
     if frozen:
-        of_it = ", ".join(layers[name] for name in sorted(frozen))
         cautions.append(
-            f"layer {of_it} is frozen in a viewport of a layout, and read; is it seen?"
+            f"layer {', '.join(frozen)} is frozen in a viewport of a layout, and read; is it seen?"
         )
     if stated not in (None, unit):
         cautions.append(f"its header states {stated}, {unit} was given and counts")
@@ -182,14 +179,11 @@ def drawing_text(lines: Iterable[tuple[str, FloatArray]]) -> str:
         document = ezdxf.new("R2010", units=ezdxf.units.M)
         space = document.modelspace()
         for layer, points in lines:
-            corners = points.tolist()
-            line = len(points) == 2
-            part = (
-                space.add_line(*corners)
-                if line
-                else space.add_lwpolyline(corners, close=True)
-            )
-            part.dxf.layer = layer
+            form = {"layer": layer}
+            if len(points) == 2:
+                space.add_line(*points.tolist(), dxfattribs=form)
+            else:
+                space.add_lwpolyline(points.tolist(), close=True, dxfattribs=form)
         document.write(stream)
     finally:
         ezdxf.options.write_fixed_meta_data_for_testing = before
@@ -232,16 +226,10 @@ def _fault(reference: Any) -> str:
             "is clipped (XCLIP), so that not all of it is seen; draw what is "
             "seen, without a clip"
         )
-    flat = [
-        name
-        for name in ("xscale", "yscale", "zscale")
-        if reference.dxf.get(name, 1.0) == 0.0
-    ]
-    return (
-        f"has {flat[0]} = 0, which leaves no area; give it another scale"
-        if flat
-        else ""
-    )
+    for name in ("xscale", "yscale", "zscale"):
+        if reference.dxf.get(name, 1.0) == 0.0:
+            return f"has {name} = 0, which leaves no area; give it another scale"
+    return ""
 
 
 def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
@@ -315,15 +303,11 @@ def _chosen(
     names = [given] if isinstance(given, str) else list(given or ())
     names = names or list(closed) * (len(closed) == 1)
     listed = ", ".join(f"{name} ({count})" for name, count in sorted(closed.items()))
-    others = f"; layers with polylines: {listed}" if closed else ""
-    hiding = [name for name, count in sorted(hidden.items()) if count]
-    if hiding:
-        others += f"; frozen or off, and not read: {', '.join(hiding)}"
-    for name in names:
-        if name.casefold() in map(str.casefold, hiding):
-            raise GeometryError(
-                f"{path}: layer {name} is frozen or off; thaw it and turn it on"
-            )
+    hiding = ", ".join(sorted(+hidden)) or "none"
+    others = (
+        f"; layers with polylines: {listed or 'none'}; layers that are frozen or off, so that "
+        f"polylines are not read: {hiding}; thaw and turn on what you need"
+    )
     lost = next((name for name in names if name.casefold() not in shown), None)
     if lost is not None:
         raise GeometryError(f"{path}: layer {lost} has nothing that is seen{others}")

@@ -1,7 +1,5 @@
 """What a user can check an arch by: weights, forces, places; and values in an unlikely unit."""
 
-from __future__ import annotations
-
 import math
 import sys
 import warnings

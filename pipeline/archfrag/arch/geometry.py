@@ -7,8 +7,11 @@ angle of the arc to the next corner, positive anticlockwise, 0 for a straight si
 import math
 from collections.abc import Iterable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
 from archfrag.arch.checks import FloatArray
 
@@ -100,6 +103,14 @@ def arc(centre: FloatArray, radius: float, start: float, end: float) -> FloatArr
     steps = max(2, math.ceil(abs(end - start) / math.radians(1.0)))
     angle = np.linspace(start, end, steps + 1)
     return centre + radius * np.column_stack([np.sin(angle), np.cos(angle)])
+
+
+def overlap_of(shapes: NDArray[Any], cores: NDArray[Any]) -> list[Any]:
+    """Return two of some shapes whose cores overlap and by how much [m2]; empty if none do."""
+    for one, other in shapely.STRtree(cores).query(cores, predicate="intersects").T:
+        if one < other:
+            return [one, other, shapely.intersection(shapes[one], shapes[other]).area]
+    return []
 
 
 def middle_of(line: FloatArray) -> FloatArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from functools import partial
@@ -31,9 +30,9 @@ if TYPE_CHECKING:
 # Profiles over a span: least and largest rise over span (below 1e-6 rounding shows), and the ring.
 _OVER_SPAN: dict[str, tuple[float, float, Any]] = {
     "segmental": (1e-6, 0.5, rings.segmental_ring),
-    "pointed": (0.5, math.inf, rings.pointed_ring),
-    "elliptic": (1e-6, math.inf, partial(rings.normal_ring, rings.ellipse)),
-    "catenary": (1e-6, math.inf, partial(rings.normal_ring, rings.catenary)),
+    "pointed": (0.5, np.inf, rings.pointed_ring),
+    "elliptic": (1e-6, np.inf, partial(rings.normal_ring, rings.ellipse)),
+    "catenary": (1e-6, np.inf, partial(rings.normal_ring, rings.catenary)),
 }
 _SHOWN = ("radius", "span", "rise", "thickness", "width", "height")  # in the repr
 
@@ -432,8 +431,8 @@ class Arch(Shape):
         area: float,
         modulus: float = 2.0e11,
         prestress: float = 0.0,
-        strength: float = math.inf,
-        rupture: float = math.inf,
+        strength: float = np.inf,
+        rupture: float = np.inf,
         ends: Sequence[tuple[int, float, float]] | None = None,
     ) -> Arch:
         """Return the arch with one more tie: a bar that only pulls.
@@ -479,7 +478,7 @@ class Arch(Shape):
         row = tie_row(self, **given)  # type: ignore[arg-type]
         ties = [row] if self.chain.tie is None else [*self.chain.tie, row]
         told = {
-            key: value for key, value in given.items() if value not in (None, math.inf)
+            key: value for key, value in given.items() if value not in (None, np.inf)
         }
         tied = self.changed(
             chain=self.chain._replace(tie=np.array(ties)),

@@ -14,6 +14,7 @@ from archfrag.arch.geometry import (
     cross,
     middle_of,
     outline_section,
+    overlap_of,
     place_text,
     sampled,
 )
@@ -249,10 +250,10 @@ def _check_simple(given: Blocks) -> None:
             given.refuse(
                 block, f"has no area: nowhere is it wider than {2.0 * least:.3g} m"
             )
-    for one, other in shapely.STRtree(cores).query(cores, predicate="intersects").T:
-        if one < other:
-            common = shapely.intersection(shapes[one], shapes[other]).area
-            given.refuse(one, f"overlaps by {common:.3g} m2 with {given.names[other]}")
+    found = overlap_of(shapes, cores)
+    if found:
+        one, other, common = found
+        given.refuse(one, f"overlaps by {common:.3g} m2 with {given.names[other]}")
 
 
 def _find_joints(given: Blocks) -> None:

@@ -1,7 +1,5 @@
 """Arches that move so slowly that they are in equilibrium: behind a springing, or after a tie."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

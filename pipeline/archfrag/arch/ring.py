@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy  # whose parts are loaded when they are used
+import shapely
 from scipy.special import ellipeinc
 
 from archfrag.arch import STANDARD_GRAVITY, geometry
@@ -233,21 +234,15 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
             f"{body - 1}: intrados and extrados must run on along the ring from joint "
             "to joint"
         )
-    # Neighbours lie on either side of the line of their joint and cannot overlap. Two other
-    # convex quadrilaterals overlap if no side of theirs separates them.
-    low = quads.min(axis=1)
-    high = quads.max(axis=1)
-    near = (low[:, None] < high[None]).all(axis=2)
-    first, second = np.nonzero(np.triu(near & near.T, 2))
-    pairs = quads[np.stack([first, second])]  # (2, n_pair, 4, 2)
-    normal = np.concatenate([side[first], side[second]], axis=1)[..., ::-1] * [1, -1]
-    along = np.einsum("pnci,nki->pnkc", pairs, normal)
-    depth = along.max(axis=3).min(axis=0) - along.min(axis=3).max(axis=0)
-    size = np.hypot(*np.ptp(quads, (0, 1)))
-    for pair in np.flatnonzero(depth.min(axis=1) > _TOLERANCE * size):
+    shapes = shapely.polygons(quads)
+    rim = _TOLERANCE * np.hypot(*np.ptp(quads, (0, 1)))
+    found = geometry.overlap_of(
+        shapes, shapely.buffer(shapes, -rim, join_style="mitre")
+    )
+    if found:
         raise GeometryError(
-            f"voussoirs {first[pair]} and {second[pair]} overlap by "
-            f"{depth[pair].min():.3g} m; the ring must not cross itself"
+            f"voussoirs {found[0]} and {found[1]} overlap by {found[2]:.3g} m2; the ring must "
+            "not cross itself"
         )
     return int(sense[0])
 

@@ -173,18 +173,14 @@ def are_one(one: dict[str, Any], other: dict[str, Any]) -> bool:
 
 def numbered(one: str, other: str) -> bool:
     """Tell whether two names differ in numbers that need not be azimuths, as 10 and 100 do."""
-    codes = (
-        (a, b)
-        for a in _CODE.finditer(one)
-        for b in _CODE.finditer(other)
-        if _frame(one, a) == _frame(other, b)
-    )
     return any(
-        a[0].isdecimal()
+        _frame(one, a) == _frame(other, b)
+        and a[0].isdecimal()
         and b[0].isdecimal()
         and not a["sensor"]
         and not len(a[0]) == len(b[0]) == 3
-        for a, b in codes
+        for a in _CODE.finditer(one)
+        for b in _CODE.finditer(other)
     )
 
 

@@ -259,13 +259,16 @@ def rotate(
         + np.sin(direction - first) / sine * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     ]
-    labels = list[dict[str, Any]]()
-    for degrees in (turned, turned + 90.0):
-        if azimuth is None:  # angles from a component are no azimuths
-            code = f"{codes[0]} turned by {degrees:g}".strip()
-            labels.append({"component": code, "azimuth": None})
-        else:
-            labels.append({"component": f"{degrees:g}", "azimuth": degrees % 360.0})
+    labels: list[dict[str, Any]] = [
+        {"component": f"{degrees:g}", "azimuth": degrees % 360.0}
+        if azimuth is not None
+        # Angles from a component are no azimuths.
+        else {
+            "component": f"{codes[0]} turned by {degrees:g}".strip(),
+            "azimuth": None,
+        }
+        for degrees in (turned, turned + 90.0)
+    ]
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
     stated = motion.stating(**labels[0], of_transverse=replace(other, **labels[1]))
     return replace(stated, acceleration=waves[0], transverse=waves[1], log=log)
@@ -327,12 +330,6 @@ def remove_response(
 
 def both_senses(motion: Motion) -> list[Motion]:
     """Return a motion, and the same with its horizontal components reversed."""
-    transverse = None if motion.transverse is None else -motion.transverse
-    other = replace(
-        motion,
-        acceleration=-motion.acceleration,
-        transverse=transverse,
-        id=motion.id + REVERSED,
-        log=(*motion.log, "Horizontal components reversed."),
-    )
-    return [motion, other]
+    other = motion.changed(np.negative, "Horizontal components reversed.")
+    id = motion.id + REVERSED
+    return [motion, replace(other, vertical=motion.vertical, id=id)]

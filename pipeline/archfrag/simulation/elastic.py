@@ -6,13 +6,9 @@ rotation, closed joints shorten under the forces of the load, and the arch becom
 The largest acceleration is where all of these together cost least.
 """
 
-from __future__ import annotations
-
-import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.arch.checks import FloatArray
@@ -31,13 +27,6 @@ CUT = 0.3
 MOST_STEPS = 300
 PAST = 0.995
 SHORTEST = 1e-4 * FIRST
-
-
-class SteadyLimit(NamedTuple):
-    """The largest steady acceleration in one sense."""
-
-    load: float  # [g]; inf if it grows as far as the balance is followed
-    normal: FloatArray  # (n_joint,) normal forces under it [N]
 
 
 def _rotated(
@@ -67,7 +56,7 @@ class ElasticArch:
         self.stiffness = (stiffness * arch.joint_depths)[:, None]
         self.shear = (shear * arch.joint_depths)[:, None]
         # Bodies before and after each joint, the grounds counted (n_joint, 2).
-        self.pair: NDArray[Any] = np.arange(arch.n_joint)[:, None] + [0, 1]
+        self.pair: Any = np.arange(arch.n_joint)[:, None] + [0, 1]
         along = chain.face_before[:, 1] - chain.face_before[:, 0]
         self.length = np.hypot(*along.T)
         self.tangent = (along / self.length[:, None]).T[..., None]
@@ -79,12 +68,19 @@ class ElasticArch:
         overlap = self.weight.sum() / stiff.mean()
         self.nudge = NUDGE * overlap * np.array([1.0, 1.0, 1.0 / self.size])
 
-    def _bear(self, moved: FloatArray, closed: bool = False) -> tuple[NDArray, NDArray]:
+    def _bear(
+        self,
+        position: FloatArray,
+        nudges: FloatArray | float = 0.0,
+        closed: bool = False,
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the forces of joints on both bodies, and their normal forces.
 
-        `moved` is the displacement of the bodies before and after each joint,
-        (..., n_joint, 2, 3). Joints that are `closed` touch everywhere.
+        `position` is the displacement of the bodies (n_body, 3), and `nudges` are further ones of
+        the bodies before and after each joint, (..., n_joint, 2, 3). Joints that are `closed`
+        touch everywhere.
         """
+        moved = np.pad(position, ((1, 1), (0, 0)))[self.pair] + nudges
         x, y, angle = np.moveaxis(moved, -1, 0)
         fall = -2.0 * np.sin(0.5 * angle) ** 2
         turned_x, turned_y = _rotated(self.arm, fall, np.sin(angle))
@@ -116,17 +112,13 @@ class ElasticArch:
         turn = px * fy - py * fx + moment * sign
         return np.stack([fx, fy, turn], axis=-1), normal[..., 0]
 
-    def _neighbours(self, position: FloatArray) -> FloatArray:
-        """Return the displacements of the bodies beside each joint, (n_joint, 2, 3)."""
-        return np.pad(position, ((1, 1), (0, 0)))[self.pair]
-
     def _system(
         self, position: FloatArray, closed: bool = False
-    ) -> tuple[NDArray, NDArray]:
+    ) -> tuple[FloatArray, Any]:
         """Return the forces of joints on all bodies, (n_body, 3), and their derivative."""
         steps = np.diag(np.tile(self.nudge, 2)).reshape(6, 1, 2, 3)
         nudges = np.concatenate([0.0 * steps[:1], steps, -steps])
-        force = self._bear(self._neighbours(position) + nudges, closed)[0]
+        force = self._bear(position, nudges, closed)[0]
         change = (force[1:7] - force[7:]).reshape(2, 3, *force.shape[1:])
         change /= 2.0 * self.nudge[:, None, None, None]
         rows = self.weight.size + 2
@@ -181,10 +173,13 @@ class ElasticArch:
         position, _, iterations = self._balance(position, 0.0, 0.0, held=True)
         if iterations > 4 * MOST_ITERATIONS:
             return None
-        return position, self._bear(self._neighbours(position))[1]
+        return position, self._bear(position)[1]
 
-    def largest_load(self, rest: FloatArray, sense: float) -> SteadyLimit:
-        """Find the largest steady ground acceleration in the sense +1 or -1.
+    def largest_load(self, rest: FloatArray, sense: float) -> tuple[float, FloatArray]:
+        """Find the largest steady ground acceleration in the sense +1 or -1 [g], and the normal
+        forces of joints under it [N].
+
+        It is inf if it grows as far as the balance is followed.
 
         The mean displacement of the bodies against the acceleration grows step by step, and the
         acceleration is what holds them there, so that the path passes its largest value.
@@ -193,7 +188,7 @@ class ElasticArch:
         load = 0.0
         sway = -self.share @ rest[:, 0]
         step = FIRST * self.size
-        before = (rest, 0.0, math.inf)
+        before = (rest, 0.0, np.inf)
         path = [(sway, 0.0)]
         normal = np.zeros(self.length.size)
         for _ in range(MOST_STEPS):
@@ -213,11 +208,11 @@ class ElasticArch:
             path.append((sway, sense * load))
             loads = np.array(path)[:, 1]
             if sense * load == loads.max():
-                normal = self._bear(self._neighbours(position))[1]
+                normal = self._bear(position)[1]
             elif sense * load < PAST * loads.max():
                 top = int(np.argmax(loads))
                 at, near = np.array(path[top - 1 : top + 2]).T
                 curve, slope, level = np.polyfit(at - at[1], near, 2)
-                return SteadyLimit(float(level - slope**2 / (4.0 * curve)), normal)
+                return float(level - slope**2 / (4.0 * curve)), normal
             step *= QUICKER if iterations <= QUICK else 1.0
-        return SteadyLimit(math.inf, normal)
+        return np.inf, normal

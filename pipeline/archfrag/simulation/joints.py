@@ -1,7 +1,5 @@
 """Joints that give or crush: contact points inside their ends, or faces that are elastic."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal, NamedTuple
 
@@ -246,12 +244,13 @@ def inset_of(arch: Arch, stiffness: FloatArray, shear: FloatArray) -> Inset:
     mirrored = math.isclose(rigid.plus, rigid.minus, rel_tol=AGREE)
     if mirrored and np.allclose(force, force[::-1], rtol=1e-6):
         del senses[1]
-    most = [
-        (sense, start, limit)
-        for sense, start in senses
-        if math.isfinite(start)
-        and math.isfinite((limit := elastic.largest_load(position, sense)).load)
-    ]
+    most = []
+    for sense, start in senses:
+        load, under = np.inf, force
+        if math.isfinite(start):
+            load, under = elastic.largest_load(position, sense)
+        if math.isfinite(load):
+            most.append((sense, start, load, under.max()))
     if not most:  # joints that lock each other, or a chain without height
         return Inset(
             strip * stiffer / (2.0 * math.sqrt(_turn(arch, strip, length))), 0.0, 1.0
@@ -263,7 +262,7 @@ def inset_of(arch: Arch, stiffness: FloatArray, shear: FloatArray) -> Inset:
         except GeometryError:
             return -1.0
         held = {1.0: now.plus, -1.0: now.minus}
-        least = min(held[sense] / limit.load for sense, _, limit in most)
+        least = min(held[sense] / load for sense, _, load, _ in most)
         return least - 1.0 if now.stands else -1.0
 
     part = 0.0
@@ -272,8 +271,8 @@ def inset_of(arch: Arch, stiffness: FloatArray, shear: FloatArray) -> Inset:
         part = scipy.optimize.brentq(excess, 0.0, widest, rtol=CLOSE)
     return Inset(
         part * strip * stiffer,
-        max(1.0 - limit.load / start for _, start, limit in most),
-        max(limit.normal.max() / force.max() for _, _, limit in most),
+        max(1.0 - load / start for _, start, load, _ in most),
+        max(under / force.max() for *_, under in most),
     )
 
 

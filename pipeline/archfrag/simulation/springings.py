@@ -3,13 +3,10 @@
 An arch follows a slow movement of a springing in equilibrium, or falls.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.arch.checks import FloatArray
@@ -198,7 +195,7 @@ def ground_of(motion: Motion, far: Far) -> Ground:
         )
     size = max(len(motion.acceleration), len(far.acceleration))
 
-    def padded(wave: NDArray | None) -> NDArray:
+    def padded(wave: FloatArray | None) -> FloatArray:
         return np.zeros(size) if wave is None else np.pad(wave, (0, size - len(wave)))
 
     x = padded(motion.acceleration)

@@ -1,7 +1,5 @@
 """Kernels made ready ahead of a run, with a message that says how long it takes."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import threading
@@ -44,6 +42,8 @@ def warmup(
     ready = kernels_are_compiled()
     names = method_names() if method is None else (method,)
     names = tuple(check_method(name).name for name in names)
+    arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
+    motion = Motion(np.zeros(3), dt=0.01)
     what = "compiling kernels"
     expected = COMPILING
     if is_shipped():
@@ -61,7 +61,8 @@ def warmup(
     with contextlib.nullcontext() if ready else every(TICK, report):
         make_all_ready()
         for name in names:
-            _use(name)
+            simulate_many(arch, motion, [1.0], method=name)
+            simulate(arch, motion, method=name)
     return time.perf_counter() - started
 
 
@@ -75,15 +76,6 @@ def is_shipped() -> bool:
 def kernels_are_compiled() -> bool:
     """Return whether `warmup` has only to load the kernels of a study."""
     return all(load.is_ready(name) for name in load.OF_ALL)
-
-
-def _use(method: str) -> None:
-    """Call the kernels of a method."""
-    arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
-    motion = Motion(np.zeros(3), dt=0.01)
-    if check_method(method).load("run_many") is not None:
-        simulate_many(arch, motion, [1.0], method=method)
-    simulate(arch, motion, method=method)
 
 
 @contextlib.contextmanager
