@@ -86,9 +86,8 @@ def read_drawing(
     stated = _CODES.get(code)
     unit = unit or stated
     if unit not in UNITS:
-        known = ", ".join(UNITS)
         raise GeometryError(
-            f"{path}: unit = {unit} ($INSUNITS = {code}) must be one of {known}"
+            f"{path}: unit = {unit} ($INSUNITS = {code}) must be one of {', '.join(UNITS)}"
         )
     scale = UNITS[unit]
     left = list[_Part]()
@@ -132,8 +131,10 @@ def read_drawing(
     frozen = [layers[name] for name in sorted(unseen & layers.keys())]
     if left:
         used = {id(part.reference) for part in parts if part.layer.casefold() in layers}
-        what = f"{_counted(left, used)} {'are' if len(left) > 1 else 'is'} not part of the arch"
-        cautions.append(f"{what}; if some of it is, name its layer too")
+        cautions.append(
+            f"{_counted(left, used)} {'are' if len(left) > 1 else 'is'} not part of the arch; if "
+            "some of it is, name its layer too"
+        )
     if frozen:
         cautions.append(
             f"layer {', '.join(frozen)} is frozen in a viewport of a layout, and read; is it seen?"

@@ -123,8 +123,10 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
         load *= 1 if np.ndim(given["dead_load"]) else last - first
         weight = facts_of(arch)["weights"]["ring"]
         if not LOADS[0] <= load / weight <= LOADS[1]:
-            on = f"on a ring of {force_text(weight)}"
-            yield "dead_load", f"dead_load is {force_text(load)} {on}; is it in N?"
+            yield (
+                "dead_load",
+                f"dead_load is {force_text(load)} on a ring of {force_text(weight)}; is it in N?",
+            )
     for number, (tie, ends) in enumerate(zip(given.get("ties", ()), arch.tie_lines)):
         length = np.hypot(*(ends[1] - ends[0]))
         for key, text in _doubtful_tie(tie, length, f"ties[{number}]"):
@@ -136,22 +138,23 @@ def _doubtful_tie(
 ) -> Iterator[tuple[str, str]]:
     """Yield the same of a tie with a length [m]."""
     for key in ("area", "modulus"):
-        name = f"{place}.{key}"
-        yield from ((key, text) for text in unusual(f"ties.{key}", tie[key], name))
+        texts = unusual(f"ties.{key}", tie[key], f"{place}.{key}")
+        yield from ((key, text) for text in texts)
     for key, (least, most) in STRESSES.items():
         force = tie.get(key) or 0.0
         stress = force / tie["area"]
         if force and not least <= stress <= most:
-            usual = f"usual are {least:g} to {most:g}: are they in N and m2?"
             yield (
                 key,
                 f"{place}.{key} = {force:g} N on an area of {tie['area']:g} m2 is a stress of "
-                f"{stress:.3g} N/m2; {usual}",
+                f"{stress:.3g} N/m2; usual are {least:g} to {most:g}: are they in N and m2?",
             )
     rupture = tie.get("rupture", 0.0)
     if rupture > LARGEST_STRAIN * length:
-        text = f"{place}.rupture = {rupture:g} m is that of a tie of {length:.3g} m"
-        yield "rupture", f"{text}; is it in m?"
+        yield (
+            "rupture",
+            f"{place}.rupture = {rupture:g} m is that of a tie of {length:.3g} m; is it in m?",
+        )
 
 
 def warn_of_units(texts: Iterable[str]) -> None:

@@ -97,9 +97,10 @@ class Arch(Shape):
         facts = [f"{key} {given[key]:g} m" for key in _SHOWN if key in given]
         facts = facts or [f"{width:.3g} m wide", f"{height:.3g} m high"]
         weight = self.chain.mass.sum() * self.chain.gravity / 1e3
-        counts = [counted(self.n_voussoir, "voussoir"), counted(self.n_joint, "joint")]
-        what = f"{', '.join(counts)}; {', '.join(facts)}; {weight:.3g} kN"
-        return f"<Arch {given['profile']}: {what}>"
+        return (
+            f"<Arch {given['profile']}: {counted(self.n_voussoir, 'voussoir')}, "
+            f"{counted(self.n_joint, 'joint')}; {', '.join(facts)}; {weight:.3g} kN>"
+        )
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the arch to scale with the numbers of its joints, in `ax` or in new axes."""
@@ -267,9 +268,12 @@ class Arch(Shape):
         """Check what profiles over a span have in common, and build one of them."""
         least, most, ring_of = _OVER_SPAN[profile]
         span = checks.number("span", span)
-        meaning = f"{least:g} to {most:g} x span"
         rise = checks.number(
-            "rise", rise, least=least * span, most=most * span, meaning=meaning
+            "rise",
+            rise,
+            least=least * span,
+            most=most * span,
+            meaning=f"{least:g} to {most:g} x span",
         )
         thickness = checks.number("thickness", thickness)
         voussoirs = checks.count("voussoirs", voussoirs)
@@ -616,10 +620,10 @@ class Arch(Shape):
         return self._with(fill={**given, **more})
 
     def _with(self, **more: dict[str, Any]) -> Arch:
-        names = ", ".join(sorted(set(LATER) & set(self.parameters)))
-        if names:
+        later = set(LATER) & set(self.parameters)
+        if later:
             raise GeometryError(
-                f"the arch has {names} already; on_piers and filled come before"
+                f"the arch has {', '.join(sorted(later))} already; on_piers and filled come before"
             )
         return self.rebuilt(**more)._warned(*more)
 

@@ -177,8 +177,7 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     for block, joints in zip(order[: len(order) - free], pairwise(ends)):
         for start, end in zip(*joints):
             if np.hypot(*(end - start)) <= tolerance:
-                meet = f"has two joints that meet at {place_text(start)}"
-                given.refuse(block, meet)
+                given.refuse(block, f"has two joints that meet at {place_text(start)}")
     intrados, extrados = np.stack(ends, axis=1)
     placed = [outlines[block] for block in order]
     surfaces = [
@@ -283,18 +282,20 @@ def _find_joints(given: Blocks) -> None:
     for (block, neighbour), parts in shared.items():
         segment = _one_line(parts, given.tolerance)
         if segment is None:
-            meet = (
-                f"and {names[neighbour]} meet along {len(parts)} edges not on one line"
+            given.refuse(
+                block,
+                f"and {names[neighbour]} meet along {len(parts)} edges not on one line; a joint "
+                "must be straight",
             )
-            given.refuse(block, f"{meet}; a joint must be straight")
         given.joints[neighbour][block] = segment[::-1]
         if neighbour < count:
             given.joints[block][neighbour] = segment
     for name, joints in zip(given.ground_names, given.joints[count:]):
         if len(joints) != 1:
-            edge = "must be on a straight edge of one block, on which it stands on the ground"
-            found = ", ".join(names[block] for block in joints) or "none"
-            raise GeometryError(f"{name} {edge}; it is on edges of: {found}")
+            raise GeometryError(
+                f"{name} must be on a straight edge of one block, on which it stands on the "
+                f"ground; it is on edges of: {', '.join(names[b] for b in joints) or 'none'}"
+            )
         ((block, segment),) = joints.items()
         if block in given.standing:
             given.refuse(
@@ -344,9 +345,10 @@ def _walk(given: Blocks) -> list[int]:
     names = given.names
     for block, joints in enumerate(given.joints):
         if len(joints) > 2:
-            others = ", ".join(names[other] for other in joints)
             given.refuse(
-                block, f"has {len(joints)} joints, with {others}; it may have two"
+                block,
+                f"has {len(joints)} joints, with {', '.join(names[other] for other in joints)}; "
+                "it may have two",
             )
     ends = [block for block, joints in enumerate(given.joints) if len(joints) < 2]
     if not ends:
@@ -365,9 +367,11 @@ def _walk(given: Blocks) -> list[int]:
         gap, one, near = min(
             (shapes[a].distance(shapes[b]), a, b) for a in order for b in apart
         )
-        rule = f"one chain, and edges of neighbours agree to {given.tolerance:.3g} m"
-        away = f"has no edge in common with {names[near]}, {gap:.3g} m away"
-        given.refuse(one, f"{away}; all must form {rule}")
+        given.refuse(
+            one,
+            f"has no edge in common with {names[near]}, {gap:.3g} m away; all must form one "
+            f"chain, and edges of neighbours agree to {given.tolerance:.3g} m",
+        )
     if not given.standing:
         if len(order) == 1:
             given.refuse(0, "is the only block; a LINE must show the edge it stands on")
@@ -386,11 +390,9 @@ def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:
     first = int(np.searchsorted(along, middle, "right")) + 1
     side = outline[[first % len(outline), (first + 1) % len(outline)]]
     if len(outline) != 4 or side[0, 2] != 0.0:
-        line = (
-            "without a LINE that shows the edge it stands on they must be four, that "
-            "opposite to its joint straight"
-        )
         given.refuse(
-            block, f"is an end of the chain and has {len(outline)} sides; {line}"
+            block,
+            f"is an end of the chain and has {len(outline)} sides; without a LINE that shows the "
+            "edge it stands on they must be four, that opposite to its joint straight",
         )
     return side[:, :2]

@@ -221,9 +221,9 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
     sense = left.astype(int) - (bend < -_TOLERANCE).all(axis=1)
     if not sense.all():
         body = int(np.argmin(np.abs(sense)))
-        corners = ", ".join(map(geometry.place_text, quads[body]))
         raise GeometryError(
-            f"voussoir {body} is no convex quadrilateral: its corners {corners} must be one in "
+            f"voussoir {body} is no convex quadrilateral: its corners "
+            f"{', '.join(map(geometry.place_text, quads[body]))} must be one in "
             f"this order; joints {body} and {body + 1} must neither cross nor touch inside the "
             "ring (make it thinner, or its joints more even)"
         )

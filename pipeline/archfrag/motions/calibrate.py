@@ -89,11 +89,11 @@ def impossible(channel: Channel) -> Iterator[Warned]:
     id = channel.trace.id
     delta = channel.trace.stats.delta
     if channel.announced != channel.held:
-        only = "only " if channel.held < channel.announced else ""
         yield (
             "samples",
             f"the header announces {channel.announced} samples of channel "
-            f"{channel.code or id}, the file holds {only}{channel.held}",
+            f"{channel.code or id}, the file holds "
+            f"{'only ' if channel.held < channel.announced else ''}{channel.held}",
         )
     elif channel.contradicted:
         yield "header", f"channel {channel.code or id}: {channel.contradicted}"

@@ -234,9 +234,9 @@ def scale_factor(
     """
     exponent = scaling_exponent(measure_name)
     if not exponent:
-        scaled = ", ".join(name for name, kind in _KINDS.items() if kind[1])
         raise InputError(
-            f"measure {measure_name!r} does not grow with scaling; use {scaled}"
+            f"measure {measure_name!r} does not grow with scaling; use "
+            f"{', '.join(name for name, kind in _KINDS.items() if kind[1])}"
         )
     if not 0.0 < level < np.inf:
         raise InputError(

@@ -89,10 +89,10 @@ class Motion:
         try:
             fields["dt"] = step = float(self.dt)
             for key, samples in self.components.items():
-                masked = np.ma.is_masked(samples)
-                if masked or np.iscomplexobj(samples):
-                    what = f"{key} has {'masked' if masked else 'complex'} samples"
-                    raise RecordError(f"{name}: {what}; all must be real numbers")
+                if np.ma.is_masked(samples) or np.iscomplexobj(samples):
+                    raise RecordError(
+                        f"{name}: {key} has masked or complex samples; all must be real numbers"
+                    )
                 fields[key] = np.array(samples, float)
         except (TypeError, ValueError):
             raise RecordError(
@@ -284,9 +284,10 @@ class Motion:
 
     def __repr__(self) -> str:
         parts = " and ".join(self.components).replace("acceleration", "horizontal")
-        peak = f"PGA {self.pga / STANDARD_GRAVITY:.3g} g"
-        size = f"{self.duration:g} s at {self.dt:g} s"
-        return f"<Motion {self.id or '(no id)'}: {peak}, {size}, {parts}>"
+        return (
+            f"<Motion {self.id or '(no id)'}: PGA {self.pga / STANDARD_GRAVITY:.3g} g, "
+            f"{self.duration:g} s at {self.dt:g} s, {parts}>"
+        )
 
     def _repr_html_(self) -> str:
         from archfrag.plots import html_of

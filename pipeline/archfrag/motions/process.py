@@ -112,9 +112,11 @@ def bandpass(
     filters = scipy.signal.butter(
         order, np.squeeze(corners), kind, fs=rate, output="sos"
     )
-    to = "the highest" if highest is None else f"{highest:g}"
-    passes = "forwards only (causal)" if causal else "forwards and backwards"
-    done = f"Band-pass {lowest or 0.0:g} to {to} Hz, Butterworth of order {order}, {passes}."
+    done = (
+        f"Band-pass {lowest or 0.0:g} to {'the highest' if highest is None else f'{highest:g}'} "
+        f"Hz, Butterworth of order {order}, forwards "
+        f"{'only (causal)' if causal else 'and backwards'}."
+    )
     if causal:
         return motion.changed(lambda a: scipy.signal.sosfilt(filters, a), done)
     taps = 2 * len(filters) + 1 - min((filters[:, [2, 5]] == 0.0).sum(axis=0))
@@ -321,7 +323,7 @@ def remove_response(
                 f"({reason_of(error)})"
             ) from None
         changed[key] = trace.data.astype(float)
-    kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
+    kept = f", {', '.join(f'{corner:g}' for corner in band)} Hz" if band else ""
     done = (
         f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."
     )

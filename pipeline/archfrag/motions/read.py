@@ -169,9 +169,9 @@ def read_vertical(path: str | Path, unit: str | None = None, **options: Any) -> 
     if not channels[1:] and not channels[0].is_horizontal:
         verticals = channels
     if len(verticals) != 1:
-        names = ", ".join(repr(channel.code) for channel in channels)
         raise RecordError(
-            f"{path}: one vertical channel is needed, the file holds {names}"
+            f"{path}: one vertical channel is needed, the file holds "
+            f"{', '.join(repr(channel.code) for channel in channels)}"
         )
     return motion_of_channel(verticals[0], path, record_name(path))
 
@@ -224,10 +224,10 @@ def _on_the_ground(channels: list[Channel]) -> list[Channel]:
     others = [channel for channel in channels if channel.sensor]
     if not others or all(channel.is_vertical for channel in ground):
         return channels
-    codes = ", ".join(dict.fromkeys(channel.code for channel in others))
     for channel in ground:
         channel.cautions.append(
-            f"channel {codes} {others[0].sensor} and is left out; `accept` with sensor reads it"
+            f"channel {', '.join(dict.fromkeys(each.code for each in others))} "
+            f"{others[0].sensor} and is left out; `accept` with sensor reads it"
         )
     return ground
 
@@ -259,7 +259,6 @@ def _examine(
         channel.trace = trace
         channels.append(channel)
         places.setdefault(channel.code, set()).add(str(trace.stats.location))
-    held = ", ".join(f"{channel.code} {channel.held}" for channel in channels)
     unequal = len({channel.held for channel in channels}) > 1 and form in OWN
     for channel in channels:
         channel.warnings = list(calibrate.impossible(channel))
@@ -278,7 +277,8 @@ def _examine(
         calibrate.to_si(channel, path, unit, entry.unit, inventory)
         if unequal:
             channel.errors.append(
-                f"the channels of the file have unequal numbers of samples ({held})"
+                "the channels of the file have unequal numbers of samples "
+                f"({', '.join(f'{each.code} {each.held}' for each in channels)})"
             )
     return channels, gap
 
@@ -297,10 +297,9 @@ def _join_pieces(path: Path, traces: Sequence[Trace]) -> tuple[list[Trace], str]
     if not gaps:
         return list(stream), ""
     *codes, start, _, length, _ = gaps[0]
-    kind = "a gap" if length > 0 else "an overlap"
     return list(stream), (
-        f"channel {'.'.join(codes)} has {kind} of {abs(length):g} s after {start}; "
-        "a record must be without gaps"
+        f"channel {'.'.join(codes)} has {'a gap' if length > 0 else 'an overlap'} of "
+        f"{abs(length):g} s after {start}; a record must be without gaps"
     )
 
 

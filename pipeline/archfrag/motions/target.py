@@ -65,10 +65,8 @@ def predict(
     kind = getattr(pygmm, MODELS[model])
     messages = []
     known = {}
-    for parameter in kind.PARAMS:
+    for parameter in [each for each in kind.PARAMS if each.name in facts]:
         name = parameter.name
-        if name not in facts:
-            continue
         known[name] = value = facts[name]
         low, high = (getattr(parameter, end, None) for end in ("min", "max"))
         if (low is not None and value < low) or (high is not None and value > high):
@@ -230,13 +228,11 @@ def spectrum_target(
             "conditioning period, or at all"
         )
     rho = correlation(rising[:, None], rising)
-    conditioning = None
-    for place in zero:
-        conditioning = float(rising[place])
-        star = rho[place]
+    for star in rho[zero]:
         rest = np.sqrt(np.where(star < 1.0, 1.0 - star**2, 1.0))
         rho = (rho - np.outer(star, star)) / np.outer(rest, rest)
         np.fill_diagonal(rho, 1.0)
+    conditioning = next(iter(rising[zero].tolist()), None)
     return Target(rising, ln_sa, np.outer(sd, sd) * rho, conditioning)
 
 

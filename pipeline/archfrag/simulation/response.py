@@ -143,9 +143,10 @@ mega-voussoirs
                 parts.append(f"{name} {', '.join(members)}")
         parts = parts or ["all joints closed"]
         parts.append(MODEL_WORDS[self.model])
-        why = CAUSE_WORDS[self.cause]
         where = f" at joint {self.joint}" if self.joint >= 0 else ""
-        return f"{self.time:.4f} s  {why}{where}: {'; '.join(parts)}"
+        return (
+            f"{self.time:.4f} s  {CAUSE_WORDS[self.cause]}{where}: {'; '.join(parts)}"
+        )
 
 
 @dataclass(frozen=True, repr=False)
@@ -280,8 +281,10 @@ class Response:
             ended += (
                 f" at {self.collapse_time:.4g} s, joint {self.collapse_joint}, {mode}"
             )
-        peak = f"peak {self.peak_rotation:.3g} rad, {self.peak_displacement:.3g} m"
-        return f"<Response {ended}; {peak}; {self.method}, {self.end_time:.4g} s>"
+        return (
+            f"<Response {ended}; peak {self.peak_rotation:.3g} rad, {self.peak_displacement:.3g} "
+            f"m; {self.method}, {self.end_time:.4g} s>"
+        )
 
 
 def response_of(results: Outcomes, row: int, method: str, wall_time: float) -> Response:

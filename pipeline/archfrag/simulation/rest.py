@@ -139,8 +139,7 @@ class Onset:
         limit, hinges, sliding = self.mechanism(towards)
         words = [f"hinge {joint} {side}" for joint, side in hinges]
         words += [f"joint {joint} slides" for joint in sliding]
-        how = f": {', '.join(words)}" if words else ""
-        return f"towards {towards} {limit:.4g} g{how}"
+        return f"towards {towards} {limit:.4g} g{': ' * bool(words)}{', '.join(words)}"
 
     def _repr_html_(self) -> str:
         from archfrag.plots import html_of

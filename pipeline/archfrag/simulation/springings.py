@@ -155,12 +155,14 @@ def move_springing(
     path = springing_path(arch, **given, springing=springing)
     if path.arch is None:
         units = {"rotation": "degrees"}
-        far = ", ".join(
+        far = [
             f"{name} {path.limit * value:.4g} {units.get(name, 'm')}"
             for name, value in given.items()
             if value
+        ]
+        falls = (
+            f"{arch!r}: the arch falls at {', '.join(far)} of its {springing} springing"
         )
-        falls = f"{arch!r}: the arch falls at {far} of its {springing} springing"
         if arch.pulled:
             falls += " with its ties; move the springing less, or first, and tie the arch then"
         raise StabilityError(falls)

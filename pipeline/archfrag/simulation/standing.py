@@ -39,9 +39,9 @@ def check_stands(arch: Arch) -> Onset:
             raise StabilityError(f"{arch!r}: the arch {tight}")
         message = f"{arch!r}: {STATUS_MESSAGE[Status.DOES_NOT_STAND]}"
         if np.isfinite(start.plus):
-            ends = f"{-start.minus:.4g} and {start.plus:.4g} g"
             message += (
-                f" (rest would need a steady horizontal acceleration between {ends})"
+                " (rest would need a steady horizontal acceleration between "
+                f"{-start.minus:.4g} and {start.plus:.4g} g)"
             )
         raise StabilityError(message)
     rest = None if arch.chain.joint is None else settled(arch.chain)
@@ -137,15 +137,16 @@ def edge_text(arch: Arch, loss: float) -> str:
     if np.isnan(loss):
         return ""
     further = arch.joints.get("model") == "inset"
-    inside = (
-        "further inside the joints" if further else "inside the edges of the joints"
+    where = (
+        f"hinges {1000.0 * INSET:g} mm "
+        f"{'further inside the joints' if further else 'inside the edges of the joints'}"
     )
-    where = f"hinges {1000.0 * INSET:g} mm {inside}"
     if loss >= 1.0:
         return f"with {where} the arch does not stand"
-    of = " of the arch as built" if arch.built else ""
-    lower = f"{where} lower the onset of motion{of} by {100.0 * loss:.1f} %"
-    return f"{lower}, and the collapse border by about as much"
+    return (
+        f"{where} lower the onset of motion{' of the arch as built' if arch.built else ''} by "
+        f"{100.0 * loss:.1f} %, and the collapse border by about as much"
+    )
 
 
 def arch_cautions(arch: Arch, start: Onset) -> list[str]:
@@ -187,9 +188,9 @@ def prestress_text(arch: Arch) -> str:
         )
         if pull
     ]
-    together = " together" * (len(ties) > 1)
     return (
-        f"does not stand with the prestress of its ties ({'; '.join(ties)}{together}), "
+        "does not stand with the prestress of its ties "
+        f"({'; '.join(ties)}{' together' * (len(ties) > 1)}), "
         "but without it; give less prestress"
     )
 

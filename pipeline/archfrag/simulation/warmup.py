@@ -52,8 +52,7 @@ def warmup(
 
     def report() -> None:
         passed = time.perf_counter() - started
-        text = f"{what} (first run only): {passed:.0f} s"
-        text += f" of about {expected:.0f} s" if passed <= expected else ""
+        text = f"{what} (first run only): {passed:.0f} s of about {expected:.0f} s"
         if progress is not None:
             progress("loading kernels" if ready else text)
 

@@ -100,9 +100,8 @@ def parse_columns(text: str) -> Columns:
             step = files.number(value)
             keys[key] = step if key == "dt" else int(value)
         except ValueError:
-            wrong = f"{word!r} is not known or occurs twice"
             raise InputError(
-                f"columns {text!r}: {wrong}; allowed are {_ALLOWED}"
+                f"columns {text!r}: {word!r} is not known or occurs twice; allowed are {_ALLOWED}"
             ) from None
     return Columns(**keys)
 
@@ -241,7 +240,6 @@ def _numbers(
 def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
     """Raise InputError unless rows are of one motion, equally long but for the last."""
     width = max(map(len, table), default=0)
-    remedy = "name them by acceleration=COLUMN"
     for line, row in zip(lines[:-1], table):
         if len(row) < width:
             raise InputError(
@@ -250,7 +248,8 @@ def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
     full = np.array([row for row in table if len(row) == width])
     if width > 1 and _rises_evenly(full[:, 0]):
         raise InputError(
-            f"line {lines[0]}: the first column rises evenly, as times do; {remedy}"
+            f"line {lines[0]}: the first column rises evenly, as times do; name them by "
+            "acceleration=COLUMN"
         )
     if width > 1 and len(full) >= 50:
         within, along = (np.abs(np.diff(full, axis=axis)).mean() for axis in (1, 0))
@@ -260,7 +259,7 @@ def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
         if along < 1.2 * within or between > 1.3 * within:
             raise InputError(
                 f"line {lines[0]}: the {width} numbers a row are columns side by side, not one "
-                f"motion row after row; {remedy}"
+                f"motion row after row; name them by acceleration=COLUMN"
             )
 
 

@@ -226,9 +226,10 @@ def on_even_steps(pairs: Samples, name: str) -> tuple[NDArray, float, str]:
             f"{name}: times are too uneven: steps of {median:g} s in {length:g} s"
         )
     grid = times[0] + step * np.arange(int(length / step * (1.0 + 1e-12)) + 1)
-    unequal = f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s"
-    sizes = f"linear between them ({values.size} to {grid.size} samples)"
-    done = f"{unequal} read at equal steps of {step:g} s, {sizes}."
+    done = (
+        f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s read at equal "
+        f"steps of {step:g} s, linear between them ({values.size} to {grid.size} samples)."
+    )
     return np.interp(grid, times, values), step, done
 
 
