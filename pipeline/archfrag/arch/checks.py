@@ -56,7 +56,7 @@ def number(
     limits = [
         f"{word} {bound:.9g} {about.unit}".rstrip() for word, bound in zip(words, ends)
     ]
-    allowed = f"a number {' and '.join(limits)}" + (f" ({meaning})" if meaning else "")
+    allowed = f"a number {' and '.join(limits)}{f' ({meaning})' if meaning else ''}"
 
     def fits(x: Any) -> bool:
         return ends[0] < x < ends[1] or (closed and x in ends)
@@ -83,16 +83,17 @@ def flag(name: str, value: object) -> bool:
 def shared_or_each(key: str, value: Any, size: int, each: str) -> FloatArray:
     """Return one number for all, or one for each, all within the bounds of their key."""
     about = PROPERTIES[key]
-    least = f"one number or one for each of the {size} {each}s, all at least {about.least:g}"
     most = f"at most {about.most:g} {about.unit}".rstrip()
-    most = most if np.isfinite(about.most) else "finite"
-    most += f" (inf: {about.infinite})" if about.infinite else ""
+    allowed = (
+        f"one number or one for each of the {size} {each}s, all at least {about.least:g} "
+        f"{about.unit} and {most if np.isfinite(about.most) else 'finite'}"
+        f"{f' (inf: {about.infinite})' if about.infinite else ''}"
+    ).replace("  ", " ")
 
     def fits(x: FloatArray) -> Any:
         within = (x >= about.least) & (x <= about.most) & np.isfinite(x)
         return within | (x == np.inf) & bool(about.infinite)
 
-    allowed = f"{f'{least} {about.unit}'.rstrip()} and {most}"
     array = _floats(key, value, allowed, fits, lambda shape: shape in ((), (size,)))
     return np.broadcast_to(array, size).copy()
 

@@ -68,8 +68,10 @@ def facts_of(arch: Shape) -> dict[str, Any]:
 def facts_text(arch: Shape) -> str:
     """Write weights, forces of ties and places of springings in one line."""
     facts = facts_of(arch)
-    ring = "the blocks weigh" if arch.free_end else "the ring weighs"
-    names = {"ring": ring, "dead_load": "dead load"}
+    names = {
+        "ring": "the blocks weigh" if arch.free_end else "the ring weighs",
+        "dead_load": "dead load",
+    }
     weights = [
         f"{names.get(name, name)} {force_text(weight)}"
         for name, weight in facts["weights"].items()
@@ -77,12 +79,13 @@ def facts_text(arch: Shape) -> str:
     ]
     texts = [", ".join(weights)]
     for number, tie in enumerate(facts["ties"], 1):
-        name = f"tie {number}" if len(facts["ties"]) > 1 else "the tie"
         pull = tie["prestress"]
         force = f"pulls with {force_text(pull)}" if pull else "is not tight"
         if tie["strength"] is not None:
             force += f" and yields at {force_text(tie['strength'])}"
-        texts.append(f"{name} {force}")
+        texts.append(
+            f"{f'tie {number}' if len(facts['ties']) > 1 else 'the tie'} {force}"
+        )
     ends = [f"({x:.4g}, {y:.4g})" for joint in facts["springings"] for x, y in joint]
     where = f"it stands from {ends[1]} to {ends[0]} m"
     if not arch.free_end:

@@ -103,14 +103,15 @@ def _fill_outlines(arch: Shape) -> list[FloatArray]:
         return []
     back = arch.extrados[first : last + 1]
     below = back[back[:, 0].argmin() : back[:, 0].argmax() + 1]
-    if first:  # on piers, whose tops carry fill too
+    if first:  # on piers, whose tops carry fill too, from left to right
         tops = []
         for outline in (arch.outlines[first - 1], arch.outlines[last]):
             high = outline[outline[:, 1] > outline[:, 1].max() - 1e-9 * np.ptp(outline)]
-            tops.append(high[high[:, 0].argsort()])  # from left to right
-        left = tops[0][:, 0] < below[0, 0]
-        right = tops[1][:, 0] > below[-1, 0]
-        below = np.concatenate([tops[0][left], below, tops[1][right]])
+            tops.append(high[high[:, 0].argsort()])
+        left, right = tops
+        left = left[left[:, 0] < below[0, 0]]
+        right = right[right[:, 0] > below[-1, 0]]
+        below = np.concatenate([left, below, right])
     top = np.concatenate(arch.outlines[first:last])[:, 1].max()
     level = top + fill["height_over_crown"]
     middle = 0.5 * (arch.intrados + arch.extrados)[[first, last], 1].min()

@@ -482,7 +482,7 @@ def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
     """
     from obspy import read_inventory  # start-up: a Motion needs no obspy
 
-    if not (given is None or isinstance(given, (str, Path))):
+    if not (given is None or isinstance(given, str | Path)):
         return given
     names = (path.stem, f"{trace.stats.network}.{trace.stats.station}")
     near = (path.with_name(f"{name}.xml") for name in names)

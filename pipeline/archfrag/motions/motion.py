@@ -91,7 +91,8 @@ class Motion:
             for key, samples in self.components.items():
                 if np.ma.is_masked(samples) or np.iscomplexobj(samples):
                     raise RecordError(
-                        f"{name}: {key} has masked or complex samples; all must be real numbers"
+                        f"{name}: {key} has {'complex' if np.iscomplexobj(samples) else 'masked'} "
+                        "samples; all must be real numbers"
                     )
                 fields[key] = np.array(samples, float)
         except (TypeError, ValueError):

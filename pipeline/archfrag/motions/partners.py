@@ -49,15 +49,14 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
         for code in _CODE.finditer(name):
             word = ("H" if code["sensor"] else "") + code[0].upper()
             azimuth = float(word) if word.isdecimal() else quadrant(word)
-            plain = None if azimuth is None or azimuth > 360.0 else (name, 0, azimuth)
+            plain = None if (azimuth or 0.0) > 360.0 else azimuth
             kinds = (
-                (name, i, angle[word])
-                for i, angle in enumerate(_ANGLES)
-                if word in angle
+                (i, angle[word]) for i, angle in enumerate(_ANGLES) if word in angle
             )
-            direction = next(kinds, plain)
-            if direction:
-                frames.setdefault(_frame(name, code), []).append(direction)
+            kind, direction = next(kinds, (0, plain))
+            if direction is not None:
+                members = frames.setdefault(_frame(name, code), [])
+                members.append((name, kind, direction))
     by_lower_case = {name.lower(): name for name in names}
     pairs: dict[str, set[str]] = {}
     verticals: dict[str, str] = {}

@@ -155,7 +155,7 @@ def read_horizontals(
         base = entry.id or base
     motions = []
     for channel, code in zip(horizontals, codes):
-        place = f"{channel.trace.stats.location}." if codes.count(code) > 1 else ""
+        place = f"{channel.trace.stats.location}." * (codes.count(code) > 1)
         id = f"{base}:{place}{code}" if codes[1:] else base
         motions.append(motion_of_channel(channel, path, id, verticals, entry.metadata))
     return motions

@@ -104,16 +104,21 @@ def measure_records(
         if round(t, 3) != t:
             raise InputError(f"period {t:g} s must have no more than three decimals")
     spectrum = {f"T{t:.3f}S": (f"Sa({float(t)!r})", STANDARD_GRAVITY) for t in periods}
+    columns = _PEAKS | spectrum | _INTEGRALS
     rows = []
     for motion in motions:
         about = motion.metadata
-        row: dict[str, Any] = {"record": motion.id}
-        row |= {column: about.get(column) for column in _FACTS}
-        row["distance_km"] = about.get("distance_km") or about.get("epicentral_km")
-        row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
-        for column, (name, unit) in (_PEAKS | spectrum | _INTEGRALS).items():
-            row[column] = measure(motion, name) / unit
-        rows.append(row)
+        row: dict[str, Any] = {
+            "record": motion.id,
+            **{column: about.get(column) for column in _FACTS},
+            "distance_km": about.get("distance_km") or about.get("epicentral_km"),
+            "scale": about.get("scale", 1.0),
+            "dt_s": motion.dt,
+        }
+        measures = {
+            c: measure(motion, name) / unit for c, (name, unit) in columns.items()
+        }
+        rows.append(row | measures)
     return pd.DataFrame(rows).astype(_TYPES)
 
 

@@ -61,13 +61,11 @@ def crushed(arch: Arch, strength: float) -> Arch:
     _check_first(arch, "strength")
     weak = _shortened(arch, np.zeros(arch.n_joint), strength)
     if weak is None:
-        message = (
-            f"{arch!r}: the arch does not stand with a strength of {strength:g} N/m2"
-        )
         least, _ = PROPERTIES["strength"].usual
-        if strength < least:
-            message += f"; masonry has {least:g} or more: is it in N/m2?"
-        raise StabilityError(message)
+        raise StabilityError(
+            f"{arch!r}: the arch does not stand with a strength of {strength:g} N/m2"
+            f"{f'; masonry has {least:g} or more: is it in N/m2?' if strength < least else ''}"
+        )
     weak = weak.changed(parameters={**arch.parameters, "strength": strength})
     warn_of_units(unit_cautions(weak, "strength"))
     return weak
@@ -138,8 +136,8 @@ def jointed(
         "model": model,
         "points": points,
     }
-    given = dict(arch.parameters)
-    given["joints"] = {k: each for k, each in told.items() if each is not None}
+    kept = {key: value for key, value in told.items() if value is not None}
+    given = {**arch.parameters, "joints": kept}
     if math.isfinite(strength):
         given["strength"] = strength
     if model == "face":
@@ -152,12 +150,11 @@ def jointed(
             raise InputError(
                 "joints.model face needs a finite stiffness and shear of all joints"
             )
-        soft = arch.changed(chain=arch.chain._replace(joint=joint))
+        soft: Arch | None = arch.changed(chain=arch.chain._replace(joint=joint))
     else:
-        inset = _shortened(arch, inset_of(arch, normal, tangential).lengths, strength)
-        if inset is None:
-            raise StabilityError(_too_soft(arch, normal))
-        soft = inset
+        soft = _shortened(arch, inset_of(arch, normal, tangential).lengths, strength)
+    if soft is None:
+        raise StabilityError(_too_soft(arch, normal))
     soft = soft.changed(parameters=given)
     warn_of_units(unit_cautions(soft, "joints", "strength"))
     return soft

@@ -277,9 +277,9 @@ class Response:
     def __repr__(self) -> str:
         ended = self.status.name.lower().replace("_", " ")
         if self.collapsed:
-            mode = self.collapse_mode.replace("_", " ")
             ended += (
-                f" at {self.collapse_time:.4g} s, joint {self.collapse_joint}, {mode}"
+                f" at {self.collapse_time:.4g} s, joint {self.collapse_joint}, "
+                f"{self.collapse_mode.replace('_', ' ')}"
             )
         return (
             f"<Response {ended}; peak {self.peak_rotation:.3g} rad, {self.peak_displacement:.3g} "

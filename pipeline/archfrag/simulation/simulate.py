@@ -243,13 +243,13 @@ def _checked_call(
     loss_limit: float = LOSS_LIMIT,
 ) -> tuple[MethodInfo, Options]:
     """Check a call and return the method and its options."""
-    for name, kind, values in (("arch", Arch, [arch]), ("motion", Motion, motions)):
+    for kind, allowed, values in (
+        (Arch, "arch is {}; it must be an archfrag Arch or Block", [arch]),
+        (Motion, "motion is {}; it must be an archfrag Motion", motions),
+    ):
         for value in values:
             if not isinstance(value, kind):
-                allowed = "Arch or Block" if kind is Arch else "Motion"
-                raise InputError(
-                    f"{name} is {type(value).__name__}; it must be an archfrag {allowed}"
-                )
+                raise InputError(allowed.format(type(value).__name__))
     info = arguments.check_method(method)
     arguments.check_taken(info, rtol=rtol, dt=dt)
     tolerance = arguments.default_of(info, "rtol") if rtol is None else rtol
@@ -262,14 +262,14 @@ def _checked_call(
         arguments.check_number("dt", dt, 1e-9, 10.0, "s")
     arguments.check_can_run(arch, info, far)
     unit = own_time(arch)
-    longest = longest_step(arch.chain) if arch.chain.joint is not None else math.inf
+    faces = arch.chain.joint is not None
+    longest = longest_step(arch.chain) if faces else math.inf
     if dt is not None or info.step_rule is None:
         step = largest = arguments.default_of(info, "dt") if dt is None else float(dt)
     else:
-        step, largest = (
-            unit * part for part in info.step_rule(tolerance, arch.n_voussoir)
-        )
-        if arch.chain.joint is not None:
+        parts = info.step_rule(tolerance, arch.n_voussoir)
+        step, largest = (unit * part for part in parts)
+        if faces:
             step = largest = min(FACE_STEP * largest, longest)
     if dt is not None and dt > longest:
         warnings.warn(

@@ -90,8 +90,9 @@ def springing_path(
     """
     right = springing == "right"
     if springing not in ("left", "right") or (right and arch.free_end):
-        allowed = "left" if arch.free_end else "left or right"
-        raise InputError(f"springing = {springing!r} must be {allowed}")
+        raise InputError(
+            f"springing = {springing!r} must be left{'' if arch.free_end else ' or right'}"
+        )
     size = np.ptp(np.concatenate(arch.outlines), axis=0).max()
     check_number("spread", spread, -size, size, "m")
     check_number("settlement", settlement, -size, size, "m")
@@ -120,7 +121,7 @@ def springing_path(
     plus, minus = np.array(ranges).T
     end = slow.arch() if math.isinf(limit) else None
     # A tie is all that holds it, in a mechanism.
-    if end is not None and not onset(end).stands:
+    if end and not onset(end).stands:
         held = np.flatnonzero(np.minimum(plus, minus)[:-1] > HOLDS)
         end = None
         limit = float(parts[held.max(initial=-1) + 1])

@@ -60,7 +60,7 @@ class Text:
     """Lines of a file, whatever ends them."""
 
     def __init__(self, source: Source) -> None:
-        is_path = isinstance(source, (str, Path))
+        is_path = isinstance(source, str | Path)
         self.name = str(source if is_path else getattr(source, "name", "buffer"))
         content = _read_bytes(source)
         wide = wide_encoding(content)
@@ -80,9 +80,11 @@ class Text:
         return [line[:200] for line in self.lines[first:last]]
 
     def needs(self, index: int, what: str) -> RecordError:
-        end = index >= len(self.lines)
-        shown = "the end of the file" if end else repr(self.lines[index].strip()[:60])
-        return RecordError(f"{self.place(index)}: {what} is needed here, not {shown}")
+        end = "the end of the file" * (index >= len(self.lines))
+        return RecordError(
+            f"{self.place(index)}: {what} is needed here, not "
+            f"{end or repr(self.line(index).strip()[:60])}"
+        )
 
     def numbers(
         self,
@@ -129,7 +131,7 @@ def reader(read: Callable[[Text], Iterable[Trace]]) -> Callable[..., Stream]:
 
 def _read_bytes(source: Source, size: int = -1) -> bytes:
     """Return the first bytes of a file, or of the rest of an open buffer."""
-    if not isinstance(source, (str, Path)):
+    if not isinstance(source, str | Path):
         return source.read(size)
     with opened(source) as file:
         return file.read(size)

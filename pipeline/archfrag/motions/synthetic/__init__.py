@@ -272,10 +272,8 @@ def plan_motions(
         ends = np.log(np.maximum(distance, 1e-3))
         distances = np.exp(generator.uniform(ends[0], ends[1], count).round(6)).round(2)
     with_pulse = generator.uniform(size=count) < pulses
-    recipes = []
-    for number in range(count):
-        event, record = divmod(number, records_per_event)
-        recipe = Recipe(
+    return [
+        Recipe(
             float(magnitudes[event]),
             float(distances[number]),
             first + number,
@@ -286,8 +284,8 @@ def plan_motions(
             pulse=bool(with_pulse[number]),
             id=f"e{event + 1}-r{record + 1}",
         )
-        recipes.append(recipe)
-    return recipes
+        for number, (event, record) in enumerate(np.ndindex(events, records_per_event))
+    ]
 
 
 def shipped_recipes() -> list[Recipe]:
