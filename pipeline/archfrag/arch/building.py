@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from archfrag.arch import bridge, checks
 from archfrag.arch import ring as rings
 from archfrag.arch.checks import FloatArray
+from archfrag.arch.geometry import following
 from archfrag.errors import GeometryError
 from archfrag.properties import SMALLEST, VARIABLE
 
@@ -152,9 +153,7 @@ def _at_level(arch: Shape, level: float) -> list[End]:
     """Return the outermost points of the voussoirs at a height, left and right."""
     found: list[End] = []
     for body, outline in enumerate(arch.outlines):
-        for (x, y), (u, v) in zip(
-            outline.tolist(), np.roll(outline, -1, axis=0).tolist()
-        ):
+        for (x, y), (u, v) in zip(outline.tolist(), following(outline).tolist()):
             if (y - level) * (v - level) <= 0.0 and y != v:
                 found.append((body, x + (level - y) / (v - y) * (u - x), level))
     outermost = [end(found, key=itemgetter(1)) for end in (min, max) if found]

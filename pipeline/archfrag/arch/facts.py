@@ -111,7 +111,7 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
     first, last = arch.springings
     values = {**given, "friction": arch.chain.friction}
     if arch.free_end:
-        values["height"] = np.ptp(np.concatenate(arch.outlines)[:, 1])
+        values["height"] = arch.extent[1]
     else:
         # Springings of a horseshoe are nearer to each other than its haunches.
         reach = np.ptp(arch.intrados[first : last + 1, 0])

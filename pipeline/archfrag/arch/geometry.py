@@ -29,6 +29,11 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
+def following(corners: FloatArray) -> FloatArray:
+    """Return the next corner of each, the first one after the last."""
+    return np.roll(corners, -1, axis=0)
+
+
 def place_text(point: FloatArray) -> str:
     """Return a point ``(2,)`` as messages write it [m]."""
     return f"({point[0]:.6g}, {point[1]:.6g})"
@@ -46,7 +51,7 @@ def polygon_section(corners: FloatArray) -> Section:
     """
     origin = corners.mean(axis=0)
     here = corners - origin
-    there = np.roll(here, -1, axis=0)
+    there = following(here)
     twice = cross(here, there)
     area = 0.5 * math.fsum(twice)
     shift = twice @ (here + there) / (6.0 * area)
@@ -131,7 +136,7 @@ def outline_section(outline: FloatArray) -> Section:
         return polygon_section(outline[:, :2])
     origin = outline[:, :2].mean(axis=0)
     corners = outline[:, :2] - origin
-    chord = np.roll(corners, -1, axis=0) - corners
+    chord = (following(corners) - corners)[:, None]
     half = 2.0 * np.arctan(outline[:, 2:])  # of an arc's angle
     # The point at the part s of an arc is the corner + chord * sin(h s)/sin(h), rotated by h(s-1).
     part = 0.5 * (_NODE + 1.0)
@@ -194,24 +199,21 @@ def height_at(line: FloatArray, x: float) -> float:
 
 
 def rotated(vector: FloatArray, angle: FloatArray) -> FloatArray:
-    """Return the vectors ``(m, 2)`` rotated by angles ``(m, k)``, ``(m, k, 2)``."""
-    x = vector[:, :1]
-    y = vector[:, 1:]
+    """Return plane vectors ``(..., 2)`` rotated by angles that broadcast with them."""
+    x, y = np.moveaxis(vector, -1, 0)
     cosine = np.cos(angle)
     sine = np.sin(angle)
-    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
 
 
 def sampled(outline: FloatArray) -> FloatArray:
     """Return the points ``(k, 2)`` of an outline, on its arcs at most one degree apart."""
     points = []
-    for start, end in zip(outline, np.roll(outline, -1, axis=0)):
+    for start, end in zip(outline, following(outline)):
         half = 2.0 * math.atan(start[2])
         steps = 1 if half == 0.0 else 2 * max(1, math.ceil(abs(math.degrees(half))))
         part = np.arange(steps) / steps
         length = part if half == 0.0 else np.sin(half * part) / math.sin(half)
-        chord = (end - start)[None, :2]
-        points.append(
-            start[:2] + length[:, None] * rotated(chord, half * (part - 1.0)[None])[0]
-        )
+        chord = rotated((end - start)[:2], half * (part - 1.0))
+        points.append(start[:2] + length[:, None] * chord)
     return np.concatenate(points)

@@ -10,6 +10,7 @@ import numpy as np
 
 from archfrag.arch.bridge import fill_weighs
 from archfrag.arch.checks import FloatArray
+from archfrag.arch.geometry import rotated
 from archfrag.arch.shape import Shape
 
 GROUND = -1
@@ -41,11 +42,8 @@ class Mark(NamedTuple):
         points = np.tile(self.points, (len(place), 1, 1))
         carried = (bodies >= 0) & (bodies < len(centroids))
         body = bodies[carried]
-        x, y = (self.points[carried] - centroids[body]).T
-        sine = np.sin(rotation[:, body])
-        cosine = np.cos(rotation[:, body])
-        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
-        points[:, carried] = turned + place[:, body]
+        own = self.points[carried] - centroids[body]
+        points[:, carried] = rotated(own, rotation[:, body]) + place[:, body]
         return points
 
 

@@ -93,7 +93,7 @@ class Arch(Shape):
 
     def __repr__(self) -> str:
         given = self.parameters
-        width, height = np.ptp(np.concatenate(self.outlines), axis=0)
+        width, height = self.extent
         facts = [f"{key} {given[key]:g} m" for key in _SHOWN if key in given]
         facts = facts or [f"{width:.3g} m wide", f"{height:.3g} m high"]
         weight = self.chain.mass.sum() * self.chain.gravity / 1e3

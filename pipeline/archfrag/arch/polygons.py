@@ -12,6 +12,7 @@ from archfrag.arch import checks
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import (
     cross,
+    following,
     middle_of,
     outline_section,
     overlap_of,
@@ -71,9 +72,7 @@ def without_repeated(corners: FloatArray, tolerance: float = 0.0) -> FloatArray:
     """Return the corners ``(m, 3)`` of an outline that differ from the next one, or all if fewer
     than two.
     """
-    kept = corners[
-        np.hypot(*(np.roll(corners, -1, axis=0) - corners)[:, :2].T) > tolerance
-    ]
+    kept = corners[np.hypot(*(following(corners) - corners)[:, :2].T) > tolerance]
     return kept if len(kept) > 1 else corners
 
 
@@ -150,9 +149,9 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     outlines = []
     for outline in drawn.outlines:
         points = sampled(outline)
-        if cross(points, np.roll(points, -1, axis=0)).sum() <= 0.0:
+        if cross(points, following(points)).sum() <= 0.0:
             outline = outline[::-1].copy()
-            outline[:, 2] = -np.roll(outline[:, 2], -1)
+            outline[:, 2] = -following(outline[:, 2])
         outlines.append(outline)
     given = replace(drawn, outlines=outlines, tolerance=tolerance, standing={})
     _check_simple(given)
@@ -169,7 +168,7 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     ):  # the edge that is farthest from the line of the last joint, intrados first
         first = outlines[last][:, :2]
         joint = ends[-1]
-        edges = np.stack([first, np.roll(first, -1, axis=0)], axis=1)
+        edges = np.stack([first, following(first)], axis=1)
         away = np.abs(cross(edges.mean(axis=1) - joint[0], joint[1] - joint[0]))
         ends.append(edges[int(np.argmax(away))])
     else:
@@ -207,7 +206,7 @@ def _back(
     inside = offset < (end - start) % total - slip
     inner = outline[inside][np.argsort(offset[inside])]
     back = np.vstack([[*second, 0.0], inner, [*first, 0.0]])[::-1]
-    return without_repeated(np.column_stack([back[:, :2], -np.roll(back[:, 2], -1)]))
+    return without_repeated(np.column_stack([back[:, :2], -following(back[:, 2])]))
 
 
 def _places_along(
@@ -218,7 +217,7 @@ def _places_along(
     Third, the length of all chords.
     """
     start = outline[:, :2]
-    chord = np.roll(start, -1, axis=0) - start
+    chord = following(start) - start
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*chord.T))])
     places = []
     for point in points:
@@ -264,7 +263,7 @@ def _find_joints(given: Blocks) -> None:
     edges: list[_Segment] = []
     owner: list[int] = []
     for block, outline in enumerate(given.outlines):
-        pairs = np.stack([outline[:, :2], np.roll(outline[:, :2], -1, axis=0)], axis=1)
+        pairs = np.stack([outline[:, :2], following(outline[:, :2])], axis=1)
         edges += list(pairs[outline[:, 2] == 0.0])
         owner += [block] * (len(edges) - len(owner))
     for number, line in enumerate(given.ground, count):

@@ -51,6 +51,11 @@ class Shape:
         return self.chain.centroid if start is None else start[:, :2]
 
     @property
+    def extent(self) -> FloatArray:
+        """Width and height of all voussoirs, (2,) [m]."""
+        return np.ptp(np.concatenate(self.outlines), axis=0)
+
+    @property
     def springings(self) -> tuple[int, int]:
         """Joints at the ends of the ring: of an arch on piers its skewbacks."""
         left, right = self.parameters.get("piers", {}).get("courses", (0, 0))

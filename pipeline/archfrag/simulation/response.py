@@ -259,7 +259,7 @@ class Response:
         """
         assert self.arch is not None
         time, shift, turn = self._arrays()
-        size = np.ptp(np.concatenate(self.arch.outlines), axis=0).max()
+        size = self.arch.extent.max()
         turned = np.abs(turn).max(axis=1)
         reach = np.maximum(np.abs(shift).max(axis=(1, 2)), 0.1 * size * turned)
         moving = np.flatnonzero(reach > 1e-5 * size)

@@ -93,7 +93,7 @@ def springing_path(
         raise InputError(
             f"springing = {springing!r} must be left{'' if arch.free_end else ' or right'}"
         )
-    size = np.ptp(np.concatenate(arch.outlines), axis=0).max()
+    size = arch.extent.max()
     check_number("spread", spread, -size, size, "m")
     check_number("settlement", settlement, -size, size, "m")
     check_number("rotation", rotation, -45.0, 45.0, "degrees")
