@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from archfrag.arch import bridge, checks
 from archfrag.arch import ring as rings
 from archfrag.arch.checks import FloatArray
-from archfrag.arch.geometry import following
+from archfrag.arch.geometry import following, length_of
 from archfrag.errors import GeometryError
 from archfrag.properties import SMALLEST, VARIABLE
 
@@ -130,7 +130,7 @@ def tie_row(
     checks.number("ties.prestress", prestress, most=strength)
     both = _checked_ends(arch, ends) if level is None else _at_level(arch, float(level))
     points = np.array([end[1:] for end in both], dtype=float)
-    length = np.hypot(*(points[1] - points[0]))
+    length = length_of(points)
     if not length > SMALLEST:
         raise GeometryError(f"the ends of the tie are {length:g} m apart")
     # In the frame of a body, or of the ground.

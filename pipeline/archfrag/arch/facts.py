@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch.building import fields_of
+from archfrag.arch.geometry import length_of
 from archfrag.arch.shape import Shape
 from archfrag.errors import UnitWarning
 from archfrag.properties import PROPERTIES, unusual, value_of
@@ -131,7 +132,7 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
                 f"dead_load is {force_text(load)} on a ring of {force_text(weight)}; is it in N?",
             )
     for number, (tie, ends) in enumerate(zip(given.get("ties", ()), arch.tie_lines)):
-        length = np.hypot(*(ends[1] - ends[0]))
+        length = length_of(ends)
         for key, text in _doubtful_tie(tie, length, f"ties[{number}]"):
             yield f"ties[{number}].{key}", text
 

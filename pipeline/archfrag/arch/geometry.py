@@ -34,6 +34,11 @@ def following(corners: FloatArray) -> FloatArray:
     return np.roll(corners, -1, axis=0)
 
 
+def length_of(line: FloatArray) -> float:
+    """Return the distance between two points ``(2, 2)`` [m]."""
+    return np.hypot(*(line[1] - line[0]))
+
+
 def place_text(point: FloatArray) -> str:
     """Return a point ``(2,)`` as messages write it [m]."""
     return f"({point[0]:.6g}, {point[1]:.6g})"

@@ -13,6 +13,7 @@ from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import (
     cross,
     following,
+    length_of,
     middle_of,
     outline_section,
     overlap_of,
@@ -306,7 +307,7 @@ def _find_joints(given: Blocks) -> None:
 
 def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment | None:
     """Return the overlap of two edges of one direction, along the first; None if there is none."""
-    length = np.hypot(*(edge[1] - edge[0]))
+    length = length_of(edge)
     place = (other - edge[0]) @ ((edge[1] - edge[0]) / length)
     if min(length, place[1]) - max(0.0, place[0]) < _SHORTEST * tolerance:
         return None
@@ -327,13 +328,10 @@ def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment 
 def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
     """Return both ends of segments of one direction; None if they are not on one line."""
     points = np.concatenate(parts)
-    unit = parts[0][1] - parts[0][0]
-    unit /= np.hypot(*unit)
+    unit = (parts[0][1] - parts[0][0]) / length_of(parts[0])
     place = (points - points[0]) @ unit
     ends = points[[int(np.argmin(place)), int(np.argmax(place))]]
-    off = np.abs(
-        cross(points - ends[0], (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0])))
-    )
+    off = np.abs(cross(points - ends[0], (ends[1] - ends[0]) / length_of(ends)))
     return ends if off.max() <= 2.0 * tolerance else None
 
 

@@ -30,7 +30,7 @@ from archfrag.motions.channel import (
     unit_factor,
     wrong_length,
 )
-from archfrag.motions.measures import odd_samples
+from archfrag.motions.measures import odd_samples, peak_of
 
 Inventory = Any  # obspy's, whose import takes time
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
@@ -119,7 +119,7 @@ def implausible(channel: Channel) -> Iterator[Warned]:
             "time_step",
             f"time step of channel {channel.code} is {dt:g} s, outside 0.0001 to 0.1 s",
         )
-    peak = np.abs(channel.trace.data).max() / STANDARD_GRAVITY
+    peak = peak_of(channel.trace.data) / STANDARD_GRAVITY
     if not 1e-5 <= peak <= 5.0:
         yield (
             "pga",
@@ -175,7 +175,7 @@ def _add_stated(channel: Channel) -> None:
             f"the header of {name} states {quantity}; samples of acceleration are needed, in "
             f"one of {', '.join(METRES_PER_SECOND_SQUARED)}"
         )
-        channel.warnings.append((None, text))
+        channel.warn(text, None)
     if stats._format == "KINEMETRICS_EVT" and 0.0 < stats.calib < math.inf:
         channel.g_per_count = stats.calib / 9.81  # obspy's own value of g
     azimuth = _number(sac, "cmpaz", gse.get("hang", -1.0))
@@ -187,7 +187,7 @@ def _add_stated(channel: Channel) -> None:
         _add_depth(channel, depth or 0.0, source)
     begin = _number(sac, "b")
     peak = max(abs(_number(sac, key)) for key in ("depmin", "depmax"))
-    held = np.abs(channel.trace.data).max()
+    held = peak_of(channel.trace.data)
     if peak and abs(peak - held) > 0.1 * peak:
         channel.warn(
             f"the header of {name} states a peak of {peak:g}, the samples have {held:g}"
@@ -354,9 +354,9 @@ def to_si(
             _add_station(channel, inventory)
         _scale(channel, path, asked, listed, inventory)
     except RecordError as error:
-        channel.warnings.append((None, str(error).removeprefix(f"{path}: ")))
+        channel.warn(str(error).removeprefix(f"{path}: "), None)
     mean = values.mean()
-    motion = np.abs(values - mean).max()
+    motion = peak_of(values - mean)
     if abs(mean) > motion > 0.0:
         unit = channel.unit_in_file or "unit unknown"
         channel.errors.append(
@@ -368,7 +368,7 @@ def to_si(
     odd = odd_samples(trace.data, trace.stats.delta)
     channel.cautions += [f"{_named(channel)}: {text}" for text in odd]
     if channel.sensor:
-        channel.warnings.append(("sensor", f"{_named(channel)} {channel.sensor}"))
+        channel.warn(f"{_named(channel)} {channel.sensor}", "sensor")
     down = channel.downwards
     if down is None and inventory is None:
         code = channel.code.upper().lstrip("+")

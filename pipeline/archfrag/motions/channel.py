@@ -174,9 +174,9 @@ class Channel:
         """Tell whether something is wrong that nothing makes acceptable."""
         return any(word is None for word, _ in self.warnings)
 
-    def warn(self, text: str) -> None:
-        """Add what contradicts the header."""
-        self.warnings.append(("header", text))
+    def warn(self, text: str, word: Acceptable | None = "header") -> None:
+        """Add what is wrong, such as what contradicts the header, and what accepts it."""
+        self.warnings.append((word, text))
 
     @property
     def instrument(self) -> str:

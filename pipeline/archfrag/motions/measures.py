@@ -94,7 +94,8 @@ def arias_times(
     ]
 
 
-def _peak(values: Samples) -> float:
+def peak_of(values: Samples) -> float:
+    """Return the largest magnitude."""
     return float(np.abs(values).max())
 
 
@@ -104,7 +105,7 @@ def _cav(motion: Shaking, count: int = 2**16, least: float = 0.0) -> float:
     total = 0.0
     for start in range(0, record.size - 1, count):
         part = record[start : start + count + 1]
-        if _peak(part) >= least:
+        if peak_of(part) >= least:
             before, after = np.abs([part[:-1], part[1:]])
             # Integral of |a| over each step, a linear in it.
             sizes = before + after
@@ -129,9 +130,14 @@ def _velocities(motion: Shaking, periods: Samples) -> Samples:
 # Unit; power of a factor on the motion with which it grows, 0 for no power; number of periods in
 # the name; value of a motion and these periods.
 _KINDS: dict[str, Any] = {
-    "PGA": ("m/s2", 1, 0, lambda m: _peak(m.acceleration)),
-    "PGV": ("m/s", 1, 0, lambda m: _peak(integral(m.acceleration, m.dt))),
-    "PGD": ("m", 1, 0, lambda m: _peak(integral(integral(m.acceleration, m.dt), m.dt))),
+    "PGA": ("m/s2", 1, 0, lambda m: peak_of(m.acceleration)),
+    "PGV": ("m/s", 1, 0, lambda m: peak_of(integral(m.acceleration, m.dt))),
+    "PGD": (
+        "m",
+        1,
+        0,
+        lambda m: peak_of(integral(integral(m.acceleration, m.dt), m.dt)),
+    ),
     "Arias": ("m/s", 2, 0, lambda m: _HUSID * integral(m.acceleration**2, m.dt)[-1]),
     "CAV": ("m/s", 1, 0, _cav),
     "CAVstd": (
@@ -167,7 +173,7 @@ def parse_measure(name: str) -> Measure:
         return inner._replace(rotated=rotated[1])
     word, _, inside = text.partition("(")
     kind = _SPELLINGS.get(word, word)
-    unit, _, count, _ = _KINDS.get(kind, ("", 0, 0, _peak))
+    unit, _, count, _ = _KINDS.get(kind, ("", 0, 0, peak_of))
     if not unit or bool(count) != text.endswith(")"):
         raise InputError(f"unknown intensity measure {name!r}; allowed are {_ALLOWED}")
     try:
@@ -209,7 +215,7 @@ def measure(motion: Shaking, name: str) -> float:
         if asked.kind == "PGV":
             both = [integral(part, 1.0) * motion.dt for part in both]
         directions = zip(np.cos(_ANGLES), np.sin(_ANGLES))
-        peaks = [_peak(both[0] * cos + both[1] * sin) for cos, sin in directions]
+        peaks = [peak_of(both[0] * cos + both[1] * sin) for cos, sin in directions]
     return float(np.percentile(peaks, float(asked.rotated[4:])))
 
 
@@ -251,7 +257,7 @@ def scale_factor(
 
 def sample_cautions(samples: Samples, dt: float) -> list[str]:
     """List what is suspicious about accelerations [m/s2]: an offset, a drift, an early end."""
-    peak = _peak(samples)
+    peak = peak_of(samples)
     if not peak > 0.0:
         return []
     velocity = integral(samples, dt)
@@ -264,10 +270,10 @@ def sample_cautions(samples: Samples, dt: float) -> list[str]:
     ):  # of a pulse it is not that of a drift
         slow = mean
         where = "on average"
-    drift = slow / (_peak(velocity) or 1.0)
+    drift = slow / (peak_of(velocity) or 1.0)
     # The last second of a record, less of a short motion: a cycle of a sine ends at rest.
     last = max(2, round(min(1.0 / dt, 0.03 * samples.size)))
-    shaking = _peak(samples[-last:]) / peak
+    shaking = peak_of(samples[-last:]) / peak
     cautions = (
         (
             offset > OFFSET,
@@ -313,7 +319,7 @@ def _spikes(samples: Samples, dt: float) -> Iterator[str]:
 def _flat_parts(samples: Samples, dt: float) -> Iterator[str]:
     """Ask about tops that are cut off, and a stretch in the motion without any change."""
     size = np.abs(samples)
-    peak = _peak(samples)
+    peak = peak_of(samples)
     ends = np.flatnonzero(np.diff(samples, append=np.inf))
     lengths = np.diff(ends, prepend=-1)
     extreme = np.isin(samples[ends], [samples.max(), samples.min()]) & (

@@ -24,7 +24,7 @@ from archfrag.motions.channel import (
     filled,
     unit_factor,
 )
-from archfrag.motions.measures import PLAIN, measure, spectral_acceleration
+from archfrag.motions.measures import PLAIN, measure, peak_of, spectral_acceleration
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -210,7 +210,7 @@ class Motion:
     @property
     def pga(self) -> float:
         """Peak of the horizontal acceleration [m/s2]."""
-        return float(np.abs(self.acceleration).max())
+        return peak_of(self.acceleration)
 
     def spectrum(self, periods: ArrayLike) -> Samples:
         """Return Sa at `periods` [s], 5 % damping, shape (n_period,) [m/s2]."""

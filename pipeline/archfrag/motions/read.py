@@ -21,7 +21,7 @@ from archfrag.motions.channel import (
 from archfrag.motions.formats import OWN, TEXT, read_traces, recognise
 from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
-from archfrag.motions.measures import sample_cautions
+from archfrag.motions.measures import peak_of, sample_cautions
 from archfrag.motions.motion import Motion, motion_of_channel, with_component
 
 LARGEST_RECORD = 2**27  # [bytes]
@@ -273,7 +273,7 @@ def _examine(
         if cut_off and channel is channels[-1] and not path.read_bytes()[-1:].isspace():
             channel.trace.data = channel.trace.data[:-1]
             left = "the last sample is left out, since the file ends within its line"
-            channel.warnings.append(("samples", left))
+            channel.warn(left, "samples")
         calibrate.to_si(channel, path, unit, entry.unit, inventory)
         if unequal:
             channel.errors.append(
@@ -324,7 +324,7 @@ def inspect_record(
         errors += channel.errors + channel.cautions
         peak = None
         if channel.unit_in_file:
-            peak = float(abs(trace.data).max())
+            peak = peak_of(trace.data)
             errors += [text for _, text in calibrate.implausible(channel)]
             errors += sample_cautions(trace.data, dt)
         listed.append(
