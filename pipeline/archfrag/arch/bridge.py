@@ -76,15 +76,9 @@ def extended(values: FloatArray, piers: Piers, name: str) -> FloatArray:
 def on_piers(ring: Ring, piers: Piers) -> Ring:
     """Return the ring with the bodies of two piers, from the left base to the right one."""
     left, right = (_pier(ring, place, piers) for place in (0, 1))
-    rows: dict[str, Any] = {
-        name: [*getattr(left, name), *getattr(ring, name), *getattr(right, name)[::-1]]
-        for name in Ring._fields
-        if name != "sense"
-    }
-    ends: dict[str, Any] = {
-        name: np.array(rows.pop(name)) for name in ("intrados", "extrados")
-    }
-    return ring._replace(**rows, **ends)
+    fields: Any = zip(left[:-1], ring[:-1], right[:-1])
+    inner, outer, *rows = ([*one, *two, *three[::-1]] for one, two, three in fields)
+    return Ring._make([np.array(inner), np.array(outer), *rows, ring.sense])
 
 
 def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
@@ -136,7 +130,7 @@ def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
     backs = [centroid for _, centroid, _ in sections]
     surface = np.array([[*outlines[-1][-2], 0.0], [outer[0], top, 0.0]])[:: -int(side)]
     surfaces = [np.empty((0, 3))] * (courses - 1) + [surface]
-    return Ring(inside, outside, ring.sense, sections, outlines, backs, surfaces)
+    return Ring(inside, outside, sections, outlines, backs, surfaces, ring.sense)
 
 
 def checked_fill(

@@ -186,7 +186,7 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     backs = [middle_of(sampled(line)) for line in surfaces]
     sections = [outline_section(outline) for outline in placed]
     ring = Ring(
-        intrados, extrados, 1, sections, list(map(sampled, placed)), backs, surfaces
+        intrados, extrados, sections, list(map(sampled, placed)), backs, surfaces, 1
     )
     ground = ends[:1] if free else [ends[0], ends[-1]]
     return ring, replace(given, outlines=placed, ground=ground)

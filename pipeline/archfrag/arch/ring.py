@@ -34,7 +34,6 @@ class Ring(NamedTuple):
 
     intrados: FloatArray  # (n_voussoir + 1, 2) [m]
     extrados: FloatArray  # (n_voussoir + 1, 2) [m]
-    sense: int  # +1: intrados to the right from joint 0 to the last, -1: to the left
     sections: list[Section]
     outlines: list[
         FloatArray
@@ -45,6 +44,7 @@ class Ring(NamedTuple):
     surfaces: list[
         FloatArray
     ]  # (m, 3) each: the back from joint to joint with bulges, for fill
+    sense: int  # +1: intrados to the right from joint 0 to the last, -1: to the left
 
 
 def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
@@ -160,7 +160,7 @@ def straight_ring(
     surfaces = [np.pad(extrados[s], ((0, 0), (0, 1))) for s in spans]
     sections = [geometry.polygon_section(each) for each in outlines]
     return Ring(
-        intrados[ends], extrados[ends], sense, sections, outlines, backs, surfaces
+        intrados[ends], extrados[ends], sections, outlines, backs, surfaces, sense
     )
 
 
@@ -183,7 +183,7 @@ def circular_ring(
         )
     if not sector:
         return straight_ring(intrados, extrados)
-    ring = Ring(intrados, extrados, 1, [], [], [], [])
+    ring = Ring(intrados, extrados, [], [], [], [], 1)
     for i, (start, end) in enumerate(pairwise(angle)):
         middle = 0.5 * (start + end)
         back = arc(centre, outer, start, end)

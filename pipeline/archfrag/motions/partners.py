@@ -203,10 +203,9 @@ def earthquakes(records: Sequence[Any]) -> list[str]:
 
     by_file: dict[str, list[int]] = {}
     for i, record in enumerate(records):
-        for file in filter(
-            None, (record.file_sha256, record.source_sha256, record.pair)
-        ):
+        for file in (record.file_sha256, record.source_sha256, record.pair):
             by_file.setdefault(file, []).append(i)
+    by_file.pop("", None)
     for of_one in by_file.values():
         join(of_one)
     for first, last in ((origins, origins), (starts, ends)):

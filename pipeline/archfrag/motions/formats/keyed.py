@@ -117,9 +117,8 @@ def read_at2(text: Text) -> list[Trace]:
     if "ACCELERATION" not in quantity.upper():
         raise text.needs(2, "an acceleration")
     unit = search(r"UNITS?\s+OF\s+([^\s.,;]+)", quantity) or "none"
-    count, step = (search(pattern, last) for pattern in (_NPTS, _DT))
-    if not (count and step):
-        count, step = (search(_TRAILING, last, group) for group in (1, 2))
+    count = search(_NPTS, last) or search(_TRAILING, last)
+    step = search(_DT, last) or search(_TRAILING, last, 2)
     if not (count and step):
         raise text.needs(
             3, "a line with the number of samples (NPTS) and the time step (DT)"
