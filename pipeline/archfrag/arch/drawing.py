@@ -306,8 +306,8 @@ def _chosen(
     listed = ", ".join(f"{name} ({count})" for name, count in sorted(closed.items()))
     hiding = ", ".join(sorted(+hidden)) or "none"
     others = (
-        f"; layers with polylines: {listed or 'none'}; layers that are frozen or off, so that "
-        f"polylines are not read: {hiding}; thaw and turn on what you need"
+        f"; layers with polylines: {listed or 'none'}; layers with polylines that are frozen or "
+        f"off (thaw and turn on what you need): {hiding}"
     )
     lost = next((name for name in names if name.casefold() not in shown), None)
     if lost is not None:
