@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch import checks
-from archfrag.arch.checks import FloatArray
+from archfrag.arch.checks import FloatArray, Named
 from archfrag.arch.geometry import (
     cut_sides,
     height_at,
@@ -17,7 +17,7 @@ from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
 from archfrag.properties import MOST_VOUSSOIRS
 
-Piers = dict[str, Any]  # of each key the values of the left and the right pier
+Piers = Named  # of each key the values of the left and the right pier
 _SIDES = ((-1.0, "left"), (1.0, "right"))
 
 

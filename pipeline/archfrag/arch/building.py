@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from archfrag.arch import bridge, checks
 from archfrag.arch import ring as rings
-from archfrag.arch.checks import FloatArray
+from archfrag.arch.checks import FloatArray, Named
 from archfrag.arch.geometry import following, length_of
 from archfrag.errors import GeometryError
 from archfrag.properties import SMALLEST, VARIABLE
@@ -26,18 +26,18 @@ class Given(NamedTuple):
     """What an arch is built of; `piers` and `fill` are arguments of `on_piers` and `filled`."""
 
     profile: str
-    shape: dict[str, Any]
+    shape: Named
     ring: rings.Ring
     friction: ArrayLike
     free_end: bool = False
     density: ArrayLike = 2000.0
     depth: ArrayLike = 1.0
     dead_load: ArrayLike | None = None
-    piers: dict[str, Any] | None = None
-    fill: dict[str, Any] | None = None
+    piers: Named | None = None
+    fill: Named | None = None
 
 
-def fields_of(given: Given) -> dict[str, Any]:
+def fields_of(given: Given) -> Named:
     """Return the attributes of an `Arch`, from what it is built of, which is checked here."""
     ring = given.ring
     count = len(ring.outlines)
@@ -47,7 +47,7 @@ def fields_of(given: Given) -> dict[str, Any]:
     weight = checks.shared_or_each("dead_load", load, count, "voussoir")
     density = checks.shared_or_each("density", given.density, count, "voussoir")
     depth = checks.shared_or_each("depth", given.depth, count, "voussoir")
-    more: dict[str, Any] = {}
+    more: Named = {}
     left = 0
     if given.piers is None:
         friction = _coefficients(given, count)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from archfrag.arch import checks, facts
 from archfrag.arch import ring as rings
 from archfrag.arch.building import Given, fields_of, plain, tie_row
-from archfrag.arch.checks import FloatArray
+from archfrag.arch.checks import FloatArray, Named
 from archfrag.arch.drawing import read_drawing
 from archfrag.arch.marks import Mark, arch_marks, frame
 from archfrag.arch.polygons import Blocks, polygon_shape
@@ -619,7 +619,7 @@ class Arch(Shape):
         given = {"height_over_crown": height_over_crown, "unit_weight": unit_weight}
         return self._with(fill={**given, **more})
 
-    def _with(self, **more: dict[str, Any]) -> Arch:
+    def _with(self, **more: Named) -> Arch:
         later = set(LATER) & set(self.parameters)
         if later:
             raise GeometryError(

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from archfrag.arch import checks
-from archfrag.arch.checks import FloatArray
+from archfrag.arch.checks import FloatArray, Named
 from archfrag.arch.geometry import (
     cross,
     following,
@@ -79,7 +79,7 @@ def without_repeated(corners: FloatArray, tolerance: float = 0.0) -> FloatArray:
 
 def polygon_shape(
     drawn: Blocks, tolerance: float | None, thickness_factor: float
-) -> tuple[dict[str, Any], Ring, bool]:
+) -> tuple[Named, Ring, bool]:
     """Return the outlines and ground for `Arch.parameters`, ring, and whether an end is free."""
     factor = checks.number("thickness_factor", thickness_factor, closed=False)
     ring, placed = polygon_ring(drawn, tolerance)
@@ -91,7 +91,7 @@ def polygon_shape(
         drawn = Blocks.from_points(_stretched(placed.outlines, ring, factor), lines)
         ring, placed = polygon_ring(drawn, tolerance)
     # As drawn: what is placed already would give other last bits.
-    shape: dict[str, Any] = {
+    shape: Named = {
         name: [rows.tolist() for rows in getattr(drawn, name)]
         for name in ("outlines", "ground")
     }

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import bridge
 from archfrag.arch.building import Given
-from archfrag.arch.checks import FloatArray
+from archfrag.arch.checks import FloatArray, Named
 from archfrag.physics.interface import Chain
 
 
@@ -30,7 +30,7 @@ class Shape:
     outlines: tuple[FloatArray, ...]
     free_end: bool
     flipped: bool
-    parameters: dict[str, Any]
+    parameters: Named
     given: Given  # what it was built of before recesses, springings and ties
     built: Any = None  # as it was before a springing moved
 
@@ -77,7 +77,7 @@ class Shape:
         return np.minimum(padded[:-1], padded[1:])[: self.n_joint]
 
     @property
-    def joints(self) -> dict[str, Any]:
+    def joints(self) -> Named:
         """What was given of joints that give; empty of rigid ones."""
         return self.parameters.get("joints") or {}
 

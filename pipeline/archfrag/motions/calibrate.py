@@ -23,6 +23,7 @@ from archfrag.motions.channel import (
     VERTICAL,
     Acceptable,
     Channel,
+    Named,
     Trace,
     Warned,
     azimuth_of_code,
@@ -277,7 +278,7 @@ def _add_station(channel: Channel, inventory: Inventory) -> None:
     """Add direction and depth of a channel by StationXML; compare its sensitivity and stages."""
     trace = channel.trace
     where = trace.id, trace.stats.starttime
-    facts = dict[str, Any]()
+    facts = Named()
     with contextlib.suppress(Exception):  # obspy's, of a channel that is not in it
         facts = inventory.get_channel_metadata(*where)
     azimuth = facts.get("azimuth")

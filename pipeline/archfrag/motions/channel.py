@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from archfrag.errors import RecordError
 
 Samples = NDArray[np.float64]
+Named = dict[str, Any]  # values by their names
 Trace = Any  # obspy's, whose import takes time
 Acceptable = Literal["pga", "time_step", "samples", "header", "sensor"]
 Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
@@ -85,7 +86,7 @@ class Facts(Mapping[str, Any]):
     @classmethod
     def of(cls, facts: Mapping[str, Any]) -> Self:
         """Return facts by name, in an index's spelling or ours; others are in `more`."""
-        named = dict[str, Any]()
+        named = Named()
         more = dict(facts.get("more", {}))
         # Sorted, Mw counts before magnitude, and event before event_id.
         for key, fact in sorted(filled(facts).items()):
@@ -100,7 +101,7 @@ class Facts(Mapping[str, Any]):
         return cls(**named | {"more": more})
 
     @property
-    def _known(self) -> dict[str, Any]:
+    def _known(self) -> Named:
         return filled({**asdict(self), "more": None, **self.more})
 
     def __getitem__(self, key: str) -> Any:
@@ -189,7 +190,7 @@ class Channel:
         return f"{stats.network}.{stats.station}.{stats.location}.{code[:-1] * seed}"
 
 
-def filled(facts: Mapping[str, Any]) -> dict[str, Any]:
+def filled(facts: Mapping[str, Any]) -> Named:
     """Return the facts that are neither empty nor None."""
     return {key: fact for key, fact in facts.items() if fact not in (None, "", [], {})}
 

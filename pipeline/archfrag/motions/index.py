@@ -23,7 +23,7 @@ from archfrag.files import (
     write_csv,
 )
 from archfrag.motions.calibrate import accepted_words
-from archfrag.motions.channel import Acceptable, unit_factor
+from archfrag.motions.channel import Acceptable, Named, unit_factor
 from archfrag.motions.formats.columns import Columns, parse_columns
 from archfrag.properties import unusual
 
@@ -72,14 +72,14 @@ class IndexEntry:
     id: str
     path: Path
     sha256: str  # of the file, or its first digits
-    metadata: dict[str, Any]  # other columns: numbers as such or None, others as text
+    metadata: Named  # other columns: numbers as such or None, others as text
     unit: str = ""  # empty if the file or its StationXML states it
     accept: tuple[Acceptable, ...] = ()
     columns: Columns | None = None
     cautions: tuple[str, ...] = ()
 
     @property
-    def options(self) -> dict[str, Any]:
+    def options(self) -> Named:
         """Return how the file is read, as options of `archfrag.read_motion`."""
         return {
             "unit": self.unit or None,
@@ -138,9 +138,7 @@ def _entry(source: Path, place: str, values: dict[str, str]) -> IndexEntry:
         )
     if values["unit"]:
         unit_factor(values["unit"], place)
-    metadata: dict[str, Any] = {
-        key: value for key, value in values.items() if key not in _APART
-    }
+    metadata: Named = {key: value for key, value in values.items() if key not in _APART}
     cautions = list[str]()
     for column in filter(metadata.__contains__, _NUMBERS):
         text = metadata[column]

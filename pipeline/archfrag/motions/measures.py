@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import number
-from archfrag.motions.channel import STANDARD_GRAVITY, Samples, check_right_angle
+from archfrag.motions.channel import STANDARD_GRAVITY, Named, Samples, check_right_angle
 from archfrag.physics.oscillator import largest_response
 
 # Units in which levels may be given, by the SI unit of their measure.
@@ -129,7 +129,7 @@ def _velocities(motion: Shaking, periods: Samples) -> Samples:
 
 # Unit; power of a factor on the motion with which it grows, 0 for no power; number of periods in
 # the name; value of a motion and these periods.
-_KINDS: dict[str, Any] = {
+_KINDS: Named = {
     "PGA": ("m/s2", 1, 0, lambda m: peak_of(m.acceleration)),
     "PGV": ("m/s", 1, 0, lambda m: peak_of(integral(m.acceleration, m.dt))),
     "PGD": (

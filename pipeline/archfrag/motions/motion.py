@@ -19,6 +19,7 @@ from archfrag.motions.channel import (
     STANDARD_GRAVITY,
     Channel,
     Facts,
+    Named,
     Samples,
     choose_horizontal,
     filled,
@@ -85,7 +86,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         name = self.id or "motion"
-        fields: dict[str, Any] = {"log": tuple(self.log)}
+        fields: Named = {"log": tuple(self.log)}
         try:
             fields["dt"] = step = float(self.dt)
             for key, samples in self.components.items():
@@ -180,7 +181,7 @@ class Motion:
         step = min(self.dt, second.dt)
         ends = [int(each.duration / step + 1e-6) + 1 for each in (self, second)]
         rest = np.zeros(round(gap / step))
-        waves: dict[str, Any] = {}
+        waves: Named = {}
         for key in self.components | second.components:
             one, two = (
                 np.interp(
@@ -377,8 +378,8 @@ def with_component(motion: Motion, other: Motion, kind: str) -> Motion:
             f"Cut to the {count} samples in common with {file} ({two.component})."
         )
     kept = motion.changed(lambda samples: samples[first : first + count], "")
-    part: dict[str, Any] = {kind: other.acceleration[other_first : other_first + count]}
-    labels: dict[str, Any] = {f"of_{kind}": two}
+    part: Named = {kind: other.acceleration[other_first : other_first + count]}
+    labels: Named = {f"of_{kind}": two}
     for key in ("errors", "cautions", "accepted"):
         labels[key] = list(dict.fromkeys(getattr(one, key) + getattr(two, key)))
     return replace(kept.stating(**labels), **part, log=(*motion.log, *log))
@@ -398,7 +399,7 @@ def store(path: Path, motion: Motion) -> None:
 
     Equal motions give equal bytes.
     """
-    arrays: dict[str, Any] = {"acceleration": motion.acceleration}
+    arrays: Named = {"acceleration": motion.acceleration}
     if motion.vertical is not None:
         arrays["vertical"] = motion.vertical
     with replacing(path, lasting=False) as part, open(part, "wb") as file:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from archfrag.motions.channel import AZIMUTHS, azimuth_of, quadrant
+from archfrag.motions.channel import AZIMUTHS, Named, azimuth_of, quadrant
 from archfrag.motions.motion import REVERSED, Motion, seconds
 
 # Where a direction may stand in a name: it ends a word, and is no small letter within one.
@@ -135,7 +135,7 @@ def belong_together(one: Motion, other: Motion) -> bool:
     return equal and not numbered(both[0].file, both[1].file)
 
 
-def identity_of(motion: Motion) -> dict[str, Any]:
+def identity_of(motion: Motion) -> Named:
     """Return the facts by which `are_one` recognises copies and versions of one component."""
     facts = motion.facts
     start = seconds(facts.start_time)
@@ -154,7 +154,7 @@ def identity_of(motion: Motion) -> dict[str, Any]:
     }
 
 
-def are_one(one: dict[str, Any], other: dict[str, Any]) -> bool:
+def are_one(one: Named, other: Named) -> bool:
     """Tell whether two motions are copies or versions (raw, processed) of one component.
 
     Their samples are equal, or their station, instrument and direction are, and they overlap in

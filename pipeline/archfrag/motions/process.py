@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy  # whose parts are loaded when they are used: scipy.signal takes a second
@@ -22,6 +22,7 @@ from archfrag.motions.calibrate import find_inventory
 from archfrag.motions.channel import (
     STANDARD_GRAVITY,
     Facts,
+    Named,
     Samples,
     azimuth_of,
     check_right_angle,
@@ -261,7 +262,7 @@ def rotate(
         + np.sin(direction - first) / sine * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     ]
-    labels: list[dict[str, Any]] = [
+    labels: list[Named] = [
         {"component": f"{degrees:g}", "azimuth": degrees % 360.0}
         if azimuth is not None
         # Angles from a component are no azimuths.
@@ -291,14 +292,12 @@ def remove_response(
     f2 and from f3 to f4. RecordError if a StationXML is missing.
     """
     table = None
-    changed = dict[str, Any]()
+    changed = Named()
     start = UTCDateTime(motion.facts.start_time or 0)
     for key, samples in motion.components.items():
         own = getattr(motion.facts, f"of_{key}", motion.facts)
         codes = (own or Facts()).trace.split(".")
-        header = dict[str, Any](
-            zip(("network", "station", "location", "channel"), codes)
-        )
+        header = Named(zip(("network", "station", "location", "channel"), codes))
         header |= {"delta": motion.dt, "starttime": start}
         trace = Trace(samples.copy(), header)
         table = table or find_inventory(Path(record), trace, inventory)

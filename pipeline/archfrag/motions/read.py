@@ -15,6 +15,7 @@ from archfrag.motions import calibrate
 from archfrag.motions.channel import (
     Channel,
     Facts,
+    Named,
     choose_horizontal,
     split_by_direction,
 )
@@ -121,7 +122,7 @@ def read_motion(
 
 def _read_one(
     path: Path,
-    options: dict[str, Any],
+    options: Named,
     component: str | None,
     listed: str | None = None,
     own_vertical: bool = True,
@@ -303,9 +304,7 @@ def _join_pieces(path: Path, traces: Sequence[Trace]) -> tuple[list[Trace], str]
     )
 
 
-def inspect_record(
-    path: str | Path, unit: str | None = None, **options: Any
-) -> dict[str, Any]:
+def inspect_record(path: str | Path, unit: str | None = None, **options: Any) -> Named:
     """List what is in a record file and what is wrong with it; arguments are as in `read_motion`.
 
     Times are in s (``start`` in UTC), ``PGA`` in m/s2, ``count`` is the number of samples held.

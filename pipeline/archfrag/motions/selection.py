@@ -26,7 +26,7 @@ from archfrag.files import (
     unquoted,
     write_csv,
 )
-from archfrag.motions.channel import STANDARD_GRAVITY, Samples
+from archfrag.motions.channel import STANDARD_GRAVITY, Named, Samples
 from archfrag.motions.index import COLUMNS, load_index
 from archfrag.motions.measures import measure
 from archfrag.motions.motion import Motion
@@ -72,7 +72,7 @@ _INTEGRALS = {
     "HI_cm": ("HI", 0.01),
 }
 # Columns of facts, by their types.
-_FACTS: dict[str, Any] = {
+_FACTS: Named = {
     "file": "string",
     "event": "string",
     "station": "string",
@@ -108,7 +108,7 @@ def measure_records(
     rows = []
     for motion in motions:
         about = motion.metadata
-        row: dict[str, Any] = {
+        row: Named = {
             "record": motion.id,
             **{column: about.get(column) for column in _FACTS},
             "distance_km": about.get("distance_km") or about.get("epicentral_km"),
@@ -222,7 +222,7 @@ class Selection:
             )
         return messages
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Named:
         """Return records, factors, target and differences from it as plain values.
 
         Errors are median and sd over those of the target, less 1; None if the target's sd is 0.

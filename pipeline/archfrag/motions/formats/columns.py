@@ -4,7 +4,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from obspy import Trace
@@ -12,7 +11,7 @@ from obspy import Trace
 from archfrag import files
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.calibrate import plain_unit
-from archfrag.motions.channel import Samples
+from archfrag.motions.channel import Named, Samples
 from archfrag.motions.formats.layout import Text, number, search, split, trace_of
 
 MOST_COLUMNS = 1000
@@ -91,7 +90,7 @@ class Columns:
 
 def parse_columns(text: str) -> Columns:
     """Read columns from words such as ``time=1,acceleration=2,skip=3``, or InputError."""
-    keys: dict[str, Any] = {}
+    keys: Named = {}
     for word in text.replace(",", " ").split():
         key, _, value = word.partition("=")
         try:

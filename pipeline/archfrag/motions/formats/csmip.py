@@ -22,12 +22,11 @@ month, day, hour, minute and millisecond of the first sample.
 
 import re
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from obspy import Trace
 
 from archfrag.errors import RecordError
-from archfrag.motions.channel import Samples, quadrant
+from archfrag.motions.channel import Named, Samples, quadrant
 from archfrag.motions.formats.layout import (
     END_OF_DATA,
     WORDS,
@@ -214,7 +213,7 @@ def _header_numbers(text: Text, at: int, kind: str) -> tuple[Samples, int]:
 
 def _cosmos_record(
     text: list[str], angle: int, comments: str
-) -> tuple[dict[str, Any], tuple[str, str, str]]:
+) -> tuple[Named, tuple[str, str, str]]:
     """Return the facts of a header, and the codes of network, station and location."""
     channel = re.search(
         r"(?i)Sta\s+Cha\w*\s*:?\s*([\w?]+)\s*:\s*(.*?)\s*\(Rcrdr", text[8]
@@ -309,7 +308,7 @@ def _dmg_channel(text: Text, place: int) -> _Channel:
     return trace_of(samples, step, where, record, codes, utc_time(head[3])), end
 
 
-_Read = tuple[Samples, float | None, dict[str, Any], int, str]
+_Read = tuple[Samples, float | None, Named, int, str]
 
 
 def _dmg_section(text: Text, at: int) -> _Read:
@@ -372,7 +371,7 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
             f"{place}: ends after {end - first} line(s), {_HEADER_LINES} are header"
         )
     head = "\n".join(text.lines[first : first + _TEXT_LINES])
-    record: dict[str, Any] = {"code": "", "unit": "", "announced": "", "factor": "1"}
+    record: Named = {"code": "", "unit": "", "announced": "", "factor": "1"}
     record |= read_fields(_FIELDS, lambda pattern: search(pattern, head))
     interval, factor = (record.pop(key, "") for key in ("interval", "factor"))
     integers = text.numbers(first + _TEXT_LINES, first + _INTEGERS_END)

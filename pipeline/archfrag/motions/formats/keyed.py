@@ -26,7 +26,7 @@ from obspy import Stream, Trace
 from obspy.core.util.base import buffered_load_entry_point
 
 from archfrag.errors import RecordError
-from archfrag.motions.channel import AZIMUTHS, Channel
+from archfrag.motions.channel import AZIMUTHS, Channel, Named
 from archfrag.motions.formats.layout import (
     Source,
     Text,
@@ -127,7 +127,7 @@ def read_at2(text: Text) -> list[Trace]:
     if stated is not None and stated % 1 == 0:
         count = f"{stated:.0f}"
     # Without a direction at its end, by which records of one event would differ.
-    record: dict[str, Any] = {"event": re.sub(_DIRECTION, "", about)}
+    record: Named = {"event": re.sub(_DIRECTION, "", about)}
     parts = [part.strip() for part in about.split(",")]
     if len(parts) >= 3:
         first = 1

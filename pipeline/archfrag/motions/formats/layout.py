@@ -21,6 +21,7 @@ from archfrag.motions.channel import (
     AZIMUTHS,
     METRES_PER_SECOND_SQUARED,
     Channel,
+    Named,
     Samples,
     filled,
     quadrant,
@@ -241,9 +242,9 @@ def search(pattern: str, text: str, group: int = 1) -> str:
     return (match.group(group) or "") if match else ""
 
 
-def read_fields(table: Mapping[str, Any], find: Callable[[Any], Any]) -> dict[str, Any]:
+def read_fields(table: Mapping[str, Any], find: Callable[[Any], Any]) -> Named:
     """Read facts by a table: name, reader and places, at which `find` looks one after another."""
-    facts = dict[str, Any]()
+    facts = Named()
     for name, (read, *places) in table.items():
         values = (find(place) for place in places)
         read_values = (read(value) for value in values if value not in (None, ""))
@@ -309,7 +310,7 @@ def magnitude(text: str) -> float | None:
     )
 
 
-def direction(text: str) -> dict[str, Any]:
+def direction(text: str) -> Named:
     """Return code, azimuth and whether it is vertical, of a text such as ``90 DEG`` or ``UP``."""
     word = text.strip().upper()
     angle = re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)
@@ -369,7 +370,7 @@ def trace_of(
     samples: Samples,
     dt: float | None,
     where: str,
-    facts: dict[str, Any],
+    facts: Named,
     codes: Sequence[str] = (),
     start: UTCDateTime | None = None,
 ) -> Trace:
@@ -388,7 +389,7 @@ def trace_of(
     judge_peak(channel, peak, samples, channel.unit)
     if not channel.contradicted:
         channel.contradicted = wrong_length(length, channel.held, dt or 0.0)
-    header = dict[str, Any](zip(("network", "station", "location"), codes))
+    header = Named(zip(("network", "station", "location"), codes))
     header |= {"delta": dt, "channel": channel.code, "record": channel}
     header |= {"starttime": start} if start else {}
     return Trace(samples, header)

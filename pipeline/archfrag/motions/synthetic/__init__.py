@@ -17,14 +17,14 @@ References
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.errors import InputError
 from archfrag.files import check_targets, make_folder, replacing, sha256_of
-from archfrag.motions.channel import Samples
+from archfrag.motions.channel import Named, Samples
 from archfrag.motions.index import COLUMNS, INDEX_NAME, write_index
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.motion import Motion
@@ -306,7 +306,7 @@ def make_suite(
 ) -> list[Path]:
     """Write motions (the shipped ones) as ``synthetic/*.mseed`` [m/s2]; return the files."""
     folder = Path(out_dir)
-    rows: list[dict[str, Any]] = []
+    rows: list[Named] = []
     make_folder(folder / FOLDER)
     recipes = shipped_recipes() if recipes is None else recipes
     paths = [folder / FOLDER / f"{recipe.id}.mseed" for recipe in recipes]
