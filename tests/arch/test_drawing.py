@@ -277,7 +277,7 @@ class TestWhatIsSeen:
         assert (found.layer, len(found.outlines), found.caution) == ("STONE", 2, "")
         if hidden:
             with pytest.raises(
-                GeometryError, match="layer other .*frozen or off.*: OTHER"
+                GeometryError, match=r"layer other .*frozen or off.*: OTHER"
             ):
                 sheet.read(layer="other")
 
