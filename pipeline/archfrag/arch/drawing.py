@@ -181,10 +181,11 @@ def drawing_text(lines: Iterable[tuple[str, FloatArray]]) -> str:
         space = document.modelspace()
         for layer, points in lines:
             form = {"layer": layer}
-            if len(points) == 2:
-                space.add_line(*points.tolist(), dxfattribs=form)
+            corners = points.tolist()
+            if len(corners) == 2:
+                space.add_line(*corners, dxfattribs=form)
             else:
-                space.add_lwpolyline(points.tolist(), close=True, dxfattribs=form)
+                space.add_lwpolyline(corners, close=True, dxfattribs=form)
         document.write(stream)
     finally:
         ezdxf.options.write_fixed_meta_data_for_testing = before

@@ -1,5 +1,7 @@
 """What an arch is made of: chain of bodies, ends of joints, outlines, and facts of them."""
 
+from __future__ import annotations
+
 import math
 from copy import copy
 from dataclasses import dataclass

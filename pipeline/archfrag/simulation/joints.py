@@ -1,5 +1,7 @@
 """Joints that give or crush: contact points inside their ends, or faces that are elastic."""
 
+from __future__ import annotations
+
 import math
 from typing import Literal, NamedTuple
 
