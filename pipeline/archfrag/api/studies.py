@@ -446,10 +446,10 @@ def _plain(value: Any) -> Any:
 
 def _digest_of_motion(motion: Motion) -> str:
     """Return the digest of all that a study takes from a motion."""
-    parts = [
-        None if part is None else sha256(part.tobytes()).hexdigest()
-        for part in motion.components.values()
-    ]
+    parts = {
+        name: sha256(part.tobytes()).hexdigest()
+        for name, part in motion.components.items()
+    }
     named = (*_FACTS, "source_sha256", "file_sha256")
     facts = {name: str(motion.metadata.get(name)) for name in named}
     return digest_of([motion.id, motion.dt, parts, facts])

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch import checks
-from archfrag.arch.checks import FloatArray
+from archfrag.arch.checks import FloatArray, Named
 from archfrag.arch.geometry import (
     cut_sides,
     height_at,
@@ -17,7 +17,7 @@ from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
 from archfrag.properties import MOST_VOUSSOIRS
 
-Piers = dict[str, Any]  # of each key the values of the left and the right pier
+Piers = Named  # of each key the values of the left and the right pier
 _SIDES = ((-1.0, "left"), (1.0, "right"))
 
 
@@ -76,15 +76,9 @@ def extended(values: FloatArray, piers: Piers, name: str) -> FloatArray:
 def on_piers(ring: Ring, piers: Piers) -> Ring:
     """Return the ring with the bodies of two piers, from the left base to the right one."""
     left, right = (_pier(ring, place, piers) for place in (0, 1))
-    rows: dict[str, Any] = {
-        name: [*getattr(left, name), *getattr(ring, name), *getattr(right, name)[::-1]]
-        for name in Ring._fields
-        if name != "sense"
-    }
-    ends: dict[str, Any] = {
-        name: np.array(rows.pop(name)) for name in ("intrados", "extrados")
-    }
-    return ring._replace(**rows, **ends)
+    fields: Any = zip(left[:-1], ring[:-1], right[:-1])
+    inner, outer, *rows = ([*one, *two, *three[::-1]] for one, two, three in fields)
+    return Ring._make([np.array(inner), np.array(outer), *rows, ring.sense])
 
 
 def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
@@ -136,7 +130,7 @@ def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
     backs = [centroid for _, centroid, _ in sections]
     surface = np.array([[*outlines[-1][-2], 0.0], [outer[0], top, 0.0]])[:: -int(side)]
     surfaces = [np.empty((0, 3))] * (courses - 1) + [surface]
-    return Ring(inside, outside, ring.sense, sections, outlines, backs, surfaces)
+    return Ring(inside, outside, sections, outlines, backs, surfaces, ring.sense)
 
 
 def checked_fill(
@@ -192,7 +186,7 @@ def weight_of_fill(
     first, last = springings
     sides = (side for line in ring.surfaces[first:last] for side in cut_sides(line))
     crown = max(point[1] for side in sides for point in side)
-    springing = float(0.5 * (ring.intrados + ring.extrados)[[first, last], 1].min())
+    springing = 0.5 * (ring.intrados + ring.extrados)[[first, last], 1].min()
     level = crown + fill["height_over_crown"]
     backed = springing + fill["backing_height"]
     if backed > level and fill["backing_height"] > 0.0:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from archfrag.arch import bridge, checks
 from archfrag.arch import ring as rings
-from archfrag.arch.checks import FloatArray
+from archfrag.arch.checks import FloatArray, Named
+from archfrag.arch.geometry import following, length_of
 from archfrag.errors import GeometryError
 from archfrag.properties import SMALLEST, VARIABLE
 
@@ -26,18 +26,18 @@ class Given(NamedTuple):
     """What an arch is built of; `piers` and `fill` are arguments of `on_piers` and `filled`."""
 
     profile: str
-    shape: dict[str, Any]
+    shape: Named
     ring: rings.Ring
     friction: ArrayLike
     free_end: bool = False
     density: ArrayLike = 2000.0
     depth: ArrayLike = 1.0
     dead_load: ArrayLike | None = None
-    piers: dict[str, Any] | None = None
-    fill: dict[str, Any] | None = None
+    piers: Named | None = None
+    fill: Named | None = None
 
 
-def fields_of(given: Given) -> dict[str, Any]:
+def fields_of(given: Given) -> Named:
     """Return the attributes of an `Arch`, from what it is built of, which is checked here."""
     ring = given.ring
     count = len(ring.outlines)
@@ -47,7 +47,7 @@ def fields_of(given: Given) -> dict[str, Any]:
     weight = checks.shared_or_each("dead_load", load, count, "voussoir")
     density = checks.shared_or_each("density", given.density, count, "voussoir")
     depth = checks.shared_or_each("depth", given.depth, count, "voussoir")
-    more: dict[str, Any] = {}
+    more: Named = {}
     left = 0
     if given.piers is None:
         friction = _coefficients(given, count)
@@ -103,7 +103,7 @@ def plain(value: ArrayLike | None) -> Any:
     if value is None:
         return None
     numbers = np.asarray(value, dtype=float).astype(object)
-    numbers[numbers == math.inf] = "inf"
+    numbers[numbers == np.inf] = "inf"
     return numbers.tolist()
 
 
@@ -130,7 +130,7 @@ def tie_row(
     checks.number("ties.prestress", prestress, most=strength)
     both = _checked_ends(arch, ends) if level is None else _at_level(arch, float(level))
     points = np.array([end[1:] for end in both], dtype=float)
-    length = float(np.hypot(*(points[1] - points[0])))
+    length = length_of(points)
     if not length > SMALLEST:
         raise GeometryError(f"the ends of the tie are {length:g} m apart")
     # In the frame of a body, or of the ground.
@@ -145,18 +145,15 @@ def tie_row(
             f"by its prestress of {prestress:g} N, and rupture must exceed that (it is an "
             "elongation in m, not a strain)"
         )
-    bodies = [float(body + 1) for body, *_ in both]
-    limits = [float(strength), float(rupture)]
-    return [*bodies, *points.ravel().tolist(), rate, length - stretched, *limits]
+    bodies = [body + 1 for body, *_ in both]
+    return [*bodies, *points.ravel(), rate, length - stretched, strength, rupture]
 
 
 def _at_level(arch: Shape, level: float) -> list[End]:
     """Return the outermost points of the voussoirs at a height, left and right."""
     found: list[End] = []
     for body, outline in enumerate(arch.outlines):
-        for (x, y), (u, v) in zip(
-            outline.tolist(), np.roll(outline, -1, axis=0).tolist()
-        ):
+        for (x, y), (u, v) in zip(outline.tolist(), following(outline).tolist()):
             if (y - level) * (v - level) <= 0.0 and y != v:
                 found.append((body, x + (level - y) / (v - y) * (u - x), level))
     outermost = [end(found, key=itemgetter(1)) for end in (min, max) if found]

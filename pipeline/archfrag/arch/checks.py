@@ -1,6 +1,5 @@
 """Checks of what users give: each returns floats or raises one clear message."""
 
-import math
 import reprlib
 from collections.abc import Callable
 from typing import Any
@@ -12,6 +11,7 @@ from archfrag.errors import GeometryError
 from archfrag.properties import LARGEST, MOST_VOUSSOIRS, PROPERTIES
 
 FloatArray = NDArray[np.float64]
+Named = dict[str, Any]  # values by their names
 
 
 def _floats(
@@ -46,7 +46,7 @@ def number(
     value: Any,
     *,
     least: float = 0.0,
-    most: float = math.inf,
+    most: float = np.inf,
     closed: bool = True,
     meaning: str = "",
 ) -> float:
@@ -57,7 +57,7 @@ def number(
     limits = [
         f"{word} {bound:.9g} {about.unit}".rstrip() for word, bound in zip(words, ends)
     ]
-    allowed = f"a number {' and '.join(limits)}" + (f" ({meaning})" if meaning else "")
+    allowed = f"a number {' and '.join(limits)}{f' ({meaning})' if meaning else ''}"
 
     def fits(x: Any) -> bool:
         return ends[0] < x < ends[1] or (closed and x in ends)
@@ -84,16 +84,17 @@ def flag(name: str, value: object) -> bool:
 def shared_or_each(key: str, value: Any, size: int, each: str) -> FloatArray:
     """Return one number for all, or one for each, all within the bounds of their key."""
     about = PROPERTIES[key]
-    least = f"one number or one for each of the {size} {each}s, all at least {about.least:g}"
     most = f"at most {about.most:g} {about.unit}".rstrip()
-    most = most if math.isfinite(about.most) else "finite"
-    most += f" (inf: {about.infinite})" if about.infinite else ""
+    allowed = (
+        f"one number or one for each of the {size} {each}s, all at least {about.least:g} "
+        f"{about.unit} and {most if np.isfinite(about.most) else 'finite'}"
+        f"{f' (inf: {about.infinite})' if about.infinite else ''}"
+    ).replace("  ", " ")
 
     def fits(x: FloatArray) -> Any:
         within = (x >= about.least) & (x <= about.most) & np.isfinite(x)
-        return within | (x == math.inf) & bool(about.infinite)
+        return within | (x == np.inf) & bool(about.infinite)
 
-    allowed = f"{f'{least} {about.unit}'.rstrip()} and {most}"
     array = _floats(key, value, allowed, fits, lambda shape: shape in ((), (size,)))
     return np.broadcast_to(array, size).copy()
 
@@ -104,7 +105,7 @@ def joint_positions(
     """Return positions of joints from the middle of the ring, from minus to plus half `end`."""
     if value is None:
         # Integer numerators make mirrored joints equal to the last bit.
-        index = np.arange(voussoirs + 1, dtype=np.float64)
+        index = np.arange(voussoirs + 1, dtype=float)
         return end * ((2.0 * index - voussoirs) / (2.0 * voussoirs))
     allowed = (
         f"one of {voussoirs + 1} numbers that increase from 0 at the left springing "

@@ -86,9 +86,8 @@ def read_drawing(
     stated = _CODES.get(code)
     unit = unit or stated
     if unit not in UNITS:
-        known = ", ".join(UNITS)
         raise GeometryError(
-            f"{path}: unit = {unit} ($INSUNITS = {code}) must be one of {known}"
+            f"{path}: unit = {unit} ($INSUNITS = {code}) must be one of {', '.join(UNITS)}"
         )
     scale = UNITS[unit]
     left = list[_Part]()
@@ -109,7 +108,7 @@ def read_drawing(
             found.names.append(name)
             places.append(place)
     every = np.concatenate(found.outlines)[:, :2]
-    size = float(np.ptp(every, axis=0).max())
+    size = np.ptp(every, axis=0).max()
     if len(every) > MOST_CORNERS or not SMALLEST <= size <= LARGEST:
         raise GeometryError(
             f"{path}, layer {found.layer}: the blocks have {len(every)} corners and take "
@@ -128,18 +127,17 @@ def read_drawing(
     ]
     cautions = list[str]()
     viewports = document.query("VIEWPORT")
-    hidden_layers = {
-        name.casefold() for each in viewports for name in each.frozen_layers
-    }
-    frozen = hidden_layers & layers.keys()
+    unseen = {name.casefold() for each in viewports for name in each.frozen_layers}
+    frozen = [layers[name] for name in sorted(unseen & layers.keys())]
     if left:
         used = {id(part.reference) for part in parts if part.layer.casefold() in layers}
-        what = f"{_counted(left, used)} {'are' if len(left) > 1 else 'is'} not part of the arch"
-        cautions.append(f"{what}; if some of it is, name its layer too")
-    if frozen:
-        of_it = ", ".join(layers[name] for name in sorted(frozen))
         cautions.append(
-            f"layer {of_it} is frozen in a viewport of a layout, and read; is it seen?"
+            f"{_counted(left, used)} {'are' if len(left) > 1 else 'is'} not part of the arch; if "
+            "some of it is, name its layer too"
+        )
+    if frozen:
+        cautions.append(
+            f"layer {', '.join(frozen)} is frozen in a viewport of a layout, and read; is it seen?"
         )
     if stated not in (None, unit):
         cautions.append(f"its header states {stated}, {unit} was given and counts")
@@ -182,14 +180,12 @@ def drawing_text(lines: Iterable[tuple[str, FloatArray]]) -> str:
         document = ezdxf.new("R2010", units=ezdxf.units.M)
         space = document.modelspace()
         for layer, points in lines:
+            form = {"layer": layer}
             corners = points.tolist()
-            line = len(points) == 2
-            part = (
-                space.add_line(*corners)
-                if line
-                else space.add_lwpolyline(corners, close=True)
-            )
-            part.dxf.layer = layer
+            if len(corners) == 2:
+                space.add_line(*corners, dxfattribs=form)
+            else:
+                space.add_lwpolyline(corners, close=True, dxfattribs=form)
         document.write(stream)
     finally:
         ezdxf.options.write_fixed_meta_data_for_testing = before
@@ -232,16 +228,10 @@ def _fault(reference: Any) -> str:
             "is clipped (XCLIP), so that not all of it is seen; draw what is "
             "seen, without a clip"
         )
-    flat = [
-        name
-        for name in ("xscale", "yscale", "zscale")
-        if reference.dxf.get(name, 1.0) == 0.0
-    ]
-    return (
-        f"has {flat[0]} = 0, which leaves no area; give it another scale"
-        if flat
-        else ""
-    )
+    for name in ("xscale", "yscale", "zscale"):
+        if reference.dxf.get(name, 1.0) == 0.0:
+            return f"has {name} = 0, which leaves no area; give it another scale"
+    return ""
 
 
 def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
@@ -315,15 +305,11 @@ def _chosen(
     names = [given] if isinstance(given, str) else list(given or ())
     names = names or list(closed) * (len(closed) == 1)
     listed = ", ".join(f"{name} ({count})" for name, count in sorted(closed.items()))
-    others = f"; layers with polylines: {listed}" if closed else ""
-    hiding = [name for name, count in sorted(hidden.items()) if count]
-    if hiding:
-        others += f"; frozen or off, and not read: {', '.join(hiding)}"
-    for name in names:
-        if name.casefold() in map(str.casefold, hiding):
-            raise GeometryError(
-                f"{path}: layer {name} is frozen or off; thaw it and turn it on"
-            )
+    hiding = ", ".join(sorted(+hidden)) or "none"
+    others = (
+        f"; layers with polylines: {listed or 'none'}; layers with polylines that are frozen or "
+        f"off (thaw and turn on what you need): {hiding}"
+    )
     lost = next((name for name in names if name.casefold() not in shown), None)
     if lost is not None:
         raise GeometryError(f"{path}: layer {lost} has nothing that is seen{others}")
@@ -395,7 +381,7 @@ def _outline(entity: Any, name: str) -> FloatArray:
         )
     if entity.dxf.extrusion.z < 0.0:  # seen from behind
         points *= [-1.0, 1.0, -1.0]
-    least = 1e-9 * float(np.ptp(points[:, :2], axis=0).max())
+    least = 1e-9 * np.ptp(points[:, :2], axis=0).max()
     if not entity.is_closed and np.hypot(*(points[-1] - points[0])[:2]) > least:
         raise GeometryError(f"{name} is open; a block must be a closed polyline")
     return without_repeated(points, least)

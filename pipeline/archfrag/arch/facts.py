@@ -1,7 +1,5 @@
 """What a user can check an arch by: weights, forces, places; and values in an unlikely unit."""
 
-from __future__ import annotations
-
 import math
 import sys
 import warnings
@@ -12,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch.building import fields_of
+from archfrag.arch.geometry import length_of
 from archfrag.arch.shape import Shape
 from archfrag.errors import UnitWarning
 from archfrag.properties import PROPERTIES, unusual, value_of
@@ -70,8 +69,10 @@ def facts_of(arch: Shape) -> dict[str, Any]:
 def facts_text(arch: Shape) -> str:
     """Write weights, forces of ties and places of springings in one line."""
     facts = facts_of(arch)
-    ring = "the blocks weigh" if arch.free_end else "the ring weighs"
-    names = {"ring": ring, "dead_load": "dead load"}
+    names = {
+        "ring": "the blocks weigh" if arch.free_end else "the ring weighs",
+        "dead_load": "dead load",
+    }
     weights = [
         f"{names.get(name, name)} {force_text(weight)}"
         for name, weight in facts["weights"].items()
@@ -79,12 +80,13 @@ def facts_text(arch: Shape) -> str:
     ]
     texts = [", ".join(weights)]
     for number, tie in enumerate(facts["ties"], 1):
-        name = f"tie {number}" if len(facts["ties"]) > 1 else "the tie"
         pull = tie["prestress"]
         force = f"pulls with {force_text(pull)}" if pull else "is not tight"
         if tie["strength"] is not None:
             force += f" and yields at {force_text(tie['strength'])}"
-        texts.append(f"{name} {force}")
+        texts.append(
+            f"{f'tie {number}' if len(facts['ties']) > 1 else 'the tie'} {force}"
+        )
     ends = [f"({x:.4g}, {y:.4g})" for joint in facts["springings"] for x, y in joint]
     where = f"it stands from {ends[1]} to {ends[0]} m"
     if not arch.free_end:
@@ -110,10 +112,10 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
     first, last = arch.springings
     values = {**given, "friction": arch.chain.friction}
     if arch.free_end:
-        values["height"] = float(np.ptp(np.concatenate(arch.outlines)[:, 1]))
+        values["height"] = arch.extent[1]
     else:
         # Springings of a horseshoe are nearer to each other than its haunches.
-        reach = float(np.ptp(arch.intrados[first : last + 1, 0]))
+        reach = np.ptp(arch.intrados[first : last + 1, 0])
         values |= {"thickness": thickness, "span": max(span, reach)}
     if "fill" in given and not given["fill"]["backing_height"]:
         values["fill"] = {**given["fill"], "backing_unit_weight": None}
@@ -125,10 +127,12 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
         load *= 1 if np.ndim(given["dead_load"]) else last - first
         weight = facts_of(arch)["weights"]["ring"]
         if not LOADS[0] <= load / weight <= LOADS[1]:
-            on = f"on a ring of {force_text(weight)}"
-            yield "dead_load", f"dead_load is {force_text(load)} {on}; is it in N?"
+            yield (
+                "dead_load",
+                f"dead_load is {force_text(load)} on a ring of {force_text(weight)}; is it in N?",
+            )
     for number, (tie, ends) in enumerate(zip(given.get("ties", ()), arch.tie_lines)):
-        length = float(np.hypot(*(ends[1] - ends[0])))
+        length = length_of(ends)
         for key, text in _doubtful_tie(tie, length, f"ties[{number}]"):
             yield f"ties[{number}].{key}", text
 
@@ -138,22 +142,23 @@ def _doubtful_tie(
 ) -> Iterator[tuple[str, str]]:
     """Yield the same of a tie with a length [m]."""
     for key in ("area", "modulus"):
-        name = f"{place}.{key}"
-        yield from ((key, text) for text in unusual(f"ties.{key}", tie[key], name))
+        texts = unusual(f"ties.{key}", tie[key], f"{place}.{key}")
+        yield from ((key, text) for text in texts)
     for key, (least, most) in STRESSES.items():
         force = tie.get(key) or 0.0
         stress = force / tie["area"]
         if force and not least <= stress <= most:
-            usual = f"usual are {least:g} to {most:g}: are they in N and m2?"
             yield (
                 key,
                 f"{place}.{key} = {force:g} N on an area of {tie['area']:g} m2 is a stress of "
-                f"{stress:.3g} N/m2; {usual}",
+                f"{stress:.3g} N/m2; usual are {least:g} to {most:g}: are they in N and m2?",
             )
     rupture = tie.get("rupture", 0.0)
     if rupture > LARGEST_STRAIN * length:
-        text = f"{place}.rupture = {rupture:g} m is that of a tie of {length:.3g} m"
-        yield "rupture", f"{text}; is it in m?"
+        yield (
+            "rupture",
+            f"{place}.rupture = {rupture:g} m is that of a tie of {length:.3g} m; is it in m?",
+        )
 
 
 def warn_of_units(texts: Iterable[str]) -> None:

@@ -7,8 +7,11 @@ angle of the arc to the next corner, positive anticlockwise, 0 for a straight si
 import math
 from collections.abc import Iterable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
 from archfrag.arch.checks import FloatArray
 
@@ -24,6 +27,16 @@ Side = tuple[
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return z of the cross product of plane vectors ``(..., 2)``."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def following(corners: FloatArray) -> FloatArray:
+    """Return the next corner of each, the first one after the last."""
+    return np.roll(corners, -1, axis=0)
+
+
+def length_of(line: FloatArray) -> float:
+    """Return the distance between two points ``(2, 2)`` [m]."""
+    return np.hypot(*(line[1] - line[0]))
 
 
 def place_text(point: FloatArray) -> str:
@@ -43,12 +56,12 @@ def polygon_section(corners: FloatArray) -> Section:
     """
     origin = corners.mean(axis=0)
     here = corners - origin
-    there = np.roll(here, -1, axis=0)
+    there = following(here)
     twice = cross(here, there)
     area = 0.5 * math.fsum(twice)
     shift = twice @ (here + there) / (6.0 * area)
-    here = here - shift
-    there = there - shift
+    here -= shift
+    there -= shift
     twice = cross(here, there)
     squares = (here * here + here * there + there * there).sum(axis=1)
     polar = math.fsum(twice * squares) / 12.0
@@ -102,6 +115,14 @@ def arc(centre: FloatArray, radius: float, start: float, end: float) -> FloatArr
     return centre + radius * np.column_stack([np.sin(angle), np.cos(angle)])
 
 
+def overlap_of(shapes: NDArray[Any], cores: NDArray[Any]) -> list[Any]:
+    """Return two of some shapes whose cores overlap and by how much [m2]; empty if none do."""
+    for one, other in shapely.STRtree(cores).query(cores, predicate="intersects").T:
+        if one < other:
+            return [one, other, shapely.intersection(shapes[one], shapes[other]).area]
+    return []
+
+
 def middle_of(line: FloatArray) -> FloatArray:
     """Point ``(2,)`` in the middle of a polyline ``(m, 2)`` [m]."""
     length = np.hypot(*np.diff(line, axis=0).T)
@@ -120,7 +141,7 @@ def outline_section(outline: FloatArray) -> Section:
         return polygon_section(outline[:, :2])
     origin = outline[:, :2].mean(axis=0)
     corners = outline[:, :2] - origin
-    chord = np.roll(corners, -1, axis=0) - corners
+    chord = (following(corners) - corners)[:, None]
     half = 2.0 * np.arctan(outline[:, 2:])  # of an arc's angle
     # The point at the part s of an arc is the corner + chord * sin(h s)/sin(h), rotated by h(s-1).
     part = 0.5 * (_NODE + 1.0)
@@ -149,36 +170,27 @@ def cut_sides(line: FloatArray, levels: Iterable[float] = ()) -> list[Side]:
         turn = 4.0 * math.atan(start[2])
         chord = (end - start)[:2]
         if turn == 0.0:
-            cuts = [
-                (level - start[1]) / chord[1] for level in levels if chord[1] != 0.0
-            ]
+            rises = chord[1] != 0.0
+            cuts = [(level - start[1]) / chord[1] for level in levels if rises]
         else:
-            away = (
-                (1.0 - start[2] ** 2)
-                / (4.0 * start[2])
-                * np.array([-chord[1], chord[0]])
-            )
-            centre = 0.5 * (start + end)[:2] + away
+            away = (1.0 - start[2] ** 2) / (4.0 * start[2])
+            middle = 0.5 * (start + end)[:2]
+            centre = middle + away * np.array([-chord[1], chord[0]])
             radius = math.hypot(*(start[:2] - centre))
             first = math.atan2(*(start[:2] - centre)[::-1])
             sines = [(level - centre[1]) / radius for level in levels]
             rise = [math.asin(sine) for sine in sines if abs(sine) < 1.0]
-            angles = [
-                *(0.5 * math.pi * k for k in range(4)),
-                *rise,
-                *(math.pi - a for a in rise),
-            ]
+            angles = [0.5 * math.pi * k for k in range(4)]
+            angles += rise + [math.pi - a for a in rise]
             whole = math.copysign(2.0 * math.pi, turn)
             cuts = [(angle - first) % whole / turn for angle in angles]
-        parts = np.array(
-            [0.0, *sorted(p for p in cuts if _SLIP < p < 1.0 - _SLIP), 1.0]
-        )
+        inside = sorted(p for p in cuts if _SLIP < p < 1.0 - _SLIP)
+        parts = np.array([0.0, *inside, 1.0])
         points = start[:2] + parts[:, None] * chord
         if turn != 0.0:
             angle = first + parts[1:-1] * turn
-            points[1:-1] = centre + radius * np.column_stack(
-                [np.cos(angle), np.sin(angle)]
-            )
+            ways = np.column_stack([np.cos(angle), np.sin(angle)])
+            points[1:-1] = centre + radius * ways
         bulges = np.append(np.tan(0.25 * turn * np.diff(parts)), 0.0)
         sides += list(pairwise(np.column_stack([points, bulges])))
     return sides
@@ -186,34 +198,27 @@ def cut_sides(line: FloatArray, levels: Iterable[float] = ()) -> list[Side]:
 
 def height_at(line: FloatArray, x: float) -> float:
     """Return the greatest height of a line ``(m, 3)`` at an x within its reach [m]."""
-    exchanged = line[:, [1, 0, 2]] * [
-        1.0,
-        1.0,
-        -1.0,
-    ]  # a reflection, which turns arcs round
+    exchanged = line[:, [1, 0, 2]] * [1, 1, -1]  # a reflection, which turns arcs round
     points = np.concatenate(cut_sides(exchanged, (x,)))
-    return float(points[np.isclose(points[:, 1], x, rtol=0.0, atol=1e-9), 0].max())
+    return points[np.isclose(points[:, 1], x, rtol=0.0, atol=1e-9), 0].max()
 
 
 def rotated(vector: FloatArray, angle: FloatArray) -> FloatArray:
-    """Return the vectors ``(m, 2)`` rotated by angles ``(m, k)``, ``(m, k, 2)``."""
-    x = vector[:, :1]
-    y = vector[:, 1:]
+    """Return plane vectors ``(..., 2)`` rotated by angles that broadcast with them."""
+    x, y = np.moveaxis(vector, -1, 0)
     cosine = np.cos(angle)
     sine = np.sin(angle)
-    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
 
 
 def sampled(outline: FloatArray) -> FloatArray:
     """Return the points ``(k, 2)`` of an outline, on its arcs at most one degree apart."""
     points = []
-    for start, end in zip(outline, np.roll(outline, -1, axis=0)):
+    for start, end in zip(outline, following(outline)):
         half = 2.0 * math.atan(start[2])
         steps = 1 if half == 0.0 else 2 * max(1, math.ceil(abs(math.degrees(half))))
         part = np.arange(steps) / steps
         length = part if half == 0.0 else np.sin(half * part) / math.sin(half)
-        chord = (end - start)[None, :2]
-        points.append(
-            start[:2] + length[:, None] * rotated(chord, half * (part - 1.0)[None])[0]
-        )
+        chord = rotated((end - start)[:2], half * (part - 1.0))
+        points.append(start[:2] + length[:, None] * chord)
     return np.concatenate(points)

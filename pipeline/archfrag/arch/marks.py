@@ -10,6 +10,7 @@ import numpy as np
 
 from archfrag.arch.bridge import fill_weighs
 from archfrag.arch.checks import FloatArray
+from archfrag.arch.geometry import rotated
 from archfrag.arch.shape import Shape
 
 GROUND = -1
@@ -41,11 +42,8 @@ class Mark(NamedTuple):
         points = np.tile(self.points, (len(place), 1, 1))
         carried = (bodies >= 0) & (bodies < len(centroids))
         body = bodies[carried]
-        x, y = (self.points[carried] - centroids[body]).T
-        sine = np.sin(rotation[:, body])
-        cosine = np.cos(rotation[:, body])
-        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
-        points[:, carried] = turned + place[:, body]
+        own = self.points[carried] - centroids[body]
+        points[:, carried] = rotated(own, rotation[:, body]) + place[:, body]
         return points
 
 
@@ -86,7 +84,7 @@ def frame(
     rest = np.concatenate(arch.outlines)
     low = rest.min(axis=0)
     high = rest.max(axis=0)
-    size = float((high - low).max())
+    size = (high - low).max()
     first = np.maximum(np.minimum(low, seen.min(axis=0)), low - size)
     last = np.minimum(np.maximum(high, seen.max(axis=0)), high + size)
     return first - margin * size, last + margin * size
@@ -103,23 +101,21 @@ def _fill_outlines(arch: Shape) -> list[FloatArray]:
         return []
     back = arch.extrados[first : last + 1]
     below = back[back[:, 0].argmin() : back[:, 0].argmax() + 1]
-    if first:  # on piers, whose tops carry fill too
+    if first:  # on piers, whose tops carry fill too, from left to right
         tops = []
         for outline in (arch.outlines[first - 1], arch.outlines[last]):
             high = outline[outline[:, 1] > outline[:, 1].max() - 1e-9 * np.ptp(outline)]
-            tops.append(high[high[:, 0].argsort()])  # from left to right
-        left = tops[0][:, 0] < below[0, 0]
-        right = tops[1][:, 0] > below[-1, 0]
-        below = np.concatenate([tops[0][left], below, tops[1][right]])
-    level = (
-        np.concatenate(arch.outlines[first:last])[:, 1].max()
-        + fill["height_over_crown"]
-    )
+            tops.append(high[high[:, 0].argsort()])
+        left, right = tops
+        left = left[left[:, 0] < below[0, 0]]
+        right = right[right[:, 0] > below[-1, 0]]
+        below = np.concatenate([left, below, right])
+    top = np.concatenate(arch.outlines[first:last])[:, 1].max()
+    level = top + fill["height_over_crown"]
     middle = 0.5 * (arch.intrados + arch.extrados)[[first, last], 1].min()
-    backed = fill["backing_height"] > 0.0
-    levels = [level, middle + fill["backing_height"]][: 1 + backed]
+    levels = [level, min(level, middle + fill["backing_height"])]
     outlines = []
-    for top in np.minimum(levels, level):
+    for top in levels[: 1 + (fill["backing_height"] > 0.0)]:
         line = np.column_stack([below[:, 0], np.minimum(below[:, 1], top)])
         outlines.append(np.concatenate([line, [[line[-1, 0], top], [line[0, 0], top]]]))
     return outlines

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from functools import partial
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike
 from archfrag.arch import checks, facts
 from archfrag.arch import ring as rings
 from archfrag.arch.building import Given, fields_of, plain, tie_row
-from archfrag.arch.checks import FloatArray
+from archfrag.arch.checks import FloatArray, Named
 from archfrag.arch.drawing import read_drawing
 from archfrag.arch.marks import Mark, arch_marks, frame
 from archfrag.arch.polygons import Blocks, polygon_shape
@@ -31,9 +30,9 @@ if TYPE_CHECKING:
 # Profiles over a span: least and largest rise over span (below 1e-6 rounding shows), and the ring.
 _OVER_SPAN: dict[str, tuple[float, float, Any]] = {
     "segmental": (1e-6, 0.5, rings.segmental_ring),
-    "pointed": (0.5, math.inf, rings.pointed_ring),
-    "elliptic": (1e-6, math.inf, partial(rings.normal_ring, rings.ellipse)),
-    "catenary": (1e-6, math.inf, partial(rings.normal_ring, rings.catenary)),
+    "pointed": (0.5, np.inf, rings.pointed_ring),
+    "elliptic": (1e-6, np.inf, partial(rings.normal_ring, rings.ellipse)),
+    "catenary": (1e-6, np.inf, partial(rings.normal_ring, rings.catenary)),
 }
 _SHOWN = ("radius", "span", "rise", "thickness", "width", "height")  # in the repr
 
@@ -94,15 +93,13 @@ class Arch(Shape):
 
     def __repr__(self) -> str:
         given = self.parameters
-        width, height = np.ptp(np.concatenate(self.outlines), axis=0)
+        width, height = self.extent
         facts = [f"{key} {given[key]:g} m" for key in _SHOWN if key in given]
         facts = facts or [f"{width:.3g} m wide", f"{height:.3g} m high"]
         weight = self.chain.mass.sum() * self.chain.gravity / 1e3
-        counts = (
-            f"{counted(self.n_voussoir, 'voussoir')}, {counted(self.n_joint, 'joint')}"
-        )
         return (
-            f"<Arch {given['profile']}: {counts}; {', '.join(facts)}; {weight:.3g} kN>"
+            f"<Arch {given['profile']}: {counted(self.n_voussoir, 'voussoir')}, "
+            f"{counted(self.n_joint, 'joint')}; {', '.join(facts)}; {weight:.3g} kN>"
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -158,9 +155,10 @@ class Arch(Shape):
             checks.joint_positions(joint_positions, voussoirs, embrace, "degrees")
         )
         ring = rings.circular_ring(np.zeros(2), radius, thickness, angle, sector)
-        shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
         given = {
-            **shape,
+            "radius": radius,
+            "thickness": thickness,
+            "embrace": embrace,
             "voussoirs": voussoirs,
             "sector": sector,
             "joint_positions": plain(joint_positions),
@@ -270,9 +268,12 @@ class Arch(Shape):
         """Check what profiles over a span have in common, and build one of them."""
         least, most, ring_of = _OVER_SPAN[profile]
         span = checks.number("span", span)
-        meaning = f"{least:g} to {most:g} x span"
         rise = checks.number(
-            "rise", rise, least=least * span, most=most * span, meaning=meaning
+            "rise",
+            rise,
+            least=least * span,
+            most=most * span,
+            meaning=f"{least:g} to {most:g} x span",
         )
         thickness = checks.number("thickness", thickness)
         voussoirs = checks.count("voussoirs", voussoirs)
@@ -286,8 +287,9 @@ class Arch(Shape):
             "rise": rise,
             "thickness": thickness,
             "voussoirs": voussoirs,
+            **own,
+            "joint_positions": plain(joint_positions),
         }
-        shape |= own | {"joint_positions": plain(joint_positions)}
         return cls._built_of(profile, shape, ring, friction, **material)
 
     @classmethod
@@ -433,8 +435,8 @@ class Arch(Shape):
         area: float,
         modulus: float = 2.0e11,
         prestress: float = 0.0,
-        strength: float = math.inf,
-        rupture: float = math.inf,
+        strength: float = np.inf,
+        rupture: float = np.inf,
         ends: Sequence[tuple[int, float, float]] | None = None,
     ) -> Arch:
         """Return the arch with one more tie: a bar that only pulls.
@@ -480,12 +482,14 @@ class Arch(Shape):
         row = tie_row(self, **given)  # type: ignore[arg-type]
         ties = [row] if self.chain.tie is None else [*self.chain.tie, row]
         told = {
-            key: value for key, value in given.items() if value not in (None, math.inf)
+            key: value for key, value in given.items() if value not in (None, np.inf)
         }
-        ties_told = [*self.parameters.get("ties", ()), told]
-        chain = self.chain._replace(tie=np.array(ties))
         tied = self.changed(
-            chain=chain, parameters={**self.parameters, "ties": ties_told}
+            chain=self.chain._replace(tie=np.array(ties)),
+            parameters={
+                **self.parameters,
+                "ties": [*self.parameters.get("ties", ()), told],
+            },
         )
         tied = tied._warned(f"ties[{len(ties) - 1}]")
         if self.chain.start is None or prestress == 0.0:
@@ -519,9 +523,10 @@ class Arch(Shape):
                 "the arch has joints that give already; recessed comes before"
             )
         n_joint = self.n_joint
+        given = {"intrados": intrados, "extrados": extrados}
         depths = [
-            checks.shared_or_each(f"recess.{name}", value, n_joint, "joint")
-            for name, value in (("intrados", intrados), ("extrados", extrados))
+            checks.shared_or_each(f"recess.{side}", depth, n_joint, "joint")
+            for side, depth in given.items()
         ]
         face = self.extrados[:n_joint] - self.intrados[:n_joint]
         length = np.hypot(*face.T)
@@ -536,14 +541,16 @@ class Arch(Shape):
         lost = np.stack([depths[0][:, None] * along, -depths[1][:, None] * along])
         lines = np.stack([self.intrados, self.extrados])
         lines[:, :n_joint] += lost
-        corner = np.stack([*(lost[::-1] if self.flipped else lost)], axis=1)
+        corner = lost[:: -1 if self.flipped else 1].swapaxes(0, 1)
         chain = self.chain._replace(
             face_before=self.chain.face_before + corner,
             face_after=self.chain.face_after + corner,
         )
-        recess = {"intrados": plain(intrados), "extrados": plain(extrados)}
-        for side, lost in self.parameters.get("recess", {}).items():
-            recess[side] = plain(np.add(lost, recess[side]))
+        before = self.parameters.get("recess", {})
+        recess = {
+            side: plain(np.add(before.get(side, 0.0), depth))
+            for side, depth in given.items()
+        }
         return self.changed(
             intrados=lines[0],
             extrados=lines[1],
@@ -612,11 +619,11 @@ class Arch(Shape):
         given = {"height_over_crown": height_over_crown, "unit_weight": unit_weight}
         return self._with(fill={**given, **more})
 
-    def _with(self, **more: dict[str, Any]) -> Arch:
-        names = ", ".join(sorted(set(LATER) & set(self.parameters)))
-        if names:
+    def _with(self, **more: Named) -> Arch:
+        later = set(LATER) & set(self.parameters)
+        if later:
             raise GeometryError(
-                f"the arch has {names} already; on_piers and filled come before"
+                f"the arch has {', '.join(sorted(later))} already; on_piers and filled come before"
             )
         return self.rebuilt(**more)._warned(*more)
 

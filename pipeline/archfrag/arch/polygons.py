@@ -9,11 +9,14 @@ import numpy as np
 import shapely
 
 from archfrag.arch import checks
-from archfrag.arch.checks import FloatArray
+from archfrag.arch.checks import FloatArray, Named
 from archfrag.arch.geometry import (
     cross,
+    following,
+    length_of,
     middle_of,
     outline_section,
+    overlap_of,
     place_text,
     sampled,
 )
@@ -70,15 +73,13 @@ def without_repeated(corners: FloatArray, tolerance: float = 0.0) -> FloatArray:
     """Return the corners ``(m, 3)`` of an outline that differ from the next one, or all if fewer
     than two.
     """
-    kept = corners[
-        np.hypot(*(np.roll(corners, -1, axis=0) - corners)[:, :2].T) > tolerance
-    ]
+    kept = corners[np.hypot(*(following(corners) - corners)[:, :2].T) > tolerance]
     return kept if len(kept) > 1 else corners
 
 
 def polygon_shape(
     drawn: Blocks, tolerance: float | None, thickness_factor: float
-) -> tuple[dict[str, Any], Ring, bool]:
+) -> tuple[Named, Ring, bool]:
     """Return the outlines and ground for `Arch.parameters`, ring, and whether an end is free."""
     factor = checks.number("thickness_factor", thickness_factor, closed=False)
     ring, placed = polygon_ring(drawn, tolerance)
@@ -90,7 +91,7 @@ def polygon_shape(
         drawn = Blocks.from_points(_stretched(placed.outlines, ring, factor), lines)
         ring, placed = polygon_ring(drawn, tolerance)
     # As drawn: what is placed already would give other last bits.
-    shape: dict[str, Any] = {
+    shape: Named = {
         name: [rows.tolist() for rows in getattr(drawn, name)]
         for name in ("outlines", "ground")
     }
@@ -107,7 +108,7 @@ def _stretched(
     Arcs keep their angle: a circular ring stays one, with the thickness times the factor.
     """
     lines = np.stack([ring.intrados, ring.extrados], axis=1)
-    tolerance = 2.0 * TOLERANCE * float(np.hypot(*np.ptp(lines, axis=(0, 1))))
+    tolerance = 2.0 * TOLERANCE * np.hypot(*np.ptp(lines, axis=(0, 1)))
     moves = (factor - 1.0) * (lines - 0.5 * (ring.intrados + ring.extrados)[:, None])
     result = []
     for i, outline in enumerate(outlines):
@@ -142,16 +143,16 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
         raise GeometryError(
             f"outlines are {len(drawn.outlines)}; there must be 1 to {MOST_VOUSSOIRS}"
         )
-    size = float(np.hypot(*np.ptp(np.concatenate(drawn.outlines)[:, :2], axis=0)))
+    size = np.hypot(*np.ptp(np.concatenate(drawn.outlines)[:, :2], axis=0))
     tolerance = (
         TOLERANCE * size if tolerance is None else checks.number("tolerance", tolerance)
     )
     outlines = []
     for outline in drawn.outlines:
         points = sampled(outline)
-        if cross(points, np.roll(points, -1, axis=0)).sum() <= 0.0:
+        if cross(points, following(points)).sum() <= 0.0:
             outline = outline[::-1].copy()
-            outline[:, 2] = -np.roll(outline[:, 2], -1)
+            outline[:, 2] = -following(outline[:, 2])
         outlines.append(outline)
     given = replace(drawn, outlines=outlines, tolerance=tolerance, standing={})
     _check_simple(given)
@@ -168,7 +169,7 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     ):  # the edge that is farthest from the line of the last joint, intrados first
         first = outlines[last][:, :2]
         joint = ends[-1]
-        edges = np.stack([first, np.roll(first, -1, axis=0)], axis=1)
+        edges = np.stack([first, following(first)], axis=1)
         away = np.abs(cross(edges.mean(axis=1) - joint[0], joint[1] - joint[0]))
         ends.append(edges[int(np.argmax(away))])
     else:
@@ -176,8 +177,7 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     for block, joints in zip(order[: len(order) - free], pairwise(ends)):
         for start, end in zip(*joints):
             if np.hypot(*(end - start)) <= tolerance:
-                meet = f"has two joints that meet at {place_text(start)}"
-                given.refuse(block, meet)
+                given.refuse(block, f"has two joints that meet at {place_text(start)}")
     intrados, extrados = np.stack(ends, axis=1)
     placed = [outlines[block] for block in order]
     surfaces = [
@@ -186,7 +186,7 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     backs = [middle_of(sampled(line)) for line in surfaces]
     sections = [outline_section(outline) for outline in placed]
     ring = Ring(
-        intrados, extrados, 1, sections, list(map(sampled, placed)), backs, surfaces
+        intrados, extrados, sections, list(map(sampled, placed)), backs, surfaces, 1
     )
     ground = ends[:1] if free else [ends[0], ends[-1]]
     return ring, replace(given, outlines=placed, ground=ground)
@@ -207,7 +207,7 @@ def _back(
     inside = offset < (end - start) % total - slip
     inner = outline[inside][np.argsort(offset[inside])]
     back = np.vstack([[*second, 0.0], inner, [*first, 0.0]])[::-1]
-    return without_repeated(np.column_stack([back[:, :2], -np.roll(back[:, 2], -1)]))
+    return without_repeated(np.column_stack([back[:, :2], -following(back[:, 2])]))
 
 
 def _places_along(
@@ -218,7 +218,7 @@ def _places_along(
     Third, the length of all chords.
     """
     start = outline[:, :2]
-    chord = np.roll(start, -1, axis=0) - start
+    chord = following(start) - start
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*chord.T))])
     places = []
     for point in points:
@@ -227,7 +227,7 @@ def _places_along(
         off[outline[:, 2] != 0.0] += off.max() + 1.0
         side = int(np.argmin(off))
         places.append(along[side] + part[side] * np.hypot(*chord[side]))
-    return along[:-1], np.array(places), float(along[-1])
+    return along[:-1], np.array(places), along[-1]
 
 
 def _check_simple(given: Blocks) -> None:
@@ -249,10 +249,10 @@ def _check_simple(given: Blocks) -> None:
             given.refuse(
                 block, f"has no area: nowhere is it wider than {2.0 * least:.3g} m"
             )
-    for one, other in shapely.STRtree(cores).query(cores, predicate="intersects").T:
-        if one < other:
-            common = shapely.intersection(shapes[one], shapes[other]).area
-            given.refuse(one, f"overlaps by {common:.3g} m2 with {given.names[other]}")
+    found = overlap_of(shapes, cores)
+    if found:
+        one, other, common = found
+        given.refuse(one, f"overlaps by {common:.3g} m2 with {given.names[other]}")
 
 
 def _find_joints(given: Blocks) -> None:
@@ -264,7 +264,7 @@ def _find_joints(given: Blocks) -> None:
     edges: list[_Segment] = []
     owner: list[int] = []
     for block, outline in enumerate(given.outlines):
-        pairs = np.stack([outline[:, :2], np.roll(outline[:, :2], -1, axis=0)], axis=1)
+        pairs = np.stack([outline[:, :2], following(outline[:, :2])], axis=1)
         edges += list(pairs[outline[:, 2] == 0.0])
         owner += [block] * (len(edges) - len(owner))
     for number, line in enumerate(given.ground, count):
@@ -282,18 +282,20 @@ def _find_joints(given: Blocks) -> None:
     for (block, neighbour), parts in shared.items():
         segment = _one_line(parts, given.tolerance)
         if segment is None:
-            meet = (
-                f"and {names[neighbour]} meet along {len(parts)} edges not on one line"
+            given.refuse(
+                block,
+                f"and {names[neighbour]} meet along {len(parts)} edges not on one line; a joint "
+                "must be straight",
             )
-            given.refuse(block, f"{meet}; a joint must be straight")
         given.joints[neighbour][block] = segment[::-1]
         if neighbour < count:
             given.joints[block][neighbour] = segment
     for name, joints in zip(given.ground_names, given.joints[count:]):
         if len(joints) != 1:
-            edge = "must be on a straight edge of one block, on which it stands on the ground"
-            found = ", ".join(names[block] for block in joints) or "none"
-            raise GeometryError(f"{name} {edge}; it is on edges of: {found}")
+            raise GeometryError(
+                f"{name} must be on a straight edge of one block, on which it stands on the "
+                f"ground; it is on edges of: {', '.join(names[b] for b in joints) or 'none'}"
+            )
         ((block, segment),) = joints.items()
         if block in given.standing:
             given.refuse(
@@ -305,7 +307,7 @@ def _find_joints(given: Blocks) -> None:
 
 def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment | None:
     """Return the overlap of two edges of one direction, along the first; None if there is none."""
-    length = float(np.hypot(*(edge[1] - edge[0])))
+    length = length_of(edge)
     place = (other - edge[0]) @ ((edge[1] - edge[0]) / length)
     if min(length, place[1]) - max(0.0, place[0]) < _SHORTEST * tolerance:
         return None
@@ -326,13 +328,10 @@ def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment 
 def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
     """Return both ends of segments of one direction; None if they are not on one line."""
     points = np.concatenate(parts)
-    unit = parts[0][1] - parts[0][0]
-    unit /= np.hypot(*unit)
+    unit = (parts[0][1] - parts[0][0]) / length_of(parts[0])
     place = (points - points[0]) @ unit
     ends = points[[int(np.argmin(place)), int(np.argmax(place))]]
-    off = np.abs(
-        cross(points - ends[0], (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0])))
-    )
+    off = np.abs(cross(points - ends[0], (ends[1] - ends[0]) / length_of(ends)))
     return ends if off.max() <= 2.0 * tolerance else None
 
 
@@ -343,9 +342,10 @@ def _walk(given: Blocks) -> list[int]:
     names = given.names
     for block, joints in enumerate(given.joints):
         if len(joints) > 2:
-            others = ", ".join(names[other] for other in joints)
             given.refuse(
-                block, f"has {len(joints)} joints, with {others}; it may have two"
+                block,
+                f"has {len(joints)} joints, with {', '.join(names[other] for other in joints)}; "
+                "it may have two",
             )
     ends = [block for block, joints in enumerate(given.joints) if len(joints) < 2]
     if not ends:
@@ -364,9 +364,11 @@ def _walk(given: Blocks) -> list[int]:
         gap, one, near = min(
             (shapes[a].distance(shapes[b]), a, b) for a in order for b in apart
         )
-        rule = f"one chain, and edges of neighbours agree to {given.tolerance:.3g} m"
-        away = f"has no edge in common with {names[near]}, {gap:.3g} m away"
-        given.refuse(one, f"{away}; all must form {rule}")
+        given.refuse(
+            one,
+            f"has no edge in common with {names[near]}, {gap:.3g} m away; all must form one "
+            f"chain, and edges of neighbours agree to {given.tolerance:.3g} m",
+        )
     if not given.standing:
         if len(order) == 1:
             given.refuse(0, "is the only block; a LINE must show the edge it stands on")
@@ -385,11 +387,9 @@ def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:
     first = int(np.searchsorted(along, middle, "right")) + 1
     side = outline[[first % len(outline), (first + 1) % len(outline)]]
     if len(outline) != 4 or side[0, 2] != 0.0:
-        line = (
-            "without a LINE that shows the edge it stands on they must be four, that "
-            "opposite to its joint straight"
-        )
         given.refuse(
-            block, f"is an end of the chain and has {len(outline)} sides; {line}"
+            block,
+            f"is an end of the chain and has {len(outline)} sides; without a LINE that shows the "
+            "edge it stands on they must be four, that opposite to its joint straight",
         )
     return side[:, :2]

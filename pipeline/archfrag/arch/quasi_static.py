@@ -1,7 +1,5 @@
 """Arches that move so slowly that they are in equilibrium: behind a springing, or after a tie."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -50,7 +48,7 @@ class SlowArch:
         self._path = new_path(self.model)
         self._before = self.model.corner.copy(), self.model.tie.copy()
         begin(self.model, self._state, self._work, 0, 0.0)
-        self.length = float(self.model.length.min())
+        self.length = self.model.length.min()
         self._time = min(
             LONGEST, 50.0 * math.sqrt(STEP * self.length / self.model.gravity)
         )

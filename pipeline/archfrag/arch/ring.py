@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy  # whose parts are loaded when they are used
+import shapely
 from scipy.special import ellipeinc
 
 from archfrag.arch import STANDARD_GRAVITY, geometry
@@ -33,7 +34,6 @@ class Ring(NamedTuple):
 
     intrados: FloatArray  # (n_voussoir + 1, 2) [m]
     extrados: FloatArray  # (n_voussoir + 1, 2) [m]
-    sense: int  # +1: intrados to the right from joint 0 to the last, -1: to the left
     sections: list[Section]
     outlines: list[
         FloatArray
@@ -44,6 +44,7 @@ class Ring(NamedTuple):
     surfaces: list[
         FloatArray
     ]  # (m, 3) each: the back from joint to joint with bulges, for fill
+    sense: int  # +1: intrados to the right from joint 0 to the last, -1: to the left
 
 
 def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
@@ -72,10 +73,8 @@ def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     sine = np.sin(u)
     cosine = np.cos(u)
     # The springings are exact, where cos(pi/2) is not quite zero.
-    sine[0] = -1.0
-    cosine[0] = 0.0
-    sine[-1] = 1.0
-    cosine[-1] = 0.0
+    sine[[0, -1]] = -1.0, 1.0
+    cosine[[0, -1]] = 0.0
     outward = np.column_stack([b * sine, a * cosine])
     outward /= np.hypot(outward[:, :1], outward[:, 1:])
     return np.column_stack([a * sine, b * cosine]), outward
@@ -104,10 +103,8 @@ def catenary(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     secant = np.hypot(1.0, slope)
     # cosh − 1 without cancellation: slope²/(1 + secant).
     y = rise - c * slope**2 / (1.0 + secant)
-    x[0] = -0.5 * span
-    x[-1] = 0.5 * span
-    y[0] = 0.0
-    y[-1] = 0.0
+    x[[0, -1]] = -0.5 * span, 0.5 * span
+    y[[0, -1]] = 0.0
     return np.column_stack([x, y]), np.column_stack([slope / secant, 1.0 / secant])
 
 
@@ -144,16 +141,11 @@ def pointed_ring(
     outward = np.column_stack([sign * np.cos(angle), np.sin(angle)])
     centre = np.column_stack([-sign * reach, np.zeros_like(side)])
     right = int(np.flatnonzero(sign < 0.0)[-1]) + 1
-    intrados, extrados = (
-        np.insert(
-            centre + r * outward,
-            right,
-            [0.0, math.sqrt(max(r**2 - reach**2, 0.0))],
-            axis=0,
-        )
-        for r in (radius - 0.5 * thickness, radius + 0.5 * thickness)
-    )
-    return straight_ring(intrados, extrados, None if at_crown else right)
+    lines = []
+    for r in (radius - 0.5 * thickness, radius + 0.5 * thickness):
+        crown = [0.0, math.sqrt(max(r**2 - reach**2, 0.0))]
+        lines.append(np.insert(centre + r * outward, right, crown, axis=0))
+    return straight_ring(lines[0], lines[1], None if at_crown else right)
 
 
 def straight_ring(
@@ -168,7 +160,7 @@ def straight_ring(
     surfaces = [np.pad(extrados[s], ((0, 0), (0, 1))) for s in spans]
     sections = [geometry.polygon_section(each) for each in outlines]
     return Ring(
-        intrados[ends], extrados[ends], sense, sections, outlines, backs, surfaces
+        intrados[ends], extrados[ends], sections, outlines, backs, surfaces, sense
     )
 
 
@@ -191,7 +183,7 @@ def circular_ring(
         )
     if not sector:
         return straight_ring(intrados, extrados)
-    ring = Ring(intrados, extrados, 1, [], [], [], [])
+    ring = Ring(intrados, extrados, [], [], [], [], 1)
     for i, (start, end) in enumerate(pairwise(angle)):
         middle = 0.5 * (start + end)
         back = arc(centre, outer, start, end)
@@ -225,14 +217,13 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
     with np.errstate(invalid="ignore"):  # corners that coincide are refused below
         side /= np.hypot(side[..., 0], side[..., 1])[..., None]
     bend = cross(side, np.roll(side, -1, axis=1))
-    sense = np.where(
-        (bend > _TOLERANCE).all(1), 1, np.where((bend < -_TOLERANCE).all(1), -1, 0)
-    )
+    left = (bend > _TOLERANCE).all(axis=1)
+    sense = left.astype(int) - (bend < -_TOLERANCE).all(axis=1)
     if not sense.all():
         body = int(np.argmin(np.abs(sense)))
-        corners = ", ".join(map(geometry.place_text, quads[body]))
         raise GeometryError(
-            f"voussoir {body} is no convex quadrilateral: its corners {corners} must be one in "
+            f"voussoir {body} is no convex quadrilateral: its corners "
+            f"{', '.join(map(geometry.place_text, quads[body]))} must be one in "
             f"this order; joints {body} and {body + 1} must neither cross nor touch inside the "
             "ring (make it thinner, or its joints more even)"
         )
@@ -243,27 +234,15 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
             f"{body - 1}: intrados and extrados must run on along the ring from joint "
             "to joint"
         )
-    # Neighbours lie on either side of the line of their joint and cannot overlap. Two other
-    # convex quadrilaterals overlap if no side of theirs separates them.
-    low = quads.min(axis=1)
-    high = quads.max(axis=1)
-    near = (low[:, None] < high[None]).all(axis=2)
-    first, second = np.nonzero(np.triu(near & near.T, 2))
-    pairs = quads[np.stack([first, second])]  # (2, n_pair, 4, 2)
-    normal = np.concatenate([side[first], side[second]], axis=1)[..., ::-1] * [
-        1.0,
-        -1.0,
-    ]
-    along = np.einsum("pnci,nki->pnkc", pairs, normal)
-    depth = along.max(axis=3).min(axis=0) - along.min(axis=3).max(axis=0)
-    overlaps = np.flatnonzero(
-        depth.min(axis=1) > _TOLERANCE * np.hypot(*np.ptp(quads, (0, 1)))
+    shapes = shapely.polygons(quads)
+    rim = _TOLERANCE * np.hypot(*np.ptp(quads, (0, 1)))
+    found = geometry.overlap_of(
+        shapes, shapely.buffer(shapes, -rim, join_style="mitre")
     )
-    if overlaps.size:
-        pair = overlaps[0]
+    if found:
         raise GeometryError(
-            f"voussoirs {first[pair]} and {second[pair]} overlap by "
-            f"{depth[pair].min():.3g} m; the ring must not cross itself"
+            f"voussoirs {found[0]} and {found[1]} overlap by {found[2]:.3g} m2; the ring must "
+            "not cross itself"
         )
     return int(sense[0])
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import bridge
 from archfrag.arch.building import Given
-from archfrag.arch.checks import FloatArray
+from archfrag.arch.checks import FloatArray, Named
 from archfrag.physics.interface import Chain
 
 
@@ -32,7 +32,7 @@ class Shape:
     outlines: tuple[FloatArray, ...]
     free_end: bool
     flipped: bool
-    parameters: dict[str, Any]
+    parameters: Named
     given: Given  # what it was built of before recesses, springings and ties
     built: Any = None  # as it was before a springing moved
 
@@ -51,6 +51,11 @@ class Shape:
         """Centroids of the bodies at rest, (n_voussoir, 2) [m]."""
         start = self.chain.start
         return self.chain.centroid if start is None else start[:, :2]
+
+    @property
+    def extent(self) -> FloatArray:
+        """Width and height of all voussoirs, (2,) [m]."""
+        return np.ptp(np.concatenate(self.outlines), axis=0)
 
     @property
     def springings(self) -> tuple[int, int]:
@@ -74,7 +79,7 @@ class Shape:
         return np.minimum(padded[:-1], padded[1:])[: self.n_joint]
 
     @property
-    def joints(self) -> dict[str, Any]:
+    def joints(self) -> Named:
         """What was given of joints that give; empty of rigid ones."""
         return self.parameters.get("joints") or {}
 

@@ -23,6 +23,7 @@ from archfrag.motions.channel import (
     VERTICAL,
     Acceptable,
     Channel,
+    Named,
     Trace,
     Warned,
     azimuth_of_code,
@@ -30,7 +31,7 @@ from archfrag.motions.channel import (
     unit_factor,
     wrong_length,
 )
-from archfrag.motions.measures import odd_samples
+from archfrag.motions.measures import odd_samples, peak_of
 
 Inventory = Any  # obspy's, whose import takes time
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
@@ -50,7 +51,7 @@ _SAC_FILES = {
 _SAC_FLAWS = {47: "glitches", 48: "dropouts"}
 # What is measured by the instrument code of SEED ("SEED manual", appendix A), unless acceleration.
 _INSTRUMENTS = {
-    "HLP": "a seismometer (velocity)",
+    **dict.fromkeys("HLP", "a seismometer (velocity)"),
     "D": "a pressure gauge",
     "F": "a magnetometer",
     "J": "a rotational sensor",
@@ -58,18 +59,17 @@ _INSTRUMENTS = {
     "S": "a strain gauge",
 }
 # Of an instrument that does not record the motion of the ground.
-_STRUCTURE = re.compile(
-    r"\b(roof|penthouse|attic|parapet|(?!1st)\d+(st|nd|rd|th)\s+(floor|fl|level|story)|deck|girder|"
-    r"superstructure|crest|chimney|mid-?(span|height)|top (of|center)|bent|pier)\b",
-    re.IGNORECASE,
+_STRUCTURE = (
+    r"(?i)\b(roof|penthouse|attic|parapet|(?!1st)\d+(st|nd|rd|th)\s+(floor|fl|level|story)|deck|girder|"
+    r"superstructure|crest|chimney|mid-?(span|height)|top (of|center)|bent|pier)\b"
 )
 _QUANTITIES = {
     "a velocity": r"([nuµmck]?m|in|ft)/s|kine",
     "a displacement": r"([nuµmck]?m|in|ft)",
     "an acceleration in another unit": r"([nuµk]?m|in|ft)/s2|m?g?gal|[mu]g|%g",
 }
-_UNSTATED = re.compile("|unknown|none|n/?a|-|1|integer|float|ascii")
-_COUNTS = re.compile("(digital_?)?(count|cnt)s?|du|digits")
+_UNSTATED = "|unknown|none|n/?a|-|1|integer|float|ascii"
+_COUNTS = "(digital_?)?(count|cnt)s?|du|digits"
 
 
 def accepted_words(words: Iterable[str], place: object) -> tuple[Acceptable, ...]:
@@ -89,22 +89,18 @@ def impossible(channel: Channel) -> Iterator[Warned]:
     data = channel.trace.data
     id = channel.trace.id
     delta = channel.trace.stats.delta
-    if not 0.0 < delta < np.inf:
-        yield (
-            None,
-            f"time step {delta} s of channel {id} must be a positive number of s",
-        )
     if channel.announced != channel.held:
-        only = "only " if channel.held < channel.announced else ""
         yield (
             "samples",
             f"the header announces {channel.announced} samples of channel "
-            f"{channel.code or id}, the file holds {only}{channel.held}",
+            f"{channel.code or id}, the file holds "
+            f"{'only ' if channel.held < channel.announced else ''}{channel.held}",
         )
     elif channel.contradicted:
         yield "header", f"channel {channel.code or id}: {channel.contradicted}"
     bad = np.flatnonzero(~np.isfinite(data))
     for wrong, what in (
+        (not 0.0 < delta < np.inf, f"has a time step of {delta} s, not a positive one"),
         (min(channel.held, len(data)) < 2, "holds less than 2 samples"),
         (np.iscomplexobj(data), "has complex samples; accelerations are real numbers"),
         (np.ma.isMaskedArray(data), "has gaps; a record must be without gaps"),
@@ -117,14 +113,14 @@ def impossible(channel: Channel) -> Iterator[Warned]:
 
 def implausible(channel: Channel) -> Iterator[Warned]:
     """List what is implausible about a channel in m/s2."""
-    dt = float(channel.trace.stats.delta)
+    dt = channel.trace.stats.delta
     # A rate such as 10 Hz need not give 0.1 s to the last digit.
     if not 1e-4 * (1.0 - 1e-9) <= dt <= 0.1 * (1.0 + 1e-9):
         yield (
             "time_step",
             f"time step of channel {channel.code} is {dt:g} s, outside 0.0001 to 0.1 s",
         )
-    peak = float(np.abs(channel.trace.data).max()) / STANDARD_GRAVITY
+    peak = peak_of(channel.trace.data) / STANDARD_GRAVITY
     if not 1e-5 <= peak <= 5.0:
         yield (
             "pga",
@@ -170,9 +166,9 @@ def _add_stated(channel: Channel) -> None:
     quantity = quantity or _SAC_QUANTITIES.get(_number(sac, "idep"))
     if unit in METRES_PER_SECOND_SQUARED:
         channel.unit = unit
-    elif _COUNTS.fullmatch(unit):
+    elif re.fullmatch(_COUNTS, unit):
         channel.unit = "counts"
-    elif not _UNSTATED.fullmatch(unit):
+    elif not re.fullmatch(_UNSTATED, unit):
         kinds = (kind for kind, form in _QUANTITIES.items() if re.fullmatch(form, unit))
         quantity = f"{next(kinds, 'no acceleration')} (its unit is {stated!r})"
     if quantity:
@@ -180,7 +176,7 @@ def _add_stated(channel: Channel) -> None:
             f"the header of {name} states {quantity}; samples of acceleration are needed, in "
             f"one of {', '.join(METRES_PER_SECOND_SQUARED)}"
         )
-        channel.warnings.append((None, text))
+        channel.warn(text, None)
     if stats._format == "KINEMETRICS_EVT" and 0.0 < stats.calib < math.inf:
         channel.g_per_count = stats.calib / 9.81  # obspy's own value of g
     azimuth = _number(sac, "cmpaz", gse.get("hang", -1.0))
@@ -192,13 +188,13 @@ def _add_stated(channel: Channel) -> None:
         _add_depth(channel, depth or 0.0, source)
     begin = _number(sac, "b")
     peak = max(abs(_number(sac, key)) for key in ("depmin", "depmax"))
-    held = float(np.abs(channel.trace.data).max())
+    held = peak_of(channel.trace.data)
     if peak and abs(peak - held) > 0.1 * peak:
         channel.warn(
             f"the header of {name} states a peak of {peak:g}, the samples have {held:g}"
         )
     length = _number(sac, "e", math.nan) - begin
-    wrong = wrong_length(length, channel.held, float(stats.delta))
+    wrong = wrong_length(length, channel.held, stats.delta)
     if wrong:
         channel.warn(f"{name}: {wrong}")
     flaw = _SAC_FLAWS.get(_number(sac, "iqual"))
@@ -222,7 +218,7 @@ def _named(channel: Channel) -> str:
 def _add_direction(channel: Channel, azimuth: float, dip: float, source: str) -> None:
     """Add azimuth and dip [degrees] of a channel; warn if they contradict its code."""
     code = channel.code
-    if not (math.isfinite(azimuth) and math.isfinite(dip)):
+    if not math.isfinite(azimuth + dip):
         return
     stated = f"the {source} states a dip of {dip:g} degrees"
     vertical = abs(dip) > 90.0 - TOLERANCE
@@ -268,10 +264,9 @@ def _add_place(channel: Channel, path: Path) -> None:
     stats = channel.trace.stats
     station = f"{stats.station} {channel.station} {path.name}".upper()
     kik_net = stats._format == "KNET" or re.search(r"\b[A-Z]{3}H\d\d", station)
-    place = _STRUCTURE.search(f"{channel.place} {stats.location}")
-    if _BOREHOLE.fullmatch(path.suffix[1:].upper()) or (
-        kik_net and _BOREHOLE.fullmatch(channel.code.upper())
-    ):
+    place = re.search(_STRUCTURE, f"{channel.place} {stats.location}")
+    ends = [path.suffix[1:].upper(), channel.code.upper()][: 2 if kik_net else 1]
+    if any(map(_BOREHOLE.fullmatch, ends)):
         channel.sensor = (
             "is in the borehole of a KiK-net station, whose surface is EW2, NS2, UD2"
         )
@@ -283,14 +278,14 @@ def _add_station(channel: Channel, inventory: Inventory) -> None:
     """Add direction and depth of a channel by StationXML; compare its sensitivity and stages."""
     trace = channel.trace
     where = trace.id, trace.stats.starttime
-    facts = dict[str, Any]()
+    facts = Named()
     with contextlib.suppress(Exception):  # obspy's, of a channel that is not in it
         facts = inventory.get_channel_metadata(*where)
     azimuth = facts.get("azimuth")
     if facts.get("dip") is not None:
         azimuth = -1.0 if azimuth is None else azimuth
         _add_direction(channel, azimuth, facts["dip"], "StationXML")
-    _add_depth(channel, float(facts.get("local_depth") or 0.0), "StationXML")
+    _add_depth(channel, facts.get("local_depth") or 0.0, "StationXML")
     try:
         response = inventory.get_response(*where)
         overall = response.instrument_sensitivity
@@ -298,7 +293,7 @@ def _add_station(channel: Channel, inventory: Inventory) -> None:
     except Exception:  # which stops the reading where the sensitivity is needed
         return
     gains = [stage.stage_gain for stage in response.response_stages or ()]
-    product = float(np.prod([gain for gain in gains if gain is not None]))
+    product = np.prod([gain for gain in gains if gain is not None])
     if any(gains) and not abs(product / total - 1.0) <= UNEQUAL:
         channel.cautions.append(
             f"channel {channel.code}: its StationXML states a total sensitivity of {total:.6g} "
@@ -315,12 +310,9 @@ def _add_station(channel: Channel, inventory: Inventory) -> None:
 
 def _instrument(code: str) -> str:
     """Return the instrument that a code of SEED names; empty for an accelerometer, other codes."""
-    names = (
-        name
-        for letters, name in _INSTRUMENTS.items()
-        if re.fullmatch(rf"[FGDCESHBMLVU][{letters}][A-Z1-3]", code.upper())
-    )
-    return next(names, "")
+    if not re.fullmatch("[FGDCESHBMLVU][A-Z][A-Z1-3]", code.upper()):
+        return ""
+    return _INSTRUMENTS.get(code[1].upper(), "")
 
 
 def _compare_with_the_user(channel: Channel, unit: str) -> None:
@@ -363,9 +355,9 @@ def to_si(
             _add_station(channel, inventory)
         _scale(channel, path, asked, listed, inventory)
     except RecordError as error:
-        channel.warnings.append((None, str(error).removeprefix(f"{path}: ")))
-    mean = float(values.mean())
-    motion = float(np.abs(values - mean).max())
+        channel.warn(str(error).removeprefix(f"{path}: "), None)
+    mean = values.mean()
+    motion = peak_of(values - mean)
     if abs(mean) > motion > 0.0:
         unit = channel.unit_in_file or "unit unknown"
         channel.errors.append(
@@ -374,10 +366,10 @@ def to_si(
         )
     if not channel.unit_in_file:
         return
-    odd = odd_samples(trace.data, float(trace.stats.delta))
+    odd = odd_samples(trace.data, trace.stats.delta)
     channel.cautions += [f"{_named(channel)}: {text}" for text in odd]
     if channel.sensor:
-        channel.warnings.append(("sensor", f"{_named(channel)} {channel.sensor}"))
+        channel.warn(f"{_named(channel)} {channel.sensor}", "sensor")
     down = channel.downwards
     if down is None and inventory is None:
         code = channel.code.upper().lstrip("+")
@@ -456,7 +448,7 @@ def _of_counts(
     """Return the factor from counts to m/s2 and its source; None if nothing states one."""
     trace = channel.trace
     if trace.stats._format == "KNET":
-        return float(trace.stats.calib), "file's scale factor"
+        return trace.stats.calib, "file's scale factor"
     if inventory is not None:
         try:
             response = inventory.get_response(trace.id, trace.stats.starttime)
@@ -491,7 +483,7 @@ def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
     """
     from obspy import read_inventory  # start-up: a Motion needs no obspy
 
-    if not (given is None or isinstance(given, (str, Path))):
+    if not (given is None or isinstance(given, str | Path)):
         return given
     names = (path.stem, f"{trace.stats.network}.{trace.stats.station}")
     near = (path.with_name(f"{name}.xml") for name in names)

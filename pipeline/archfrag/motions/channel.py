@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from archfrag.errors import RecordError
 
 Samples = NDArray[np.float64]
+Named = dict[str, Any]  # values by their names
 Trace = Any  # obspy's, whose import takes time
 Acceptable = Literal["pga", "time_step", "samples", "header", "sensor"]
 Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
@@ -29,12 +30,9 @@ METRES_PER_SECOND_SQUARED = {
     "g": STANDARD_GRAVITY,
 }
 
-VERTICAL = re.compile(
-    r"[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)", re.IGNORECASE
-)
+VERTICAL = re.compile(r"(?i)[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)")
 HORIZONTAL = re.compile(
-    r"[-+]?((EW|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12])",
-    re.IGNORECASE,
+    r"(?i)[-+]?((EW|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12])"
 )
 AZIMUTHS = {
     "N": 0.0,
@@ -49,8 +47,7 @@ AZIMUTHS = {
     "W": 270.0,
     "WEST": 270.0,
 }
-_QUADRANT = re.compile(r"([NS])(\d+(?:\.\d+)?)([EW])")
-_SEED = re.compile(r"[A-Z]{2}[A-Z\d]")
+_QUADRANT = r"([NS])(\d+(?:\.\d+)?)([EW])"
 _SKEWED = 5.0  # [degrees] by which two components may be off a right angle
 # How indices of records spell facts.
 _SPELLINGS = {"Mw": "magnitude", "Vs30_mps": "vs30_mps", "event_id": "event"}
@@ -89,7 +86,7 @@ class Facts(Mapping[str, Any]):
     @classmethod
     def of(cls, facts: Mapping[str, Any]) -> Self:
         """Return facts by name, in an index's spelling or ours; others are in `more`."""
-        named = dict[str, Any]()
+        named = Named()
         more = dict(facts.get("more", {}))
         # Sorted, Mw counts before magnitude, and event before event_id.
         for key, fact in sorted(filled(facts).items()):
@@ -104,7 +101,7 @@ class Facts(Mapping[str, Any]):
         return cls(**named | {"more": more})
 
     @property
-    def _known(self) -> dict[str, Any]:
+    def _known(self) -> Named:
         return filled({**asdict(self), "more": None, **self.more})
 
     def __getitem__(self, key: str) -> Any:
@@ -178,9 +175,9 @@ class Channel:
         """Tell whether something is wrong that nothing makes acceptable."""
         return any(word is None for word, _ in self.warnings)
 
-    def warn(self, text: str) -> None:
-        """Add what contradicts the header."""
-        self.warnings.append(("header", text))
+    def warn(self, text: str, word: Acceptable | None = "header") -> None:
+        """Add what is wrong, such as what contradicts the header, and what accepts it."""
+        self.warnings.append((word, text))
 
     @property
     def instrument(self) -> str:
@@ -193,7 +190,7 @@ class Channel:
         return f"{stats.network}.{stats.station}.{stats.location}.{code[:-1] * seed}"
 
 
-def filled(facts: Mapping[str, Any]) -> dict[str, Any]:
+def filled(facts: Mapping[str, Any]) -> Named:
     """Return the facts that are neither empty nor None."""
     return {key: fact for key, fact in facts.items() if fact not in (None, "", [], {})}
 
@@ -290,13 +287,16 @@ def _may_be(channel: Channel, listed: str) -> bool:
     named = azimuth_of_code(listed)
     if azimuth is not None and named is not None:
         return turned_by(azimuth, named) <= _SKEWED
-    codes = all(_SEED.fullmatch(code.upper()) for code in (channel.code, listed))
+    codes = all(
+        re.fullmatch(r"[A-Z]{2}[A-Z\d]", code.upper())
+        for code in (channel.code, listed)
+    )
     return not channel.code or (HORIZONTAL.fullmatch(listed) is not None and not codes)
 
 
 def quadrant(text: str) -> float | None:
     """Return the azimuth of a bearing such as S16W [degrees from north]; None for other text."""
-    bearing = _QUADRANT.fullmatch(text.upper())
+    bearing = re.fullmatch(_QUADRANT, text.upper())
     if bearing is None:
         return None
     angle = float(bearing[2])

@@ -25,6 +25,7 @@ from archfrag.files import (
     sweep,
     temporary_folder,
 )
+from archfrag.motions.channel import Named
 from archfrag.motions.index import INDEX_NAME, index_table, write_index
 from archfrag.motions.read import read_horizontals
 
@@ -68,7 +69,7 @@ def fetch_records(
         raise InputError(str(error)) from None
     check_targets([Path(folder, INDEX_NAME)])
     root = make_folder(Path(folder))
-    rows = dict[str, dict[str, Any]](index_table(folder))
+    rows = dict[str, Named](index_table(folder))
     for event in events:
         place = make_folder(root / re.sub(r"[^A-Za-z0-9_-]+", "-", event)[:60])
         failed = 0
@@ -123,7 +124,7 @@ def _sites(
     channels: Sequence[str],
     before: float,
     after: float,
-) -> list[dict[str, Any]]:
+) -> list[Named]:
     """Return the stations within a `radius` [km], nearest first: index columns and queries."""
     quake = _ask(quakes, "get_events", eventid=id)[0]
     check_targets([place / "event.xml"])
@@ -148,7 +149,7 @@ def _sites(
         channel=",".join(f"{kind[:2]}?" for kind in channels),
     )
     deep = np.nan if origin.depth is None else origin.depth / 1000.0
-    sites: dict[str, dict[str, Any]] = {}
+    sites: dict[str, Named] = {}
     for network, station in ((net, station) for net in inventory for station in net):
         metres = gps2dist_azimuth(*epicentre, station.latitude, station.longitude)[0]
         km = metres / 1000.0
@@ -185,9 +186,7 @@ def _sites(
     )
 
 
-def _fetched(
-    archive: Client, site: dict[str, Any], place: Path, again: bool
-) -> dict[str, Any]:
+def _fetched(archive: Client, site: Named, place: Path, again: bool) -> Named:
     """Fetch what one station recorded, `again` if the index has it, and return its row there."""
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,16}\.[A-Za-z0-9_-]{1,16}", site["station"]):
         raise RecordError("the codes of this station cannot name a file")

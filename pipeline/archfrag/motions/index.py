@@ -23,7 +23,7 @@ from archfrag.files import (
     write_csv,
 )
 from archfrag.motions.calibrate import accepted_words
-from archfrag.motions.channel import Acceptable, unit_factor
+from archfrag.motions.channel import Acceptable, Named, unit_factor
 from archfrag.motions.formats.columns import Columns, parse_columns
 from archfrag.properties import unusual
 
@@ -54,9 +54,7 @@ _NUMBERS: dict[str, tuple[Any, float, float]] = {
     "distance_km": (float, 0.0, 20_040.0),
     "Vs30_mps": (float, 1.0, 1e4),
     "dt_s": (float, 1e-6, 10.0),
-    "seed": (int, -np.inf, np.inf),
-    "event_seed": (int, -np.inf, np.inf),
-    "site_seed": (int, -np.inf, np.inf),
+    **dict.fromkeys(("seed", "event_seed", "site_seed"), (int, -np.inf, np.inf)),
 }
 _STEMS = {"distance": "distance_km", "vs30": "Vs30_mps", "dt": "dt_s", "mw": "Mw"}
 _APART = (*_NEEDED, "sha256", "accept", "accepted", "columns")
@@ -74,17 +72,20 @@ class IndexEntry:
     id: str
     path: Path
     sha256: str  # of the file, or its first digits
-    metadata: dict[str, Any]  # other columns: numbers as such or None, others as text
+    metadata: Named  # other columns: numbers as such or None, others as text
     unit: str = ""  # empty if the file or its StationXML states it
     accept: tuple[Acceptable, ...] = ()
     columns: Columns | None = None
     cautions: tuple[str, ...] = ()
 
     @property
-    def options(self) -> dict[str, Any]:
+    def options(self) -> Named:
         """Return how the file is read, as options of `archfrag.read_motion`."""
-        unit = self.unit or None
-        return {"unit": unit, "accept": self.accept, "columns": self.columns}
+        return {
+            "unit": self.unit or None,
+            "accept": self.accept,
+            "columns": self.columns,
+        }
 
 
 def load_index(path: str | Path) -> list[IndexEntry]:
@@ -137,9 +138,7 @@ def _entry(source: Path, place: str, values: dict[str, str]) -> IndexEntry:
         )
     if values["unit"]:
         unit_factor(values["unit"], place)
-    metadata: dict[str, Any] = {
-        key: value for key, value in values.items() if key not in _APART
-    }
+    metadata: Named = {key: value for key, value in values.items() if key not in _APART}
     cautions = list[str]()
     for column in filter(metadata.__contains__, _NUMBERS):
         text = metadata[column]
@@ -197,8 +196,10 @@ def _table(source: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
     ]
 
 
-def find_entry(path: str | Path) -> IndexEntry | None:
-    """Return the row of a file in the index of its folder or the one above, or None."""
+def find_entry(path: str | Path) -> IndexEntry:
+    """Return the row of a file in the index of its folder or the one above; one without id if it
+    is not listed.
+    """
     record = Path(os.path.realpath(path))  # which takes links that form a circle
     for folder in (record.parent, record.parent.parent):
         index = folder / INDEX_NAME
@@ -207,7 +208,7 @@ def find_entry(path: str | Path) -> IndexEntry | None:
             rows = _by_path(index, state.st_mtime_ns, state.st_size)
             if record in rows:
                 return rows[record]
-    return None
+    return IndexEntry("", record, "", {})
 
 
 @lru_cache(maxsize=4)

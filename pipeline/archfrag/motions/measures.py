@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import number
-from archfrag.motions.channel import STANDARD_GRAVITY, Samples, check_right_angle
+from archfrag.motions.channel import STANDARD_GRAVITY, Named, Samples, check_right_angle
 from archfrag.physics.oscillator import largest_response
 
 # Units in which levels may be given, by the SI unit of their measure.
@@ -45,7 +45,6 @@ _ANGLES = np.deg2rad(np.arange(180.0))  # of directions in the horizontal plane
 _HUSID = np.pi / (2.0 * STANDARD_GRAVITY)
 _HOUSNER = np.linspace(0.1, 2.5, 121)  # [s]
 _SPELLINGS = {"SA": "Sa", "SaAvg": "AvgSA"}
-_ROTATED = re.compile(r"(RotD(?:50|100))\((.*)\)")
 # From which on there is a caution. Of 106 components of nine agencies (raw: mean removed) the
 # largest offset is 0.0001, drift 0.09, end 0.15, but for one analogue record that drifts (0.25).
 OFFSET = 0.01  # of the mean to the peak
@@ -80,23 +79,23 @@ def integral(samples: Samples, dt: float) -> Samples:
 
 
 def arias_times(
-    acceleration: Samples,
-    transverse: Samples | None,
-    dt: float,
-    fractions: Sequence[float],
+    motion: Shaking, transverse: Samples | None, fractions: Sequence[float]
 ) -> list[float]:
-    """Return the times [s] at which the Arias intensity of both horizontals reaches fractions."""
-    squares = acceleration**2 + (0.0 if transverse is None else transverse**2)
-    husid = _HUSID * integral(squares, dt)
-    time = np.arange(husid.size, dtype=np.float64) * np.float64(dt)
+    """Return the times [s] at which the Arias intensity reaches fractions of the whole.
+
+    It is that of the motion's horizontal component, and of a transverse one if there is one.
+    """
+    squares = motion.acceleration**2 + (0.0 if transverse is None else transverse**2)
+    husid = _HUSID * integral(squares, motion.dt)
     moved = husid[-1] != 0.0
     return [
-        float(np.interp(part * husid[-1], husid, time)) if moved else 0.0
+        float(np.interp(part * husid[-1], husid, motion.time)) if moved else 0.0
         for part in fractions
     ]
 
 
-def _peak(values: Samples) -> float:
+def peak_of(values: Samples) -> float:
+    """Return the largest magnitude."""
     return float(np.abs(values).max())
 
 
@@ -106,7 +105,7 @@ def _cav(motion: Shaking, count: int = 2**16, least: float = 0.0) -> float:
     total = 0.0
     for start in range(0, record.size - 1, count):
         part = record[start : start + count + 1]
-        if _peak(part) >= least:
+        if peak_of(part) >= least:
             before, after = np.abs([part[:-1], part[1:]])
             # Integral of |a| over each step, a linear in it.
             sizes = before + after
@@ -114,27 +113,32 @@ def _cav(motion: Shaking, count: int = 2**16, least: float = 0.0) -> float:
             squares = before**2 + after**2
             np.divide(squares, sizes, out=sizes, where=crossing)
             total += (0.5 * motion.dt * sizes).sum()
-    return float(total)
+    return total
 
 
 def _average(motion: Shaking, low: float, high: float) -> float:
     """Return the geometric mean of Sa at 10 periods."""
     values = spectral_acceleration(motion, np.geomspace(low, high, 10))
-    return float(np.exp(np.log(values).mean())) if values.all() else 0.0
+    return np.exp(np.log(values).mean()) if values.all() else 0.0
+
+
+def _velocities(motion: Shaking, periods: Samples) -> Samples:
+    """Return the pseudo-spectral velocity."""
+    return spectral_acceleration(motion, periods) * periods / (2.0 * np.pi)
 
 
 # Unit; power of a factor on the motion with which it grows, 0 for no power; number of periods in
 # the name; value of a motion and these periods.
-_KINDS: dict[str, Any] = {
-    "PGA": ("m/s2", 1, 0, lambda m: _peak(m.acceleration)),
-    "PGV": ("m/s", 1, 0, lambda m: _peak(integral(m.acceleration, m.dt))),
-    "PGD": ("m", 1, 0, lambda m: _peak(integral(integral(m.acceleration, m.dt), m.dt))),
-    "Arias": (
-        "m/s",
-        2,
+_KINDS: Named = {
+    "PGA": ("m/s2", 1, 0, lambda m: peak_of(m.acceleration)),
+    "PGV": ("m/s", 1, 0, lambda m: peak_of(integral(m.acceleration, m.dt))),
+    "PGD": (
+        "m",
+        1,
         0,
-        lambda m: float(_HUSID * integral(m.acceleration**2, m.dt)[-1]),
+        lambda m: peak_of(integral(integral(m.acceleration, m.dt), m.dt)),
     ),
+    "Arias": ("m/s", 2, 0, lambda m: _HUSID * integral(m.acceleration**2, m.dt)[-1]),
     "CAV": ("m/s", 1, 0, _cav),
     "CAVstd": (
         "m/s",
@@ -142,25 +146,9 @@ _KINDS: dict[str, Any] = {
         0,
         lambda m: _cav(m, round(1.0 / m.dt) or 1, 0.025 * STANDARD_GRAVITY),
     ),
-    "D5_95": (
-        "s",
-        0,
-        0,
-        lambda m: float(
-            np.diff(arias_times(m.acceleration, None, m.dt, (0.05, 0.95)))[0]
-        ),
-    ),
-    "HI": (
-        "m",
-        1,
-        0,
-        lambda m: float(
-            np.trapezoid(
-                spectral_acceleration(m, _HOUSNER) * _HOUSNER / (2.0 * np.pi), _HOUSNER
-            )
-        ),
-    ),
-    "Sa": ("m/s2", 1, 1, lambda m, period: float(spectral_acceleration(m, period)[0])),
+    "D5_95": ("s", 0, 0, lambda m: np.diff(arias_times(m, None, (0.05, 0.95)))[0]),
+    "HI": ("m", 1, 0, lambda m: np.trapezoid(_velocities(m, _HOUSNER), _HOUSNER)),
+    "Sa": ("m/s2", 1, 1, lambda m, period: spectral_acceleration(m, period)[0]),
     "AvgSA": ("m/s2", 1, 2, _average),
 }
 PLAIN = [name for name, (_, _, count, _) in _KINDS.items() if not count]
@@ -177,7 +165,7 @@ def parse_measure(name: str) -> Measure:
     Measure(kind='AvgSA', periods=(0.2, 1.0), unit='m/s2', rotated='')
     """
     text = name.strip() if isinstance(name, str) else ""
-    rotated = _ROTATED.fullmatch(text)
+    rotated = re.fullmatch(r"(RotD(?:50|100))\((.*)\)", text)
     if rotated:
         inner = parse_measure(rotated[2])
         if inner.kind not in ("PGA", "PGV", "Sa") or inner.rotated:
@@ -185,7 +173,7 @@ def parse_measure(name: str) -> Measure:
         return inner._replace(rotated=rotated[1])
     word, _, inside = text.partition("(")
     kind = _SPELLINGS.get(word, word)
-    unit, _, count, _ = _KINDS.get(kind, ("", 0, 0, _peak))
+    unit, _, count, _ = _KINDS.get(kind, ("", 0, 0, peak_of))
     if not unit or bool(count) != text.endswith(")"):
         raise InputError(f"unknown intensity measure {name!r}; allowed are {_ALLOWED}")
     try:
@@ -215,7 +203,7 @@ def measure(motion: Shaking, name: str) -> float:
     """Return an intensity measure in its SI unit; InputError for an unknown name or component."""
     asked = parse_measure(name)
     if not asked.rotated:
-        return _KINDS[asked.kind][3](motion, *asked.periods)
+        return float(_KINDS[asked.kind][3](motion, *asked.periods))
     place = f"{motion.id or 'motion'}: {name}"
     if motion.transverse is None:
         raise InputError(f"{place} needs two horizontal components")
@@ -227,7 +215,7 @@ def measure(motion: Shaking, name: str) -> float:
         if asked.kind == "PGV":
             both = [integral(part, 1.0) * motion.dt for part in both]
         directions = zip(np.cos(_ANGLES), np.sin(_ANGLES))
-        peaks = [_peak(both[0] * cos + both[1] * sin) for cos, sin in directions]
+        peaks = [peak_of(both[0] * cos + both[1] * sin) for cos, sin in directions]
     return float(np.percentile(peaks, float(asked.rotated[4:])))
 
 
@@ -252,9 +240,9 @@ def scale_factor(
     """
     exponent = scaling_exponent(measure_name)
     if not exponent:
-        scaled = ", ".join(name for name, kind in _KINDS.items() if kind[1])
         raise InputError(
-            f"measure {measure_name!r} does not grow with scaling; use {scaled}"
+            f"measure {measure_name!r} does not grow with scaling; use "
+            f"{', '.join(name for name, kind in _KINDS.items() if kind[1])}"
         )
     if not 0.0 < level < np.inf:
         raise InputError(
@@ -269,23 +257,23 @@ def scale_factor(
 
 def sample_cautions(samples: Samples, dt: float) -> list[str]:
     """List what is suspicious about accelerations [m/s2]: an offset, a drift, an early end."""
-    peak = _peak(samples)
+    peak = peak_of(samples)
     if not peak > 0.0:
         return []
     velocity = integral(samples, dt)
-    offset = abs(float(samples.mean())) / peak
-    slow = abs(float(velocity[-1]))
+    offset = abs(samples.mean()) / peak
+    slow = abs(velocity[-1])
     where = "at the end"
-    mean = abs(float(velocity.mean()))
+    mean = abs(velocity.mean())
     if (
         samples.size * dt > SHORT and mean > slow
     ):  # of a pulse it is not that of a drift
         slow = mean
         where = "on average"
-    drift = slow / (_peak(velocity) or 1.0)
+    drift = slow / (peak_of(velocity) or 1.0)
     # The last second of a record, less of a short motion: a cycle of a sine ends at rest.
     last = max(2, round(min(1.0 / dt, 0.03 * samples.size)))
-    shaking = _peak(samples[-last:]) / peak
+    shaking = peak_of(samples[-last:]) / peak
     cautions = (
         (
             offset > OFFSET,
@@ -331,7 +319,7 @@ def _spikes(samples: Samples, dt: float) -> Iterator[str]:
 def _flat_parts(samples: Samples, dt: float) -> Iterator[str]:
     """Ask about tops that are cut off, and a stretch in the motion without any change."""
     size = np.abs(samples)
-    peak = _peak(samples)
+    peak = peak_of(samples)
     ends = np.flatnonzero(np.diff(samples, append=np.inf))
     lengths = np.diff(ends, prepend=-1)
     extreme = np.isin(samples[ends], [samples.max(), samples.min()]) & (
@@ -347,7 +335,7 @@ def _flat_parts(samples: Samples, dt: float) -> Iterator[str]:
         )
     inside = (ends > strong[0]) & (ends - lengths < strong[-1]) & ~extreme
     longest = int((lengths * inside).argmax())
-    span = float(lengths[longest]) * dt
+    span = lengths[longest] * dt
     if inside[longest] and span > STUCK:
         start = (ends[longest] - lengths[longest] + 1) * dt
         yield (
@@ -359,7 +347,7 @@ def _spectrum(
     ground: NDArray[Any], dt: float, periods: ArrayLike, angles: Samples
 ) -> Samples:
     """Return Sa by angle, (n_period, n_angle); `ground` has the second component as imaginary."""
-    chosen = np.atleast_1d(np.asarray(periods, dtype=np.float64))
+    chosen = np.atleast_1d(np.asarray(periods, float))
     if not (np.isfinite(chosen).all() and (chosen > 0.0).all()):
         raise InputError(
             f"periods {chosen.tolist()} must be positive numbers of seconds"
@@ -371,7 +359,7 @@ def _spectrum(
     directions = np.exp(1j * angles)
     rates = (2.0 * np.pi / chosen).tolist()
     for rate, count, row in zip(rates, after + ground.size, largest):
-        largest_response(padded[:count], float(dt), rate, _DAMPING, directions, row)
+        largest_response(padded[:count], dt, rate, _DAMPING, directions, row)
     scale = 10.0 ** (
         _DIGITS - 1 - np.floor(np.log10(np.where(largest > 0.0, largest, 1.0)))
     )

@@ -19,17 +19,21 @@ from archfrag.motions.channel import (
     STANDARD_GRAVITY,
     Channel,
     Facts,
+    Named,
     Samples,
     choose_horizontal,
     filled,
     unit_factor,
 )
-from archfrag.motions.measures import PLAIN, measure, spectral_acceleration
+from archfrag.motions.measures import PLAIN, measure, peak_of, spectral_acceleration
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 REVERSED = "-rev"  # ends the id of a motion whose horizontal components are reversed
+
+
+_COMPONENTS = ("acceleration", "vertical", "transverse")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,19 +86,16 @@ class Motion:
 
     def __post_init__(self) -> None:
         name = self.id or "motion"
-        components = self.components
+        fields: Named = {"log": tuple(self.log)}
         try:
-            for key, samples in components.items():
-                masked = np.ma.is_masked(samples)
-                if masked or np.asanyarray(samples).dtype.kind == "c":
-                    what = f"{key} has {'masked' if masked else 'complex'} samples"
-                    raise RecordError(f"{name}: {what}; all must be real numbers")
-            arrays = {
-                key: np.array(samples, dtype=np.float64)
-                for key, samples in components.items()
-                if samples is not None
-            }
-            step = float(self.dt)
+            fields["dt"] = step = float(self.dt)
+            for key, samples in self.components.items():
+                if np.ma.is_masked(samples) or np.iscomplexobj(samples):
+                    raise RecordError(
+                        f"{name}: {key} has {'complex' if np.iscomplexobj(samples) else 'masked'} "
+                        "samples; all must be real numbers"
+                    )
+                fields[key] = np.array(samples, float)
         except (TypeError, ValueError):
             raise RecordError(
                 f"{name}: dt and samples of acceleration must be numbers"
@@ -103,21 +104,20 @@ class Motion:
             raise RecordError(
                 f"{name}: time step dt = {step} s must be a positive number"
             )
-        for key, samples in arrays.items():
-            size = max(2, np.size(self.acceleration))
-            if samples.shape != (size,):
+        size = max(2, np.size(self.acceleration))
+        for key in self.components:
+            if fields[key].shape != (size,):
                 raise RecordError(
-                    f"{name}: {key} must be a row of {size}, not {samples.shape}"
+                    f"{name}: {key} must be a row of {size}, not {fields[key].shape}"
                 )
-            bad = np.flatnonzero(~np.isfinite(samples))
+            bad = np.flatnonzero(~np.isfinite(fields[key]))
             if bad.size:
                 raise RecordError(
                     f"{name}: {key} is not finite, the first time at index {bad[0]}"
                 )
-        about = {"dt": step, "log": tuple(self.log)}
         if not isinstance(self.metadata, Facts):
-            about["metadata"] = Facts.of(self.metadata or {})
-        for key, value in (arrays | about).items():
+            fields["metadata"] = Facts.of(self.metadata or {})
+        for key, value in fields.items():
             object.__setattr__(self, key, value)
 
     @property
@@ -133,19 +133,14 @@ class Motion:
         self, change: Callable[[Samples], Samples], done: str, **fields: Any
     ) -> Motion:
         """Return the motion with each component changed, and a line about it in the log."""
-        changed: dict[str, Any] = {
-            key: None if samples is None else change(samples)
-            for key, samples in self.components.items()
-        }
-        return replace(self, **changed, log=(*self.log, done), **fields)
+        fields |= {key: change(samples) for key, samples in self.components.items()}
+        return replace(self, log=(*self.log, done), **fields)
 
     @property
-    def components(self) -> dict[str, Samples | None]:
-        """Acceleration, vertical and transverse by name; None if a component is missing."""
-        return {
-            key: getattr(self, key)
-            for key in ("acceleration", "vertical", "transverse")
-        }
+    def components(self) -> dict[str, Samples]:
+        """Acceleration, vertical and transverse by name, of those that there are."""
+        every = {name: getattr(self, name) for name in _COMPONENTS}
+        return {name: wave for name, wave in every.items() if wave is not None}
 
     @property
     def duration(self) -> float:
@@ -155,7 +150,7 @@ class Motion:
     @property
     def time(self) -> Samples:
         """Time of each sample from the first, shape (n_sample,) [s]."""
-        return np.arange(self.acceleration.size, dtype=np.float64) * np.float64(self.dt)
+        return np.arange(self.acceleration.size, dtype=float) * self.dt
 
     def scaled(self, factor: float) -> Motion:
         """Return the motion with all components multiplied by `factor`, a finite number."""
@@ -184,19 +179,19 @@ class Motion:
         if not 0.0 <= gap < np.inf:
             raise InputError(f"gap = {gap} s must be a time from 0 upwards")
         step = min(self.dt, second.dt)
-        waves = dict[str, Any]()
         ends = [int(each.duration / step + 1e-6) + 1 for each in (self, second)]
         rest = np.zeros(round(gap / step))
-        for key, part in second.components.items():
-            first = self.components[key]
-            if first is not None or part is not None:
-                one, two = (
-                    np.zeros(count)
-                    if wave is None
-                    else np.interp(np.arange(count) * step, each.time, wave)
-                    for count, each, wave in zip(ends, (self, second), (first, part))
+        waves: Named = {}
+        for key in self.components | second.components:
+            one, two = (
+                np.interp(
+                    step * np.arange(end),
+                    each.time,
+                    each.components.get(key, 0.0 * each.time),
                 )
-                waves[key] = np.concatenate([one, rest, two])
+                for end, each in zip(ends, (self, second))
+            )
+            waves[key] = np.concatenate([one, rest, two])
         return replace(
             second,
             **waves,
@@ -216,7 +211,7 @@ class Motion:
     @property
     def pga(self) -> float:
         """Peak of the horizontal acceleration [m/s2]."""
-        return float(np.abs(self.acceleration).max())
+        return peak_of(self.acceleration)
 
     def spectrum(self, periods: ArrayLike) -> Samples:
         """Return Sa at `periods` [s], 5 % damping, shape (n_period,) [m/s2]."""
@@ -278,7 +273,7 @@ class Motion:
             )
             warnings = calibrate.impossible(channel)
             channel.accepted = calibrate.accept_or_refuse(place, words, warnings)
-            trace.data = np.asarray(trace.data, dtype=np.float64) * factor
+            trace.data = trace.data.astype(float) * factor
             channels.append(channel)
         chosen, verticals = choose_horizontal(channels, place, component)
         return motion_of_channel(chosen, Path(place), chosen.trace.id, verticals)
@@ -290,14 +285,11 @@ class Motion:
         return plot_motion(self, ax)
 
     def __repr__(self) -> str:
-        parts = [
-            key.replace("acceleration", "horizontal")
-            for key, samples in self.components.items()
-            if samples is not None
-        ]
-        peak = f"PGA {self.pga / STANDARD_GRAVITY:.3g} g"
-        size = f"{self.duration:g} s at {self.dt:g} s"
-        return f"<Motion {self.id or '(no id)'}: {peak}, {size}, {' and '.join(parts)}>"
+        parts = " and ".join(self.components).replace("acceleration", "horizontal")
+        return (
+            f"<Motion {self.id or '(no id)'}: PGA {self.pga / STANDARD_GRAVITY:.3g} g, "
+            f"{self.duration:g} s at {self.dt:g} s, {parts}>"
+        )
 
     def _repr_html_(self) -> str:
         from archfrag.plots import html_of
@@ -337,7 +329,7 @@ def motion_of_channel(
     kind = " ".join(filter(None, (stats._format, channel.level)))
     log = (f"Read from {path.name} ({kind}).", *channel.log, *accepted)
     own = {**Facts.of(facts), **Facts.of(listed or {})}
-    motion = Motion(trace.data, float(stats.delta), None, name, own, log)
+    motion = Motion(trace.data, stats.delta, None, name, own, log)
     for vertical in verticals:
         if vertical.instrument == channel.instrument:
             other = motion_of_channel(vertical, path, name, listed=listed)
@@ -386,8 +378,8 @@ def with_component(motion: Motion, other: Motion, kind: str) -> Motion:
             f"Cut to the {count} samples in common with {file} ({two.component})."
         )
     kept = motion.changed(lambda samples: samples[first : first + count], "")
-    part: dict[str, Any] = {kind: other.acceleration[other_first : other_first + count]}
-    labels: dict[str, Any] = {f"of_{kind}": two}
+    part: Named = {kind: other.acceleration[other_first : other_first + count]}
+    labels: Named = {f"of_{kind}": two}
     for key in ("errors", "cautions", "accepted"):
         labels[key] = list(dict.fromkeys(getattr(one, key) + getattr(two, key)))
     return replace(kept.stating(**labels), **part, log=(*motion.log, *log))
@@ -407,7 +399,7 @@ def store(path: Path, motion: Motion) -> None:
 
     Equal motions give equal bytes.
     """
-    arrays: dict[str, Any] = {"acceleration": motion.acceleration}
+    arrays: Named = {"acceleration": motion.acceleration}
     if motion.vertical is not None:
         arrays["vertical"] = motion.vertical
     with replacing(path, lasting=False) as part, open(part, "wb") as file:

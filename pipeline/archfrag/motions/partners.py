@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from archfrag.motions.channel import AZIMUTHS, azimuth_of, quadrant
+from archfrag.motions.channel import AZIMUTHS, Named, azimuth_of, quadrant
 from archfrag.motions.motion import REVERSED, Motion, seconds
 
 # Where a direction may stand in a name: it ends a word, and is no small letter within one.
@@ -49,15 +49,14 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
         for code in _CODE.finditer(name):
             word = ("H" if code["sensor"] else "") + code[0].upper()
             azimuth = float(word) if word.isdecimal() else quadrant(word)
-            plain = None if azimuth is None or azimuth > 360.0 else (name, 0, azimuth)
+            plain = None if (azimuth or 0.0) > 360.0 else azimuth
             kinds = (
-                (name, i, angle[word])
-                for i, angle in enumerate(_ANGLES)
-                if word in angle
+                (i, angle[word]) for i, angle in enumerate(_ANGLES) if word in angle
             )
-            direction = next(kinds, plain)
-            if direction:
-                frames.setdefault(_frame(name, code), []).append(direction)
+            kind, direction = next(kinds, (0, plain))
+            if direction is not None:
+                members = frames.setdefault(_frame(name, code), [])
+                members.append((name, kind, direction))
     by_lower_case = {name.lower(): name for name in names}
     pairs: dict[str, set[str]] = {}
     verticals: dict[str, str] = {}
@@ -136,7 +135,7 @@ def belong_together(one: Motion, other: Motion) -> bool:
     return equal and not numbered(both[0].file, both[1].file)
 
 
-def identity_of(motion: Motion) -> dict[str, Any]:
+def identity_of(motion: Motion) -> Named:
     """Return the facts by which `are_one` recognises copies and versions of one component."""
     facts = motion.facts
     start = seconds(facts.start_time)
@@ -155,7 +154,7 @@ def identity_of(motion: Motion) -> dict[str, Any]:
     }
 
 
-def are_one(one: dict[str, Any], other: dict[str, Any]) -> bool:
+def are_one(one: Named, other: Named) -> bool:
     """Tell whether two motions are copies or versions (raw, processed) of one component.
 
     Their samples are equal, or their station, instrument and direction are, and they overlap in
@@ -173,18 +172,14 @@ def are_one(one: dict[str, Any], other: dict[str, Any]) -> bool:
 
 def numbered(one: str, other: str) -> bool:
     """Tell whether two names differ in numbers that need not be azimuths, as 10 and 100 do."""
-    codes = (
-        (a, b)
-        for a in _CODE.finditer(one)
-        for b in _CODE.finditer(other)
-        if _frame(one, a) == _frame(other, b)
-    )
     return any(
-        a[0].isdecimal()
+        _frame(one, a) == _frame(other, b)
+        and a[0].isdecimal()
         and b[0].isdecimal()
         and not a["sensor"]
         and not len(a[0]) == len(b[0]) == 3
-        for a, b in codes
+        for a in _CODE.finditer(one)
+        for b in _CODE.finditer(other)
     )
 
 
@@ -208,10 +203,9 @@ def earthquakes(records: Sequence[Any]) -> list[str]:
 
     by_file: dict[str, list[int]] = {}
     for i, record in enumerate(records):
-        for file in filter(
-            None, (record.file_sha256, record.source_sha256, record.pair)
-        ):
+        for file in (record.file_sha256, record.source_sha256, record.pair):
             by_file.setdefault(file, []).append(i)
+    by_file.pop("", None)
     for of_one in by_file.values():
         join(of_one)
     for first, last in ((origins, origins), (starts, ends)):

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy  # whose parts are loaded when they are used: scipy.signal takes a second
@@ -22,6 +22,7 @@ from archfrag.motions.calibrate import find_inventory
 from archfrag.motions.channel import (
     STANDARD_GRAVITY,
     Facts,
+    Named,
     Samples,
     azimuth_of,
     check_right_angle,
@@ -32,7 +33,7 @@ from archfrag.motions.motion import REVERSED, Motion
 
 def demean(motion: Motion) -> Motion:
     """Subtract from each component its mean: the offset of a raw record can exceed the motion."""
-    rows = [samples for samples in motion.components.values() if samples is not None]
+    rows = motion.components.values()
     offsets = " and ".join(f"{samples.mean():.6g}" for samples in rows)
     return motion.changed(lambda a: a - a.mean(), f"Mean removed ({offsets} m/s2).")
 
@@ -112,9 +113,11 @@ def bandpass(
     filters = scipy.signal.butter(
         order, np.squeeze(corners), kind, fs=rate, output="sos"
     )
-    to = "the highest" if highest is None else f"{highest:g}"
-    passes = "forwards only (causal)" if causal else "forwards and backwards"
-    done = f"Band-pass {lowest or 0.0:g} to {to} Hz, Butterworth of order {order}, {passes}."
+    done = (
+        f"Band-pass {lowest or 0.0:g} to {'the highest' if highest is None else f'{highest:g}'} "
+        f"Hz, Butterworth of order {order}, forwards "
+        f"{'only (causal)' if causal else 'and backwards'}."
+    )
     if causal:
         return motion.changed(lambda a: scipy.signal.sosfilt(filters, a), done)
     taps = 2 * len(filters) + 1 - min((filters[:, [2, 5]] == 0.0).sum(axis=0))
@@ -156,11 +159,11 @@ def trim(
     if times is not None:
         start, end = times
     elif arias is not None:
-        reached = arias_times(motion.acceleration, motion.transverse, dt, arias)
+        reached = arias_times(motion, motion.transverse, arias)
         start = max(0.0, reached[0] - margin) if arias[0] > 0.0 else 0.0
         end = reached[1] + margin if arias[1] < 1.0 else length
     else:
-        least = float(threshold_g or 0.0) * STANDARD_GRAVITY
+        least = (threshold_g or 0.0) * STANDARD_GRAVITY
         strong = np.abs(motion.acceleration) >= least
         if motion.transverse is not None:
             strong |= np.abs(motion.transverse) >= least
@@ -255,17 +258,20 @@ def rotate(
     along = np.deg2rad(turned)
     # a(azimuth) = N cos + E sin holds for both components; solved for the direction.
     waves = [
-        np.float64(np.sin(second - direction) / sine) * motion.acceleration
-        + np.float64(np.sin(direction - first) / sine) * motion.transverse
+        np.sin(second - direction) / sine * motion.acceleration
+        + np.sin(direction - first) / sine * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     ]
-    labels = list[dict[str, Any]]()
-    for degrees in (turned, turned + 90.0):
-        if azimuth is None:  # angles from a component are no azimuths
-            code = f"{codes[0]} turned by {degrees:g}".strip()
-            labels.append({"component": code, "azimuth": None})
-        else:
-            labels.append({"component": f"{degrees:g}", "azimuth": degrees % 360.0})
+    labels: list[Named] = [
+        {"component": f"{degrees:g}", "azimuth": degrees % 360.0}
+        if azimuth is not None
+        # Angles from a component are no azimuths.
+        else {
+            "component": f"{codes[0]} turned by {degrees:g}".strip(),
+            "azimuth": None,
+        }
+        for degrees in (turned, turned + 90.0)
+    ]
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
     stated = motion.stating(**labels[0], of_transverse=replace(other, **labels[1]))
     return replace(stated, acceleration=waves[0], transverse=waves[1], log=log)
@@ -286,16 +292,12 @@ def remove_response(
     f2 and from f3 to f4. RecordError if a StationXML is missing.
     """
     table = None
-    changed = dict[str, Any]()
+    changed = Named()
     start = UTCDateTime(motion.facts.start_time or 0)
-    facts = (motion.facts, motion.facts.of_vertical, motion.facts.of_transverse)
-    for (key, samples), own in zip(motion.components.items(), facts):
-        if samples is None:
-            continue
+    for key, samples in motion.components.items():
+        own = getattr(motion.facts, f"of_{key}", motion.facts)
         codes = (own or Facts()).trace.split(".")
-        header = dict[str, Any](
-            zip(("network", "station", "location", "channel"), codes)
-        )
+        header = Named(zip(("network", "station", "location", "channel"), codes))
         header |= {"delta": motion.dt, "starttime": start}
         trace = Trace(samples.copy(), header)
         table = table or find_inventory(Path(record), trace, inventory)
@@ -319,8 +321,8 @@ def remove_response(
                 f"{record}: the response of channel {trace.id} cannot be removed "
                 f"({reason_of(error)})"
             ) from None
-        changed[key] = np.asarray(trace.data, dtype=np.float64)
-    kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
+        changed[key] = trace.data.astype(float)
+    kept = f", {', '.join(f'{corner:g}' for corner in band)} Hz" if band else ""
     done = (
         f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."
     )
@@ -329,12 +331,6 @@ def remove_response(
 
 def both_senses(motion: Motion) -> list[Motion]:
     """Return a motion, and the same with its horizontal components reversed."""
-    transverse = None if motion.transverse is None else -motion.transverse
-    other = replace(
-        motion,
-        acceleration=-motion.acceleration,
-        transverse=transverse,
-        id=motion.id + REVERSED,
-        log=(*motion.log, "Horizontal components reversed."),
-    )
-    return [motion, other]
+    other = motion.changed(np.negative, "Horizontal components reversed.")
+    id = motion.id + REVERSED
+    return [motion, replace(other, vertical=motion.vertical, id=id)]

@@ -15,13 +15,14 @@ from archfrag.motions import calibrate
 from archfrag.motions.channel import (
     Channel,
     Facts,
+    Named,
     choose_horizontal,
     split_by_direction,
 )
 from archfrag.motions.formats import OWN, TEXT, read_traces, recognise
 from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
-from archfrag.motions.measures import sample_cautions
+from archfrag.motions.measures import peak_of, sample_cautions
 from archfrag.motions.motion import Motion, motion_of_channel, with_component
 
 LARGEST_RECORD = 2**27  # [bytes]
@@ -121,7 +122,7 @@ def read_motion(
 
 def _read_one(
     path: Path,
-    options: dict[str, Any],
+    options: Named,
     component: str | None,
     listed: str | None = None,
     own_vertical: bool = True,
@@ -129,10 +130,10 @@ def _read_one(
     """See `read_motion`; `listed` names the component in a file with several horizontals."""
     channels, entry = read_channels(path, **options)
     chosen, verticals = choose_horizontal(channels, path, component, listed)
-    name, facts = (entry.id, entry.metadata) if entry else (record_name(path), {})
-    return motion_of_channel(
-        chosen, path, name, verticals if own_vertical else (), facts
-    )
+    if not own_vertical:
+        verticals = []
+    name = entry.id or record_name(path)
+    return motion_of_channel(chosen, path, name, verticals, entry.metadata)
 
 
 def read_horizontals(
@@ -151,14 +152,13 @@ def read_horizontals(
     horizontals, verticals = split_by_direction(channels, path)
     codes = [channel.code for channel in horizontals]
     base = name or record_name(path)
-    if entry and not codes[1:]:
-        base = entry.id
+    if not codes[1:]:
+        base = entry.id or base
     motions = []
     for channel, code in zip(horizontals, codes):
-        place = f"{channel.trace.stats.location}." if codes.count(code) > 1 else ""
+        place = f"{channel.trace.stats.location}." * (codes.count(code) > 1)
         id = f"{base}:{place}{code}" if codes[1:] else base
-        facts = entry.metadata if entry else {}
-        motions.append(motion_of_channel(channel, path, id, verticals, facts))
+        motions.append(motion_of_channel(channel, path, id, verticals, entry.metadata))
     return motions
 
 
@@ -170,9 +170,9 @@ def read_vertical(path: str | Path, unit: str | None = None, **options: Any) -> 
     if not channels[1:] and not channels[0].is_horizontal:
         verticals = channels
     if len(verticals) != 1:
-        names = ", ".join(repr(channel.code) for channel in channels)
         raise RecordError(
-            f"{path}: one vertical channel is needed, the file holds {names}"
+            f"{path}: one vertical channel is needed, the file holds "
+            f"{', '.join(repr(channel.code) for channel in channels)}"
         )
     return motion_of_channel(verticals[0], path, record_name(path))
 
@@ -199,14 +199,12 @@ def load_motion(entry: IndexEntry) -> Motion:
 
 def read_channels(
     path: Path, unit: str | None = None, *, accept: Iterable[str] = (), **options: Any
-) -> tuple[list[Channel], IndexEntry | None]:
+) -> tuple[list[Channel], IndexEntry]:
     """Return the channels of a file in m/s2, and the row of an index that lists it."""
-    words = calibrate.accepted_words(accept, path)
     entry = find_entry(path)
-    if entry is not None:
-        words += entry.accept
-        if path.is_file():
-            check_sha256(entry)
+    words = calibrate.accepted_words(accept, path) + entry.accept
+    if path.is_file():
+        check_sha256(entry)
     channels, gap = _examine(path, entry, unit, **options)
     if "sensor" not in words:
         channels = _on_the_ground(channels)
@@ -227,24 +225,24 @@ def _on_the_ground(channels: list[Channel]) -> list[Channel]:
     others = [channel for channel in channels if channel.sensor]
     if not others or all(channel.is_vertical for channel in ground):
         return channels
-    codes = ", ".join(dict.fromkeys(channel.code for channel in others))
     for channel in ground:
         channel.cautions.append(
-            f"channel {codes} {others[0].sensor} and is left out; `accept` with sensor reads it"
+            f"channel {', '.join(dict.fromkeys(each.code for each in others))} "
+            f"{others[0].sensor} and is left out; `accept` with sensor reads it"
         )
     return ground
 
 
 def _examine(
     path: Path,
-    entry: IndexEntry | None,
+    entry: IndexEntry,
     unit: str | None,
     inventory: str | Path | Inventory | None = None,
     columns: Columns | None = None,
 ) -> tuple[list[Channel], str]:
     """Return the channels of a file whatever is wrong, and why its pieces cannot be joined."""
     check_file(path)
-    columns = columns or (entry.columns if entry else None)
+    columns = columns or entry.columns
     if columns:
         traces = read_columns(path, columns)
     else:
@@ -255,13 +253,14 @@ def _examine(
     gap = ""
     if len({trace.id for trace in traces}) < len(traces):
         traces, gap = _join_pieces(path, traces)
-    channels = [trace.stats.record for trace in traces]
-    held = ", ".join(f"{channel.code} {channel.held}" for channel in channels)
-    unequal = len({channel.held for channel in channels}) > 1 and form in OWN
+    channels = []
     places: dict[str, set[str]] = {}
-    for channel, trace in zip(channels, traces):
+    for trace in traces:
+        channel = trace.stats.record
         channel.trace = trace
+        channels.append(channel)
         places.setdefault(channel.code, set()).add(str(trace.stats.location))
+    unequal = len({channel.held for channel in channels}) > 1 and form in OWN
     for channel in channels:
         channel.warnings = list(calibrate.impossible(channel))
         several = sorted(places[channel.code])
@@ -275,11 +274,12 @@ def _examine(
         if cut_off and channel is channels[-1] and not path.read_bytes()[-1:].isspace():
             channel.trace.data = channel.trace.data[:-1]
             left = "the last sample is left out, since the file ends within its line"
-            channel.warnings.append(("samples", left))
-        calibrate.to_si(channel, path, unit, entry.unit if entry else "", inventory)
+            channel.warn(left, "samples")
+        calibrate.to_si(channel, path, unit, entry.unit, inventory)
         if unequal:
             channel.errors.append(
-                f"the channels of the file have unequal numbers of samples ({held})"
+                "the channels of the file have unequal numbers of samples "
+                f"({', '.join(f'{each.code} {each.held}' for each in channels)})"
             )
     return channels, gap
 
@@ -298,16 +298,13 @@ def _join_pieces(path: Path, traces: Sequence[Trace]) -> tuple[list[Trace], str]
     if not gaps:
         return list(stream), ""
     *codes, start, _, length, _ = gaps[0]
-    kind = "a gap" if length > 0 else "an overlap"
     return list(stream), (
-        f"channel {'.'.join(codes)} has {kind} of {abs(length):g} s after {start}; "
-        "a record must be without gaps"
+        f"channel {'.'.join(codes)} has {'a gap' if length > 0 else 'an overlap'} of "
+        f"{abs(length):g} s after {start}; a record must be without gaps"
     )
 
 
-def inspect_record(
-    path: str | Path, unit: str | None = None, **options: Any
-) -> dict[str, Any]:
+def inspect_record(path: str | Path, unit: str | None = None, **options: Any) -> Named:
     """List what is in a record file and what is wrong with it; arguments are as in `read_motion`.
 
     Times are in s (``start`` in UTC), ``PGA`` in m/s2, ``count`` is the number of samples held.
@@ -320,29 +317,31 @@ def inspect_record(
     for channel in channels:
         trace = channel.trace
         stats = trace.stats
-        dt = float(stats.delta)
+        dt = stats.delta
         names = (stats.network, stats.station, stats.location)
-        facts: dict[str, Any] = {
-            "code": channel.code,
-            "station": channel.station or ".".join(filter(None, names)),
-            "start": str(stats.starttime) if stats.starttime.timestamp else "",
-            "dt": dt,
-            "announced": channel.announced,
-            "count": channel.held,
-            "unit": channel.unit_in_file,
-            "level": channel.level or "raw" * (channel.unit_in_file == "counts"),
-            "vertical": channel.is_vertical,
-            "errors": [text for _, text in channel.warnings],
-            "duration": (channel.held - 1) * dt,
-            "PGA": None,
-        }
-        facts["errors"] += channel.errors + channel.cautions
+        errors = [text for _, text in channel.warnings]
+        errors += channel.errors + channel.cautions
+        peak = None
         if channel.unit_in_file:
-            facts["PGA"] = float(abs(trace.data).max())
-            facts["errors"] += [text for _, text in calibrate.implausible(channel)]
-            facts["errors"] += sample_cautions(trace.data, dt)
-        facts["errors"] = list(dict.fromkeys(facts["errors"]))
-        listed.append(facts)
+            peak = peak_of(trace.data)
+            errors += [text for _, text in calibrate.implausible(channel)]
+            errors += sample_cautions(trace.data, dt)
+        listed.append(
+            {
+                "code": channel.code,
+                "station": channel.station or ".".join(filter(None, names)),
+                "start": str(stats.starttime) if stats.starttime.timestamp else "",
+                "dt": dt,
+                "announced": channel.announced,
+                "count": channel.held,
+                "unit": channel.unit_in_file,
+                "level": channel.level or "raw" * (channel.unit_in_file == "counts"),
+                "vertical": channel.is_vertical,
+                "errors": list(dict.fromkeys(errors)),
+                "duration": (channel.held - 1) * dt,
+                "PGA": peak,
+            }
+        )
     return {
         "file": str(path),
         "format": first.trace.stats._format,

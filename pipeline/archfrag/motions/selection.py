@@ -26,16 +26,14 @@ from archfrag.files import (
     unquoted,
     write_csv,
 )
-from archfrag.motions.channel import STANDARD_GRAVITY, Samples
+from archfrag.motions.channel import STANDARD_GRAVITY, Named, Samples
 from archfrag.motions.index import COLUMNS, load_index
 from archfrag.motions.measures import measure
 from archfrag.motions.motion import Motion
 from archfrag.motions.target import Target, spectrum_target
 
 LARGEST_TABLE = 200_000_000  # [bytes]
-_FIXED = re.compile(
-    r"T[0-9.]+S|period_s|Sa_g|sd|scale"
-)  # columns whose name states a unit
+_FIXED = r"T[0-9.]+S|period_s|Sa_g|sd|scale"  # columns whose name states a unit
 _LEADING_ZERO = re.compile(r"[-+]?0[0-9]")  # which pandas passes over
 PERIODS = (
     0.01,
@@ -74,7 +72,7 @@ _INTEGRALS = {
     "HI_cm": ("HI", 0.01),
 }
 # Columns of facts, by their types.
-_FACTS: dict[str, Any] = {
+_FACTS: Named = {
     "file": "string",
     "event": "string",
     "station": "string",
@@ -106,16 +104,21 @@ def measure_records(
         if round(t, 3) != t:
             raise InputError(f"period {t:g} s must have no more than three decimals")
     spectrum = {f"T{t:.3f}S": (f"Sa({float(t)!r})", STANDARD_GRAVITY) for t in periods}
+    columns = _PEAKS | spectrum | _INTEGRALS
     rows = []
     for motion in motions:
         about = motion.metadata
-        row: dict[str, Any] = {"record": motion.id}
-        row |= {column: about.get(column) for column in _FACTS}
-        row["distance_km"] = about.get("distance_km") or about.get("epicentral_km")
-        row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
-        for column, (name, unit) in (_PEAKS | spectrum | _INTEGRALS).items():
-            row[column] = measure(motion, name) / unit
-        rows.append(row)
+        row: Named = {
+            "record": motion.id,
+            **{column: about.get(column) for column in _FACTS},
+            "distance_km": about.get("distance_km") or about.get("epicentral_km"),
+            "scale": about.get("scale", 1.0),
+            "dt_s": motion.dt,
+        }
+        measures = {
+            c: measure(motion, name) / unit for c, (name, unit) in columns.items()
+        }
+        rows.append(row | measures)
     return pd.DataFrame(rows).astype(_TYPES)
 
 
@@ -138,9 +141,11 @@ def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
         separator, names, rows = parse_table(text, comments=False)
         check_decimals((line, cell) for line, cells in rows for cell in cells)
         for head, (name, unit) in zip(names, map(stated_unit, names)):
-            if unit is not None and _FIXED.fullmatch(name):
-                rule = "is in g, periods in s and sd of ln Sa; write its name without a unit"
-                raise InputError(f"column {head!r}: Sa {rule}")
+            if unit is not None and re.fullmatch(_FIXED, name):
+                raise InputError(
+                    f"column {head!r}: Sa is in g, periods in s and sd of ln Sa; write its name "
+                    "without a unit"
+                )
         table = pd.read_csv(
             io.StringIO(text), sep=separator, skipinitialspace=True, **form
         )
@@ -159,7 +164,7 @@ def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
 def numbers(table: pd.DataFrame, column: str, source: str) -> Samples:
     """Return a column as numbers, nan if empty; RecordError if it is missing or holds text."""
     try:
-        return pd.to_numeric(table[column]).to_numpy(dtype=np.float64)
+        return pd.to_numeric(table[column]).to_numpy(float)
     except KeyError:
         raise RecordError(f"{source}: column {column!r} is missing") from None
     except ValueError as error:
@@ -209,15 +214,15 @@ class Selection:
         count = len(self.table)
         events = self.table.get("event", pd.Series(dtype=str)).fillna("").astype(str)
         most = events[events.str.strip() != ""].value_counts()
-        if not most.max() > max(0.25 * count, 1):
-            return self.target.messages
-        return (
-            *self.target.messages,
-            f"{most.max()} of {count} records are of one event ({most.idxmax()}); `per_event` "
-            "limits them",
-        )
+        messages = self.target.messages
+        if most.max() > max(0.25 * count, 1):
+            messages += (
+                f"{most.max()} of {count} records are of one event ({most.idxmax()}); "
+                "`per_event` limits them",
+            )
+        return messages
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Named:
         """Return records, factors, target and differences from it as plain values.
 
         Errors are median and sd over those of the target, less 1; None if the target's sd is 0.
@@ -325,7 +330,7 @@ def select_records(
     for column in ("record",) if per_event is None else ("record", "event"):
         if column not in table:
             raise RecordError(f"the flatfile: column {column!r} is missing")
-    limit = float(np.log(max_scale))
+    limit = np.log(max_scale)
     records, ln_sa, groups = _candidates(table, target, count, limit, per_event)
 
     values, vectors = np.linalg.eigh(target.covariance)
@@ -349,7 +354,7 @@ def select_records(
         factors = factors[np.arange(count), chosen]
         held = ln_sa[chosen] + factors[:, None]
         error = _error(target, held.mean(axis=0), _deviation(held, target.sd))
-        sets.append((float(error), chosen, factors, held))
+        sets.append((error, chosen, factors, held))
     _, chosen, factors, held = min(sets, key=lambda improved: improved[0])
     order = np.argsort(chosen)
     selected = records.iloc[chosen[order]].reset_index(drop=True)
@@ -364,9 +369,8 @@ def _deviation(ln_sa: Samples, of_one: Samples) -> Samples:
 
 def _error(target: Target, mean: Samples, sd: Samples) -> Samples:
     """Return weighted squared errors of mean and sd of ln Sa, summed over periods."""
-    weight = (
-        2.0 if target.sd.any() else 0.1
-    )  # the scatter about a mean only is kept small
+    # The scatter about a mean only is kept small.
+    weight = 2.0 if target.sd.any() else 0.1
     errors = (mean - target.ln_mean) ** 2, (sd - target.sd) ** 2
     return errors[0].sum(-1) + weight * errors[1].sum(-1)
 
@@ -430,49 +434,43 @@ def _candidates(
     for period in target.periods:
         near = min(have, key=lambda measured: abs(measured - period), default=np.inf)
         if abs(near - period) > 2e-3 * period:
-            lacking = f"no column T{period:.3f}S"
-            raise RecordError(f"the flatfile: {lacking}; measure at that period too")
+            raise RecordError(
+                f"the flatfile: no column T{period:.3f}S; measure at that period too"
+            )
         columns.append(numbers(records, have[near], "the flatfile"))
     sa = np.column_stack(columns)
-    with np.errstate(
-        invalid="ignore"
-    ):  # nan where Sa is missing or not positive (-999)
-        ln_sa = np.log(np.where(sa > 0.0, sa, np.nan))
+    # nan where Sa is missing or not positive (-999).
+    ln_sa = np.log(np.where(sa > 0.0, sa, np.nan))
     usable = np.isfinite(ln_sa).all(axis=1)
     story = f"of {len(records)} candidates {usable.sum()} have Sa at all periods of the target"
     if target.given is not None:
         # Rounding must not put a record that needs no factor beyond a limit of 1.
-        usable &= (
-            np.abs(_factors(ln_sa, target, target.ln_mean, limit)) <= limit + 1e-12
-        )
+        factors = _factors(ln_sa, target, target.ln_mean, limit)
+        usable &= np.abs(factors) <= limit + 1e-12
         story += f", {usable.sum()} of them with a factor within the limit"
     records = records.iloc[np.flatnonzero(usable)].reset_index(drop=True)
     ln_sa = ln_sa[usable]
     recording = _groups(records, ["event", "station"])
     groups = [(recording, 1)]
-    most = len(set(recording))
+    most = np.unique(recording).size
     story += f"; {most} are different recordings"
     if per_event is not None:
         event = _groups(records, ["event"])
         groups.append((event, per_event))
-        pairs = pd.DataFrame({"event": event, "recording": recording}).drop_duplicates()
-        most = int(pairs["event"].value_counts().clip(upper=per_event).sum())
+        events = np.unique(np.stack([event, recording]), axis=1)[0]
+        most = np.bincount(events).clip(max=per_event).sum()
         story += f", {most} with at most {per_event} of one event"
     if most < count:
-        few = f"{count} records were asked for, only {most} can be selected"
-        raise RecordError(f"the flatfile: {few}; {story}")
+        raise RecordError(
+            f"the flatfile: {count} records were asked for, only {most} can be selected; {story}"
+        )
     return records, ln_sa, groups
 
 
 def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
     """Return a number for each row, equal if all columns agree; unique if any cell is empty."""
-    facts = (
-        table.reindex(columns=columns)
-        .astype("string")
-        .replace(r"^\s*$", pd.NA, regex=True)
-    )
+    facts = table.reindex(columns=columns).astype("string")
+    facts = facts.replace(r"^\s*$", pd.NA, regex=True)
     same = facts.groupby(columns, sort=False).ngroup()
-    alone = -1 - np.arange(len(table))
-    return np.unique(
-        np.where(facts.isna().any(axis=1), alone, same), return_inverse=True
-    )[1]
+    alone = np.where(facts.isna().any(axis=1), -1 - np.arange(len(table)), same)
+    return np.unique(alone, return_inverse=True)[1]

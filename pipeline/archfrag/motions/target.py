@@ -65,10 +65,8 @@ def predict(
     kind = getattr(pygmm, MODELS[model])
     messages = []
     known = {}
-    for parameter in kind.PARAMS:
+    for parameter in [each for each in kind.PARAMS if each.name in facts]:
         name = parameter.name
-        if name not in facts:
-            continue
         known[name] = value = facts[name]
         low, high = (getattr(parameter, end, None) for end in ("min", "max"))
         if (low is not None and value < low) or (high is not None and value > high):
@@ -96,13 +94,13 @@ def correlation(first: ArrayLike, second: ArrayLike) -> Samples:
     Baker and Jayaram (2008), Earthquake Spectra 24(1), 299-317, as pygmm computes it; InputError
     for a period outside 0.01 to 10 s, where it was fitted.
     """
-    both = [np.asarray(periods, dtype=np.float64) for periods in (first, second)]
+    both = [np.asarray(periods, float) for periods in (first, second)]
     for periods in both:
         _check_within(
             periods, 0.01, 10.0, "of the correlations of Baker and Jayaram (2008)"
         )
     pygmm = from_extra("pygmm.baker_jayaram_2008", "select")
-    return np.asarray(pygmm.calc_correls(*both), dtype=np.float64)
+    return np.asarray(pygmm.calc_correls(*both), float)
 
 
 def _check_within(periods: Samples, low: float, high: float, what: str) -> None:
@@ -230,18 +228,16 @@ def spectrum_target(
             "conditioning period, or at all"
         )
     rho = correlation(rising[:, None], rising)
-    conditioning = None
-    for place in zero:
-        conditioning = float(rising[place])
-        star = rho[place]
+    for star in rho[zero]:
         rest = np.sqrt(np.where(star < 1.0, 1.0 - star**2, 1.0))
         rho = (rho - np.outer(star, star)) / np.outer(rest, rest)
         np.fill_diagonal(rho, 1.0)
+    conditioning = next(iter(rising[zero].tolist()), None)
     return Target(rising, ln_sa, np.outer(sd, sd) * rho, conditioning)
 
 
 def _rising(periods: ArrayLike, name: str) -> Samples:
-    values = np.sort(np.asarray(periods, dtype=np.float64).ravel())
+    values = np.sort(np.asarray(periods, float).ravel())
     if not (values.size and np.isfinite(values).all() and values[0] > 0.0):
         raise InputError(
             f"{name} {values.tolist()} must be positive numbers of seconds"

@@ -421,7 +421,7 @@ def _computed(inputs: ReportInputs, results: ArchResults) -> Parts:
     total = sum(time.values())
     yield "simulated time", f"{total:,.0f} s in {results.counts['runs'].sum():,} runs"
     for model, words in MODEL_WORDS.items():
-        seconds = time[model.name.lower()]
+        seconds = time[model]
         if seconds:
             part = f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)"
             yield f"of this, {words}", part

@@ -96,5 +96,7 @@ def check_number(
     except TypeError:
         good = False
     if not good:
-        between = "" if math.isinf(least) else f" from {least:g} to {most:g} [{unit}]"
-        raise InputError(f"{name} is {value!r}; it must be a finite number{between}")
+        raise InputError(
+            f"{name} is {value!r}; it must be a finite number"
+            f"{'' if math.isinf(least) else f' from {least:g} to {most:g} [{unit}]'}"
+        )

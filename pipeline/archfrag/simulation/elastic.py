@@ -6,13 +6,9 @@ rotation, closed joints shorten under the forces of the load, and the arch becom
 The largest acceleration is where all of these together cost least.
 """
 
-from __future__ import annotations
-
-import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.arch.checks import FloatArray
@@ -33,11 +29,12 @@ PAST = 0.995
 SHORTEST = 1e-4 * FIRST
 
 
-class SteadyLimit(NamedTuple):
-    """The largest steady acceleration in one sense."""
-
-    load: float  # [g]; inf if it grows as far as the balance is followed
-    normal: FloatArray  # (n_joint,) normal forces under it [N]
+def _rotated(
+    vector: FloatArray, cosine: FloatArray, sine: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return x and y of vectors (2, n_joint, ...) that have been rotated."""
+    x, y = vector
+    return cosine * x - sine * y, sine * x + cosine * y
 
 
 class ElasticArch:
@@ -53,48 +50,49 @@ class ElasticArch:
 
     def __init__(self, arch: Arch, stiffness: FloatArray, shear: FloatArray) -> None:
         chain = arch.chain
-        self.n_joint = chain.friction.size
-        self.n_body = chain.mass.size
         self.weight = chain.mass * chain.gravity
         self.share = chain.mass / chain.mass.sum()
-        self.stiffness = stiffness * arch.joint_depths
-        self.shear = shear * arch.joint_depths
+        # Columns, as of all that is known of joints (n_joint, 1).
+        self.stiffness = (stiffness * arch.joint_depths)[:, None]
+        self.shear = (shear * arch.joint_depths)[:, None]
+        # Bodies before and after each joint, the grounds counted (n_joint, 2).
+        self.pair: Any = np.arange(arch.n_joint)[:, None] + [0, 1]
         along = chain.face_before[:, 1] - chain.face_before[:, 0]
         self.length = np.hypot(*along.T)
-        self.tangent = along / self.length[:, None]
-        # Middles of joints from the centroids of the bodies before and after (n_joint, 2, 2).
-        self.arm = np.stack([chain.face_before, chain.face_after], axis=1).mean(axis=2)
-        self.size = float(self.length.mean())
-        overlap = self.weight.sum() / float((self.stiffness * self.length).mean())
+        self.tangent = (along / self.length[:, None]).T[..., None]
+        # Middles of joints from the centroids of the bodies before and after (2, n_joint, 2).
+        faces = np.stack([chain.face_before, chain.face_after], axis=1)
+        self.arm = np.moveaxis(faces.mean(axis=2), -1, 0)
+        self.size = self.length.mean()
+        stiff = stiffness * arch.joint_depths * self.length
+        overlap = self.weight.sum() / stiff.mean()
         self.nudge = NUDGE * overlap * np.array([1.0, 1.0, 1.0 / self.size])
 
-    def _bear(self, moved: FloatArray, closed: bool = False) -> tuple[NDArray, NDArray]:
+    def _bear(
+        self,
+        position: FloatArray,
+        nudges: FloatArray | float = 0.0,
+        closed: bool = False,
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the forces of joints on both bodies, and their normal forces.
 
-        `moved` is the displacement of the bodies before and after each joint,
-        (..., n_joint, 2, 3). Joints that are `closed` touch everywhere.
+        `position` is the displacement of the bodies (n_body, 3), and `nudges` are further ones of
+        the bodies before and after each joint, (..., n_joint, 2, 3). Joints that are `closed`
+        touch everywhere.
         """
-        angle = moved[..., 2]
-        sine = np.sin(angle)
+        moved = np.pad(position, ((1, 1), (0, 0)))[self.pair] + nudges
+        x, y, angle = np.moveaxis(moved, -1, 0)
         fall = -2.0 * np.sin(0.5 * angle) ** 2
-        ax = self.arm[..., 0]
-        ay = self.arm[..., 1]
-        turned_x = fall * ax - sine * ay
-        turned_y = sine * ax + fall * ay
-        x = moved[..., 0] + turned_x
-        y = moved[..., 1] + turned_y
-        dx = x[..., 1] - x[..., 0]
-        dy = y[..., 1] - y[..., 0]
-        mean = angle.mean(axis=-1)
-        bend = 0.5 * (angle[..., 1] - angle[..., 0])
-        c = np.cos(mean)
-        s = np.sin(mean)
-        tx = c * self.tangent[:, 0] - s * self.tangent[:, 1]
-        ty = s * self.tangent[:, 0] + c * self.tangent[:, 1]
+        turned_x, turned_y = _rotated(self.arm, fall, np.sin(angle))
+        dx = np.diff(x + turned_x)
+        dy = np.diff(y + turned_y)
+        mean = angle.mean(axis=-1, keepdims=True)
+        bend = 0.5 * np.diff(angle)
+        tx, ty = _rotated(self.tangent, np.cos(mean), np.sin(mean))
         slip = tx * dx + ty * dy
         gap = ty * dx - tx * dy
         slope = -2.0 * np.sin(bend)
-        half = 0.5 * np.maximum(self.length - abs(slip), 0.0)
+        half = 0.5 * np.maximum(self.length[:, None] - abs(slip), 0.0)
         safe = np.where(slope == 0.0, 1e-300, slope)
         zero = np.clip(-gap / safe, -half, half)
         low = np.where((safe > 0.0) | closed, -half, zero)
@@ -105,66 +103,52 @@ class ElasticArch:
         normal = -self.stiffness * (gap * l0 + slope * l1)
         moment = np.cos(bend) * self.stiffness * (gap * l1 + slope * l2)
         along = -self.shear * l0 * slip
-        fx = normal * ty + along * tx
-        fy = along * ty - normal * tx
         # The force acts half way between both middles.
         sign = np.array([-1.0, 1.0])
-        px = ax + turned_x - 0.5 * sign * dx[..., None]
-        py = ay + turned_y - 0.5 * sign * dy[..., None]
-        fx, fy, moment = (each[..., None] * sign for each in (fx, fy, moment))
-        return np.stack([fx, fy, px * fy - py * fx + moment], axis=-1), normal
-
-    def _neighbours(self, position: FloatArray) -> FloatArray:
-        """Return the displacements of the bodies beside each joint, (n_joint, 2, 3)."""
-        ground = np.zeros((1, 3))
-        rows = np.concatenate([ground, position, ground])
-        return np.stack([rows[: self.n_joint], rows[1 : self.n_joint + 1]], axis=1)
+        fx = (normal * ty + along * tx) * sign
+        fy = (along * ty - normal * tx) * sign
+        px = self.arm[0] + turned_x - 0.5 * sign * dx
+        py = self.arm[1] + turned_y - 0.5 * sign * dy
+        turn = px * fy - py * fx + moment * sign
+        return np.stack([fx, fy, turn], axis=-1), normal[..., 0]
 
     def _system(
         self, position: FloatArray, closed: bool = False
-    ) -> tuple[NDArray, NDArray]:
+    ) -> tuple[FloatArray, Any]:
         """Return the forces of joints on all bodies, (n_body, 3), and their derivative."""
-        around = self._neighbours(position)
-        n_joint = self.n_joint
-        nudges = np.zeros((13, 2, 3))
-        nudges[1:7].reshape(6, 6)[:] = np.diag(np.tile(self.nudge, 2))
-        nudges[7:] = -nudges[1:7]
-        force = self._bear(around[None] + nudges[:, None], closed)[0]
-        change = (force[1:7] - force[7:]).reshape(2, 3, n_joint, 2, 3)
-        change /= 2.0 * self.nudge[None, :, None, None, None]
-        rows = self.n_body + 2
+        steps = np.diag(np.tile(self.nudge, 2)).reshape(6, 1, 2, 3)
+        nudges = np.concatenate([0.0 * steps[:1], steps, -steps])
+        force = self._bear(position, nudges, closed)[0]
+        change = (force[1:7] - force[7:]).reshape(2, 3, *force.shape[1:])
+        change /= 2.0 * self.nudge[:, None, None, None]
+        rows = self.weight.size + 2
         total = np.zeros((rows, 3))
-        stiffness = np.zeros((rows, 3, rows, 3))
-        joint = np.arange(n_joint)
-        for of in range(2):
-            total[of : n_joint + of] += force[0, :, of]
-            for by in range(2):
-                block = np.moveaxis(change[by, :, :, of], 0, 2)
-                stiffness[joint + of, :, joint + by] += block
-        inside = slice(1, self.n_body + 1)
-        size = 3 * self.n_body
-        return total[inside], stiffness[inside, :, inside].reshape(size, size)
+        np.add.at(total, self.pair, force[0])
+        stiffness = np.zeros((rows, rows, 3, 3))
+        blocks = self.pair[:, :, None], self.pair[:, None]
+        np.add.at(stiffness, blocks, change.transpose(2, 3, 0, 4, 1))
+        inside = stiffness[1:-1, 1:-1].swapaxes(1, 2)
+        return total[1:-1], inside.reshape(total[1:-1].size, -1)
 
     def _balance(
-        self, position: FloatArray, load: float, sway: float | None
+        self, position: FloatArray, load: float, sway: float, held: bool = False
     ) -> tuple[FloatArray, float, int]:
         """Return positions and load in balance, and iterations; more than allowed: not found.
 
-        The load is that at which the mean displacement against it is `sway`, or else as given.
+        The load is `held` as given, or that at which the mean displacement against it is `sway`.
         """
-        size = 3 * self.n_body
+        size = position.size
         system = np.zeros((size + 1, size + 1))
         left = np.zeros(size + 1)
         system[:size:3, -1] = -self.weight
-        system[-1, :size:3], system[-1, -1] = (
-            (self.share, 0.0) if sway is not None else (0, 1)
-        )
-        for iteration in range(MOST_ITERATIONS * (1 if sway is not None else 4)):
+        system[-1, :size:3] = (not held) * self.share
+        system[-1, -1] = held
+        for iteration in range(MOST_ITERATIONS * (1 + 3 * held)):
             force, system[:-1, :-1] = self._system(position)
             force[:, 0] -= load * self.weight
             force[:, 1] -= self.weight
             left[:-1] = force.ravel()
-            left[-1] = 0.0 if sway is None else self.share @ position[:, 0] + sway
+            left[-1] = (not held) * (self.share @ position[:, 0] + sway)
             error = np.abs(force / (1.0, 1.0, self.size)).max() / self.weight.mean()
             if error < BALANCED and abs(left[-1]) < BALANCED * FIRST * self.size:
                 return position, load, iteration
@@ -175,35 +159,38 @@ class ElasticArch:
             if not np.isfinite(step).all():
                 break
             position = position + step[:-1].reshape(-1, 3)
-            load = load + float(step[-1])
+            load = load + step[-1]
         return position, load, 5 * MOST_ITERATIONS
 
     def rest(self) -> tuple[FloatArray, FloatArray] | None:
         """Return displacements under the weight (n_body, 3) and normal forces (n_joint,); None if
         no balance is found.
         """
-        start = np.zeros((self.n_body, 3))
+        start = np.zeros((self.weight.size, 3))
+        _, closed = self._system(start, closed=True)
         start[:, 1] = self.weight
-        _, closed = self._system(np.zeros((self.n_body, 3)), closed=True)
         position = np.linalg.solve(closed, start.ravel()).reshape(-1, 3)
-        position, _, iterations = self._balance(position, 0.0, None)
+        position, _, iterations = self._balance(position, 0.0, 0.0, held=True)
         if iterations > 4 * MOST_ITERATIONS:
             return None
-        return position, self._bear(self._neighbours(position))[1]
+        return position, self._bear(position)[1]
 
-    def largest_load(self, rest: FloatArray, sense: float) -> SteadyLimit:
-        """Find the largest steady ground acceleration in the sense +1 or -1.
+    def largest_load(self, rest: FloatArray, sense: float) -> tuple[float, FloatArray]:
+        """Find the largest steady ground acceleration in the sense +1 or -1 [g], and the normal
+        forces of joints under it [N].
+
+        It is inf if it grows as far as the balance is followed.
 
         The mean displacement of the bodies against the acceleration grows step by step, and the
         acceleration is what holds them there, so that the path passes its largest value.
         """
         position = rest
         load = 0.0
-        sway = float(-self.share @ rest[:, 0])
+        sway = -self.share @ rest[:, 0]
         step = FIRST * self.size
-        before = (rest, 0.0, math.inf)
+        before = (rest, 0.0, np.inf)
         path = [(sway, 0.0)]
-        normal = np.zeros(self.n_joint)
+        normal = np.zeros(self.length.size)
         for _ in range(MOST_STEPS):
             ahead = step / before[2]
             start = position + ahead * (position - before[0])
@@ -221,11 +208,11 @@ class ElasticArch:
             path.append((sway, sense * load))
             loads = np.array(path)[:, 1]
             if sense * load == loads.max():
-                normal = self._bear(self._neighbours(position))[1]
+                normal = self._bear(position)[1]
             elif sense * load < PAST * loads.max():
                 top = int(np.argmax(loads))
                 at, near = np.array(path[top - 1 : top + 2]).T
                 curve, slope, level = np.polyfit(at - at[1], near, 2)
-                return SteadyLimit(float(level - slope**2 / (4.0 * curve)), normal)
+                return float(level - slope**2 / (4.0 * curve)), normal
             step *= QUICKER if iterations <= QUICK else 1.0
-        return SteadyLimit(math.inf, normal)
+        return np.inf, normal

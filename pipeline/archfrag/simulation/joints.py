@@ -63,13 +63,11 @@ def crushed(arch: Arch, strength: float) -> Arch:
     _check_first(arch, "strength")
     weak = _shortened(arch, np.zeros(arch.n_joint), strength)
     if weak is None:
-        message = (
-            f"{arch!r}: the arch does not stand with a strength of {strength:g} N/m2"
-        )
         least, _ = PROPERTIES["strength"].usual
-        if strength < least:
-            message += f"; masonry has {least:g} or more: is it in N/m2?"
-        raise StabilityError(message)
+        raise StabilityError(
+            f"{arch!r}: the arch does not stand with a strength of {strength:g} N/m2"
+            f"{f'; masonry has {least:g} or more: is it in N/m2?' if strength < least else ''}"
+        )
     weak = weak.changed(parameters={**arch.parameters, "strength": strength})
     warn_of_units(unit_cautions(weak, "strength"))
     return weak
@@ -140,8 +138,8 @@ def jointed(
         "model": model,
         "points": points,
     }
-    given = dict(arch.parameters)
-    given["joints"] = {k: each for k, each in told.items() if each is not None}
+    kept = {key: value for key, value in told.items() if value is not None}
+    given = {**arch.parameters, "joints": kept}
     if math.isfinite(strength):
         given["strength"] = strength
     if model == "face":
@@ -154,12 +152,11 @@ def jointed(
             raise InputError(
                 "joints.model face needs a finite stiffness and shear of all joints"
             )
-        soft = arch.changed(chain=arch.chain._replace(joint=joint))
+        soft: Arch | None = arch.changed(chain=arch.chain._replace(joint=joint))
     else:
-        inset = _shortened(arch, inset_of(arch, normal, tangential).lengths, strength)
-        if inset is None:
-            raise StabilityError(_too_soft(arch, normal))
-        soft = inset
+        soft = _shortened(arch, inset_of(arch, normal, tangential).lengths, strength)
+    if soft is None:
+        raise StabilityError(_too_soft(arch, normal))
     soft = soft.changed(parameters=given)
     warn_of_units(unit_cautions(soft, "joints", "strength"))
     return soft
@@ -246,12 +243,13 @@ def inset_of(arch: Arch, stiffness: FloatArray, shear: FloatArray) -> Inset:
     mirrored = math.isclose(rigid.plus, rigid.minus, rel_tol=AGREE)
     if mirrored and np.allclose(force, force[::-1], rtol=1e-6):
         del senses[1]
-    most = [
-        (sense, start, limit)
-        for sense, start in senses
-        if math.isfinite(start)
-        and math.isfinite((limit := elastic.largest_load(position, sense)).load)
-    ]
+    most = []
+    for sense, start in senses:
+        load, under = np.inf, force
+        if math.isfinite(start):
+            load, under = elastic.largest_load(position, sense)
+        if math.isfinite(load):
+            most.append((sense, start, load, under.max()))
     if not most:  # joints that lock each other, or a chain without height
         return Inset(
             strip * stiffer / (2.0 * math.sqrt(_turn(arch, strip, length))), 0.0, 1.0
@@ -263,17 +261,17 @@ def inset_of(arch: Arch, stiffness: FloatArray, shear: FloatArray) -> Inset:
         except GeometryError:
             return -1.0
         held = {1.0: now.plus, -1.0: now.minus}
-        least = min(held[sense] / limit.load for sense, _, limit in most)
+        least = min(held[sense] / load for sense, _, load, _ in most)
         return least - 1.0 if now.stands else -1.0
 
     part = 0.0
     if excess(part) > 0.0:
-        widest = 0.5 * float((length / np.maximum(strip, SMALLEST)).min())
-        part = float(scipy.optimize.brentq(excess, 0.0, widest, rtol=CLOSE))
+        widest = 0.5 * (length / np.maximum(strip, SMALLEST)).min()
+        part = scipy.optimize.brentq(excess, 0.0, widest, rtol=CLOSE)
     return Inset(
         part * strip * stiffer,
-        max(1.0 - limit.load / start for _, start, limit in most),
-        max(float(limit.normal.max() / force.max()) for _, _, limit in most),
+        max(1.0 - load / start for _, start, load, _ in most),
+        max(under / force.max() for *_, under in most),
     )
 
 
@@ -293,8 +291,8 @@ def _turn(arch: Arch, strip: FloatArray, length: FloatArray) -> float:
     ends = 0.5 * (arch.intrados + arch.extrados)[[0] if arch.free_end else [0, -1], 1]
     mass = arch.chain.mass
     height = max(mass @ arch.centroids[:, 1] / mass.sum() - ends.min(), length.mean())
-    middle = max(float(np.sqrt(np.mean(strip**2))), SMALLEST)
-    return float((middle / (6.0 * height)) ** (2.0 / 3.0))
+    middle = max(np.sqrt(np.mean(strip**2)), SMALLEST)
+    return (middle / (6.0 * height)) ** (2.0 / 3.0)
 
 
 def _shortened(arch: Arch, inset: FloatArray, strength: float) -> Arch | None:

@@ -33,26 +33,22 @@ if TYPE_CHECKING:
     from archfrag.plots import Film
 
 STATUS_MESSAGE = {
-    Status.STANDING: "the arch came to rest with contact kept or regained at "
-    "every joint, or sways calmly on "
-    "its ties",
+    Status.STANDING: "the arch came to rest with contact kept or regained at every joint, or "
+    "sways calmly on its ties",
     Status.COLLAPSED: "a joint lost all contact for good (Signorini loss)",
-    Status.UNFINISHED: "the arch was still moving at the end of the follow-on "
-    "time; raise `follow`",
-    Status.NO_CONTACT_SOLUTION: "no admissible set of reactions was found in a "
-    "step; try a smaller `dt`, and please "
-    "report the case",
-    Status.DOES_NOT_STAND: "the arch does not stand under its own weight; make "
-    "it thicker or raise the friction",
+    Status.UNFINISHED: "the arch was still moving at the end of the follow-on time; raise "
+    "`follow`",
+    Status.NO_CONTACT_SOLUTION: "no admissible set of reactions was found in a step; try a "
+    "smaller `dt`, and please report the case",
+    Status.DOES_NOT_STAND: "the arch does not stand under its own weight; make it thicker or "
+    "raise the friction",
     Status.NOT_FINITE: "a position or velocity stopped being finite; try a smaller `dt`",
-    Status.WORK_BOUND: "the run needed more steps than its length allows; try a "
-    "larger `rtol` or another "
-    "`method`",
-    Status.NOT_APPLICABLE: "the method has no model for this mechanism or this "
-    "initial state; use `auto`",
-    Status.INACCURATE: "energy balance or overlap missed the tolerance; try a "
-    "smaller `rtol`, and please report "
-    "the case",
+    Status.WORK_BOUND: "the run needed more steps than its length allows; try a larger `rtol` "
+    "or another `method`",
+    Status.NOT_APPLICABLE: "the method has no model for this mechanism or this initial state; "
+    "use `auto`",
+    Status.INACCURATE: "energy balance or overlap missed the tolerance; try a smaller `rtol`, "
+    "and please report the case",
 }
 _EVENTS = {
     "impacts": Count.IMPACTS,
@@ -64,7 +60,6 @@ _EVENTS = {
     "switches": Count.SWITCHES,
 }
 _NO_WORK = {*_EVENTS.values(), Count.FRAMES, Count.LOG_ENTRIES}
-_COLLAPSE_MODES = [mode.name.lower() for mode in CollapseMode]
 _COLLAPSED = {Status.STANDING: False, Status.COLLAPSED: True}
 # Units of what is in a response, by the last word of its name.
 UNITS = {"time": "s", "rotation": "rad", "displacement": "m", "energy": "J"}
@@ -79,24 +74,25 @@ _ENERGY = {
 }
 
 CAUSE_WORDS = {
-    Cause.START: "start",
-    Cause.HINGE: "new hinge",
-    Cause.SLIDE: "sliding starts",
-    Cause.STICK: "sliding ends",
-    Cause.IMPACT: "impact",
-    Cause.LOSS: "contact lost",
-    Cause.CLOSE: "hinge closes",
-    Cause.REST: "comes to rest",
-    Cause.ACCUMULATION: "events accumulate",
-    Cause.UNSOLVED: "laws not met on mega-voussoirs",
-    Cause.QUIESCENT: "taken back from time stepping",
-    Cause.END: "end of the run",
+    "start": "start",
+    "hinge": "new hinge",
+    "slide": "sliding starts",
+    "stick": "sliding ends",
+    "impact": "impact",
+    "loss": "contact lost",
+    "close": "hinge closes",
+    "rest": "comes to rest",
+    "accumulation": "events accumulate",
+    "unsolved": "laws not met on mega-voussoirs",
+    "quiescent": "taken back from time stepping",
+    "end": "end of the run",
+    "tie": "a tie changes",
 }
 MODEL_WORDS = {
-    Level.REST: "rest",
-    Level.FOUR_HINGES: "four hinges",
-    Level.MEGA_VOUSSOIRS: "mega-voussoirs",
-    Level.ALL_VOUSSOIRS: "all voussoirs",
+    "rest": "rest",
+    "four_hinges": "four hinges",
+    "mega_voussoirs": "mega-voussoirs",
+    "all_voussoirs": "all voussoirs",
 }
 
 
@@ -136,24 +132,21 @@ mega-voussoirs
     joints: dict[int, str]
 
     def __str__(self) -> str:
-        groups: dict[str, list[str]] = {"hinges": [], "slides": [], "open": []}
-        for joint, text in self.joints.items():
-            verb, _, rest = text.partition(" ")
-            groups["hinges" if verb == "hinge" else verb].append(
-                f"{joint} {rest}".strip()
-            )
-        parts = [
-            f"{name} {', '.join(members)}"
-            for name, members in groups.items()
-            if members
-        ]
-        why = CAUSE_WORDS[Cause[self.cause.upper()]]
+        parts = []
+        for verb, name in (("hinge", "hinges"), ("slides", "slides"), ("open", "open")):
+            members = [
+                f"{joint}{text.removeprefix(verb)}"
+                for joint, text in self.joints.items()
+                if text.startswith(verb)
+            ]
+            if members:
+                parts.append(f"{name} {', '.join(members)}")
+        parts = parts or ["all joints closed"]
+        parts.append(MODEL_WORDS[self.model])
         where = f" at joint {self.joint}" if self.joint >= 0 else ""
-        parts = [
-            *(parts or ["all joints closed"]),
-            MODEL_WORDS[Level[self.model.upper()]],
-        ]
-        return f"{self.time:.4f} s  {why}{where}: {'; '.join(parts)}"
+        return (
+            f"{self.time:.4f} s  {CAUSE_WORDS[self.cause]}{where}: {'; '.join(parts)}"
+        )
 
 
 @dataclass(frozen=True, repr=False)
@@ -256,11 +249,9 @@ class Response:
         """
         if self.history is None:
             raise InputError("the response has no history; simulate with history=True")
-        names = ("time", "displacement", "rotation")
-        time, shift, turn = (
-            np.asarray(self.history[name].values, float) for name in names
-        )
-        return time, shift, turn
+        kept = self.history
+        time, shift, turn = kept.time, kept.displacement, kept.rotation
+        return time.values, shift.values, turn.values
 
     def _window(self, seconds: float) -> tuple[float, float]:
         """Return the times between which a film shows the run: up to its collapse, or about its
@@ -268,73 +259,63 @@ class Response:
         """
         assert self.arch is not None
         time, shift, turn = self._arrays()
-        size = float(np.ptp(np.concatenate(self.arch.outlines), axis=0).max())
-        reach = np.maximum(
-            np.abs(shift).max(axis=(1, 2)), 0.1 * size * np.abs(turn).max(axis=1)
-        )
+        size = self.arch.extent.max()
+        turned = np.abs(turn).max(axis=1)
+        reach = np.maximum(np.abs(shift).max(axis=(1, 2)), 0.1 * size * turned)
         moving = np.flatnonzero(reach > 1e-5 * size)
+        times = time.tolist()
         if moving.size < 2:
-            return float(time[0]), float(time[0])
-        first = float(time[max(moving[0] - 1, 0)])
-        last = float(time[moving[-1]])
-        peak = float(time[np.abs(turn).max(axis=1).argmax()])
+            return times[0], times[0]
+        first = times[max(moving[0] - 1, 0)]
+        last = times[moving[-1]]
+        peak = times[turned.argmax()]
         if self.collapsed:
-            peak = last = float(time[-1])
+            peak = last = times[-1]
         first = max(first, min(peak - 0.5 * seconds, last - seconds))
         return first, min(last, first + seconds)
 
     def __repr__(self) -> str:
         ended = self.status.name.lower().replace("_", " ")
         if self.collapsed:
-            mode = self.collapse_mode.replace("_", " ")
             ended += (
-                f" at {self.collapse_time:.4g} s, joint {self.collapse_joint}, {mode}"
+                f" at {self.collapse_time:.4g} s, joint {self.collapse_joint}, "
+                f"{self.collapse_mode.replace('_', ' ')}"
             )
-        peak = f"peak {self.peak_rotation:.3g} rad, {self.peak_displacement:.3g} m"
-        return f"<Response {ended}; {peak}; {self.method}, {self.end_time:.4g} s>"
+        return (
+            f"<Response {ended}; peak {self.peak_rotation:.3g} rad, {self.peak_displacement:.3g} "
+            f"m; {self.method}, {self.end_time:.4g} s>"
+        )
 
 
 def response_of(results: Outcomes, row: int, method: str, wall_time: float) -> Response:
     """Name what a method returned of one run, without a history."""
-    status = Status(int(results.status[row]))
-    of_run = (
-        results.count,
-        results.energy,
-        results.model_time,
-        results.peak,
-        results.loss,
-    )
-    count, energy, model_time, peak, loss = (values[row].tolist() for values in of_run)
-    largest = energy[Energy.LARGEST_KINETIC]
+    one: Any = Outcomes._make([values[row].tolist() for values in results])
+    status = Status(one.status)
+    largest = one.energy[Energy.LARGEST_KINETIC]
+    error = one.energy[Energy.BALANCE_ERROR_PEAK]
     return Response(
         status=status,
         collapsed=_COLLAPSED.get(status),
-        collapse_time=float(results.collapse_time[row]),
-        collapse_joint=int(results.collapse_joint[row]),
-        collapse_mode=_COLLAPSE_MODES[results.collapse_mode[row]],
-        lost_contact_time=loss[Loss.TIME],
-        lost_contact_joint=int(loss[Loss.JOINT]),
-        lost_contact_mode=_COLLAPSE_MODES[int(loss[Loss.MODE])],
-        widest_gap=loss[Loss.WIDEST],
-        peak_rotation=peak[Peak.ROTATION],
-        peak_displacement=peak[Peak.DISPLACEMENT],
-        residual_rotation=peak[Peak.END_ROTATION],
-        residual_displacement=peak[Peak.END_DISPLACEMENT],
-        events={name: int(count[entry]) for name, entry in _EVENTS.items()},
-        model_time={model.name.lower(): model_time[model] for model in Level},
-        energy_error=energy[Energy.BALANCE_ERROR_PEAK] / largest
-        if largest > 0.0
-        else 0.0,
-        energy={name: energy[entry] for name, entry in _ENERGY.items()},
-        work={
-            each.name.lower(): int(count[each])
-            for each in Count
-            if each not in _NO_WORK
-        },
+        collapse_time=one.collapse_time,
+        collapse_joint=one.collapse_joint,
+        collapse_mode=CollapseMode(one.collapse_mode).name.lower(),
+        lost_contact_time=one.loss[Loss.TIME],
+        lost_contact_joint=int(one.loss[Loss.JOINT]),
+        lost_contact_mode=CollapseMode(one.loss[Loss.MODE]).name.lower(),
+        widest_gap=one.loss[Loss.WIDEST],
+        peak_rotation=one.peak[Peak.ROTATION],
+        peak_displacement=one.peak[Peak.DISPLACEMENT],
+        residual_rotation=one.peak[Peak.END_ROTATION],
+        residual_displacement=one.peak[Peak.END_DISPLACEMENT],
+        events={name: int(one.count[entry]) for name, entry in _EVENTS.items()},
+        model_time={each.name.lower(): one.model_time[each] for each in Level},
+        energy_error=error / largest if largest > 0.0 else 0.0,
+        energy={name: one.energy[entry] for name, entry in _ENERGY.items()},
+        work={e.name.lower(): int(one.count[e]) for e in Count if e not in _NO_WORK},
         wall_time=wall_time,
-        end_time=float(results.end_time[row]),
-        residual=peak[Peak.RESIDUAL],
-        overlap=peak[Peak.OVERLAP],
+        end_time=one.end_time,
+        residual=one.peak[Peak.RESIDUAL],
+        overlap=one.peak[Peak.OVERLAP],
         method=method,
     )
 
@@ -444,9 +425,7 @@ def mechanism_of(
         words += [f"hinge {side}", *(f"hinge {side} sliding {to}" for to in slides)]
     words += ["closed", *(f"slides {to}" for to in slides)]
     kept = min(n_entry, log.time.size)
-    until = np.append(
-        log.time[1:kept], end_time if kept == n_entry else np.nan
-    ).tolist()
+    last = end_time if kept == n_entry else np.nan
     changes = [
         MechanismChange(
             time,
@@ -457,7 +436,7 @@ def mechanism_of(
             {int(j): words[mode[j]] for j in np.flatnonzero(mode != CLOSED_STICK)},
         )
         for time, to, cause, joint, model, mode in zip(
-            log.time[:kept].tolist(), until, log.cause, log.joint, log.model, log.mode
+            log.time[:kept].tolist(), [*log.time[1:kept].tolist(), last], *log[1:]
         )
     ]
     first = changes[0].time if changes else end_time
@@ -468,10 +447,7 @@ def mechanism_of(
 
 def summary(changes: Sequence[MechanismChange]) -> str:
     """Count the changes of the mechanism by cause, the most frequent first."""
-    causes = Counter(
-        change.cause for change in changes if change.cause not in ("start", "end")
-    )
-    why = [
-        f"{CAUSE_WORDS[Cause[name.upper()]]} {n}" for name, n in causes.most_common()
-    ]
+    causes = Counter(each.cause for each in changes)
+    del causes["start"], causes["end"]
+    why = [f"{CAUSE_WORDS[name]} {n}" for name, n in causes.most_common()]
     return f"{causes.total()} changes of the mechanism ({', '.join(why) or 'none'})"

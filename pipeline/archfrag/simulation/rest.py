@@ -109,9 +109,11 @@ class Onset:
         centre = self.thrust
         load = 0.0
         if towards is not None:
-            limit, *_ = self.mechanism(towards)
-            centre = self.thrust_plus if towards == "+x" else self.thrust_minus
-            load = limit if towards == "+x" else -limit
+            load, *_ = self.mechanism(towards)
+            centre = self.thrust_plus
+            if towards == "-x":
+                load = -load
+                centre = self.thrust_minus
         return None if centre is None else thrust_curve(self.arch, centre, load)
 
     def marks(self, towards: str) -> list[Mark]:
@@ -137,8 +139,7 @@ class Onset:
         limit, hinges, sliding = self.mechanism(towards)
         words = [f"hinge {joint} {side}" for joint, side in hinges]
         words += [f"joint {joint} slides" for joint in sliding]
-        how = f": {', '.join(words)}" if words else ""
-        return f"towards {towards} {limit:.4g} g{how}"
+        return f"towards {towards} {limit:.4g} g{': ' * bool(words)}{', '.join(words)}"
 
     def _repr_html_(self) -> str:
         from archfrag.plots import html_of
@@ -181,12 +182,12 @@ def onset(arch: Arch) -> Onset:
         and plus.load_factor >= -STANDS_TOLERANCE
         and minus.load_factor <= STANDS_TOLERANCE
     )
-    thrusts = [
+    ahead, back = (
         contact_centres(work, limit.reaction)
         if limit.found and math.isfinite(limit.load_factor)
         else None
         for limit in (plus, minus)
-    ]
+    )
     if stands:
         work.free[1:-1, 1] = -model.gravity
         work.position[:] = state.position
@@ -198,18 +199,16 @@ def onset(arch: Arch) -> Onset:
         # Moments about the origin, as of the limits.
         weight[:, 2] += pivot[:, 0] * weight[:, 1] - pivot[:, 1] * weight[:, 0]
     return Onset(
-        stands=stands,
-        plus=float(plus.load_factor) if found else math.nan,
-        minus=float(-minus.load_factor) if found else math.nan,
-        hinges=_hinges(arch, plus),
-        sliding=np.flatnonzero(plus.mechanism & SLIDING).tolist(),
-        hinges_minus=_hinges(arch, minus),
-        sliding_minus=np.flatnonzero(minus.mechanism & SLIDING).tolist(),
-        thrust=contact_centres(work, weight) if stands else None,
-        thrust_plus=thrusts[0],
-        thrust_minus=thrusts[1],
-        normal=normal if stands else None,
-        arch=arch,
+        stands,
+        float(plus.load_factor) if found else math.nan,
+        float(-minus.load_factor) if found else math.nan,
+        *_mechanism(arch, plus),
+        *_mechanism(arch, minus),
+        contact_centres(work, weight) if stands else None,
+        ahead,
+        back,
+        normal if stands else None,
+        arch,
     )
 
 
@@ -220,12 +219,13 @@ def contact_centres(work: Work, reaction: FloatArray) -> FloatArray:
     force = reaction[:, :2]
     arm = point[:, 0]
     press = np.einsum("jk,jk->j", force, normal)
-    moment = reaction[:, 2] - (arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0])
-    length = np.linalg.norm(point[:, 1] - point[:, 0], axis=1)
-    loaded = press > 1e-12 * np.abs(reaction[:, :2]).max()
+    moment = reaction[:, 2] - cross(arm, force)
+    along = point[:, 1] - arm
+    loaded = press > 1e-12 * np.abs(force).max()
     fraction = np.full(press.size, np.nan)
+    length = np.linalg.norm(along, axis=1)
     fraction[loaded] = -moment[loaded] / (press * length)[loaded]
-    return point[:, 0] + fraction[:, None] * (point[:, 1] - point[:, 0])
+    return arm + fraction[:, None] * along
 
 
 def thrust_curve(arch: Arch, centre: NDArray, load: float) -> FloatArray:
@@ -238,9 +238,8 @@ def thrust_curve(arch: Arch, centre: NDArray, load: float) -> FloatArray:
         return centre[np.isfinite(centre).all(axis=1)]
     body = arch.centroids
     force = chain.mass[:, None] * np.array([-load, -1.0])
-    after = np.cumsum(
-        force, axis=0
-    )  # by which the force beyond each body exceeds the first one
+    # By which the force beyond each body exceeds the first one.
+    after = np.cumsum(force, axis=0)
     if arch.free_end:
         first = -after[-1]
         start = centre
@@ -255,9 +254,8 @@ def thrust_curve(arch: Arch, centre: NDArray, load: float) -> FloatArray:
         first = np.linalg.lstsq(left[known], right[known], rcond=None)[0]
     reaction = first + np.vstack([np.zeros(2), after[:-1]])
     turn = cross(reaction, force)
-    along = np.abs(turn) < 1e-9 * np.linalg.norm(reaction, axis=1) * np.linalg.norm(
-        force, axis=1
-    )
+    sizes = [np.linalg.norm(each, axis=1) for each in (reaction, force)]
+    along = np.abs(turn) < 1e-9 * sizes[0] * sizes[1]
     turn[along] = np.nan
     # The forces at the ends of a body meet on the line of its weight. Spread evenly, the weight
     # bends the line between them to a parabola that is tangent to both.
@@ -268,9 +266,8 @@ def thrust_curve(arch: Arch, centre: NDArray, load: float) -> FloatArray:
     along |= ~((place > 0.0) & (place < 1.0))
     corner[along] = 0.5 * (start + end)[along]
     part = np.linspace(0.0, 1.0, 9)[:, None, None]
-    line = (
-        (1.0 - part) ** 2 * start + 2.0 * part * (1.0 - part) * corner + part**2 * end
-    )
+    rest = 1.0 - part
+    line = rest**2 * start + 2.0 * part * rest * corner + part**2 * end
     line = line.swapaxes(0, 1).reshape(-1, 2)
     return line[np.isfinite(line).all(axis=1)]
 
@@ -304,7 +301,7 @@ def own_time(arch: Arch) -> float:
     """Return the time in which things happen in an arch: root of its shortest joint over gravity
     [s].
     """
-    return math.sqrt(float(model_of(arch.chain).length.min()) / arch.chain.gravity)
+    return math.sqrt(model_of(arch.chain).length.min() / arch.chain.gravity)
 
 
 def at_rest(arch: Arch) -> tuple[NDArray, NDArray]:
@@ -350,14 +347,13 @@ def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Wor
     return model, state, work
 
 
-def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:
-    bits = np.stack(
-        [limit.mechanism & HINGE_INTRADOS, limit.mechanism & HINGE_EXTRADOS], axis=1
-    )
-    return [
-        (joint, arch.corner_name(corner))
-        for joint, corner in np.argwhere(bits).tolist()
+def _mechanism(arch: Arch, limit: RestLimit) -> tuple[list[Hinge], list[int]]:
+    """Return the hinges and the sliding joints of a limit of rest."""
+    corners = [limit.mechanism & bit for bit in (HINGE_INTRADOS, HINGE_EXTRADOS)]
+    hinges = [
+        (j, arch.corner_name(c)) for j, c in np.argwhere(np.transpose(corners)).tolist()
     ]
+    return hinges, np.flatnonzero(limit.mechanism & SLIDING).tolist()
 
 
 def static_limit(arch: Arch, start: Onset) -> float:
@@ -369,11 +365,12 @@ def static_limit(arch: Arch, start: Onset) -> float:
     The smaller of those of the two mechanisms; nan if they slide, or have neither one hinge below
     a free end nor four hinges.
     """
-    least = np.inf
-    both = (start.hinges, start.sliding), (start.hinges_minus, start.sliding_minus)
-    for hinges, sliding in both:
+    limits = [np.inf]
+    for towards in ("+x", "-x"):
+        _, hinges, sliding = start.mechanism(towards)
         if not sliding and (len(hinges) == 4 or (arch.free_end and len(hinges) == 1)):
-            least = min(least, *(_limit(arch, hinges, sense) for sense in (1.0, -1.0)))
+            limits += [_limit(arch, hinges, sense) for sense in (1.0, -1.0)]
+    least = min(limits)
     return least if np.isfinite(least) else np.nan
 
 

@@ -209,7 +209,7 @@ def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -
     bound, _, _ = check_stands(arch).mechanism(towards)
     locks = math.isinf(bound)
     bound = LARGEST_LOAD if locks else bound
-    length = float(model_of(arch.chain).length.min())
+    length = model_of(arch.chain).length.min()
     unit = math.sqrt(length / arch.chain.gravity)
     time = np.linspace(0.0, RAMP * unit, 2001)
     most = BEYOND_BOUND * bound * STANDARD_GRAVITY
@@ -227,12 +227,8 @@ def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -
         if locks:
             raise InputError(f"{up_to}; its joints lock each other")
         raise ArchfragError(f"{up_to}, beyond the static bound")
-    return (
-        BEYOND_BOUND
-        * bound
-        * float(history.time[int(np.argmax(moved))])
-        / float(time[-1])
-    )
+    first = history.time.values[np.argmax(moved)]
+    return float(BEYOND_BOUND * bound * first / time[-1])
 
 
 def _checked_call(
@@ -247,13 +243,13 @@ def _checked_call(
     loss_limit: float = LOSS_LIMIT,
 ) -> tuple[MethodInfo, Options]:
     """Check a call and return the method and its options."""
-    for name, kind, values in (("arch", Arch, [arch]), ("motion", Motion, motions)):
+    for kind, allowed, values in (
+        (Arch, "arch is {}; it must be an archfrag Arch or Block", [arch]),
+        (Motion, "motion is {}; it must be an archfrag Motion", motions),
+    ):
         for value in values:
             if not isinstance(value, kind):
-                allowed = "Arch or Block" if kind is Arch else "Motion"
-                raise InputError(
-                    f"{name} is {type(value).__name__}; it must be an archfrag {allowed}"
-                )
+                raise InputError(allowed.format(type(value).__name__))
     info = arguments.check_method(method)
     arguments.check_taken(info, rtol=rtol, dt=dt)
     tolerance = arguments.default_of(info, "rtol") if rtol is None else rtol
@@ -266,14 +262,14 @@ def _checked_call(
         arguments.check_number("dt", dt, 1e-9, 10.0, "s")
     arguments.check_can_run(arch, info, far)
     unit = own_time(arch)
-    longest = longest_step(arch.chain) if arch.chain.joint is not None else math.inf
+    faces = arch.chain.joint is not None
+    longest = longest_step(arch.chain) if faces else math.inf
     if dt is not None or info.step_rule is None:
         step = largest = arguments.default_of(info, "dt") if dt is None else float(dt)
     else:
-        step, largest = (
-            unit * part for part in info.step_rule(tolerance, arch.n_voussoir)
-        )
-        if arch.chain.joint is not None:
+        parts = info.step_rule(tolerance, arch.n_voussoir)
+        step, largest = (unit * part for part in parts)
+        if faces:
             step = largest = min(FACE_STEP * largest, longest)
     if dt is not None and dt > longest:
         warnings.warn(
@@ -284,18 +280,18 @@ def _checked_call(
         )
     span = max(motion.duration for motion in motions) + follow
     samples = max(len(motion.acceleration) for motion in motions)
-    sampling = min(float(motion.dt) for motion in motions)
+    sampling = min(motion.dt for motion in motions)
     options = Options(
-        time_step=float(step),
+        time_step=step,
         tolerance=float(tolerance),
         accuracy=float(tolerance),
         follow=float(follow),
         loss_limit=float(loss_limit),
         check_interval=CHECK_INTERVAL,
         max_steps=int(span / min(step, OWN_STEP * unit)) + samples + 1000,
-        frame_interval=max(float(step), min(sampling, COARSEST_FRAMES)),
+        frame_interval=max(step, min(sampling, COARSEST_FRAMES)),
         crowding=0.0,
-        largest_step=float(largest),
+        largest_step=largest,
     )
     return info, options
 
@@ -319,9 +315,8 @@ def results_of_runs(
     info, options = _checked_call(arch, motions, factors, far, **given)
     arguments.check_compiled(plain=False)
     check_stands(arch)
-    unique = list({id(motion): motion for motion in motions}.values())
-    number = {id(motion): k for k, motion in enumerate(unique)}
-    motion = np.array([number[id(each)] for each in motions], int)
+    unique = list(dict.fromkeys(motions))
+    motion = np.array([unique.index(each) for each in motions], int)
     grounds = _grounds(unique, far)
     factor = np.array(factors, float)
     started = time.perf_counter()
@@ -394,7 +389,8 @@ def simulate_many(
 
     scales = np.atleast_1d(np.asarray(factors, float))
     each = [motions] if isinstance(motions, Motion) else list(motions)
-    each *= scales.size if len(each) == 1 else 1
+    if len(each) == 1:
+        each *= scales.size
     if scales.ndim != 1 or len(each) != scales.size:
         raise InputError(
             f"motions are {len(each)} and factors have shape {scales.shape}; there must be one "
@@ -409,14 +405,13 @@ def simulate_many(
     if strongest is not None:
         warn_if_in_g(each[strongest], scales[strongest], onset(arch))
     names = [each.name for each in fields(Response) if each.name not in _LEFT_OUT]
-    columns = {
-        name: [getattr(each, name) for each in responses] for name in (*names, "steps")
-    }
-    columns["status"] = [response.status.name.lower() for response in responses]
-    variables = {
-        name: ("run", np.array(values), {"units": UNITS.get(name.split("_")[-1], "1")})
-        for name, values in columns.items()
-    }
+    variables: dict[str, Any] = {}
+    for name in (*names, "steps"):
+        values = [getattr(each, name) for each in responses]
+        if name == "status":
+            values = [status.name.lower() for status in values]
+        unit = UNITS.get(name.split("_")[-1], "1")
+        variables[name] = "run", np.array(values), {"units": unit}
     return xarray.Dataset(
         variables, coords={"factor": ("run", scales)}, attrs={"method": method}
     )

@@ -3,13 +3,10 @@
 An arch follows a slow movement of a springing in equilibrium, or falls.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.arch.checks import FloatArray
@@ -93,9 +90,10 @@ def springing_path(
     """
     right = springing == "right"
     if springing not in ("left", "right") or (right and arch.free_end):
-        allowed = "left" if arch.free_end else "left or right"
-        raise InputError(f"springing = {springing!r} must be {allowed}")
-    size = float(np.ptp(np.concatenate(arch.outlines), axis=0).max())
+        raise InputError(
+            f"springing = {springing!r} must be left{'' if arch.free_end else ' or right'}"
+        )
+    size = arch.extent.max()
     check_number("spread", spread, -size, size, "m")
     check_number("settlement", settlement, -size, size, "m")
     check_number("rotation", rotation, -45.0, 45.0, "degrees")
@@ -123,7 +121,7 @@ def springing_path(
     plus, minus = np.array(ranges).T
     end = slow.arch() if math.isinf(limit) else None
     # A tie is all that holds it, in a mechanism.
-    if end is not None and not onset(end).stands:
+    if end and not onset(end).stands:
         held = np.flatnonzero(np.minimum(plus, minus)[:-1] > HOLDS)
         end = None
         limit = float(parts[held.max(initial=-1) + 1])
@@ -158,12 +156,14 @@ def move_springing(
     path = springing_path(arch, **given, springing=springing)
     if path.arch is None:
         units = {"rotation": "degrees"}
-        far = ", ".join(
+        far = [
             f"{name} {path.limit * value:.4g} {units.get(name, 'm')}"
             for name, value in given.items()
             if value
+        ]
+        falls = (
+            f"{arch!r}: the arch falls at {', '.join(far)} of its {springing} springing"
         )
-        falls = f"{arch!r}: the arch falls at {far} of its {springing} springing"
         if arch.pulled:
             falls += " with its ties; move the springing less, or first, and tie the arch then"
         raise StabilityError(falls)
@@ -198,7 +198,7 @@ def ground_of(motion: Motion, far: Far) -> Ground:
         )
     size = max(len(motion.acceleration), len(far.acceleration))
 
-    def padded(wave: NDArray | None) -> NDArray:
+    def padded(wave: FloatArray | None) -> FloatArray:
         return np.zeros(size) if wave is None else np.pad(wave, (0, size - len(wave)))
 
     x = padded(motion.acceleration)

@@ -1,8 +1,5 @@
 """Whether an arch stands, and if not why; reasons for caution with one that does."""
 
-from __future__ import annotations
-
-import math
 from collections.abc import Callable
 from functools import lru_cache
 
@@ -41,10 +38,10 @@ def check_stands(arch: Arch) -> Onset:
         if tight:
             raise StabilityError(f"{arch!r}: the arch {tight}")
         message = f"{arch!r}: {STATUS_MESSAGE[Status.DOES_NOT_STAND]}"
-        if math.isfinite(start.plus):
-            ends = f"{-start.minus:.4g} and {start.plus:.4g} g"
+        if np.isfinite(start.plus):
             message += (
-                f" (rest would need a steady horizontal acceleration between {ends})"
+                " (rest would need a steady horizontal acceleration between "
+                f"{-start.minus:.4g} and {start.plus:.4g} g)"
             )
         raise StabilityError(message)
     rest = None if arch.chain.joint is None else settled(arch.chain)
@@ -85,7 +82,7 @@ def joints_loss(arch: Arch) -> tuple[float, float]:
         np.broadcast_to(_stiffness(arch, key), rigid.n_joint)
         for key in ("stiffness", "shear")
     )
-    growth = [math.nan]
+    growth = [np.nan]
 
     def inset() -> Arch:
         found = inset_of(rigid, stiffness, shear)
@@ -105,8 +102,8 @@ def _loss(arch: Arch, change: Callable[[], Arch]) -> float:
     """Return the part of its onset that an arch loses by a change; 1 if it does not stand then."""
     start = onset(arch)
     before = min(start.plus, start.minus)
-    if not start.stands or not 0.0 < before < math.inf:
-        return math.nan
+    if not start.stands or not 0.0 < before < np.inf:
+        return np.nan
     try:
         inside = onset(change())
     except (GeometryError, StabilityError):  # nothing is left of a joint, or too little
@@ -117,7 +114,7 @@ def _loss(arch: Arch, change: Callable[[], Arch]) -> float:
 def joints_text(arch: Arch) -> str:
     """Say which model of its joints an arch needs; empty if that is not known."""
     loss, growth = joints_loss(arch)
-    if math.isnan(loss):
+    if np.isnan(loss):
         return ""
     who = f"{'its' if arch.joints else 'usual'} joints of {_stiffness(arch).min():.3g} Pa/m"
     lost = f"{who} lower the onset of motion by {100.0 * loss:.1f} %"
@@ -137,18 +134,19 @@ def joints_text(arch: Arch) -> str:
 
 def edge_text(arch: Arch, loss: float) -> str:
     """Say what hinges inside the edges do to the onset; empty if that is not known."""
-    if math.isnan(loss):
+    if np.isnan(loss):
         return ""
     further = arch.joints.get("model") == "inset"
-    inside = (
-        "further inside the joints" if further else "inside the edges of the joints"
+    where = (
+        f"hinges {1000.0 * INSET:g} mm "
+        f"{'further inside the joints' if further else 'inside the edges of the joints'}"
     )
-    where = f"hinges {1000.0 * INSET:g} mm {inside}"
     if loss >= 1.0:
         return f"with {where} the arch does not stand"
-    of = " of the arch as built" if arch.built else ""
-    lower = f"{where} lower the onset of motion{of} by {100.0 * loss:.1f} %"
-    return f"{lower}, and the collapse border by about as much"
+    return (
+        f"{where} lower the onset of motion{' of the arch as built' if arch.built else ''} by "
+        f"{100.0 * loss:.1f} %, and the collapse border by about as much"
+    )
 
 
 def arch_cautions(arch: Arch, start: Onset) -> list[str]:
@@ -158,7 +156,7 @@ def arch_cautions(arch: Arch, start: Onset) -> list[str]:
     found = []
     loss = edge_loss(arch)
     both = (start.plus, "+x"), (start.minus, "-x")
-    locked = " and ".join(towards for load, towards in both if math.isinf(load))
+    locked = " and ".join(towards for load, towards in both if np.isinf(load))
     if locked:
         found.append(
             f"no steady acceleration towards {locked} moves it in theory: its joints can lock "
@@ -181,7 +179,7 @@ def arch_cautions(arch: Arch, start: Onset) -> list[str]:
 def prestress_text(arch: Arch) -> str:
     """Say that an arch falls by the prestress of its ties, and how much it bears; else empty."""
     largest = _part_of_prestress(arch)
-    if math.isnan(largest):
+    if np.isnan(largest):
         return ""
     ties = [
         f"{tie_name(arch, tie)}: {pull:g} N, at most {largest * pull:.4g} N"
@@ -190,9 +188,9 @@ def prestress_text(arch: Arch) -> str:
         )
         if pull
     ]
-    together = " together" * (len(ties) > 1)
     return (
-        f"does not stand with the prestress of its ties ({'; '.join(ties)}{together}), "
+        "does not stand with the prestress of its ties "
+        f"({'; '.join(ties)}{' together' * (len(ties) > 1)}), "
         "but without it; give less prestress"
     )
 
@@ -203,7 +201,7 @@ def _part_of_prestress(arch: Arch) -> float:
     """
     ties = arch.chain.tie
     if ties is None:
-        return math.nan
+        return np.nan
     model = model_of(arch.chain)
     stretch = [tie_stretch(model, tie, model.start) for tie in range(len(ties))]
 
@@ -213,10 +211,10 @@ def _part_of_prestress(arch: Arch) -> float:
         return onset(arch.changed(chain=arch.chain._replace(tie=fewer))).stands
 
     if stands(1.0) or not stands(0.0):
-        return math.nan
-    low = 0.0
-    high = 1.0
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if stands(middle) else (low, middle)
-    return low
+        return np.nan
+    part = 0.0
+    for halvings in range(1, HALVINGS + 1):
+        more = 0.5**halvings
+        if stands(part + more):
+            part += more
+    return part

@@ -1,7 +1,5 @@
 """Kernels made ready ahead of a run, with a message that says how long it takes."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import threading
@@ -44,6 +42,8 @@ def warmup(
     ready = kernels_are_compiled()
     names = method_names() if method is None else (method,)
     names = tuple(check_method(name).name for name in names)
+    arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
+    motion = Motion(np.zeros(3), dt=0.01)
     what = "compiling kernels"
     expected = COMPILING
     if is_shipped():
@@ -52,8 +52,7 @@ def warmup(
 
     def report() -> None:
         passed = time.perf_counter() - started
-        text = f"{what} (first run only): {passed:.0f} s"
-        text += f" of about {expected:.0f} s" if passed <= expected else ""
+        text = f"{what} (first run only): {passed:.0f} s of about {expected:.0f} s"
         if progress is not None:
             progress("loading kernels" if ready else text)
 
@@ -61,7 +60,8 @@ def warmup(
     with contextlib.nullcontext() if ready else every(TICK, report):
         make_all_ready()
         for name in names:
-            _use(name)
+            simulate_many(arch, motion, [1.0], method=name)
+            simulate(arch, motion, method=name)
     return time.perf_counter() - started
 
 
@@ -75,15 +75,6 @@ def is_shipped() -> bool:
 def kernels_are_compiled() -> bool:
     """Return whether `warmup` has only to load the kernels of a study."""
     return all(load.is_ready(name) for name in load.OF_ALL)
-
-
-def _use(method: str) -> None:
-    """Call the kernels of a method."""
-    arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
-    motion = Motion(np.zeros(3), dt=0.01)
-    if check_method(method).load("run_many") is not None:
-        simulate_many(arch, motion, [1.0], method=method)
-    simulate(arch, motion, method=method)
 
 
 @contextlib.contextmanager
@@ -109,32 +100,29 @@ def used_kernels() -> dict[str, list[Any]]:
     arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
     motion = Motion(np.sin(np.arange(50.0)), dt=0.01)
 
-    def rest() -> None:
+    def calls() -> Iterator[None]:
         onset(arch)
         slow = SlowArch(arch.tied(level=6.0, area=5e-4, prestress=100.0))
         slow.tension(0, 200.0)
         for wave in (motion.acceleration, motion.acceleration * 1j):
             largest_response(wave, 0.01, 10.0, 0.05, np.ones(1, complex), np.zeros(1))
-
-    def steps() -> None:
+        yield
         simulate_many(arch, motion, [0.5], method="time_stepping")
-
-    def events() -> None:
+        yield
         simulate(arch, motion, method="time_stepping")
         simulate_many(arch, motion, [0.5], method="event_driven")
         simulate(arch, motion, method="event_driven")
-
-    def faces() -> None:
+        yield
         joint = np.tile([1e10, 1e10, 0.05, 0.0], (arch.n_joint, 1))
         soft = arch.changed(chain=arch.chain._replace(joint=joint))
         simulate_many(soft, motion, [0.5])
         simulate(soft, motion)
+        yield
 
     sets = dict[str, list[Any]]()
     known = set[Any]()
     load.called.clear()
-    for name, call in zip(load.SETS, (rest, steps, events, faces), strict=True):
-        call()
+    for name, _ in zip(load.SETS, calls()):
         sets[name] = sorted(set(load.called) - known, key=repr)
         known.update(load.called)
     return sets

@@ -4,7 +4,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from obspy import Trace
@@ -12,14 +11,14 @@ from obspy import Trace
 from archfrag import files
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.calibrate import plain_unit
-from archfrag.motions.channel import Samples
+from archfrag.motions.channel import Named, Samples
 from archfrag.motions.formats.layout import Text, number, search, split, trace_of
 
 MOST_COLUMNS = 1000
 # What lines before the numbers may state: units of columns (GeoCSV), a unit of acceleration, the
 # step or the rate of samples, and their number.
-_GEOCSV_UNITS = re.compile(r"(?m)^#\s*field_unit\s*:(.*)$")
-_UNIT = re.compile(
+_GEOCSV_UNITS = r"^#\s*field_unit\s*:(.*)$"
+_UNIT = (
     r"(?i)(?:[\[(]\s*|\bin\s+(?:units\s+of\s+)?|\bunits?\s*(?:of|:|=)\s*)"
     r"(m?g|%g|m?gal|(?:[cm]?m|in|ft)\s*/\s*s(?:ec)?\s*(?:\^|\*\*)?\s*(?:2|Â?²|/\s*s(?:ec)?))s?(?![\w/])"
 )
@@ -62,14 +61,13 @@ class Columns:
     skip: int = 0
 
     def __post_init__(self) -> None:
-        columns = [
-            c for c in (self.time, self.acceleration, self.vertical) if c is not None
-        ]
+        every = (self.time, self.acceleration, self.vertical)
+        columns = [column for column in every if column is not None]
         outside = next((c for c in columns if not 1 <= c <= MOST_COLUMNS), None)
         for wrong, needed in (
             ((self.time is None) == (self.dt is None), "either time or dt"),
             (
-                self.dt is not None and not 0.0 < self.dt < float("inf"),
+                self.dt is not None and not 0.0 < self.dt < np.inf,
                 f"a positive dt, not {self.dt or 0.0:g}",
             ),
             (
@@ -92,7 +90,7 @@ class Columns:
 
 def parse_columns(text: str) -> Columns:
     """Read columns from words such as ``time=1,acceleration=2,skip=3``, or InputError."""
-    keys: dict[str, Any] = {}
+    keys: Named = {}
     for word in text.replace(",", " ").split():
         key, _, value = word.partition("=")
         try:
@@ -101,9 +99,8 @@ def parse_columns(text: str) -> Columns:
             step = files.number(value)
             keys[key] = step if key == "dt" else int(value)
         except ValueError:
-            wrong = f"{word!r} is not known or occurs twice"
             raise InputError(
-                f"columns {text!r}: {wrong}; allowed are {_ALLOWED}"
+                f"columns {text!r}: {word!r} is not known or occurs twice; allowed are {_ALLOWED}"
             ) from None
     return Columns(**keys)
 
@@ -113,9 +110,9 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     text = Text(path)
     name = str(path)
     lines = [
-        (place + 1, line.split("#")[0])
-        for place, line in enumerate(text.lines)
-        if place >= columns.skip and not line.lstrip().startswith(("#", "%"))
+        (place, line.split("#")[0])
+        for place, line in enumerate(text.lines, 1)
+        if place > columns.skip and not line.lstrip().startswith(("#", "%"))
     ]
     named = (columns.time, columns.acceleration, columns.vertical)
     chosen = [column - 1 for column in named if column]
@@ -123,7 +120,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     rows = files.cells_of(lines, separator)
     used = [number for number, _ in rows]
     try:
-        table = _numbers(rows, separator, chosen, text)
+        table = _numbers(rows, separator, chosen)
         if chosen:
             files.check_counts(rows, separator)
             for column in chosen[columns.time is not None :]:
@@ -131,11 +128,9 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
                 files.check_one_number(rows, column, separator)
         else:
             _refuse_columns(table, used)
-    except RecordError:
-        raise
     except InputError as error:
         raise RecordError(f"{name}, {error}") from None
-    values = np.array([value for row in table for value in row], dtype=np.float64)
+    values = np.array([value for row in table for value in row], float)
     samples = values.reshape(-1, len(chosen) or 1).T
     if len(samples[0]) < 2:
         raise RecordError(
@@ -144,8 +139,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     _refuse_header(values, used[0], name)
     step = columns.dt
     if columns.time is not None:
-        places = [text.place(number - 1) for number in used]
-        step = _even_step(samples[0], places, columns)
+        step = _even_step(samples[0], used, columns, name)
         samples = samples[1:]
         chosen = chosen[1:]
     before = (line for i, line in enumerate(text.head(0, 50), 1) if i not in {*used})
@@ -162,7 +156,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
             "code": code if columns.vertical else "",
             "vertical": code == "V",
             "log": [f"Columns {columns}."],
-            "contradicted": _other_step(head, float(step or 0.0)),
+            "contradicted": _other_step(head, step or 0.0),
         }
         trace = trace_of(np.ascontiguousarray(series), step, name, facts)
         trace.stats._format = "COLUMNS"
@@ -176,8 +170,8 @@ def _unit_in(head: str, column: int) -> str:
     stated = search(_GEOCSV_UNITS, head)
     if stated:
         return re.split(r"[,;|\s]+", stated.strip())[: column + 1][-1]
-    known = set(map(plain_unit, _UNIT.findall(head)))
-    if not known and not re.search("accel", head, re.IGNORECASE):
+    known = set(map(plain_unit, re.findall(_UNIT, head)))
+    if not known and not re.search("(?i)accel", head):
         return search(r"\b(velocity|displacement)\b", head)
     return known.pop() if len(known) == 1 else ""
 
@@ -204,7 +198,7 @@ def _refuse_header(values: Samples, line: int, name: str) -> None:
 
 
 def _numbers(
-    rows: Sequence[files.Row], separator: str, chosen: Sequence[int], text: Text
+    rows: Sequence[files.Row], separator: str, chosen: Sequence[int]
 ) -> list[list[float]]:
     """Return the numbers of chosen or all columns by rows; InputError for other cells."""
     table = []
@@ -229,16 +223,12 @@ def _numbers(
                     f"line {line}: {cell[:40]!r} is not a finite number; "
                     f"{files.NAMES[separator]} are between the cells of this file"
                 )
-            values += split(cell, text.place(line - 1))
+            values += split(cell, f"line {line}")
         if len(values) != len(picked) and (chosen or separator != " "):
             raise InputError(f"line {line}: columns run together")
         table.append(values)
-    cells = (cell for _, row in rows for cell in row)
-    if (
-        rows
-        and separator == ","
-        and not any(re.search("[.Ee]", each) for each in cells)
-    ):
+    cells = " ".join(cell for _, row in rows for cell in row)
+    if rows and separator == "," and not re.search("[.Ee]", cells):
         raise InputError(
             f"line {rows[0][0]}: has only whole numbers, with commas between them: are the "
             "commas decimal? Write decimal points"
@@ -249,7 +239,6 @@ def _numbers(
 def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
     """Raise InputError unless rows are of one motion, equally long but for the last."""
     width = max(map(len, table), default=0)
-    remedy = "name them by acceleration=COLUMN"
     for line, row in zip(lines[:-1], table):
         if len(row) < width:
             raise InputError(
@@ -258,7 +247,8 @@ def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
     full = np.array([row for row in table if len(row) == width])
     if width > 1 and _rises_evenly(full[:, 0]):
         raise InputError(
-            f"line {lines[0]}: the first column rises evenly, as times do; {remedy}"
+            f"line {lines[0]}: the first column rises evenly, as times do; name them by "
+            "acceleration=COLUMN"
         )
     if width > 1 and len(full) >= 50:
         within, along = (np.abs(np.diff(full, axis=axis)).mean() for axis in (1, 0))
@@ -268,7 +258,7 @@ def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
         if along < 1.2 * within or between > 1.3 * within:
             raise InputError(
                 f"line {lines[0]}: the {width} numbers a row are columns side by side, not one "
-                f"motion row after row; {remedy}"
+                f"motion row after row; name them by acceleration=COLUMN"
             )
 
 
@@ -280,7 +270,9 @@ def _rises_evenly(values: Samples) -> bool:
     )
 
 
-def _even_step(times: Samples, places: list[str], columns: Columns) -> float:
+def _even_step(
+    times: Samples, lines: Sequence[int], columns: Columns, name: str
+) -> float:
     """Return the step of times that are evenly spaced but for rounding [s]; else RecordError."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
@@ -290,7 +282,7 @@ def _even_step(times: Samples, places: list[str], columns: Columns) -> float:
     wrong = steps <= 0.0 if steps.min() <= 0.0 else np.abs(steps - mean)
     late = int(wrong.argmax()) + 1
     raise RecordError(
-        f"{places[late]}: times must be evenly spaced, {times[late]:.9g} s in column "
+        f"{name}, line {lines[late]}: times must be evenly spaced, {times[late]:.9g} s in column "
         f"{columns.time} comes after {times[late - 1]:.9g} s; if times are only rounded, give dt "
         "instead of their column"
     )

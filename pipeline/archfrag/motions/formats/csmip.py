@@ -22,12 +22,11 @@ month, day, hour, minute and millisecond of the first sample.
 
 import re
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from obspy import Trace
 
 from archfrag.errors import RecordError
-from archfrag.motions.channel import Samples, quadrant
+from archfrag.motions.channel import Named, Samples, quadrant
 from archfrag.motions.formats.layout import (
     END_OF_DATA,
     WORDS,
@@ -49,16 +48,14 @@ from archfrag.motions.formats.layout import (
     utc_time,
 )
 
-_CHANNELS = re.compile(r"\(\s*(\d{1,6})\d*\s*CHNS?\s+OF", re.IGNORECASE)
-_BEGINS = re.compile(rf"(?!{END_OF_DATA.pattern})[\s\x1a]*[^\s\x1a]", re.IGNORECASE)
-_Channel = tuple[Trace | None, int, str]  # a trace, the line after it, its header
+_CHANNELS = r"\(\s*(\d{1,6})\d*\s*CHNS?\s+OF"
+_BEGINS = re.compile(rf"(?!{END_OF_DATA.pattern})[\s\x1a]*[^\s\x1a]")
+_Channel = tuple[Trace | None, int]  # a trace, and the line after it
 
 # COSMOS
-_FORMAT = re.compile(
-    r"(?i)\A.*\(Format\s+v\d+\.\d+\s+with\s+(\d{1,3})\s+text\s+lines\)"
-)
-_BLOCK = r"\s*(\d{{1,6}})\d*\s+{}-header values follow on\s+(\d{{1,6}})\d*\s+lines"
-_SECTION = re.compile(r"\A\s*(\S+)\s+.*\bpts\b.*units\s*=", re.IGNORECASE)
+_FORMAT = r"(?i)\A.*\(Format\s+v\d+\.\d+\s+with\s+(\d{1,3})\s+text\s+lines\)"
+_BLOCK = r"(?i)\s*(\d{{1,6}})\d*\s+{}-header values follow on\s+(\d{{1,6}})\d*\s+lines"
+_SECTION = r"\A\s*(\S+)\s+.*\bpts\b.*units\s*="
 _COSMOS_UNITS = {2: "g", 4: "cm/s2", 50: "counts"}
 _COSMOS_LEVELS = {0: "raw", 1: "raw", 2: "processed"}
 _WAYS = {400: "UP", 401: "DOWN"}  # from 1 to 360 it is an azimuth
@@ -68,14 +65,13 @@ _REALS = {
     "magnitude": (lambda value: value or None, 12, 14),
     "epicentral_km": (float, 16),
     "length": (float, 62),
+    "peak": ("{:.4E}".format, 63),
 }
 
 # CSMIP
-_TITLE = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\b", re.IGNORECASE)
-_COUNT_LINE = re.compile(r"NO\. OF POINTS\s*=\s*(\S*)\s+RECORD LENGTH", re.IGNORECASE)
-_POINTS = re.compile(
-    r"\A\s*(\S+)\s+(?:POINTS OF ACCEL|ACCELEROGRAM POINTS)", re.IGNORECASE
-)
+_TITLE = re.compile(r"(?i)\s*(UN)?CORRECTED ACCELEROGRAM\b")
+_COUNT_LINE = r"NO\. OF POINTS\s*=\s*(\S*)\s+RECORD LENGTH"
+_POINTS = re.compile(r"(?i)\A\s*(\S+)\s+(?:POINTS OF ACCEL|ACCELEROGRAM POINTS)")
 _UNITS = (
     (r"\b(G)\s*/\s*10\b", "g", 0.1),
     (r"\b(CM)/S(?:EC)?(?:/S(?:EC)?|2|/S2)", "cm/s2", 1.0),
@@ -115,16 +111,17 @@ def _volume(text: Text, channel: Callable[[Text, int], _Channel]) -> list[Trace]
     """Return the traces of channels one after the other, each read by `channel` from a line on."""
     traces = list[Trace]()
     place = stated = 0
-    while (place := text.first(place, _BEGINS.match)) < len(text.lines):
-        trace, place, header = channel(text, place)
+    while (begin := text.first(place, _BEGINS.match)) < len(text.lines):
+        trace, place = channel(text, begin)
         if trace is None:
             continue
-        if not any(map(END_OF_DATA.match, text.lines[place : place + 1])):
+        if not END_OF_DATA.match(text.line(place)):
             trace.stats.record.errors.append(
                 "there is no end-of-data line: the file may be cut off"
             )
         traces.append(trace)
-        stated = max(stated, int(search(_CHANNELS, header) or 0))
+        head = "\n".join(text.head(begin, begin + 100))
+        stated = max(stated, int(search(_CHANNELS, head) or 0))
     if not traces:
         raise RecordError(
             f"{text.name}: none of the channels of the file is an acceleration"
@@ -143,7 +140,7 @@ def _volume(text: Text, channel: Callable[[Text, int], _Channel]) -> list[Trace]
     return traces
 
 
-is_cosmos = begins_with(_FORMAT.pattern, r"(?im)^\s*\d+\s+Integer-header values follow")
+is_cosmos = begins_with(_FORMAT, r"(?im)^\s*\d+\s+Integer-header values follow")
 
 
 @reader
@@ -157,7 +154,6 @@ def _cosmos_channel(text: Text, place: int) -> _Channel:
     if not 5 <= count <= 100:
         raise text.needs(place, "a line with (Format v01.20 with 13 text lines)")
     lines = text.head(place, place + count)
-    header = "\n".join(lines)
     integers, at = _header_numbers(text, place + count, "integer")
     reals, at = _header_numbers(text, at, "real")
     real = {i: value for i, value in enumerate(reals.tolist()) if value != _NULL}
@@ -167,19 +163,19 @@ def _cosmos_channel(text: Text, place: int) -> _Channel:
         comments = "\n".join(text.head(at + 1, end))
         at = end
     section = text.line(at)[:200]
-    if not _SECTION.match(section):
+    if not search(_SECTION, section):
         raise text.needs(at, "the line with the number of points and their units")
     end = text.first(at + 1, WORDS.search)
     where = text.place(at)
     if not (integers[1] == 1 or (integers[1] == _NULL and "ACCEL" in section.upper())):
-        return None, end, header
+        return None, end
     announced = checked_count(search(_SECTION, section), where)
     samples = text.numbers(at + 1, end, announced, format_width(section))
     record, codes = _cosmos_record([*lines, *[""] * 9], int(integers[53]), comments)
     record = read_fields(_REALS, real.get) | record
     record |= {
-        "level": _COSMOS_LEVELS.get(int(integers[0]), ""),
-        "unit": _COSMOS_UNITS.get(int(integers[2]), ""),
+        "level": _COSMOS_LEVELS.get(integers[0], ""),
+        "unit": _COSMOS_UNITS.get(integers[2], ""),
         "announced": announced,
     }
     # The recorder's least count [µV], the sensor's sensitivity [V/g] and the gain.
@@ -192,17 +188,16 @@ def _cosmos_channel(text: Text, place: int) -> _Channel:
         real[61] / 1000.0 if 61 in real else real.get(33),
         where,
         record,
-        peak=f"{real[63]:.4E}" if 63 in real else "",
-        codes=codes,
-        start=utc_time(lines[7]),
+        codes,
+        utc_time(lines[7]),
     )
-    return trace, end, header
+    return trace, end
 
 
 def _header_numbers(text: Text, at: int, kind: str) -> tuple[Samples, int]:
     """Return the integers or reals of a header, and the line after them."""
     line = text.line(at)
-    block = re.match(_BLOCK.format(kind), line, re.IGNORECASE)
+    block = re.match(_BLOCK.format(kind), line)
     if block is None:
         raise text.needs(at, f"a line that states how many {kind}-header values follow")
     count, height = map(int, block.groups())
@@ -218,7 +213,7 @@ def _header_numbers(text: Text, at: int, kind: str) -> tuple[Samples, int]:
 
 def _cosmos_record(
     text: list[str], angle: int, comments: str
-) -> tuple[dict[str, Any], tuple[str, str, str]]:
+) -> tuple[Named, tuple[str, str, str]]:
     """Return the facts of a header, and the codes of network, station and location."""
     channel = re.search(
         r"(?i)Sta\s+Cha\w*\s*:?\s*([\w?]+)\s*:\s*(.*?)\s*\(Rcrdr", text[8]
@@ -257,7 +252,7 @@ def _cosmos_record(
 
 # Volume 1 has its number of points in one of the lines 9 to 13.
 is_dmg = begins_with(
-    rf"(?i)\A\s*UNCORRECTED ACCELEROGRAM\b(?:.*\n){{8,12}}.*{_COUNT_LINE.pattern}"
+    rf"(?i)\A\s*UNCORRECTED ACCELEROGRAM\b(?:.*\n){{8,12}}.*{_COUNT_LINE}"
     r"|\A\s*CORRECTED ACCELEROGRAM\b.*\n\s*UNCORRECTED ACCELEROGRAM DATA"
 )
 
@@ -290,11 +285,10 @@ def _dmg_channel(text: Text, place: int) -> _Channel:
             f"{text.place(place)}: no line states the number of acceleration points"
         )
     samples, step, record, end, where = read
-    named = re.compile(rf"{peak_name}\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE)
+    named = re.compile(rf"(?i){peak_name}\s*=\s*([-+.\d]+)\s*([A-Z/]+)")
     stated = next(filter(None, map(named.search, lines)), None)
-    peak = ""
     if stated and _unit_of(f"in {stated[2]}")[0] == record["unit"]:
-        peak = stated[1]
+        record["peak"] = stated[1]
     end = text.first(end, lambda line: END_OF_DATA.match(line) or _TITLE.match(line))
     head = lines if level == "raw" else lines[1:]
     channel = re.search(r"(?i)CHAN\s*(\d+)?\s*:\s*(.*)", head[6])
@@ -310,25 +304,17 @@ def _dmg_channel(text: Text, place: int) -> _Channel:
         "station": re.split(r"\s{3,}", head[5].strip())[0],
     }
     code = search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", head[4])
-    trace = trace_of(
-        samples,
-        step,
-        where,
-        record,
-        peak=peak,
-        codes=("", code, " ".join(position.split())),
-        start=utc_time(head[3]),
-    )
-    return trace, end, "\n".join(lines)
+    codes = ("", code, " ".join(position.split()))
+    return trace_of(samples, step, where, record, codes, utc_time(head[3])), end
 
 
-_Read = tuple[Samples, float | None, dict[str, Any], int, str]
+_Read = tuple[Samples, float | None, Named, int, str]
 
 
 def _dmg_section(text: Text, at: int) -> _Read:
     """Return samples after a line that states them, their step, facts, end, and that place."""
     line = text.line(at)[:200]
-    announced = checked_count(search(_POINTS, line), text.place(at))
+    announced = checked_count(search(_POINTS.pattern, line), text.place(at))
     unit, scale = _unit_of(line)
     end = text.first(at + 1, WORDS.search)
     samples = text.numbers(at + 1, end, announced, format_width(line) or 10) * scale
@@ -341,7 +327,7 @@ def _dmg_section(text: Text, at: int) -> _Read:
 
 def _dmg_pairs(text: Text, place: int, lines: list[str], first: int) -> _Read:
     """Return the same of pairs of time and acceleration, which begin at line `first`."""
-    index = next((i for i, row in enumerate(lines) if _COUNT_LINE.search(row)), 0)
+    index = next((i for i, row in enumerate(lines) if search(_COUNT_LINE, row, 0)), 0)
     stated = search(_COUNT_LINE, lines[index])
     announced = checked_count(stated, text.place(place + index))
     unit, scale = _unit_of(
@@ -385,11 +371,9 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
             f"{place}: ends after {end - first} line(s), {_HEADER_LINES} are header"
         )
     head = "\n".join(text.lines[first : first + _TEXT_LINES])
-    record: dict[str, Any] = {"code": "", "unit": "", "announced": "", "factor": "1"}
+    record: Named = {"code": "", "unit": "", "announced": "", "factor": "1"}
     record |= read_fields(_FIELDS, lambda pattern: search(pattern, head))
-    interval, factor, peak = (
-        record.pop(key, "") for key in ("interval", "factor", "peak")
-    )
+    interval, factor = (record.pop(key, "") for key in ("interval", "factor"))
     integers = text.numbers(first + _TEXT_LINES, first + _INTEGERS_END)
     channel = f"{text.name}: channel {record['code']}"
     if integers.size != 40:
@@ -421,8 +405,7 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
         interval or None,
         f"{place}: interval",
         record,
-        peak=peak,
-        codes=("NZ", record.get("station", ""), ""),
+        ("NZ", record.get("station", "")),
         # Year, month, day, hour, minute and millisecond of the first sample.
-        start=moment(*integers[[8, 9, 18, 19, 38, 39]] / (1, 1, 1, 1, 1, 1000)),
+        moment(*integers[[8, 9, 18, 19, 38, 39]] / (1, 1, 1, 1, 1, 1000)),
     )

@@ -26,7 +26,7 @@ from obspy import Stream, Trace
 from obspy.core.util.base import buffered_load_entry_point
 
 from archfrag.errors import RecordError
-from archfrag.motions.channel import AZIMUTHS, Channel
+from archfrag.motions.channel import AZIMUTHS, Channel, Named
 from archfrag.motions.formats.layout import (
     Source,
     Text,
@@ -48,17 +48,15 @@ _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?)"
 _NPTS = rf"NPTS\s*=\s*{_NUMBER}"
 _DT = rf"\bDT\s*=\s*{_NUMBER}"
 _TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
-_KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
-_DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
-_DIRECTION = re.compile(
-    r"[\s,_-]+(\d{1,3}|[NSEWVZ]|NS|EW|UP|UD|[NS]\d+[EW])(\s*DEG\w*)?\W*$", re.IGNORECASE
-)
-_CLOCK = re.compile(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)")
-_SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
+_KEY = r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)"
+_DAY = r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)"
+_DIRECTION = r"(?i)[\s,_-]+(\d{1,3}|[NSEWVZ]|NS|EW|UP|UD|[NS]\d+[EW])(\s*DEG\w*)?\W*$"
+_CLOCK = re.compile(_DAY + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)")
+_SERIES = re.compile(r"(?i)\s*(\w+) time series in (.+)")
 
 
 def _day(text: str) -> str:
-    day = _DAY.match(text)
+    day = re.match(_DAY, text)
     return "-".join(day.groups()) if day else ""
 
 
@@ -119,9 +117,8 @@ def read_at2(text: Text) -> list[Trace]:
     if "ACCELERATION" not in quantity.upper():
         raise text.needs(2, "an acceleration")
     unit = search(r"UNITS?\s+OF\s+([^\s.,;]+)", quantity) or "none"
-    count, step = (search(pattern, last) for pattern in (_NPTS, _DT))
-    if not (count and step):
-        count, step = (search(_TRAILING, last, group) for group in (1, 2))
+    count = search(_NPTS, last) or search(_TRAILING, last)
+    step = search(_DT, last) or search(_TRAILING, last, 2)
     if not (count and step):
         raise text.needs(
             3, "a line with the number of samples (NPTS) and the time step (DT)"
@@ -130,7 +127,7 @@ def read_at2(text: Text) -> list[Trace]:
     if stated is not None and stated % 1 == 0:
         count = f"{stated:.0f}"
     # Without a direction at its end, by which records of one event would differ.
-    record: dict[str, Any] = {"event": _DIRECTION.sub("", about)}
+    record: Named = {"event": re.sub(_DIRECTION, "", about)}
     parts = [part.strip() for part in about.split(",")]
     if len(parts) >= 3:
         first = 1
@@ -153,7 +150,7 @@ def read_dyna(text: Text) -> list[Trace]:
     """Read an acceleration record of ESM, ITACA or AFAD."""
     header: dict[str, str] = {}
     for count, line in enumerate(text.lines):
-        match = _KEY.match(line)
+        match = re.match(_KEY, line)
         if match is None:
             break
         key = match[1].upper()
@@ -205,6 +202,7 @@ def _keyed(text: Text, header: dict[str, str], first: int, codes: list[str]) -> 
     record |= {
         "unit": acceleration_unit(header["UNITS"], f"{text.name}, UNITS"),
         "announced": checked_count(header["NDATA"], f"{text.name}, NDATA"),
+        "peak": header.get(f"PGA_{header['UNITS'].upper()}", ""),
         "vertical": letter in ("Z", "UP", "V", "UD") if letter else None,
         "azimuth": AZIMUTHS.get(letter),
         # A name may be of a country alone, that of many earthquakes.
@@ -231,9 +229,8 @@ def _keyed(text: Text, header: dict[str, str], first: int, codes: list[str]) -> 
         number(header["SAMPLING_INTERVAL_S"]),
         f"{text.name}, SAMPLING_INTERVAL_S",
         record,
-        codes=codes,
-        peak=header.get(f"PGA_{header['UNITS'].upper()}", ""),
-        start=times[0],
+        codes,
+        times[0],
     )
 
 
@@ -301,16 +298,10 @@ def read_smc(text: Text) -> list[Trace]:
         values, step, done = on_even_steps(values, text.name)
         record["log"] += [done] * bool(done)
     peaks = [abs(stated[index]) for index in (29, 31) if index in stated]
-    trace = trace_of(
-        values,
-        step,
-        text.place(first - 1),
-        record,
-        start=start,
-        peak=f"{max(peaks):.6E}" if peaks else "",
-        codes=("", head[2].strip().split(" ")[0], ""),
-    )
-    return [trace]
+    if peaks:
+        record["peak"] = f"{max(peaks):.6E}"
+    codes = ("", head[2].strip().split(" ")[0])
+    return [trace_of(values, step, text.place(first - 1), record, codes, start)]
 
 
 def read_knet(source: Source, **_: Any) -> Stream:

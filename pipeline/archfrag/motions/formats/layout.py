@@ -21,6 +21,7 @@ from archfrag.motions.channel import (
     AZIMUTHS,
     METRES_PER_SECOND_SQUARED,
     Channel,
+    Named,
     Samples,
     filled,
     quadrant,
@@ -35,28 +36,13 @@ _NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[Ee][-+]?\d+)?")
 # Fixed-width columns leave no blank before a sign, nor after a two-digit exponent.
 _RUN_TOGETHER = re.compile(r"(?<=[Ee][-+]\d\d)(?=[-+.\d])|(?<=[\d.])(?=[-+])")
 _FIXED_WIDTH = re.compile(r"[-+]?(?:\d+\.\d*|\.\d+)(?:[Ee][-+]\d\d)?")
-_FORMAT = re.compile(
-    r"\(\s*\d*P?,?\s*\d*\s*[FEGDI]\s*(\d{1,2})(?:\.\d+)?\s*\)", re.IGNORECASE
-)
+_FORMAT = r"\(\s*\d*P?,?\s*\d*\s*[FEGDI]\s*(\d{1,2})(?:\.\d+)?\s*\)"
 _STEPS = np.outer(10.0 ** np.arange(-5, 1), (1.0, 2.0, 2.5, 5.0)).ravel()  # [s]
-END_OF_DATA = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
-WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
+END_OF_DATA = re.compile(r"(?i:/&|\s*END[ -]OF[ -]DATA)")
+WORDS = re.compile(r"(?i)[A-Za-z]{4}|/&|END")
 
-_MONTHS = [
-    "JAN",
-    "FEB",
-    "MAR",
-    "APR",
-    "MAY",
-    "JUN",
-    "JUL",
-    "AUG",
-    "SEP",
-    "OCT",
-    "NOV",
-    "DEC",
-]
-_NAMED = rf"(?P<month>{'|'.join(_MONTHS)})[A-Z]*\.?"
+_MONTHS = "JAN|FEB|MAR|APR|MAY|JUN|JUL|AUG|SEP|OCT|NOV|DEC"
+_NAMED = rf"(?P<month>{_MONTHS})[A-Z]*\.?"
 _DATES = (
     r"\b(?P<year>\d{4})[-/](?P<month>\d{1,2})[-/](?P<day>\d{1,2})\b",
     r"\b(?P<month>\d{1,2})[-/](?P<day>\d{1,2})[-/](?P<year>\d{4}|\d{2})\b",
@@ -75,7 +61,7 @@ class Text:
     """Lines of a file, whatever ends them."""
 
     def __init__(self, source: Source) -> None:
-        is_path = isinstance(source, (str, Path))
+        is_path = isinstance(source, str | Path)
         self.name = str(source if is_path else getattr(source, "name", "buffer"))
         content = _read_bytes(source)
         wide = wide_encoding(content)
@@ -95,9 +81,11 @@ class Text:
         return [line[:200] for line in self.lines[first:last]]
 
     def needs(self, index: int, what: str) -> RecordError:
-        end = index >= len(self.lines)
-        shown = "the end of the file" if end else repr(self.lines[index].strip()[:60])
-        return RecordError(f"{self.place(index)}: {what} is needed here, not {shown}")
+        end = "the end of the file" * (index >= len(self.lines))
+        return RecordError(
+            f"{self.place(index)}: {what} is needed here, not "
+            f"{end or repr(self.line(index).strip()[:60])}"
+        )
 
     def numbers(
         self,
@@ -144,7 +132,7 @@ def reader(read: Callable[[Text], Iterable[Trace]]) -> Callable[..., Stream]:
 
 def _read_bytes(source: Source, size: int = -1) -> bytes:
     """Return the first bytes of a file, or of the rest of an open buffer."""
-    if not isinstance(source, (str, Path)):
+    if not isinstance(source, str | Path):
         return source.read(size)
     with opened(source) as file:
         return file.read(size)
@@ -234,30 +222,29 @@ def on_even_steps(pairs: Samples, name: str) -> tuple[NDArray, float, str]:
         )
         return np.ascontiguousarray(values), step, ""
     # Linear between samples, as digitised film is; a step of 1, 2, 2.5, 5, 10... up to the median.
-    median = float(np.median(steps[steps > 0.0]))
+    median = np.median(steps[steps > 0.0])
     step = float(_STEPS[median >= _STEPS / 1.02].max(initial=0.0)) or median
     if not length / step < 20 * times.size:
         raise RecordError(
             f"{name}: times are too uneven: steps of {median:g} s in {length:g} s"
         )
     grid = times[0] + step * np.arange(int(length / step * (1.0 + 1e-12)) + 1)
-    unequal = f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s"
-    sizes = f"linear between them ({values.size} to {grid.size} samples)"
-    done = f"{unequal} read at equal steps of {step:g} s, {sizes}."
+    done = (
+        f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s read at equal "
+        f"steps of {step:g} s, linear between them ({values.size} to {grid.size} samples)."
+    )
     return np.interp(grid, times, values), step, done
 
 
-def search(pattern: str | re.Pattern[str], text: str, group: int = 1) -> str:
+def search(pattern: str, text: str, group: int = 1) -> str:
     """Return a group of the first match in a text, in any case; empty if there is no match."""
-    if isinstance(pattern, str):
-        pattern = re.compile(pattern, re.IGNORECASE | re.MULTILINE)
-    match = pattern.search(text)
+    match = re.search(pattern, text, re.IGNORECASE | re.MULTILINE)
     return (match.group(group) or "") if match else ""
 
 
-def read_fields(table: Mapping[str, Any], find: Callable[[Any], Any]) -> dict[str, Any]:
+def read_fields(table: Mapping[str, Any], find: Callable[[Any], Any]) -> Named:
     """Read facts by a table: name, reader and places, at which `find` looks one after another."""
-    facts = dict[str, Any]()
+    facts = Named()
     for name, (read, *places) in table.items():
         values = (find(place) for place in places)
         read_values = (read(value) for value in values if value not in (None, ""))
@@ -283,7 +270,7 @@ def iso_date(*texts: str) -> str:
     matches = (re.search(form, text.upper()) for text in texts for form in _DATES)
     for date in filter(None, matches):
         named = date["month"]
-        month = int(named) if named.isdigit() else _MONTHS.index(named) + 1
+        month = int(named) if named.isdigit() else _MONTHS.split("|").index(named) + 1
         year = int(date["year"])
         day = int(date["day"])
         if year < 100:
@@ -323,7 +310,7 @@ def magnitude(text: str) -> float | None:
     )
 
 
-def direction(text: str) -> dict[str, Any]:
+def direction(text: str) -> Named:
     """Return code, azimuth and whether it is vertical, of a text such as ``90 DEG`` or ``UP``."""
     word = text.strip().upper()
     angle = re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)
@@ -369,7 +356,7 @@ def judge_peak(channel: Channel, stated: str, values: Samples, unit: str) -> Non
     rounding = 10.0 ** int(
         Decimal(stated.strip().translate(_FORTRAN)).as_tuple().exponent
     )
-    peaks = [float(np.abs(row).max()) for row in (values, values - values.mean())]
+    peaks = [np.abs(row).max() for row in (values, values - values.mean())]
     nearest = min(peaks, key=lambda value: abs(value - peak))
     off = abs(nearest - peak) - rounding
     text = f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g} {unit}"
@@ -383,26 +370,26 @@ def trace_of(
     samples: Samples,
     dt: float | None,
     where: str,
-    facts: dict[str, Any],
-    *,
-    peak: str = "",
+    facts: Named,
     codes: Sequence[str] = (),
     start: UTCDateTime | None = None,
 ) -> Trace:
     """Return a trace with network, station and location `codes`, and `facts` in its `Channel`.
 
-    RecordError if the time step [s] is not one; a `peak` and a `length` [s] among the facts that
-    the header states are judged.
+    RecordError if the time step [s] is not one. A "peak" and a "length" [s] among the facts are
+    what the header states of the samples: they are judged.
     """
     if not 0.0 < (dt or 0.0) < math.inf:
         raise RecordError(
             f"{where}: no time step above 0 s is stated, but {dt or 'none'}"
         )
+    peak = facts.pop("peak", "")
     length = facts.pop("length", None)
     channel = Channel(**{"held": samples.size, **facts})
     judge_peak(channel, peak, samples, channel.unit)
     if not channel.contradicted:
-        channel.contradicted = wrong_length(length, channel.held, float(dt or 0))
-    header = dict[str, Any](zip(("network", "station", "location"), codes))
+        channel.contradicted = wrong_length(length, channel.held, dt or 0.0)
+    header = Named(zip(("network", "station", "location"), codes))
     header |= {"delta": dt, "channel": channel.code, "record": channel}
-    return Trace(samples, header if start is None else {**header, "starttime": start})
+    header |= {"starttime": start} if start else {}
+    return Trace(samples, header)

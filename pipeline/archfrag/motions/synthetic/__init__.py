@@ -17,14 +17,14 @@ References
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.errors import InputError
 from archfrag.files import check_targets, make_folder, replacing, sha256_of
-from archfrag.motions.channel import Samples
+from archfrag.motions.channel import Named, Samples
 from archfrag.motions.index import COLUMNS, INDEX_NAME, write_index
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.motion import Motion
@@ -113,9 +113,9 @@ def make_motion(recipe: Recipe) -> Motion:
     length = fourier.WINDOW_LENGTH * fourier.ground_motion_duration(magnitude, distance)
     active = round((1.25 * length + 2.0 * _MARGIN) / dt) + 1
     size = 1 << int(np.ceil(np.log2(active + 1.5 / (fourier.low_cut(magnitude) * dt))))
-    time = np.arange(size, dtype=np.float64) * np.float64(dt) - _MARGIN
+    time = np.arange(size, dtype=float) * dt - _MARGIN
     shape = fourier.window(time, length)
-    f = np.fft.rfftfreq(size, dt)[1:].astype(np.float64)
+    f = np.fft.rfftfreq(size, dt)[1:].astype(float)
     amplitude = _amplitude(f, magnitude, distance, vs30)
 
     def wave(stream: str, term: Samples) -> Samples:
@@ -124,9 +124,7 @@ def make_motion(recipe: Recipe) -> Motion:
         spectrum = np.fft.rfft(noise * shape)
         spectrum /= np.sqrt(np.mean(np.abs(spectrum) ** 2))
         spectrum[0] = 0.0
-        spectrum[1:] *= amplitude * np.exp(
-            np.interp(np.log(f), np.log(FREQUENCIES), term)
-        )
+        spectrum[1:] *= amplitude * np.exp(fourier.at_frequencies(f, term))
         samples = np.fft.irfft(spectrum, size)[:active] / dt
         return samples * cosine_taper(active, int(_MARGIN / dt))
 
@@ -162,9 +160,8 @@ def _generator(stream: str, seed: int) -> np.random.Generator:
 
 def _amplitude(f: Samples, magnitude: float, distance: float, vs30: float) -> Samples:
     """Return the Fourier amplitude without variation, above zero frequency [m/s]."""
-    amplitude = fourier.fourier_amplitude(f, magnitude, distance) * fourier.site_factor(
-        f, vs30
-    )
+    amplitude = fourier.fourier_amplitude(f, magnitude, distance)
+    amplitude *= fourier.site_factor(f, vs30)
     amplitude *= fourier.median_adjustment(f, magnitude, distance)
     return amplitude / (1.0 + (fourier.low_cut(magnitude) / f) ** 8)
 
@@ -211,7 +208,7 @@ def _finished(samples: Samples, dt: float) -> Samples:
     closed = samples - np.linalg.solve(np.array(ends[:2]).T, ends[2]) @ shapes
     quiet = np.zeros(int(_QUIET / dt))
     rounded = np.round(closed / _QUANTUM) * _QUANTUM
-    return np.concatenate((quiet, rounded, quiet)).astype(np.float32).astype(np.float64)
+    return np.concatenate((quiet, rounded, quiet)).astype(np.float32).astype(float)
 
 
 def _with_pulse(
@@ -275,10 +272,8 @@ def plan_motions(
         ends = np.log(np.maximum(distance, 1e-3))
         distances = np.exp(generator.uniform(ends[0], ends[1], count).round(6)).round(2)
     with_pulse = generator.uniform(size=count) < pulses
-    recipes = []
-    for number in range(count):
-        event, record = divmod(number, records_per_event)
-        recipe = Recipe(
+    return [
+        Recipe(
             float(magnitudes[event]),
             float(distances[number]),
             first + number,
@@ -289,8 +284,8 @@ def plan_motions(
             pulse=bool(with_pulse[number]),
             id=f"e{event + 1}-r{record + 1}",
         )
-        recipes.append(recipe)
-    return recipes
+        for number, (event, record) in enumerate(np.ndindex(events, records_per_event))
+    ]
 
 
 def shipped_recipes() -> list[Recipe]:
@@ -311,7 +306,7 @@ def make_suite(
 ) -> list[Path]:
     """Write motions (the shipped ones) as ``synthetic/*.mseed`` [m/s2]; return the files."""
     folder = Path(out_dir)
-    rows: list[dict[str, Any]] = []
+    rows: list[Named] = []
     make_folder(folder / FOLDER)
     recipes = shipped_recipes() if recipes is None else recipes
     paths = [folder / FOLDER / f"{recipe.id}.mseed" for recipe in recipes]
@@ -326,9 +321,8 @@ def make_suite(
             "starttime": UTCDateTime(2000, 1, 1),
         }
         for channel, samples in zip((COMPONENT, "HNZ"), motion.components.values()):
-            if samples is not None:
-                header["channel"] = channel
-                stream.append(Trace(samples.astype(np.float32), header))
+            header["channel"] = channel
+            stream.append(Trace(samples.astype(np.float32), header))
         with replacing(path, lasting=False) as part:
             stream.write(
                 str(part), "MSEED", encoding="FLOAT32", reclen=4096, byteorder=">"

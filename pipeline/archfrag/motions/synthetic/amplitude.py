@@ -49,7 +49,7 @@ def read_table(name: str) -> dict[str, Samples]:
     """Read a table of numbers beside this file: columns by their names."""
     lines = Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines()
     head, *rows = (line.split(",") for line in lines if not line.startswith("#"))
-    return dict(zip(head, np.array(rows, dtype=np.float64).T))
+    return dict(zip(head, np.array(rows, float).T))
 
 
 # Coefficients of Bayless and Abrahamson by their names, at 61 frequencies [Hz].
@@ -68,10 +68,15 @@ _MAGNITUDES, _DISTANCES = (
     np.unique(_ADJUSTMENT.pop(key)) for key in ("magnitude", "distance_km")
 )
 # ln factor by magnitude, distance and ln frequency.
-_NODES = np.log(np.array([*_ADJUSTMENT], dtype=np.float64))
+_NODES = np.log(np.array([*_ADJUSTMENT], float))
 _FACTORS = np.column_stack([*_ADJUSTMENT.values()]).reshape(
     _MAGNITUDES.size, _DISTANCES.size, -1
 )
+
+
+def at_frequencies(frequency: Samples, row: Samples) -> Samples:
+    """Return a row at ``FREQUENCIES`` at others, linear in ln f between them."""
+    return np.interp(np.log(frequency), np.log(FREQUENCIES), row)
 
 
 def corner_frequency(magnitude: float) -> float:
@@ -88,13 +93,10 @@ def low_cut(magnitude: float) -> float:
 
 def point_source_distance(magnitude: float, distance: float) -> float:
     """Return rupture distance plus the near-source saturation length of [2]_ [km]."""
-    a = -0.8712
     b = 0.4451
-    c = 1.1513
     d = 5.0948
-    e = 7.2725
-    bend = np.log1p(np.exp(-d * (magnitude - e)))
-    return float(distance + np.exp(a + b * magnitude + (b - c) / d * bend))
+    bend = np.log1p(np.exp(-d * (magnitude - 7.2725)))
+    return float(distance + np.exp(-0.8712 + b * magnitude + (b - 1.1513) / d * bend))
 
 
 def ground_motion_duration(magnitude: float, distance: float) -> float:
@@ -110,22 +112,20 @@ def fourier_amplitude(
     frequency: ArrayLike, magnitude: float, distance: float
 ) -> Samples:
     """Return the amplitude of a horizontal [m/s], in the form of [1]_, values of [2]_ and [4]_."""
-    f = np.asarray(frequency, dtype=np.float64)
+    f = np.asarray(frequency, float)
     # 1e-20 with these units gives cm s; 1e-2 more gives m s.
-    radiation = 0.55  # [g/cm3]
+    radiation = 0.55
     surface = 2.0
     partition = 1.0 / np.sqrt(2.0)
-    density = 2.75
     constant = radiation * surface * partition * 1e-22
-    constant /= 4.0 * np.pi * density * SHEAR_VELOCITY**3
+    constant /= 4.0 * np.pi * 2.75 * SHEAR_VELOCITY**3  # density [g/cm3]
     moment = 10.0 ** (1.5 * (magnitude + 10.7))
     source = constant * moment / (1.0 + (f / corner_frequency(magnitude)) ** 2)
-    near = 1.1611  # rates, distance [km]
-    far = 0.5
-    transition = 50.0
+    near = 1.1611  # rate, beyond the transition 0.5
+    transition = 50.0  # [km]
     bend = (distance**2 + transition**2) / (1.0 + transition**2)
     reach = point_source_distance(magnitude, distance)
-    decay = reach**-near * bend ** (0.5 * (near - far))
+    decay = reach**-near * bend ** (0.5 * (near - 0.5))
     exponent = 0.6884 + 0.1354 * np.tanh(magnitude - 5.1278)
     loss = np.exp(-np.pi * f ** (1.0 - exponent) * distance / (205.4 * SHEAR_VELOCITY))
     nodes, factors = _AMPLIFICATION
@@ -143,16 +143,15 @@ def window(time: ArrayLike, length: float) -> Samples:
         / (1.0 + WINDOW_PEAK * (np.log(WINDOW_PEAK) - 1.0))
     )
     c = b / WINDOW_PEAK
-    part = np.maximum(np.asarray(time, dtype=np.float64) / length, 0.0)
+    part = np.maximum(np.asarray(time, float) / length, 0.0)
     return (np.e / WINDOW_PEAK * part) ** b * np.exp(-c * part)
 
 
 def site_factor(frequency: ArrayLike, vs30: float) -> Samples:
     """Return the amplitude over that at 760 m/s: the linear site term of [5]_."""
-    f = np.asarray(frequency, dtype=np.float64)
-    return np.exp(
-        np.interp(f, FREQUENCIES, COEFFICIENTS["c8"]) * np.log(min(vs30, 1000.0) / VS30)
-    )
+    f = np.asarray(frequency, float)
+    slope = np.interp(f, FREQUENCIES, COEFFICIENTS["c8"])
+    return np.exp(slope * np.log(min(vs30, 1000.0) / VS30))
 
 
 def median_adjustment(
@@ -168,7 +167,7 @@ def median_adjustment(
 
 def correlation(frequency: ArrayLike) -> Samples:
     """Return the correlation of ln amplitude between frequencies [Hz], square, by [8]_."""
-    f = np.clip(np.asarray(frequency, dtype=np.float64), *FREQUENCIES[[0, -1]])
+    f = np.clip(np.asarray(frequency, float), *FREQUENCIES[[0, -1]])
     lower = np.minimum(f[:, None], f)
     apart = np.abs(np.log(f[:, None] / f))
     a, b, c, d = (np.interp(lower, FREQUENCIES, COEFFICIENTS[name]) for name in "ABCD")
@@ -185,10 +184,7 @@ _TOTAL = np.sqrt(sum(COEFFICIENTS[name] ** 2 for name in TERMS.values()))
 _DRAWN = np.random.Generator(np.random.PCG64(0)).standard_normal(
     (FREQUENCIES.size, 150)
 )
-_ROWS = [
-    np.interp(np.log(GRID), np.log(FREQUENCIES), row)
-    for row in (_ROOT @ _DRAWN * _TOTAL[:, None]).T
-]
+_ROWS = [at_frequencies(GRID, row) for row in (_ROOT @ _DRAWN * _TOTAL[:, None]).T]
 _POWERS = np.exp(2.0 * np.concatenate((_ROWS, np.negative(_ROWS))).T)
 
 
@@ -215,11 +211,10 @@ def median_correction(amplitude: Samples) -> Samples:
     found by repetition so that the mean of the sum's logarithm, over 150 drawn rows of variation
     and the same with opposite sign, is unchanged at the period 1 / f.
     """
-    nodes = np.log(FREQUENCIES)
     fractions = _power_fractions(amplitude, 1.0 / FREQUENCIES)
-    correction = np.zeros(nodes.size)
+    correction = np.zeros(FREQUENCIES.size)
     for _ in range(6):
-        gain = np.exp(2.0 * np.interp(np.log(GRID), nodes, correction))
+        gain = np.exp(2.0 * at_frequencies(GRID, correction))
         correction -= 0.5 * np.log((fractions * gain) @ _POWERS).mean(axis=1)
     return correction
 

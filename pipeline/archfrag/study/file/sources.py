@@ -181,7 +181,7 @@ def _distinguish(files: Sequence[RecordFile]) -> None:
     stems = Counter(file.path.stem for file in files)
     alike = dict[str, list[RecordFile]]()
     for file in files:
-        if stems[file.path.stem] > 1 and index.find_entry(file.path) is None:
+        if stems[file.path.stem] > 1 and not index.find_entry(file.path).id:
             alike.setdefault(read.record_name(file.path), []).append(file)
     for name, group in alike.items():
         parents = [file.path.parent for file in group]
