@@ -96,8 +96,10 @@ def open(path: PathLike) -> Results:
     if given.is_dir():
         owner = read_state(given / WORK / OWNER)
         if "file" not in owner:
-            what = "is not a folder with the results of a study"
-            raise InputError(f"{given}: {what}; give results/ID, or the study file")
+            raise InputError(
+                f"{given}: is not a folder with the results of a study; give "
+                "results/ID, or the study file"
+            )
         file = given / str(owner["file"])
     study = load_study(file)
     # The folder is another one if it is of Snakemake, or was given by --set output.
@@ -147,9 +149,9 @@ class Results:
         """The curve of a study of one arch or one class; else InputError, or FitError if none."""
         (name, curve), *others = self._fitted.quoted().items()
         if others:
-            names = ", ".join(self._fitted.quoted())
             raise InputError(
-                f"the study has several curves; take one of .curves by name: {names}"
+                "the study has several curves; take one of .curves by name: "
+                f"{', '.join(self._fitted.quoted())}"
             )
         if not curve.fitted:
             raise FitError(f"{name}: there is no curve: {curve.reason}")
@@ -182,8 +184,10 @@ class Results:
         fitted = self._fitted
         intensity = self._study.intensity
         if not self._study.design.on_levels:
-            rule = "so that no level has a fraction; see the curve"
-            raise InputError(f"fractions: runs have intensities of their own, {rule}")
+            raise InputError(
+                "fractions: runs have intensities of their own, so that no level has "
+                "a fraction; see the curve"
+            )
         index = pd.Index(intensity.given, name=intensity.measure)
         return pd.DataFrame(
             {
@@ -366,8 +370,10 @@ class Results:
     def _check_there(self) -> None:
         """See that the folder still holds these results: nothing else is written as theirs."""
         if read_stamp(self.folder)["files"].get(CUBE) != self._made:
-            what = "holds other results than these, made since by another study or run"
-            raise InputError(f"{self.folder}: {what}; open them with archfrag.open")
+            raise InputError(
+                f"{self.folder}: holds other results than these, made since by "
+                "another study or run; open them with archfrag.open"
+            )
 
     def response(self, run: str = "median", arch: str | None = None) -> Response:
         """Simulate a run again, with its history.
@@ -386,9 +392,9 @@ class Results:
                 "a table has no arch and no motions, so no run can be shown"
             )
         if not isinstance(arch, str | None) or not isinstance(run, str):
-            what = f"run {run!r} and arch {arch!r}; a run is a text such as 'syn-m75-r015@0.5'"
             raise InputError(
-                f"response: cannot use {what}, and an arch is given by its name"
+                f"response: cannot use run {run!r} and arch {arch!r}; a run is a text "
+                "such as 'syn-m75-r015@0.5', and an arch is given by its name"
             )
         return example_of(self._study, run, arch).response
 
@@ -461,9 +467,9 @@ class Results:
         weights = path.with_name(f"{path.stem}-branches.csv")
         check_targets([path, weights] if single else [])
         if not single and path.suffix in (".csv", ".json") and not path.is_dir():
-            how = f"such as {path.stem}; the files in it are named after the study"
             raise InputError(
-                f"{path}: {kind} is written into a folder; give the folder, {how}"
+                f"{path}: {kind} is written into a folder; give the folder, such as "
+                f"{path.stem}; the files in it are named after the study"
             )
         with tempfile.TemporaryDirectory() as temporary:
             to = Path(temporary) if single else path

@@ -135,8 +135,10 @@ class Study:
                 raise InputError(f"Study: levels = {levels!r} must be a row of numbers")
             levels = [float(f"{level:.12g}") for level in levels.ravel().tolist()]
         if vary is not None and not isinstance(vary, Mapping):
-            rule = "a mapping of samples and, by key, its distribution"
-            raise InputError(f"Study: vary is {type(vary).__name__}; it must be {rule}")
+            raise InputError(
+                f"Study: vary is {type(vary).__name__}; it must be a mapping of "
+                "samples and, by key, its distribution"
+            )
         if unit is None:
             unit = "g"
             with contextlib.suppress(
@@ -357,10 +359,10 @@ def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
     entries = []
     for name, each in arch.items():
         if not isinstance(each, Arch | Mapping):
-            rule = (
-                "an Arch, a mapping of names to arches, or a mapping of an arch's keys"
+            raise InputError(
+                f"Study: arch is {type(each).__name__}; it must be an Arch, a mapping "
+                "of names to arches, or a mapping of an arch's keys"
             )
-            raise InputError(f"Study: arch is {type(each).__name__}; it must be {rule}")
         given = each.parameters if isinstance(each, Arch) else each
         entries.append({"id": name} | {k: v for k, v in given.items() if v is not None})
         if vary is not None:

@@ -15,6 +15,7 @@ from archfrag.cli.options import (
     command,
     echo,
     json_option,
+    option,
     refuse_given,
     show,
     warn,
@@ -33,44 +34,40 @@ from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import CUBE, REPORT_FILES, finite
 from archfrag.study.steps import finished
 
-members_option = click.option(
-    "--members", is_flag=True, help="Include the arches of classes as well."
-)
+members_option = option("--members", bool, "Include the arches of classes as well.")
 _USES = {name: about for name, (about, _, _) in FORMATS.items()} | OF_ARCHES
 _FORMATS = (f"{name:15}  {about}" for name, about in _USES.items())
 
 
 @command(epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
 @with_study(
-    click.option(
-        "--format",
-        "formats",
+    option(
+        "--format formats",
+        click.Choice(_USES),
+        "Format to write. Repeatable.",
         multiple=True,
         required=True,
-        type=click.Choice(_USES),
-        help="Format to write. Repeatable.",
     ),
-    click.option(
-        "--limit-state",
-        "limit_states",
+    option(
+        "--limit-state limit_states",
+        str,
+        "Limit state to write besides collapse: motion, impact, residual, "
+        "rotation or contact_lost; all if not given. Repeatable.",
         multiple=True,
         metavar="NAME",
-        help="Limit state to write besides collapse: motion, impact, residual, "
-        "rotation or contact_lost; all if not given. Repeatable.",
     ),
-    click.option(
+    option(
         "--curve",
-        type=click.Choice(CURVES),
-        default="median",
-        show_default=True,
-        help="Curve of the medians of theta and beta; predictive: its mean over what "
+        click.Choice(CURVES),
+        "Curve of the medians of theta and beta; predictive: its mean over what "
         "they may be; branches: 15 weighted curves for a logic tree.",
+        "median",
     ),
-    click.option(
+    option(
         "--out",
-        type=click.Path(path_type=Path, file_okay=False),
+        click.Path(path_type=Path, file_okay=False),
+        "Folder to write to; `export` in the results folder if not given.",
         metavar="FOLDER",
-        help="Folder to write to; `export` in the results folder if not given.",
     ),
     members_option,
     json_option,
@@ -119,27 +116,16 @@ def export(
 
 @command()
 @with_study(
-    click.option(
-        "--run",
-        "run_name",
-        default="median",
-        show_default=True,
-        metavar="RECORD@LEVEL",
-        help="Run to show, its level in the study's unit; or median: the record with "
+    option(
+        "--run run_name",
+        str,
+        "Run to show, its level in the study's unit; or median: the record with "
         "the capacity nearest the median.",
+        "median",
+        metavar="RECORD@LEVEL",
     ),
-    click.option(
-        "--arch", metavar="ID", help="Id of the arch; the first one if not given."
-    ),
-    click.option(
-        "--to",
-        "path",
-        type=PATH,
-        default="film.svg",
-        show_default=True,
-        metavar="FILE",
-        help="File to write: .svg.",
-    ),
+    option("--arch", str, "Id of the arch; the first one if not given.", metavar="ID"),
+    option("--to path", PATH, "File to write: .svg.", "film.svg", metavar="FILE"),
 )
 def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
     """Film one run of a finished study, simulated again.
@@ -161,8 +147,9 @@ def _site(text: str) -> tuple[float, float]:
     try:
         lon, lat = map(number, text.split(","))
     except ValueError:
-        rule = "must be longitude and latitude, such as 13.35,42.35"
-        raise click.BadParameter(f"{text!r} {rule}") from None
+        raise click.BadParameter(
+            f"{text!r} must be longitude and latitude, such as 13.35,42.35"
+        ) from None
     return lon, lat
 
 
@@ -171,8 +158,10 @@ def _ratios(text: str) -> dict[str, float]:
         pairs = [each.split("=") for each in text.split(",")]
         ratios = {name.strip(): number(ratio) for name, ratio in pairs}
     except ValueError:
-        rule = "must be limit states with ratios, such as rotation=0.1,collapse=1"
-        raise click.BadParameter(f"{text!r} {rule}") from None
+        raise click.BadParameter(
+            f"{text!r} must be limit states with ratios, such as "
+            "rotation=0.1,collapse=1"
+        ) from None
     if len(ratios) < len(pairs):
         raise click.BadParameter(f"{text!r} names a limit state twice")
     return ratios
@@ -180,46 +169,35 @@ def _ratios(text: str) -> dict[str, float]:
 
 @command()
 @with_study(
-    click.option(
-        "--hazard",
-        "hazards",
-        type=PATH,
+    option(
+        "--hazard hazards",
+        PATH,
+        "Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles.",
         required=True,
         multiple=True,
         metavar="FILE",
-        help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles.",
     ),
-    click.option(
-        "--unit", help="Unit of the intensities of a CSV whose header has none."
-    ),
-    click.option(
-        "--years",
-        type=float,
-        default=50.0,
-        show_default=True,
-        help="Period for the probability of collapse [years].",
-    ),
-    click.option(
+    option("--unit", str, "Unit of the intensities of a CSV whose header has none."),
+    option("--years", float, "Period for the probability of collapse [years].", 50.0),
+    option(
         "--site",
-        type=_site,
+        _site,
+        "Place: the nearest site of OpenQuake's file within 10 km.",
         metavar="LON,LAT",
-        help="Place: the nearest site of OpenQuake's file within 10 km.",
     ),
-    click.option(
-        "--confidence", type=float, default=0.9, show_default=True, help="Of all bands."
-    ),
-    click.option(
+    option("--confidence", float, "Of all bands.", 0.9),
+    option(
         "--consequence",
-        type=_ratios,
-        metavar="NAME=RATIO,...",
-        help="Cost of limit states as parts of the arch's value, 0 to 1: the average "
+        _ratios,
+        "Cost of limit states as parts of the arch's value, 0 to 1: the average "
         "annual loss is given too.",
+        metavar="NAME=RATIO,...",
     ),
-    click.option(
+    option(
         "--vulnerability",
-        type=PATH,
+        PATH,
+        "File for mean loss against intensity: .csv, or .xml for OpenQuake.",
         metavar="FILE",
-        help="File for mean loss against intensity: .csv, or .xml for OpenQuake.",
     ),
     members_option,
     json_option,

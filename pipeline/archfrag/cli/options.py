@@ -30,6 +30,16 @@ def takes(*options: Callable) -> Callable:
     return decorate
 
 
+def option(
+    names: str, kind: Any, text: str | None, default: Any = None, **more: Any
+) -> Callable[..., Any]:
+    """Return an option by its names, a flag if it is bool; its help shows the default."""
+    if default is not None:
+        more |= {"default": default, "show_default": True}
+    flag = kind is bool
+    return click.option(*names.split(), type=kind, is_flag=flag, help=text, **more)
+
+
 def _columns(text: str) -> Any:
     from archfrag.motions.formats.columns import parse_columns
 
@@ -44,53 +54,53 @@ def _accept(
     return accepted_words(words, "--accept")
 
 
-cores_option = click.option(
-    "--cores",
-    "--workers",
-    type=click.IntRange(min=1),
-    help="Number of cores to use; all by default.",
+cores_option = option(
+    "--cores --workers",
+    click.IntRange(min=1),
+    "Number of cores to use; all by default.",
 )
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+json_option = option("--json as_json", bool, "Print JSON.")
 takes_study = takes(
     click.argument("study_file", metavar="STUDY", type=PATH),
-    click.option(
-        "--set",
-        "overrides",
+    option(
+        "--set overrides",
+        str,
+        "Override a key of the study file, e.g. --set method.dt=0.0005; "
+        "paths are relative to the study file. Repeatable.",
         multiple=True,
         metavar="KEY=VALUE",
-        help="Override a key of the study file, e.g. --set method.dt=0.0005; "
-        "paths are relative to the study file. Repeatable.",
     ),
 )
 
 
 takes_format = takes(
-    click.option("--unit", help="Unit of the samples if the file does not state it."),
-    click.option(
+    option("--unit", str, "Unit of the samples if the file does not state it."),
+    option(
         "--inventory",
-        type=PATH,
-        help="StationXML of a record in counts, if it is not NAME.xml in its folder.",
+        PATH,
+        "StationXML of a record in counts, if it is not NAME.xml in its folder.",
     ),
-    click.option(
+    option(
         "--columns",
-        type=_columns,
-        metavar="KEY=N,...",
-        help="Columns of plain text files: time=1,acceleration=2, or "
+        _columns,
+        "Columns of plain text files: time=1,acceleration=2, or "
         "acceleration=1,dt=0.01; dt=0.01 alone takes all numbers, row after row; also "
         "vertical=COLUMN and skip=LINES.",
+        metavar="KEY=N,...",
     ),
 )
 takes_record = takes(
     takes_format,
-    click.option(
+    option(
         "--accept",
-        multiple=True,
-        callback=_accept,
-        metavar="WORD,...",
-        help="Let pass a peak outside 1e-5 to 5 g (pga), a time step outside 1e-4 to "
+        str,
+        "Let pass a peak outside 1e-5 to 5 g (pga), a time step outside 1e-4 to "
         "0.1 s (time_step), another number of samples than announced (samples), another "
         "peak than the header states (header), a sensor in a borehole or a structure "
         "(sensor).",
+        multiple=True,
+        callback=_accept,
+        metavar="WORD,...",
     ),
 )
 
@@ -149,10 +159,7 @@ def check_written(*targets: Path | None) -> None:
 
 def method_option(default: str | None, text: str) -> Callable:
     """Return the option of a method of integration."""
-    choices = click.Choice([*METHODS])
-    return click.option(
-        "--method", type=choices, default=default, show_default=True, help=text
-    )
+    return option("--method", click.Choice(METHODS), text, default)
 
 
 def echo(text: str, err: bool = False) -> None:
@@ -199,6 +206,4 @@ def _svg(text: str) -> Path:
     return Path(text)
 
 
-figure_option = click.option(
-    "--figure", type=_svg, metavar="FILE.svg", help="Draw a figure."
-)
+figure_option = option("--figure", _svg, "Draw a figure.", metavar="FILE.svg")

@@ -16,6 +16,7 @@ from archfrag.cli.options import (
     check_written,
     figure_option,
     json_option,
+    option,
     refuse_given,
     show,
     takes,
@@ -39,16 +40,7 @@ from archfrag.study.provenance import finite, write_text
 _files = click.argument("files", nargs=-1, required=True, type=PATH)
 
 
-def _option(
-    name: str, kind: Any, text: str, default: Any = None, **more: Any
-) -> Callable[..., Any]:
-    """Return an option with its help, which shows the default if there is one."""
-    shown = default is not None
-    more |= {"type": kind, "default": default, "show_default": shown, "help": text}
-    return click.option(name, **more)
-
-
-_out = _option("--out", PATH, "Folder to write to.", required=True)
+_out = option("--out", PATH, "Folder to write to.", required=True)
 
 
 def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
@@ -160,10 +152,8 @@ def _inspection(facts: dict[str, Any]) -> str:
 
 @records.command(cls=Once)
 @_files
-@_option("--out", PATH, "Table to write.", required=True, metavar="FLATFILE.csv")
-@_option(
-    "--periods", str, "Periods of Sa [s], besides 0.01 to 10 s.", metavar="T,T,..."
-)
+@option("--out", PATH, "Table to write.", required=True, metavar="FLATFILE.csv")
+@option("--periods", str, "Periods of Sa [s], besides 0.01 to 10 s.", metavar="T,T,...")
 @takes_record
 @figure_option
 @json_option
@@ -251,26 +241,26 @@ def _draw(
 @records.command(cls=Once)
 @click.argument("flatfile", type=PATH)
 @takes(
-    _option("--out", PATH, "Index to write.", required=True, metavar="INDEX.csv"),
-    _option("--count", int, "Number of records.", required=True),
-    _option(
+    option("--out", PATH, "Index to write.", required=True, metavar="INDEX.csv"),
+    option("--count", int, "Number of records.", required=True),
+    option(
         "--target",
         PATH,
         "Target spectrum: columns period_s, Sa_g and, for its scatter, sd.",
         metavar="FILE.csv",
     ),
-    _option("--magnitude", float, "Moment magnitude of a conditional spectrum."),
-    _option("--distance", float, "Its distance to the rupture [km]."),
-    _option("--vs30", float, "Its Vs30 [m/s]."),
-    _option("--period", float, "Its conditioning period [s]."),
-    _option("--sa", float, "Sa at that period [g], or --epsilon."),
-    _option("--epsilon", float, "Standard deviations of Sa above the median."),
-    _option("--model", str, "Ground-motion model.", "CY14"),
-    _option(
+    option("--magnitude", float, "Moment magnitude of a conditional spectrum."),
+    option("--distance", float, "Its distance to the rupture [km]."),
+    option("--vs30", float, "Its Vs30 [m/s]."),
+    option("--period", float, "Its conditioning period [s]."),
+    option("--sa", float, "Sa at that period [g], or --epsilon."),
+    option("--epsilon", float, "Standard deviations of Sa above the median."),
+    option("--model", str, "Ground-motion model.", "CY14"),
+    option(
         "--max-scale", float, "Largest scale factor; its inverse is the smallest.", 4.0
     ),
-    _option("--per-event", int, "Largest number of records of one event."),
-    _option("--seed", int, "", 1),
+    option("--per-event", int, "Largest number of records of one event."),
+    option("--seed", int, "", 1),
     figure_option,
     json_option,
 )
@@ -312,8 +302,12 @@ def select(
         max(abs(error or 0.0) for error in facts[key])
         for key in ("median_error", "sd_error")
     )
-    near = f"median within {100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %"
-    show(facts, f"{count} selected of {chosen.candidates}: {near}: {out}", as_json)
+    show(
+        facts,
+        f"{count} selected of {chosen.candidates}: median within {100 * median:.1f} % "
+        f"of the target's, sd within {100 * sd:.1f} %: {out}",
+        as_json,
+    )
 
 
 def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
@@ -344,46 +338,46 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
 @click.argument("events", nargs=-1, required=True, metavar="EVENT_ID...")
 @takes(
     _out,
-    _option(
+    option(
         "--from",
         str,
         "Service of stations and waveforms: NCEDC, SCEDC, INGV, ... or https://...",
         required=True,
         metavar="SERVICE",
     ),
-    _option(
+    option(
         "--events-from",
         str,
         "Service that knows the given event identifiers.",
         "USGS",
         metavar="SERVICE",
     ),
-    _option(
+    option(
         "--radius",
         click.FloatRange(0.0, 2000.0),
         "Largest epicentral distance [km].",
         100.0,
     ),
-    _option(
+    option(
         "--channels",
         str,
         "Accelerometers, the best first; each station gives one kind.",
         "HN,EN,BN",
         metavar="KINDS",
     ),
-    _option(
+    option(
         "--before",
         click.FloatRange(0.0, 3600.0),
         "Begin before the origin time [s].",
         30.0,
     ),
-    _option(
+    option(
         "--after",
         click.FloatRange(1.0, 7200.0),
         "End after the origin time [s].",
         180.0,
     ),
-    _option(
+    option(
         "--stations",
         click.IntRange(1),
         "Largest number of stations of an event, the nearest first.",
@@ -435,9 +429,9 @@ def fetch(
 @records.command(cls=Once)
 @takes(
     _out,
-    _option("--events", click.IntRange(1, 100_000), "Earthquakes."),
-    _option("--records-per-event", click.IntRange(1, 100_000), "Of each (1)."),
-    _option(
+    option("--events", click.IntRange(1, 100_000), "Earthquakes."),
+    option("--records-per-event", click.IntRange(1, 100_000), "Of each (1)."),
+    option(
         "--magnitude",
         str,
         "Moment magnitudes: a list that the earthquakes take in turn, or two ends "
@@ -445,7 +439,7 @@ def fetch(
         metavar="M,...|M:M",
         callback=_list_or_ends(3.0, 8.0),
     ),
-    _option(
+    option(
         "--distance-km",
         str,
         "Distances to the rupture [km]: a list that the records take in turn, or "
@@ -453,13 +447,13 @@ def fetch(
         metavar="D,...|D:D",
         callback=_list_or_ends(0.0, 300.0),
     ),
-    _option("--sites", click.IntRange(1), "Number of sites (one a record)."),
-    _option("--vs30", click.FloatRange(450.0, 1000.0), "Of sites [m/s] (760)."),
+    option("--sites", click.IntRange(1), "Number of sites (one a record)."),
+    option("--vs30", click.FloatRange(450.0, 1000.0), "Of sites [m/s] (760)."),
     click.option(
         "--vertical", is_flag=True, default=None, help="Also make vertical components."
     ),
-    _option("--pulses", click.FloatRange(0.0, 1.0), "Fraction with a pulse."),
-    _option("--seed", click.IntRange(0, 10**9), "Of the random numbers (1)."),
+    option("--pulses", click.FloatRange(0.0, 1.0), "Fraction with a pulse."),
+    option("--seed", click.IntRange(0, 10**9), "Of the random numbers (1)."),
     json_option,
 )
 def make(out: Path, as_json: bool, **requested: Any) -> None:
@@ -475,8 +469,10 @@ def make(out: Path, as_json: bool, **requested: Any) -> None:
     """
     others = [name for name, row in index_table(out).items() if not row.get("model")]
     if others:
-        listed = f"the index there lists other records ({others[0]})"
-        raise InputError(f"--out {out}: {listed}; name another folder")
+        raise InputError(
+            f"--out {out}: the index there lists other records ({others[0]}); name "
+            "another folder"
+        )
     paths = synthetic.make_suite(out, _recipes(requested))
     facts = {"folder": str(out), "files": [str(path) for path in paths]}
     show(

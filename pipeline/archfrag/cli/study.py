@@ -21,6 +21,7 @@ from archfrag.cli.options import (
     echo,
     json_option,
     method_option,
+    option,
     point_to_report,
     refuse_given,
     show,
@@ -150,7 +151,7 @@ def _summary(study: Any, fitted: Fitted) -> None:
 
 
 @command()
-@with_study(click.option("--yes", is_flag=True, help="Remove without asking."))
+@with_study(option("--yes", bool, "Remove without asking."))
 def clean(study: Any, yes: bool) -> None:
     """Remove stored runs that a study does not use."""
     check_own(study)
@@ -196,11 +197,9 @@ motions_command = _step("motions", COMMANDS["motions"][1])
 batch_command = _step(
     "batch",
     COMMANDS["batch"][1],
-    click.option(
-        "--batch", type=int, default=0, show_default=True, help="Its number, from 0."
-    ),
+    option("--batch", int, "Its number, from 0.", 0),
     cores_option,
-    click.option("--quiet", is_flag=True, help="No progress bar."),
+    option("--quiet", bool, "No progress bar."),
 )
 cube_command = _step("cube", COMMANDS["cube"][1])
 _fit_study: Any = _step("fit", COMMANDS["fit"][1], json_option).callback
@@ -225,17 +224,16 @@ def _names(text: str) -> list[str]:
 
 @command("fit")
 @takes_study
-@click.option(
+@option(
     "--columns",
+    str,
+    "Names of columns by what they hold: intensity=PGA,verdict=fell.",
     multiple=True,
     callback=_mapping,
     metavar="WHAT=NAME,...",
-    help="Names of columns by what they hold: intensity=PGA,verdict=fell.",
 )
-@click.option(
-    "--measure", help="Measure of the intensity, if its column does not state it."
-)
-@click.option("--unit", help="Unit of the intensity, if its column does not state it.")
+@option("--measure", str, "Measure of the intensity, if its column does not state it.")
+@option("--unit", str, "Unit of the intensity, if its column does not state it.")
 @click.option(
     "--states",
     type=_names,
@@ -243,21 +241,14 @@ def _names(text: str) -> list[str]:
     default="",
     help="Damage states of a column, in order, from none to collapse.",
 )
-@click.option(
-    "--confidence", type=float, default=0.9, show_default=True, help="Of all bands."
-)
-@click.option(
-    "--hazard", type=PATH, help="Hazard curve of a site, for the rate of collapse."
-)
-@click.option(
-    "--output", type=PATH, help="Folder to write to; results/NAME if not given."
-)
-@click.option(
-    "--format",
-    "formats",
+@option("--confidence", float, "Of all bands.", 0.9)
+@option("--hazard", PATH, "Hazard curve of a site, for the rate of collapse.")
+@option("--output", PATH, "Folder to write to; results/NAME if not given.")
+@option(
+    "--format formats",
+    click.Choice(FORMATS),
+    "Format to export to, as `archfrag export` does. Repeatable.",
     multiple=True,
-    type=click.Choice(FORMATS),
-    help="Format to export to, as `archfrag export` does. Repeatable.",
 )
 @json_option
 def fit_command(

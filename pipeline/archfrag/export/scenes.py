@@ -47,8 +47,10 @@ def export_arches(
     for each in own:
         found.setdefault(each.id if members else each.arch_class, each)
     if len(found) > MOST_ARCHES:
-        remedy = f"scene and dxf take at most {MOST_ARCHES}; leave out --members"
-        raise InputError(f"study {study.id} has {len(found)} arches; {remedy}")
+        raise InputError(
+            f"study {study.id} has {len(found)} arches; scene and dxf take at most "
+            f"{MOST_ARCHES}; leave out --members"
+        )
     messages = [
         f"scene and dxf have {found[name].id} of {size} arches of {name}; --members: all"
         for name, size in sizes.items()

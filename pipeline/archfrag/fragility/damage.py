@@ -46,8 +46,10 @@ def fit_state_posterior(
     known = collapse.run
     share = (state.lower[known] > 0.0).mean()
     if share < LEAST_BELOW:
-        why = f"only {100.0 * share:.0f} % of the records have a run below it"
-        raise FitError(f"{why}, and {100.0 * LEAST_BELOW:.0f} % are needed")
+        raise FitError(
+            f"only {100.0 * share:.0f} % of the records have a run below it, and "
+            f"{100.0 * LEAST_BELOW:.0f} % are needed"
+        )
     ends = np.vstack([collapse.logs, state.logs])[:, known]
     rows, count = np.unique(ends, axis=1, return_counts=True)
     levels = [np.unique(pair[np.isfinite(pair)]) for pair in (rows[:2], rows[2:])]

@@ -176,8 +176,9 @@ def isotonic_curve(
     """
     levels, collapses, n = brackets.at_levels(filled=True)
     if levels.size < 2:
-        why = "all runs are at one level, {}, which gives no curve"
-        raise FitError(f"{why}; add levels", levels[0])
+        raise FitError(
+            "all runs are at one level, {}, which gives no curve; add levels", levels[0]
+        )
     times = draws_of_records(event, len(n), seed, resamples).astype(float)
     draws = []
     for k, count in zip(times @ collapses, times @ n):

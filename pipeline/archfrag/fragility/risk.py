@@ -59,24 +59,29 @@ class HazardCurve:
         im = np.asarray(self.im, float)
         rate = np.asarray(self.rate, float)
         if im.shape != rate.shape:
-            what = f"{im.size} intensities and {rate.size} rates"
-            raise InputError(f"the hazard curve has {what}")
+            raise InputError(
+                f"the hazard curve has {im.size} intensities and {rate.size} rates"
+            )
         known = ~((rate == 0.0) | (rate == np.inf))
         number = known.sum()
         if number < 2:
-            few = f"{number} of {rate.size} points with a rate above 0 that is known"
-            raise InputError(f"the hazard curve has {few}; at least two are needed")
+            raise InputError(
+                f"the hazard curve has {number} of {rate.size} points with a rate "
+                "above 0 that is known; at least two are needed"
+            )
         im = rising(im[known], "the hazard curve's im")
         rate = positive(rate[known], "the hazard curve's rate")
         object.__setattr__(self, "im", im)
         object.__setattr__(self, "rate", rate)
         for i in np.flatnonzero(np.diff(rate) > 0.0)[:1]:
-            rises = f"rises from {rate[i]:g} to {rate[i + 1]:g} at im = {im[i + 1]:g}"
-            rule = "it never rises with intensity"
-            raise InputError(f"the hazard curve's rate of exceedance {rises}; {rule}")
+            raise InputError(
+                f"the hazard curve's rate of exceedance rises from {rate[i]:g} to "
+                f"{rate[i + 1]:g} at im = {im[i + 1]:g}; it never rises with intensity"
+            )
         if rate[0] == rate[-1]:
-            same = f"is {rate[0]:g} at all its points"
-            raise InputError(f"the hazard curve's rate {same}")
+            raise InputError(
+                f"the hazard curve's rate is {rate[0]:g} at all its points"
+            )
 
     @classmethod
     def from_exceedance(

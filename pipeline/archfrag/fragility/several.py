@@ -103,9 +103,9 @@ def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
     logs = logs[:, ~np.isnan(logs).any(axis=0)]
     a, r = logs.shape
     if a < 2 or r < 2:
-        known = f"{a} arches with {r} records of known capacity remain"
         raise FitError(
-            f"{known}; two of each are needed to separate modelling from records"
+            f"{a} arches with {r} records of known capacity remain; two of each are "
+            "needed to separate modelling from records"
         )
     arch = logs.mean(axis=1)
     record = logs.mean(axis=0)
@@ -143,8 +143,10 @@ def parts_of(groups: ArrayLike, seed: int = _SEED) -> BoolArray:
     number = numbered(groups)
     n = number.max(initial=-1) + 1
     if n < FEWEST_GROUPS:
-        few = f"the runs are of {n} independent motions, earthquakes, first shocks or rows"
-        raise FitError(f"{few}; an interval of a ratio needs {FEWEST_GROUPS}")
+        raise FitError(
+            f"the runs are of {n} independent motions, earthquakes, first shocks or "
+            f"rows; an interval of a ratio needs {FEWEST_GROUPS}"
+        )
     order = np.random.default_rng(seed).permutation(n)
     part = np.empty(n, int)
     part[order] = np.arange(n) * min(n, MOST_PARTS) // n
@@ -244,21 +246,25 @@ def loss_steps(curve: Curve, ratios: Mapping[str, float]) -> Steps:
     }
     for name in ratios:
         if name not in states:
-            known = f"which is no limit state here; it has {', '.join(states)}"
-            raise InputError(f"consequence names {name!r}, {known}")
+            raise InputError(
+                f"consequence names {name!r}, which is no limit state here; it has "
+                f"{', '.join(states)}"
+            )
     for name in ratios:
         if not states[name].fitted:
-            why = f"has no curve: {states[name].reason}"
-            raise FitError(f"limit state {name!r} of the consequences {why}")
+            raise FitError(
+                f"limit state {name!r} of the consequences has no curve: "
+                f"{states[name].reason}"
+            )
     mild = sorted(set(ratios) - {"collapse"}, key=lambda name: states[name].theta)
     found = Steps()
     severe = curve
     last = "collapse"
     for name in reversed(mild):
         if ratios[name] > ratios[last]:
-            given = f"{name}={ratios[name]:g} and {last}={ratios[last]:g}"
             raise InputError(
-                f"consequence has {given}; {last} is severer and costs no less"
+                f"consequence has {name}={ratios[name]:g} and "
+                f"{last}={ratios[last]:g}; {last} is severer and costs no less"
             )
         found.insert(0, (severe, ratios[last] - ratios[name]))
         severe = above(states[name], severe)

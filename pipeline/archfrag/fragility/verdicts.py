@@ -70,11 +70,14 @@ def checked_stripes(
             raise InputError(f"{name} has shape {values.shape}; {shape} is needed")
         whole = np.isfinite(values) & (values == np.floor(values))
         for bad in values[~(whole & (values >= 0.0))][:1]:
-            rule = "counts are integers from 0 upwards"
-            raise InputError(f"{name} holds {bad:g}; {rule}")
+            raise InputError(
+                f"{name} holds {bad:g}; counts are integers from 0 upwards"
+            )
     for i in np.flatnonzero(k > m)[:1]:
-        more = f"more than the n = {m[i]:g} runs"
-        raise InputError(f"collapses is {k[i]:g} at im = {levels[i]:g}, {more}")
+        raise InputError(
+            f"collapses is {k[i]:g} at im = {levels[i]:g}, more than the n = {m[i]:g} "
+            "runs"
+        )
     return positive(levels, "im"), k, m
 
 

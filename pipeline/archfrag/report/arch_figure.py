@@ -42,8 +42,9 @@ def paint(panel: Panel, marks: Iterable[Mark]) -> None:
     for role, points, _ in marks:
         x, y = points.T
         if role in AREAS:
-            d = trace(panel.at_x(x), panel.at_y(y))
-            panel.sheet.path(f"{d}z", kind=role, stroke_width=0.8)
+            panel.sheet.path(
+                f"{trace(panel.at_x(x), panel.at_y(y))}z", kind=role, stroke_width=0.8
+            )
         elif role == "hinge":
             panel.dots(x, y, BLUE, "hinge", 4.0)
         else:

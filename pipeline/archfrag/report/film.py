@@ -164,9 +164,9 @@ def _named_run(results: ArchResults, run: str) -> Chosen:
     except ValueError:
         level = np.nan
     if not (name and level > 0.0):
-        example = f"{results.records[0]}@{digits(results.levels[0])}"
         raise InputError(
-            f"--run {run}: must be median or RECORD@LEVEL, such as {example}"
+            f"--run {run}: must be median or RECORD@LEVEL, such as "
+            f"{results.records[0]}@{digits(results.levels[0])}"
         )
     if name not in results.records:
         hint = meant(name, results.records) or f"it has {', '.join(results.records)}"
@@ -353,8 +353,10 @@ def draw_ground(panel: Panel, example: Example, bins: int) -> float:
     place, low, high = envelope(np.interp(shown, times, acceleration, right=0.0), bins)
     peak = max(float(np.abs([low, high]).max()), 1e-9)
     panel.y = (-1.05 * peak, 1.05 * peak)
-    zero = f"{px(panel.box[0])} {px(float(panel.at_y(0.0)))}"
-    panel.sheet.path(f"M{zero}H{px(panel.box[2])}", kind="gr")
+    panel.sheet.path(
+        f"M{px(panel.box[0])} {px(float(panel.at_y(0.0)))}H{px(panel.box[2])}",
+        kind="gr",
+    )
     x = panel.at_x(np.interp(place, np.arange(shown.size), shown))
     panel.sheet.path(ribbon(x, panel.at_y(low), panel.at_y(high)), kind="ground")
     return peak

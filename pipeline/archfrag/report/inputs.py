@@ -383,8 +383,11 @@ def write_papers(inputs: ReportInputs, folder: Path) -> None:
     path = folder / README
     if not path.is_file() or path.read_bytes().startswith(_HEAD.encode()):
         title, study = (cube.attrs.get(key, "") for key in ("title", "archfrag_study"))
-        about = f"{_HEAD} {__version__}: {title} (study {study})\nIntensities are "
-        write_text(path, f"{about}{scale.label}.\n\n{_FILES}")
+        write_text(
+            path,
+            f"{_HEAD} {__version__}: {title} (study {study})\nIntensities are "
+            f"{scale.label}.\n\n{_FILES}",
+        )
 
 
 def runs_in_words(
