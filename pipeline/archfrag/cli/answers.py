@@ -18,6 +18,7 @@ from archfrag.cli.options import (
     option,
     refuse_given,
     show,
+    svg_path,
     warn,
     wrapped,
 )
@@ -27,7 +28,7 @@ from archfrag.export import CURVES, FORMATS, OF_ARCHES
 from archfrag.export.command import export_study, write_vulnerability
 from archfrag.export.scenes import export_arches
 from archfrag.files import number, opened
-from archfrag.report.film import check_target, example_of, save_film
+from archfrag.report.film import example_of, save_film
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
@@ -125,7 +126,7 @@ def export(
         metavar="RECORD@LEVEL",
     ),
     option("--arch", str, "Id of the arch; the first one if not given.", metavar="ID"),
-    option("--to path", PATH, "File to write: .svg.", "film.svg", metavar="FILE"),
+    option("--to path", svg_path, "File to write: .svg.", "film.svg", metavar="FILE"),
 )
 def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
     """Film one run of a finished study, simulated again.
@@ -136,7 +137,6 @@ def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
     Example:
       archfrag film study.yaml --run syn-m75-r015@0.5 --to fall.svg
     """
-    check_target(path)
     check_written(path)
     example = example_of(study, run_name, arch)
     save_film(example, path)
@@ -159,8 +159,7 @@ def _ratios(text: str) -> dict[str, float]:
         ratios = {name.strip(): number(ratio) for name, ratio in pairs}
     except ValueError:
         raise click.BadParameter(
-            f"{text!r} must be limit states with ratios, such as "
-            "rotation=0.1,collapse=1"
+            f"{text!r} must be limit states with ratios, such as rotation=0.1,collapse=1"
         ) from None
     if len(ratios) < len(pairs):
         raise click.BadParameter(f"{text!r} names a limit state twice")

@@ -102,8 +102,7 @@ def _takes_arch(command: Callable) -> Callable:
         option(
             "--layer",
             str,
-            "Layer of the drawing; the only one with polylines if not given. "
-            "Repeatable.",
+            "Layer of the drawing; the only one with polylines if not given. Repeatable.",
             multiple=True,
             metavar="NAME,...",
         ),

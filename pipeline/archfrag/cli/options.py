@@ -83,9 +83,8 @@ takes_format = takes(
     option(
         "--columns",
         _columns,
-        "Columns of plain text files: time=1,acceleration=2, or "
-        "acceleration=1,dt=0.01; dt=0.01 alone takes all numbers, row after row; also "
-        "vertical=COLUMN and skip=LINES.",
+        "Columns of plain text files: time=1,acceleration=2, or acceleration=1,dt=0.01; dt=0.01 "
+        "alone takes all numbers, row after row; also vertical=COLUMN and skip=LINES.",
         metavar="KEY=N,...",
     ),
 )
@@ -94,10 +93,9 @@ takes_record = takes(
     option(
         "--accept",
         str,
-        "Let pass a peak outside 1e-5 to 5 g (pga), a time step outside 1e-4 to "
-        "0.1 s (time_step), another number of samples than announced (samples), another "
-        "peak than the header states (header), a sensor in a borehole or a structure "
-        "(sensor).",
+        "Let pass a peak outside 1e-5 to 5 g (pga), a time step outside 1e-4 to 0.1 s "
+        "(time_step), another number of samples than announced (samples), another peak than the "
+        "header states (header), a sensor in a borehole or a structure (sensor).",
         multiple=True,
         callback=_accept,
         metavar="WORD,...",
@@ -197,13 +195,13 @@ def point_to_report(folder: Path, named: Path, anything: bool) -> None:
     echo(f"report  {report}  ({shlex.join(['archfrag', 'open', str(named)])})")
 
 
-def _svg(text: str) -> Path:
+def svg_path(text: str) -> Path:
     """Check that a figure is an SVG file before anything is done."""
     if not text.lower().endswith(".svg"):
         raise InputError(
-            f"--figure {text}: figures are written as SVG; name a FILE.svg"
+            f"{text}: figures and films are written as .svg; name such a file"
         )
     return Path(text)
 
 
-figure_option = option("--figure", _svg, "Draw a figure.", metavar="FILE.svg")
+figure_option = option("--figure", svg_path, "Draw a figure.", metavar="FILE.svg")

@@ -442,8 +442,7 @@ def fetch(
     option(
         "--distance-km",
         str,
-        "Distances to the rupture [km]: a list that the records take in turn, or "
-        "two ends.",
+        "Distances to the rupture [km]: a list that the records take in turn, or two ends.",
         metavar="D,...|D:D",
         callback=_list_or_ends(0.0, 300.0),
     ),
@@ -470,8 +469,7 @@ def make(out: Path, as_json: bool, **requested: Any) -> None:
     others = [name for name, row in index_table(out).items() if not row.get("model")]
     if others:
         raise InputError(
-            f"--out {out}: the index there lists other records ({others[0]}); name "
-            "another folder"
+            f"--out {out}: the index there lists other records ({others[0]}); name another folder"
         )
     paths = synthetic.make_suite(out, _recipes(requested))
     facts = {"folder": str(out), "files": [str(path) for path in paths]}

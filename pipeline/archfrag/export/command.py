@@ -22,13 +22,8 @@ from archfrag.export.writers import (
 )
 from archfrag.files import check_targets, counted, sha256_of
 from archfrag.fragility.curve import Curve
-from archfrag.fragility.risk import (
-    HazardCurve,
-    branches_of,
-    collapse_rate,
-    predictive,
-)
-from archfrag.fragility.several import MOST_CROSSING, above
+from archfrag.fragility.risk import HazardCurve, branches_of, collapse_rate, predictive
+from archfrag.fragility.several import MOST_CROSSING, above, states_of
 from archfrag.study.answer.curves import Fitted, arch_classes
 from archfrag.study.answer.outside import BLANK
 from archfrag.study.answer.rates import MOST_MEAN, SEED, vulnerability_table
@@ -160,7 +155,7 @@ def _limit_states(
     none of it, and a curve that crosses a severer one is moved (`above`). A note names each.
     """
     chosen = _chosen(cube, requested)
-    own = {a: dict.fromkeys(chosen, _NONE) | _states(f) for a, f in answers.items()}
+    own = {a: dict.fromkeys(chosen, _NONE) | states_of(f) for a, f in answers.items()}
     severe = answers  # curves of the next severer state
     kept = ["collapse"]
     messages = list[str]()
@@ -184,13 +179,13 @@ def _limit_states(
         kept.insert(0, name)
         severe = {arch: above(fit, severe[arch]) for arch, fit in curves.items()}
         moved = [arch for arch in curves if severe[arch] is not curves[arch]]
-        if moved:
-            old = curves[moved[0]]
-            new = severe[moved[0]]
+        for arch in moved[:1]:
+            old = curves[arch]
+            new = severe[arch]
             messages.append(
                 f"limit state {name!r}: {counted(len(moved), 'curve')} lay below that of a "
                 f"severer state by more than {MOST_CROSSING:g} and took up its dispersion as "
-                f"far as needed (such as {moved[0]}: dispersion {old.beta:.3g} to "
+                f"far as needed (such as {arch}: dispersion {old.beta:.3g} to "
                 f"{new.beta:.3g}, median times {new.theta / old.theta:.3g})"
             )
         for arch, fit in severe.items():
@@ -214,12 +209,6 @@ def _chosen(cube: xr.Dataset, requested: Sequence[str]) -> list[str]:
     return [name for name in every[:-1] if name in (names or every)]
 
 
-def _states(answer: Curve) -> dict[str, Curve]:
-    """Return the curves of all limit states as fitted, by their names in files."""
-    states = {each.state.replace(" ", "_"): each for each in answer.states}
-    return states | {"collapse": answer}
-
-
 def _why_none(
     study: StudyKeys, cube: xr.Dataset, arch: str, name: str, curve: Curve
 ) -> str:
@@ -236,10 +225,7 @@ def _why_none(
 def _left_out(of: tuple[str, str], names: Sequence[str]) -> str:
     """Say why an arch has no curve of some limit states."""
     arch, why = of
-    listed = ", ".join(map(repr, names))
-    if len(names) > 1:
-        return f"limit states {listed} are left out: {arch} has no curve of them: {why}"
-    return f"limit state {listed} is left out: {arch} has no curve of it: {why}"
+    return f"left out: {', '.join(names)}, of which {arch} has no curve: {why}"
 
 
 def _with_uncertainty(
@@ -252,8 +238,8 @@ def _with_uncertainty(
     """
     found = dict[str, dict[str, Curve]]()
     branches = dict[str, tuple[str, float]]()
+    nodes: dict[str, Sequence[Curve]]
     for arch, each in states.items():
-        nodes: dict[str, Sequence[Curve]]
         if kind == "predictive":
             nodes = {arch: [predictive(f, f.draws(SEED)) for f in each.values()]}
         else:
@@ -352,7 +338,7 @@ def curve_tables(
     points = []
     parameters = []
     for arch, states in curves.curves.items():
-        as_fitted = _states(answers[arch]) if arch in answers else {}
+        as_fitted = states_of(answers[arch]) if arch in answers else {}
         for state, fit in states.items():
             labels = {
                 "arch": arch,

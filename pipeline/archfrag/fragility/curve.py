@@ -142,20 +142,22 @@ class Curve:
     @property
     def theta_interval(self) -> tuple[float, float]:
         """Interval of the median; without a posterior normal in ln theta."""
-        return self._interval(0, self.theta, 1.0)
+        return self._intervals[0]
 
     @property
     def beta_interval(self) -> tuple[float, float]:
         """Interval of the dispersion; without a posterior normal in ln beta."""
-        return self._interval(1, self.beta, self.beta)
+        return self._intervals[1]
 
-    def _interval(self, place: int, value: float, scale: float) -> tuple[float, float]:
-        """Return the interval of a parameter, without a posterior by its standard error."""
+    @property
+    def _intervals(self) -> Any:
+        """Return both intervals, without a posterior by the standard errors."""
         if self.intervals:
-            return self.intervals[place]
+            return self.intervals
         z = scipy.special.ndtri(tails(self.confidence)[1])
-        reach = np.exp(z * self.standard_errors[place] / scale)
-        return float(value / reach), float(value * reach)
+        values = np.array([self.theta, self.beta])
+        reach = np.exp(z * self.standard_errors / [1.0, self.beta])
+        return tuple(zip((values / reach).tolist(), (values * reach).tolist()))
 
     def probability(self, im: ArrayLike) -> Any:
         """Return probabilities at intensities >= 0 (else InputError), of the same shape."""
@@ -394,29 +396,32 @@ class Curve:
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any], name: str = "") -> Curve:
         """Return the curve that `to_dict` wrote, or a part of what it wrote, with its name."""
-        more = plain.get("more", {})
-        own = _fit_of(plain["curve"]) | {
-            key: of[key]
-            for of, keys in ((plain, _BAND), (more, _TABLES))
-            for key in keys
-            if key in of
-        }
+        found = {**plain, **plain.get("more", {})}
+        fit = found["curve"]
+        own = {key: found[key] for key in (*_BAND, *_TABLES) if key in found}
+        if "none" in fit:
+            own["reason"] = fit["none"]
+        else:
+            own |= {key: fit[key] for key in _FIT}
+            own["covariance"] = np.array(fit["covariance_ln_theta_beta"])
+        if "members" in fit:
+            own["members"] = np.array(fit["members"])
         if "likelihood" in plain:
-            own["likelihood"] = cls(**_fit_of(plain["likelihood"]))
+            own["likelihood"] = cls.from_dict({"curve": plain["likelihood"]})
         if plain.get("density"):
             own["density"] = Density.from_plain(plain["density"])
         theta, beta = (plain.get(key) or (None,) for key in ("theta", "beta"))
         if None not in theta:
             own["intervals"] = tuple(theta), tuple(beta)
-        if "limit_states" in more:
-            found = more["limit_states"]
-            own["crossings"] = found["message"]
-            own["states"] = tuple(cls.from_dict(each, name) for each in found["states"])
-        lost = more.get("without_verdict")
+        if "limit_states" in found:
+            known = found["limit_states"]
+            own["crossings"] = known["message"]
+            own["states"] = tuple(cls.from_dict(each, name) for each in known["states"])
+        lost = found.get("without_verdict")
         if lost:
             own["n_undecided"] = lost["runs"]
             ends = (lost[key] for key in ("collapsed", "survived"))
-            own["extremes"] = tuple(cls(**_fit_of(each)) for each in ends)
+            own["extremes"] = tuple(cls.from_dict({"curve": each}) for each in ends)
         return cls(
             **own,
             name=name,
@@ -430,16 +435,6 @@ def plots() -> Any:
     import archfrag.plots  # matplotlib takes half a second
 
     return archfrag.plots
-
-
-def _fit_of(plain: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a curve that `Curve.fit_dict` wrote."""
-    if "none" in plain:
-        return {"reason": str(plain["none"])}
-    own = {name: plain[name] for name in _FIT}
-    own["covariance"] = np.array(plain["covariance_ln_theta_beta"], float)
-    members = plain.get("members")
-    return own | {"members": None if members is None else np.array(members, float)}
 
 
 def credible_band(density: Density, im: ArrayLike, confidence: float) -> Pair:

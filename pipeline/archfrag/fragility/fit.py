@@ -181,9 +181,6 @@ def fit_cloud(
     im: ArrayLike,
     collapsed: ArrayLike,
     event: ArrayLike | None = None,
-    *,
-    seed: int = 1,
-    resamples: int = 1000,
     confidence: float = 0.9,
 ) -> dict[str, Any]:
     """Fit collapse by logistic regression on ln im, one run a record (a cloud).
@@ -197,7 +194,7 @@ def fit_cloud(
     codes = np.asarray(collapsed, float)
     _require_overlap(values, codes, np.ones(values.size))
     # Each run once, then as drawn.
-    times = draws_of_records(event, values.size, seed, resamples)
+    times = draws_of_records(event, values.size)
     weight = np.vstack([np.ones(values.size), times])
     a, b, *_ = binomial_lines(np.log(values), weight * codes, weight, "logistic")
     kept = ~np.isnan(b)

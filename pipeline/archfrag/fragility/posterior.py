@@ -321,8 +321,6 @@ def gridded(
     covariance = np.cov(np.reshape(pair, (2, -1)), aweights=weight.ravel())
     scale = errors / np.sqrt(np.diag(covariance))
     covariance *= np.outer(scale, scale)
-    curve = Curve(
-        float(np.exp(t[2])), float(b[2]), covariance, np.nan, *sizes, "posterior"
-    )
-    curve = replace(curve, density=known.compact())
+    found = float(np.exp(t[2])), float(b[2]), covariance, np.nan, *sizes, "posterior"
+    curve = Curve(*found, density=known.compact())
     return Posterior(beta, log_theta, weight, curve)

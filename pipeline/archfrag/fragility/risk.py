@@ -163,22 +163,19 @@ def collapse_rate(
     hazard's extension below its first point adds to each is at most its rate at this point. Below
     `onset`, one intensity or one for each of the curve's parts, nothing collapses.
     """
-    at = np.log(hazard.im)
     ends = tails(confidence)
     parts = rate_by_level(hazard, curve, hazard.im[[0, -1]], onset)
     rate = float(parts.sum())
     below, _, above = (parts / rate if rate > 0.0 else np.zeros(3)).tolist()
     is_bound = below + above > MOST_OUTSIDE
-    mean = np.nan
-    lower = np.nan
-    upper = np.nan
+    mean = lower = upper = np.nan
     if draws is not None and not is_bound:
         least = np.min(onset)
-        each = _lognormal(hazard, at, *draws, least)
+        each = _lognormal(hazard, np.log(hazard.im), *draws, least)
         each[..., 0] = np.minimum(each[..., 0], hazard.rate[0])
         rates = each.sum(axis=-1)
         if curve.members is not None:
-            whole = float(_lognormal(hazard, at, curve.theta, curve.beta, least).sum())
+            whole = lognormal_rates(hazard, curve.theta, curve.beta, least)
             rates *= rate / whole if whole > 0.0 else 0.0
         mean = float(rates.mean())
         lower, upper = np.quantile(rates, ends).tolist()
@@ -315,7 +312,7 @@ def contributions(
     if np.unique(label).size > 1:
         parts = [each.sum(axis=1)[some] / of_record[some] for each in of_kind]
         effective *= independent_number(np.transpose(parts), label) / label.size
-    ends = wilson(fraction * effective, np.full(fraction.shape, effective), confidence)
+    ends = wilson(fraction * effective, effective, confidence)
     return Contributions(
         tuple(categories), counts, rate, unassigned, fraction, *ends, effective
     )

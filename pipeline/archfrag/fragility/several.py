@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from archfrag.errors import FitError, InputError
 from archfrag.files import number
 from archfrag.fragility.curve import BoolArray, Curve, FloatArray, IntArray, Pair, tails
-from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates, mean_of
+from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
 from archfrag.fragility.verdicts import Brackets, numbered
 
 FEWEST_GROUPS = 3
@@ -37,16 +37,6 @@ _ROWS = ("before", "after", "ratio", "lower", "upper")
 Estimate = Callable[[Brackets], Curve]
 Steps = list[tuple[Curve, float]]
 MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
-
-
-def mixture(pooled: Curve, curves: Sequence[Curve]) -> Curve:
-    """Return the curve of a class of arches: the mean of the curves of its arches.
-
-    `theta` and `beta` are those of the lognormal curve with the same mean and standard deviation
-    of ln capacity; covariance, band and sizes are those of the `pooled` curve of all runs.
-    """
-    members = np.array([[fit.theta, fit.beta] for fit in curves])
-    return mean_of(pooled, members, "mixture")
 
 
 def crossing_words(curves: Sequence[Curve]) -> str:
@@ -235,15 +225,19 @@ def _row(values: Sequence[float], ends: FloatArray) -> dict[str, float]:
     return dict(zip(_ROWS, (before, after, ratio, *(ratio * ends).tolist())))
 
 
+def states_of(curve: Curve) -> dict[str, Curve]:
+    """Return the curves of all limit states as fitted, by their names in files."""
+    states = {each.state.replace(" ", "_"): each for each in curve.states}
+    return states | {"collapse": curve}
+
+
 def loss_steps(curve: Curve, ratios: Mapping[str, float]) -> Steps:
     """Return curves of the states that cost something and by how much more than the milder one.
 
     States are ordered by their medians, collapse last, and moved where they cross, as in exports.
     InputError for a state that is not known or ratios that fall; FitError if one has no curve.
     """
-    states = {each.state.replace(" ", "_"): each for each in curve.states} | {
-        "collapse": curve
-    }
+    states = states_of(curve)
     for name in ratios:
         if name not in states:
             raise InputError(
@@ -253,8 +247,7 @@ def loss_steps(curve: Curve, ratios: Mapping[str, float]) -> Steps:
     for name in ratios:
         if not states[name].fitted:
             raise FitError(
-                f"limit state {name!r} of the consequences has no curve: "
-                f"{states[name].reason}"
+                f"limit state {name!r} of the consequences has no curve: {states[name].reason}"
             )
     mild = sorted(set(ratios) - {"collapse"}, key=lambda name: states[name].theta)
     found = Steps()

@@ -20,6 +20,7 @@ from archfrag.fragility.curve import (
 )
 
 MOST_LEVELS = 500  # of runs by intensity
+RESAMPLES = 300  # of a bootstrap
 NOTHING = (
     "no run collapsed or survived, so there is nothing to fit: if arches still moved at the end, "
     "raise method.follow; if they failed, try another method.name"
@@ -75,32 +76,27 @@ def checked_stripes(
             )
     for i in np.flatnonzero(k > m)[:1]:
         raise InputError(
-            f"collapses is {k[i]:g} at im = {levels[i]:g}, more than the n = {m[i]:g} "
-            "runs"
+            f"collapses is {k[i]:g} at im = {levels[i]:g}, more than the n = {m[i]:g} runs"
         )
     return positive(levels, "im"), k, m
 
 
-def clopper_pearson(
-    collapses: ArrayLike, n: ArrayLike, confidence: float = 0.9
-) -> Pair:
-    """Return the exact interval of each fraction `collapses` / `n`, (n_level,); nan if n is 0.
+def clopper_pearson(k: IntArray, n: IntArray, confidence: float) -> Pair:
+    """Return the exact interval of each fraction k / n, (n_level,); nan if n is 0.
 
     Clopper and Pearson 1934, Biometrika 26.
     """
     low, high = tails(confidence)
-    k = np.asarray(collapses, float)
-    m = np.where(np.asarray(n) > 0, n, np.nan)
+    m = np.where(n > 0, n, np.nan)
     lower = np.where(k > 0, betaincinv(k, m - k + 1, low), 0.0 * m)
     upper = np.where(k < m, betaincinv(k + 1, m - k, high), 1.0 + 0.0 * m)
     return lower, upper
 
 
-def wilson(k: ArrayLike, n: ArrayLike, confidence: float = 0.9) -> Pair:
+def wilson(k: FloatArray, n: Any, confidence: float) -> Pair:
     """Return Wilson's score interval (1927) of k among n, which need not be integers."""
     z = ndtri(tails(confidence)[1])
-    k = np.asarray(k, float)
-    n = np.where(np.asarray(n) > 0, n, np.nan).astype(float)
+    n = np.where(n > 0, n, np.nan)
     centre = (k + 0.5 * z * z) / (n + z * z)
     reach = z / (n + z * z) * np.sqrt(np.maximum(k * (n - k) / n, 0.0) + 0.25 * z * z)
     # At k = 0 and k = n the ends are 0 and 1 but for rounding.
@@ -115,7 +111,7 @@ def numbered(labels: ArrayLike) -> IntArray:
 
 
 def draws_of_records(
-    event: ArrayLike | None, n_record: int, seed: int, resamples: int
+    event: ArrayLike | None, n_record: int, seed: int = 1, resamples: int = RESAMPLES
 ) -> IntArray:
     """Draw counts of records in a bootstrap by whole events, (resamples, n_record)."""
     group = numbered(np.arange(n_record) if event is None else event)

@@ -7,10 +7,7 @@ from scipy.special import ndtr
 
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.fragility.verdicts import clopper_pearson
-from archfrag.report.html import (
-    TEXTS,
-    rounded,
-)
+from archfrag.report.html import TEXTS, rounded
 from archfrag.report.inputs import ArchResults, ReportInputs, Scale, thetas
 from archfrag.report.run_figures import level_axis, stacked
 from archfrag.report.svg import (

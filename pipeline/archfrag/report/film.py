@@ -185,18 +185,11 @@ def _named_run(results: ArchResults, run: str) -> Chosen:
     return record, int(made[near.argmin()]), "the run that was asked for"
 
 
-def check_target(path: Path) -> None:
-    """Raise InputError unless the name is that of an SVG file."""
-    if path.suffix.lower() != ".svg":
-        raise InputError(f"--to {path}: a film is written as .svg")
-
-
 def save_film(example: Example, path: Path) -> None:
     """Write a film as .svg, which browsers play.
 
     InputError if nothing moves, OutputError if the file cannot be written.
     """
-    check_target(path)
     shown = film(
         example, "film", "A collapse" if example.response.collapsed else "A run"
     )

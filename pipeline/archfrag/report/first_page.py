@@ -171,10 +171,8 @@ def _whose(inputs: ReportInputs, name: str) -> str:
     if name in inputs.classes:
         members = list(inputs.of_class.values()).count(name)
         whose = f"an arch drawn from class {name} ({members} arches)"
-    kinds = "classes and arches" if inputs.classes else "arches"
-    kinds = "classes" if len(inputs.quoted) == len(inputs.classes) else kinds
     there = " at this level" * (sentence_level(inputs) is not None)
-    return whose + f", the weakest of {count} {kinds}{there}," * (count > 1)
+    return whose + f", the weakest of {count}{there}," * (count > 1)
 
 
 def _noun(inputs: ReportInputs) -> str:

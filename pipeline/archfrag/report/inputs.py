@@ -3,7 +3,7 @@
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -141,15 +141,14 @@ class ReportInputs:
 
     cube: xr.Dataset  #: of the study
     scale: Scale  #: of the cube's levels
-    motions: Sequence[
-        Motion
-    ]  #: unscaled, one for each record of the cube, its name as `id`
-    #: Onset of each arch that has a section by its name in the cube, in the page's order.
-    arches: Mapping[str, Onset]
     answers: Mapping[str, Curve]  #: of each arch of the cube, in the SI unit
     classes: Mapping[str, Curve] = field(
         default_factory=dict
     )  #: of classes of several arches
+    #: Unscaled, one for each record of the cube, its name as `id`; none of a table.
+    motions: Sequence[Motion] = ()
+    #: Onset of each arch that has a section by its name in the cube, in the page's order.
+    arches: Mapping[str, Onset] = field(default_factory=dict)
     cautions: Sequence[
         str
     ] = ()  #: one that concerns an arch begins with its name and a colon
@@ -253,17 +252,31 @@ def thetas(answers: Iterable[Curve]) -> FloatArray:
     return np.array([curve.theta for curve in answers])
 
 
-def report_inputs(study: StudyKeys) -> ReportInputs:
-    """Read the results of a finished study.
+def report_inputs(study: StudyKeys, table: Fitted | None = None) -> ReportInputs:
+    """Read the results of a finished study, or of a `table` of verdicts, which has no arches.
 
     InputError if results are missing or out of date, OutputError if the cube of another study is
     in the folder.
     """
-    fitted = finished(study)
+    fitted = table or finished(study)
+    levels = study.intensity
+    inputs = ReportInputs(
+        fitted.cube,
+        Scale(levels.measure, levels.unit, 1.0 / levels.factor),
+        fitted.arches,
+        fitted.classes,
+        cautions=cautions_of(study, fitted),
+        title=study.title,
+        confidence=study.report.confidence,
+        at=study.report.at,
+        risk=attempt(partial(risk_of_study, study, fitted)),
+    )
+    if table:
+        return inputs
     plan = make_plan(study)
-    entries = {member.id: member.entry for member in study.members}
+    arches = {member.id: member.entry for member in study.members}
     names = list(fitted.arches)
-    detailed = [names[i] for i in shown(thetas(fitted.arches.values()).tolist())]
+    detailed = shown(thetas(fitted.arches.values()).tolist())
     given: dict[str, list[Mapping[str, Any]]] = {}
     for member in study.members:
         keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
@@ -275,30 +288,17 @@ def report_inputs(study: StudyKeys) -> ReportInputs:
     )
     if study.report.logo is not None:
         about["logo"] = logo_url(study.report.logo)
-    return ReportInputs(
-        cube=fitted.cube,
-        scale=scale_of(study),
+    return replace(
+        inputs,
         motions=[plan.motion(record) for record in plan.records],
         plan=plan,
-        arches={name: onset(entries[name].build()) for name in detailed},
-        answers=fitted.arches,
-        classes=fitted.classes,
-        cautions=cautions_of(study, fitted),
+        arches={names[i]: onset(arches[names[i]].build()) for i in detailed},
         timings=read_timings(study),
         title=_title(study),
-        confidence=study.report.confidence,
-        at=study.report.at,
-        risk=attempt(partial(risk_of_study, study, fitted)),
         target=target_of_index(study.motions.index),
         given=given,
         about=about,
     )
-
-
-def scale_of(study: StudyKeys) -> Scale:
-    """Return the scale of the levels of a study."""
-    levels = study.intensity
-    return Scale(levels.measure, levels.unit, 1.0 / levels.factor)
 
 
 def _title(study: StudyKeys) -> str:

@@ -8,7 +8,6 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import OutputError, attempt
+from archfrag.errors import OutputError
 from archfrag.files import check_targets, make_folder
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
@@ -47,7 +46,6 @@ from archfrag.report.html import (
 from archfrag.report.inputs import (
     ReportInputs,
     report_inputs,
-    scale_of,
     thetas,
     write_papers,
 )
@@ -74,8 +72,8 @@ from archfrag.report.svg import (
     shortened,
 )
 from archfrag.study.answer.curves import Fitted
-from archfrag.study.answer.fits import CURVE, FITS, cautions_of, gathered, store_fits
-from archfrag.study.answer.rates import ASSUMPTIONS, StudyRisk, risk_of_study
+from archfrag.study.answer.fits import CURVE, FITS, gathered, store_fits
+from archfrag.study.answer.rates import ASSUMPTIONS, StudyRisk
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import (
@@ -114,19 +112,7 @@ def make_report(study: StudyKeys, table: Fitted | None = None) -> Path:
     ]
     check_targets([study.folder / FITS, study.folder / CURVE], given)
     make_folder(study.folder)
-    inputs = ReportInputs(
-        table.cube,
-        scale_of(study),
-        (),
-        {},
-        table.arches,
-        table.classes,
-        cautions_of(study, table),
-        title=study.title,
-        confidence=study.report.confidence,
-        risk=attempt(partial(risk_of_study, study, table)),
-    )
-    write_report(inputs, out, given)
+    write_report(report_inputs(study, table), out, given)
     store_fits(study, table)
     return out
 

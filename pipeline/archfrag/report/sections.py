@@ -249,8 +249,8 @@ def card(inputs: ReportInputs, name: str, onset: Onset | None = None) -> Markup:
     figures = []
     counts = {}
     if name in inputs.answers:
-        starts = [each.partition(f"{name}: ") for each in inputs.cautions]
-        messages = [words for before, found, words in starts if found and not before]
+        own = [each for each in inputs.cautions if each.startswith(f"{name}: ")]
+        messages = [each.removeprefix(f"{name}: ") for each in own]
         verdicts = inputs.results(name).counts
         counts = {each.replace("_", " "): verdicts[each].sum() for each in COUNTS}
     lost = answer.undecided(lambda theta: scale.text(scale.factor * theta))

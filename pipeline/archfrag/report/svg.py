@@ -211,12 +211,7 @@ class Panel:
         self.line([x, x], self.y, colour, 0.9, "2 2")
 
     def band(
-        self,
-        x: ArrayLike,
-        low: ArrayLike,
-        high: ArrayLike,
-        colour: str,
-        opacity: float,
+        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str, opacity: float
     ) -> None:
         d = ribbon(self.at_x(x), self.at_y(low), self.at_y(high))
         self.sheet.path(d, fill=colour, fill_opacity=opacity)

@@ -18,9 +18,9 @@ from archfrag.fragility.damage import fit_state_posterior
 from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_cloud
 from archfrag.fragility.quoted import check_lognormal, isotonic_curve, shared_events
+from archfrag.fragility.risk import mean_of
 from archfrag.fragility.several import (
     crossing_words,
-    mixture,
     split_capacities,
     split_curves,
 )
@@ -53,7 +53,6 @@ _OF_BAND = (
     "n_independent",
     "n_non_monotone",
 )
-_DRAWN: dict[str, Any] = {"seed": 1, "resamples": 300}
 Worded = Callable[
     [FitError], str
 ]  # text of an error, with its levels in the unit people read
@@ -301,7 +300,9 @@ def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) ->
             f"{lacking} of its {count} arches have no curve, so the curve is the lognormal one of "
             "all runs of the class."
         )
-    curve = pooled if lacking or stock else mixture(pooled, fits)
+    curve = pooled
+    if not (lacking or stock):
+        curve = mean_of(pooled, np.vstack([fit.parts for fit in fits]), "mixture")
     text = f"{made} Band and intervals: {pooled.assumptions}"
     return replace(curve, assumptions=text)
 
@@ -361,11 +362,9 @@ def free_shapes(runs: ArchRuns, confidence: float) -> dict[str, Any]:
     """Return the isotonic curve, and whether the lognormal one describes the runs."""
     parts: dict[str, Any] = {}
     try:
-        curve = isotonic_curve(
-            runs.brackets, runs.group, confidence=confidence, **_DRAWN
-        )
+        curve = isotonic_curve(runs.brackets, runs.group, confidence=confidence)
         parts["isotonic"] = {name: values.tolist() for name, values in curve.items()}
-        p_value, _ = check_lognormal(runs.brackets, **_DRAWN)
+        p_value, _ = check_lognormal(runs.brackets)
     except FitError as error:
         return parts | {"none": runs.worded(error)}
     message = (
@@ -384,7 +383,7 @@ def cloud_curves(runs: ArchRuns, confidence: float) -> dict[str, Any]:
     """Return the curve of a cloud by logistic regression."""
     found = runs.brackets  # one run a record
     event = None if runs.group is None else runs.group[found.run]
-    return fit_cloud(*found.single_runs(), event, confidence=confidence, **_DRAWN)
+    return fit_cloud(*found.single_runs(), event, confidence=confidence)
 
 
 def measures_compared(runs: ArchRuns) -> dict[str, Any]:
