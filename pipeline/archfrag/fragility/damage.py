@@ -55,7 +55,7 @@ def fit_state_posterior(
     levels = [np.unique(pair[np.isfinite(pair)]) for pair in (rows[:2], rows[2:])]
     if min(x.size for x in levels) < 2:
         raise FitError(ONE_LEVEL)
-    steps = [float(np.median(np.diff(x))) for x in levels]
+    steps = [np.median(np.diff(x)) for x in levels]
 
     def density(points: FloatArray) -> FloatArray:
         """Return ln of the posterior at points, as `_both` describes them."""

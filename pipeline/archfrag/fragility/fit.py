@@ -86,7 +86,7 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Curve:
         )
     if truncate_at is None:
         return _fit_moments(positive(values, "capacities"))
-    limit = float(positive(truncate_at, "truncate_at"))
+    limit = positive(truncate_at, "truncate_at")
     positive(np.where(values == np.inf, limit, values), "capacities")
     known = values <= limit
     if known.all():

@@ -170,7 +170,7 @@ def _weighted(
     share = independent_records(moved, label) / len(u)
     ends = np.sort(np.log(known.single_runs()[0]))
     width = (high - low)[known.bracketed]
-    resolved = float(np.median(width)) if width.size else 0.0
+    resolved = np.median(width) if width.size else 0.0
     span = np.ptp(ends)
     generator = np.random.default_rng(_SEED)
     q = len(information)

@@ -100,7 +100,7 @@ def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
     arch = logs.mean(axis=1)
     record = logs.mean(axis=0)
     residual = logs - arch[:, None] - record + logs.mean()
-    interaction = float((residual**2).sum()) / ((a - 1) * (r - 1))
+    interaction = (residual**2).sum() / ((a - 1) * (r - 1))
     # var(ln C | arch) is that of the records and of the interaction together.
     within = record.var(ddof=1) + (a - 1) / a * interaction
     between = arch.var(ddof=1) - interaction / r
@@ -184,7 +184,7 @@ def ratios(
         m = len(pair[0])
         apart = np.hstack([each - each.mean(axis=0) for each in pair])
         every.append(apart * np.sqrt((m - 1) / m))
-    errors = [float(np.linalg.norm(away[:, 2] - away[:, 0])) for away in every]
+    errors = [np.linalg.norm(away[:, 2] - away[:, 0]) for away in every]
     n = min(map(len, every))
     away = every[0]
     error = errors[0]
@@ -193,7 +193,7 @@ def ratios(
         both = np.sum(crossed)
         error = np.sqrt(max(*crossed, both - (len(crossed) - 1) * shared))
         away = np.vstack(every[:-1]) * (error / max(np.sqrt(both), 1e-300))
-    reach = float(scipy.special.stdtrit(n - 1, tails(confidence)[1]))
+    reach = scipy.special.stdtrit(n - 1, tails(confidence)[1])
     thetas = [curve.theta for curve in curves]
     rows = {"theta": _row(thetas, np.exp([-reach * error, reach * error]))}
     if hazard is None:

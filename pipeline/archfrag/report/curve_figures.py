@@ -23,6 +23,7 @@ from archfrag.report.svg import (
     Entry,
     Panel,
     Sheet,
+    Words,
     figure,
     log_ticks,
     panel_below,
@@ -101,12 +102,12 @@ def _band_words(answer: Curve) -> str:
 
 
 @figure
-def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
+def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> Words:
     """Draw the curve of an arch with its band, and the capacities or fractions behind it."""
     scale = results.scale
     percent = f"{100 * answer.confidence:.0f} %"
     texts = TEXTS["curve"]
-    highest = float(results.levels.max())
+    highest = results.levels.max()
     isotonic = None
     if results.runs.gaps:
         caption = texts["searched"]
@@ -167,7 +168,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
 @figure
 def all_curves(
     sheet: Sheet, inputs: ReportInputs, arches: Collection[str], classes: Sequence[str]
-) -> tuple[str, str] | None:
+) -> Words | None:
     """Draw the curves of some arches and classes in one figure; None if they are fewer than two.
 
     Curves with names lie over thin ones of one colour each.
@@ -203,7 +204,7 @@ def all_curves(
     im = np.linspace(0.0, reach, 34)
     for colour, fits in thin:
         shown = _thinned(fits)
-        opacity = float(np.clip(25.0 / max(len(shown), 1), 0.15, 0.5))
+        opacity = np.clip(25.0 / max(len(shown), 1), 0.15, 0.5)
         for fit in shown:
             panel.line(im, fit(im), colour, 0.5, opacity=opacity)
     shaded = len(named) <= _SHADED
@@ -292,11 +293,11 @@ def theta_panels(
         lines = dict(zip(finite, effects_on_theta(theta, columns)[1]))
     order = sorted(lines, key=lambda key: -abs(np.diff(np.log(lines[key]))[0]))
     shown = [*order, *(key for key in values if key not in lines)][:_MOST_PANELS]
-    margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
-    ends = float(theta.min()) - margin, float(theta.max()) + margin
+    margin = 0.05 * np.ptp(theta) or 0.05 * theta[0]
+    ends = theta.min() - margin, theta.max() + margin
     for box, key in zip(sheet.grid(len(shown), 3, 150.0, BELOW - LINE), shown):
-        low = float(np.nanmin(values[key]))
-        high = float(np.nanmax(values[key]))
+        low = np.nanmin(values[key])
+        high = np.nanmax(values[key])
         reach = low - 0.04 * (high - low), high + 0.04 * (high - low)
         panel = Panel(sheet, box, reach, ends)
         panel.axis_x(most=4)
@@ -339,11 +340,11 @@ def hazard_and_fragility(
     shown = scale.factor * im
     rates = {key: curve.rate_at(im) for key, curve in hazard.curves.items()}
     points = hazard.main.im * scale.factor
-    ends = (float(shown[0]), float(shown[-1]))
+    ends = (shown[0], shown[-1])
     seen = (points >= ends[0]) & (points <= ends[1])
     every = np.concatenate(list(rates.values()))
-    low = float(every[every > 0.0].min())
-    high = float(every.max())
+    low = every[every > 0.0].min()
+    high = every.max()
     entries = [Entry(f"hazard: {key}", GREY, "line") for key in rates]
     entries[0] = entries[0]._replace(colour=VERMILION)
     top = sheet.legend(_LEFT, 0.0, entries) - 8.0
@@ -377,7 +378,7 @@ def hazard_and_fragility(
 
 
 @figure
-def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
+def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> Words | None:
     """Draw the rate by level and mechanism; None if no run collapsed or no mechanism is known."""
     split = arch.by_mechanism
     if not split.counts.any() or "not known" in split.categories:
@@ -388,7 +389,7 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str]
     parts = stacked(labels, split.rate)
     if split.unassigned.any():
         parts.append((Entry("no collapse seen", PALE), split.unassigned))
-    highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
+    highest = 1.05 * np.sum([rate for _, rate in parts], axis=0).max()
     ends = (-0.5, arch.levels.size - 0.5), (0.0, highest)
     panel = panel_below(sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT)
     panel.axis_y("rate of collapse [1/year]", 4)

@@ -108,7 +108,7 @@ def repeat(inputs: ReportInputs, name: str, chosen: Chosen | None) -> Example | 
     kind = method.pop("name")
     method["far"] = method.pop("delay", None)
     motion = next(m for m in inputs.motions if m.id == results.records[record])
-    factor = float(results["scale_factor"][record, level])
+    factor = results["scale_factor"][record, level]
     if inputs.plan is not None:
         number = [member.id for member in inputs.plan.arches].index(name)
         motion, factor = inputs.plan.ground(number, record, factor)
@@ -210,7 +210,7 @@ def key_frames(example: Example) -> tuple[FloatArray, FloatArray, FloatArray] | 
     start, end = example.response._window(LONGEST)
     if start == end:
         return None
-    size = float(np.ptp(np.concatenate(example.arch.outlines), axis=0).max())
+    size = np.ptp(np.concatenate(example.arch.outlines), axis=0).max()
     state = np.dstack([shift, 0.1 * size * rotation]).reshape(time.size, -1)
     first = int(np.searchsorted(time, start))
     last = int(np.searchsorted(time, end, "right")) - 1
@@ -276,7 +276,7 @@ def film(
     )
     bodies += " on piers" * (arch.springings[0] > 0)
     what = f"{title}: {bodies} under {example.motion.id}, {example.level}"
-    duration = float(time[-1] - time[0]) + _HOLD
+    duration = time[-1] - time[0] + _HOLD
     moves = np.dstack([pixels(place), -np.rad2deg(rotation)])
     stills = _stills(np.abs(rotation).max(axis=1), bool(example.response.collapsed))
     drawn = {
@@ -296,7 +296,7 @@ def film(
         "duration": duration,
         "time": time,
         "stills": stills,
-        "ground": _ground_below(example, height, (float(time[0]), float(time[-1]))),
+        "ground": _ground_below(example, height, (time[0], time[-1])),
     }
     shown = "true to scale" if larger == 1.0 else "drawn three times as large as it is"
     caption = TEXTS["film"]["caption"].format(
@@ -344,7 +344,7 @@ def draw_ground(panel: Panel, example: Example, bins: int) -> float:
     times = np.arange(acceleration.size) * example.motion.dt
     shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
     place, low, high = envelope(np.interp(shown, times, acceleration, right=0.0), bins)
-    peak = max(float(np.abs([low, high]).max()), 1e-9)
+    peak = max(np.abs([low, high]).max(), 1e-9)
     panel.y = (-1.05 * peak, 1.05 * peak)
     panel.sheet.path(
         f"M{px(panel.box[0])} {px(float(panel.at_y(0.0)))}H{px(panel.box[2])}",

@@ -65,6 +65,7 @@ from archfrag.report.svg import (
     VERMILION,
     Entry,
     Sheet,
+    Words,
     envelope,
     figure,
     panel_below,
@@ -367,7 +368,7 @@ def _motion_table(inputs: ReportInputs) -> Markup:
 
 
 @figure
-def spectra(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
+def spectra(sheet: Sheet, inputs: ReportInputs) -> Words:
     """Draw spectra at 5 % damping at the level nearest to the median capacity, with their median
     and 16 to 84 %.
 
@@ -386,7 +387,7 @@ def spectra(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
             away = np.log(intensity) - np.log(np.nanmedian(medians))
             level = int(np.abs(away).argmin())
             why = "the level nearest to the median capacity"
-        at = scale.text(scale.factor * float(intensity[level]))
+        at = scale.text(scale.factor * intensity[level])
         words = f"scaled to {scale.measure} = {at}, {why}"
     place = {"level": level, "arch": 0}
     chosen = inputs.cube["scale_factor"].isel(place, missing_dims="ignore").values
@@ -406,9 +407,9 @@ def spectra(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
         ]
     )
     low, median, high = np.nanquantile(scaled, [0.16, 0.5, 0.84], axis=0)
-    floor = max(median.max() / 1000.0, 0.7 * float(np.nanmin(scaled[scaled > 0])))
-    x = (float(_PERIODS[0]), float(_PERIODS[-1]))
-    y = (floor, 1.3 * float(np.nanmax(scaled)))
+    floor = max(median.max() / 1000.0, 0.7 * np.nanmin(scaled[scaled > 0]))
+    x = (_PERIODS[0], _PERIODS[-1])
+    y = (floor, 1.3 * np.nanmax(scaled))
     panel = panel_below(sheet, entries, 240.0, x, y, log=True)
     panel.axis_x("period [s]", grid=True)
     panel.axis_y("Sa, 5 % damping [g]")

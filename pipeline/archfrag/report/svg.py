@@ -19,6 +19,7 @@ from archfrag.fragility.curve import FloatArray
 from archfrag.report.html import TEXTS, Picture, px, raised
 
 Range = tuple[float, float]
+Words = tuple[str, str]  # alternative text and caption of a figure
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
 WIDE = 760.0  # widths of figures [px]
 NARROW = 358.0
@@ -55,7 +56,7 @@ class Entry(NamedTuple):
 
 
 def figure(
-    draw: Callable[..., str | tuple[str, str] | None], width: float = WIDE
+    draw: Callable[..., str | Words | None], width: float = WIDE
 ) -> Callable[..., Any]:
     """Make a function that draws on a sheet of some width return a `Picture`.
 
