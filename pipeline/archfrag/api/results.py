@@ -181,7 +181,6 @@ class Results:
         records whose capacity lies below the level, as in the report. nan where nothing is known.
         InputError if runs have intensities of their own, as in a cloud.
         """
-        fitted = self._fitted
         intensity = self._study.intensity
         if not self._study.design.on_levels:
             raise InputError(
@@ -189,13 +188,9 @@ class Results:
                 "a fraction; see the curve"
             )
         index = pd.Index(intensity.given, name=intensity.measure)
-        return pd.DataFrame(
-            {
-                name: count_verdicts(fitted.runs[name].filled)["fraction"]
-                for name in fitted.arches
-            },
-            index=index,
-        )
+        runs = {name: self._fitted.runs[name] for name in self._fitted.arches}
+        columns = {k: count_verdicts(own.filled)["fraction"] for k, own in runs.items()}
+        return pd.DataFrame(columns, index)
 
     @property
     def capacities(self) -> pd.DataFrame:
@@ -236,7 +231,7 @@ class Results:
         """
         study = self._study
         fitted = self._fitted
-        curve, years = self._hazard(hazard, years=years, unit=unit, site=site)
+        curve, years = self._hazard(hazard, years, unit, site)
         rates = risk_of(
             fitted.cube, fitted.quoted(), curve, years, study.report.confidence
         )
@@ -333,39 +328,38 @@ class Results:
     def _hazard(
         self,
         hazard: Hazards | None,
-        *,
         years: float | None = None,
         unit: str | None = None,
         site: Sequence[float] | None = None,
     ) -> tuple[Hazard, float]:
         """Return the given hazard curve, or the study's, and the years of its probabilities."""
-        study = self._study
-        period = 50.0 if years is None else years
-        if hazard is None and (unit or site):
-            raise InputError(
-                "unit and site are of a hazard; give it too, or leave them out"
-            )
-        given = study.risk
+        intensity = self._study.intensity
+        period = 50.0
         if hazard is None:
+            if unit or site:
+                raise InputError(
+                    "unit and site are of a hazard; give it too, or leave them out"
+                )
+            given = self._study.risk
             if given is None:
-                what = "the study has no hazard; give the file of a hazard curve"
-                raise InputError(what)
+                raise InputError(
+                    "the study has no hazard; give the file of a hazard curve"
+                )
             hazard = given.hazard
             unit = given.unit
             site = given.site
-            period = given.years if years is None else years
+            period = given.years
+        period = period if years is None else years
         files = hazard if isinstance(hazard, list | tuple) else [hazard]
         if not files or not all(isinstance(each, str | os.PathLike) for each in files):
-            intensity = study.intensity
             if site is not None:
                 raise InputError(
                     "a table has no sites, so site cannot choose one; leave it out"
                 )
-            return hazard_of_table(
-                hazard, intensity.measure, unit or intensity.unit
-            ), period
-        paths = [Path(each) for each in files]
-        return load_hazard(paths, study.intensity.measure, unit, site), period
+            unit = unit or intensity.unit
+            return hazard_of_table(hazard, intensity.measure, unit), period
+        paths = list(map(Path, files))
+        return load_hazard(paths, intensity.measure, unit, site), period
 
     def _check_there(self) -> None:
         """See that the folder still holds these results: nothing else is written as theirs."""
@@ -481,11 +475,9 @@ class Results:
                 make_folder(path.parent)
                 for target, file in zip((path, weights), files):
                     write_text(target, file.read_text("utf-8"))
-        left = [
-            f"no curve of {arch} is exported: {why}"
-            for arch, why in made["left_out"].items()
-        ]
-        messages = [*left, *made["notes"]]
+        left = made["left_out"].items()
+        messages = [f"no curve of {arch} is exported: {why}" for arch, why in left]
+        messages += made["notes"]
         if messages:
             warnings.warn("; ".join(messages), stacklevel=3)
         return files

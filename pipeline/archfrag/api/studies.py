@@ -35,8 +35,9 @@ from archfrag.study.steps import run_study
 from archfrag.study.yaml_text import LARGEST_FILE, relative, yaml_of
 from archfrag.version import __version__
 
-Arches = Arch | Mapping[str, Any] | Sequence[Arch]
-Motions = Motion | PathLike | Sequence[Any] | Mapping[str, Any]
+Keys = Mapping[str, Any]  # of a study file
+Arches = Arch | Keys | Sequence[Arch]
+Motions = Motion | PathLike | Sequence[Any] | Keys
 Levels = ArrayLike | Mapping[str, float]
 # Facts of a motion that its row of an index keeps.
 _FACTS = (
@@ -115,8 +116,8 @@ class Study:
         *,
         levels: Levels,
         unit: str | None = None,
-        design: str | Mapping[str, Any] = "stripes",
-        vary: Mapping[str, Any] | None = None,
+        design: str | Keys = "stripes",
+        vary: Keys | None = None,
         hazard: Any = None,
         id: str | None = None,
         title: str | None = None,
@@ -343,7 +344,7 @@ def fit(
     return Results(study, fit_runs(study, cube))
 
 
-def _named(arch: Any, name: str) -> Mapping[str, Any]:
+def _named(arch: Any, name: str) -> Keys:
     """Return arches by name; a single one has this name if it has none."""
     if isinstance(arch, list | tuple):
         arch = {f"arch{number}": each for number, each in enumerate(arch, start=1)}
@@ -353,7 +354,7 @@ def _named(arch: Any, name: str) -> Mapping[str, Any]:
     return arch if several else {name: arch}
 
 
-def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
+def _arches(arch: Any, name: str, vary: Keys | None) -> list[Any]:
     """Return the entries of a study file for arches."""
     arch = _named(arch, name)
     entries = []
@@ -394,9 +395,10 @@ def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:
         return (), {"index": each[0]} if index and len(each) == 1 else {"files": each}
     if not each or not all(isinstance(one, Motion) for one in each):
         names = dict.fromkeys(type(one).__name__ for one in each)
-        found = ", ".join(names) or "nothing"
         rule = "Motion objects, or paths, or a mapping"
-        raise InputError(f"Study: motions hold {found}; they must be {rule}")
+        raise InputError(
+            f"Study: motions hold {', '.join(names) or 'nothing'}; they must be {rule}"
+        )
     for name, times in Counter(one.id for one in each if one.id).items():
         if times > 1:
             raise InputError(

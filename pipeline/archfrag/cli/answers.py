@@ -16,6 +16,7 @@ from archfrag.cli.options import (
     echo,
     json_option,
     option,
+    pairs_of,
     refuse_given,
     show,
     svg_path,
@@ -153,19 +154,6 @@ def _site(text: str) -> tuple[float, float]:
     return lon, lat
 
 
-def _ratios(text: str) -> dict[str, float]:
-    try:
-        pairs = [each.split("=") for each in text.split(",")]
-        ratios = {name.strip(): number(ratio) for name, ratio in pairs}
-    except ValueError:
-        raise click.BadParameter(
-            f"{text!r} must be limit states with ratios, such as rotation=0.1,collapse=1"
-        ) from None
-    if len(ratios) < len(pairs):
-        raise click.BadParameter(f"{text!r} names a limit state twice")
-    return ratios
-
-
 @command()
 @with_study(
     option(
@@ -187,10 +175,11 @@ def _ratios(text: str) -> dict[str, float]:
     option("--confidence", float, "Of all bands.", 0.9),
     option(
         "--consequence",
-        _ratios,
+        str,
         "Cost of limit states as parts of the arch's value, 0 to 1: the average "
         "annual loss is given too.",
         metavar="NAME=RATIO,...",
+        callback=pairs_of,
     ),
     option(
         "--vulnerability",
@@ -208,7 +197,7 @@ def risk(
     site: tuple[float, float] | None,
     years: float,
     confidence: float,
-    consequence: dict[str, float] | None,
+    consequence: dict[str, Any],
     vulnerability: Path | None,
     members: bool,
     as_json: bool,

@@ -147,10 +147,11 @@ def _by_numbers(options: dict[str, Any]) -> ArchEntry:
             name = "drawing_unit" if at[0] == "unit" else str(at[0])
             return "--" + name.replace("_", "-")
 
-        message = first_message(error, given, option)
-        how = "or take an arch of a study by --study STUDY --arch ID"
         what = f"--profile {given['profile']}" if "profile" in given else "--drawing"
-        raise InputError(f"{what}: {message}; {how}") from error
+        raise InputError(
+            f"{what}: {first_message(error, given, option)}; or take an arch of a study by "
+            "--study STUDY --arch ID"
+        ) from error
 
 
 @command()

@@ -132,6 +132,21 @@ class Once(click.Command):
 command = functools.partial(click.command, cls=Once)
 
 
+def pairs_of(
+    context: click.Context, parameter: click.Parameter, given: Any
+) -> dict[str, str]:
+    """Return names with their values of one text such as a=1,b=2, or of several."""
+    text = given if isinstance(given, str) else ",".join(given or ())
+    pairs = [pair.partition("=") for pair in text.split(",") if text]
+    name = parameter.opts[0]
+    for wrong in ("".join(pair) for pair in pairs if not all(pair)):
+        raise InputError(f"{name} {wrong}: write it as {parameter.metavar}")
+    named = {key.strip(): value.strip() for key, _, value in pairs}
+    if len(named) < len(pairs):
+        raise InputError(f"{name} {text}: names one thing twice")
+    return named
+
+
 def refuse_given(why: str, *names: str) -> None:
     """Refuse options by the names of their parameters if they are given; else pass them over."""
     context = click.get_current_context()

@@ -37,6 +37,7 @@ from archfrag.motions.target import Target, scenario_target
 from archfrag.study.file.schema import PERIODS
 from archfrag.study.provenance import finite, write_text
 
+Options = dict[str, Any]
 _files = click.argument("files", nargs=-1, required=True, type=PATH)
 
 
@@ -67,7 +68,7 @@ def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
     return numbers
 
 
-def _reading(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
+def _reading(file: Path, reading: Options) -> Options:
     """Return the options to read a file with: columns are for plain text only."""
     if reading["columns"] is None or not file.is_file():
         return reading
@@ -120,7 +121,7 @@ def inspect(
         context.exit(RecordError.exit_code)
 
 
-def _inspection(facts: dict[str, Any]) -> str:
+def _inspection(facts: Options) -> str:
     """Return a line for each channel that `inspect_record` lists, and for each error."""
     magnitude = None if facts["magnitude"] is None else f"M {facts['magnitude']:g}"
     stations = dict.fromkeys(channel["station"] for channel in facts["channels"])
@@ -187,7 +188,7 @@ def measure(
 
 
 def _measured(
-    files: Sequence[Path], out: Path, text: str | None, reading: dict[str, Any]
+    files: Sequence[Path], out: Path, text: str | None, reading: Options
 ) -> pd.DataFrame:
     """Return the flatfile of record files at our periods and those of a text."""
     low, high = PERIODS
@@ -225,9 +226,7 @@ def _measured(
     return pd.concat(tables, ignore_index=True)
 
 
-def _draw(
-    figure: Path, periods: Sequence[float], spectra: Any, bands: dict[str, Any]
-) -> None:
+def _draw(figure: Path, periods: Sequence[float], spectra: Any, bands: Options) -> None:
     """Write response spectra [g] as SVG; of each band there are rows low, median and high."""
     from archfrag import plots  # start-up: matplotlib
 
@@ -297,20 +296,19 @@ def select(
     for caution in chosen.cautions:
         warn(f"caution: {caution}")
     facts = chosen.facts()
-    count = counted(len(chosen.table), "record")
     median, sd = (
         max(abs(error or 0.0) for error in facts[key])
         for key in ("median_error", "sd_error")
     )
     show(
         facts,
-        f"{count} selected of {chosen.candidates}: median within {100 * median:.1f} % "
-        f"of the target's, sd within {100 * sd:.1f} %: {out}",
+        f"{counted(len(chosen.table), 'record')} selected of {chosen.candidates}: median within "
+        f"{100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %: {out}",
         as_json,
     )
 
 
-def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
+def _target(options: Options, measured: Sequence[float]) -> Target:
     """Return the target that a file has, or that of a scenario at periods that were measured."""
     scenario = ("magnitude", "distance", "vs30", "period")
     named = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]
@@ -480,7 +478,7 @@ def make(out: Path, as_json: bool, **requested: Any) -> None:
     )
 
 
-def _recipes(requested: dict[str, Any]) -> list[synthetic.Recipe] | None:
+def _recipes(requested: Options) -> list[synthetic.Recipe] | None:
     """Return the recipes of the motions that are asked for; None for those that archfrag ships."""
     given = {key: value for key, value in requested.items() if value is not None}
     if not given:

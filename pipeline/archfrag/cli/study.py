@@ -22,6 +22,7 @@ from archfrag.cli.options import (
     json_option,
     method_option,
     option,
+    pairs_of,
     point_to_report,
     refuse_given,
     show,
@@ -30,7 +31,7 @@ from archfrag.cli.options import (
     warn,
     wrapped,
 )
-from archfrag.errors import FitError, InputError
+from archfrag.errors import FitError
 from archfrag.export import FORMATS
 from archfrag.export.command import export_study
 from archfrag.files import cannot_write, counted, printable
@@ -170,7 +171,7 @@ def clean(study: Any, yes: bool) -> None:
                     path.parent.rmdir()
 
 
-def _step(name: str, help_: str, *options: Callable) -> click.Command:
+def _step(name: str, *options: Callable) -> click.Command:
     """Make the command of a step, which also renews the dates of its files for Snakemake."""
 
     def make(study: Any, batch: int = 0, as_json: bool = False, **given: Any) -> None:
@@ -190,32 +191,19 @@ def _step(name: str, help_: str, *options: Callable) -> click.Command:
         if as_json:
             echo(products(study, step)[0].read_text(encoding="utf-8"))
 
-    return command(name, help=help_)(with_study(*options)(make))
+    return command(name, help=COMMANDS[name][1])(with_study(*options)(make))
 
 
-motions_command = _step("motions", COMMANDS["motions"][1])
+motions_command = _step("motions")
 batch_command = _step(
     "batch",
-    COMMANDS["batch"][1],
     option("--batch", int, "Its number, from 0.", 0),
     cores_option,
     option("--quiet", bool, "No progress bar."),
 )
-cube_command = _step("cube", COMMANDS["cube"][1])
-_fit_study: Any = _step("fit", COMMANDS["fit"][1], json_option).callback
-report_command = _step("report", COMMANDS["report"][1])
-
-
-def _mapping(
-    context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]
-) -> Any:
-    pairs = [pair.partition("=") for text in texts for pair in text.split(",")]
-    for wrong in ("".join(pair) for pair in pairs if not all(pair)):
-        raise InputError(f"--columns {wrong}: write it as intensity=PGA")
-    columns = {what.strip(): name.strip() for what, _, name in pairs}
-    if len(columns) < len(pairs):
-        raise InputError(f"--columns {','.join(texts)}: names one thing twice")
-    return columns
+cube_command = _step("cube")
+_fit_study: Any = _step("fit", json_option).callback
+report_command = _step("report")
 
 
 def _names(text: str) -> list[str]:
@@ -229,7 +217,7 @@ def _names(text: str) -> list[str]:
     str,
     "Names of columns by what they hold: intensity=PGA,verdict=fell.",
     multiple=True,
-    callback=_mapping,
+    callback=pairs_of,
     metavar="WHAT=NAME,...",
 )
 @option("--measure", str, "Measure of the intensity, if its column does not state it.")

@@ -15,6 +15,7 @@ from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, writers
 from archfrag.export.writers import (
     Content,
+    Curves,
     CurveSet,
     made_by,
     named_measure,
@@ -88,19 +89,17 @@ def export_study(
             messages.append(_LOGNORMAL)
         levels = cube["intensity"].values
         number = Counter(arch_classes(cube).values())
+        digest = cube.attrs.get("table_sha256") or sha256_of(study.folder / CUBE)
+        made = made_by(study) | {
+            "cube_archfrag_commit": str(cube.attrs.get("archfrag_commit", "unknown")),
+            "cube_sha256": digest,
+        }
         curves = CurveSet(
             states,
             {name: answers[name].reason for name in answers if name not in known},
             study.intensity.measure,
             (float(np.nanmin(levels)), float(np.nanmax(levels))),
-            {
-                **made_by(study),
-                "cube_archfrag_commit": str(
-                    cube.attrs.get("archfrag_commit", "unknown")
-                ),
-                "cube_sha256": cube.attrs.get("table_sha256")
-                or sha256_of(study.folder / CUBE),
-            },
+            made,
             {name: number[name] for name in answers if number[name] > 1},
             tuple(messages),
             branches,
@@ -145,7 +144,7 @@ def _texts(
 def _limit_states(
     study: StudyKeys,
     cube: xr.Dataset,
-    answers: Mapping[str, Curve],
+    answers: Curves,
     requested: Sequence[str],
 ) -> tuple[dict[str, dict[str, Curve]], list[str]]:
     """Return the curves of the limit states from mild to collapse, and notes on them.
@@ -229,7 +228,7 @@ def _left_out(of: tuple[str, str], names: Sequence[str]) -> str:
 
 
 def _with_uncertainty(
-    states: Mapping[str, Mapping[str, Curve]], kind: str
+    states: Mapping[str, Curves], kind: str
 ) -> tuple[dict[str, dict[str, Curve]], dict[str, tuple[str, float]]]:
     """Return the predictive curves or the branches, and of each branch its arch and its weight.
 
@@ -256,7 +255,7 @@ def _with_uncertainty(
     return found, branches
 
 
-def _uncertain(answers: Mapping[str, Curve]) -> list[str]:
+def _uncertain(answers: Curves) -> list[str]:
     """Return notes on curves whose mean rate of collapse is far above that of their medians."""
     messages = []
     for name, fit in answers.items():
@@ -288,7 +287,7 @@ def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
 
 
 def _tables(
-    study: StudyKeys, cube: xr.Dataset, curves: CurveSet, answers: Mapping[str, Curve]
+    study: StudyKeys, cube: xr.Dataset, curves: CurveSet, answers: Curves
 ) -> Iterator[Content]:
     """Yield all tables for CSV, and a text in JSON on their columns."""
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
@@ -325,7 +324,7 @@ def write_vulnerability(
 
 
 def curve_tables(
-    curves: CurveSet, answers: Mapping[str, Curve], unit: str, si: str, factor: float
+    curves: CurveSet, answers: Curves, unit: str, si: str, factor: float
 ) -> dict[str, Pieces]:
     """Return tables of the points and the parameters of all curves.
 
@@ -351,39 +350,36 @@ def curve_tables(
                 np.interp(levels, found.im or [0.0], end or [np.nan])
                 for end in (found.lower, found.upper)
             )
-            points.append(
-                pd.DataFrame(
-                    labels
-                    | {
-                        "im": levels / factor,
-                        "intensity": levels,
-                        "lower": lower,
-                        "upper": upper,
-                        "probability": fit.probability(levels),
-                    }
-                )
-            )
+            of_levels = {
+                "im": levels / factor,
+                "intensity": levels,
+                "lower": lower,
+                "upper": upper,
+                "probability": fit.probability(levels),
+            }
+            points.append(pd.DataFrame(labels | of_levels))
             likelihood = found.likelihood or Curve()
-            parameters.append(
-                labels
-                | {
-                    "theta": fit.theta / factor,
-                    "theta_si": fit.theta,
-                    "beta": fit.beta,
-                    "theta_lower": found.theta_interval[0] / factor,
-                    "theta_upper": found.theta_interval[1] / factor,
-                    "beta_lower": found.beta_interval[0],
-                    "beta_upper": found.beta_interval[1],
-                    "theta_maximum_likelihood": likelihood.theta / factor,
-                    "beta_maximum_likelihood": likelihood.beta,
-                    "standard_error_ln_theta": fit.standard_errors[0],
-                    "standard_error_beta": fit.standard_errors[1],
-                    "correlation_ln_theta_beta": fit.correlation,
-                    "runs": fit.n_total,
-                    "kind": fit.kind,
-                    "band": found.method,
-                }
-            )
+            theta_lower, theta_upper = np.divide(found.theta_interval, factor)
+            beta_lower, beta_upper = found.beta_interval
+            error_theta, error_beta = fit.standard_errors
+            values = {
+                "theta": fit.theta / factor,
+                "theta_si": fit.theta,
+                "beta": fit.beta,
+                "theta_lower": theta_lower,
+                "theta_upper": theta_upper,
+                "beta_lower": beta_lower,
+                "beta_upper": beta_upper,
+                "theta_maximum_likelihood": likelihood.theta / factor,
+                "beta_maximum_likelihood": likelihood.beta,
+                "standard_error_ln_theta": error_theta,
+                "standard_error_beta": error_beta,
+                "correlation_ln_theta_beta": fit.correlation,
+                "runs": fit.n_total,
+                "kind": fit.kind,
+                "band": found.method,
+            }
+            parameters.append(labels | values)
     tables = dict[str, Pieces]()
     frames = {
         "curves": points or [pd.DataFrame()],

@@ -34,6 +34,7 @@ _FACTORS = dict.fromkeys(("g", "g s"), 1.0 / STANDARD_GRAVITY)
 _FACTORS |= {"cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0}
 # What receivers call the kinds of measures (OpenQuake: hazardlib's imt.py).
 _KNOWN = pd.read_csv(Path(__file__).with_name("receivers.csv"))
+Curves = Mapping[str, Curve]  # by arch or limit state
 # Format, end of a file's name, and a text or a table in pieces.
 Content = tuple[str, str, str | Iterable[pd.DataFrame]]
 
@@ -70,7 +71,7 @@ class CurveSet:
 
     # By arch and limit state, from the mildest to the severest, theta in the SI unit of the
     # measure.
-    curves: Mapping[str, Mapping[str, Curve]]
+    curves: Mapping[str, Curves]
     left_out: Mapping[str, str]  # by arch why it has no curve of collapse
     # Intensity measure, as `archfrag.motions.measures.parse_measure` reads it.
     measure: str
@@ -216,7 +217,7 @@ def _nrml_id(name: str) -> str:
 
 def _nrml(
     curves: CurveSet, more: str, **kind: str
-) -> tuple[Named, Element, list[tuple[Element, Mapping[str, Curve]]]]:
+) -> tuple[Named, Element, list[tuple[Element, Curves]]]:
     """Return the measure, the root of a file, and the function of each arch with its curves."""
     imt = named_measure("OpenQuake", curves.measure)
     gml = {"xmlns:gml": "http://www.opengis.net/gml"}

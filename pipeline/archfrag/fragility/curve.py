@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+Table = Mapping[str, Any] | None
+Ends = tuple[float, float]
+Plain = dict[str, Any]  # for JSON
 _FIT = ("theta", "beta", "log_likelihood", "n_levels", "n_total", "kind")
 _BAND = (
     "im",
@@ -85,7 +88,7 @@ class Curve:
     reason: str = ""
     likelihood: Curve | None = None  #: the curve by maximum likelihood, for comparison
     #: Of theta and beta, by a posterior; from the covariance if there is none.
-    intervals: tuple[tuple[float, float], tuple[float, float]] | None = None
+    intervals: tuple[Ends, Ends] | None = None
     #: Of theta and beta by a posterior, of a class that of all its runs.
     density: Density | None = None
     im: Sequence[
@@ -105,10 +108,10 @@ class Curve:
     n_undecided: int = 0
     extremes: tuple[Curve, ...] = ()
     #: Isotonic curve, and test of the lognormal shape; in SI units, as all tables here.
-    free: Mapping[str, Any] | None = None
-    measures: Mapping[str, Any] | None = None  #: `compare_measures`
-    cloud: Mapping[str, Any] | None = None  #: logistic regression
-    dispersion: Mapping[str, Any] | None = None  #: parts of that of a class
+    free: Table = None
+    measures: Table = None  #: `compare_measures`
+    cloud: Table = None  #: logistic regression
+    dispersion: Table = None  #: parts of that of a class
     name: str = ""
     state: str = "collapse"
     meaning: str = ""  #: of the limit state
@@ -140,12 +143,12 @@ class Curve:
         return float(self.covariance[0, 1] / np.prod(self.standard_errors))
 
     @property
-    def theta_interval(self) -> tuple[float, float]:
+    def theta_interval(self) -> Ends:
         """Interval of the median; without a posterior normal in ln theta."""
         return self._intervals[0]
 
     @property
-    def beta_interval(self) -> tuple[float, float]:
+    def beta_interval(self) -> Ends:
         """Interval of the dispersion; without a posterior normal in ln beta."""
         return self._intervals[1]
 
@@ -351,7 +354,7 @@ class Curve:
     def _repr_html_(self) -> str:
         return str(plots().html_of(self))
 
-    def fit_dict(self) -> dict[str, Any]:
+    def fit_dict(self) -> Plain:
         """Return theta, beta and how they were fitted as plain values; or why there are none."""
         if not self.fitted:
             return {"none": self.reason}
@@ -361,7 +364,7 @@ class Curve:
             plain["members"] = self.members.tolist()
         return plain
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Plain:
         """Return all in SI units as plain values, for JSON."""
         more = {name: getattr(self, name) for name in _TABLES}
         if self.crossings:
@@ -375,12 +378,12 @@ class Curve:
         found = {name: part for name, part in more.items() if part is not None}
         return self._plain() | {"more": found}
 
-    def _state_dict(self) -> dict[str, Any]:
+    def _state_dict(self) -> Plain:
         """Return the curve of a limit state as plain values."""
         plain = self._plain() if self.fitted else {"curve": self.fit_dict()}
         return {"name": self.state, "meaning": self.meaning, **plain}
 
-    def _plain(self) -> dict[str, Any]:
+    def _plain(self) -> Plain:
         """Return curve, band and intervals as plain values."""
         likelihood = self.likelihood or Curve()
         theta, beta = self.intervals or [(np.nan, np.nan)] * 2

@@ -120,9 +120,10 @@ def fit_plane(
     second = s[np.nonzero(known.decided)[0]] + power * np.log(level)
     events = np.unique(label).size
     if events < FEWEST:
-        rule = f"a test of two measures holds some back and needs {FEWEST}"
         what = f"the records are of {events} independent earthquakes or records"
-        raise FitError(f"{what}; {rule}")
+        raise FitError(
+            f"{what}; a test of two measures holds some back and needs {FEWEST}"
+        )
     alike = np.corrcoef(np.log(level), second)[0, 1] if np.ptp(second) else 1.0
     if abs(alike) > MOST_ALIKE or not s.std():
         what = f"the two measures say the same (correlation of their logarithms {alike:.3f})"
@@ -163,8 +164,9 @@ def _weighted(
     design = np.column_stack([np.ones(len(u)), u])
     (start,), (deviation,), (loss,), (information,) = normal_lines(design, *known.logs)
     if not loss > _SEPARATED:
-        what = "a plane without scatter agrees with all runs; add records or levels"
-        raise FitError(what)
+        raise FitError(
+            "a plane without scatter agrees with all runs; add records or levels"
+        )
     shift = np.exp(-u @ start[1:])
     moved = replace(known, lower=known.lower * shift, upper=known.upper * shift)
     share = independent_records(moved, label) / len(u)

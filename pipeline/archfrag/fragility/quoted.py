@@ -212,8 +212,9 @@ def check_lognormal(
     n = made.sum(axis=0)
     (a,), (b,), loss, _ = binomial_lines(x, total, n)
     if np.isnan(b):
-        what = "these runs have no lognormal curve, so there is nothing to test"
-        raise FitError(what)
+        raise FitError(
+            "these runs have no lognormal curve, so there is nothing to test"
+        )
     deviance = _deviances(loss, total[None], n)[0]
     generator = np.random.default_rng(seed)
     z = a + b * x

@@ -63,8 +63,6 @@ def draw_curve(
     panel: Panel, fit: Curve, stroke: Entry, width: float = 1.8, band: bool = True
 ) -> None:
     """Draw a curve with its band, if it has one; nothing if there is no curve."""
-    if not fit.fitted:
-        return
     if band and fit.im:
         im, low, high = np.array([fit.im, fit.lower, fit.upper])
         seen = im <= panel.x[1] * (1.0 + 1e-9)  # also where both end

@@ -36,6 +36,7 @@ from archfrag.study.steps import finished, read_timings
 from archfrag.study.validate import logo_url
 from archfrag.version import __version__
 
+Facts = dict[str, Any]
 RUN_COLUMNS = (
     "arch",
     "arch_class",
@@ -403,7 +404,7 @@ def runs_in_words(
     names["intensity"] = intensity
     for piece in pieces:
         levels = [_stated(si, factor) for si in piece["intensity"]]
-        own: dict[str, Any] = {"intensity": levels}
+        own: Facts = {"intensity": levels}
         for name in names:
             codes = about[name].get("codes", {})
             words = {code: word.replace("_", " ") for word, code in codes.items()}
@@ -420,7 +421,7 @@ def _stated(si: float, factor: float) -> str:
     return short if float(short) * (1.0 / factor) == si else repr(float(factor * si))
 
 
-def summary(inputs: ReportInputs) -> dict[str, Any]:
+def summary(inputs: ReportInputs) -> Facts:
     """Return the content of ``summary.json``, which docs/reference/results.md lists."""
     cube = inputs.cube
     attributes = cube.attrs
@@ -473,16 +474,16 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
     )
 
 
-def _answered(inputs: ReportInputs, answer: Curve) -> dict[str, Any]:
+def _answered(inputs: ReportInputs, answer: Curve) -> Facts:
     """Return the curve [SI] and the probability of an arch or a class, or why there is none."""
     factor = inputs.scale.factor
     at = inputs.at
-    lost: dict[str, Any] | None = None
+    lost: Facts | None = None
     if answer.n_undecided:
         medians = (factor * each.theta for each in answer.extremes)
         theta = dict(zip(("collapsed", "survived"), medians))
         lost = {"runs": answer.n_undecided, "theta_if": theta}
-    found: dict[str, Any] = {"reason": answer.reason or None, "without_verdict": lost}
+    found: Facts = {"reason": answer.reason or None, "without_verdict": lost}
     found |= {"curve": None, "probability": None}
     if not answer.fitted:
         return found
@@ -508,9 +509,7 @@ def _answered(inputs: ReportInputs, answer: Curve) -> dict[str, Any]:
     return found
 
 
-def _counted(
-    verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray
-) -> dict[str, Any]:
+def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> Facts:
     """Return how many runs of an arch have each verdict, and fractions of its collapses."""
     number = count_verdicts(verdict)
     collapsed = verdict == Verdict.COLLAPSED

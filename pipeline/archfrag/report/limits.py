@@ -109,8 +109,7 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
             values = [bool(value) and fill_weighs(value) for value in values]
         count = sum(map(_is_set, values))
         if count:
-            some = "some arches of " * (count < len(values))
-            having.append(f"{some}{name}")
+            having.append(f"{'some arches of ' * (count < len(values))}{name}")
     if not having or having == list(given):
         return () if having else None
     if len(having) > _LISTED:

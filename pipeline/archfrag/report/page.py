@@ -323,8 +323,10 @@ def _first_shocks(inputs: ReportInputs) -> Iterator[Any]:
     """Yield which first shocks come before the records, how strong, and which before which."""
     plan = inputs.plan
     scale = inputs.scale
-    shocks = [] if plan is None else [each.shock for each in plan.arches if each.shock]
-    if plan is None or not shocks:
+    if plan is None:
+        return
+    shocks = [each.shock for each in plan.arches if each.shock]
+    if not shocks:
         return
     texts = [scale.text(scale.factor * level) for level, _ in shocks]
     levels = " and ".join(dict.fromkeys(texts))

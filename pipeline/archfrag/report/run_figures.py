@@ -114,8 +114,7 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> Words:
     entries = [entry for code, entry in VERDICTS.items() if np.any(rows == code)]
     if not results.simulated.all():
         entries.append(Entry("blank: not run", "#ffffff"))
-    bounded = len(results.capacities) == n_record
-    bounded = bounded and bool(np.isfinite(results.capacities).any())
+    bounded = bool(np.isfinite(results.capacities).any())
     if bounded:
         entries.append(Entry("capacity", INK, "line"))
     labelled = n_record <= _LABELLED

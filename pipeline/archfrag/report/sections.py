@@ -283,12 +283,9 @@ def _levels(results: ArchResults, answer: Curve) -> Markup:
     """Tabulate verdicts and probabilities at each level."""
     records = results.known
     ends = clopper_pearson(records["collapsed"], records["n"], answer.confidence)
-    chance = np.full(results.levels.size, np.nan)
-    if answer.fitted:
-        chance = answer(results.levels)
     fraction, low, high, curve = (
         [measured(value, ".3f") for value in values]
-        for values in (results.fraction, *ends, chance)
+        for values in (results.fraction, *ends, answer(results.levels))
     )
     columns = {
         results.scale.label: map(digits, results.levels),
