@@ -297,8 +297,8 @@ def contributions(
     """
     collapse = np.asarray(collapsed, bool)
     kind = np.asarray(category)
-    of_kind = [collapse & (kind == i) for i in range(len(categories))]
-    counts = np.array([each.sum(axis=0) for each in of_kind])
+    of_kind = collapse & (kind == np.arange(len(categories))[:, None, None])
+    counts = of_kind.sum(axis=1)
     given = collapse.sum(axis=0) if level_rate is None else level_rate
     rates = np.asarray(given, float)
     total = counts.sum(axis=0)
@@ -310,8 +310,8 @@ def contributions(
     some = of_record > 0.0
     label = np.asarray(groups)[some] if groups is not None else np.empty(0)
     if np.unique(label).size > 1:
-        parts = [each.sum(axis=1)[some] / of_record[some] for each in of_kind]
-        effective *= independent_number(np.transpose(parts), label) / label.size
+        parts = of_kind.sum(axis=2)[:, some] / of_record[some]
+        effective *= independent_number(parts.T, label) / label.size
     ends = wilson(fraction * effective, effective, confidence)
     return Contributions(
         tuple(categories), counts, rate, unassigned, fraction, *ends, effective
