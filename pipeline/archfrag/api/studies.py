@@ -170,7 +170,11 @@ class Study:
         check_text(plain, "Study")
         self._keys = schema.study_of(plain, Path.cwd(), "Study")
         for entry, each in zip(self._keys.arches, _named(arch, "arch").values()):
-            if isinstance(each, Arch) and not _is_built(each, entry.build()):
+            # To the last bit what is built of its keys.
+            pairs: Any = (
+                zip(each.chain, entry.build().chain) if isinstance(each, Arch) else ()
+            )
+            if not all(np.array_equal(*pair) for pair in pairs):
                 raise InputError(f"Study: arch {entry.id} {_OTHER_ORDER}")
         self._file: Path | None = None
 
@@ -373,12 +377,6 @@ def _arches(arch: Any, name: str, vary: Keys | None) -> list[Any]:
                 {"of": {**others.get("of", {}), **of}} if of else {}
             )
     return entries
-
-
-def _is_built(arch: Arch, built: Arch) -> bool:
-    """Return whether an arch is, to the last bit, what is built of its keys."""
-    pairs: Any = zip(arch.chain, built.chain)
-    return all(np.array_equal(*pair) for pair in pairs)
 
 
 def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:

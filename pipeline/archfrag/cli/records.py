@@ -86,14 +86,14 @@ def records() -> None:
     """Inspect, measure, select, fetch and make records."""
 
 
-@records.command(cls=Once)
+records.command_class = Once
+
+
+@records.command()
 @_files
 @takes_format
 @json_option
-@click.pass_context
-def inspect(
-    context: click.Context, files: tuple[Path, ...], as_json: bool, **reading: Any
-) -> None:
+def inspect(files: tuple[Path, ...], as_json: bool, **reading: Any) -> None:
     """List the content of record FILES and their errors.
 
     Each channel of each file is shown with its errors. If a file cannot be read, the others are
@@ -118,7 +118,7 @@ def inspect(
         if "error" in facts:
             warn(f"error: {facts['error']}")
     if len(shown) < len(entries):
-        context.exit(RecordError.exit_code)
+        click.get_current_context().exit(RecordError.exit_code)
 
 
 def _inspection(facts: Options) -> str:
@@ -151,7 +151,7 @@ def _inspection(facts: Options) -> str:
     return "\n".join([*lines, *(f"  ! {error}" for error in facts["errors"])])
 
 
-@records.command(cls=Once)
+@records.command()
 @_files
 @option("--out", PATH, "Table to write.", required=True, metavar="FLATFILE.csv")
 @option("--periods", str, "Periods of Sa [s], besides 0.01 to 10 s.", metavar="T,T,...")
@@ -237,7 +237,7 @@ def _draw(figure: Path, periods: Sequence[float], spectra: Any, bands: Options) 
     write_text(figure, plots.svg_of(plots.plot_spectra(periods, spectra, drawn).figure))
 
 
-@records.command(cls=Once)
+@records.command()
 @click.argument("flatfile", type=PATH)
 @takes(
     option("--out", PATH, "Index to write.", required=True, metavar="INDEX.csv"),
@@ -332,7 +332,7 @@ def _target(options: Options, measured: Sequence[float]) -> Target:
     )
 
 
-@records.command(cls=Once)
+@records.command()
 @click.argument("events", nargs=-1, required=True, metavar="EVENT_ID...")
 @takes(
     _out,
@@ -424,7 +424,7 @@ def fetch(
         raise InputError("no record was fetched, for the reasons stated above")
 
 
-@records.command(cls=Once)
+@records.command()
 @takes(
     _out,
     option("--events", click.IntRange(1, 100_000), "Earthquakes."),

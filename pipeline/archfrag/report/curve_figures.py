@@ -137,7 +137,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> Words:
     if isotonic:
         im = scale.factor * np.array(isotonic["im"])
         panel.line(im, isotonic["probability"], GREY, 0.9)
-    if answer.fitted and answer.theta <= reach:
+    if answer.theta <= reach:
         corner = [0.0, answer.theta, answer.theta]
         panel.line(corner, [0.5, 0.5, 0.0], GREY, 0.8, "4 3")
         panel.label(answer.theta, panel.box[3] - 6.0, f"θ = {median}", "s")
@@ -274,7 +274,6 @@ def theta_panels(
     fitted = np.isfinite(theta)
     theta = theta[fitted]
     values = {}
-    finite = []
     lines = {}
     for variable, numbers in inputs.cube.sel(arch=list(members)).data_vars.items():
         if str(variable).startswith("arch_") and numbers.dtype.kind in "fiu":
@@ -283,9 +282,9 @@ def theta_panels(
             if np.unique(each[~np.isnan(each)]).size > 1:
                 key = str(variable).removeprefix("arch_").replace("_", " ")
                 values[key] = each[fitted]
-                finite += [key] * bool(np.isfinite(values[key]).all())
     if not values or theta.size < 2:
         return None
+    finite = [key for key, each in values.items() if np.isfinite(each).all()]
     if finite and theta.size >= len(finite) + 2:
         columns = np.column_stack([values[key] for key in finite])
         lines = dict(zip(finite, effects_on_theta(theta, columns)[1]))
@@ -354,8 +353,8 @@ def hazard_and_fragility(
         panels.append(Panel(sheet, box, ends, y, True, log_y=not panels))
         top += height
     first, second, third = panels
-    for i, rate in reversed(list(enumerate(rates.values()))):
-        first.line(shown, rate, entries[i].colour, 0.8 if i else 1.6)
+    for entry, rate in reversed([*zip(entries, rates.values())]):
+        first.line(shown, rate, entry.colour, 0.8 if entry.colour == GREY else 1.6)
     first.dots(points[seen], hazard.main.rate[seen], VERMILION, radius=2.2)
     second.line(shown, arch.fit.probability(im), BLUE)
     third.band(shown, np.zeros(im.size), density, SKY, 0.5)

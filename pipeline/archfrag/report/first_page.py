@@ -247,7 +247,7 @@ def _arches(inputs: ReportInputs) -> Iterator[Picture]:
         both = [_drawn(inputs, *answer) for answer in inputs.quoted.items()]
         marks = [inputs.arches[name].arch.marks for name in both]
         one, two = ([mark.points.tolist() for mark in each] for each in marks)
-        if both[0] != both[1] and one != two:
+        if one != two:
             names = both
             most = _SMALL
     named = bool(inputs.classes) or len(inputs.quoted) > 1

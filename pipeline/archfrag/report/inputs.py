@@ -483,13 +483,17 @@ def _answered(inputs: ReportInputs, answer: Curve) -> Facts:
         medians = (factor * each.theta for each in answer.extremes)
         theta = dict(zip(("collapsed", "survived"), medians))
         lost = {"runs": answer.n_undecided, "theta_if": theta}
-    found: Facts = {"reason": answer.reason or None, "without_verdict": lost}
-    found |= {"curve": None, "probability": None}
+    found: Facts = {
+        "reason": answer.reason or None,
+        "without_verdict": lost,
+        "curve": None,
+        "probability": None,
+    }
     if not answer.fitted:
         return found
     likeliest = None
-    most = answer.likelihood
-    if most is not None and most.fitted:
+    most = answer.likelihood or Curve()
+    if most.fitted:
         likeliest = {"theta": factor * most.theta, "beta": most.beta, "kind": most.kind}
     found["curve"] = {
         "theta": factor * answer.theta,
