@@ -393,9 +393,9 @@ def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:
         return (), {"index": each[0]} if index and len(each) == 1 else {"files": each}
     if not each or not all(isinstance(one, Motion) for one in each):
         names = dict.fromkeys(type(one).__name__ for one in each)
-        rule = "Motion objects, or paths, or a mapping"
         raise InputError(
-            f"Study: motions hold {', '.join(names) or 'nothing'}; they must be {rule}"
+            f"Study: motions hold {', '.join(names) or 'nothing'}; they must be Motion objects, "
+            "or paths, or a mapping"
         )
     for name, times in Counter(one.id for one in each if one.id).items():
         if times > 1:
@@ -404,8 +404,10 @@ def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:
             )
     count = sum(one.vertical is not None for one in each)
     if 0 < count < len(each):
-        rule = "have a vertical component; all of them must have one, or none"
-        raise InputError(f"Study: {count} of {len(each)} motions {rule}")
+        raise InputError(
+            f"Study: {count} of {len(each)} motions have a vertical component; all of them must "
+            "have one, or none"
+        )
     # The index is that which `to_file` writes.
     return tuple(each), {"index": INDEX_NAME, "vertical": count > 0}
 

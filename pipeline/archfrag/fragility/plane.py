@@ -73,9 +73,10 @@ class Plane:
         one, two = self.measures
         best = f" (best of {self.tests})" * (self.tests > 1)
         how = "more than chance explains" if self.gains else "which chance can explain"
-        factor = f"{np.exp(self.gain):.3g} times as likely as by {one} alone"
-        what = f"runs of records held back are {factor}"
-        return f"by {one} and {two}{best}, {what}, {how} (p = {self.p_value:.2g})"
+        return (
+            f"by {one} and {two}{best}, runs of records held back are {np.exp(self.gain):.3g} "
+            f"times as likely as by {one} alone, {how} (p = {self.p_value:.2g})"
+        )
 
     def at(self, x1: ArrayLike, x2: ArrayLike, confidence: float = 0.9) -> FloatArray:
         """Return probability and both ends of the band at pairs of intensities, (3, ...)."""
@@ -120,14 +121,16 @@ def fit_plane(
     second = s[np.nonzero(known.decided)[0]] + power * np.log(level)
     events = np.unique(label).size
     if events < FEWEST:
-        what = f"the records are of {events} independent earthquakes or records"
         raise FitError(
-            f"{what}; a test of two measures holds some back and needs {FEWEST}"
+            f"the records are of {events} independent earthquakes or records; a test of two "
+            f"measures holds some back and needs {FEWEST}"
         )
     alike = np.corrcoef(np.log(level), second)[0, 1] if np.ptp(second) else 1.0
     if abs(alike) > MOST_ALIKE or not s.std():
-        what = f"the two measures say the same (correlation of their logarithms {alike:.3f})"
-        raise FitError(f"{what}; choose another second one")
+        raise FitError(
+            f"the two measures say the same (correlation of their logarithms {alike:.3f}); choose "
+            "another second one"
+        )
     parts = parts_of(label)
     scores = []
     alone = known.without_scatter()

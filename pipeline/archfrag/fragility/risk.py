@@ -94,11 +94,13 @@ class HazardCurve:
         probability = np.asarray(probability, float)
         bad = probability[~((probability >= 0.0) & (probability <= 1.0))]
         if bad.size:
-            what = f"probability holds {bad[0]:g}; from 0 to 1"
-            raise InputError(f"the hazard curve's {what}")
+            raise InputError(
+                f"the hazard curve's probability holds {bad[0]:g}; from 0 to 1"
+            )
         if not 0.0 < years < np.inf:
-            what = f"is for {years:g} years; a positive time is needed"
-            raise InputError(f"the hazard curve {what}")
+            raise InputError(
+                f"the hazard curve is for {years:g} years; a positive time is needed"
+            )
         with np.errstate(divide="ignore"):
             return cls(np.asarray(im, float), -np.log1p(-probability) / years)
 

@@ -383,11 +383,11 @@ def write_papers(inputs: ReportInputs, folder: Path) -> None:
         write_csv(folder / name, pieces, float_format="%.7g")
     path = folder / README
     if not path.is_file() or path.read_bytes().startswith(_HEAD.encode()):
-        title, study = (cube.attrs.get(key, "") for key in ("title", "archfrag_study"))
+        about = {"title": "", "archfrag_study": ""} | cube.attrs
         write_text(
             path,
-            f"{_HEAD} {__version__}: {title} (study {study})\nIntensities are "
-            f"{scale.label}.\n\n{_FILES}",
+            f"{_HEAD} {__version__}: {about['title']} (study {about['archfrag_study']})\n"
+            f"Intensities are {scale.label}.\n\n{_FILES}",
         )
 
 
