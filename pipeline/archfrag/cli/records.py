@@ -70,15 +70,12 @@ def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
 
 def _reading(file: Path, reading: Options) -> Options:
     """Return the options to read a file with: columns are for plain text only."""
-    if reading["columns"] is None or not file.is_file():
-        return reading
-    with opened(file) as content:
-        binary = b"\0" in content.read(512)
-    return (
-        {**reading, "columns": None}
-        if binary or recognise(str(file), TEXT)
-        else reading
-    )
+    if reading["columns"] is not None and file.is_file():
+        with opened(file) as content:
+            binary = b"\0" in content.read(512)
+        if binary or recognise(str(file), TEXT):
+            return {**reading, "columns": None}
+    return reading
 
 
 @click.group()

@@ -253,7 +253,7 @@ def card(inputs: ReportInputs, name: str, onset: Onset | None = None) -> Markup:
         messages = [each.removeprefix(f"{name}: ") for each in own]
         verdicts = inputs.results(name).counts
         counts = {each.replace("_", " "): verdicts[each].sum() for each in COUNTS}
-    lost = answer.undecided(lambda theta: scale.text(scale.factor * theta))
+    lost = answer.undecided(scale.text)
     parts = [cautions([*messages, *[lost] * bool(lost)])]
     if not answer.fitted:
         parts.append(paragraph(f"No fragility curve: {answer.reason}.", "none"))
