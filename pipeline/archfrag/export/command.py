@@ -14,6 +14,7 @@ import xarray as xr
 from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, writers
 from archfrag.export.writers import (
+    Branches,
     Content,
     Curves,
     CurveSet,
@@ -34,6 +35,8 @@ from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import CUBE, write_text
 from archfrag.study.steps import finished
 
+Names = Sequence[str]
+StateCurves = dict[str, dict[str, Curve]]  # by arch and limit state
 _POINTS = 211
 # Limit states; their order in files follows from their curves, and collapse is the last.
 LIMIT_STATES = ("motion", "impact", "residual", "rotation", "contact_lost", "collapse")
@@ -52,10 +55,10 @@ _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=
 
 def export_study(
     study: StudyKeys,
-    formats: Sequence[str],
+    formats: Names,
     folder: Path | None = None,
     members: bool = False,
-    limit_states: Sequence[str] = (),
+    limit_states: Names = (),
     curve: str = "median",
     fitted: Fitted | None = None,
 ) -> dict[str, Any]:
@@ -78,7 +81,7 @@ def export_study(
     known = {name: each for name, each in answers.items() if each.fitted}
     with fitted.cube as cube:
         states, messages = _limit_states(study, cube, known, limit_states)
-        branches = dict[str, tuple[str, float]]()
+        branches = Branches()
         if curve == "median":
             messages += _uncertain(known)
         else:
@@ -117,9 +120,7 @@ def export_study(
     }
 
 
-def _texts(
-    curves: CurveSet, formats: Sequence[str], messages: list[str]
-) -> list[Content]:
+def _texts(curves: CurveSet, formats: Names, messages: list[str]) -> list[Content]:
     """Return format, end of the name and text of each file that is no table; add messages."""
     texts = list[Content]()
     for name in dict.fromkeys(formats):
@@ -145,8 +146,8 @@ def _limit_states(
     study: StudyKeys,
     cube: xr.Dataset,
     answers: Curves,
-    requested: Sequence[str],
-) -> tuple[dict[str, dict[str, Curve]], list[str]]:
+    requested: Names,
+) -> tuple[StateCurves, list[str]]:
     """Return the curves of the limit states from mild to collapse, and notes on them.
 
     Receivers take differences of states and want the same states of all arches in one order: that
@@ -193,7 +194,7 @@ def _limit_states(
     return {a: {name: each[name] for name in kept} for a, each in own.items()}, messages
 
 
-def _chosen(cube: xr.Dataset, requested: Sequence[str]) -> list[str]:
+def _chosen(cube: xr.Dataset, requested: Names) -> list[str]:
     """Return the limit states to write besides collapse; InputError if one is unknown."""
     names = [name.strip().casefold().replace(" ", "_") for name in requested]
     names = [_ALSO.get(name, name) for name in names]
@@ -221,7 +222,7 @@ def _why_none(
     return curve.reason
 
 
-def _left_out(of: tuple[str, str], names: Sequence[str]) -> str:
+def _left_out(of: tuple[str, str], names: Names) -> str:
     """Say why an arch has no curve of some limit states."""
     arch, why = of
     return f"left out: {', '.join(names)}, of which {arch} has no curve: {why}"
@@ -229,14 +230,14 @@ def _left_out(of: tuple[str, str], names: Sequence[str]) -> str:
 
 def _with_uncertainty(
     states: Mapping[str, Curves], kind: str
-) -> tuple[dict[str, dict[str, Curve]], dict[str, tuple[str, float]]]:
+) -> tuple[StateCurves, Branches]:
     """Return the predictive curves or the branches, and of each branch its arch and its weight.
 
     The draws are those of the mean rate of collapse. All states of a branch are at the same node,
     and are moved where they cross.
     """
-    found = dict[str, dict[str, Curve]]()
-    branches = dict[str, tuple[str, float]]()
+    found = StateCurves()
+    branches = Branches()
     nodes: dict[str, Sequence[Curve]]
     for arch, each in states.items():
         if kind == "predictive":

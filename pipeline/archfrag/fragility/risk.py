@@ -21,6 +21,7 @@ from archfrag.fragility.curve import (
     FloatArray,
     IntArray,
     Pair,
+    Triple,
     log_intensity,
     positive,
     rising,
@@ -112,7 +113,7 @@ class HazardCurve:
             fall = np.where(slope > 0.0, slope * (x - anchor), 0.0)
         return np.exp(log_rate - fall)
 
-    def pieces(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def pieces(self, x: FloatArray) -> Triple:
         """Return the powers that hold at each ln im: where anchored, ln rate there, exponents."""
         knots = np.log(self.im)
         between = -np.diff(np.log(self.rate)) / np.diff(knots)

@@ -14,6 +14,7 @@ from archfrag.fragility.curve import (
     FloatArray,
     IntArray,
     Pair,
+    Triple,
     log_intensity,
     positive,
     tails,
@@ -57,9 +58,7 @@ def count_verdicts(verdict: ArrayLike) -> dict[str, Any]:
     return count | {"n": n, "runs": runs, "fraction": fraction}
 
 
-def checked_stripes(
-    im: ArrayLike, collapses: ArrayLike, n: ArrayLike
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def checked_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Triple:
     """Return levels, collapses and runs as arrays, (n_level,); InputError if they are wrong."""
     levels, k, m = (np.asarray(values, float) for values in (im, collapses, n))
     shape = levels.shape
@@ -208,9 +207,7 @@ class Brackets:
         codes[~self.decided & (self.levels > self.upper[:, None])] = Verdict.COLLAPSED
         return codes
 
-    def at_levels(
-        self, filled: bool = False
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def at_levels(self, filled: bool = False) -> Triple:
         """Return the runs by intensity; if `filled`, with those that the brackets imply.
 
         Without these the collapses of a search would be a biased choice. Returned are levels

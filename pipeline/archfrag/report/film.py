@@ -25,6 +25,7 @@ from archfrag.report.svg import (
     FloatArray,
     Panel,
     Sheet,
+    Triple,
     envelope,
     ribbon,
     trace,
@@ -201,7 +202,7 @@ def save_film(example: Example, path: Path) -> None:
     write_text(path, replace(picture, svg=moving).file)
 
 
-def key_frames(example: Example) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+def key_frames(example: Example) -> Triple | None:
     """Choose frames between which linear motion comes closest to that of the run.
 
     Return their times [s], centroids [m] and rotations [rad]; None if nothing moves.

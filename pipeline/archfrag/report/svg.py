@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.curve import FloatArray, Triple
 from archfrag.report.html import TEXTS, Picture, px, raised
 
 Range = tuple[float, float]
@@ -430,9 +430,7 @@ def ribbon(x: FloatArray, low: FloatArray, high: FloatArray) -> str:
     return d + "z" if d else ""
 
 
-def envelope(
-    values: FloatArray, bins: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def envelope(values: FloatArray, bins: int) -> Triple:
     """Return the places among samples of bins as wide as a line, and the range of each."""
     # Each bin starts with the last sample of the one before it: the trace stays connected.
     last = values.size - 1
