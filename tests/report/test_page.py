@@ -264,7 +264,7 @@ class TestFirstPage:
                 "thick": synthetic.answer_of(4.0),
             },
         )
-        assert "thick, the weakest of 2 at this level," in self.lead(
+        assert "thick, the weakest of 2 arches or classes at this level," in self.lead(
             weaker
         )
         # The arch that is drawn is of the class that leads, though one of the other is nearer.

@@ -335,14 +335,14 @@ def hazard_and_fragility(
     im = np.geomspace(min(used[0], arch.levels[0]), max(used[-1], arch.levels[-1]), 200)
     density = _density(arch, hazard, im)
     shown = scale.factor * im
-    rates = {key: curve.rate_at(im) for key, curve in hazard.curves.items()}
+    rates = [curve.rate_at(im) for curve in hazard.curves.values()]
     points = hazard.main.im * scale.factor
     ends = (shown[0], shown[-1])
     seen = (points >= ends[0]) & (points <= ends[1])
-    every = np.concatenate(list(rates.values()))
+    every = np.concatenate(rates)
     low = every[every > 0.0].min()
     high = every.max()
-    entries = [Entry(f"hazard: {key}", GREY, "line") for key in rates]
+    entries = [Entry(f"hazard: {key}", GREY, "line") for key in hazard.curves]
     entries[0] = entries[0]._replace(colour=VERMILION)
     top = sheet.legend(_LEFT, 0.0, entries) - 8.0
     panels: list[Panel] = []
@@ -353,7 +353,7 @@ def hazard_and_fragility(
         panels.append(Panel(sheet, box, ends, y, True, log_y=not panels))
         top += height
     first, second, third = panels
-    for entry, rate in reversed([*zip(entries, rates.values())]):
+    for entry, rate in reversed([*zip(entries, rates)]):
         first.line(shown, rate, entry.colour, 0.8 if entry.colour == GREY else 1.6)
     first.dots(points[seen], hazard.main.rate[seen], VERMILION, radius=2.2)
     second.line(shown, arch.fit.probability(im), BLUE)

@@ -279,7 +279,7 @@ def film(
     what = f"{title}: {bodies} under {example.motion.id}, {example.level}"
     duration = time[-1] - time[0] + _HOLD
     moves = np.dstack([pixels(place), -np.rad2deg(rotation)])
-    stills = _stills(np.abs(rotation).max(axis=1), bool(example.response.collapsed))
+    reach = np.abs(rotation).max(axis=1)
     drawn = {
         "name": name,
         "label": what,
@@ -296,7 +296,7 @@ def film(
         "percent": (100.0 * (time - time[0]) / duration).tolist(),
         "duration": duration,
         "time": time,
-        "stills": stills,
+        "stills": _stills(reach, bool(example.response.collapsed)),
         "ground": _ground_below(example, height, (time[0], time[-1])),
     }
     shown = "true to scale" if larger == 1.0 else "drawn three times as large as it is"

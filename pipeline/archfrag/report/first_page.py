@@ -173,7 +173,7 @@ def _whose(inputs: ReportInputs, name: str) -> str:
         members = list(inputs.of_class.values()).count(name)
         whose = f"an arch drawn from class {name} ({members} arches)"
     there = " at this level" * (sentence_level(inputs) is not None)
-    return whose + f", the weakest of {count}{there}," * (count > 1)
+    return whose + f", the weakest of {count} arches or classes{there}," * (count > 1)
 
 
 def _noun(inputs: ReportInputs) -> str:
