@@ -561,7 +561,7 @@ class TestWords:
         assert shown.count("Shaded") == 1
         assert not shown.startswith("Lognormal")
         words = first_page._whose(several, "both")
-        assert words.endswith(", the weakest of 2 classes at this level,")
+        assert words.endswith(", the weakest of 2 arches or classes at this level,")
 
     def test_the_curve_table_has_seven_digits(self, full, tmp_path):
         given, _, _ = full

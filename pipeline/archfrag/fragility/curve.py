@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
 from archfrag.fragility.density import Density, FloatArray, Pair
+from archfrag.fragility.density import Triple as Triple
 
 if TYPE_CHECKING:
     import pandas as pd
