@@ -56,9 +56,7 @@ MOVED = (
     "took up its dispersion as far as needed (such as ring: dispersion 0.4 to 0.376, median times "
     "1)"
 )
-LEFT_OUT = (
-    "left out: motion, of which ring has no curve: all runs collapse"
-)
+LEFT_OUT = "left out: motion, of which ring has no curve: all runs collapse"
 SLIDES = (
     "left out: rotation, of which ring has no curve: the mechanism at onset slides "
     "or does not have four hinges, so there is no rotation of unstable equilibrium to compare with"
