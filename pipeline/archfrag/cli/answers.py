@@ -36,6 +36,7 @@ from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import CUBE, REPORT_FILES, finite
 from archfrag.study.steps import finished
 
+Facts = dict[str, Any]
 members_option = option("--members", bool, "Include the arches of classes as well.")
 _USES = {name: about for name, (about, _, _) in FORMATS.items()} | OF_ARCHES
 _FORMATS = (f"{name:15}  {about}" for name, about in _USES.items())
@@ -94,7 +95,7 @@ def export(
     curve of a state lies below that of a severer one by more than 0.01 in probability, it takes up
     that one's dispersion as far as needed, and a note states it. The files hold these notes too.
     """
-    made: dict[str, Any] = {"left_out": {}, "notes": [], "files": []}
+    made: Facts = {"left_out": {}, "notes": [], "files": []}
     lines = []
     if FORMATS.keys() & formats:
         named = [name for name in formats if name in FORMATS]
@@ -197,7 +198,7 @@ def risk(
     site: tuple[float, float] | None,
     years: float,
     confidence: float,
-    consequence: dict[str, Any],
+    consequence: Facts,
     vulnerability: Path | None,
     members: bool,
     as_json: bool,
@@ -272,7 +273,7 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def _facts(path: Path) -> dict[str, Any]:
+def _facts(path: Path) -> Facts:
     """Return the facts of a cube, levels in the unit of its study; InputError if it is none of
     archfrag.
     """

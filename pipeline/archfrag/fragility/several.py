@@ -34,6 +34,7 @@ _SEED = 3
 _LARGEST_LOG = 20.0  # of theta and of 1 / beta in draws
 _LARGEST_BETA = 4.0
 _ROWS = ("before", "after", "ratio", "lower", "upper")
+Numbers = dict[str, float]
 Estimate = Callable[[Brackets], Curve]
 Steps = list[tuple[Curve, float]]
 MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
@@ -169,7 +170,7 @@ def ratios(
     hazard: HazardCurve | None = None,
     onsets: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
     confidence: float = 0.9,
-) -> dict[str, dict[str, float]]:
+) -> dict[str, Numbers]:
     """Return the ratio of two curves, the second over the first, with its interval.
 
     `without` is `left_out` of both with the same parts, for each of `crossing_groups`. Variances
@@ -218,7 +219,7 @@ def ratios(
     return rows | {"rate": _row(rates, ends)}
 
 
-def _row(values: Sequence[float], ends: FloatArray) -> dict[str, float]:
+def _row(values: Sequence[float], ends: FloatArray) -> Numbers:
     """Return two values, their ratio and its interval, which is the ratio times `ends`."""
     before, after = values
     ratio = after / before if before > 0.0 else np.nan
@@ -265,9 +266,9 @@ def loss_steps(curve: Curve, ratios: Mapping[str, float]) -> Steps:
     return [(severe, ratios[last]), *found]
 
 
-def checked_ratios(ratios: Mapping[str, float]) -> dict[str, float]:
+def checked_ratios(ratios: Mapping[str, float]) -> Numbers:
     """Return ratios by limit state; InputError unless from 0 to 1, and one is of collapse."""
-    given = dict[str, float]()
+    given = Numbers()
     for name, ratio in ratios.items():
         state = name.strip().casefold().replace(" ", "_")
         if state in given:
