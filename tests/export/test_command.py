@@ -56,9 +56,11 @@ MOVED = (
     "took up its dispersion as far as needed (such as ring: dispersion 0.4 to 0.376, median times "
     "1)"
 )
-LEFT_OUT = "left out: motion, of which ring has no curve: all runs collapse"
+LEFT_OUT = (
+    "limit states left out: motion, of which ring has no curve: all runs collapse"
+)
 SLIDES = (
-    "left out: rotation, of which ring has no curve: the mechanism at onset slides "
+    "limit states left out: rotation, of which ring has no curve: the mechanism at onset slides "
     "or does not have four hinges, so there is no rotation of unstable equilibrium to compare with"
 )
 
@@ -178,7 +180,7 @@ def test_limit_states_go_by_their_names_in_texts_and_tables(study, tmp_path, nam
 def test_states_without_a_curve_for_one_reason_are_one_note():
     of = "ring", "every run collapsed"
     assert _left_out(of, ["motion", "impact"]) == (
-        "left out: motion, impact, of which ring has no curve: every run collapsed"
+        "limit states left out: motion, impact, of which ring has no curve: every run collapsed"
     )
 
 
@@ -203,7 +205,7 @@ def test_a_state_without_a_curve_says_why_and_what_helps(study, tmp_path):
             "residual displacement",
         )
         assert result.stderr == (
-            "archfrag: error: left out: residual, of which slab has no curve: every "
+            "archfrag: error: limit states left out: residual, of which slab has no curve: every "
             f"run collapsed; try {help_}; 1 of 2 arches or classes "
             "have one\n"
         )

@@ -225,7 +225,7 @@ def _why_none(
 def _left_out(of: tuple[str, str], names: Names) -> str:
     """Say why an arch has no curve of some limit states."""
     arch, why = of
-    return f"left out: {', '.join(names)}, of which {arch} has no curve: {why}"
+    return f"limit states left out: {', '.join(names)}, of which {arch} has no curve: {why}"
 
 
 def _with_uncertainty(
