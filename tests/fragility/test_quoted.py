@@ -95,7 +95,9 @@ def test_bisected_grid_is_filled_to_the_grid_it_stands_for_and_has_its_band():
     ("interval", "method"), [(clopper_pearson, "exact"), (wilson, "wilson")]
 )
 def test_intervals_of_fractions_are_those_of_scipy(interval, method):
-    lower, upper = interval([0, 1, 7, 19, 20, 0], [20] * 5 + [0], 0.9)
+    lower, upper = interval(
+        np.array([0, 1, 7, 19, 20, 0]), np.repeat([20, 0], [5, 1]), 0.9
+    )
     for k, low, high in zip([0, 1, 7, 19, 20], lower, upper):
         other = binomtest(k, 20).proportion_ci(0.9, method=method)
         assert (low, high) == pytest.approx((other.low, other.high), abs=1e-10)

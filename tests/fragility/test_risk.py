@@ -12,9 +12,9 @@ from archfrag.fragility.risk import (
     HazardCurve,
     collapse_rate,
     contributions,
+    mean_of,
     rate_by_level,
 )
-from archfrag.fragility.several import mixture
 from archfrag.fragility.verdicts import Verdict, find_brackets
 
 IM = np.geomspace(0.05, 2.0, 9)
@@ -186,7 +186,7 @@ class TestOnset:
 
     def test_each_arch_of_a_class_has_its_own(self):
         parts = [lognormal(0.6, 0.4), lognormal(1.2, 0.5)]
-        both = mixture(parts[0], parts)
+        both = mean_of(parts[0], np.vstack([fit.parts for fit in parts]), "mixture")
         onsets = np.array([0.4, 0.7])
         found = collapse_rate(BENT, both, onset=onsets)
         alone = [collapse_rate(BENT, p, onset=o).rate for p, o in zip(parts, onsets)]

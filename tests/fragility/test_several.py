@@ -7,12 +7,12 @@ import pytest
 
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.quoted import quoted_band
+from archfrag.fragility.risk import mean_of
 from archfrag.fragility.several import (
     MOST_CROSSING,
     above,
     crossing,
     crossing_words,
-    mixture,
 )
 from archfrag.fragility.verdicts import find_brackets
 from tests.export.made import fragility
@@ -110,5 +110,5 @@ class TestOrderOfTwo:
 
     def test_below_a_class_of_unlike_arches(self):
         parts = [fragility(theta, 0.1) for theta in (0.5, 2.0)]
-        severe = mixture(parts[0], parts)
+        severe = mean_of(parts[0], np.vstack([fit.parts for fit in parts]), "mixture")
         assert crossing(above(fragility(1.5, 0.2), severe), severe) <= MOST_CROSSING

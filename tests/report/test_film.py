@@ -74,7 +74,7 @@ def test_command_writes_what_it_was_asked_for(tmp_path):
     assert (tmp_path / "run.svg").read_text().count("@keyframes") > 1
     refused = command("film", path, "--to", tmp_path / "run.mov")
     assert refused.exit_code == 2
-    assert "a film is written as .svg" in refused.output
+    assert "films are written as .svg" in refused.output
 
 
 def test_the_fill_is_drawn_in_a_film():

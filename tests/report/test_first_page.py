@@ -132,7 +132,7 @@ class TestWeakest:
         html = first_page(given, None)
         assert leading(given)[0] == name
         there = "" if at is None else " at this level"
-        assert f"{name}, the weakest of 2 arches{there}," in html
+        assert f"{name}, the weakest of 2 arches or classes{there}," in html
         if at is not None:
             chances = [
                 answer(at * synthetic.GRAVITY) for answer in given.answers.values()
@@ -146,7 +146,7 @@ class TestWeakest:
         )
         html = first_page(replace(crossing, risk=risk), None)
         assert "motion of the site" in html
-        assert "before, the weakest of 2 arches at this level," in html
+        assert "before, the weakest of 2 arches or classes at this level," in html
 
 
 @pytest.fixture(scope="module")

@@ -221,7 +221,6 @@ def test_what_is_no_number_is_none_in_any_table_key_or_option(
     for option in (
         ["onset", "--radius", text],
         ["risk", "s.yaml", "--hazard", "h", "--years", text],
-        ["risk", "s.yaml", "--hazard", "h", "--consequence", f"collapse={text}"],
         ["risk", "s.yaml", "--hazard", "h", "--site", f"{text},42"],
         ["records", "make", "--out", "o", "--magnitude", f"{text}:90"],
         ["records", "select", "f.csv", "--out", "o", "--count", text],

@@ -608,7 +608,7 @@ def test_the_command_takes_a_mapping_and_names_a_bad_row(tmp_path):
     assert "line 4, column 'fell': 'perhaps' is no verdict" in done.stderr
     done = command("fit", path, "--columns", "peak")
     assert done.exit_code == 2
-    assert "--columns peak: write it as intensity=PGA" in done.stderr
+    assert "--columns peak: write it as WHAT=NAME" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -420,7 +420,7 @@ def test_by_the_command(tmp_path):
     assert by_python.loc["ring", "aal"] == losses["aal"]
     for options, message in (
         (["--vulnerability", table], "--vulnerability needs --consequence"),
-        (["--consequence", "collapse"], "must be limit states with ratios"),
+        (["--consequence", "collapse"], "write it as NAME=RATIO"),
         (
             ["--consequence", "collapse=1", "--vulnerability", "a.txt"],
             "written as .csv or .xml",

@@ -96,8 +96,10 @@ def open(path: PathLike) -> Results:
     if given.is_dir():
         owner = read_state(given / WORK / OWNER)
         if "file" not in owner:
-            what = "is not a folder with the results of a study"
-            raise InputError(f"{given}: {what}; give results/ID, or the study file")
+            raise InputError(
+                f"{given}: is not a folder with the results of a study; give "
+                "results/ID, or the study file"
+            )
         file = given / str(owner["file"])
     study = load_study(file)
     # The folder is another one if it is of Snakemake, or was given by --set output.
@@ -147,9 +149,9 @@ class Results:
         """The curve of a study of one arch or one class; else InputError, or FitError if none."""
         (name, curve), *others = self._fitted.quoted().items()
         if others:
-            names = ", ".join(self._fitted.quoted())
             raise InputError(
-                f"the study has several curves; take one of .curves by name: {names}"
+                "the study has several curves; take one of .curves by name: "
+                f"{', '.join(self._fitted.quoted())}"
             )
         if not curve.fitted:
             raise FitError(f"{name}: there is no curve: {curve.reason}")
@@ -179,19 +181,16 @@ class Results:
         records whose capacity lies below the level, as in the report. nan where nothing is known.
         InputError if runs have intensities of their own, as in a cloud.
         """
-        fitted = self._fitted
         intensity = self._study.intensity
         if not self._study.design.on_levels:
-            rule = "so that no level has a fraction; see the curve"
-            raise InputError(f"fractions: runs have intensities of their own, {rule}")
+            raise InputError(
+                "fractions: runs have intensities of their own, so that no level has "
+                "a fraction; see the curve"
+            )
         index = pd.Index(intensity.given, name=intensity.measure)
-        return pd.DataFrame(
-            {
-                name: count_verdicts(fitted.runs[name].filled)["fraction"]
-                for name in fitted.arches
-            },
-            index=index,
-        )
+        runs = {name: self._fitted.runs[name] for name in self._fitted.arches}
+        columns = {k: count_verdicts(own.filled)["fraction"] for k, own in runs.items()}
+        return pd.DataFrame(columns, index)
 
     @property
     def capacities(self) -> pd.DataFrame:
@@ -232,7 +231,7 @@ class Results:
         """
         study = self._study
         fitted = self._fitted
-        curve, years = self._hazard(hazard, years=years, unit=unit, site=site)
+        curve, years = self._hazard(hazard, years, unit, site)
         rates = risk_of(
             fitted.cube, fitted.quoted(), curve, years, study.report.confidence
         )
@@ -329,45 +328,46 @@ class Results:
     def _hazard(
         self,
         hazard: Hazards | None,
-        *,
         years: float | None = None,
         unit: str | None = None,
         site: Sequence[float] | None = None,
     ) -> tuple[Hazard, float]:
         """Return the given hazard curve, or the study's, and the years of its probabilities."""
-        study = self._study
-        period = 50.0 if years is None else years
-        if hazard is None and (unit or site):
-            raise InputError(
-                "unit and site are of a hazard; give it too, or leave them out"
-            )
-        given = study.risk
+        intensity = self._study.intensity
+        period = 50.0
         if hazard is None:
+            if unit or site:
+                raise InputError(
+                    "unit and site are of a hazard; give it too, or leave them out"
+                )
+            given = self._study.risk
             if given is None:
-                what = "the study has no hazard; give the file of a hazard curve"
-                raise InputError(what)
+                raise InputError(
+                    "the study has no hazard; give the file of a hazard curve"
+                )
             hazard = given.hazard
             unit = given.unit
             site = given.site
-            period = given.years if years is None else years
+            period = given.years
+        period = period if years is None else years
         files = hazard if isinstance(hazard, list | tuple) else [hazard]
         if not files or not all(isinstance(each, str | os.PathLike) for each in files):
-            intensity = study.intensity
             if site is not None:
                 raise InputError(
                     "a table has no sites, so site cannot choose one; leave it out"
                 )
-            return hazard_of_table(
-                hazard, intensity.measure, unit or intensity.unit
-            ), period
-        paths = [Path(each) for each in files]
-        return load_hazard(paths, study.intensity.measure, unit, site), period
+            unit = unit or intensity.unit
+            return hazard_of_table(hazard, intensity.measure, unit), period
+        paths = list(map(Path, files))
+        return load_hazard(paths, intensity.measure, unit, site), period
 
     def _check_there(self) -> None:
         """See that the folder still holds these results: nothing else is written as theirs."""
         if read_stamp(self.folder)["files"].get(CUBE) != self._made:
-            what = "holds other results than these, made since by another study or run"
-            raise InputError(f"{self.folder}: {what}; open them with archfrag.open")
+            raise InputError(
+                f"{self.folder}: holds other results than these, made since by "
+                "another study or run; open them with archfrag.open"
+            )
 
     def response(self, run: str = "median", arch: str | None = None) -> Response:
         """Simulate a run again, with its history.
@@ -386,9 +386,9 @@ class Results:
                 "a table has no arch and no motions, so no run can be shown"
             )
         if not isinstance(arch, str | None) or not isinstance(run, str):
-            what = f"run {run!r} and arch {arch!r}; a run is a text such as 'syn-m75-r015@0.5'"
             raise InputError(
-                f"response: cannot use {what}, and an arch is given by its name"
+                f"response: cannot use run {run!r} and arch {arch!r}; a run is a text "
+                "such as 'syn-m75-r015@0.5', and an arch is given by its name"
             )
         return example_of(self._study, run, arch).response
 
@@ -461,9 +461,9 @@ class Results:
         weights = path.with_name(f"{path.stem}-branches.csv")
         check_targets([path, weights] if single else [])
         if not single and path.suffix in (".csv", ".json") and not path.is_dir():
-            how = f"such as {path.stem}; the files in it are named after the study"
             raise InputError(
-                f"{path}: {kind} is written into a folder; give the folder, {how}"
+                f"{path}: {kind} is written into a folder; give the folder, such as "
+                f"{path.stem}; the files in it are named after the study"
             )
         with tempfile.TemporaryDirectory() as temporary:
             to = Path(temporary) if single else path
@@ -475,11 +475,9 @@ class Results:
                 make_folder(path.parent)
                 for target, file in zip((path, weights), files):
                     write_text(target, file.read_text("utf-8"))
-        left = [
-            f"no curve of {arch} is exported: {why}"
-            for arch, why in made["left_out"].items()
-        ]
-        messages = [*left, *made["notes"]]
+        left = made["left_out"].items()
+        messages = [f"no curve of {arch} is exported: {why}" for arch, why in left]
+        messages += made["notes"]
         if messages:
             warnings.warn("; ".join(messages), stacklevel=3)
         return files

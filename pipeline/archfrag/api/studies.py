@@ -35,8 +35,9 @@ from archfrag.study.steps import run_study
 from archfrag.study.yaml_text import LARGEST_FILE, relative, yaml_of
 from archfrag.version import __version__
 
-Arches = Arch | Mapping[str, Any] | Sequence[Arch]
-Motions = Motion | PathLike | Sequence[Any] | Mapping[str, Any]
+Keys = Mapping[str, Any]  # of a study file
+Arches = Arch | Keys | Sequence[Arch]
+Motions = Motion | PathLike | Sequence[Any] | Keys
 Levels = ArrayLike | Mapping[str, float]
 # Facts of a motion that its row of an index keeps.
 _FACTS = (
@@ -115,8 +116,8 @@ class Study:
         *,
         levels: Levels,
         unit: str | None = None,
-        design: str | Mapping[str, Any] = "stripes",
-        vary: Mapping[str, Any] | None = None,
+        design: str | Keys = "stripes",
+        vary: Keys | None = None,
         hazard: Any = None,
         id: str | None = None,
         title: str | None = None,
@@ -135,8 +136,10 @@ class Study:
                 raise InputError(f"Study: levels = {levels!r} must be a row of numbers")
             levels = [float(f"{level:.12g}") for level in levels.ravel().tolist()]
         if vary is not None and not isinstance(vary, Mapping):
-            rule = "a mapping of samples and, by key, its distribution"
-            raise InputError(f"Study: vary is {type(vary).__name__}; it must be {rule}")
+            raise InputError(
+                f"Study: vary is {type(vary).__name__}; it must be a mapping of "
+                "samples and, by key, its distribution"
+            )
         if unit is None:
             unit = "g"
             with contextlib.suppress(
@@ -167,7 +170,11 @@ class Study:
         check_text(plain, "Study")
         self._keys = schema.study_of(plain, Path.cwd(), "Study")
         for entry, each in zip(self._keys.arches, _named(arch, "arch").values()):
-            if isinstance(each, Arch) and not _is_built(each, entry.build()):
+            # To the last bit what is built of its keys.
+            pairs: Any = (
+                zip(each.chain, entry.build().chain) if isinstance(each, Arch) else ()
+            )
+            if not all(np.array_equal(*pair) for pair in pairs):
                 raise InputError(f"Study: arch {entry.id} {_OTHER_ORDER}")
         self._file: Path | None = None
 
@@ -341,7 +348,7 @@ def fit(
     return Results(study, fit_runs(study, cube))
 
 
-def _named(arch: Any, name: str) -> Mapping[str, Any]:
+def _named(arch: Any, name: str) -> Keys:
     """Return arches by name; a single one has this name if it has none."""
     if isinstance(arch, list | tuple):
         arch = {f"arch{number}": each for number, each in enumerate(arch, start=1)}
@@ -351,16 +358,16 @@ def _named(arch: Any, name: str) -> Mapping[str, Any]:
     return arch if several else {name: arch}
 
 
-def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
+def _arches(arch: Any, name: str, vary: Keys | None) -> list[Any]:
     """Return the entries of a study file for arches."""
     arch = _named(arch, name)
     entries = []
     for name, each in arch.items():
         if not isinstance(each, Arch | Mapping):
-            rule = (
-                "an Arch, a mapping of names to arches, or a mapping of an arch's keys"
+            raise InputError(
+                f"Study: arch is {type(each).__name__}; it must be an Arch, a mapping "
+                "of names to arches, or a mapping of an arch's keys"
             )
-            raise InputError(f"Study: arch is {type(each).__name__}; it must be {rule}")
         given = each.parameters if isinstance(each, Arch) else each
         entries.append({"id": name} | {k: v for k, v in given.items() if v is not None})
         if vary is not None:
@@ -370,12 +377,6 @@ def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
                 {"of": {**others.get("of", {}), **of}} if of else {}
             )
     return entries
-
-
-def _is_built(arch: Arch, built: Arch) -> bool:
-    """Return whether an arch is, to the last bit, what is built of its keys."""
-    pairs: Any = zip(arch.chain, built.chain)
-    return all(np.array_equal(*pair) for pair in pairs)
 
 
 def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:
@@ -392,9 +393,10 @@ def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:
         return (), {"index": each[0]} if index and len(each) == 1 else {"files": each}
     if not each or not all(isinstance(one, Motion) for one in each):
         names = dict.fromkeys(type(one).__name__ for one in each)
-        found = ", ".join(names) or "nothing"
-        rule = "Motion objects, or paths, or a mapping"
-        raise InputError(f"Study: motions hold {found}; they must be {rule}")
+        raise InputError(
+            f"Study: motions hold {', '.join(names) or 'nothing'}; they must be Motion objects, "
+            "or paths, or a mapping"
+        )
     for name, times in Counter(one.id for one in each if one.id).items():
         if times > 1:
             raise InputError(
@@ -402,8 +404,10 @@ def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:
             )
     count = sum(one.vertical is not None for one in each)
     if 0 < count < len(each):
-        rule = "have a vertical component; all of them must have one, or none"
-        raise InputError(f"Study: {count} of {len(each)} motions {rule}")
+        raise InputError(
+            f"Study: {count} of {len(each)} motions have a vertical component; all of them must "
+            "have one, or none"
+        )
     # The index is that which `to_file` writes.
     return tuple(each), {"index": INDEX_NAME, "vertical": count > 0}
 

@@ -41,10 +41,7 @@ COMMANDS = {
         "arch",
         "Simulate one arch under one record, until it rests or collapses.",
     ),
-    "records": (
-        "records",
-        "Inspect, measure, select, fetch and make records.",
-    ),
+    "records": ("records", "Inspect, measure, select, fetch and make records."),
 }
 
 

@@ -15,8 +15,11 @@ from archfrag.cli.options import (
     command,
     echo,
     json_option,
+    option,
+    pairs_of,
     refuse_given,
     show,
+    svg_path,
     warn,
     wrapped,
 )
@@ -26,51 +29,48 @@ from archfrag.export import CURVES, FORMATS, OF_ARCHES
 from archfrag.export.command import export_study, write_vulnerability
 from archfrag.export.scenes import export_arches
 from archfrag.files import number, opened
-from archfrag.report.film import check_target, example_of, save_film
+from archfrag.report.film import example_of, save_film
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import CUBE, REPORT_FILES, finite
 from archfrag.study.steps import finished
 
-members_option = click.option(
-    "--members", is_flag=True, help="Include the arches of classes as well."
-)
+Facts = dict[str, Any]
+members_option = option("--members", bool, "Include the arches of classes as well.")
 _USES = {name: about for name, (about, _, _) in FORMATS.items()} | OF_ARCHES
 _FORMATS = (f"{name:15}  {about}" for name, about in _USES.items())
 
 
 @command(epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
 @with_study(
-    click.option(
-        "--format",
-        "formats",
+    option(
+        "--format formats",
+        click.Choice(_USES),
+        "Format to write. Repeatable.",
         multiple=True,
         required=True,
-        type=click.Choice(_USES),
-        help="Format to write. Repeatable.",
     ),
-    click.option(
-        "--limit-state",
-        "limit_states",
+    option(
+        "--limit-state limit_states",
+        str,
+        "Limit state to write besides collapse: motion, impact, residual, "
+        "rotation or contact_lost; all if not given. Repeatable.",
         multiple=True,
         metavar="NAME",
-        help="Limit state to write besides collapse: motion, impact, residual, "
-        "rotation or contact_lost; all if not given. Repeatable.",
     ),
-    click.option(
+    option(
         "--curve",
-        type=click.Choice(CURVES),
-        default="median",
-        show_default=True,
-        help="Curve of the medians of theta and beta; predictive: its mean over what "
+        click.Choice(CURVES),
+        "Curve of the medians of theta and beta; predictive: its mean over what "
         "they may be; branches: 15 weighted curves for a logic tree.",
+        "median",
     ),
-    click.option(
+    option(
         "--out",
-        type=click.Path(path_type=Path, file_okay=False),
+        click.Path(path_type=Path, file_okay=False),
+        "Folder to write to; `export` in the results folder if not given.",
         metavar="FOLDER",
-        help="Folder to write to; `export` in the results folder if not given.",
     ),
     members_option,
     json_option,
@@ -95,7 +95,7 @@ def export(
     curve of a state lies below that of a severer one by more than 0.01 in probability, it takes up
     that one's dispersion as far as needed, and a note states it. The files hold these notes too.
     """
-    made: dict[str, Any] = {"left_out": {}, "notes": [], "files": []}
+    made: Facts = {"left_out": {}, "notes": [], "files": []}
     lines = []
     if FORMATS.keys() & formats:
         named = [name for name in formats if name in FORMATS]
@@ -119,27 +119,16 @@ def export(
 
 @command()
 @with_study(
-    click.option(
-        "--run",
-        "run_name",
-        default="median",
-        show_default=True,
-        metavar="RECORD@LEVEL",
-        help="Run to show, its level in the study's unit; or median: the record with "
+    option(
+        "--run run_name",
+        str,
+        "Run to show, its level in the study's unit; or median: the record with "
         "the capacity nearest the median.",
+        "median",
+        metavar="RECORD@LEVEL",
     ),
-    click.option(
-        "--arch", metavar="ID", help="Id of the arch; the first one if not given."
-    ),
-    click.option(
-        "--to",
-        "path",
-        type=PATH,
-        default="film.svg",
-        show_default=True,
-        metavar="FILE",
-        help="File to write: .svg.",
-    ),
+    option("--arch", str, "Id of the arch; the first one if not given.", metavar="ID"),
+    option("--to path", svg_path, "File to write: .svg.", "film.svg", metavar="FILE"),
 )
 def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
     """Film one run of a finished study, simulated again.
@@ -150,7 +139,6 @@ def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
     Example:
       archfrag film study.yaml --run syn-m75-r015@0.5 --to fall.svg
     """
-    check_target(path)
     check_written(path)
     example = example_of(study, run_name, arch)
     save_film(example, path)
@@ -161,65 +149,44 @@ def _site(text: str) -> tuple[float, float]:
     try:
         lon, lat = map(number, text.split(","))
     except ValueError:
-        rule = "must be longitude and latitude, such as 13.35,42.35"
-        raise click.BadParameter(f"{text!r} {rule}") from None
+        raise click.BadParameter(
+            f"{text!r} must be longitude and latitude, such as 13.35,42.35"
+        ) from None
     return lon, lat
-
-
-def _ratios(text: str) -> dict[str, float]:
-    try:
-        pairs = [each.split("=") for each in text.split(",")]
-        ratios = {name.strip(): number(ratio) for name, ratio in pairs}
-    except ValueError:
-        rule = "must be limit states with ratios, such as rotation=0.1,collapse=1"
-        raise click.BadParameter(f"{text!r} {rule}") from None
-    if len(ratios) < len(pairs):
-        raise click.BadParameter(f"{text!r} names a limit state twice")
-    return ratios
 
 
 @command()
 @with_study(
-    click.option(
-        "--hazard",
-        "hazards",
-        type=PATH,
+    option(
+        "--hazard hazards",
+        PATH,
+        "Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles.",
         required=True,
         multiple=True,
         metavar="FILE",
-        help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles.",
     ),
-    click.option(
-        "--unit", help="Unit of the intensities of a CSV whose header has none."
-    ),
-    click.option(
-        "--years",
-        type=float,
-        default=50.0,
-        show_default=True,
-        help="Period for the probability of collapse [years].",
-    ),
-    click.option(
+    option("--unit", str, "Unit of the intensities of a CSV whose header has none."),
+    option("--years", float, "Period for the probability of collapse [years].", 50.0),
+    option(
         "--site",
-        type=_site,
+        _site,
+        "Place: the nearest site of OpenQuake's file within 10 km.",
         metavar="LON,LAT",
-        help="Place: the nearest site of OpenQuake's file within 10 km.",
     ),
-    click.option(
-        "--confidence", type=float, default=0.9, show_default=True, help="Of all bands."
-    ),
-    click.option(
+    option("--confidence", float, "Of all bands.", 0.9),
+    option(
         "--consequence",
-        type=_ratios,
-        metavar="NAME=RATIO,...",
-        help="Cost of limit states as parts of the arch's value, 0 to 1: the average "
+        str,
+        "Cost of limit states as parts of the arch's value, 0 to 1: the average "
         "annual loss is given too.",
+        metavar="NAME=RATIO,...",
+        callback=pairs_of,
     ),
-    click.option(
+    option(
         "--vulnerability",
-        type=PATH,
+        PATH,
+        "File for mean loss against intensity: .csv, or .xml for OpenQuake.",
         metavar="FILE",
-        help="File for mean loss against intensity: .csv, or .xml for OpenQuake.",
     ),
     members_option,
     json_option,
@@ -231,7 +198,7 @@ def risk(
     site: tuple[float, float] | None,
     years: float,
     confidence: float,
-    consequence: dict[str, float] | None,
+    consequence: Facts,
     vulnerability: Path | None,
     members: bool,
     as_json: bool,
@@ -306,7 +273,7 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def _facts(path: Path) -> dict[str, Any]:
+def _facts(path: Path) -> Facts:
     """Return the facts of a cube, levels in the unit of its study; InputError if it is none of
     archfrag.
     """

@@ -19,6 +19,7 @@ from archfrag.cli.options import (
     figure_option,
     json_option,
     method_option,
+    option,
     refuse_given,
     show,
     takes,
@@ -75,44 +76,35 @@ def _takes_arch(command: Callable) -> Callable:
         if entry.drawing is not None:
             warn("\narchfrag: caution: ".join(read_from_drawing(entry)))
         if entry.vary is not None:
-            samples = (
-                f"its {entry.vary.samples} samples are --arch {entry.id}-0001 and so on"
+            warn(
+                f"{entry.id} as given, without vary; its {entry.vary.samples} samples "
+                f"are --arch {entry.id}-0001 and so on"
             )
-            warn(f"{entry.id} as given, without vary; {samples}")
         arch = entry.build()
         for caution in unit_cautions(arch):
             warn(f"caution: {caution}")
         command(arch, **options)
 
     return takes(
-        click.option(
-            "--study", type=PATH, metavar="STUDY", help="Study file with the arch."
-        ),
-        click.option(
-            "--arch",
-            "arch_id",
-            metavar="ID",
-            help="Id of the arch in the study; ID-0001 is the first sample of one that "
+        option("--study", PATH, "Study file with the arch.", metavar="STUDY"),
+        option(
+            "--arch arch_id",
+            str,
+            "Id of the arch in the study; ID-0001 is the first sample of one that "
             "varies, ID the arch as given.",
+            metavar="ID",
         ),
-        click.option(
-            "--profile",
-            type=click.Choice(_PROFILES),
-            default="circular",
-            show_default=True,
-        ),
+        option("--profile", click.Choice(_PROFILES), None, "circular"),
         *(
-            click.option(
-                f"--{name.replace('_', '-')}", type=_TYPES.get(name, float), help=text
-            )
+            option(f"--{name.replace('_', '-')}", _TYPES.get(name, float), text)
             for name, text in _OPTIONS.items()
         ),
-        click.option(
+        option(
             "--layer",
+            str,
+            "Layer of the drawing; the only one with polylines if not given. Repeatable.",
             multiple=True,
             metavar="NAME,...",
-            help="Layer of the drawing; the only one with polylines if not given. "
-            "Repeatable.",
         ),
     )(wrapped)
 
@@ -155,18 +147,19 @@ def _by_numbers(options: dict[str, Any]) -> ArchEntry:
             name = "drawing_unit" if at[0] == "unit" else str(at[0])
             return "--" + name.replace("_", "-")
 
-        message = first_message(error, given, option)
-        how = "or take an arch of a study by --study STUDY --arch ID"
         what = f"--profile {given['profile']}" if "profile" in given else "--drawing"
-        raise InputError(f"{what}: {message}; {how}") from error
+        raise InputError(
+            f"{what}: {first_message(error, given, option)}; or take an arch of a study by "
+            "--study STUDY --arch ID"
+        ) from error
 
 
 @command()
 @_takes_arch
-@click.option(
+@option(
     "--spread",
-    type=float,
-    help="Let the right springing move away by this much, and show the onset against it [m].",
+    float,
+    "Let the right springing move away by this much, and show the onset against it [m].",
 )
 @figure_option
 @json_option
@@ -231,34 +224,19 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
 @click.argument("record", type=PATH)
 @takes_record
 @takes(
-    click.option("--component", help="Horizontal component to use, e.g. E."),
-    click.option(
-        "--scale",
-        type=float,
-        default=1.0,
-        show_default=True,
-        help="Factor on the record.",
-    ),
-    click.option(
-        "--pga", type=float, help="Peak to scale the record to [g], instead of --scale."
-    ),
+    option("--component", str, "Horizontal component to use, e.g. E."),
+    option("--scale", float, "Factor on the record.", 1.0),
+    option("--pga", float, "Peak to scale the record to [g], instead of --scale."),
     method_option("auto", "Method of integration."),
-    click.option(
-        "--dt", type=float, help="Time step [s]; the method's default if not given."
-    ),
-    click.option(
-        "--rtol", type=float, help="Relative error; the method's default if not given."
-    ),
-    click.option(
+    option("--dt", float, "Time step [s]; the method's default if not given."),
+    option("--rtol", float, "Relative error; the method's default if not given."),
+    option(
         "--follow",
-        type=float,
-        default=20.0,
-        show_default=True,
-        help="Longest time to simulate after the record while the arch moves [s].",
+        float,
+        "Longest time to simulate after the record while the arch moves [s].",
+        20.0,
     ),
-    click.option(
-        "--mechanism", "history", is_flag=True, help="Show how the mechanism changed."
-    ),
+    option("--mechanism history", bool, "Show how the mechanism changed."),
     json_option,
 )
 def simulate(

@@ -30,6 +30,16 @@ def takes(*options: Callable) -> Callable:
     return decorate
 
 
+def option(
+    names: str, kind: Any, text: str | None, default: Any = None, **more: Any
+) -> Callable[..., Any]:
+    """Return an option by its names, a flag if it is bool; its help shows the default."""
+    if default is not None:
+        more |= {"default": default, "show_default": True}
+    flag = kind is bool
+    return click.option(*names.split(), type=kind, is_flag=flag, help=text, **more)
+
+
 def _columns(text: str) -> Any:
     from archfrag.motions.formats.columns import parse_columns
 
@@ -44,53 +54,51 @@ def _accept(
     return accepted_words(words, "--accept")
 
 
-cores_option = click.option(
-    "--cores",
-    "--workers",
-    type=click.IntRange(min=1),
-    help="Number of cores to use; all by default.",
+cores_option = option(
+    "--cores --workers",
+    click.IntRange(min=1),
+    "Number of cores to use; all by default.",
 )
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+json_option = option("--json as_json", bool, "Print JSON.")
 takes_study = takes(
     click.argument("study_file", metavar="STUDY", type=PATH),
-    click.option(
-        "--set",
-        "overrides",
+    option(
+        "--set overrides",
+        str,
+        "Override a key of the study file, e.g. --set method.dt=0.0005; "
+        "paths are relative to the study file. Repeatable.",
         multiple=True,
         metavar="KEY=VALUE",
-        help="Override a key of the study file, e.g. --set method.dt=0.0005; "
-        "paths are relative to the study file. Repeatable.",
     ),
 )
 
 
 takes_format = takes(
-    click.option("--unit", help="Unit of the samples if the file does not state it."),
-    click.option(
+    option("--unit", str, "Unit of the samples if the file does not state it."),
+    option(
         "--inventory",
-        type=PATH,
-        help="StationXML of a record in counts, if it is not NAME.xml in its folder.",
+        PATH,
+        "StationXML of a record in counts, if it is not NAME.xml in its folder.",
     ),
-    click.option(
+    option(
         "--columns",
-        type=_columns,
+        _columns,
+        "Columns of plain text files: time=1,acceleration=2, or acceleration=1,dt=0.01; dt=0.01 "
+        "alone takes all numbers, row after row; also vertical=COLUMN and skip=LINES.",
         metavar="KEY=N,...",
-        help="Columns of plain text files: time=1,acceleration=2, or "
-        "acceleration=1,dt=0.01; dt=0.01 alone takes all numbers, row after row; also "
-        "vertical=COLUMN and skip=LINES.",
     ),
 )
 takes_record = takes(
     takes_format,
-    click.option(
+    option(
         "--accept",
+        str,
+        "Let pass a peak outside 1e-5 to 5 g (pga), a time step outside 1e-4 to 0.1 s "
+        "(time_step), another number of samples than announced (samples), another peak than the "
+        "header states (header), a sensor in a borehole or a structure (sensor).",
         multiple=True,
         callback=_accept,
         metavar="WORD,...",
-        help="Let pass a peak outside 1e-5 to 5 g (pga), a time step outside 1e-4 to "
-        "0.1 s (time_step), another number of samples than announced (samples), another "
-        "peak than the header states (header), a sensor in a borehole or a structure "
-        "(sensor).",
     ),
 )
 
@@ -124,6 +132,21 @@ class Once(click.Command):
 command = functools.partial(click.command, cls=Once)
 
 
+def pairs_of(
+    context: click.Context, parameter: click.Parameter, given: Any
+) -> dict[str, str]:
+    """Return names with their values of one text such as a=1,b=2, or of several."""
+    text = given if isinstance(given, str) else ",".join(given or ())
+    pairs = [pair.partition("=") for pair in text.split(",") if text]
+    name = parameter.opts[0]
+    for wrong in ("".join(pair) for pair in pairs if not all(pair)):
+        raise InputError(f"{name} {wrong}: write it as {parameter.metavar}")
+    named = {key.strip(): value.strip() for key, _, value in pairs}
+    if len(named) < len(pairs):
+        raise InputError(f"{name} {text}: names one thing twice")
+    return named
+
+
 def refuse_given(why: str, *names: str) -> None:
     """Refuse options by the names of their parameters if they are given; else pass them over."""
     context = click.get_current_context()
@@ -149,10 +172,7 @@ def check_written(*targets: Path | None) -> None:
 
 def method_option(default: str | None, text: str) -> Callable:
     """Return the option of a method of integration."""
-    choices = click.Choice([*METHODS])
-    return click.option(
-        "--method", type=choices, default=default, show_default=True, help=text
-    )
+    return option("--method", click.Choice(METHODS), text, default)
 
 
 def echo(text: str, err: bool = False) -> None:
@@ -190,15 +210,13 @@ def point_to_report(folder: Path, named: Path, anything: bool) -> None:
     echo(f"report  {report}  ({shlex.join(['archfrag', 'open', str(named)])})")
 
 
-def _svg(text: str) -> Path:
+def svg_path(text: str) -> Path:
     """Check that a figure is an SVG file before anything is done."""
     if not text.lower().endswith(".svg"):
         raise InputError(
-            f"--figure {text}: figures are written as SVG; name a FILE.svg"
+            f"{text}: figures and films are written as .svg; name such a file"
         )
     return Path(text)
 
 
-figure_option = click.option(
-    "--figure", type=_svg, metavar="FILE.svg", help="Draw a figure."
-)
+figure_option = option("--figure", svg_path, "Draw a figure.", metavar="FILE.svg")

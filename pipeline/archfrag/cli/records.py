@@ -16,6 +16,7 @@ from archfrag.cli.options import (
     check_written,
     figure_option,
     json_option,
+    option,
     refuse_given,
     show,
     takes,
@@ -36,19 +37,11 @@ from archfrag.motions.target import Target, scenario_target
 from archfrag.study.file.schema import PERIODS
 from archfrag.study.provenance import finite, write_text
 
+Options = dict[str, Any]
 _files = click.argument("files", nargs=-1, required=True, type=PATH)
 
 
-def _option(
-    name: str, kind: Any, text: str, default: Any = None, **more: Any
-) -> Callable[..., Any]:
-    """Return an option with its help, which shows the default if there is one."""
-    shown = default is not None
-    more |= {"type": kind, "default": default, "show_default": shown, "help": text}
-    return click.option(name, **more)
-
-
-_out = _option("--out", PATH, "Folder to write to.", required=True)
+_out = option("--out", PATH, "Folder to write to.", required=True)
 
 
 def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
@@ -75,17 +68,14 @@ def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
     return numbers
 
 
-def _reading(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
+def _reading(file: Path, reading: Options) -> Options:
     """Return the options to read a file with: columns are for plain text only."""
-    if reading["columns"] is None or not file.is_file():
-        return reading
-    with opened(file) as content:
-        binary = b"\0" in content.read(512)
-    return (
-        {**reading, "columns": None}
-        if binary or recognise(str(file), TEXT)
-        else reading
-    )
+    if reading["columns"] is not None and file.is_file():
+        with opened(file) as content:
+            binary = b"\0" in content.read(512)
+        if binary or recognise(str(file), TEXT):
+            return {**reading, "columns": None}
+    return reading
 
 
 @click.group()
@@ -93,14 +83,14 @@ def records() -> None:
     """Inspect, measure, select, fetch and make records."""
 
 
-@records.command(cls=Once)
+records.command_class = Once
+
+
+@records.command()
 @_files
 @takes_format
 @json_option
-@click.pass_context
-def inspect(
-    context: click.Context, files: tuple[Path, ...], as_json: bool, **reading: Any
-) -> None:
+def inspect(files: tuple[Path, ...], as_json: bool, **reading: Any) -> None:
     """List the content of record FILES and their errors.
 
     Each channel of each file is shown with its errors. If a file cannot be read, the others are
@@ -125,10 +115,10 @@ def inspect(
         if "error" in facts:
             warn(f"error: {facts['error']}")
     if len(shown) < len(entries):
-        context.exit(RecordError.exit_code)
+        click.get_current_context().exit(RecordError.exit_code)
 
 
-def _inspection(facts: dict[str, Any]) -> str:
+def _inspection(facts: Options) -> str:
     """Return a line for each channel that `inspect_record` lists, and for each error."""
     magnitude = None if facts["magnitude"] is None else f"M {facts['magnitude']:g}"
     stations = dict.fromkeys(channel["station"] for channel in facts["channels"])
@@ -158,12 +148,10 @@ def _inspection(facts: dict[str, Any]) -> str:
     return "\n".join([*lines, *(f"  ! {error}" for error in facts["errors"])])
 
 
-@records.command(cls=Once)
+@records.command()
 @_files
-@_option("--out", PATH, "Table to write.", required=True, metavar="FLATFILE.csv")
-@_option(
-    "--periods", str, "Periods of Sa [s], besides 0.01 to 10 s.", metavar="T,T,..."
-)
+@option("--out", PATH, "Table to write.", required=True, metavar="FLATFILE.csv")
+@option("--periods", str, "Periods of Sa [s], besides 0.01 to 10 s.", metavar="T,T,...")
 @takes_record
 @figure_option
 @json_option
@@ -197,7 +185,7 @@ def measure(
 
 
 def _measured(
-    files: Sequence[Path], out: Path, text: str | None, reading: dict[str, Any]
+    files: Sequence[Path], out: Path, text: str | None, reading: Options
 ) -> pd.DataFrame:
     """Return the flatfile of record files at our periods and those of a text."""
     low, high = PERIODS
@@ -235,9 +223,7 @@ def _measured(
     return pd.concat(tables, ignore_index=True)
 
 
-def _draw(
-    figure: Path, periods: Sequence[float], spectra: Any, bands: dict[str, Any]
-) -> None:
+def _draw(figure: Path, periods: Sequence[float], spectra: Any, bands: Options) -> None:
     """Write response spectra [g] as SVG; of each band there are rows low, median and high."""
     from archfrag import plots  # start-up: matplotlib
 
@@ -248,29 +234,29 @@ def _draw(
     write_text(figure, plots.svg_of(plots.plot_spectra(periods, spectra, drawn).figure))
 
 
-@records.command(cls=Once)
+@records.command()
 @click.argument("flatfile", type=PATH)
 @takes(
-    _option("--out", PATH, "Index to write.", required=True, metavar="INDEX.csv"),
-    _option("--count", int, "Number of records.", required=True),
-    _option(
+    option("--out", PATH, "Index to write.", required=True, metavar="INDEX.csv"),
+    option("--count", int, "Number of records.", required=True),
+    option(
         "--target",
         PATH,
         "Target spectrum: columns period_s, Sa_g and, for its scatter, sd.",
         metavar="FILE.csv",
     ),
-    _option("--magnitude", float, "Moment magnitude of a conditional spectrum."),
-    _option("--distance", float, "Its distance to the rupture [km]."),
-    _option("--vs30", float, "Its Vs30 [m/s]."),
-    _option("--period", float, "Its conditioning period [s]."),
-    _option("--sa", float, "Sa at that period [g], or --epsilon."),
-    _option("--epsilon", float, "Standard deviations of Sa above the median."),
-    _option("--model", str, "Ground-motion model.", "CY14"),
-    _option(
+    option("--magnitude", float, "Moment magnitude of a conditional spectrum."),
+    option("--distance", float, "Its distance to the rupture [km]."),
+    option("--vs30", float, "Its Vs30 [m/s]."),
+    option("--period", float, "Its conditioning period [s]."),
+    option("--sa", float, "Sa at that period [g], or --epsilon."),
+    option("--epsilon", float, "Standard deviations of Sa above the median."),
+    option("--model", str, "Ground-motion model.", "CY14"),
+    option(
         "--max-scale", float, "Largest scale factor; its inverse is the smallest.", 4.0
     ),
-    _option("--per-event", int, "Largest number of records of one event."),
-    _option("--seed", int, "", 1),
+    option("--per-event", int, "Largest number of records of one event."),
+    option("--seed", int, "", 1),
     figure_option,
     json_option,
 )
@@ -307,16 +293,19 @@ def select(
     for caution in chosen.cautions:
         warn(f"caution: {caution}")
     facts = chosen.facts()
-    count = counted(len(chosen.table), "record")
     median, sd = (
         max(abs(error or 0.0) for error in facts[key])
         for key in ("median_error", "sd_error")
     )
-    near = f"median within {100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %"
-    show(facts, f"{count} selected of {chosen.candidates}: {near}: {out}", as_json)
+    show(
+        facts,
+        f"{counted(len(chosen.table), 'record')} selected of {chosen.candidates}: median within "
+        f"{100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %: {out}",
+        as_json,
+    )
 
 
-def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
+def _target(options: Options, measured: Sequence[float]) -> Target:
     """Return the target that a file has, or that of a scenario at periods that were measured."""
     scenario = ("magnitude", "distance", "vs30", "period")
     named = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]
@@ -340,50 +329,50 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
     )
 
 
-@records.command(cls=Once)
+@records.command()
 @click.argument("events", nargs=-1, required=True, metavar="EVENT_ID...")
 @takes(
     _out,
-    _option(
+    option(
         "--from",
         str,
         "Service of stations and waveforms: NCEDC, SCEDC, INGV, ... or https://...",
         required=True,
         metavar="SERVICE",
     ),
-    _option(
+    option(
         "--events-from",
         str,
         "Service that knows the given event identifiers.",
         "USGS",
         metavar="SERVICE",
     ),
-    _option(
+    option(
         "--radius",
         click.FloatRange(0.0, 2000.0),
         "Largest epicentral distance [km].",
         100.0,
     ),
-    _option(
+    option(
         "--channels",
         str,
         "Accelerometers, the best first; each station gives one kind.",
         "HN,EN,BN",
         metavar="KINDS",
     ),
-    _option(
+    option(
         "--before",
         click.FloatRange(0.0, 3600.0),
         "Begin before the origin time [s].",
         30.0,
     ),
-    _option(
+    option(
         "--after",
         click.FloatRange(1.0, 7200.0),
         "End after the origin time [s].",
         180.0,
     ),
-    _option(
+    option(
         "--stations",
         click.IntRange(1),
         "Largest number of stations of an event, the nearest first.",
@@ -432,12 +421,12 @@ def fetch(
         raise InputError("no record was fetched, for the reasons stated above")
 
 
-@records.command(cls=Once)
+@records.command()
 @takes(
     _out,
-    _option("--events", click.IntRange(1, 100_000), "Earthquakes."),
-    _option("--records-per-event", click.IntRange(1, 100_000), "Of each (1)."),
-    _option(
+    option("--events", click.IntRange(1, 100_000), "Earthquakes."),
+    option("--records-per-event", click.IntRange(1, 100_000), "Of each (1)."),
+    option(
         "--magnitude",
         str,
         "Moment magnitudes: a list that the earthquakes take in turn, or two ends "
@@ -445,21 +434,20 @@ def fetch(
         metavar="M,...|M:M",
         callback=_list_or_ends(3.0, 8.0),
     ),
-    _option(
+    option(
         "--distance-km",
         str,
-        "Distances to the rupture [km]: a list that the records take in turn, or "
-        "two ends.",
+        "Distances to the rupture [km]: a list that the records take in turn, or two ends.",
         metavar="D,...|D:D",
         callback=_list_or_ends(0.0, 300.0),
     ),
-    _option("--sites", click.IntRange(1), "Number of sites (one a record)."),
-    _option("--vs30", click.FloatRange(450.0, 1000.0), "Of sites [m/s] (760)."),
+    option("--sites", click.IntRange(1), "Number of sites (one a record)."),
+    option("--vs30", click.FloatRange(450.0, 1000.0), "Of sites [m/s] (760)."),
     click.option(
         "--vertical", is_flag=True, default=None, help="Also make vertical components."
     ),
-    _option("--pulses", click.FloatRange(0.0, 1.0), "Fraction with a pulse."),
-    _option("--seed", click.IntRange(0, 10**9), "Of the random numbers (1)."),
+    option("--pulses", click.FloatRange(0.0, 1.0), "Fraction with a pulse."),
+    option("--seed", click.IntRange(0, 10**9), "Of the random numbers (1)."),
     json_option,
 )
 def make(out: Path, as_json: bool, **requested: Any) -> None:
@@ -475,8 +463,9 @@ def make(out: Path, as_json: bool, **requested: Any) -> None:
     """
     others = [name for name, row in index_table(out).items() if not row.get("model")]
     if others:
-        listed = f"the index there lists other records ({others[0]})"
-        raise InputError(f"--out {out}: {listed}; name another folder")
+        raise InputError(
+            f"--out {out}: the index there lists other records ({others[0]}); name another folder"
+        )
     paths = synthetic.make_suite(out, _recipes(requested))
     facts = {"folder": str(out), "files": [str(path) for path in paths]}
     show(
@@ -486,7 +475,7 @@ def make(out: Path, as_json: bool, **requested: Any) -> None:
     )
 
 
-def _recipes(requested: dict[str, Any]) -> list[synthetic.Recipe] | None:
+def _recipes(requested: Options) -> list[synthetic.Recipe] | None:
     """Return the recipes of the motions that are asked for; None for those that archfrag ships."""
     given = {key: value for key, value in requested.items() if value is not None}
     if not given:

@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-import click
-
 from archfrag.cli.options import (
     command,
     cores_option,
+    option,
     point_to_report,
     takes,
     takes_study,
@@ -17,13 +16,11 @@ from archfrag.cli.options import (
 @command()
 @takes_study
 @takes(
-    click.option(
-        "--resume",
-        is_flag=True,
-        help="Continue a stopped run; the command also does so without it.",
+    option(
+        "--resume", bool, "Continue a stopped run; the command also does so without it."
     ),
     cores_option,
-    click.option("--quiet", is_flag=True, help="Print errors only."),
+    option("--quiet", bool, "Print errors only."),
 )
 def run(
     study_file: Path,

@@ -21,6 +21,8 @@ from archfrag.cli.options import (
     echo,
     json_option,
     method_option,
+    option,
+    pairs_of,
     point_to_report,
     refuse_given,
     show,
@@ -29,7 +31,7 @@ from archfrag.cli.options import (
     warn,
     wrapped,
 )
-from archfrag.errors import FitError, InputError
+from archfrag.errors import FitError
 from archfrag.export import FORMATS
 from archfrag.export.command import export_study
 from archfrag.files import cannot_write, counted, printable
@@ -150,7 +152,7 @@ def _summary(study: Any, fitted: Fitted) -> None:
 
 
 @command()
-@with_study(click.option("--yes", is_flag=True, help="Remove without asking."))
+@with_study(option("--yes", bool, "Remove without asking."))
 def clean(study: Any, yes: bool) -> None:
     """Remove stored runs that a study does not use."""
     check_own(study)
@@ -169,7 +171,7 @@ def clean(study: Any, yes: bool) -> None:
                     path.parent.rmdir()
 
 
-def _step(name: str, help_: str, *options: Callable) -> click.Command:
+def _step(name: str, *options: Callable) -> click.Command:
     """Make the command of a step, which also renews the dates of its files for Snakemake."""
 
     def make(study: Any, batch: int = 0, as_json: bool = False, **given: Any) -> None:
@@ -189,34 +191,19 @@ def _step(name: str, help_: str, *options: Callable) -> click.Command:
         if as_json:
             echo(products(study, step)[0].read_text(encoding="utf-8"))
 
-    return command(name, help=help_)(with_study(*options)(make))
+    return command(name, help=COMMANDS[name][1])(with_study(*options)(make))
 
 
-motions_command = _step("motions", COMMANDS["motions"][1])
+motions_command = _step("motions")
 batch_command = _step(
     "batch",
-    COMMANDS["batch"][1],
-    click.option(
-        "--batch", type=int, default=0, show_default=True, help="Its number, from 0."
-    ),
+    option("--batch", int, "Its number, from 0.", 0),
     cores_option,
-    click.option("--quiet", is_flag=True, help="No progress bar."),
+    option("--quiet", bool, "No progress bar."),
 )
-cube_command = _step("cube", COMMANDS["cube"][1])
-_fit_study: Any = _step("fit", COMMANDS["fit"][1], json_option).callback
-report_command = _step("report", COMMANDS["report"][1])
-
-
-def _mapping(
-    context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]
-) -> Any:
-    pairs = [pair.partition("=") for text in texts for pair in text.split(",")]
-    for wrong in ("".join(pair) for pair in pairs if not all(pair)):
-        raise InputError(f"--columns {wrong}: write it as intensity=PGA")
-    columns = {what.strip(): name.strip() for what, _, name in pairs}
-    if len(columns) < len(pairs):
-        raise InputError(f"--columns {','.join(texts)}: names one thing twice")
-    return columns
+cube_command = _step("cube")
+_fit_study: Any = _step("fit", json_option).callback
+report_command = _step("report")
 
 
 def _names(text: str) -> list[str]:
@@ -225,17 +212,16 @@ def _names(text: str) -> list[str]:
 
 @command("fit")
 @takes_study
-@click.option(
+@option(
     "--columns",
+    str,
+    "Names of columns by what they hold: intensity=PGA,verdict=fell.",
     multiple=True,
-    callback=_mapping,
+    callback=pairs_of,
     metavar="WHAT=NAME,...",
-    help="Names of columns by what they hold: intensity=PGA,verdict=fell.",
 )
-@click.option(
-    "--measure", help="Measure of the intensity, if its column does not state it."
-)
-@click.option("--unit", help="Unit of the intensity, if its column does not state it.")
+@option("--measure", str, "Measure of the intensity, if its column does not state it.")
+@option("--unit", str, "Unit of the intensity, if its column does not state it.")
 @click.option(
     "--states",
     type=_names,
@@ -243,21 +229,14 @@ def _names(text: str) -> list[str]:
     default="",
     help="Damage states of a column, in order, from none to collapse.",
 )
-@click.option(
-    "--confidence", type=float, default=0.9, show_default=True, help="Of all bands."
-)
-@click.option(
-    "--hazard", type=PATH, help="Hazard curve of a site, for the rate of collapse."
-)
-@click.option(
-    "--output", type=PATH, help="Folder to write to; results/NAME if not given."
-)
-@click.option(
-    "--format",
-    "formats",
+@option("--confidence", float, "Of all bands.", 0.9)
+@option("--hazard", PATH, "Hazard curve of a site, for the rate of collapse.")
+@option("--output", PATH, "Folder to write to; results/NAME if not given.")
+@option(
+    "--format formats",
+    click.Choice(FORMATS),
+    "Format to export to, as `archfrag export` does. Repeatable.",
     multiple=True,
-    type=click.Choice(FORMATS),
-    help="Format to export to, as `archfrag export` does. Repeatable.",
 )
 @json_option
 def fit_command(

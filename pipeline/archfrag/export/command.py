@@ -14,7 +14,9 @@ import xarray as xr
 from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, writers
 from archfrag.export.writers import (
+    Branches,
     Content,
+    Curves,
     CurveSet,
     made_by,
     named_measure,
@@ -22,13 +24,8 @@ from archfrag.export.writers import (
 )
 from archfrag.files import check_targets, counted, sha256_of
 from archfrag.fragility.curve import Curve
-from archfrag.fragility.risk import (
-    HazardCurve,
-    branches_of,
-    collapse_rate,
-    predictive,
-)
-from archfrag.fragility.several import MOST_CROSSING, above
+from archfrag.fragility.risk import HazardCurve, branches_of, collapse_rate, predictive
+from archfrag.fragility.several import MOST_CROSSING, above, states_of
 from archfrag.study.answer.curves import Fitted, arch_classes
 from archfrag.study.answer.outside import BLANK
 from archfrag.study.answer.rates import MOST_MEAN, SEED, vulnerability_table
@@ -38,6 +35,8 @@ from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import CUBE, write_text
 from archfrag.study.steps import finished
 
+Names = Sequence[str]
+StateCurves = dict[str, dict[str, Curve]]  # by arch and limit state
 _POINTS = 211
 # Limit states; their order in files follows from their curves, and collapse is the last.
 LIMIT_STATES = ("motion", "impact", "residual", "rotation", "contact_lost", "collapse")
@@ -56,10 +55,10 @@ _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=
 
 def export_study(
     study: StudyKeys,
-    formats: Sequence[str],
+    formats: Names,
     folder: Path | None = None,
     members: bool = False,
-    limit_states: Sequence[str] = (),
+    limit_states: Names = (),
     curve: str = "median",
     fitted: Fitted | None = None,
 ) -> dict[str, Any]:
@@ -82,7 +81,7 @@ def export_study(
     known = {name: each for name, each in answers.items() if each.fitted}
     with fitted.cube as cube:
         states, messages = _limit_states(study, cube, known, limit_states)
-        branches = dict[str, tuple[str, float]]()
+        branches = Branches()
         if curve == "median":
             messages += _uncertain(known)
         else:
@@ -93,19 +92,17 @@ def export_study(
             messages.append(_LOGNORMAL)
         levels = cube["intensity"].values
         number = Counter(arch_classes(cube).values())
+        digest = cube.attrs.get("table_sha256") or sha256_of(study.folder / CUBE)
+        made = made_by(study) | {
+            "cube_archfrag_commit": str(cube.attrs.get("archfrag_commit", "unknown")),
+            "cube_sha256": digest,
+        }
         curves = CurveSet(
             states,
             {name: answers[name].reason for name in answers if name not in known},
             study.intensity.measure,
             (float(np.nanmin(levels)), float(np.nanmax(levels))),
-            {
-                **made_by(study),
-                "cube_archfrag_commit": str(
-                    cube.attrs.get("archfrag_commit", "unknown")
-                ),
-                "cube_sha256": cube.attrs.get("table_sha256")
-                or sha256_of(study.folder / CUBE),
-            },
+            made,
             {name: number[name] for name in answers if number[name] > 1},
             tuple(messages),
             branches,
@@ -123,9 +120,7 @@ def export_study(
     }
 
 
-def _texts(
-    curves: CurveSet, formats: Sequence[str], messages: list[str]
-) -> list[Content]:
+def _texts(curves: CurveSet, formats: Names, messages: list[str]) -> list[Content]:
     """Return format, end of the name and text of each file that is no table; add messages."""
     texts = list[Content]()
     for name in dict.fromkeys(formats):
@@ -150,9 +145,9 @@ def _texts(
 def _limit_states(
     study: StudyKeys,
     cube: xr.Dataset,
-    answers: Mapping[str, Curve],
-    requested: Sequence[str],
-) -> tuple[dict[str, dict[str, Curve]], list[str]]:
+    answers: Curves,
+    requested: Names,
+) -> tuple[StateCurves, list[str]]:
     """Return the curves of the limit states from mild to collapse, and notes on them.
 
     Receivers take differences of states and want the same states of all arches in one order: that
@@ -160,7 +155,7 @@ def _limit_states(
     none of it, and a curve that crosses a severer one is moved (`above`). A note names each.
     """
     chosen = _chosen(cube, requested)
-    own = {a: dict.fromkeys(chosen, _NONE) | _states(f) for a, f in answers.items()}
+    own = {a: dict.fromkeys(chosen, _NONE) | states_of(f) for a, f in answers.items()}
     severe = answers  # curves of the next severer state
     kept = ["collapse"]
     messages = list[str]()
@@ -184,13 +179,13 @@ def _limit_states(
         kept.insert(0, name)
         severe = {arch: above(fit, severe[arch]) for arch, fit in curves.items()}
         moved = [arch for arch in curves if severe[arch] is not curves[arch]]
-        if moved:
-            old = curves[moved[0]]
-            new = severe[moved[0]]
+        for arch in moved[:1]:
+            old = curves[arch]
+            new = severe[arch]
             messages.append(
                 f"limit state {name!r}: {counted(len(moved), 'curve')} lay below that of a "
                 f"severer state by more than {MOST_CROSSING:g} and took up its dispersion as "
-                f"far as needed (such as {moved[0]}: dispersion {old.beta:.3g} to "
+                f"far as needed (such as {arch}: dispersion {old.beta:.3g} to "
                 f"{new.beta:.3g}, median times {new.theta / old.theta:.3g})"
             )
         for arch, fit in severe.items():
@@ -199,7 +194,7 @@ def _limit_states(
     return {a: {name: each[name] for name in kept} for a, each in own.items()}, messages
 
 
-def _chosen(cube: xr.Dataset, requested: Sequence[str]) -> list[str]:
+def _chosen(cube: xr.Dataset, requested: Names) -> list[str]:
     """Return the limit states to write besides collapse; InputError if one is unknown."""
     names = [name.strip().casefold().replace(" ", "_") for name in requested]
     names = [_ALSO.get(name, name) for name in names]
@@ -212,12 +207,6 @@ def _chosen(cube: xr.Dataset, requested: Sequence[str]) -> list[str]:
             f"there is no limit state {name!r}; they are {', '.join(every)}"
         )
     return [name for name in every[:-1] if name in (names or every)]
-
-
-def _states(answer: Curve) -> dict[str, Curve]:
-    """Return the curves of all limit states as fitted, by their names in files."""
-    states = {each.state.replace(" ", "_"): each for each in answer.states}
-    return states | {"collapse": answer}
 
 
 def _why_none(
@@ -233,27 +222,24 @@ def _why_none(
     return curve.reason
 
 
-def _left_out(of: tuple[str, str], names: Sequence[str]) -> str:
+def _left_out(of: tuple[str, str], names: Names) -> str:
     """Say why an arch has no curve of some limit states."""
     arch, why = of
-    listed = ", ".join(map(repr, names))
-    if len(names) > 1:
-        return f"limit states {listed} are left out: {arch} has no curve of them: {why}"
-    return f"limit state {listed} is left out: {arch} has no curve of it: {why}"
+    return f"limit states left out: {', '.join(names)}, of which {arch} has no curve: {why}"
 
 
 def _with_uncertainty(
-    states: Mapping[str, Mapping[str, Curve]], kind: str
-) -> tuple[dict[str, dict[str, Curve]], dict[str, tuple[str, float]]]:
+    states: Mapping[str, Curves], kind: str
+) -> tuple[StateCurves, Branches]:
     """Return the predictive curves or the branches, and of each branch its arch and its weight.
 
     The draws are those of the mean rate of collapse. All states of a branch are at the same node,
     and are moved where they cross.
     """
-    found = dict[str, dict[str, Curve]]()
-    branches = dict[str, tuple[str, float]]()
+    found = StateCurves()
+    branches = Branches()
+    nodes: dict[str, Sequence[Curve]]
     for arch, each in states.items():
-        nodes: dict[str, Sequence[Curve]]
         if kind == "predictive":
             nodes = {arch: [predictive(f, f.draws(SEED)) for f in each.values()]}
         else:
@@ -270,7 +256,7 @@ def _with_uncertainty(
     return found, branches
 
 
-def _uncertain(answers: Mapping[str, Curve]) -> list[str]:
+def _uncertain(answers: Curves) -> list[str]:
     """Return notes on curves whose mean rate of collapse is far above that of their medians."""
     messages = []
     for name, fit in answers.items():
@@ -302,7 +288,7 @@ def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
 
 
 def _tables(
-    study: StudyKeys, cube: xr.Dataset, curves: CurveSet, answers: Mapping[str, Curve]
+    study: StudyKeys, cube: xr.Dataset, curves: CurveSet, answers: Curves
 ) -> Iterator[Content]:
     """Yield all tables for CSV, and a text in JSON on their columns."""
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
@@ -339,7 +325,7 @@ def write_vulnerability(
 
 
 def curve_tables(
-    curves: CurveSet, answers: Mapping[str, Curve], unit: str, si: str, factor: float
+    curves: CurveSet, answers: Curves, unit: str, si: str, factor: float
 ) -> dict[str, Pieces]:
     """Return tables of the points and the parameters of all curves.
 
@@ -352,7 +338,7 @@ def curve_tables(
     points = []
     parameters = []
     for arch, states in curves.curves.items():
-        as_fitted = _states(answers[arch]) if arch in answers else {}
+        as_fitted = states_of(answers[arch]) if arch in answers else {}
         for state, fit in states.items():
             labels = {
                 "arch": arch,
@@ -365,39 +351,36 @@ def curve_tables(
                 np.interp(levels, found.im or [0.0], end or [np.nan])
                 for end in (found.lower, found.upper)
             )
-            points.append(
-                pd.DataFrame(
-                    labels
-                    | {
-                        "im": levels / factor,
-                        "intensity": levels,
-                        "lower": lower,
-                        "upper": upper,
-                        "probability": fit.probability(levels),
-                    }
-                )
-            )
+            of_levels = {
+                "im": levels / factor,
+                "intensity": levels,
+                "lower": lower,
+                "upper": upper,
+                "probability": fit.probability(levels),
+            }
+            points.append(pd.DataFrame(labels | of_levels))
             likelihood = found.likelihood or Curve()
-            parameters.append(
-                labels
-                | {
-                    "theta": fit.theta / factor,
-                    "theta_si": fit.theta,
-                    "beta": fit.beta,
-                    "theta_lower": found.theta_interval[0] / factor,
-                    "theta_upper": found.theta_interval[1] / factor,
-                    "beta_lower": found.beta_interval[0],
-                    "beta_upper": found.beta_interval[1],
-                    "theta_maximum_likelihood": likelihood.theta / factor,
-                    "beta_maximum_likelihood": likelihood.beta,
-                    "standard_error_ln_theta": fit.standard_errors[0],
-                    "standard_error_beta": fit.standard_errors[1],
-                    "correlation_ln_theta_beta": fit.correlation,
-                    "runs": fit.n_total,
-                    "kind": fit.kind,
-                    "band": found.method,
-                }
-            )
+            theta_lower, theta_upper = np.divide(found.theta_interval, factor)
+            beta_lower, beta_upper = found.beta_interval
+            error_theta, error_beta = fit.standard_errors
+            values = {
+                "theta": fit.theta / factor,
+                "theta_si": fit.theta,
+                "beta": fit.beta,
+                "theta_lower": theta_lower,
+                "theta_upper": theta_upper,
+                "beta_lower": beta_lower,
+                "beta_upper": beta_upper,
+                "theta_maximum_likelihood": likelihood.theta / factor,
+                "beta_maximum_likelihood": likelihood.beta,
+                "standard_error_ln_theta": error_theta,
+                "standard_error_beta": error_beta,
+                "correlation_ln_theta_beta": fit.correlation,
+                "runs": fit.n_total,
+                "kind": fit.kind,
+                "band": found.method,
+            }
+            parameters.append(labels | values)
     tables = dict[str, Pieces]()
     frames = {
         "curves": points or [pd.DataFrame()],

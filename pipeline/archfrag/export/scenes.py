@@ -24,6 +24,7 @@ from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import finite
 from archfrag.study.runs.store import make_plan
 
+Facts = dict[str, Any]
 SCHEMA = Path(__file__).with_name("scene.schema.json")
 MOST_ARCHES = 500
 _LISTS = re.compile(r"\[\n\s*[^][{}]*?\n\s*\]")  # of numbers, indented
@@ -34,7 +35,7 @@ def export_arches(
     formats: Sequence[str],
     folder: Path | None = None,
     members: bool = False,
-) -> dict[str, Any]:
+) -> Facts:
     """Write arches of a study, and with a scene its motions, in formats of `export.OF_ARCHES`.
 
     Of a class there is its first arch, with `members` all. Returned are ``files`` and ``notes`` as
@@ -47,8 +48,10 @@ def export_arches(
     for each in own:
         found.setdefault(each.id if members else each.arch_class, each)
     if len(found) > MOST_ARCHES:
-        remedy = f"scene and dxf take at most {MOST_ARCHES}; leave out --members"
-        raise InputError(f"study {study.id} has {len(found)} arches; {remedy}")
+        raise InputError(
+            f"study {study.id} has {len(found)} arches; scene and dxf take at most "
+            f"{MOST_ARCHES}; leave out --members"
+        )
     messages = [
         f"scene and dxf have {found[name].id} of {size} arches of {name}; --members: all"
         for name, size in sizes.items()
@@ -77,7 +80,7 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]) -> Any:
     for number, record in enumerate(plan.records):
         motion = plan.motion(record)
         factors = plan.unscaled[number] * plan.levels**plan.power
-        own: dict[str, Any] = {"id": record.id, "event": record.event, "dt": motion.dt}
+        own: Facts = {"id": record.id, "event": record.event, "dt": motion.dt}
         own["horizontal"] = motion.acceleration.tolist()
         if motion.vertical is not None:
             own["vertical"] = motion.vertical.tolist()
@@ -101,7 +104,7 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]) -> Any:
     )
 
 
-def _arch(member: Member) -> dict[str, Any]:
+def _arch(member: Member) -> Facts:
     """Return bodies at rest, those of the ground last, and what joins them."""
     arch: Arch = member.entry.build()
     chain = arch.chain

@@ -34,11 +34,14 @@ _FACTORS = dict.fromkeys(("g", "g s"), 1.0 / STANDARD_GRAVITY)
 _FACTORS |= {"cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0}
 # What receivers call the kinds of measures (OpenQuake: hazardlib's imt.py).
 _KNOWN = pd.read_csv(Path(__file__).with_name("receivers.csv"))
+Texts = dict[str, str]
+Branches = dict[str, tuple[str, float]]  # arch and weight
+Curves = Mapping[str, Curve]  # by arch or limit state
 # Format, end of a file's name, and a text or a table in pieces.
 Content = tuple[str, str, str | Iterable[pd.DataFrame]]
 
 
-def made_by(study: StudyKeys) -> dict[str, str]:
+def made_by(study: StudyKeys) -> Texts:
     """Return what files say of their study and of this archfrag."""
     made = {"study": study.id, "title": study.title}
     return made | {"archfrag": __version__, "archfrag_commit": commit()}
@@ -46,7 +49,7 @@ def made_by(study: StudyKeys) -> dict[str, str]:
 
 def write_files(
     study: StudyKeys, folder: Path | None, content: Sequence[Content]
-) -> list[dict[str, str]]:
+) -> list[Texts]:
     """Write files into a folder, that of the study's exports if None; return their formats.
 
     None is written if one would replace a file that archfrag did not make.
@@ -70,7 +73,7 @@ class CurveSet:
 
     # By arch and limit state, from the mildest to the severest, theta in the SI unit of the
     # measure.
-    curves: Mapping[str, Mapping[str, Curve]]
+    curves: Mapping[str, Curves]
     left_out: Mapping[str, str]  # by arch why it has no curve of collapse
     # Intensity measure, as `archfrag.motions.measures.parse_measure` reads it.
     measure: str
@@ -82,7 +85,7 @@ class CurveSet:
     # On limit states that are left out or were made consistent.
     remarks: Sequence[str] = ()
     # Arch and weight.
-    branches: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    branches: Branches = field(default_factory=dict)
 
     def described(self, name: str) -> str:
         """Describe what a curve is of."""
@@ -216,7 +219,7 @@ def _nrml_id(name: str) -> str:
 
 def _nrml(
     curves: CurveSet, more: str, **kind: str
-) -> tuple[Named, Element, list[tuple[Element, Mapping[str, Curve]]]]:
+) -> tuple[Named, Element, list[tuple[Element, Curves]]]:
     """Return the measure, the root of a file, and the function of each arch with its curves."""
     imt = named_measure("OpenQuake", curves.measure)
     gml = {"xmlns:gml": "http://www.opengis.net/gml"}
@@ -320,9 +323,9 @@ def pelicun_description(curves: CurveSet) -> str:
     return _text({"_GeneralInformation": general, **components})
 
 
-def _by_id(curves: CurveSet) -> dict[str, str]:
+def _by_id(curves: CurveSet) -> Texts:
     """Return the arches by their ids in pelicun; InputError if two are alike."""
-    arches = dict[str, str]()
+    arches = Texts()
     for arch in curves.curves:
         name = re.sub(r"[^A-Za-z0-9_.]", "_", arch)
         if name in arches:
@@ -334,7 +337,7 @@ def _by_id(curves: CurveSet) -> dict[str, str]:
     return arches
 
 
-def in_core_sets(curves: CurveSet) -> dict[str, str]:
+def in_core_sets(curves: CurveSet) -> Texts:
     """Write a set for each arch as JSON; return the texts by arch.
 
     IN-CORE takes exactly four curves for a bridge under an earthquake: the severest four. If there

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
 from archfrag.fragility.density import Density, FloatArray, Pair
+from archfrag.fragility.density import Triple as Triple
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+Table = Mapping[str, Any] | None
+Ends = tuple[float, float]
+Plain = dict[str, Any]  # for JSON
 _FIT = ("theta", "beta", "log_likelihood", "n_levels", "n_total", "kind")
 _BAND = (
     "im",
@@ -85,7 +89,7 @@ class Curve:
     reason: str = ""
     likelihood: Curve | None = None  #: the curve by maximum likelihood, for comparison
     #: Of theta and beta, by a posterior; from the covariance if there is none.
-    intervals: tuple[tuple[float, float], tuple[float, float]] | None = None
+    intervals: tuple[Ends, Ends] | None = None
     #: Of theta and beta by a posterior, of a class that of all its runs.
     density: Density | None = None
     im: Sequence[
@@ -105,10 +109,10 @@ class Curve:
     n_undecided: int = 0
     extremes: tuple[Curve, ...] = ()
     #: Isotonic curve, and test of the lognormal shape; in SI units, as all tables here.
-    free: Mapping[str, Any] | None = None
-    measures: Mapping[str, Any] | None = None  #: `compare_measures`
-    cloud: Mapping[str, Any] | None = None  #: logistic regression
-    dispersion: Mapping[str, Any] | None = None  #: parts of that of a class
+    free: Table = None
+    measures: Table = None  #: `compare_measures`
+    cloud: Table = None  #: logistic regression
+    dispersion: Table = None  #: parts of that of a class
     name: str = ""
     state: str = "collapse"
     meaning: str = ""  #: of the limit state
@@ -140,22 +144,24 @@ class Curve:
         return float(self.covariance[0, 1] / np.prod(self.standard_errors))
 
     @property
-    def theta_interval(self) -> tuple[float, float]:
+    def theta_interval(self) -> Ends:
         """Interval of the median; without a posterior normal in ln theta."""
-        return self._interval(0, self.theta, 1.0)
+        return self._intervals[0]
 
     @property
-    def beta_interval(self) -> tuple[float, float]:
+    def beta_interval(self) -> Ends:
         """Interval of the dispersion; without a posterior normal in ln beta."""
-        return self._interval(1, self.beta, self.beta)
+        return self._intervals[1]
 
-    def _interval(self, place: int, value: float, scale: float) -> tuple[float, float]:
-        """Return the interval of a parameter, without a posterior by its standard error."""
+    @property
+    def _intervals(self) -> Any:
+        """Return both intervals, without a posterior by the standard errors."""
         if self.intervals:
-            return self.intervals[place]
+            return self.intervals
         z = scipy.special.ndtri(tails(self.confidence)[1])
-        reach = np.exp(z * self.standard_errors[place] / scale)
-        return float(value / reach), float(value * reach)
+        values = np.array([self.theta, self.beta])
+        reach = np.exp(z * self.standard_errors / [1.0, self.beta])
+        return tuple(zip((values / reach).tolist(), (values * reach).tolist()))
 
     def probability(self, im: ArrayLike) -> Any:
         """Return probabilities at intensities >= 0 (else InputError), of the same shape."""
@@ -349,7 +355,7 @@ class Curve:
     def _repr_html_(self) -> str:
         return str(plots().html_of(self))
 
-    def fit_dict(self) -> dict[str, Any]:
+    def fit_dict(self) -> Plain:
         """Return theta, beta and how they were fitted as plain values; or why there are none."""
         if not self.fitted:
             return {"none": self.reason}
@@ -359,7 +365,7 @@ class Curve:
             plain["members"] = self.members.tolist()
         return plain
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Plain:
         """Return all in SI units as plain values, for JSON."""
         more = {name: getattr(self, name) for name in _TABLES}
         if self.crossings:
@@ -373,12 +379,12 @@ class Curve:
         found = {name: part for name, part in more.items() if part is not None}
         return self._plain() | {"more": found}
 
-    def _state_dict(self) -> dict[str, Any]:
+    def _state_dict(self) -> Plain:
         """Return the curve of a limit state as plain values."""
         plain = self._plain() if self.fitted else {"curve": self.fit_dict()}
         return {"name": self.state, "meaning": self.meaning, **plain}
 
-    def _plain(self) -> dict[str, Any]:
+    def _plain(self) -> Plain:
         """Return curve, band and intervals as plain values."""
         likelihood = self.likelihood or Curve()
         theta, beta = self.intervals or [(np.nan, np.nan)] * 2
@@ -394,29 +400,32 @@ class Curve:
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any], name: str = "") -> Curve:
         """Return the curve that `to_dict` wrote, or a part of what it wrote, with its name."""
-        more = plain.get("more", {})
-        own = _fit_of(plain["curve"]) | {
-            key: of[key]
-            for of, keys in ((plain, _BAND), (more, _TABLES))
-            for key in keys
-            if key in of
-        }
+        found = {**plain, **plain.get("more", {})}
+        fit = found["curve"]
+        own = {key: found[key] for key in (*_BAND, *_TABLES) if key in found}
+        if "none" in fit:
+            own["reason"] = fit["none"]
+        else:
+            own |= {key: fit[key] for key in _FIT}
+            own["covariance"] = np.array(fit["covariance_ln_theta_beta"])
+        if "members" in fit:
+            own["members"] = np.array(fit["members"])
         if "likelihood" in plain:
-            own["likelihood"] = cls(**_fit_of(plain["likelihood"]))
+            own["likelihood"] = cls.from_dict({"curve": plain["likelihood"]})
         if plain.get("density"):
             own["density"] = Density.from_plain(plain["density"])
         theta, beta = (plain.get(key) or (None,) for key in ("theta", "beta"))
         if None not in theta:
             own["intervals"] = tuple(theta), tuple(beta)
-        if "limit_states" in more:
-            found = more["limit_states"]
-            own["crossings"] = found["message"]
-            own["states"] = tuple(cls.from_dict(each, name) for each in found["states"])
-        lost = more.get("without_verdict")
+        if "limit_states" in found:
+            known = found["limit_states"]
+            own["crossings"] = known["message"]
+            own["states"] = tuple(cls.from_dict(each, name) for each in known["states"])
+        lost = found.get("without_verdict")
         if lost:
             own["n_undecided"] = lost["runs"]
             ends = (lost[key] for key in ("collapsed", "survived"))
-            own["extremes"] = tuple(cls(**_fit_of(each)) for each in ends)
+            own["extremes"] = tuple(cls.from_dict({"curve": each}) for each in ends)
         return cls(
             **own,
             name=name,
@@ -430,16 +439,6 @@ def plots() -> Any:
     import archfrag.plots  # matplotlib takes half a second
 
     return archfrag.plots
-
-
-def _fit_of(plain: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a curve that `Curve.fit_dict` wrote."""
-    if "none" in plain:
-        return {"reason": str(plain["none"])}
-    own = {name: plain[name] for name in _FIT}
-    own["covariance"] = np.array(plain["covariance_ln_theta_beta"], float)
-    members = plain.get("members")
-    return own | {"members": None if members is None else np.array(members, float)}
 
 
 def credible_band(density: Density, im: ArrayLike, confidence: float) -> Pair:

@@ -46,14 +46,16 @@ def fit_state_posterior(
     known = collapse.run
     share = (state.lower[known] > 0.0).mean()
     if share < LEAST_BELOW:
-        why = f"only {100.0 * share:.0f} % of the records have a run below it"
-        raise FitError(f"{why}, and {100.0 * LEAST_BELOW:.0f} % are needed")
+        raise FitError(
+            f"only {100.0 * share:.0f} % of the records have a run below it, and "
+            f"{100.0 * LEAST_BELOW:.0f} % are needed"
+        )
     ends = np.vstack([collapse.logs, state.logs])[:, known]
     rows, count = np.unique(ends, axis=1, return_counts=True)
     levels = [np.unique(pair[np.isfinite(pair)]) for pair in (rows[:2], rows[2:])]
     if min(x.size for x in levels) < 2:
         raise FitError(ONE_LEVEL)
-    steps = [float(np.median(np.diff(x))) for x in levels]
+    steps = [np.median(np.diff(x)) for x in levels]
 
     def density(points: FloatArray) -> FloatArray:
         """Return ln of the posterior at points, as `_both` describes them."""

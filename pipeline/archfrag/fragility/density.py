@@ -12,6 +12,7 @@ from scipy.interpolate import PchipInterpolator
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[FloatArray, FloatArray]
+Triple = tuple[FloatArray, FloatArray, FloatArray]
 _HALVINGS = 30
 
 

@@ -27,6 +27,7 @@ _COLUMNS = (
     "p_magnitude",
     "p_distance",
 )
+Row = dict[str, Any]  # of a measure
 # Which records have a covariate, their values, and the group of each of these.
 _Covariates = dict[str, tuple[NDArray, FloatArray, IntArray]]
 _OF = {
@@ -45,7 +46,7 @@ def compare_measures(
     magnitude: ArrayLike | None = None,
     distance: ArrayLike | None = None,
     event: ArrayLike | None = None,
-) -> dict[str, Any]:
+) -> Row:
     """Return curve and qualities of each measure, from the runs of one arch.
 
     Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)): by
@@ -115,9 +116,7 @@ def compare_measures(
     return {"rows": rows, "own": own, **best}
 
 
-def _best(
-    rows: list[dict[str, Any]], own: dict[str, Any], logs: FloatArray, event: IntArray
-) -> dict[str, Any]:
+def _best(rows: list[Row], own: Row, logs: FloatArray, event: IntArray) -> Row:
     """Return the best measure, and how it compares with the study's own.
 
     `logs` are ln capacity / exponent, (n_measure, n_record).

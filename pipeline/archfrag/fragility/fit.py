@@ -86,7 +86,7 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Curve:
         )
     if truncate_at is None:
         return _fit_moments(positive(values, "capacities"))
-    limit = float(positive(truncate_at, "truncate_at"))
+    limit = positive(truncate_at, "truncate_at")
     positive(np.where(values == np.inf, limit, values), "capacities")
     known = values <= limit
     if known.all():
@@ -127,15 +127,17 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Curve:
     last = lower.max()
     first = upper.min()
     if last <= first:
-        why = (
-            f"one capacity between {{}} and {{}} agrees with all {lower.size} brackets"
-        )
         raise FitError(
-            f"{why}, so beta tends to 0; add levels there, or records", last, first
+            f"one capacity between {{}} and {{}} agrees with all {lower.size} brackets, so beta "
+            "tends to 0; add levels there, or records",
+            last,
+            first,
         )
     if not np.any((lower > 0.0) & np.isfinite(upper)):
-        why = "no capacity is bracketed from both sides, which does not separate theta from beta"
-        raise FitError(f"{why}; add levels below and above")
+        raise FitError(
+            "no capacity is bracketed from both sides, which does not separate theta from beta; "
+            "add levels below and above"
+        )
     ends = log_intensity([lower, upper])
     mean, deviation, loss, information = normal_lines(np.ones((lower.size, 1)), *ends)
     a, b = np.array([-mean[0, 0], 1.0]) / deviation[0]
@@ -156,34 +158,41 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
     survived = im[collapses < n]
     first = collapsed.min(initial=np.inf)
     last = survived.max(initial=0.0)
-    separated = "(perfect separation), so beta tends to 0"
     if not collapsed.size:
-        why = "no run collapsed at any level: theta lies above {}; add higher levels"
-        raise FitError(why, im.max())
-    if not survived.size:
-        why = (
-            "every run collapsed at every level: theta lies below {}; add lower levels"
+        raise FitError(
+            "no run collapsed at any level: theta lies above {}; add higher levels",
+            im.max(),
         )
-        raise FitError(why, low)
+    if not survived.size:
+        raise FitError(
+            "every run collapsed at every level: theta lies below {}; add lower levels",
+            low,
+        )
     if low == im.max():
-        why = "all runs are at one level, im = {}, which cannot separate theta from beta; "
-        raise FitError(why + "add levels", low)
+        raise FitError(
+            "all runs are at one level, im = {}, which cannot separate theta from beta; "
+            "add levels",
+            low,
+        )
     if first > last:
-        why = f"all runs survive up to {{0}} and all collapse from {{1}} {separated}: "
-        why += "theta lies between {0} and {1}; add levels between them"
-        raise FitError(why, last, first)
+        raise FitError(
+            "all runs survive up to {0} and all collapse from {1} (perfect separation), so beta "
+            "tends to 0: theta lies between {0} and {1}; add levels between them",
+            last,
+            first,
+        )
     if first == last:
-        why = f"only the level {{0}} has collapses and survivals {separated} and "
-        raise FitError(why + "theta to {0}; add levels close to it", first)
+        raise FitError(
+            "only the level {0} has collapses and survivals (perfect separation), so beta tends "
+            "to 0 and theta to {0}; add levels close to it",
+            first,
+        )
 
 
 def fit_cloud(
     im: ArrayLike,
     collapsed: ArrayLike,
     event: ArrayLike | None = None,
-    *,
-    seed: int = 1,
-    resamples: int = 1000,
     confidence: float = 0.9,
 ) -> dict[str, Any]:
     """Fit collapse by logistic regression on ln im, one run a record (a cloud).
@@ -197,7 +206,7 @@ def fit_cloud(
     codes = np.asarray(collapsed, float)
     _require_overlap(values, codes, np.ones(values.size))
     # Each run once, then as drawn.
-    times = draws_of_records(event, values.size, seed, resamples)
+    times = draws_of_records(event, values.size)
     weight = np.vstack([np.ones(values.size), times])
     a, b, *_ = binomial_lines(np.log(values), weight * codes, weight, "logistic")
     kept = ~np.isnan(b)

@@ -73,9 +73,10 @@ class Plane:
         one, two = self.measures
         best = f" (best of {self.tests})" * (self.tests > 1)
         how = "more than chance explains" if self.gains else "which chance can explain"
-        factor = f"{np.exp(self.gain):.3g} times as likely as by {one} alone"
-        what = f"runs of records held back are {factor}"
-        return f"by {one} and {two}{best}, {what}, {how} (p = {self.p_value:.2g})"
+        return (
+            f"by {one} and {two}{best}, runs of records held back are {np.exp(self.gain):.3g} "
+            f"times as likely as by {one} alone, {how} (p = {self.p_value:.2g})"
+        )
 
     def at(self, x1: ArrayLike, x2: ArrayLike, confidence: float = 0.9) -> FloatArray:
         """Return probability and both ends of the band at pairs of intensities, (3, ...)."""
@@ -120,13 +121,16 @@ def fit_plane(
     second = s[np.nonzero(known.decided)[0]] + power * np.log(level)
     events = np.unique(label).size
     if events < FEWEST:
-        rule = f"a test of two measures holds some back and needs {FEWEST}"
-        what = f"the records are of {events} independent earthquakes or records"
-        raise FitError(f"{what}; {rule}")
+        raise FitError(
+            f"the records are of {events} independent earthquakes or records; a test of two "
+            f"measures holds some back and needs {FEWEST}"
+        )
     alike = np.corrcoef(np.log(level), second)[0, 1] if np.ptp(second) else 1.0
     if abs(alike) > MOST_ALIKE or not s.std():
-        what = f"the two measures say the same (correlation of their logarithms {alike:.3f})"
-        raise FitError(f"{what}; choose another second one")
+        raise FitError(
+            f"the two measures say the same (correlation of their logarithms {alike:.3f}); choose "
+            "another second one"
+        )
     parts = parts_of(label)
     scores = []
     alone = known.without_scatter()
@@ -163,14 +167,15 @@ def _weighted(
     design = np.column_stack([np.ones(len(u)), u])
     (start,), (deviation,), (loss,), (information,) = normal_lines(design, *known.logs)
     if not loss > _SEPARATED:
-        what = "a plane without scatter agrees with all runs; add records or levels"
-        raise FitError(what)
+        raise FitError(
+            "a plane without scatter agrees with all runs; add records or levels"
+        )
     shift = np.exp(-u @ start[1:])
     moved = replace(known, lower=known.lower * shift, upper=known.upper * shift)
     share = independent_records(moved, label) / len(u)
     ends = np.sort(np.log(known.single_runs()[0]))
     width = (high - low)[known.bracketed]
-    resolved = float(np.median(width)) if width.size else 0.0
+    resolved = np.median(width) if width.size else 0.0
     span = np.ptp(ends)
     generator = np.random.default_rng(_SEED)
     q = len(information)

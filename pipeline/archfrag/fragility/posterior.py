@@ -175,11 +175,18 @@ def fit_capacity_posterior(
 
 def _require_both_sides(below: FloatArray, above: FloatArray) -> None:
     """Raise FitError unless some levels are below a capacity, and some above one."""
-    why = "nothing bounds theta from {}: add levels {} {{}}, the {} tried ({} factor of a cloud)"
     if above.size and not below.size:
-        raise FitError(why.format("below", "below", "lowest", "a smaller"), above.min())
+        raise FitError(
+            "nothing bounds theta from below: add levels below {}, the lowest tried (a smaller "
+            "factor of a cloud)",
+            above.min(),
+        )
     if below.size and not above.size:
-        raise FitError(why.format("above", "above", "highest", "a larger"), below.max())
+        raise FitError(
+            "nothing bounds theta from above: add levels above {}, the highest tried (a larger "
+            "factor of a cloud)",
+            below.max(),
+        )
 
 
 def _with_scatter(brackets: Brackets, share: float) -> Posterior:
@@ -321,8 +328,6 @@ def gridded(
     covariance = np.cov(np.reshape(pair, (2, -1)), aweights=weight.ravel())
     scale = errors / np.sqrt(np.diag(covariance))
     covariance *= np.outer(scale, scale)
-    curve = Curve(
-        float(np.exp(t[2])), float(b[2]), covariance, np.nan, *sizes, "posterior"
-    )
-    curve = replace(curve, density=known.compact())
+    found = float(np.exp(t[2])), float(b[2]), covariance, np.nan, *sizes, "posterior"
+    curve = Curve(*found, density=known.compact())
     return Posterior(beta, log_theta, weight, curve)

@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 from scipy.special import erfcx, expit, log_ndtr
 
-from archfrag.fragility.curve import FloatArray, IntArray
+from archfrag.fragility.curve import FloatArray, IntArray, Triple
 
 # Loss (n_fit,), gradient (n_fit, q) and second derivatives (n_fit, q, q).
-Terms = tuple[FloatArray, FloatArray, FloatArray]
+Terms = Triple
 LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
 _STEPS = 200
 _HALVINGS = 60

@@ -17,6 +17,7 @@ from archfrag.fragility.curve import Curve, FloatArray, log_intensity, tails
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior
 from archfrag.fragility.probit import binomial_lines
 from archfrag.fragility.verdicts import (
+    RESAMPLES,
     Brackets,
     draws_of_records,
     independent_number,
@@ -160,9 +161,7 @@ def _crossed_records(values: FloatArray, groups: NDArray) -> float:
 def isotonic_curve(
     brackets: Brackets,
     event: ArrayLike | None = None,
-    *,
-    seed: int = 1,
-    resamples: int = 1000,
+    resamples: int = RESAMPLES,
     confidence: float = 0.9,
 ) -> dict[str, FloatArray]:
     """Return the likeliest curve that never falls, and its band, (n_level,) each by name.
@@ -176,9 +175,10 @@ def isotonic_curve(
     """
     levels, collapses, n = brackets.at_levels(filled=True)
     if levels.size < 2:
-        why = "all runs are at one level, {}, which gives no curve"
-        raise FitError(f"{why}; add levels", levels[0])
-    times = draws_of_records(event, len(n), seed, resamples).astype(float)
+        raise FitError(
+            "all runs are at one level, {}, which gives no curve; add levels", levels[0]
+        )
+    times = draws_of_records(event, len(n), resamples=resamples).astype(float)
     draws = []
     for k, count in zip(times @ collapses, times @ n):
         at = np.flatnonzero(count)  # a level without runs lies between its neighbours
@@ -195,7 +195,7 @@ def _pooled(collapses: FloatArray, n: FloatArray) -> FloatArray:
 
 
 def check_lognormal(
-    brackets: Brackets, *, seed: int = 1, resamples: int = 1000
+    brackets: Brackets, *, seed: int = 1, resamples: int = RESAMPLES
 ) -> tuple[float, float]:
     """Test the lognormal curve against any curve that rises with intensity.
 
@@ -212,8 +212,9 @@ def check_lognormal(
     n = made.sum(axis=0)
     (a,), (b,), loss, _ = binomial_lines(x, total, n)
     if np.isnan(b):
-        what = "these runs have no lognormal curve, so there is nothing to test"
-        raise FitError(what)
+        raise FitError(
+            "these runs have no lognormal curve, so there is nothing to test"
+        )
     deviance = _deviances(loss, total[None], n)[0]
     generator = np.random.default_rng(seed)
     z = a + b * x

@@ -21,6 +21,7 @@ from archfrag.fragility.curve import (
     FloatArray,
     IntArray,
     Pair,
+    Triple,
     log_intensity,
     positive,
     rising,
@@ -59,24 +60,29 @@ class HazardCurve:
         im = np.asarray(self.im, float)
         rate = np.asarray(self.rate, float)
         if im.shape != rate.shape:
-            what = f"{im.size} intensities and {rate.size} rates"
-            raise InputError(f"the hazard curve has {what}")
+            raise InputError(
+                f"the hazard curve has {im.size} intensities and {rate.size} rates"
+            )
         known = ~((rate == 0.0) | (rate == np.inf))
         number = known.sum()
         if number < 2:
-            few = f"{number} of {rate.size} points with a rate above 0 that is known"
-            raise InputError(f"the hazard curve has {few}; at least two are needed")
+            raise InputError(
+                f"the hazard curve has {number} of {rate.size} points with a rate "
+                "above 0 that is known; at least two are needed"
+            )
         im = rising(im[known], "the hazard curve's im")
         rate = positive(rate[known], "the hazard curve's rate")
         object.__setattr__(self, "im", im)
         object.__setattr__(self, "rate", rate)
         for i in np.flatnonzero(np.diff(rate) > 0.0)[:1]:
-            rises = f"rises from {rate[i]:g} to {rate[i + 1]:g} at im = {im[i + 1]:g}"
-            rule = "it never rises with intensity"
-            raise InputError(f"the hazard curve's rate of exceedance {rises}; {rule}")
+            raise InputError(
+                f"the hazard curve's rate of exceedance rises from {rate[i]:g} to "
+                f"{rate[i + 1]:g} at im = {im[i + 1]:g}; it never rises with intensity"
+            )
         if rate[0] == rate[-1]:
-            same = f"is {rate[0]:g} at all its points"
-            raise InputError(f"the hazard curve's rate {same}")
+            raise InputError(
+                f"the hazard curve's rate is {rate[0]:g} at all its points"
+            )
 
     @classmethod
     def from_exceedance(
@@ -89,11 +95,13 @@ class HazardCurve:
         probability = np.asarray(probability, float)
         bad = probability[~((probability >= 0.0) & (probability <= 1.0))]
         if bad.size:
-            what = f"probability holds {bad[0]:g}; from 0 to 1"
-            raise InputError(f"the hazard curve's {what}")
+            raise InputError(
+                f"the hazard curve's probability holds {bad[0]:g}; from 0 to 1"
+            )
         if not 0.0 < years < np.inf:
-            what = f"is for {years:g} years; a positive time is needed"
-            raise InputError(f"the hazard curve {what}")
+            raise InputError(
+                f"the hazard curve is for {years:g} years; a positive time is needed"
+            )
         with np.errstate(divide="ignore"):
             return cls(np.asarray(im, float), -np.log1p(-probability) / years)
 
@@ -105,7 +113,7 @@ class HazardCurve:
             fall = np.where(slope > 0.0, slope * (x - anchor), 0.0)
         return np.exp(log_rate - fall)
 
-    def pieces(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def pieces(self, x: FloatArray) -> Triple:
         """Return the powers that hold at each ln im: where anchored, ln rate there, exponents."""
         knots = np.log(self.im)
         between = -np.diff(np.log(self.rate)) / np.diff(knots)
@@ -158,22 +166,19 @@ def collapse_rate(
     hazard's extension below its first point adds to each is at most its rate at this point. Below
     `onset`, one intensity or one for each of the curve's parts, nothing collapses.
     """
-    at = np.log(hazard.im)
     ends = tails(confidence)
     parts = rate_by_level(hazard, curve, hazard.im[[0, -1]], onset)
     rate = float(parts.sum())
     below, _, above = (parts / rate if rate > 0.0 else np.zeros(3)).tolist()
     is_bound = below + above > MOST_OUTSIDE
-    mean = np.nan
-    lower = np.nan
-    upper = np.nan
+    mean = lower = upper = np.nan
     if draws is not None and not is_bound:
         least = np.min(onset)
-        each = _lognormal(hazard, at, *draws, least)
+        each = _lognormal(hazard, np.log(hazard.im), *draws, least)
         each[..., 0] = np.minimum(each[..., 0], hazard.rate[0])
         rates = each.sum(axis=-1)
         if curve.members is not None:
-            whole = float(_lognormal(hazard, at, curve.theta, curve.beta, least).sum())
+            whole = lognormal_rates(hazard, curve.theta, curve.beta, least)
             rates *= rate / whole if whole > 0.0 else 0.0
         mean = float(rates.mean())
         lower, upper = np.quantile(rates, ends).tolist()
@@ -295,8 +300,8 @@ def contributions(
     """
     collapse = np.asarray(collapsed, bool)
     kind = np.asarray(category)
-    of_kind = [collapse & (kind == i) for i in range(len(categories))]
-    counts = np.array([each.sum(axis=0) for each in of_kind])
+    of_kind = collapse & (kind == np.arange(len(categories))[:, None, None])
+    counts = of_kind.sum(axis=1)
     given = collapse.sum(axis=0) if level_rate is None else level_rate
     rates = np.asarray(given, float)
     total = counts.sum(axis=0)
@@ -308,9 +313,9 @@ def contributions(
     some = of_record > 0.0
     label = np.asarray(groups)[some] if groups is not None else np.empty(0)
     if np.unique(label).size > 1:
-        parts = [each.sum(axis=1)[some] / of_record[some] for each in of_kind]
-        effective *= independent_number(np.transpose(parts), label) / label.size
-    ends = wilson(fraction * effective, np.full(fraction.shape, effective), confidence)
+        parts = of_kind.sum(axis=2)[:, some] / of_record[some]
+        effective *= independent_number(parts.T, label) / label.size
+    ends = wilson(fraction * effective, effective, confidence)
     return Contributions(
         tuple(categories), counts, rate, unassigned, fraction, *ends, effective
     )

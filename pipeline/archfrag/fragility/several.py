@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from archfrag.errors import FitError, InputError
 from archfrag.files import number
 from archfrag.fragility.curve import BoolArray, Curve, FloatArray, IntArray, Pair, tails
-from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates, mean_of
+from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
 from archfrag.fragility.verdicts import Brackets, numbered
 
 FEWEST_GROUPS = 3
@@ -34,19 +34,10 @@ _SEED = 3
 _LARGEST_LOG = 20.0  # of theta and of 1 / beta in draws
 _LARGEST_BETA = 4.0
 _ROWS = ("before", "after", "ratio", "lower", "upper")
+Numbers = dict[str, float]
 Estimate = Callable[[Brackets], Curve]
 Steps = list[tuple[Curve, float]]
 MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
-
-
-def mixture(pooled: Curve, curves: Sequence[Curve]) -> Curve:
-    """Return the curve of a class of arches: the mean of the curves of its arches.
-
-    `theta` and `beta` are those of the lognormal curve with the same mean and standard deviation
-    of ln capacity; covariance, band and sizes are those of the `pooled` curve of all runs.
-    """
-    members = np.array([[fit.theta, fit.beta] for fit in curves])
-    return mean_of(pooled, members, "mixture")
 
 
 def crossing_words(curves: Sequence[Curve]) -> str:
@@ -103,14 +94,14 @@ def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
     logs = logs[:, ~np.isnan(logs).any(axis=0)]
     a, r = logs.shape
     if a < 2 or r < 2:
-        known = f"{a} arches with {r} records of known capacity remain"
         raise FitError(
-            f"{known}; two of each are needed to separate modelling from records"
+            f"{a} arches with {r} records of known capacity remain; two of each are "
+            "needed to separate modelling from records"
         )
     arch = logs.mean(axis=1)
     record = logs.mean(axis=0)
     residual = logs - arch[:, None] - record + logs.mean()
-    interaction = float((residual**2).sum()) / ((a - 1) * (r - 1))
+    interaction = (residual**2).sum() / ((a - 1) * (r - 1))
     # var(ln C | arch) is that of the records and of the interaction together.
     within = record.var(ddof=1) + (a - 1) / a * interaction
     between = arch.var(ddof=1) - interaction / r
@@ -143,8 +134,10 @@ def parts_of(groups: ArrayLike, seed: int = _SEED) -> BoolArray:
     number = numbered(groups)
     n = number.max(initial=-1) + 1
     if n < FEWEST_GROUPS:
-        few = f"the runs are of {n} independent motions, earthquakes, first shocks or rows"
-        raise FitError(f"{few}; an interval of a ratio needs {FEWEST_GROUPS}")
+        raise FitError(
+            f"the runs are of {n} independent motions, earthquakes, first shocks or "
+            f"rows; an interval of a ratio needs {FEWEST_GROUPS}"
+        )
     order = np.random.default_rng(seed).permutation(n)
     part = np.empty(n, int)
     part[order] = np.arange(n) * min(n, MOST_PARTS) // n
@@ -177,7 +170,7 @@ def ratios(
     hazard: HazardCurve | None = None,
     onsets: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
     confidence: float = 0.9,
-) -> dict[str, dict[str, float]]:
+) -> dict[str, Numbers]:
     """Return the ratio of two curves, the second over the first, with its interval.
 
     `without` is `left_out` of both with the same parts, for each of `crossing_groups`. Variances
@@ -192,7 +185,7 @@ def ratios(
         m = len(pair[0])
         apart = np.hstack([each - each.mean(axis=0) for each in pair])
         every.append(apart * np.sqrt((m - 1) / m))
-    errors = [float(np.linalg.norm(away[:, 2] - away[:, 0])) for away in every]
+    errors = [np.linalg.norm(away[:, 2] - away[:, 0]) for away in every]
     n = min(map(len, every))
     away = every[0]
     error = errors[0]
@@ -201,7 +194,7 @@ def ratios(
         both = np.sum(crossed)
         error = np.sqrt(max(*crossed, both - (len(crossed) - 1) * shared))
         away = np.vstack(every[:-1]) * (error / max(np.sqrt(both), 1e-300))
-    reach = float(scipy.special.stdtrit(n - 1, tails(confidence)[1]))
+    reach = scipy.special.stdtrit(n - 1, tails(confidence)[1])
     thetas = [curve.theta for curve in curves]
     rows = {"theta": _row(thetas, np.exp([-reach * error, reach * error]))}
     if hazard is None:
@@ -226,11 +219,17 @@ def ratios(
     return rows | {"rate": _row(rates, ends)}
 
 
-def _row(values: Sequence[float], ends: FloatArray) -> dict[str, float]:
+def _row(values: Sequence[float], ends: FloatArray) -> Numbers:
     """Return two values, their ratio and its interval, which is the ratio times `ends`."""
     before, after = values
     ratio = after / before if before > 0.0 else np.nan
     return dict(zip(_ROWS, (before, after, ratio, *(ratio * ends).tolist())))
+
+
+def states_of(curve: Curve) -> dict[str, Curve]:
+    """Return the curves of all limit states as fitted, by their names in files."""
+    states = {each.state.replace(" ", "_"): each for each in curve.states}
+    return states | {"collapse": curve}
 
 
 def loss_steps(curve: Curve, ratios: Mapping[str, float]) -> Steps:
@@ -239,26 +238,27 @@ def loss_steps(curve: Curve, ratios: Mapping[str, float]) -> Steps:
     States are ordered by their medians, collapse last, and moved where they cross, as in exports.
     InputError for a state that is not known or ratios that fall; FitError if one has no curve.
     """
-    states = {each.state.replace(" ", "_"): each for each in curve.states} | {
-        "collapse": curve
-    }
+    states = states_of(curve)
     for name in ratios:
         if name not in states:
-            known = f"which is no limit state here; it has {', '.join(states)}"
-            raise InputError(f"consequence names {name!r}, {known}")
+            raise InputError(
+                f"consequence names {name!r}, which is no limit state here; it has "
+                f"{', '.join(states)}"
+            )
     for name in ratios:
         if not states[name].fitted:
-            why = f"has no curve: {states[name].reason}"
-            raise FitError(f"limit state {name!r} of the consequences {why}")
+            raise FitError(
+                f"limit state {name!r} of the consequences has no curve: {states[name].reason}"
+            )
     mild = sorted(set(ratios) - {"collapse"}, key=lambda name: states[name].theta)
     found = Steps()
     severe = curve
     last = "collapse"
     for name in reversed(mild):
         if ratios[name] > ratios[last]:
-            given = f"{name}={ratios[name]:g} and {last}={ratios[last]:g}"
             raise InputError(
-                f"consequence has {given}; {last} is severer and costs no less"
+                f"consequence has {name}={ratios[name]:g} and "
+                f"{last}={ratios[last]:g}; {last} is severer and costs no less"
             )
         found.insert(0, (severe, ratios[last] - ratios[name]))
         severe = above(states[name], severe)
@@ -266,9 +266,9 @@ def loss_steps(curve: Curve, ratios: Mapping[str, float]) -> Steps:
     return [(severe, ratios[last]), *found]
 
 
-def checked_ratios(ratios: Mapping[str, float]) -> dict[str, float]:
+def checked_ratios(ratios: Mapping[str, float]) -> Numbers:
     """Return ratios by limit state; InputError unless from 0 to 1, and one is of collapse."""
-    given = dict[str, float]()
+    given = Numbers()
     for name, ratio in ratios.items():
         state = name.strip().casefold().replace(" ", "_")
         if state in given:

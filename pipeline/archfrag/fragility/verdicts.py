@@ -14,12 +14,14 @@ from archfrag.fragility.curve import (
     FloatArray,
     IntArray,
     Pair,
+    Triple,
     log_intensity,
     positive,
     tails,
 )
 
 MOST_LEVELS = 500  # of runs by intensity
+RESAMPLES = 300  # of a bootstrap
 NOTHING = (
     "no run collapsed or survived, so there is nothing to fit: if arches still moved at the end, "
     "raise method.follow; if they failed, try another method.name"
@@ -56,9 +58,7 @@ def count_verdicts(verdict: ArrayLike) -> dict[str, Any]:
     return count | {"n": n, "runs": runs, "fraction": fraction}
 
 
-def checked_stripes(
-    im: ArrayLike, collapses: ArrayLike, n: ArrayLike
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def checked_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Triple:
     """Return levels, collapses and runs as arrays, (n_level,); InputError if they are wrong."""
     levels, k, m = (np.asarray(values, float) for values in (im, collapses, n))
     shape = levels.shape
@@ -70,34 +70,32 @@ def checked_stripes(
             raise InputError(f"{name} has shape {values.shape}; {shape} is needed")
         whole = np.isfinite(values) & (values == np.floor(values))
         for bad in values[~(whole & (values >= 0.0))][:1]:
-            rule = "counts are integers from 0 upwards"
-            raise InputError(f"{name} holds {bad:g}; {rule}")
+            raise InputError(
+                f"{name} holds {bad:g}; counts are integers from 0 upwards"
+            )
     for i in np.flatnonzero(k > m)[:1]:
-        more = f"more than the n = {m[i]:g} runs"
-        raise InputError(f"collapses is {k[i]:g} at im = {levels[i]:g}, {more}")
+        raise InputError(
+            f"collapses is {k[i]:g} at im = {levels[i]:g}, more than the n = {m[i]:g} runs"
+        )
     return positive(levels, "im"), k, m
 
 
-def clopper_pearson(
-    collapses: ArrayLike, n: ArrayLike, confidence: float = 0.9
-) -> Pair:
-    """Return the exact interval of each fraction `collapses` / `n`, (n_level,); nan if n is 0.
+def clopper_pearson(k: IntArray, n: IntArray, confidence: float) -> Pair:
+    """Return the exact interval of each fraction k / n, (n_level,); nan if n is 0.
 
     Clopper and Pearson 1934, Biometrika 26.
     """
     low, high = tails(confidence)
-    k = np.asarray(collapses, float)
-    m = np.where(np.asarray(n) > 0, n, np.nan)
+    m = np.where(n > 0, n, np.nan)
     lower = np.where(k > 0, betaincinv(k, m - k + 1, low), 0.0 * m)
     upper = np.where(k < m, betaincinv(k + 1, m - k, high), 1.0 + 0.0 * m)
     return lower, upper
 
 
-def wilson(k: ArrayLike, n: ArrayLike, confidence: float = 0.9) -> Pair:
+def wilson(k: FloatArray, n: Any, confidence: float) -> Pair:
     """Return Wilson's score interval (1927) of k among n, which need not be integers."""
     z = ndtri(tails(confidence)[1])
-    k = np.asarray(k, float)
-    n = np.where(np.asarray(n) > 0, n, np.nan).astype(float)
+    n = np.where(n > 0, n, np.nan)
     centre = (k + 0.5 * z * z) / (n + z * z)
     reach = z / (n + z * z) * np.sqrt(np.maximum(k * (n - k) / n, 0.0) + 0.25 * z * z)
     # At k = 0 and k = n the ends are 0 and 1 but for rounding.
@@ -112,7 +110,7 @@ def numbered(labels: ArrayLike) -> IntArray:
 
 
 def draws_of_records(
-    event: ArrayLike | None, n_record: int, seed: int, resamples: int
+    event: ArrayLike | None, n_record: int, seed: int = 1, resamples: int = RESAMPLES
 ) -> IntArray:
     """Draw counts of records in a bootstrap by whole events, (resamples, n_record)."""
     group = numbered(np.arange(n_record) if event is None else event)
@@ -209,9 +207,7 @@ class Brackets:
         codes[~self.decided & (self.levels > self.upper[:, None])] = Verdict.COLLAPSED
         return codes
 
-    def at_levels(
-        self, filled: bool = False
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def at_levels(self, filled: bool = False) -> Triple:
         """Return the runs by intensity; if `filled`, with those that the brackets imply.
 
         Without these the collapses of a search would be a biased choice. Returned are levels

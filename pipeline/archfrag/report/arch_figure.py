@@ -20,7 +20,9 @@ from archfrag.report.svg import (
     Entry,
     FloatArray,
     Panel,
+    Range,
     Sheet,
+    Words,
     figure,
     text_width,
     trace,
@@ -42,8 +44,9 @@ def paint(panel: Panel, marks: Iterable[Mark]) -> None:
     for role, points, _ in marks:
         x, y = points.T
         if role in AREAS:
-            d = trace(panel.at_x(x), panel.at_y(y))
-            panel.sheet.path(f"{d}z", kind=role, stroke_width=0.8)
+            panel.sheet.path(
+                f"{trace(panel.at_x(x), panel.at_y(y))}z", kind=role, stroke_width=0.8
+            )
         elif role == "hinge":
             panel.dots(x, y, BLUE, "hinge", 4.0)
         else:
@@ -55,7 +58,7 @@ def arch_panel(
     arch: Arch,
     middle: float,
     top: float,
-    most: tuple[float, float],
+    most: Range,
     ground: bool = False,
 ) -> Panel:
     """Draw an arch to scale below `top`, within a width and height [px]; return its panel."""
@@ -72,7 +75,7 @@ def arch_panel(
 
 
 @figure
-def arch_at_onset(sheet: Sheet, onset: Onset, name: str) -> str | tuple[str, str]:
+def arch_at_onset(sheet: Sheet, onset: Onset, name: str) -> str | Words:
     """Draw the arch twice: ground accelerating towards +x, and towards -x."""
     if not onset.stands:
         _at_onset(sheet, 0.5 * sheet.width, 0.0, onset, "")
@@ -130,8 +133,8 @@ def _label_joint(
     along = arch.extrados[joint] - arch.intrados[joint]
     place = arch.extrados[joint] if away > 0.0 else arch.intrados[joint]
     right, up = away * along / np.linalg.norm(along)
-    x = float(panel.at_x(place[0])) + right
-    y = float(panel.at_y(place[1])) - up + 3.5
+    x = panel.at_x(place[0]) + right
+    y = panel.at_y(place[1]) - up + 3.5
     part = 1.0 if right < 0.0 else 0.0
     if abs(right) < 0.3 * abs(away):
         part = 0.5
@@ -161,7 +164,7 @@ def lost_joints(sheet: Sheet, arch: Arch, results: ArchResults) -> str | None:
         joint = int(joints[i])
         words = f"{100 * counts[i] / counts.sum():.0f} %"
         x, y = 0.5 * (arch.intrados[joint] + arch.extrados[joint])[:, None]
-        radius = float(2.0 + 8.0 * np.sqrt(counts[i] / counts.max()))
+        radius = 2.0 + 8.0 * np.sqrt(counts[i] / counts.max())
         panel.dots(x, y, VERMILION, "hinge", radius)
         if not _label_joint(panel, arch, joint, 14.0, words, "s", taken):
             _label_joint(panel, arch, joint, -14.0, words, "s", taken)

@@ -7,10 +7,7 @@ from scipy.special import ndtr
 
 from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.fragility.verdicts import clopper_pearson
-from archfrag.report.html import (
-    TEXTS,
-    rounded,
-)
+from archfrag.report.html import TEXTS, rounded
 from archfrag.report.inputs import ArchResults, ReportInputs, Scale, thetas
 from archfrag.report.run_figures import level_axis, stacked
 from archfrag.report.svg import (
@@ -26,6 +23,7 @@ from archfrag.report.svg import (
     Entry,
     Panel,
     Sheet,
+    Words,
     figure,
     log_ticks,
     panel_below,
@@ -65,8 +63,6 @@ def draw_curve(
     panel: Panel, fit: Curve, stroke: Entry, width: float = 1.8, band: bool = True
 ) -> None:
     """Draw a curve with its band, if it has one; nothing if there is no curve."""
-    if not fit.fitted:
-        return
     if band and fit.im:
         im, low, high = np.array([fit.im, fit.lower, fit.upper])
         seen = im <= panel.x[1] * (1.0 + 1e-9)  # also where both end
@@ -104,12 +100,12 @@ def _band_words(answer: Curve) -> str:
 
 
 @figure
-def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
+def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> Words:
     """Draw the curve of an arch with its band, and the capacities or fractions behind it."""
     scale = results.scale
     percent = f"{100 * answer.confidence:.0f} %"
     texts = TEXTS["curve"]
-    highest = float(results.levels.max())
+    highest = results.levels.max()
     isotonic = None
     if results.runs.gaps:
         caption = texts["searched"]
@@ -141,7 +137,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
     if isotonic:
         im = scale.factor * np.array(isotonic["im"])
         panel.line(im, isotonic["probability"], GREY, 0.9)
-    if answer.fitted and answer.theta <= reach:
+    if answer.theta <= reach:
         corner = [0.0, answer.theta, answer.theta]
         panel.line(corner, [0.5, 0.5, 0.0], GREY, 0.8, "4 3")
         panel.label(answer.theta, panel.box[3] - 6.0, f"θ = {median}", "s")
@@ -170,7 +166,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
 @figure
 def all_curves(
     sheet: Sheet, inputs: ReportInputs, arches: Collection[str], classes: Sequence[str]
-) -> tuple[str, str] | None:
+) -> Words | None:
     """Draw the curves of some arches and classes in one figure; None if they are fewer than two.
 
     Curves with names lie over thin ones of one colour each.
@@ -206,7 +202,7 @@ def all_curves(
     im = np.linspace(0.0, reach, 34)
     for colour, fits in thin:
         shown = _thinned(fits)
-        opacity = float(np.clip(25.0 / max(len(shown), 1), 0.15, 0.5))
+        opacity = np.clip(25.0 / max(len(shown), 1), 0.15, 0.5)
         for fit in shown:
             panel.line(im, fit(im), colour, 0.5, opacity=opacity)
     shaded = len(named) <= _SHADED
@@ -278,7 +274,6 @@ def theta_panels(
     fitted = np.isfinite(theta)
     theta = theta[fitted]
     values = {}
-    finite = []
     lines = {}
     for variable, numbers in inputs.cube.sel(arch=list(members)).data_vars.items():
         if str(variable).startswith("arch_") and numbers.dtype.kind in "fiu":
@@ -287,19 +282,19 @@ def theta_panels(
             if np.unique(each[~np.isnan(each)]).size > 1:
                 key = str(variable).removeprefix("arch_").replace("_", " ")
                 values[key] = each[fitted]
-                finite += [key] * bool(np.isfinite(values[key]).all())
     if not values or theta.size < 2:
         return None
+    finite = [key for key, each in values.items() if np.isfinite(each).all()]
     if finite and theta.size >= len(finite) + 2:
         columns = np.column_stack([values[key] for key in finite])
         lines = dict(zip(finite, effects_on_theta(theta, columns)[1]))
     order = sorted(lines, key=lambda key: -abs(np.diff(np.log(lines[key]))[0]))
     shown = [*order, *(key for key in values if key not in lines)][:_MOST_PANELS]
-    margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
-    ends = float(theta.min()) - margin, float(theta.max()) + margin
+    margin = 0.05 * np.ptp(theta) or 0.05 * theta[0]
+    ends = theta.min() - margin, theta.max() + margin
     for box, key in zip(sheet.grid(len(shown), 3, 150.0, BELOW - LINE), shown):
-        low = float(np.nanmin(values[key]))
-        high = float(np.nanmax(values[key]))
+        low = np.nanmin(values[key])
+        high = np.nanmax(values[key])
         reach = low - 0.04 * (high - low), high + 0.04 * (high - low)
         panel = Panel(sheet, box, reach, ends)
         panel.axis_x(most=4)
@@ -340,14 +335,14 @@ def hazard_and_fragility(
     im = np.geomspace(min(used[0], arch.levels[0]), max(used[-1], arch.levels[-1]), 200)
     density = _density(arch, hazard, im)
     shown = scale.factor * im
-    rates = {key: curve.rate_at(im) for key, curve in hazard.curves.items()}
+    rates = [curve.rate_at(im) for curve in hazard.curves.values()]
     points = hazard.main.im * scale.factor
-    ends = (float(shown[0]), float(shown[-1]))
+    ends = (shown[0], shown[-1])
     seen = (points >= ends[0]) & (points <= ends[1])
-    every = np.concatenate(list(rates.values()))
-    low = float(every[every > 0.0].min())
-    high = float(every.max())
-    entries = [Entry(f"hazard: {key}", GREY, "line") for key in rates]
+    every = np.concatenate(rates)
+    low = every[every > 0.0].min()
+    high = every.max()
+    entries = [Entry(f"hazard: {key}", GREY, "line") for key in hazard.curves]
     entries[0] = entries[0]._replace(colour=VERMILION)
     top = sheet.legend(_LEFT, 0.0, entries) - 8.0
     panels: list[Panel] = []
@@ -358,8 +353,8 @@ def hazard_and_fragility(
         panels.append(Panel(sheet, box, ends, y, True, log_y=not panels))
         top += height
     first, second, third = panels
-    for i, rate in reversed(list(enumerate(rates.values()))):
-        first.line(shown, rate, entries[i].colour, 0.8 if i else 1.6)
+    for entry, rate in reversed([*zip(entries, rates)]):
+        first.line(shown, rate, entry.colour, 0.8 if entry.colour == GREY else 1.6)
     first.dots(points[seen], hazard.main.rate[seen], VERMILION, radius=2.2)
     second.line(shown, arch.fit.probability(im), BLUE)
     third.band(shown, np.zeros(im.size), density, SKY, 0.5)
@@ -380,7 +375,7 @@ def hazard_and_fragility(
 
 
 @figure
-def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
+def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> Words | None:
     """Draw the rate by level and mechanism; None if no run collapsed or no mechanism is known."""
     split = arch.by_mechanism
     if not split.counts.any() or "not known" in split.categories:
@@ -391,7 +386,7 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str]
     parts = stacked(labels, split.rate)
     if split.unassigned.any():
         parts.append((Entry("no collapse seen", PALE), split.unassigned))
-    highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
+    highest = 1.05 * np.sum([rate for _, rate in parts], axis=0).max()
     ends = (-0.5, arch.levels.size - 0.5), (0.0, highest)
     panel = panel_below(sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT)
     panel.axis_y("rate of collapse [1/year]", 4)

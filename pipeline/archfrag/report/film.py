@@ -25,6 +25,7 @@ from archfrag.report.svg import (
     FloatArray,
     Panel,
     Sheet,
+    Triple,
     envelope,
     ribbon,
     trace,
@@ -108,7 +109,7 @@ def repeat(inputs: ReportInputs, name: str, chosen: Chosen | None) -> Example | 
     kind = method.pop("name")
     method["far"] = method.pop("delay", None)
     motion = next(m for m in inputs.motions if m.id == results.records[record])
-    factor = float(results["scale_factor"][record, level])
+    factor = results["scale_factor"][record, level]
     if inputs.plan is not None:
         number = [member.id for member in inputs.plan.arches].index(name)
         motion, factor = inputs.plan.ground(number, record, factor)
@@ -164,9 +165,9 @@ def _named_run(results: ArchResults, run: str) -> Chosen:
     except ValueError:
         level = np.nan
     if not (name and level > 0.0):
-        example = f"{results.records[0]}@{digits(results.levels[0])}"
         raise InputError(
-            f"--run {run}: must be median or RECORD@LEVEL, such as {example}"
+            f"--run {run}: must be median or RECORD@LEVEL, such as "
+            f"{results.records[0]}@{digits(results.levels[0])}"
         )
     if name not in results.records:
         hint = meant(name, results.records) or f"it has {', '.join(results.records)}"
@@ -185,18 +186,11 @@ def _named_run(results: ArchResults, run: str) -> Chosen:
     return record, int(made[near.argmin()]), "the run that was asked for"
 
 
-def check_target(path: Path) -> None:
-    """Raise InputError unless the name is that of an SVG file."""
-    if path.suffix.lower() != ".svg":
-        raise InputError(f"--to {path}: a film is written as .svg")
-
-
 def save_film(example: Example, path: Path) -> None:
     """Write a film as .svg, which browsers play.
 
     InputError if nothing moves, OutputError if the file cannot be written.
     """
-    check_target(path)
     shown = film(
         example, "film", "A collapse" if example.response.collapsed else "A run"
     )
@@ -208,7 +202,7 @@ def save_film(example: Example, path: Path) -> None:
     write_text(path, replace(picture, svg=moving).file)
 
 
-def key_frames(example: Example) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+def key_frames(example: Example) -> Triple | None:
     """Choose frames between which linear motion comes closest to that of the run.
 
     Return their times [s], centroids [m] and rotations [rad]; None if nothing moves.
@@ -217,7 +211,7 @@ def key_frames(example: Example) -> tuple[FloatArray, FloatArray, FloatArray] | 
     start, end = example.response._window(LONGEST)
     if start == end:
         return None
-    size = float(np.ptp(np.concatenate(example.arch.outlines), axis=0).max())
+    size = np.ptp(np.concatenate(example.arch.outlines), axis=0).max()
     state = np.dstack([shift, 0.1 * size * rotation]).reshape(time.size, -1)
     first = int(np.searchsorted(time, start))
     last = int(np.searchsorted(time, end, "right")) - 1
@@ -283,9 +277,9 @@ def film(
     )
     bodies += " on piers" * (arch.springings[0] > 0)
     what = f"{title}: {bodies} under {example.motion.id}, {example.level}"
-    duration = float(time[-1] - time[0]) + _HOLD
+    duration = time[-1] - time[0] + _HOLD
     moves = np.dstack([pixels(place), -np.rad2deg(rotation)])
-    stills = _stills(np.abs(rotation).max(axis=1), bool(example.response.collapsed))
+    reach = np.abs(rotation).max(axis=1)
     drawn = {
         "name": name,
         "label": what,
@@ -302,8 +296,8 @@ def film(
         "percent": (100.0 * (time - time[0]) / duration).tolist(),
         "duration": duration,
         "time": time,
-        "stills": stills,
-        "ground": _ground_below(example, height, (float(time[0]), float(time[-1]))),
+        "stills": _stills(reach, bool(example.response.collapsed)),
+        "ground": _ground_below(example, height, (time[0], time[-1])),
     }
     shown = "true to scale" if larger == 1.0 else "drawn three times as large as it is"
     caption = TEXTS["film"]["caption"].format(
@@ -351,10 +345,12 @@ def draw_ground(panel: Panel, example: Example, bins: int) -> float:
     times = np.arange(acceleration.size) * example.motion.dt
     shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
     place, low, high = envelope(np.interp(shown, times, acceleration, right=0.0), bins)
-    peak = max(float(np.abs([low, high]).max()), 1e-9)
+    peak = max(np.abs([low, high]).max(), 1e-9)
     panel.y = (-1.05 * peak, 1.05 * peak)
-    zero = f"{px(panel.box[0])} {px(float(panel.at_y(0.0)))}"
-    panel.sheet.path(f"M{zero}H{px(panel.box[2])}", kind="gr")
+    panel.sheet.path(
+        f"M{px(panel.box[0])} {px(float(panel.at_y(0.0)))}H{px(panel.box[2])}",
+        kind="gr",
+    )
     x = panel.at_x(np.interp(place, np.arange(shown.size), shown))
     panel.sheet.path(ribbon(x, panel.at_y(low), panel.at_y(high)), kind="ground")
     return peak

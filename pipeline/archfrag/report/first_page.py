@@ -36,6 +36,7 @@ from archfrag.report.svg import (
     VERMILION,
     Entry,
     Panel,
+    Range,
     Sheet,
     figure,
 )
@@ -55,11 +56,11 @@ def leading(inputs: ReportInputs) -> tuple[str, Curve]:
     """
     level = sentence_level(inputs)
 
-    def strength(item: tuple[str, Curve]) -> tuple[float, float]:
+    def strength(item: tuple[str, Curve]) -> Range:
         name, answer = item
         if not (answer.fitted and inputs.fitted.runs[name].intact):
             return np.inf, np.inf
-        return 0.0 if level is None else -float(answer(level[1])), answer.theta
+        return 0.0 if level is None else -answer(level[1]), answer.theta
 
     return min(inputs.quoted.items(), key=strength)
 
@@ -171,10 +172,8 @@ def _whose(inputs: ReportInputs, name: str) -> str:
     if name in inputs.classes:
         members = list(inputs.of_class.values()).count(name)
         whose = f"an arch drawn from class {name} ({members} arches)"
-    kinds = "classes and arches" if inputs.classes else "arches"
-    kinds = "classes" if len(inputs.quoted) == len(inputs.classes) else kinds
     there = " at this level" * (sentence_level(inputs) is not None)
-    return whose + f", the weakest of {count} {kinds}{there}," * (count > 1)
+    return whose + f", the weakest of {count} arches or classes{there}," * (count > 1)
 
 
 def _noun(inputs: ReportInputs) -> str:
@@ -248,7 +247,7 @@ def _arches(inputs: ReportInputs) -> Iterator[Picture]:
         both = [_drawn(inputs, *answer) for answer in inputs.quoted.items()]
         marks = [inputs.arches[name].arch.marks for name in both]
         one, two = ([mark.points.tolist() for mark in each] for each in marks)
-        if both[0] != both[1] and one != two:
+        if one != two:
             names = both
             most = _SMALL
     named = bool(inputs.classes) or len(inputs.quoted) > 1
@@ -256,7 +255,7 @@ def _arches(inputs: ReportInputs) -> Iterator[Picture]:
         yield _arch(name, inputs.arches[name], named, most)
 
 
-def _arch(name: str, onset: Onset, named: bool, most: tuple[float, float]) -> Picture:
+def _arch(name: str, onset: Onset, named: bool, most: Range) -> Picture:
     """Draw an arch to scale with its dimensions and hinges at onset; `named` in the caption."""
     arch = onset.arch
     sheet = Sheet(NARROW)
@@ -297,10 +296,10 @@ def _dimensions(panel: Panel, arch: Arch) -> str:
         line = arch.intrados
     ends = line[list(arch.springings)]
     crown = line[line[:, 1].argmax()]
-    springing = float(ends[:, 1].min())
+    springing = ends[:, 1].min()
     _, rise, thickness = arch.dimensions
     if not drawing:
-        rise = float(arch.parameters.get("rise") or crown[1] - springing)
+        rise = arch.parameters.get("rise") or crown[1] - springing
     span = f"{'clear ' * drawing}span {np.ptp(ends[:, 0]):.3g} m"
     words = span, f"rise {rise:.3g} m", f"thickness {thickness:.3g} m"
     start, end = panel.at_x(np.sort(ends[:, 0]))
@@ -314,9 +313,7 @@ def _dimensions(panel: Panel, arch: Arch) -> str:
     return ", ".join(words)
 
 
-def _measure(
-    sheet: Sheet, start: tuple[float, float], end: tuple[float, float], words: str
-) -> None:
+def _measure(sheet: Sheet, start: Range, end: Range, words: str) -> None:
     """Draw a dimension line with its number: below a level one, right of an upright one."""
     a, b = start
     c, d = end
@@ -375,7 +372,7 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     panel.dots(*seen)
     median = scale.text(fit.theta)
     if fit.theta < reach:
-        half = float(fit(fit.theta))  # of a class not quite 0.5
+        half = fit(fit.theta)  # of a class not quite 0.5
         corner = [0.0, fit.theta, fit.theta]
         panel.line(corner, [half, half, 0.0], INK, 0.9, "4 3")
         panel.dots([fit.theta], [half], BLUE, "hinge", 4.5)

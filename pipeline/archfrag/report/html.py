@@ -142,13 +142,13 @@ def digits(value: float) -> str:
     return f"{value:.0f}" if 99.95 <= abs(value) < 1e6 else f"{value:#.3g}"
 
 
-def rounded(value: float, count: int = 2) -> str:
-    """Write a number with `count` significant digits: 0.00020, 5.9·10⁻⁵, 1,400; nan as a dash."""
+def rounded(value: float) -> str:
+    """Write a number with two digits: 0.00020, 5.9·10⁻⁵, 1,400; nan as a dash."""
     if not np.isfinite(value):
         return "–"
-    if abs(value) >= 10.0 ** (count - 1):
-        return f"{float(f'{value:.{count}g}'):,.0f}"
-    mantissa, _, power = f"{value:#.{count}g}".partition("e")
+    if abs(value) >= 10.0:
+        return f"{float(f'{value:.2g}'):,.0f}"
+    mantissa, _, power = f"{value:#.2g}".partition("e")
     return mantissa.removesuffix(".") + (f"·{raised(power)}" if power else "")
 
 

@@ -3,7 +3,7 @@
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from archfrag.study.steps import finished, read_timings
 from archfrag.study.validate import logo_url
 from archfrag.version import __version__
 
+Facts = dict[str, Any]
 RUN_COLUMNS = (
     "arch",
     "arch_class",
@@ -141,15 +142,14 @@ class ReportInputs:
 
     cube: xr.Dataset  #: of the study
     scale: Scale  #: of the cube's levels
-    motions: Sequence[
-        Motion
-    ]  #: unscaled, one for each record of the cube, its name as `id`
-    #: Onset of each arch that has a section by its name in the cube, in the page's order.
-    arches: Mapping[str, Onset]
     answers: Mapping[str, Curve]  #: of each arch of the cube, in the SI unit
     classes: Mapping[str, Curve] = field(
         default_factory=dict
     )  #: of classes of several arches
+    #: Unscaled, one for each record of the cube, its name as `id`; none of a table.
+    motions: Sequence[Motion] = ()
+    #: Onset of each arch that has a section by its name in the cube, in the page's order.
+    arches: Mapping[str, Onset] = field(default_factory=dict)
     cautions: Sequence[
         str
     ] = ()  #: one that concerns an arch begins with its name and a colon
@@ -253,17 +253,31 @@ def thetas(answers: Iterable[Curve]) -> FloatArray:
     return np.array([curve.theta for curve in answers])
 
 
-def report_inputs(study: StudyKeys) -> ReportInputs:
-    """Read the results of a finished study.
+def report_inputs(study: StudyKeys, table: Fitted | None = None) -> ReportInputs:
+    """Read the results of a finished study, or of a `table` of verdicts, which has no arches.
 
     InputError if results are missing or out of date, OutputError if the cube of another study is
     in the folder.
     """
-    fitted = finished(study)
+    fitted = table or finished(study)
+    levels = study.intensity
+    inputs = ReportInputs(
+        fitted.cube,
+        Scale(levels.measure, levels.unit, 1.0 / levels.factor),
+        fitted.arches,
+        fitted.classes,
+        cautions=cautions_of(study, fitted),
+        title=study.title,
+        confidence=study.report.confidence,
+        at=study.report.at,
+        risk=attempt(partial(risk_of_study, study, fitted)),
+    )
+    if table:
+        return inputs
     plan = make_plan(study)
-    entries = {member.id: member.entry for member in study.members}
+    arches = {member.id: member.entry for member in study.members}
     names = list(fitted.arches)
-    detailed = [names[i] for i in shown(thetas(fitted.arches.values()).tolist())]
+    detailed = shown(thetas(fitted.arches.values()).tolist())
     given: dict[str, list[Mapping[str, Any]]] = {}
     for member in study.members:
         keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
@@ -275,30 +289,17 @@ def report_inputs(study: StudyKeys) -> ReportInputs:
     )
     if study.report.logo is not None:
         about["logo"] = logo_url(study.report.logo)
-    return ReportInputs(
-        cube=fitted.cube,
-        scale=scale_of(study),
+    return replace(
+        inputs,
         motions=[plan.motion(record) for record in plan.records],
         plan=plan,
-        arches={name: onset(entries[name].build()) for name in detailed},
-        answers=fitted.arches,
-        classes=fitted.classes,
-        cautions=cautions_of(study, fitted),
+        arches={names[i]: onset(arches[names[i]].build()) for i in detailed},
         timings=read_timings(study),
         title=_title(study),
-        confidence=study.report.confidence,
-        at=study.report.at,
-        risk=attempt(partial(risk_of_study, study, fitted)),
         target=target_of_index(study.motions.index),
         given=given,
         about=about,
     )
-
-
-def scale_of(study: StudyKeys) -> Scale:
-    """Return the scale of the levels of a study."""
-    levels = study.intensity
-    return Scale(levels.measure, levels.unit, 1.0 / levels.factor)
 
 
 def _title(study: StudyKeys) -> str:
@@ -382,9 +383,12 @@ def write_papers(inputs: ReportInputs, folder: Path) -> None:
         write_csv(folder / name, pieces, float_format="%.7g")
     path = folder / README
     if not path.is_file() or path.read_bytes().startswith(_HEAD.encode()):
-        title, study = (cube.attrs.get(key, "") for key in ("title", "archfrag_study"))
-        about = f"{_HEAD} {__version__}: {title} (study {study})\nIntensities are "
-        write_text(path, f"{about}{scale.label}.\n\n{_FILES}")
+        about = {"title": "", "archfrag_study": ""} | cube.attrs
+        write_text(
+            path,
+            f"{_HEAD} {__version__}: {about['title']} (study {about['archfrag_study']})\n"
+            f"Intensities are {scale.label}.\n\n{_FILES}",
+        )
 
 
 def runs_in_words(
@@ -400,7 +404,7 @@ def runs_in_words(
     names["intensity"] = intensity
     for piece in pieces:
         levels = [_stated(si, factor) for si in piece["intensity"]]
-        own: dict[str, Any] = {"intensity": levels}
+        own: Facts = {"intensity": levels}
         for name in names:
             codes = about[name].get("codes", {})
             words = {code: word.replace("_", " ") for word, code in codes.items()}
@@ -417,7 +421,7 @@ def _stated(si: float, factor: float) -> str:
     return short if float(short) * (1.0 / factor) == si else repr(float(factor * si))
 
 
-def summary(inputs: ReportInputs) -> dict[str, Any]:
+def summary(inputs: ReportInputs) -> Facts:
     """Return the content of ``summary.json``, which docs/reference/results.md lists."""
     cube = inputs.cube
     attributes = cube.attrs
@@ -470,22 +474,26 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
     )
 
 
-def _answered(inputs: ReportInputs, answer: Curve) -> dict[str, Any]:
+def _answered(inputs: ReportInputs, answer: Curve) -> Facts:
     """Return the curve [SI] and the probability of an arch or a class, or why there is none."""
     factor = inputs.scale.factor
     at = inputs.at
-    lost: dict[str, Any] | None = None
+    lost: Facts | None = None
     if answer.n_undecided:
         medians = (factor * each.theta for each in answer.extremes)
         theta = dict(zip(("collapsed", "survived"), medians))
         lost = {"runs": answer.n_undecided, "theta_if": theta}
-    found: dict[str, Any] = {"reason": answer.reason or None, "without_verdict": lost}
-    found |= {"curve": None, "probability": None}
+    found: Facts = {
+        "reason": answer.reason or None,
+        "without_verdict": lost,
+        "curve": None,
+        "probability": None,
+    }
     if not answer.fitted:
         return found
     likeliest = None
-    most = answer.likelihood
-    if most is not None and most.fitted:
+    most = answer.likelihood or Curve()
+    if most.fitted:
         likeliest = {"theta": factor * most.theta, "beta": most.beta, "kind": most.kind}
     found["curve"] = {
         "theta": factor * answer.theta,
@@ -505,9 +513,7 @@ def _answered(inputs: ReportInputs, answer: Curve) -> dict[str, Any]:
     return found
 
 
-def _counted(
-    verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray
-) -> dict[str, Any]:
+def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> Facts:
     """Return how many runs of an arch have each verdict, and fractions of its collapses."""
     number = count_verdicts(verdict)
     collapsed = verdict == Verdict.COLLAPSED

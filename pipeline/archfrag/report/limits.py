@@ -1,9 +1,10 @@
 """What a study models and what not, in sentences that follow from its arches."""
 
-import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from archfrag.arch.bridge import fill_weighs
 from archfrag.properties import value_of
@@ -37,6 +38,9 @@ def aspects(
     seconds; `spanning` is false if all arches are free-standing.
     """
     arches = [arch for members in given.values() for arch in members]
+    keys = "friction", "piers.friction"
+    coefficients = [value_of(arch, key) for arch in arches for key in keys]
+    finite = any(np.isfinite(np.array(each, float)).any() for each in coefficients)
     some = tuple(
         filter(None, [vertical.removeprefix("used").strip()])
     )  # records that have one
@@ -45,7 +49,7 @@ def aspects(
         "never": None,
         "delay": () if delay else None,
         "vertical": None if vertical == "not used" else some,
-        "sliding": () if any(map(_slides, arches)) else None,
+        "sliding": () if finite else None,
     }
     result = []
     for text in TEXTS["limits"]:
@@ -98,26 +102,19 @@ def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:
     """Return the arches that have a key: no names if all have it, None if none has it."""
-    counts = {
-        name: sum(_is_set(_value(arch, key)) for arch in of)
-        for name, of in given.items()
-    }
-    having = [
-        name if count == len(given[name]) else f"some arches of {name}"
-        for name, count in counts.items()
-        if count
-    ]
+    having = []
+    for name, arches in given.items():
+        values = [value_of(arch, key) for arch in arches]
+        if key == "fill":
+            values = [bool(value) and fill_weighs(value) for value in values]
+        count = sum(map(_is_set, values))
+        if count:
+            having.append(f"{'some arches of ' * (count < len(values))}{name}")
     if not having or having == list(given):
         return () if having else None
-    return (
-        tuple(having) if len(having) <= _LISTED else (f"{len(having)} of {len(given)}",)
-    )
-
-
-def _value(arch: Mapping[str, Any], key: str) -> Any:
-    """Return the value of a key, of fill 1 if it weighs something."""
-    value = value_of(arch, key)
-    return int(fill_weighs(value)) if key == "fill" and value else value
+    if len(having) > _LISTED:
+        return (f"{len(having)} of {len(given)}",)
+    return tuple(having)
 
 
 def _is_set(value: Any) -> bool:
@@ -127,13 +124,3 @@ def _is_set(value: Any) -> bool:
     if isinstance(value, list | tuple):
         return any(map(_is_set, value))
     return isinstance(value, int | float) and value != 0 and math.isfinite(value)
-
-
-def _slides(arch: Mapping[str, Any]) -> bool:
-    """Return whether a joint can slide, those of piers included."""
-    coefficients = [arch.get("friction"), (arch.get("piers") or {}).get("friction")]
-    lists = (value if isinstance(value, list) else [value] for value in coefficients)
-    values = itertools.chain.from_iterable(lists)
-    return any(
-        isinstance(value, int | float) and math.isfinite(value) for value in values
-    )

@@ -8,7 +8,6 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import OutputError, attempt
+from archfrag.errors import OutputError
 from archfrag.files import check_targets, make_folder
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
@@ -47,7 +46,6 @@ from archfrag.report.html import (
 from archfrag.report.inputs import (
     ReportInputs,
     report_inputs,
-    scale_of,
     thetas,
     write_papers,
 )
@@ -67,6 +65,7 @@ from archfrag.report.svg import (
     VERMILION,
     Entry,
     Sheet,
+    Words,
     envelope,
     figure,
     panel_below,
@@ -74,8 +73,8 @@ from archfrag.report.svg import (
     shortened,
 )
 from archfrag.study.answer.curves import Fitted
-from archfrag.study.answer.fits import CURVE, FITS, cautions_of, gathered, store_fits
-from archfrag.study.answer.rates import ASSUMPTIONS, StudyRisk, risk_of_study
+from archfrag.study.answer.fits import CURVE, FITS, gathered, store_fits
+from archfrag.study.answer.rates import ASSUMPTIONS, StudyRisk
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import (
@@ -114,19 +113,7 @@ def make_report(study: StudyKeys, table: Fitted | None = None) -> Path:
     ]
     check_targets([study.folder / FITS, study.folder / CURVE], given)
     make_folder(study.folder)
-    inputs = ReportInputs(
-        table.cube,
-        scale_of(study),
-        (),
-        {},
-        table.arches,
-        table.classes,
-        cautions_of(study, table),
-        title=study.title,
-        confidence=study.report.confidence,
-        risk=attempt(partial(risk_of_study, study, table)),
-    )
-    write_report(inputs, out, given)
+    write_report(report_inputs(study, table), out, given)
     store_fits(study, table)
     return out
 
@@ -336,8 +323,10 @@ def _first_shocks(inputs: ReportInputs) -> Iterator[Any]:
     """Yield which first shocks come before the records, how strong, and which before which."""
     plan = inputs.plan
     scale = inputs.scale
-    shocks = [] if plan is None else [each.shock for each in plan.arches if each.shock]
-    if plan is None or not shocks:
+    if plan is None:
+        return
+    shocks = [each.shock for each in plan.arches if each.shock]
+    if not shocks:
         return
     texts = [scale.text(scale.factor * level) for level, _ in shocks]
     levels = " and ".join(dict.fromkeys(texts))
@@ -381,7 +370,7 @@ def _motion_table(inputs: ReportInputs) -> Markup:
 
 
 @figure
-def spectra(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
+def spectra(sheet: Sheet, inputs: ReportInputs) -> Words:
     """Draw spectra at 5 % damping at the level nearest to the median capacity, with their median
     and 16 to 84 %.
 
@@ -400,7 +389,7 @@ def spectra(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
             away = np.log(intensity) - np.log(np.nanmedian(medians))
             level = int(np.abs(away).argmin())
             why = "the level nearest to the median capacity"
-        at = scale.text(scale.factor * float(intensity[level]))
+        at = scale.text(scale.factor * intensity[level])
         words = f"scaled to {scale.measure} = {at}, {why}"
     place = {"level": level, "arch": 0}
     chosen = inputs.cube["scale_factor"].isel(place, missing_dims="ignore").values
@@ -420,9 +409,9 @@ def spectra(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
         ]
     )
     low, median, high = np.nanquantile(scaled, [0.16, 0.5, 0.84], axis=0)
-    floor = max(median.max() / 1000.0, 0.7 * float(np.nanmin(scaled[scaled > 0])))
-    x = (float(_PERIODS[0]), float(_PERIODS[-1]))
-    y = (floor, 1.3 * float(np.nanmax(scaled)))
+    floor = max(median.max() / 1000.0, 0.7 * np.nanmin(scaled[scaled > 0]))
+    x = (_PERIODS[0], _PERIODS[-1])
+    y = (floor, 1.3 * np.nanmax(scaled))
     panel = panel_below(sheet, entries, 240.0, x, y, log=True)
     panel.axis_x("period [s]", grid=True)
     panel.axis_y("Sa, 5 % damping [g]")

@@ -28,6 +28,7 @@ from archfrag.report.svg import (
     Entry,
     Panel,
     Sheet,
+    Words,
     even_ticks,
     figure,
     legend_rows,
@@ -92,7 +93,7 @@ def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
     logs = np.log(levels)
     if levels.size > 1:
         even, log = (np.std(x) / np.mean(x) for x in map(np.diff, (levels, logs)))
-        ends = float(levels[0]), float(levels[-1])
+        ends = levels[0], levels[-1]
         values = log_ticks(*ends) if log < even else even_ticks(*ends, most)
     if values.size < 2:
         values = levels
@@ -102,7 +103,7 @@ def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
 
 
 @figure
-def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
+def verdict_map(sheet: Sheet, results: ArchResults) -> Words:
     """Draw the verdict of every run: records down, levels to the right."""
     collapsed = results.verdict == Verdict.COLLAPSED
     n_record, n_level = collapsed.shape
@@ -113,8 +114,7 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     entries = [entry for code, entry in VERDICTS.items() if np.any(rows == code)]
     if not results.simulated.all():
         entries.append(Entry("blank: not run", "#ffffff"))
-    bounded = len(results.capacities) == n_record
-    bounded = bounded and bool(np.isfinite(results.capacities).any())
+    bounded = bool(np.isfinite(results.capacities).any())
     if bounded:
         entries.append(Entry("capacity", INK, "line"))
     labelled = n_record <= _LABELLED
@@ -144,7 +144,7 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
 
 
 @figure
-def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
+def single_runs(sheet: Sheet, results: ArchResults) -> Words:
     """Draw the verdict and the largest displacement of runs that each have their own intensity."""
     assert results.own_levels is not None
     run = results.simulated.any(axis=1)
@@ -156,7 +156,7 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     entries = [entry for code, entry in looks.items() if np.any(verdict == code)]
     low = 1e-4
     high = 10.0 ** np.ceil(np.log10(max(np.nanmax(reach), 1e-3)))
-    x = 0.95 * float(level.min()), 1.05 * float(level.max())
+    x = 0.95 * level.min(), 1.05 * level.max()
     panel = panel_below(sheet, entries, 220.0, x, (low, high), left=56.0, log=True)
     panel.axis_x(results.scale.label, grid=True)
     panel.axis_y("largest displacement [m]", ticks=log_ticks(low, high, (1.0,)))
@@ -185,7 +185,7 @@ def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
     top = sheet.legend(LEFT, 0.0, entries)
     boxes = sheet.grid(len(MEASURED), 2, 260.0, BELOW)
     sheet.height += top
-    highest = 1.05 * float(levels.max())
+    highest = 1.05 * levels.max()
     for (name, title), (left, up, right, down) in zip(MEASURED.items(), boxes):
         degrees = np.rad2deg(results[name])
         curves = np.full(degrees.shape, np.nan)
@@ -195,7 +195,7 @@ def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
                 y = np.append(0.0, degrees[row, used])
                 curves[row] = np.interp(levels, x, y)
         curves = np.where(levels > capacities[:, None], np.inf, curves)
-        reach = 1.15 * float(np.max(curves, initial=1e-6, where=np.isfinite(curves)))
+        reach = 1.15 * np.max(curves, initial=1e-6, where=np.isfinite(curves))
         ends = (0.0, reach), (0.0, highest)
         panel = Panel(sheet, (left, up + top, right, down + top), *ends)
         panel.axis_x(title, 5, grid=True)
@@ -259,7 +259,7 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
 @figure
 def fractions(
     sheet: Sheet, groups: Sequence[Contributions], results: ArchResults, base: str
-) -> tuple[str, str]:
+) -> Words:
     """Draw the fraction of collapses at each level, split by mode and by joint.
 
     `base` is what joint 0 is.
@@ -298,7 +298,7 @@ def stacked(names: Sequence[str], values: FloatArray) -> list[tuple[Entry, Float
 
 
 @figure
-def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
+def timeline(sheet: Sheet, example: Example) -> Words | None:
     """Draw the ground motion and the joints of a run over time; None if nothing moved."""
     changes = example.response.mechanism or ()
     response = example.response
@@ -320,7 +320,7 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     ]
     top = sheet.legend(LEFT, 0.0, [entry for _, entry in states]) + LINE + 4.0
     right = sheet.width - 10.0
-    height = float(np.clip(15.0 * n_joint, 70.0, 400.0))
+    height = np.clip(15.0 * n_joint, 70.0, 400.0)
     upper = Panel(sheet, (LEFT, top, right, top + 62.0), (start, end), (-1.0, 1.0))
     draw_ground(upper, example, 300)
     upper.axis_y("ground [g]", 4)

@@ -249,11 +249,11 @@ def card(inputs: ReportInputs, name: str, onset: Onset | None = None) -> Markup:
     figures = []
     counts = {}
     if name in inputs.answers:
-        starts = [each.partition(f"{name}: ") for each in inputs.cautions]
-        messages = [words for before, found, words in starts if found and not before]
+        own = [each for each in inputs.cautions if each.startswith(f"{name}: ")]
+        messages = [each.removeprefix(f"{name}: ") for each in own]
         verdicts = inputs.results(name).counts
         counts = {each.replace("_", " "): verdicts[each].sum() for each in COUNTS}
-    lost = answer.undecided(lambda theta: scale.text(scale.factor * theta))
+    lost = answer.undecided(scale.text)
     parts = [cautions([*messages, *[lost] * bool(lost)])]
     if not answer.fitted:
         parts.append(paragraph(f"No fragility curve: {answer.reason}.", "none"))
@@ -283,12 +283,9 @@ def _levels(results: ArchResults, answer: Curve) -> Markup:
     """Tabulate verdicts and probabilities at each level."""
     records = results.known
     ends = clopper_pearson(records["collapsed"], records["n"], answer.confidence)
-    chance = np.full(results.levels.size, np.nan)
-    if answer.fitted:
-        chance = answer(results.levels)
     fraction, low, high, curve = (
         [measured(value, ".3f") for value in values]
-        for values in (results.fraction, *ends, chance)
+        for values in (results.fraction, *ends, answer(results.levels))
     )
     columns = {
         results.scale.label: map(digits, results.levels),

@@ -15,10 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.curve import FloatArray, Triple
 from archfrag.report.html import TEXTS, Picture, px, raised
 
 Range = tuple[float, float]
+Words = tuple[str, str]  # alternative text and caption of a figure
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
 WIDE = 760.0  # widths of figures [px]
 NARROW = 358.0
@@ -55,7 +56,7 @@ class Entry(NamedTuple):
 
 
 def figure(
-    draw: Callable[..., str | tuple[str, str] | None], width: float = WIDE
+    draw: Callable[..., str | Words | None], width: float = WIDE
 ) -> Callable[..., Any]:
     """Make a function that draws on a sheet of some width return a `Picture`.
 
@@ -211,12 +212,7 @@ class Panel:
         self.line([x, x], self.y, colour, 0.9, "2 2")
 
     def band(
-        self,
-        x: ArrayLike,
-        low: ArrayLike,
-        high: ArrayLike,
-        colour: str,
-        opacity: float,
+        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str, opacity: float
     ) -> None:
         d = ribbon(self.at_x(x), self.at_y(low), self.at_y(high))
         self.sheet.path(d, fill=colour, fill_opacity=opacity)
@@ -434,9 +430,7 @@ def ribbon(x: FloatArray, low: FloatArray, high: FloatArray) -> str:
     return d + "z" if d else ""
 
 
-def envelope(
-    values: FloatArray, bins: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def envelope(values: FloatArray, bins: int) -> Triple:
     """Return the places among samples of bins as wide as a line, and the range of each."""
     # Each bin starts with the last sample of the one before it: the trace stays connected.
     last = values.size - 1

@@ -24,9 +24,9 @@ from archfrag.fragility.quoted import (
     quoted_band,
     shared_events,
 )
+from archfrag.fragility.risk import mean_of
 from archfrag.fragility.several import (
     crossing_words,
-    mixture,
     split_capacities,
     split_curves,
 )
@@ -59,7 +59,6 @@ _OF_BAND = (
     "n_independent",
     "n_non_monotone",
 )
-_DRAWN: Plain = {"seed": 1, "resamples": 300}
 Names = NDArray[np.str_]  # by row
 Worded = Callable[
     [FitError], str
@@ -305,12 +304,16 @@ def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) ->
     `stock`, the lognormal curve of all runs. Band and intervals are of the latter. The class has
     no curve by maximum likelihood.
     """
-    curve = replace(pooled, likelihood=None)
+    pooled = replace(pooled, likelihood=None)
     if not pooled.fitted:
-        return curve
+        return pooled
     fits = [each for each in members if each.fitted]
     count = len(members)
     lacking = count - len(fits)
+    made = (
+        f"The curve is the mean of the curves of its {count} arches; theta and beta are those of "
+        "the lognormal curve with the same mean and standard deviation of ln capacity."
+    )
     if stock:
         made = (
             f"Its {count} arches are a sample of a larger stock, whose curve is the lognormal one "
@@ -321,15 +324,11 @@ def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) ->
             f"{lacking} of its {count} arches have no curve, so the curve is the lognormal one of "
             "all runs of the class."
         )
-    else:
-        curve = mixture(curve, fits)
-        made = (
-            f"The curve is the mean of the curves of its {count} arches; theta and beta are those "
-            "of the lognormal curve with the same mean and standard deviation of ln capacity."
-        )
-    return replace(
-        curve, assumptions=f"{made} Band and intervals: {pooled.assumptions}"
-    )
+    curve = pooled
+    if not (lacking or stock):
+        curve = mean_of(pooled, np.vstack([fit.parts for fit in fits]), "mixture")
+    text = f"{made} Band and intervals: {pooled.assumptions}"
+    return replace(curve, assumptions=text)
 
 
 def completed(
@@ -384,9 +383,9 @@ def free_shapes(runs: ArchRuns, confidence: float) -> Plain:
     parts: Plain = {}
     given = runs.brackets, runs.group
     try:
-        curve = isotonic_curve(*given, confidence=confidence, **_DRAWN)
+        curve = isotonic_curve(*given, confidence=confidence)
         parts["isotonic"] = {name: values.tolist() for name, values in curve.items()}
-        p_value, _ = check_lognormal(runs.brackets, **_DRAWN)
+        p_value, _ = check_lognormal(runs.brackets)
     except FitError as error:
         return parts | {"none": runs.worded(error)}
     message = (
@@ -405,7 +404,7 @@ def cloud_curves(runs: ArchRuns, confidence: float) -> Plain:
     """Return the curve of a cloud by logistic regression."""
     found = runs.brackets  # one run a record
     event = None if runs.group is None else runs.group[found.run]
-    return fit_cloud(*found.single_runs(), event, confidence=confidence, **_DRAWN)
+    return fit_cloud(*found.single_runs(), event, confidence=confidence)
 
 
 def measures_compared(runs: ArchRuns) -> Plain:

@@ -402,7 +402,9 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     @field_validator("joints", mode="before")
     @classmethod
     def _are_a_block(cls, given: Any) -> Any:
-        if isinstance(given, list) or (isinstance(given, dict) and "positions" in given):
+        if isinstance(given, list) or (
+            isinstance(given, dict) and "positions" in given
+        ):
             raise refuse(
                 "is a block with stiffness; positions are joint_positions: [...]"
             )
