@@ -25,7 +25,7 @@ from archfrag.errors import InputError, OutputError
 if TYPE_CHECKING:
     import pandas as pd
 
-Plain = dict[str, Any]  # what JSON and YAML know
+Named = dict[str, Any]  # values by their names
 WORK = ".archfrag"  # in the folder of a study's results: all that is not for people
 STAMPS = "stamp.json"  # SHA-256 of a study's files; of all that archfrag wrote
 MADE = "made.txt"

@@ -23,7 +23,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import check_targets, register
+from archfrag.files import Named, check_targets, register
 
 # Okabe and Ito's palette: distinct with any kind of colour vision.
 BLUE = "#0072b2"
@@ -38,13 +38,13 @@ MOST_NUMBERS = 15  # of joints in a figure
 FRAMES = 25  # of a film, in a second; seconds that it stays at its end
 HOLD = 1.2
 _EDGE = "#8d8473"
-_AREAS: dict[str, dict[str, Any]] = {  # how marks of an arch look, by role
+_AREAS: dict[str, Named] = {  # how marks of an arch look, by role
     "earth": {"fc": "#f6f3ec", "ec": _EDGE, "lw": 0.8, "ls": "--", "zorder": 0.5},
     "stone": {"fc": "#e9e4da", "ec": _EDGE, "lw": 0.8},
     "trace": {"fc": "none", "ec": GREY, "lw": 0.6, "zorder": 1.5},  # of a stone at rest
 }
 _AREAS["backing"] = _AREAS["earth"]
-_LINES: dict[str, dict[str, Any]] = {
+_LINES: dict[str, Named] = {
     "tie": {"color": BLUE, "lw": 1.6},
     "ground": {"color": INK, "lw": 1.6},
     "rest": {"color": _EDGE, "lw": 1.4, "ls": "--", "label": "thrust of its weight"},
@@ -60,7 +60,7 @@ _LINES: dict[str, dict[str, Any]] = {
         "label": "hinge",
     },
 }
-_TITLE: dict[str, Any] = {"loc": "center", "color": INK, "fontsize": SIZE + 1.0}
+_TITLE: Named = {"loc": "center", "color": INK, "fontsize": SIZE + 1.0}
 _SVG = {"svg.fonttype": "none", "svg.hashsalt": "archfrag", "font.family": "sans-serif"}
 FloatArray = NDArray[np.float64]
 _ROOT = "stroke-linejoin:round;stroke-linecap:butt;max-width:100%;height:auto"

@@ -18,7 +18,14 @@ from numpy.typing import ArrayLike
 from archfrag.api.results import PathLike, Results
 from archfrag.arch import Arch
 from archfrag.errors import InputError, OutputError
-from archfrag.files import check_targets, counted, make_folder, read_text, sha256_of
+from archfrag.files import (
+    Named,
+    check_targets,
+    counted,
+    make_folder,
+    read_text,
+    sha256_of,
+)
 from archfrag.motions.channel import filled
 from archfrag.motions.index import INDEX_NAME, write_index
 from archfrag.motions.measures import measure_unit
@@ -379,7 +386,7 @@ def _arches(arch: Any, name: str, vary: Keys | None) -> list[Any]:
     return entries
 
 
-def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:
+def _motions(given: Any) -> tuple[tuple[Motion, ...], Named]:
     """Return the motion objects, and the block `motions` of a study file."""
     if isinstance(given, MotionList) and given.asked is not None:
         given = given.asked.model_dump(exclude_unset=True)

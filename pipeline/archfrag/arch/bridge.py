@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch import checks
-from archfrag.arch.checks import FloatArray, Named
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import (
     cut_sides,
     height_at,
@@ -15,6 +15,7 @@ from archfrag.arch.geometry import (
 )
 from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
+from archfrag.files import Named
 from archfrag.properties import MOST_VOUSSOIRS
 
 Piers = Named  # of each key the values of the left and the right pier

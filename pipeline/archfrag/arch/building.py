@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 
 from archfrag.arch import bridge, checks
 from archfrag.arch import ring as rings
-from archfrag.arch.checks import FloatArray, Named
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import following, length_of
 from archfrag.errors import GeometryError
+from archfrag.files import Named
 from archfrag.properties import SMALLEST, VARIABLE
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ from archfrag.errors import GeometryError
 from archfrag.properties import LARGEST, MOST_VOUSSOIRS, PROPERTIES
 
 FloatArray = NDArray[np.float64]
-Named = dict[str, Any]  # values by their names
 
 
 def _floats(

@@ -13,6 +13,7 @@ from archfrag.arch.building import fields_of
 from archfrag.arch.geometry import length_of
 from archfrag.arch.shape import Shape
 from archfrag.errors import UnitWarning
+from archfrag.files import Named
 from archfrag.properties import PROPERTIES, unusual, value_of
 
 # What is usual of forces and elongations of ties, by their stress [N/m2] and strain.
@@ -24,7 +25,7 @@ LOADS = 1e-3, 100.0  # dead load over the weight of the ring
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 
 
-def facts_of(arch: Shape) -> dict[str, Any]:
+def facts_of(arch: Shape) -> Named:
     """Return what can be checked by hand: dimensions, places [m], weights and forces [N].
 
     Keys are span, rise and thickness; springings, the ends of their joints at intrados and
@@ -137,9 +138,7 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
             yield f"ties[{number}].{key}", text
 
 
-def _doubtful_tie(
-    tie: dict[str, Any], length: float, place: str
-) -> Iterator[tuple[str, str]]:
+def _doubtful_tie(tie: Named, length: float, place: str) -> Iterator[tuple[str, str]]:
     """Yield the same of a tie with a length [m]."""
     for key in ("area", "modulus"):
         texts = unusual(f"ties.{key}", tie[key], f"{place}.{key}")

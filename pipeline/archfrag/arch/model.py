@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 from archfrag.arch import checks, facts
 from archfrag.arch import ring as rings
 from archfrag.arch.building import Given, fields_of, plain, tie_row
-from archfrag.arch.checks import FloatArray, Named
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.drawing import read_drawing
 from archfrag.arch.marks import Mark, arch_marks, frame
 from archfrag.arch.polygons import Blocks, polygon_shape
 from archfrag.arch.quasi_static import follow_tie
 from archfrag.arch.shape import Shape
 from archfrag.errors import GeometryError
-from archfrag.files import counted
+from archfrag.files import Named, counted
 from archfrag.properties import LATER, SMALLEST, unusual
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from archfrag.arch import checks
-from archfrag.arch.checks import FloatArray, Named
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import (
     cross,
     following,
@@ -22,6 +22,7 @@ from archfrag.arch.geometry import (
 )
 from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
+from archfrag.files import Named
 from archfrag.properties import MOST_VOUSSOIRS
 
 TOLERANCE = 1e-5  # of the size of all, within which corners and edges are the same

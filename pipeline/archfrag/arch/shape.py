@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from archfrag.arch import bridge
 from archfrag.arch.building import Given
-from archfrag.arch.checks import FloatArray, Named
+from archfrag.arch.checks import FloatArray
+from archfrag.files import Named
 from archfrag.physics.interface import Chain
 
 

@@ -28,7 +28,7 @@ from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, OF_ARCHES
 from archfrag.export.command import export_study, write_vulnerability
 from archfrag.export.scenes import export_arches
-from archfrag.files import number, opened
+from archfrag.files import Named, number, opened
 from archfrag.report.film import example_of, save_film
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
@@ -36,7 +36,6 @@ from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import CUBE, REPORT_FILES, finite
 from archfrag.study.steps import finished
 
-Facts = dict[str, Any]
 members_option = option("--members", bool, "Include the arches of classes as well.")
 _USES = {name: about for name, (about, _, _) in FORMATS.items()} | OF_ARCHES
 _FORMATS = (f"{name:15}  {about}" for name, about in _USES.items())
@@ -95,7 +94,7 @@ def export(
     curve of a state lies below that of a severer one by more than 0.01 in probability, it takes up
     that one's dispersion as far as needed, and a note states it. The files hold these notes too.
     """
-    made: Facts = {"left_out": {}, "notes": [], "files": []}
+    made: Named = {"left_out": {}, "notes": [], "files": []}
     lines = []
     if FORMATS.keys() & formats:
         named = [name for name in formats if name in FORMATS]
@@ -198,7 +197,7 @@ def risk(
     site: tuple[float, float] | None,
     years: float,
     confidence: float,
-    consequence: Facts,
+    consequence: Named,
     vulnerability: Path | None,
     members: bool,
     as_json: bool,
@@ -273,7 +272,7 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def _facts(path: Path) -> Facts:
+def _facts(path: Path) -> Named:
     """Return the facts of a cube, levels in the unit of its study; InputError if it is none of
     archfrag.
     """

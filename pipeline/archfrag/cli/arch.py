@@ -27,6 +27,7 @@ from archfrag.cli.options import (
     warn,
 )
 from archfrag.errors import InputError
+from archfrag.files import Named
 from archfrag.motions.measures import scale_factor
 from archfrag.motions.read import read_motion
 from archfrag.plots import svg_of
@@ -130,7 +131,7 @@ def _of_study(path: Path, name: str | None) -> ArchEntry:
     return entries[name]
 
 
-def _by_numbers(options: dict[str, Any]) -> ArchEntry:
+def _by_numbers(options: Named) -> ArchEntry:
     """Return an arch from the options of the command line, None where not given."""
     layers = [name for text in options["layer"] for name in text.split(",")]
     given = options | {"id": "arch", "layer": layers or None}
@@ -265,7 +266,7 @@ def simulate(
     show(facts, _text(response, facts), as_json)
 
 
-def _text(response: Response, facts: dict[str, Any]) -> str:
+def _text(response: Response, facts: Named) -> str:
     lines = [f"{facts['status']}: {STATUS_MESSAGE[response.status]}"]
     for key, value in facts.items():
         unit = UNITS.get(key.split("_")[-1], "")

@@ -25,7 +25,7 @@ from archfrag.cli.options import (
     warn,
 )
 from archfrag.errors import InputError, RecordError, ServiceError
-from archfrag.files import counted, number, opened, write_csv
+from archfrag.files import Named, counted, number, opened, write_csv
 from archfrag.motions import selection, synthetic
 from archfrag.motions.channel import STANDARD_GRAVITY
 from archfrag.motions.fetch import fetch_records
@@ -37,7 +37,7 @@ from archfrag.motions.target import Target, scenario_target
 from archfrag.study.file.schema import PERIODS
 from archfrag.study.provenance import finite, write_text
 
-Options = dict[str, Any]
+Options = Named
 _files = click.argument("files", nargs=-1, required=True, type=PATH)
 
 

@@ -22,7 +22,7 @@ from archfrag.export.writers import (
     named_measure,
     write_files,
 )
-from archfrag.files import check_targets, counted, sha256_of
+from archfrag.files import Named, check_targets, counted, sha256_of
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import HazardCurve, branches_of, collapse_rate, predictive
 from archfrag.fragility.several import MOST_CROSSING, above, states_of
@@ -61,7 +61,7 @@ def export_study(
     limit_states: Names = (),
     curve: str = "median",
     fitted: Fitted | None = None,
-) -> dict[str, Any]:
+) -> Named:
     """Write curves and runs of a study whose results are up to date, or of a table if `fitted`.
 
     `formats` are of `archfrag.export.FORMATS`; `folder` is ``export`` in the study's folder if not

@@ -18,13 +18,13 @@ from archfrag.arch.drawing import drawing_text
 from archfrag.arch.geometry import cross, polygon_section
 from archfrag.errors import InputError
 from archfrag.export.writers import Content, made_by, write_files
+from archfrag.files import Named
 from archfrag.physics.status import Tie
 from archfrag.study.file.members import Member
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import finite
 from archfrag.study.runs.store import make_plan
 
-Facts = dict[str, Any]
 SCHEMA = Path(__file__).with_name("scene.schema.json")
 MOST_ARCHES = 500
 _LISTS = re.compile(r"\[\n\s*[^][{}]*?\n\s*\]")  # of numbers, indented
@@ -35,7 +35,7 @@ def export_arches(
     formats: Sequence[str],
     folder: Path | None = None,
     members: bool = False,
-) -> Facts:
+) -> Named:
     """Write arches of a study, and with a scene its motions, in formats of `export.OF_ARCHES`.
 
     Of a class there is its first arch, with `members` all. Returned are ``files`` and ``notes`` as
@@ -80,7 +80,7 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]) -> Any:
     for number, record in enumerate(plan.records):
         motion = plan.motion(record)
         factors = plan.unscaled[number] * plan.levels**plan.power
-        own: Facts = {"id": record.id, "event": record.event, "dt": motion.dt}
+        own: Named = {"id": record.id, "event": record.event, "dt": motion.dt}
         own["horizontal"] = motion.acceleration.tolist()
         if motion.vertical is not None:
             own["vertical"] = motion.vertical.tolist()
@@ -104,7 +104,7 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]) -> Any:
     )
 
 
-def _arch(member: Member) -> Facts:
+def _arch(member: Member) -> Named:
     """Return bodies at rest, those of the ground last, and what joins them."""
     arch: Arch = member.entry.build()
     chain = arch.chain

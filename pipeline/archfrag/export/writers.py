@@ -116,7 +116,7 @@ class CurveSet:
         return tuple(next(iter(self.curves.values()), ()))
 
 
-class Named(NamedTuple):
+class MeasureName(NamedTuple):
     """An intensity measure as a receiver calls it."""
 
     name: str
@@ -127,7 +127,7 @@ class Named(NamedTuple):
     )
 
 
-def named_measure(receiver: str, measure: str) -> Named:
+def named_measure(receiver: str, measure: str) -> MeasureName:
     """Name and unit of a measure in ``"OpenQuake"``, ``"pelicun"`` or ``"IN-CORE"``."""
     parsed = parse_measure(measure)
     known = {kind: names for of, kind, *names in _KNOWN.values if of == receiver}
@@ -152,7 +152,7 @@ def named_measure(receiver: str, measure: str) -> Named:
         messages.append(
             f"{parsed.kind} must be {parsed.rotated} of two horizontal components"
         )
-    return Named(
+    return MeasureName(
         name.format(*parsed.periods), unit, _FACTORS[unit], "; ".join(messages)
     )
 
@@ -219,7 +219,7 @@ def _nrml_id(name: str) -> str:
 
 def _nrml(
     curves: CurveSet, more: str, **kind: str
-) -> tuple[Named, Element, list[tuple[Element, Curves]]]:
+) -> tuple[MeasureName, Element, list[tuple[Element, Curves]]]:
     """Return the measure, the root of a file, and the function of each arch with its curves."""
     imt = named_measure("OpenQuake", curves.measure)
     gml = {"xmlns:gml": "http://www.opengis.net/gml"}

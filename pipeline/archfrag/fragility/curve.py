@@ -12,6 +12,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
+from archfrag.files import Named
 from archfrag.fragility.density import Density, FloatArray, Pair
 from archfrag.fragility.density import Triple as Triple
 
@@ -23,7 +24,6 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Table = Mapping[str, Any] | None
 Ends = tuple[float, float]
-Plain = dict[str, Any]  # for JSON
 _FIT = ("theta", "beta", "log_likelihood", "n_levels", "n_total", "kind")
 _BAND = (
     "im",
@@ -355,7 +355,7 @@ class Curve:
     def _repr_html_(self) -> str:
         return str(plots().html_of(self))
 
-    def fit_dict(self) -> Plain:
+    def fit_dict(self) -> Named:
         """Return theta, beta and how they were fitted as plain values; or why there are none."""
         if not self.fitted:
             return {"none": self.reason}
@@ -365,7 +365,7 @@ class Curve:
             plain["members"] = self.members.tolist()
         return plain
 
-    def to_dict(self) -> Plain:
+    def to_dict(self) -> Named:
         """Return all in SI units as plain values, for JSON."""
         more = {name: getattr(self, name) for name in _TABLES}
         if self.crossings:
@@ -379,12 +379,12 @@ class Curve:
         found = {name: part for name, part in more.items() if part is not None}
         return self._plain() | {"more": found}
 
-    def _state_dict(self) -> Plain:
+    def _state_dict(self) -> Named:
         """Return the curve of a limit state as plain values."""
         plain = self._plain() if self.fitted else {"curve": self.fit_dict()}
         return {"name": self.state, "meaning": self.meaning, **plain}
 
-    def _plain(self) -> Plain:
+    def _plain(self) -> Named:
         """Return curve, band and intervals as plain values."""
         likelihood = self.likelihood or Curve()
         theta, beta = self.intervals or [(np.nan, np.nan)] * 2

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
+from archfrag.files import Named
+
 FloatArray = NDArray[np.float64]
 Pair = tuple[FloatArray, FloatArray]
 Triple = tuple[FloatArray, FloatArray, FloatArray]
@@ -67,7 +69,7 @@ class Density:
         """Return the density with `shift` added to ln theta, as for another unit."""
         return replace(self, log_theta=self.log_theta + shift)
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_plain(self) -> Named:
         """Return it as plain values for JSON, probabilities with the precision of 16 bits."""
         relative = np.asarray(self.density / self.density.max(), "<f2")
         return {

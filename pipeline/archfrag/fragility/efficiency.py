@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtr
 
 from archfrag.errors import FitError
+from archfrag.files import Named
 from archfrag.fragility.curve import FloatArray, IntArray, Pair, log_intensity
 from archfrag.fragility.probit import inverse_mills, normal_lines
 from archfrag.fragility.verdicts import Brackets, numbered
@@ -27,7 +28,7 @@ _COLUMNS = (
     "p_magnitude",
     "p_distance",
 )
-Row = dict[str, Any]  # of a measure
+Row = Named  # of a measure
 # Which records have a covariate, their values, and the group of each of these.
 _Covariates = dict[str, tuple[NDArray, FloatArray, IntArray]]
 _OF = {

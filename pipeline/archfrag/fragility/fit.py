@@ -7,13 +7,13 @@ with slope 1 / beta, in which all likelihoods are concave: there is one maximum,
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import gammaln, logit, ndtr
 
 from archfrag.errors import FitError, InputError
+from archfrag.files import Named
 from archfrag.fragility.curve import Curve, FloatArray, log_intensity, positive, tails
 from archfrag.fragility.probit import LOG_ROOT_TWO_PI, binomial_lines, normal_lines
 from archfrag.fragility.verdicts import checked_stripes, draws_of_records
@@ -194,7 +194,7 @@ def fit_cloud(
     collapsed: ArrayLike,
     event: ArrayLike | None = None,
     confidence: float = 0.9,
-) -> dict[str, Any]:
+) -> Named:
     """Fit collapse by logistic regression on ln im, one run a record (a cloud).
 
     `im` is the intensity of each record, any unit, > 0, `collapsed` 1 or 0, `event` its
@@ -214,7 +214,7 @@ def fit_cloud(
         raise FitError(_LEVEL, values.min(), values.max())
     if kept.sum() < 2:
         raise FitError("no resample of the cloud determines a curve; add records")
-    found: dict[str, Any] = {"intercept": float(a[0]), "slope": float(b[0])}
+    found: Named = {"intercept": float(a[0]), "slope": float(b[0])}
     points = {"theta": np.exp(-a / b), "beta": logit(ndtr(1.0)) / b}
     found |= {name: float(each[0]) for name, each in points.items()}
     for name, each in points.items():

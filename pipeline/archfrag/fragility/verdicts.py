@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.special import betaincinv, ndtri
 
 from archfrag.errors import FitError, InputError
+from archfrag.files import Named
 from archfrag.fragility.curve import (
     BoolArray,
     FloatArray,
@@ -42,16 +43,14 @@ class Verdict(IntEnum):
 DECIDED = (Verdict.SURVIVED, Verdict.COLLAPSED)
 
 
-def count_verdicts(verdict: ArrayLike) -> dict[str, Any]:
+def count_verdicts(verdict: ArrayLike) -> Named:
     """Count the runs of each verdict at each level of `verdict`, (..., n_level), by name.
 
     ``n`` are those that collapsed or survived, ``runs`` all that were made, and ``fraction`` is
     that of the former that collapsed, nan if there are none.
     """
     codes = np.asarray(verdict).reshape(-1, np.shape(verdict)[-1])
-    count: dict[str, Any] = {
-        each.name.lower(): (codes == each).sum(axis=0) for each in Verdict
-    }
+    count: Named = {each.name.lower(): (codes == each).sum(axis=0) for each in Verdict}
     runs = len(codes) - count.pop("not_run")
     n = count["survived"] + count["collapsed"]
     fraction = count["collapsed"] / np.where(n > 0, n, np.nan)

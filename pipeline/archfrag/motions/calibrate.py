@@ -15,7 +15,7 @@ from typing import Any, get_args
 import numpy as np
 
 from archfrag.errors import RecordError, reason_of
-from archfrag.files import read_bytes
+from archfrag.files import Named, read_bytes
 from archfrag.motions.channel import (
     HORIZONTAL,
     METRES_PER_SECOND_SQUARED,
@@ -23,7 +23,6 @@ from archfrag.motions.channel import (
     VERTICAL,
     Acceptable,
     Channel,
-    Named,
     Trace,
     Warned,
     azimuth_of_code,

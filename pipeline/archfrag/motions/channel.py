@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import RecordError
+from archfrag.files import Named
 
 Samples = NDArray[np.float64]
-Named = dict[str, Any]  # values by their names
 Trace = Any  # obspy's, whose import takes time
 Acceptable = Literal["pga", "time_step", "samples", "header", "sensor"]
 Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable

@@ -17,6 +17,7 @@ from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 
 from archfrag.errors import InputError, RecordError, ServiceError
 from archfrag.files import (
+    Named,
     check_targets,
     make_folder,
     register,
@@ -25,7 +26,6 @@ from archfrag.files import (
     sweep,
     temporary_folder,
 )
-from archfrag.motions.channel import Named
 from archfrag.motions.index import INDEX_NAME, index_table, write_index
 from archfrag.motions.read import read_horizontals
 

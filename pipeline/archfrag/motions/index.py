@@ -13,6 +13,7 @@ import numpy as np
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import (
+    Named,
     check_decimals,
     number,
     opened,
@@ -23,7 +24,7 @@ from archfrag.files import (
     write_csv,
 )
 from archfrag.motions.calibrate import accepted_words
-from archfrag.motions.channel import Acceptable, Named, unit_factor
+from archfrag.motions.channel import Acceptable, unit_factor
 from archfrag.motions.formats.columns import Columns, parse_columns
 from archfrag.properties import unusual
 

@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import number
-from archfrag.motions.channel import STANDARD_GRAVITY, Named, Samples, check_right_angle
+from archfrag.files import Named, number
+from archfrag.motions.channel import STANDARD_GRAVITY, Samples, check_right_angle
 from archfrag.physics.oscillator import largest_response
 
 # Units in which levels may be given, by the SI unit of their measure.

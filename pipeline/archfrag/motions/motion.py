@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import replacing
+from archfrag.files import Named, replacing
 from archfrag.motions import calibrate
 from archfrag.motions.channel import (
     STANDARD_GRAVITY,
     Channel,
     Facts,
-    Named,
     Samples,
     choose_horizontal,
     filled,

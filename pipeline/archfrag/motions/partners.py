@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from archfrag.motions.channel import AZIMUTHS, Named, azimuth_of, quadrant
+from archfrag.files import Named
+from archfrag.motions.channel import AZIMUTHS, azimuth_of, quadrant
 from archfrag.motions.motion import REVERSED, Motion, seconds
 
 # Where a direction may stand in a name: it ends a word, and is no small letter within one.

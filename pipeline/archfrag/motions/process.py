@@ -18,11 +18,11 @@ from numpy.polynomial.polynomial import polyfit
 from obspy import Inventory, Trace, UTCDateTime
 
 from archfrag.errors import InputError, RecordError, reason_of
+from archfrag.files import Named
 from archfrag.motions.calibrate import find_inventory
 from archfrag.motions.channel import (
     STANDARD_GRAVITY,
     Facts,
-    Named,
     Samples,
     azimuth_of,
     check_right_angle,

@@ -10,12 +10,11 @@ import numpy as np
 from obspy import Inventory, Stream, Trace
 
 from archfrag.errors import RecordError
-from archfrag.files import opened
+from archfrag.files import Named, opened
 from archfrag.motions import calibrate
 from archfrag.motions.channel import (
     Channel,
     Facts,
-    Named,
     choose_horizontal,
     split_by_direction,
 )

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError, reason_of
 from archfrag.files import (
+    Named,
     check_decimals,
     number,
     parse_table,
@@ -26,7 +27,7 @@ from archfrag.files import (
     unquoted,
     write_csv,
 )
-from archfrag.motions.channel import STANDARD_GRAVITY, Named, Samples
+from archfrag.motions.channel import STANDARD_GRAVITY, Samples
 from archfrag.motions.index import COLUMNS, load_index
 from archfrag.motions.measures import measure
 from archfrag.motions.motion import Motion

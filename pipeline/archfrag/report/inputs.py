@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.errors import attempt
-from archfrag.files import counted, write_csv
+from archfrag.files import Named, counted, write_csv
 from archfrag.fragility.curve import Curve, FloatArray, IntArray
 from archfrag.fragility.verdicts import Verdict, count_verdicts
 from archfrag.motions.motion import Motion
@@ -36,7 +36,6 @@ from archfrag.study.steps import finished, read_timings
 from archfrag.study.validate import logo_url
 from archfrag.version import __version__
 
-Facts = dict[str, Any]
 RUN_COLUMNS = (
     "arch",
     "arch_class",
@@ -404,7 +403,7 @@ def runs_in_words(
     names["intensity"] = intensity
     for piece in pieces:
         levels = [_stated(si, factor) for si in piece["intensity"]]
-        own: Facts = {"intensity": levels}
+        own: Named = {"intensity": levels}
         for name in names:
             codes = about[name].get("codes", {})
             words = {code: word.replace("_", " ") for word, code in codes.items()}
@@ -421,7 +420,7 @@ def _stated(si: float, factor: float) -> str:
     return short if float(short) * (1.0 / factor) == si else repr(float(factor * si))
 
 
-def summary(inputs: ReportInputs) -> Facts:
+def summary(inputs: ReportInputs) -> Named:
     """Return the content of ``summary.json``, which docs/reference/results.md lists."""
     cube = inputs.cube
     attributes = cube.attrs
@@ -474,16 +473,16 @@ def summary(inputs: ReportInputs) -> Facts:
     )
 
 
-def _answered(inputs: ReportInputs, answer: Curve) -> Facts:
+def _answered(inputs: ReportInputs, answer: Curve) -> Named:
     """Return the curve [SI] and the probability of an arch or a class, or why there is none."""
     factor = inputs.scale.factor
     at = inputs.at
-    lost: Facts | None = None
+    lost: Named | None = None
     if answer.n_undecided:
         medians = (factor * each.theta for each in answer.extremes)
         theta = dict(zip(("collapsed", "survived"), medians))
         lost = {"runs": answer.n_undecided, "theta_if": theta}
-    found: Facts = {
+    found: Named = {
         "reason": answer.reason or None,
         "without_verdict": lost,
         "curve": None,
@@ -513,7 +512,7 @@ def _answered(inputs: ReportInputs, answer: Curve) -> Facts:
     return found
 
 
-def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> Facts:
+def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> Named:
     """Return how many runs of an arch have each verdict, and fractions of its collapses."""
     number = count_verdicts(verdict)
     collapsed = verdict == Verdict.COLLAPSED

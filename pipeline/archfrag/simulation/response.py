@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import InputError
+from archfrag.files import Named
 from archfrag.physics.contact.laws import CLOSED_STICK
 from archfrag.physics.interface import Frames, MechanismLog, Outcomes
 from archfrag.physics.status import (
@@ -349,7 +350,7 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
     place, rate, force, mode = (each[:n_frame] for each in frames[1:5])
     places = (arch.corner_name(0), arch.corner_name(1), "closed")
     slips = ("sticks", "slides_plus", "slides_minus")
-    flags: dict[str, Any] = {
+    flags: Named = {
         "flag_values": np.arange(10, dtype=np.int8),
         "flag_meanings": " ".join(
             ["open", *(f"{p}_{slip}" for p in places for slip in slips)]

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import ArchfragError, InputError, UnitWarning
+from archfrag.files import Named
 from archfrag.motions.motion import Motion
 from archfrag.physics.collapse import NOTED_GAP
 from archfrag.physics.ground import Grounds, grounds_of
@@ -405,7 +406,7 @@ def simulate_many(
     if strongest is not None:
         warn_if_in_g(each[strongest], scales[strongest], onset(arch))
     names = [each.name for each in fields(Response) if each.name not in _LEFT_OUT]
-    variables: dict[str, Any] = {}
+    variables: Named = {}
     for name in (*names, "steps"):
         values = [getattr(each, name) for each in responses]
         if name == "status":

@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, TypeAdapter
 
-from archfrag.files import Plain
+from archfrag.files import Named
 from archfrag.fragility.curve import Curve, FloatArray, IntArray
 from archfrag.fragility.fit import fit_brackets, fit_stripes
 from archfrag.fragility.verdicts import Brackets, Verdict
@@ -29,7 +29,7 @@ Cases = NDArray[np.void]
 Verdicts = NDArray[np.int8]
 _T = TypeVar("_T")
 Asking = Generator[Cases, tuple[Cases, Verdicts], _T]
-Requests = Asking[Plain]
+Requests = Asking[Named]
 
 
 @dataclass
@@ -166,14 +166,14 @@ class Cloud(Design):
 
 def ask(
     requests: Mapping[int, Requests], decide: Callable[[Cases], Verdicts]
-) -> tuple[Cases, dict[int, Plain]]:
+) -> tuple[Cases, dict[int, Named]]:
     """Drive requests with a `decide` that returns the verdicts of all its runs, in order."""
     return drive(requests, lambda cases: (cases, decide(cases)))
 
 
 def drive(
     requests: Mapping[int, Requests], answer: Callable[[Cases], tuple[Cases, Verdicts]]
-) -> tuple[Cases, dict[int, Plain]]:
+) -> tuple[Cases, dict[int, Named]]:
     """Ask the designs of all arches, by `Design.requests`, until none requests a run.
 
     `answer` takes new requests, which may be none, and returns some runs of all those requested

@@ -23,7 +23,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from archfrag.errors import InputError, StabilityError
-from archfrag.files import Plain, absolute
+from archfrag.files import Named, absolute
 from archfrag.study.yaml_text import CONTROL
 
 # Rules where pydantic's own words name its classes or a regular expression.
@@ -74,9 +74,9 @@ class Section(BaseModel):
         return given
 
     @classmethod
-    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Plain:
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Named:
         """Describe each key by the text below it, which pydantic would read at every start."""
-        found: Plain = handler(core)
+        found: Named = handler(core)
         keys = handler.resolve_ref_schema(found).get("properties", {})
         with contextlib.suppress(OSError):  # of a class that is made from a table
             own: Any = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]

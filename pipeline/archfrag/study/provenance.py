@@ -27,7 +27,7 @@ from archfrag.errors import OutputError
 from archfrag.files import (
     STAMPS,
     WORK,
-    Plain,
+    Named,
     absolute,
     check_targets,
     make_folder,
@@ -125,7 +125,7 @@ def check_own(study: "StudyKeys") -> None:
     sweep(study.work)
 
 
-def read_state(path: Path) -> Plain:
+def read_state(path: Path) -> Named:
     """Return what a file of the hidden folder holds; empty if it cannot be read."""
     try:
         return dict(read_json(path))
@@ -187,7 +187,7 @@ def out_of_date(study: "StudyKeys", *steps: str) -> str:
     )
 
 
-def origin_of(keys: Plain, place: Path, folder: Path) -> dict[str, str]:
+def origin_of(keys: Named, place: Path, folder: Path) -> dict[str, str]:
     """Return digests of what the results in a folder follow from, but for files, by name.
 
     `keys` are those of a study file in the folder `place`.
@@ -218,7 +218,7 @@ def contents(folder: Path, places: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def finished_folder(path: Path, keys: Plain, place: Path) -> Path | None:
+def finished_folder(path: Path, keys: Named, place: Path) -> Path | None:
     """Return the folder of the results of a study file if nothing has changed since its run; else
     None.
 
@@ -404,7 +404,7 @@ def available_cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
-def machine() -> Plain:
+def machine() -> Named:
     """Describe the machine for the log."""
     return {
         "host": socket.gethostname(),
@@ -413,7 +413,7 @@ def machine() -> Plain:
     }
 
 
-def add_to_log(folder: Path, entry: Plain) -> None:
+def add_to_log(folder: Path, entry: Named) -> None:
     """Add an entry to ``run_log.json`` in a folder."""
     path = folder / "run_log.json"
     before = list[Any]()

@@ -10,6 +10,7 @@ from typing import Any, SupportsIndex, overload
 import pandas as pd
 
 from archfrag.errors import InputError
+from archfrag.files import Named
 from archfrag.motions.channel import STANDARD_GRAVITY
 from archfrag.motions.formats.columns import Columns
 from archfrag.motions.index import INDEX_NAME
@@ -131,7 +132,7 @@ def read_motions(
         "columns": columns and str(columns),
         "accept": list(accept),
     }
-    keys: dict[str, Any] = {
+    keys: Named = {
         "vertical": vertical,
         "processing": list(processing),
         "files": [],

@@ -8,7 +8,6 @@ import shutil
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 from xml.parsers import expat
 
 import numpy as np
@@ -17,7 +16,7 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.arch.drawing import read_drawing
 from archfrag.arch.facts import facts_text, unit_cautions
 from archfrag.errors import ArchfragError, InputError, OutputError
-from archfrag.files import cannot_write, counted, make_folder, read_bytes
+from archfrag.files import Named, cannot_write, counted, make_folder, read_bytes
 from archfrag.properties import LATER, unusual
 from archfrag.simulation.rest import stays_at_rest
 from archfrag.simulation.simulate import onset
@@ -210,7 +209,7 @@ def check_start(study: StudyKeys) -> tuple[str, ...]:
     return messages
 
 
-def check_study(study: StudyKeys) -> dict[str, Any]:
+def check_study(study: StudyKeys) -> Named:
     """Check all of a study without running it: arches stand, records are read and scaled.
 
     Returned are numbers of things, of runs exactly, about or at most (``extent``), and texts.

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from archfrag.errors import InputError
-from archfrag.files import REAL, WHOLE, read_text
+from archfrag.files import REAL, WHOLE, Named, read_text
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
 PATHS = ("output", "table", "drawing", "index", "path", "inventory", "hazard")  # keys
@@ -85,7 +85,7 @@ def relative(value: Any, folder: Path, key: str = "") -> Any:
     )
 
 
-def read_keys(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any], Path]:
+def read_keys(path: Path, overrides: Sequence[str] = ()) -> tuple[Named, Path]:
     """Read the keys of a study file as they are written, with its folder.
 
     `overrides` are texts ``key.key=value``. InputError names the file or the override, and why.

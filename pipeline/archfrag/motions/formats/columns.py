@@ -1,4 +1,4 @@
-"""Plain text with numbers in columns, read as the user states: nothing in it names itself."""
+"""Named text with numbers in columns, read as the user states: nothing in it names itself."""
 
 import re
 from collections.abc import Sequence
@@ -10,8 +10,9 @@ from obspy import Trace
 
 from archfrag import files
 from archfrag.errors import InputError, RecordError
+from archfrag.files import Named
 from archfrag.motions.calibrate import plain_unit
-from archfrag.motions.channel import Named, Samples
+from archfrag.motions.channel import Samples
 from archfrag.motions.formats.layout import Text, number, search, split, trace_of
 
 MOST_COLUMNS = 1000

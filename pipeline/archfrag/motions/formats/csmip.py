@@ -26,7 +26,8 @@ from collections.abc import Callable, Iterator
 from obspy import Trace
 
 from archfrag.errors import RecordError
-from archfrag.motions.channel import Named, Samples, quadrant
+from archfrag.files import Named
+from archfrag.motions.channel import Samples, quadrant
 from archfrag.motions.formats.layout import (
     END_OF_DATA,
     WORDS,

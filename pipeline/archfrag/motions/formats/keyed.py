@@ -26,7 +26,8 @@ from obspy import Stream, Trace
 from obspy.core.util.base import buffered_load_entry_point
 
 from archfrag.errors import RecordError
-from archfrag.motions.channel import AZIMUTHS, Channel, Named
+from archfrag.files import Named
+from archfrag.motions.channel import AZIMUTHS, Channel
 from archfrag.motions.formats.layout import (
     Source,
     Text,

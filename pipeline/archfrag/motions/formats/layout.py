@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.errors import RecordError
-from archfrag.files import opened, wide_encoding
+from archfrag.files import Named, opened, wide_encoding
 from archfrag.motions.calibrate import plain_unit
 from archfrag.motions.channel import (
     AZIMUTHS,
     METRES_PER_SECOND_SQUARED,
     Channel,
-    Named,
     Samples,
     filled,
     quadrant,

@@ -23,8 +23,8 @@ import numpy as np
 from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.errors import InputError
-from archfrag.files import check_targets, make_folder, replacing, sha256_of
-from archfrag.motions.channel import Named, Samples
+from archfrag.files import Named, check_targets, make_folder, replacing, sha256_of
+from archfrag.motions.channel import Samples
 from archfrag.motions.index import COLUMNS, INDEX_NAME, write_index
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.motion import Motion

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import Plain, counted, make_folder, replacing
+from archfrag.files import Named, counted, make_folder, replacing
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import measure_unit, scaling_exponent
 from archfrag.physics.status import CollapseMode, Level, Status
@@ -31,7 +31,7 @@ COMPRESSION = 4
 CHUNK = (
     2**17
 )  # cells of a variable that the file stores together: whole arches, up to 1 MB
-_CODES: Plain = {codes.__name__: codes for codes in (Verdict, Status, CollapseMode)}
+_CODES: Named = {codes.__name__: codes for codes in (Verdict, Status, CollapseMode)}
 _UDUNITS = {
     "m/s2": "m s-2",
     "cm/s2": "cm s-2",
@@ -63,7 +63,7 @@ def write_cube(study: StudyKeys) -> Path:
 
 
 def build_cube(
-    plan: Plan, cases: Cases, table: Table, facts: dict[int, Plain]
+    plan: Plan, cases: Cases, table: Table, facts: dict[int, Named]
 ) -> xr.Dataset:
     """Return the cube of a study's runs, as `gather` returns them, in the form that is stored.
 
@@ -82,7 +82,7 @@ def build_cube(
         cube[cases["arch"], cases["record"], cases["place"]] = values
         return cube
 
-    values: Plain = {
+    values: Named = {
         "level": np.arange(shape[2]),
         "model": [model.name.lower() for model in Level],
         "measure": names,
@@ -170,7 +170,7 @@ def stored_cube(study: StudyKeys) -> xr.Dataset:
 def _variable(about: Any, values: Any) -> xr.Variable:
     """Return values with CF's attributes, as a row of `VARIABLES` describes them."""
     dimensions = about.dimensions.replace("run", "arch record level").split()
-    attrs: Plain = {
+    attrs: Named = {
         name: getattr(about, name)
         for name in ("long_name", "units", "comment")
         if getattr(about, name)
@@ -178,7 +178,7 @@ def _variable(about: Any, values: Any) -> xr.Variable:
     labels = [name for name in dimensions if name not in (about.name, "level")]
     if {"level", "record"} <= {*dimensions}:
         labels += ["intensity_si", "level"]
-    encoding: Plain = {"coordinates": " ".join(labels) or None}
+    encoding: Named = {"coordinates": " ".join(labels) or None}
     if about.dtype == "S":
         # Text as characters: CF's form that every version of every reader knows.
         length = max(1, *(len(text.encode()) for text in values))
@@ -304,7 +304,7 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
     }
 
 
-def _portable_arch(entry: ArchEntry) -> Plain:
+def _portable_arch(entry: ArchEntry) -> Named:
     """Return an entry as a study gives it, defaults filled in, without folders."""
     if entry.table is not None:
         return {**entry.parameters, "table": Path(entry.table).name}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError, attempt
-from archfrag.files import Plain
+from archfrag.files import Named
 from archfrag.fragility.curve import BoolArray, Curve, FloatArray, IntArray
 from archfrag.fragility.damage import fit_state_posterior
 from archfrag.fragility.efficiency import compare_measures
@@ -343,13 +343,13 @@ def completed(
     Only `detailed` ones have limit states and other shapes. `keys` are those of `limit_states`.
     """
 
-    def part(make: Callable[..., Plain], *arguments: Any) -> Plain:
+    def part(make: Callable[..., Named], *arguments: Any) -> Named:
         """Make a part of the results, or say why it cannot be made."""
         made = attempt(partial(make, runs, *arguments), runs.worded)
         return {"none": made} if isinstance(made, str) else made
 
     known = {*runs.cube}
-    parts: Plain = {}
+    parts: Named = {}
     if members:
         split = part(dispersion_split, members, curve) if curve.fitted else {}
         parts["dispersion"] = split
@@ -378,9 +378,9 @@ def completed(
     return replace(curve, **parts)
 
 
-def free_shapes(runs: ArchRuns, confidence: float) -> Plain:
+def free_shapes(runs: ArchRuns, confidence: float) -> Named:
     """Return the isotonic curve, and whether the lognormal one describes the runs."""
-    parts: Plain = {}
+    parts: Named = {}
     given = runs.brackets, runs.group
     try:
         curve = isotonic_curve(*given, confidence=confidence)
@@ -400,14 +400,14 @@ def free_shapes(runs: ArchRuns, confidence: float) -> Plain:
     return parts | {"test_of_fit": {"p_value": p_value, "message": message}}
 
 
-def cloud_curves(runs: ArchRuns, confidence: float) -> Plain:
+def cloud_curves(runs: ArchRuns, confidence: float) -> Named:
     """Return the curve of a cloud by logistic regression."""
     found = runs.brackets  # one run a record
     event = None if runs.group is None else runs.group[found.run]
     return fit_cloud(*found.single_runs(), event, confidence=confidence)
 
 
-def measures_compared(runs: ArchRuns) -> Plain:
+def measures_compared(runs: ArchRuns) -> Named:
     """Compare the study's measure with others in which its motions are known."""
     cube = runs.cube
     known, exponent, units = known_measures(cube)
@@ -596,7 +596,7 @@ def _onset_in_measure(cube: xr.Dataset) -> float:
     )
 
 
-def dispersion_split(runs: ArchRuns, curves: Sequence[Curve], whole: Curve) -> Plain:
+def dispersion_split(runs: ArchRuns, curves: Sequence[Curve], whole: Curve) -> Named:
     """Divide the dispersion of a `whole` class into that of records and that of its arches.
 
     It is divided by the capacities of all runs. If records withstand the largest level, it is by

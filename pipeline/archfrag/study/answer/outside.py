@@ -14,7 +14,7 @@ import pandas as pd
 import xarray as xr
 
 from archfrag.errors import InputError
-from archfrag.files import Plain, number, read_text, table_of, unquoted
+from archfrag.files import Named, number, read_text, table_of, unquoted
 from archfrag.fragility.curve import tails
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import LEVEL_UNITS, measure_unit
@@ -138,7 +138,7 @@ def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
         rows = [f"row {n + 1}" for n in range(len(frame))]
     heads = _heads(source, frame.columns.tolist(), columns)
     without = dict.fromkeys(("event", "arch_class", "scale"), "")
-    cells: dict[str, Any] = {"arch": "structure", "record": rows, **without}
+    cells: Named = {"arch": "structure", "record": rows, **without}
     cells |= {what: frame[head].to_numpy() for what, head in heads.items()}
     return VerdictTable(source, rows, heads, pd.DataFrame(cells, range(len(rows))))
 
@@ -283,7 +283,7 @@ def _runs(
     return runs
 
 
-def _verdicts(given: VerdictTable, states: Sequence[str]) -> Plain:
+def _verdicts(given: VerdictTable, states: Sequence[str]) -> Named:
     """Return verdicts, and states by their places in the ordered list of damage states."""
     if "verdict" not in given.heads and not states:
         raise InputError(
@@ -375,7 +375,7 @@ def _cube(
         im = xr.DataArray(np.array(intensity.si), dims="level")
     own = {"measure": intensity.measure, "units": measure_unit(intensity.measure)}
     classes = arches["arch_class"].where(arches["arch_class"] != "", arches["arch"])
-    variables: Plain = {
+    variables: Named = {
         "verdict": verdict,
         "intensity": im.assign_attrs(own),
         "event": ("record", records["event"].tolist()),

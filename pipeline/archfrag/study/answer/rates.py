@@ -12,7 +12,7 @@ from jinja2 import Template
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import FitError, attempt
-from archfrag.files import Plain, counted
+from archfrag.files import Named, counted
 from archfrag.fragility import risk as rates
 from archfrag.fragility.curve import BoolArray, Curve, FloatArray
 from archfrag.fragility.several import (
@@ -224,13 +224,13 @@ def losses_of(
     hazard: Hazard,
     consequence: Mapping[str, float],
     confidence: float = 0.9,
-) -> dict[str, Plain]:
+) -> dict[str, Named]:
     """Return by arch or class the average annual loss and the table of mean loss [SI], or why not.
 
     `consequence` has by limit state the cost of one or the other as a part of the arch's value.
     """
     ratios = checked_ratios(consequence)
-    found = dict[str, Plain]()
+    found = dict[str, Named]()
     for name, runs in runs_of_cube(cube, curves).items():
         curve = curves[name]
         try:
@@ -302,11 +302,11 @@ def _on_levels(
     return levels, grid, codes, ends
 
 
-def risk_facts(risk: StudyRisk, study: StudyKeys) -> Plain:
+def risk_facts(risk: StudyRisk, study: StudyKeys) -> Named:
     """Return rates and their parts as plain numbers, with intensities in the study's unit."""
     factor = study.intensity.factor
     hazard = risk.hazard
-    arches: Plain = {}
+    arches: Named = {}
     for name, arch in risk.arches.items():
         if isinstance(arch, str):
             arches[name] = {"none": arch}
@@ -353,7 +353,7 @@ def risk_facts(risk: StudyRisk, study: StudyKeys) -> Plain:
         name: {"im": (curve.im / factor).tolist(), "rate": curve.rate.tolist()}
         for name, curve in hazard.curves.items()
     }
-    facts: Plain = {
+    facts: Named = {
         "study": study.id,
         "measure": hazard.measure,
         "unit": study.intensity.unit,
@@ -370,7 +370,7 @@ def risk_facts(risk: StudyRisk, study: StudyKeys) -> Plain:
     return dict(finite(facts, None))
 
 
-def risk_text(facts: Plain) -> str:
+def risk_text(facts: Named) -> str:
     """Write `risk_facts` for a terminal, without parts by level."""
     source = Path(__file__).with_name("risk.txt.j2").read_text("utf-8")
     template = Template(source, trim_blocks=True, lstrip_blocks=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from archfrag.files import Plain
+from archfrag.files import Named
 from archfrag.fragility.verdicts import Verdict
 
 PIECE = 20_000  # runs held at a time: some ten megabytes
@@ -14,7 +14,7 @@ _RUN = ("arch", "record", "level")
 # Text of records and arches that groups runs; other text would be repeated in every row.
 _GROUPS = ("arch", "record", "event", "arch_class")
 # What each column is: `about`, and where they apply `unit` (CF's spelling) and `codes` by meaning.
-Columns = dict[str, Plain]
+Columns = dict[str, Named]
 # A table in pieces of the same columns. There is at least one piece; it may have no row.
 Pieces = tuple[Columns, Iterable[pd.DataFrame]]
 
@@ -99,7 +99,7 @@ def _columns(
     return columns, values
 
 
-def about_column(text: str, unit: str, codes: Mapping[str, int] | None = None) -> Plain:
+def about_column(text: str, unit: str, codes: Mapping[str, int] | None = None) -> Named:
     """Describe a column, without what does not apply."""
     facts = {"about": text, "unit": unit, "codes": codes}
     return {key: value for key, value in facts.items() if value}

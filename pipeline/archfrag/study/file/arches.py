@@ -26,7 +26,7 @@ from archfrag.arch.drawing import read_drawing
 from archfrag.arch.facts import quiet
 from archfrag.arch.polygons import polygon_ring
 from archfrag.errors import InputError
-from archfrag.files import Plain
+from archfrag.files import Named
 from archfrag.properties import (
     DRAWN,
     LARGEST,
@@ -320,7 +320,7 @@ def _plain_key(row: Any) -> tuple[Any, Any]:
     )
 
 
-_plain: Plain = {
+_plain: Named = {
     "id": (
         Identifier,
         Field(
@@ -439,7 +439,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         return hash(repr(self))
 
     @property
-    def parameters(self) -> Plain:
+    def parameters(self) -> Named:
         """Keys that have a value, with defaults, as a study file gives them."""
         return self.model_dump(exclude_none=True)
 
@@ -473,7 +473,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
             return self
         drawn = read_drawing(self.drawing, self.layer, self.unit)
         polygon_ring(drawn, self.tolerance)
-        values: Plain = {
+        values: Named = {
             name: [each.tolist() for each in getattr(drawn, name)]
             for name in ("outlines", "ground")
         }
@@ -499,7 +499,7 @@ def _built(entry: ArchEntry) -> "Arch":
     built: Arch = make(**given)
     if entry.recess is not None:
         built = built.recessed(**entry.recess.model_dump())
-    joints: Plain = {"stiffness": math.inf, "strength": entry.strength or math.inf}
+    joints: Named = {"stiffness": math.inf, "strength": entry.strength or math.inf}
     if entry.joints is not None:
         joints |= entry.joints.model_dump(exclude_none=True)
     built = jointed(built, **joints)

@@ -15,7 +15,7 @@ from scipy.stats import qmc
 
 from archfrag.arch.checks import FloatArray
 from archfrag.errors import InputError, StabilityError
-from archfrag.files import Plain, number, read_text, stated_unit, table_of
+from archfrag.files import Named, number, read_text, stated_unit, table_of
 from archfrag.properties import PROPERTIES, SPELLED, VARIABLE
 from archfrag.simulation.arguments import check_can_run, check_method
 from archfrag.simulation.simulate import onset
@@ -155,7 +155,7 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
             raise InputError(f"several arches have the id {name!r}")
     keys = [name for name in map(str, table) if name in COLUMNS and name != "id"]
     for row in table.to_dict("records"):
-        given: Plain = {"id": row["id"]}
+        given: Named = {"id": row["id"]}
         for key in filter(row.get, keys):
             try:  # numbers as spreadsheets write them, such as 7.0 for 7
                 value: Any = number(row[key])
@@ -224,7 +224,7 @@ def _drawn(base: Member) -> Iterator[Member]:
         n_joint = 0 if vary.each_joint is None else entry.build().n_joint
     values = sample(vary, seed)
     for i in range(vary.samples):
-        given: Plain = {"id": f"{base.id}-{i + 1:04d}"}
+        given: Named = {"id": f"{base.id}-{i + 1:04d}"}
         own = dict(base.values)
         for key, distribution in vary.of.items():
             value = given[key] = float(values[key][i])
@@ -255,9 +255,9 @@ def _of_each_joint(
     given: Mapping[str, Any],
     n_joint: int,
     generator: np.random.Generator,
-) -> Plain:
+) -> Named:
     """Return the keys of an arch with what is `given` that differ from joint to joint."""
-    keys: Plain = {}
+    keys: Named = {}
     # All are drawn, so that one key more leaves the others' numbers as they are.
     for name, distribution in scatter:
         points = _inside(generator.random(n_joint))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
-from archfrag.files import Plain
+from archfrag.files import Named
 from archfrag.motions.calibrate import Acceptable
 from archfrag.study.keys import PathText, Section, refuse
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 MOST_LISTED = 12  # pairs of a first shock and its record
 with Path(__file__).with_name("steps.toml").open("rb") as _file:
-    STEPS: Plain = tomllib.load(_file)
-_KINDS: Plain = {"float": float, "int": int, "bool": bool, "str": str}
+    STEPS: Named = tomllib.load(_file)
+_KINDS: Named = {"float": float, "int": int, "bool": bool, "str": str}
 
 
 def _mapping(given: Any) -> Any:
@@ -30,7 +30,7 @@ def _mapping(given: Any) -> Any:
 
 def _settings(step: str) -> Any:
     """Return the block of the settings of a step, as the table of steps describes them."""
-    fields: Plain = {}
+    fields: Named = {}
     for key, about in STEPS[step].get("settings", {}).items():
         if "one_of" in about:
             kind: Any = Literal[tuple(about["one_of"])]
@@ -46,7 +46,7 @@ def _settings(step: str) -> Any:
     return create_model(step.capitalize(), __base__=Section, __doc__=about, **fields)
 
 
-_blocks: Plain = {name: (_settings(name), None) for name in STEPS}
+_blocks: Named = {name: (_settings(name), None) for name in STEPS}
 _Step: Any = Annotated[
     create_model(
         "Step",
@@ -161,11 +161,11 @@ class Motions(Section):
         """What is asked for first shocks with an index of their own; None without one."""
         if self.before is None or self.before.index is None:
             return None
-        own: Plain = {"index": self.before.index, "files": []}
+        own: Named = {"index": self.before.index, "files": []}
         return self.model_copy(update=own | dict.fromkeys(("select", "before")))
 
     @property
-    def steps(self) -> list[tuple[str, Plain]]:
+    def steps(self) -> list[tuple[str, Named]]:
         """Name and settings of each step of processing, with defaults filled in."""
         return [
             (name, getattr(step, name).model_dump())
@@ -175,7 +175,7 @@ class Motions(Section):
 
 
 def apply_step(
-    name: str, settings: Plain, motion: "Motion", record: Path, inventory: str | None
+    name: str, settings: Named, motion: "Motion", record: Path, inventory: str | None
 ) -> "Motion":
     """Apply one step to a motion; InputError if it does not suit it."""
     from archfrag.motions import process  # start-up: workers load no obspy

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.errors import InputError
-from archfrag.files import Plain, make_folder, sha256_of
+from archfrag.files import Named, make_folder, sha256_of
 from archfrag.motions.channel import Facts
 from archfrag.motions.measures import measure, sample_cautions, scale_factor
 from archfrag.motions.motion import REVERSED, Motion, load_stored, store
@@ -176,7 +176,7 @@ def read_records(study: StudyKeys, keep: bool = False) -> list[PreparedRecord]:
     return found
 
 
-def read_manifest(study: StudyKeys) -> Plain:
+def read_manifest(study: StudyKeys) -> Named:
     """Return the manifest that `prepare_motions` wrote: key, inputs, code and records."""
     path = study.work / MANIFEST
     try:
@@ -229,7 +229,7 @@ def _check_stored(work: Path, record: PreparedRecord) -> Path:
     return path
 
 
-def motions_key(study: StudyKeys) -> Plain:
+def motions_key(study: StudyKeys) -> Named:
     """Return what a study sets of its motions and measure; paths are as in `study_inputs`."""
     motions = relative(study.motions.model_dump(mode="json"), study.folder)
     return {"motions": motions, "measure": study.intensity.measure}

@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from archfrag.errors import InputError
-from archfrag.files import WORK, Plain
+from archfrag.files import WORK, Named
 from archfrag.motions.measures import (
     LEVEL_UNITS,
     measure_unit,
@@ -233,7 +233,7 @@ class StudyKeys(Section):
         return self
 
     _expanded: tuple[Any, Members] = (None, ())
-    _given: tuple[Plain, Path] = ({}, Path())  # keys as written, their folder
+    _given: tuple[Named, Path] = ({}, Path())  # keys as written, their folder
 
     @property
     def folder(self) -> Path:
@@ -256,7 +256,7 @@ class StudyKeys(Section):
         return self._expanded[1]
 
     @property
-    def given(self) -> tuple[Plain, Path]:
+    def given(self) -> tuple[Named, Path]:
         """Keys as they were written, and the folder of the file."""
         return self._given
 
@@ -275,7 +275,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> StudyKeys:
     return study_of(*read_keys(Path(path), overrides), path)
 
 
-def study_of(given: Plain, folder: Path, place: Any) -> StudyKeys:
+def study_of(given: Named, folder: Path, place: Any) -> StudyKeys:
     """Check the keys of a study, whose relative paths are below a folder.
 
     InputError begins with the `place` that they are from.

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import sha256_of
+from archfrag.files import Named, sha256_of
 from archfrag.motions import index, partners, read
 from archfrag.motions.channel import VERTICAL
 from archfrag.motions.formats import one_reader
@@ -369,7 +369,7 @@ def _name(paired: Iterable[_Paired], asked: Motions) -> Iterator[Motion]:
     """
     taken = dict[str, Path]()
     ids = list[str]()
-    before = list[dict[str, Any]]()
+    before = list[Named]()
     for file, recorded, common in paired:
         motion = _processed(file, recorded, common, asked)
         ids.append(motion.id)

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from archfrag.files import Plain, make_folder
+from archfrag.files import Named, make_folder
 from archfrag.fragility.verdicts import Verdict
 from archfrag.physics.methods.auto import goes_by_events
 from archfrag.physics.methods.registry import AUTO, METHODS
@@ -38,7 +38,7 @@ LARGEST_SHARE = 16
 
 def run_batch(
     study: StudyKeys, batch: int = 0, workers: int | None = None, quiet: bool = False
-) -> tuple[Plain, "pd.DataFrame"]:
+) -> tuple[Named, "pd.DataFrame"]:
     """Make the runs of one batch that the design requests; those that are there are kept.
 
     Returned are the entry of the log (runs requested and of them kept, iterations, workers, wall
@@ -118,7 +118,7 @@ class _Maker:
     def __post_init__(self) -> None:
         self.made: list[Table] = []
         counts = dict.fromkeys(("runs", "kept", "iterations", "workers"), 0)
-        self.log: Plain = {**counts, "kernel_time": 0.0, "compile_time": 0.0}
+        self.log: Named = {**counts, "kernel_time": 0.0, "compile_time": 0.0}
         self._workers: Threads | Cluster | None = None
         self._waiting = np.empty(0, CASE)
         self._alike = np.empty(0, CASE)  # runs that another is the same as

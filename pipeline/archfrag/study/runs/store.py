@@ -21,7 +21,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import Plain, replacing
+from archfrag.files import Named, replacing
 from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import scaling_exponent
@@ -56,13 +56,13 @@ Keys = NDArray[np.bytes_]
 _table = pd.read_csv(
     Path(__file__).with_name("variables.csv"), dtype=str, keep_default_na=False
 )
-VARIABLES: Plain = {str(row.name): row for row in _table.itertuples(index=False)}
+VARIABLES: Named = {str(row.name): row for row in _table.itertuples(index=False)}
 COLUMNS = tuple(each for each in VARIABLES.values() if each.dimensions == "run")
 _VERDICTS = np.full(max(Status) + 1, Verdict.FAILED, np.int8)  # by status
 _VERDICTS[Status.STANDING] = Verdict.SURVIVED
 _VERDICTS[Status.COLLAPSED] = Verdict.COLLAPSED
 _VERDICTS[Status.UNFINISHED] = Verdict.UNFINISHED
-_ENTRIES: Plain = {"count": Count, "loss": Loss, "peak": Peak}
+_ENTRIES: Named = {"count": Count, "loss": Loss, "peak": Peak}
 # A row: its key, all columns, the time simulated in each model, and how long it took.
 ROW = np.dtype(
     [
@@ -297,7 +297,7 @@ def places(table: Table, keys: Keys) -> IntArray:
     return np.where(known[at] == keys, at, -1)
 
 
-def gather(plan: Plan) -> tuple[Cases, Table, dict[int, Plain]]:
+def gather(plan: Plan) -> tuple[Cases, Table, dict[int, Named]]:
     """Return all runs that the design of a plan requests, sorted by arch, record and place.
 
     Returned with their results, and with what the design returned by arch. InputError if results
