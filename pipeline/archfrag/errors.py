@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any, TypeVar
+from typing import TypeVar
 
 Made = TypeVar("Made")
 
@@ -85,7 +85,7 @@ def reason_of(error: Exception) -> str:
     return [*str(error).strip().splitlines(), type(error).__name__][0]
 
 
-def from_extra(module: str, extra: str) -> Any:
+def from_extra(module: str, extra: str):
     """Import a package that comes with an extra of archfrag, or say how to install it."""
     try:
         return import_module(module)

@@ -293,7 +293,7 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def quoted(cell: Any) -> Any:
+def quoted(cell):
     """Return a cell of a CSV: text that a spreadsheet would compute gets an apostrophe before
     it.
     """
@@ -307,7 +307,7 @@ def unquoted(cell: str) -> str:
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell, 1) else cell
 
 
-def write_csv(target: Path, pieces: "Iterable[pd.DataFrame]", **form: Any) -> None:
+def write_csv(target: Path, pieces: "Iterable[pd.DataFrame]", **form) -> None:
     """Write a table in pieces of the same columns as CSV, completely or not at all.
 
     `form` is handed to `pandas.DataFrame.to_csv`.

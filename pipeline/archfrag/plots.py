@@ -85,20 +85,20 @@ def dressed(ax: Axes) -> Axes:
     return ax
 
 
-def legend(ax: Axes, **options: Any) -> None:
+def legend(ax: Axes, **options) -> None:
     """Add a legend without a frame; each label stands once."""
     entries = dict(zip(*reversed(ax.get_legend_handles_labels())))
     options |= {"frameon": False, "labelcolor": INK, "fontsize": SIZE}
     ax.legend(entries.values(), entries.keys(), **options)
 
 
-def _annotate(ax: Axes, words: str, at: Any, away: Any, **options: Any) -> None:
+def _annotate(ax: Axes, words: str, at, away, **options) -> None:
     """Write words some points away from a place."""
     options |= {"textcoords": "offset points", "color": INK, "va": "center"}
     ax.annotate(words, at, away, **{"fontsize": SIZE, **options})
 
 
-def svg_of(figure: Any) -> str:
+def svg_of(figure) -> str:
     """Return a figure as the text of an SVG element; equal figures give equal texts."""
     text = StringIO()
     with matplotlib.rc_context(_SVG):
@@ -110,7 +110,7 @@ def svg_of(figure: Any) -> str:
     return f'<svg style="{_ROOT}" {svg}'
 
 
-def html_of(thing: Any, size: tuple[float, float] = (6.4, 3.2)) -> str:
+def html_of(thing, size: tuple[float, float] = (6.4, 3.2)) -> str:
     """Return what a notebook shows of a thing with a method `plot`: its figure above its repr.
 
     Texts have the colour of the notebook's text.
@@ -133,7 +133,7 @@ def paint(ax: Axes, marks: Iterable[Any]) -> list[Any]:
     ]
 
 
-def plot_arch(arch: Any, ax: Axes | None = None) -> Axes:
+def plot_arch(arch, ax: Axes | None = None) -> Axes:
     """Draw an arch to scale, with its fill, ties, ground and the numbers of its joints."""
     marks = arch.marks
     points = np.concatenate([mark.points for mark in marks])
@@ -157,7 +157,7 @@ def plot_arch(arch: Any, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_onset(onset: Any, ax: Axes | None = None, towards: str | None = None) -> Axes:
+def plot_onset(onset, ax: Axes | None = None, towards: str | None = None) -> Axes:
     """Draw hinges, sliding joints and thrust lines at onset, the ground accelerating `towards`."""
     towards = towards or ("-x" if onset.minus < 0.999 * onset.plus else "+x")
     limit, *_ = onset.mechanism(towards)
@@ -171,7 +171,7 @@ def plot_onset(onset: Any, ax: Axes | None = None, towards: str | None = None) -
     return ax
 
 
-def plot_motion(motion: Any, ax: Axes | None = None) -> Axes:
+def plot_motion(motion, ax: Axes | None = None) -> Axes:
     """Draw the acceleration of the ground over time [g], its peak marked."""
     ax = axes_of(ax, (6.4, 2.2))
     time = motion.time
@@ -190,7 +190,7 @@ def plot_motion(motion: Any, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_response(response: Any, ax: Axes | None = None) -> Axes:
+def plot_response(response, ax: Axes | None = None) -> Axes:
     """Draw the rotation of each voussoir over time, the one that rotates most in colour."""
     time, _, rotation = response._arrays()
     ax = axes_of(ax)
@@ -218,7 +218,7 @@ class Film(FuncAnimation):
             return str(self.to_jshtml())
 
     def save(  # type: ignore[override]
-        self, filename: Any, writer: Any = None, **options: Any
+        self, filename, writer=None, **options
     ) -> None:
         """Save the film as .gif, or in a format of ffmpeg such as .mp4.
 
@@ -239,7 +239,7 @@ class Film(FuncAnimation):
         self._fig.patch.set_alpha(0.0)
 
 
-def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
+def animate(response, seconds: float = 8.0, speed: float = 1.0) -> Film:
     """Make a film of a run: the arch with its hinges above, the ground's acceleration below.
 
     It shows at most `seconds` of the run, `speed` times as fast as they were.
@@ -330,7 +330,7 @@ def plot_spectra(
     return ax
 
 
-def plot_plane(table: Any, runs: FloatArray, ax: Axes | None = None) -> Axes:
+def plot_plane(table, runs: FloatArray, ax: Axes | None = None) -> Axes:
     """Draw contours of a table of probabilities, and runs: both intensities, 1 of a collapse."""
     ax = axes_of(ax, (5.6, 4.2))
     one, two = table.columns[:2]

@@ -38,7 +38,7 @@ class Property(NamedTuple):
     infinite: str = ""  # what inf stands for; it is refused if that is empty
 
 
-def _length(text: str = "", **about: Any) -> Property:
+def _length(text: str = "", **about) -> Property:
     return Property("m", SMALLEST, LARGEST, text=text, **about)
 
 
@@ -196,7 +196,7 @@ SPELLED = {
 UNITS = {key: SPELLED[str(row.unit)][0] for key, row in VARIABLE.items()}
 
 
-def value_of(given: Mapping[str, Any], key: str) -> Any:
+def value_of(given: Mapping[str, Any], key: str):
     """Return the value of a key, or of one in a block such as ``joints.stiffness``; else None."""
     value: Any = given
     for name in key.split("."):
@@ -204,7 +204,7 @@ def value_of(given: Mapping[str, Any], key: str) -> Any:
     return value
 
 
-def unusual(key: str, value: Any, name: str = "") -> Iterator[str]:
+def unusual(key: str, value, name: str = "") -> Iterator[str]:
     """Yield a question on the first of some values that is beyond the usual ones, if there is one.
 
     `key` is one of `PROPERTIES`, any other has no bounds; `name` is its place, if that is longer.

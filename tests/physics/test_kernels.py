@@ -19,7 +19,7 @@ from archfrag.physics.energy import record_step
 from archfrag.physics.interface import Options
 from archfrag.physics.residual import state_residual
 from archfrag.physics.state import Clock, model_of, new_state, new_work
-from archfrag.physics.status import CollapseMode, Energy, Loss, Status
+from archfrag.physics.status import CollapseMode, Energy, Loss, Status, Wait
 
 CHAIN = af.Block(1.0, 2.0, friction=0.5).chain
 MODEL = model_of(CHAIN)._replace(gravity=10.0)
@@ -149,19 +149,19 @@ def test_solve_contact_slides_on_the_cone_and_refuses_a_step_in_which_a_corner_c
 @pytest.mark.parametrize(
     ("code", "place", "status", "how"),
     [
-        (shared.IDLE, (), Status.STANDING, CollapseMode.NONE),
-        (shared.BROKEN, (), Status.NOT_FINITE, CollapseMode.NONE),
-        (shared.EXHAUSTED, (), Status.WORK_BOUND, CollapseMode.NONE),
-        (shared.UNSOLVED, (), Status.NO_CONTACT_SOLUTION, CollapseMode.NONE),
-        (shared.AT_END, (), Status.UNFINISHED, CollapseMode.NONE),
+        (Wait.IDLE, (), Status.STANDING, CollapseMode.NONE),
+        (Wait.BROKEN, (), Status.NOT_FINITE, CollapseMode.NONE),
+        (Wait.EXHAUSTED, (), Status.WORK_BOUND, CollapseMode.NONE),
+        (Wait.UNSOLVED, (), Status.NO_CONTACT_SOLUTION, CollapseMode.NONE),
+        (Wait.AT_END, (), Status.UNFINISHED, CollapseMode.NONE),
         (
-            shared.AT_END,
+            Wait.AT_END,
             (0.0, 0.1),
             Status.COLLAPSED,
             CollapseMode.LIFT_OFF,
         ),  # in flight
-        (shared.COLLAPSES, (0.0, 0.6), Status.COLLAPSED, CollapseMode.LIFT_OFF),
-        (shared.COLLAPSES, (0.0, 0.0, 1.6), Status.COLLAPSED, CollapseMode.OVERTURNING),
+        (Wait.COLLAPSES, (0.0, 0.6), Status.COLLAPSED, CollapseMode.LIFT_OFF),
+        (Wait.COLLAPSES, (0.0, 0.0, 1.6), Status.COLLAPSED, CollapseMode.OVERTURNING),
     ],
 )
 def test_end_run(code, place, status, how):

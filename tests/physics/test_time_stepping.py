@@ -13,9 +13,9 @@ from archfrag.physics.energy import energies_of
 from archfrag.physics.ground import grounds_of, impulse_between
 from archfrag.physics.interface import Options
 from archfrag.physics.kernels.kernel import kernel
-from archfrag.physics.shared import AT_END, EXHAUSTED, PAUSE, UNSOLVED, clear
+from archfrag.physics.shared import clear
 from archfrag.physics.state import Clock, model_of
-from archfrag.physics.status import Count, Energy, Status
+from archfrag.physics.status import Count, Energy, Status, Wait
 from archfrag.physics.steps.run import new_rigid_runs
 from archfrag.physics.steps.service import go_on
 from archfrag.physics.steps.step import accept_step, pose_step, time_before
@@ -139,10 +139,12 @@ class TestRest:
         assert simulate(column, held, initial=(still, still)).collapsed is True
 
 
-@pytest.mark.parametrize(("solved", "else_"), [(True, PAUSE), (False, UNSOLVED)])
+@pytest.mark.parametrize(
+    ("solved", "else_"), [(True, Wait.PAUSE), (False, Wait.UNSOLVED)]
+)
 @pytest.mark.parametrize(
     ("time", "steps", "ends"),
-    [(0.5, 10, None), (2.0, 10, AT_END), (0.5, 1e9, EXHAUSTED)],
+    [(0.5, 10, None), (2.0, 10, Wait.AT_END), (0.5, 1e9, Wait.EXHAUSTED)],
 )
 def test_a_run_ends_in_time_though_every_step_needs_service(
     time, steps, ends, solved, else_

@@ -525,7 +525,7 @@ def run(
     start(case, still, np.zeros_like(still), False)
     case.output.written[1] = 0
     this = Run(case, factor, options)
-    code = Wait.GO
+    code: int = Wait.GO
     if not from_rest and not this.match(position, velocity):
         code = NOT_APPLICABLE
     case.state.position[1:-1] = position

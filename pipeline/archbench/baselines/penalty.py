@@ -31,19 +31,9 @@ from archfrag.physics.contact.placing import move_faces, place_contacts
 from archfrag.physics.ground import Grounds, Impulse, end_of_motion, impulse_between
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.shared import (
-    ALL,
-    AT_END,
-    BROKEN,
-    COLLAPSES,
-    EXHAUSTED,
-    GO,
-    IDLE,
-    PAUSE,
-    log_change,
-)
+from archfrag.physics.shared import log_change
 from archfrag.physics.state import Clock
-from archfrag.physics.status import Count, Energy
+from archfrag.physics.status import Count, Energy, Level, Wait
 from archfrag.physics.steps.service import dominant_change, measure_state, write_if_due
 from archfrag.physics.steps.step import (
     accept_step,
@@ -179,12 +169,12 @@ def make_steps(case, springs, most, shifted):
     clock = state.clock
     options = case.options
     until = end_of_motion(case.grounds, clock, options.follow)
-    while clock[Clock.CODE] == GO:
+    while clock[Clock.CODE] == Wait.GO:
         impulse = pose_springs(case, springs)
         time = clock[Clock.TIME]
         checks = int(state.count[Count.STEPS]) % options.check_interval == 0
         if checks and not balance_energy(case, springs, impulse):
-            clock[Clock.CODE] = BROKEN
+            clock[Clock.CODE] = Wait.BROKEN
             return
         if checks or (output.frames.time.size > 0 and time >= output.due[0]):
             gather_reactions(case, springs, clock[Clock.STEP])
@@ -194,17 +184,17 @@ def make_steps(case, springs, most, shifted):
         if checks:
             measure_state(model, state, work)
         if cause >= 0:
-            log_change(state, time, cause, joint, ALL, output)
+            log_change(state, time, cause, joint, Level.ALL_VOUSSOIRS, output)
         if broken or collapsed:
-            clock[Clock.CODE] = BROKEN if broken else COLLAPSES
+            clock[Clock.CODE] = Wait.BROKEN if broken else Wait.COLLAPSES
         elif stands(state, options, until, springs.moved, REST_SPAN):
             end_at_rest(state, output)
         elif clock[Clock.TIME] >= until:
-            clock[Clock.CODE] = AT_END
+            clock[Clock.CODE] = Wait.AT_END
         elif state.count[Count.STEPS] >= most:
-            clock[Clock.CODE] = EXHAUSTED
+            clock[Clock.CODE] = Wait.EXHAUSTED
         elif _largest_slip(model, state) > shifted + SHIFT:
-            clock[Clock.CODE] = PAUSE
+            clock[Clock.CODE] = Wait.PAUSE
 
 
 @kernel
@@ -214,7 +204,7 @@ def end_steps(case, springs):
     state = case.state
     work = case.work
     clock = case.state.clock
-    if int(clock[Clock.CODE]) not in (COLLAPSES, AT_END, IDLE):
+    if int(clock[Clock.CODE]) not in (Wait.COLLAPSES, Wait.AT_END, Wait.IDLE):
         return
     for i in range(state.position.shape[0]):
         for c in range(3):
@@ -222,7 +212,7 @@ def end_steps(case, springs):
             work.solved[i, c] = state.velocity[i, c]
     press_joints(model, state, work, springs, 0.5 * clock[Clock.STEP])
     if not balance_energy(case, springs, Impulse(*(8 * (0.0,)))):
-        clock[Clock.CODE] = BROKEN
+        clock[Clock.CODE] = Wait.BROKEN
         return
     gather_reactions(case, springs, 1.0)
     measure_state(model, state, work)
@@ -329,7 +319,7 @@ def run(
     nominal = options.time_step
     until = (grounds.horizontal.size - 1) * grounds.time_step[0] + options.follow
     elastic = np.nan
-    while clock[Clock.CODE] == GO:
+    while clock[Clock.CODE] == Wait.GO:
         critical = critical_step(frequency, springs.damping)
         parts = max(np.ceil(nominal / (step_fraction * critical)), 1.0)
         clock[Clock.STEP] = nominal / parts
@@ -337,15 +327,15 @@ def run(
             options.max_steps - clock[Clock.TIME] / nominal
         )
         if not until * parts < MOST_STEPS * nominal:
-            clock[Clock.CODE] = EXHAUSTED
+            clock[Clock.CODE] = Wait.EXHAUSTED
             break
         if np.isnan(elastic):
             elastic = _start(case, springs, from_rest)
         make_steps(
             case, springs, float(most), float((abs(state.slip) / model.length).max())
         )
-        if clock[Clock.CODE] == PAUSE:
-            clock[Clock.CODE] = GO
+        if clock[Clock.CODE] == Wait.PAUSE:
+            clock[Clock.CODE] = Wait.GO
             frequency = highest_frequency(model, state, work, springs)
     end_steps(case, springs)
     results = finish(case, position, velocity)

@@ -256,7 +256,7 @@ class Results:
         hazard: Hazards | None = None,
         *,
         consequence: Mapping[str, float],
-        **given: Any,
+        **given,
     ) -> pd.DataFrame:
         """Find the average annual loss at a site, as a part of the value of each arch or class.
 
@@ -293,7 +293,7 @@ class Results:
         hazard: Hazards | None = None,
         *,
         other: Results | None = None,
-        **given: Any,
+        **given,
     ) -> pd.DataFrame:
         """Compare an arch, or a class, as it is with one that has a tie or another remedy.
 
@@ -425,21 +425,21 @@ class Results:
         self._export(kind, path, members, limit_states, curve)
         return Path(path)
 
-    def to_pelicun(self, path: PathLike, **options: Any) -> list[Path]:
+    def to_pelicun(self, path: PathLike, **options) -> list[Path]:
         """Write the curves into a folder as a damage database of pelicun: a CSV and a JSON.
 
         `options` are members, limit_states and curve, as for `to_nrml`.
         """
         return self._export("pelicun", path, **options)
 
-    def to_incore(self, path: PathLike, **options: Any) -> list[Path]:
+    def to_incore(self, path: PathLike, **options) -> list[Path]:
         """Write the curves for IN-CORE into a folder: a DFR3 set in JSON for each arch.
 
         `options` are as for `to_pelicun`.
         """
         return self._export("in-core", path, **options)
 
-    def to_csv(self, path: PathLike, **options: Any) -> list[Path]:
+    def to_csv(self, path: PathLike, **options) -> list[Path]:
         """Write tables of curves, parameters, runs, records and arches into a folder.
 
         `options` are as for `to_pelicun`.

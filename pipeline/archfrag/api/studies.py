@@ -125,10 +125,10 @@ class Study:
         unit: str | None = None,
         design: str | Keys = "stripes",
         vary: Keys | None = None,
-        hazard: Any = None,
+        hazard=None,
         id: str | None = None,
         title: str | None = None,
-        **keys: Any,
+        **keys,
     ) -> None:
         for key, own in (("arches", "arch"), ("intensity", "measure, levels and unit")):
             if key in keys:
@@ -309,7 +309,7 @@ class Study:
 
 
 def fit(
-    table: Any,
+    table,
     columns: Mapping[str, str] | None = None,
     measure: str | None = None,
     unit: str | None = None,
@@ -355,7 +355,7 @@ def fit(
     return Results(study, fit_runs(study, cube))
 
 
-def _named(arch: Any, name: str) -> Keys:
+def _named(arch, name: str) -> Keys:
     """Return arches by name; a single one has this name if it has none."""
     if isinstance(arch, list | tuple):
         arch = {f"arch{number}": each for number, each in enumerate(arch, start=1)}
@@ -365,7 +365,7 @@ def _named(arch: Any, name: str) -> Keys:
     return arch if several else {name: arch}
 
 
-def _arches(arch: Any, name: str, vary: Keys | None) -> list[Any]:
+def _arches(arch, name: str, vary: Keys | None) -> list[Any]:
     """Return the entries of a study file for arches."""
     arch = _named(arch, name)
     entries = []
@@ -386,7 +386,7 @@ def _arches(arch: Any, name: str, vary: Keys | None) -> list[Any]:
     return entries
 
 
-def _motions(given: Any) -> tuple[tuple[Motion, ...], Named]:
+def _motions(given) -> tuple[tuple[Motion, ...], Named]:
     """Return the motion objects, and the block `motions` of a study file."""
     if isinstance(given, MotionList) and given.asked is not None:
         given = given.asked.model_dump(exclude_unset=True)
@@ -446,7 +446,7 @@ def _write_motions(motions: Sequence[Motion], folder: Path) -> Path:
     return write_index(folder, rows)
 
 
-def _plain(value: Any) -> Any:
+def _plain(value):
     """Return what JSON does not know as a study file has it: arrays as lists, paths as text."""
     if hasattr(value, "tolist"):
         return value.tolist()

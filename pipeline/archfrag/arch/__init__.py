@@ -1,7 +1,7 @@
 """Arches, columns and blocks in user units, and the chains of rigid bodies that they are."""
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 STANDARD_GRAVITY = 9.80665
 """Acceleration of gravity in all of archfrag [m/s2] (ISO 80000-3, standard acceleration)."""
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from archfrag.arch.model import Arch, Block
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str):
     if name in (
         "Arch",
         "Block",

@@ -32,14 +32,14 @@ def check_upright(ring: Ring, free_end: bool) -> None:
 
 
 def checked_piers(
-    height: Any,
-    width: Any,
-    base_width: Any = None,
-    courses: Any = 1,
-    above: Any = 0.0,
-    friction: Any = None,
-    density: Any = None,
-    depth: Any = None,
+    height,
+    width,
+    base_width=None,
+    courses=1,
+    above=0.0,
+    friction=None,
+    density=None,
+    depth=None,
 ) -> Piers:
     """Return the values of the left and the right pier by key; None for what the ring gives."""
     given = {
@@ -103,7 +103,7 @@ def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
             "courses or more height"
         )
 
-    def out(y: Any) -> Any:
+    def out(y):
         return base_width + (width - base_width) * (y - base) / (top - base)
 
     if not -slip <= reach <= min(width, out(outer[1])) + slip:
@@ -135,11 +135,11 @@ def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
 
 
 def checked_fill(
-    height_over_crown: Any,
-    unit_weight: Any,
-    backing_height: Any = 0.0,
-    backing_unit_weight: Any = None,
-    inertia: Any = 1.0,
+    height_over_crown,
+    unit_weight,
+    backing_height=0.0,
+    backing_unit_weight=None,
+    inertia=1.0,
 ) -> dict[str, float]:
     """Return the keys of fill with their values."""
     if backing_unit_weight is None:

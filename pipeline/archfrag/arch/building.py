@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -99,7 +99,7 @@ def _coefficients(given: Given, bodies: int) -> FloatArray:
     return checks.shared_or_each("friction", given.friction, joints, "joint")
 
 
-def plain(value: ArrayLike | None) -> Any:
+def plain(value: ArrayLike | None):
     """Return the numbers as strict JSON takes them: nested lists of floats, infinity as "inf"."""
     if value is None:
         return None

@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 def _floats(
     name: str,
-    value: Any,
+    value,
     allowed: str,
     fits: Callable[[Any], Any],
     shape_fits: Callable[[tuple[int, ...]], bool] = lambda shape: shape == (),
@@ -42,7 +42,7 @@ def _floats(
 
 def number(
     key: str,
-    value: Any,
+    value,
     *,
     least: float = 0.0,
     most: float = np.inf,
@@ -58,13 +58,13 @@ def number(
     ]
     allowed = f"a number {' and '.join(limits)}{f' ({meaning})' if meaning else ''}"
 
-    def fits(x: Any) -> bool:
+    def fits(x) -> bool:
         return ends[0] < x < ends[1] or (closed and x in ends)
 
     return float(_floats(key, value, allowed, fits))
 
 
-def count(name: str, value: Any) -> int:
+def count(name: str, value) -> int:
     """Number of voussoirs of an arch: an integer from 2 to `MOST_VOUSSOIRS`."""
     allowed = f"an integer from 2 to {MOST_VOUSSOIRS} (a single body is a Block)"
     numbers = range(2, MOST_VOUSSOIRS + 1)
@@ -80,7 +80,7 @@ def flag(name: str, value: object) -> bool:
     return bool(value)
 
 
-def shared_or_each(key: str, value: Any, size: int, each: str) -> FloatArray:
+def shared_or_each(key: str, value, size: int, each: str) -> FloatArray:
     """Return one number for all, or one for each, all within the bounds of their key."""
     about = PROPERTIES[key]
     most = f"at most {about.most:g} {about.unit}".rstrip()
@@ -90,7 +90,7 @@ def shared_or_each(key: str, value: Any, size: int, each: str) -> FloatArray:
         f"{f' (inf: {about.infinite})' if about.infinite else ''}"
     ).replace("  ", " ")
 
-    def fits(x: FloatArray) -> Any:
+    def fits(x: FloatArray):
         within = (x >= about.least) & (x <= about.most) & np.isfinite(x)
         return within | (x == np.inf) & bool(about.infinite)
 
@@ -129,7 +129,7 @@ def joint_positions(
     return position
 
 
-def points(name: str, value: Any, least: int, why: str, widest: int = 2) -> FloatArray:
+def points(name: str, value, least: int, why: str, widest: int = 2) -> FloatArray:
     """Return the corners ``(n, 2)`` to ``(n, widest)`` [m] ``n >= least``; `why`: where `least` is
     from.
     """

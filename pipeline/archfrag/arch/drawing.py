@@ -146,7 +146,7 @@ def read_drawing(
 
 
 def _refuse_covered(
-    document: Any, parts: list[_Part], blocks: dict[int, Any], path: str
+    document, parts: list[_Part], blocks: dict[int, Any], path: str
 ) -> None:
     """Refuse blocks (their shapes by their place in `parts`) that a later WIPEOUT hides."""
     covers = [place for place, part in enumerate(parts) if part.kind == "WIPEOUT"]
@@ -192,13 +192,13 @@ def drawing_text(lines: Iterable[tuple[str, FloatArray]]) -> str:
     return stream.getvalue()
 
 
-def _library() -> Any:
+def _library():
     import ezdxf.xclip  # start-up: it looks for fonts and a cache of its own
 
     return ezdxf
 
 
-def _document(path: Path) -> Any:
+def _document(path: Path):
     """Return the file as ezdxf reads it."""
     ezdxf = _library()
     read_bytes(
@@ -214,11 +214,11 @@ def _document(path: Path) -> Any:
         ) from None
 
 
-def _layer(entity: Any) -> str:
+def _layer(entity) -> str:
     return str(entity.graphic_properties().get("layer", "0"))
 
 
-def _fault(reference: Any) -> str:
+def _fault(reference) -> str:
     """Return why what a reference to a block shows cannot be told; empty if it can."""
     original = (
         reference if reference.dxf.handle else reference.source_of_copy or reference
@@ -234,7 +234,7 @@ def _fault(reference: Any) -> str:
     return ""
 
 
-def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
+def _seen(document, path: str) -> tuple[list[_Part], Counter[str]]:
     """Return what is seen in model space but for annotations, and layers that hide polylines."""
     layers = {layer.dxf.name.casefold(): layer for layer in document.layers}
     frozen = {name for name, layer in layers.items() if layer.is_frozen()}
@@ -243,9 +243,7 @@ def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
     hidden = Counter[str]()
     inside = 0
 
-    def look(
-        entity: Any, layer: str, reference: Any, depth: int, fault: str = ""
-    ) -> None:
+    def look(entity, layer: str, reference, depth: int, fault: str = "") -> None:
         nonlocal inside
         kind = entity.dxftype()
         name = layer.casefold()
@@ -284,7 +282,7 @@ def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
     return parts, hidden
 
 
-def _exploded(reference: Any) -> Iterator[Any]:
+def _exploded(reference) -> Iterator[Any]:
     """Yield entities of a reference to a block where it puts them, of all its rows and columns."""
     skipped: list[Any] = []
     keep = {"skipped_entity_callback": lambda entity, reason: skipped.append(entity)}
@@ -348,7 +346,7 @@ def _counted(parts: list[_Part], used: set[int]) -> str:
     return ", ".join(texts[:_MOST_LISTED]) + f" and {more} more kinds" * (more > 0)
 
 
-def _fills(hatch: Any, blocks: list[Any]) -> bool:
+def _fills(hatch, blocks: list[Any]) -> bool:
     """Return whether a hatch fills blocks: the middle of each of its boundaries is in one."""
     try:
         paths = list(_library().path.from_hatch(hatch))
@@ -361,7 +359,7 @@ def _fills(hatch: Any, blocks: list[Any]) -> bool:
     return all(shapely.covers(blocks, point).any() for point in points)
 
 
-def _outline(entity: Any, name: str) -> FloatArray:
+def _outline(entity, name: str) -> FloatArray:
     """Return the corners (m, 3) of a closed polyline, in the unit of the drawing."""
     kind = entity.dxftype()
     rows = []

@@ -82,7 +82,7 @@ class Arch(Shape):
         """What a drawing shows of the arch at rest: fill, voussoirs, ties and ground."""
         return arch_marks(self)
 
-    def _frame(self, *motion: Any) -> tuple[FloatArray, FloatArray]:
+    def _frame(self, *motion) -> tuple[FloatArray, FloatArray]:
         return frame(self, *motion)
 
     def corner_name(self, corner: int) -> str:
@@ -124,7 +124,7 @@ class Arch(Shape):
         *,
         sector: bool = True,
         joint_positions: ArrayLike | None = None,
-        **material: Any,
+        **material,
     ) -> Arch:
         """Build a circular arch, symmetric about the vertical through its centre, the origin.
 
@@ -175,7 +175,7 @@ class Arch(Shape):
         friction: ArrayLike,
         *,
         sector: bool = True,
-        **more: Any,
+        **more,
     ) -> Arch:
         """Build a circular arch of at most a semicircle from its span and rise.
 
@@ -201,7 +201,7 @@ class Arch(Shape):
         thickness: float,
         voussoirs: int,
         friction: ArrayLike,
-        **more: Any,
+        **more,
     ) -> Arch:
         """Build a pointed arch: two circular arcs with horizontal springings meet at the crown.
 
@@ -221,7 +221,7 @@ class Arch(Shape):
         thickness: float,
         voussoirs: int,
         friction: ArrayLike,
-        **more: Any,
+        **more,
     ) -> Arch:
         """Build the upper half of an ellipse, flat or tall, with straight sides.
 
@@ -240,7 +240,7 @@ class Arch(Shape):
         thickness: float,
         voussoirs: int,
         friction: ArrayLike,
-        **more: Any,
+        **more,
     ) -> Arch:
         """Build a hanging chain upside down, with straight sides.
 
@@ -263,7 +263,7 @@ class Arch(Shape):
         *,
         joint_positions: ArrayLike | None = None,
         sector: bool | None = None,
-        **material: Any,
+        **material,
     ) -> Arch:
         """Check what profiles over a span have in common, and build one of them."""
         least, most, ring_of = _OVER_SPAN[profile]
@@ -300,7 +300,7 @@ class Arch(Shape):
         friction: ArrayLike,
         *,
         free_end: bool = False,
-        **material: Any,
+        **material,
     ) -> Arch:
         """Build a straight-sided chain of any profile from the ends of its joints.
 
@@ -354,7 +354,7 @@ class Arch(Shape):
         ground: Sequence[ArrayLike] = (),
         thickness_factor: float = 1.0,
         tolerance: float | None = None,
-        **material: Any,
+        **material,
     ) -> Arch:
         """Build a chain of simple polygons in any order; edges that two share become joints.
 
@@ -400,7 +400,7 @@ class Arch(Shape):
         unit: str | None = None,
         thickness_factor: float = 1.0,
         tolerance: float | None = None,
-        **material: Any,
+        **material,
     ) -> Arch:
         """Build a chain from the blocks of a DXF drawing.
 
@@ -558,7 +558,7 @@ class Arch(Shape):
             parameters={**self.parameters, "recess": recess},
         )
 
-    def on_piers(self, height: ArrayLike, width: ArrayLike, **more: Any) -> Arch:
+    def on_piers(self, height: ArrayLike, width: ArrayLike, **more) -> Arch:
         """Return the arch on two piers or buttresses, which are further bodies of its chain.
 
         Each is cut to a springing joint of the ring, the skewback. Its other joints are level. Its
@@ -590,7 +590,7 @@ class Arch(Shape):
         """
         return self._with(piers={"height": height, "width": width, **more})
 
-    def filled(self, height_over_crown: float, unit_weight: float, **more: Any) -> Arch:
+    def filled(self, height_over_crown: float, unit_weight: float, **more) -> Arch:
         """Return the arch with the weight and mass of fill and backing over its extrados.
 
         Each body carries the column above it up to a level surface: a point mass on its extrados,
@@ -627,17 +627,17 @@ class Arch(Shape):
             )
         return self.rebuilt(**more)._warned(*more)
 
-    def rebuilt(self, **more: Any) -> Arch:
+    def rebuilt(self, **more) -> Arch:
         """Return the arch with other piers or fill, before recesses, springings and ties."""
         return Arch(**fields_of(self.given._replace(**more)))
 
     @classmethod
-    def _built_of(cls, *given: Any, **material: Any) -> Self:
+    def _built_of(cls, *given, **material) -> Self:
         return cls(**fields_of(Given(*given, **material)))._warned()
 
     @classmethod
     def _of_blocks(
-        cls, drawn: Blocks, factor: float, tolerance: float | None, **material: Any
+        cls, drawn: Blocks, factor: float, tolerance: float | None, **material
     ) -> Arch:
         """Return the arch of polygons, see `from_polygons`, after warnings of unusual values."""
         shape, ring, free = polygon_shape(drawn, tolerance, factor)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +103,7 @@ class SlowArch:
                 return min(self.rest_range()) >= -HOLDS
         return False
 
-    def arch(self) -> Any:
+    def arch(self):
         """Return the arch at rest where the bodies are."""
         arch = self._built
         model = self.model
@@ -173,7 +172,7 @@ class SlowArch:
         self._state.tie[tie] = TieMode.TAUT, 0.0
 
 
-def follow_tie(arch: Shape) -> Any:
+def follow_tie(arch: Shape):
     """Return an arch that has spread at rest under its last tie.
 
     Its hinges leave it one thrust, so that it moves where a tie pulls, until joints close. The tie

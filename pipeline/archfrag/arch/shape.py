@@ -137,7 +137,7 @@ class Shape:
         sine = math.sin(angle)
         return np.array([[math.cos(angle), sine], [-sine, math.cos(angle)]])
 
-    def changed(self, **fields: Any) -> Self:
+    def changed(self, **fields) -> Self:
         """Return the arch with other attributes."""
         other = copy(self)
         vars(other).update(fields)

@@ -4,7 +4,6 @@ import errno
 import os
 import warnings
 from importlib import import_module
-from typing import Any
 
 import click
 
@@ -72,7 +71,7 @@ class _Commands(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl([(name, COMMANDS[name][1]) for name in sorted(COMMANDS)])
 
-    def invoke(self, ctx: click.Context) -> Any:
+    def invoke(self, ctx: click.Context):
         """Run a command; an error of the user or of the machine is one message."""
         try:
             return super().invoke(ctx)

@@ -3,7 +3,6 @@
 import json
 import webbrowser
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -75,12 +74,12 @@ _FORMATS = (f"{name:15}  {about}" for name, about in _USES.items())
     json_option,
 )
 def export(
-    study: Any,
+    study,
     formats: tuple[str, ...],
     out: Path | None,
     members: bool,
     as_json: bool,
-    **of_curves: Any,
+    **of_curves,
 ) -> None:
     """Export a finished study in the formats of other programs.
 
@@ -129,7 +128,7 @@ def export(
     option("--arch", str, "Id of the arch; the first one if not given.", metavar="ID"),
     option("--to path", svg_path, "File to write: .svg.", "film.svg", metavar="FILE"),
 )
-def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
+def film(study, run_name: str, arch: str | None, path: Path) -> None:
     """Film one run of a finished study, simulated again.
 
     A browser plays the file.
@@ -191,7 +190,7 @@ def _site(text: str) -> tuple[float, float]:
     json_option,
 )
 def risk(
-    study: Any,
+    study,
     hazards: tuple[Path, ...],
     unit: str | None,
     site: tuple[float, float] | None,
@@ -262,7 +261,7 @@ def info(file: Path, as_json: bool) -> None:
     show(facts, "\n".join(lines), as_json)
 
 
-def _text(value: Any) -> str:
+def _text(value) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name} {each}" for name, each in value.items() if each != 0)
     if isinstance(value, list):

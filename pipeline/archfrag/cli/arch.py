@@ -5,7 +5,6 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import click
 from pydantic import ValidationError
@@ -66,7 +65,7 @@ def _takes_arch(command: Callable) -> Callable:
     """Give a command the options of an arch: its dimensions, or its id in a study file."""
 
     @functools.wraps(command)
-    def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
+    def wrapped(study: Path | None, arch_id: str | None, **options) -> None:
         given = {name: options.pop(name) for name in ("profile", *_OPTIONS, "layer")}
         if study is None:
             refuse_given("an arch of a study needs --study", "arch_id")
@@ -144,7 +143,7 @@ def _by_numbers(options: Named) -> ArchEntry:
         return ArchEntry.model_validate(given)
     except ValidationError as error:
 
-        def option(at: Any) -> str:
+        def option(at) -> str:
             name = "drawing_unit" if at[0] == "unit" else str(at[0])
             return "--" + name.replace("_", "-")
 
@@ -164,7 +163,7 @@ def _by_numbers(options: Named) -> ArchEntry:
 )
 @figure_option
 @json_option
-def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -> None:
+def onset(arch, spread: float | None, figure: Path | None, as_json: bool) -> None:
     """Find the steady ground acceleration that starts to move an arch.
 
     The figure shows the arch with hinges and thrust line at onset.
@@ -241,12 +240,12 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
     json_option,
 )
 def simulate(
-    arch: Any,
+    arch,
     record: Path,
     scale: float,
     pga: float | None,
     as_json: bool,
-    **options: Any,
+    **options,
 ) -> None:
     """Simulate one arch under one record, until it rests or collapses."""
 

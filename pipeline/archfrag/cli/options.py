@@ -31,7 +31,7 @@ def takes(*options: Callable) -> Callable:
 
 
 def option(
-    names: str, kind: Any, text: str | None, default: Any = None, **more: Any
+    names: str, kind, text: str | None, default=None, **more
 ) -> Callable[..., Any]:
     """Return an option by its names, a flag if it is bool; its help shows the default."""
     if default is not None:
@@ -40,15 +40,13 @@ def option(
     return click.option(*names.split(), type=kind, is_flag=flag, help=text, **more)
 
 
-def _columns(text: str) -> Any:
+def _columns(text: str):
     from archfrag.motions.formats.columns import parse_columns
 
     return parse_columns(text)
 
 
-def _accept(
-    context: click.Context, parameter: click.Parameter, words: tuple[str, ...]
-) -> Any:
+def _accept(context: click.Context, parameter: click.Parameter, words: tuple[str, ...]):
     from archfrag.motions.calibrate import accepted_words
 
     return accepted_words(words, "--accept")
@@ -133,7 +131,7 @@ command = functools.partial(click.command, cls=Once)
 
 
 def pairs_of(
-    context: click.Context, parameter: click.Parameter, given: Any
+    context: click.Context, parameter: click.Parameter, given
 ) -> dict[str, str]:
     """Return names with their values of one text such as a=1,b=2, or of several."""
     text = given if isinstance(given, str) else ",".join(given or ())
@@ -196,7 +194,7 @@ def wrapped(text: str, indent: int) -> list[str]:
     )
 
 
-def show(facts: Any, text: str, as_json: bool) -> None:
+def show(facts, text: str, as_json: bool) -> None:
     echo(json.dumps(facts, allow_nan=False) if as_json else text)
 
 

@@ -47,9 +47,7 @@ _out = option("--out", PATH, "Folder to write to.", required=True)
 def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
     """Return a callback for numbers within limits, which tells whether they are two ends."""
 
-    def numbers(
-        context: click.Context, parameter: click.Parameter, text: str | None
-    ) -> Any:
+    def numbers(context: click.Context, parameter: click.Parameter, text: str | None):
         if text is None:
             return None
         ends = ":" in text
@@ -90,7 +88,7 @@ records.command_class = Once
 @_files
 @takes_format
 @json_option
-def inspect(files: tuple[Path, ...], as_json: bool, **reading: Any) -> None:
+def inspect(files: tuple[Path, ...], as_json: bool, **reading) -> None:
     """List the content of record FILES and their errors.
 
     Each channel of each file is shown with its errors. If a file cannot be read, the others are
@@ -161,7 +159,7 @@ def measure(
     figure: Path | None,
     periods: str | None,
     as_json: bool,
-    **reading: Any,
+    **reading,
 ) -> None:
     """Measure record FILES and write a flatfile.
 
@@ -223,7 +221,7 @@ def _measured(
     return pd.concat(tables, ignore_index=True)
 
 
-def _draw(figure: Path, periods: Sequence[float], spectra: Any, bands: Options) -> None:
+def _draw(figure: Path, periods: Sequence[float], spectra, bands: Options) -> None:
     """Write response spectra [g] as SVG; of each band there are rows low, median and high."""
     from archfrag import plots  # start-up: matplotlib
 
@@ -261,7 +259,7 @@ def _draw(figure: Path, periods: Sequence[float], spectra: Any, bands: Options) 
     json_option,
 )
 def select(
-    flatfile: Path, out: Path, figure: Path | None, as_json: bool, **options: Any
+    flatfile: Path, out: Path, figure: Path | None, as_json: bool, **options
 ) -> None:
     """Select records of a FLATFILE for a target.
 
@@ -386,7 +384,7 @@ def fetch(
     channels: str,
     stations: int,
     as_json: bool,
-    **where: Any,
+    **where,
 ) -> None:
     """Fetch records of events from data centres.
 
@@ -450,7 +448,7 @@ def fetch(
     option("--seed", click.IntRange(0, 10**9), "Of the random numbers (1)."),
     json_option,
 )
-def make(out: Path, as_json: bool, **requested: Any) -> None:
+def make(out: Path, as_json: bool, **requested) -> None:
     """Make synthetic motions with their index.
 
     A study reads them by `motions: {index: OUT/index.csv}`. Without any option but --out the

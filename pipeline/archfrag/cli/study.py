@@ -54,7 +54,7 @@ def with_study(*options: Callable) -> Callable:
 
     def decorate(command: Callable) -> Callable:
         @functools.wraps(command)
-        def wrapped(study_file: Path, overrides: tuple[str, ...], **given: Any) -> None:
+        def wrapped(study_file: Path, overrides: tuple[str, ...], **given) -> None:
             command(load_study(study_file, overrides), **given)
 
         return takes(takes_study, *options)(wrapped)
@@ -87,7 +87,7 @@ def warmup(method: str | None) -> None:
 
 @command()
 @with_study(json_option)
-def validate(study: Any, as_json: bool) -> None:
+def validate(study, as_json: bool) -> None:
     """Check a study file and all files that it names.
 
     Arches, records, hazard and output folder are checked; nothing is run. If there are very many
@@ -141,7 +141,7 @@ def _stoppable(again: str) -> Iterator[Callable[[], None]]:
         os._exit(int(stopped.code or 0))  # a thread in a kernel cannot be stopped
 
 
-def _summary(study: Any, fitted: Fitted) -> None:
+def _summary(study, fitted: Fitted) -> None:
     """Print the answers of a finished study, or of a table."""
     answers, cautions = answer_lines(study, fitted)
     for text in (*answers, *(arch_texts(study) if study.arches else ())):
@@ -153,7 +153,7 @@ def _summary(study: Any, fitted: Fitted) -> None:
 
 @command()
 @with_study(option("--yes", bool, "Remove without asking."))
-def clean(study: Any, yes: bool) -> None:
+def clean(study, yes: bool) -> None:
     """Remove stored runs that a study does not use."""
     check_own(study)
     plan = make_plan(study)
@@ -174,7 +174,7 @@ def clean(study: Any, yes: bool) -> None:
 def _step(name: str, *options: Callable) -> click.Command:
     """Make the command of a step, which also renews the dates of its files for Snakemake."""
 
-    def make(study: Any, batch: int = 0, as_json: bool = False, **given: Any) -> None:
+    def make(study, batch: int = 0, as_json: bool = False, **given) -> None:
         check_own(study)
         if name == "motions":  # the first step, of one process
             claim(study, click.get_current_context().params["study_file"])
@@ -240,7 +240,7 @@ def _names(text: str) -> list[str]:
 )
 @json_option
 def fit_command(
-    study_file: Path, overrides: tuple[str, ...], as_json: bool, **given: Any
+    study_file: Path, overrides: tuple[str, ...], as_json: bool, **given
 ) -> None:
     """Fit fragility curves to a table of verdicts, or to a study.
 

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise, repeat
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -73,7 +72,7 @@ def export_arches(
     return {"files": write_files(study, folder, content), "notes": messages}
 
 
-def _scene(study: StudyKeys, chosen: Iterable[Member]) -> Any:
+def _scene(study: StudyKeys, chosen: Iterable[Member]):
     """Return arches, levels, and motions at factor 1 with their factors, for strict JSON."""
     plan = make_plan(study)
     motions = []

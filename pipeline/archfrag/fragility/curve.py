@@ -154,7 +154,7 @@ class Curve:
         return self._intervals[1]
 
     @property
-    def _intervals(self) -> Any:
+    def _intervals(self):
         """Return both intervals, without a posterior by the standard errors."""
         if self.intervals:
             return self.intervals
@@ -163,7 +163,7 @@ class Curve:
         reach = np.exp(z * self.standard_errors / [1.0, self.beta])
         return tuple(zip((values / reach).tolist(), (values * reach).tolist()))
 
-    def probability(self, im: ArrayLike) -> Any:
+    def probability(self, im: ArrayLike):
         """Return probabilities at intensities >= 0 (else InputError), of the same shape."""
         theta, beta = self.parts.T
         deviation = (log_intensity(im)[..., None] - np.log(theta)) / beta
@@ -201,7 +201,7 @@ class Curve:
             ends = np.where(at <= self.im[-1], points, ends)
         return ends[0], ends[1]
 
-    def _pointwise(self, im: FloatArray) -> Any:
+    def _pointwise(self, im: FloatArray):
         """Return the band of the posterior, or by the delta method."""
         if self.density is not None:
             return credible_band(self.density, im, self.confidence)
@@ -292,7 +292,7 @@ class Curve:
         heads = self._axis(), "probability", "lower", "upper"
         return pd.DataFrame(dict(zip(heads, (at, self(at), *self.band(at)))))
 
-    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+    def plot(self, ax: Axes | None = None, **style) -> Axes:
         """Draw the curve with its band on axes of matplotlib, new ones if none are given.
 
         `style` is handed to the line, such as color or label.
@@ -434,7 +434,7 @@ class Curve:
         )
 
 
-def plots() -> Any:
+def plots():
     """Return the module of figures."""
     import archfrag.plots  # matplotlib takes half a second
 

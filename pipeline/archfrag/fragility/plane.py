@@ -6,7 +6,6 @@ draws. Weighting them anew holds an event back, without a new fit.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -97,7 +96,7 @@ class Plane:
         heads += ["probability", "lower", "upper"]
         return pd.DataFrame([*at, *self.at(*at)], heads).T
 
-    def plot(self, ax: Any = None) -> Any:
+    def plot(self, ax=None):
         """Draw contours of the probability, and the runs; FitError without a gain."""
         return plots().plot_plane(self.to_dataframe(80), self.runs, ax)
 

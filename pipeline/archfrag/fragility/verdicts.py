@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -91,7 +90,7 @@ def clopper_pearson(k: IntArray, n: IntArray, confidence: float) -> Pair:
     return lower, upper
 
 
-def wilson(k: FloatArray, n: Any, confidence: float) -> Pair:
+def wilson(k: FloatArray, n, confidence: float) -> Pair:
     """Return Wilson's score interval (1927) of k among n, which need not be integers."""
     z = ndtri(tails(confidence)[1])
     n = np.where(n > 0, n, np.nan)

@@ -204,7 +204,7 @@ def _add_stated(channel: Channel) -> None:
         channel.origin_time = str(stats.starttime - begin + origin)
 
 
-def _number(header: Any, key: str, default: Any = 0.0) -> Any:
+def _number(header, key: str, default=0.0):
     """Return a number of a header; `default` if it is missing, or -12345, as SAC writes then."""
     value = header.get(key)
     return float(default if value in (None, "") or float(value) == -12345.0 else value)
@@ -331,9 +331,7 @@ def _compare_with_the_user(channel: Channel, unit: str) -> None:
         channel.warn(f"{name} is of {other} by its code, {user}")
 
 
-def to_si(
-    channel: Channel, path: Path, asked: str | None, listed: str, table: Any
-) -> None:
+def to_si(channel: Channel, path: Path, asked: str | None, listed: str, table) -> None:
     """Convert a channel to m/s2, a vertical upwards; without a unit, add a warning that says why.
 
     `asked` is the user's unit, `listed` that of an index, `table` the user's StationXML.
@@ -475,7 +473,7 @@ def _of_counts(
     return per_count * STANDARD_GRAVITY, source
 
 
-def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
+def find_inventory(path: Path, trace: Trace, given) -> Inventory | None:
     """Return StationXML for a trace: the given one, or NAME.xml or NET.STA.xml beside the record.
 
     None if there is no such file.

@@ -4,7 +4,6 @@
 obspy Trace, which holds the samples, as ``stats.record``.
 """
 
-import contextlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -95,16 +94,18 @@ class Facts(Mapping[str, Any]):
             if kind is None:
                 more[key] = fact
                 continue
-            with contextlib.suppress(ValueError):
-                read = _READERS.get(kind.type)
+            read = _READERS.get(kind.type)
+            try:
                 named.setdefault(name, read(fact) if read else fact)
+            except ValueError:  # a number in words stays as it is
+                more[name] = fact
         return cls(**named | {"more": more})
 
     @property
     def _known(self) -> Named:
         return filled({**asdict(self), "more": None, **self.more})
 
-    def __getitem__(self, key: str) -> Any:
+    def __getitem__(self, key: str):
         return self._known[_SPELLINGS.get(key, key)]
 
     def __iter__(self) -> Iterator[str]:

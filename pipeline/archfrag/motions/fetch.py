@@ -53,7 +53,7 @@ def fetch_records(
     services: tuple[str, str],
     most: int,
     timeout: float = 60.0,
-    **where: Any,
+    **where,
 ) -> Iterator[tuple[str, str]]:
     """Fetch records of events into a folder; a station that is complete is not asked for again.
 
@@ -105,7 +105,7 @@ def fetch_records(
             yield "new", row["id"]
 
 
-def _ask(client: Client, method: str, **query: Any) -> Any:
+def _ask(client: Client, method: str, **query):
     try:
         return getattr(client, method)(**query)
     except Exception as error:

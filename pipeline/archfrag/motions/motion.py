@@ -124,12 +124,12 @@ class Motion:
         """What is known of the record, as attributes."""
         return cast(Facts, self.metadata)
 
-    def stating(self, **facts: Any) -> Motion:
+    def stating(self, **facts) -> Motion:
         """Return the motion with other facts."""
         return replace(self, metadata=replace(self.facts, **facts))
 
     def changed(
-        self, change: Callable[[Samples], Samples], done: str, **fields: Any
+        self, change: Callable[[Samples], Samples], done: str, **fields
     ) -> Motion:
         """Return the motion with each component changed, and a line about it in the log."""
         fields |= {key: change(samples) for key, samples in self.components.items()}
@@ -227,7 +227,7 @@ class Motion:
     @classmethod
     def from_obspy(
         cls,
-        stream: Any,
+        stream,
         unit: str = "m/s2",
         component: str | None = None,
         accept: Sequence[str] = (),
@@ -405,7 +405,7 @@ def store(path: Path, motion: Motion) -> None:
         np.savez(file, allow_pickle=False, **arrays)
 
 
-def load_stored(path: Path, **known: Any) -> Motion:
+def load_stored(path: Path, **known) -> Motion:
     """Return the motion that `store` wrote and what else is `known`; InputError if damaged."""
     try:
         with np.load(path, allow_pickle=False) as archive:

@@ -196,10 +196,10 @@ def earthquakes(records: Sequence[Any]) -> list[str]:
     starts = np.array([seconds(record.start_time) for record in records])
     ends = starts + [record.duration for record in records]
 
-    def join(members: Any) -> None:
+    def join(members) -> None:
         group[np.isin(group, group[members])] = group[members].min()
 
-    def names(members: Any) -> list[str]:
+    def names(members) -> list[str]:
         return list(dict.fromkeys(filter(None, (records[i].event for i in members))))
 
     by_file: dict[str, list[int]] = {}

@@ -140,7 +140,7 @@ def read_horizontals(
     unit: str | None = None,
     *,
     name: str | None = None,
-    **options: Any,
+    **options,
 ) -> list[Motion]:
     """Read each horizontal of a file with its vertical, as `read_motion` does.
 
@@ -161,7 +161,7 @@ def read_horizontals(
     return motions
 
 
-def read_vertical(path: str | Path, unit: str | None = None, **options: Any) -> Motion:
+def read_vertical(path: str | Path, unit: str | None = None, **options) -> Motion:
     """Read the vertical of a file as the horizontal of a motion; options as in `read_motion`."""
     path = Path(path)
     channels, _ = read_channels(path, unit, **options)
@@ -197,7 +197,7 @@ def load_motion(entry: IndexEntry) -> Motion:
 
 
 def read_channels(
-    path: Path, unit: str | None = None, *, accept: Iterable[str] = (), **options: Any
+    path: Path, unit: str | None = None, *, accept: Iterable[str] = (), **options
 ) -> tuple[list[Channel], IndexEntry]:
     """Return the channels of a file in m/s2, and the row of an index that lists it."""
     entry = find_entry(path)
@@ -303,7 +303,7 @@ def _join_pieces(path: Path, traces: Sequence[Trace]) -> tuple[list[Trace], str]
     )
 
 
-def inspect_record(path: str | Path, unit: str | None = None, **options: Any) -> Named:
+def inspect_record(path: str | Path, unit: str | None = None, **options) -> Named:
     """List what is in a record file and what is wrong with it; arguments are as in `read_motion`.
 
     Times are in s (``start`` in UTC), ``PGA`` in m/s2, ``count`` is the number of samples held.

@@ -10,7 +10,6 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -135,7 +134,7 @@ def read_flatfile(path: str | Path) -> pd.DataFrame:
     return table
 
 
-def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
+def read_table(path: str | Path, what: str, **form) -> pd.DataFrame:
     """Read a table in CSV by pandas, with errors that name the file."""
     text = read_text(Path(path), LARGEST_TABLE, InputError, what)
     try:

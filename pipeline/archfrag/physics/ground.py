@@ -97,7 +97,7 @@ def _breaks(*waves: np.ndarray) -> np.ndarray:
     return np.append(np.minimum.accumulate(following[:-1][::-1])[::-1], last)
 
 
-def grounds_of(motions: Sequence[tuple[Any, ...]], noted: Any = ()) -> Grounds:
+def grounds_of(motions: Sequence[tuple[Any, ...]], noted=()) -> Grounds:
     """Join ground motions, each (horizontal, vertical or None, time step), into arrays.
 
     A fourth entry, if there is one and it is not None, is the acceleration (n_sample, 2) of the

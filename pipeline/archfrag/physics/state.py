@@ -262,7 +262,7 @@ def new_model(chain: Chain) -> Model:
     )
 
 
-def allocate(kind: Any, model: Model, zeros: Zeros, **first: int) -> Any:
+def allocate(kind, model: Model, zeros: Zeros, **first: int):
     """Allocate the arrays of a struct; `first` are dimensions of those not of joints."""
     n_joint = model.friction.size
     return kind(
@@ -303,7 +303,7 @@ def columns_of(array: ndarray) -> ndarray:
     return plain.reshape(-1, array.itemsize // plain.itemsize)
 
 
-def new_runs(law: Law, model: Model, zeros: Zeros = np.zeros, **own: Any) -> Runs:
+def new_runs(law: Law, model: Model, zeros: Zeros = np.zeros, **own) -> Runs:
     """Allocate one run, or four with `lane_array` as `zeros`; `own` are fields of its law."""
     state = new_state(model, zeros)
     work = new_work(model, zeros)

@@ -1,10 +1,9 @@
 """One offline page of what a study found and how it was found."""
 
 from pathlib import Path
-from typing import Any
 
 
-def make_report(study: Any, *given: Any) -> Path:
+def make_report(study, *given) -> Path:
     """Write the report of a finished study and return its path; `page.make_report` says more."""
     from archfrag.report import (
         page,

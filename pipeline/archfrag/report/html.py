@@ -79,7 +79,7 @@ def lines(parts: Iterable[Any]) -> Markup:
     return Markup("\n").join(map(Markup.escape, parts))
 
 
-def template(file: str, **values: Any) -> Markup:
+def template(file: str, **values) -> Markup:
     """Fill in a template of the page."""
     return Markup(_ENVIRONMENT.get_template(file).render(values))
 

@@ -117,7 +117,7 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
     return tuple(having)
 
 
-def _is_set(value: Any) -> bool:
+def _is_set(value) -> bool:
     """Return whether a key holds a finite number other than 0, at any depth."""
     if isinstance(value, Mapping):
         return any(map(_is_set, value.values()))

@@ -65,7 +65,7 @@ def figure(
     """
 
     @wraps(draw)
-    def drawn(*arguments: Any, **named: Any) -> Picture | None:
+    def drawn(*arguments, **named) -> Picture | None:
         sheet = Sheet(width)
         words = draw(sheet, *arguments, **named)
         if words is None:

@@ -1,7 +1,6 @@
 """Checks of what a run is asked for: one message that names the argument."""
 
 import math
-from typing import Any
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
@@ -28,7 +27,7 @@ def default_of(info: MethodInfo, name: str) -> float:
     return {p.name: p.default for method in methods for p in method.parameters}[name]
 
 
-def check_method(name: Any) -> MethodInfo:
+def check_method(name) -> MethodInfo:
     """Return the method of a name, or one that `archbench` has changed; `InputError` if none."""
     info = name if isinstance(name, MethodInfo) else known_methods().get(str(name))
     if info is None:
@@ -45,7 +44,7 @@ def check_compiled(plain: bool) -> None:
         )
 
 
-def check_taken(info: MethodInfo, **given: Any) -> None:
+def check_taken(info: MethodInfo, **given) -> None:
     """See that a method uses each setting that is given; None stands for not given."""
     if info.name == "time_stepping" and None not in given.values():
         raise InputError(
@@ -70,7 +69,7 @@ def check_rigid(arch: Arch, what: str) -> None:
         )
 
 
-def check_can_run(arch: Arch, info: MethodInfo, far: Any) -> None:
+def check_can_run(arch: Arch, info: MethodInfo, far) -> None:
     """See that a method takes the joints of an arch, and that a motion `far`, of its right
     springing, meets one.
     """
@@ -83,9 +82,7 @@ def check_can_run(arch: Arch, info: MethodInfo, far: Any) -> None:
         )
 
 
-def check_number(
-    name: str, value: Any, least: float, most: float, unit: str = "1"
-) -> None:
+def check_number(name: str, value, least: float, most: float, unit: str = "1") -> None:
     """See that a value is a finite number between bounds, which are allowed themselves."""
     try:
         good = (

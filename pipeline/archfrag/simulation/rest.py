@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -310,7 +310,7 @@ def at_rest(arch: Arch) -> tuple[NDArray, NDArray]:
     return position.copy(), np.zeros_like(position)
 
 
-def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
+def check_initial(initial, arch: Arch) -> tuple[NDArray, NDArray]:
     """Return the displacement and velocity as arrays, each (n_voussoir, 3)."""
     try:
         shift, velocity = (np.array(part, float) for part in initial)

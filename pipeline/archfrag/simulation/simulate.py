@@ -308,7 +308,7 @@ def results_of_runs(
     factors: Sequence[float],
     *,
     far: Far = None,
-    **given: Any,
+    **given,
 ) -> tuple[Outcomes, np.ndarray]:
     """Simulate many runs; return what the kernels leave, a row for each run, and wall times
     [s].
@@ -334,7 +334,7 @@ def simulate_runs(
     motions: Sequence[Motion],
     factors: Sequence[float],
     method: str,
-    **given: Any,
+    **given,
 ) -> list[Response]:
     """Simulate many runs; return a response for each."""
     if arguments.check_method(method).load("run_many") is None:
@@ -356,7 +356,7 @@ def simulate_many(
     method: str = AUTO,
     rtol: float | None = None,
     dt: float | None = None,
-    **more: Any,
+    **more,
 ) -> xarray.Dataset:
     """Simulate one arch under many scaled ground motions, four runs at a time.
 

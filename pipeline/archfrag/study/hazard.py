@@ -9,7 +9,6 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -118,13 +117,13 @@ def load_hazard(
     return Hazard(measure, ", ".join(map(str, paths)), order, tuple(messages))
 
 
-def level_cautions(measure: str, levels: Any, place: str) -> list[str]:
+def level_cautions(measure: str, levels, place: str) -> list[str]:
     """Ask whether the largest of some levels, in the SI unit of their measure, is in its unit."""
     kind = parse_measure(measure).kind
     return list(unusual(kind, np.max(levels), f"{place}: the largest {measure}"))
 
 
-def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
+def hazard_of_table(table, measure: str, unit: str) -> Hazard:
     """Return the hazard curve of intensities in a unit and annual rates, (n_point, 2)."""
     try:
         points = _numbers(table)
@@ -141,7 +140,7 @@ def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
     return Hazard(measure, "a table in Python", {"mean": curve})
 
 
-def _numbers(table: Any) -> NDArray[np.float64]:
+def _numbers(table) -> NDArray[np.float64]:
     """Return the cells of a table as numbers, in its shape; ValueError if one is none."""
     cells = np.asarray(table, dtype=object)
     return np.reshape([number(str(cell)) for cell in cells.ravel()], cells.shape)
@@ -185,7 +184,7 @@ def _factor(
     return allowed[own]
 
 
-def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
+def _nearest(sites, requested: Sequence[float] | None) -> int:
     """Return the row of the site that is nearest to a longitude and latitude [degrees]."""
     names = [f"{lon:g},{lat:g}" for lon, lat in sites]
     if requested is None:

@@ -52,7 +52,7 @@ class Section(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _check_keys(cls, given: Any) -> Any:
+    def _check_keys(cls, given):
         if not isinstance(given, dict):
             return check_block(given, next(iter(cls.model_fields), ""))
         by_key = next((key for key in cls.kinds if key in given), None)
@@ -74,7 +74,7 @@ class Section(BaseModel):
         return given
 
     @classmethod
-    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Named:
+    def __get_pydantic_json_schema__(cls, core, handler) -> Named:
         """Describe each key by the text below it, which pydantic would read at every start."""
         found: Named = handler(core)
         keys = handler.resolve_ref_schema(found).get("properties", {})
@@ -94,7 +94,7 @@ def meant(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     return f"did you mean {close[0]}?" if close else ""
 
 
-def check_block(given: Any, key: str) -> Any:
+def check_block(given, key: str):
     """Return a block as it is given; a value in the place of a block is refused.
 
     `key` is a key of such a block, for the message; empty if it has none.
@@ -109,7 +109,7 @@ def refuse(text: str, *keys: str) -> PydanticCustomError:
     return PydanticCustomError("refused", "{text}", {"text": text, "keys": list(keys)})
 
 
-def _absolute(value: str, info: Any) -> str:
+def _absolute(value: str, info) -> str:
     """Make a path absolute: relative ones are below the folder in the validation's context."""
     path = os.path.expanduser(value)
     if path.startswith("~"):
@@ -128,7 +128,7 @@ def key_path(parts: Sequence[Any]) -> str:
 
 def first_message(
     error: ValidationError,
-    given: Any,
+    given,
     written: Callable[[Sequence[Any]], str] = key_path,
 ) -> str:
     """Return the message on the first thing that is wrong: key, value and rule.
@@ -162,7 +162,7 @@ def first_message(
     )
 
 
-def _shown(value: Any, quotes: bool = False) -> str:
+def _shown(value, quotes: bool = False) -> str:
     text = "empty" if value is None else reprlib.repr(value)
     if isinstance(value, str) and value.isprintable() and not quotes:
         text = value
@@ -171,7 +171,7 @@ def _shown(value: Any, quotes: bool = False) -> str:
 
 @contextlib.contextmanager
 def at(
-    place: Any, given: Any = None, kind: Callable[[str], Exception] = InputError
+    place, given=None, kind: Callable[[str], Exception] = InputError
 ) -> Iterator[None]:
     """Name the place of what is wrong, as an error of a `kind`; `given` is what was validated."""
     try:
@@ -185,7 +185,7 @@ def at(
         raise kind(f"{place}: {why}") from error
 
 
-def check_text(value: Any, key: str) -> None:
+def check_text(value, key: str) -> None:
     """Refuse control characters in the texts of a value, as the loader does in a file."""
     if isinstance(value, Mapping):
         for name, inner in value.items():

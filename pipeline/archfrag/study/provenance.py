@@ -64,12 +64,12 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def canonical_json(value: Any) -> str:
+def canonical_json(value) -> str:
     """Return one text for one value: sorted keys, no spaces, floats to their last bit."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
-def read_json(path: Path) -> Any:
+def read_json(path: Path):
     """Return the value of a JSON file; OSError or ValueError if it cannot be read or holds
     something else.
     """
@@ -80,7 +80,7 @@ def read_json(path: Path) -> Any:
         raise ValueError("lists in lists without end") from None
 
 
-def digest_of(value: Any) -> str:
+def digest_of(value) -> str:
     """Return the SHA-256 of a value that JSON knows, 64 hexadecimal digits."""
     return hashlib.sha256(
         canonical_json(value).encode("utf-8", "surrogateescape")
@@ -146,7 +146,7 @@ def read_stamp(folder: Path) -> dict[str, dict[str, str]]:
     }
 
 
-def write_stamp(study: "StudyKeys", step: str, **others: Any) -> None:
+def write_stamp(study: "StudyKeys", step: str, **others) -> None:
     """Put the files of a step into the stamp of a study; remove figures that it no longer has.
 
     What followed from an earlier cube is not of a new one.
@@ -382,12 +382,12 @@ def commit() -> str:
     return os.environ.get("ARCHFRAG_COMMIT", "unknown")
 
 
-def strict_json(value: Any) -> str:
+def strict_json(value) -> str:
     """Return the JSON that every reader takes: infinity as "inf"."""
     return json.dumps(finite(value), ensure_ascii=False, allow_nan=False)
 
 
-def finite(value: Any, none: Any = str) -> Any:
+def finite(value, none=str):
     """Return value with text, or with `none`, in the place of floats that JSON does not know."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value) if none is str else none

@@ -19,7 +19,7 @@ CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 class _Loader(yaml.SafeLoader):
     """YAML with the words and numbers of its version 1.2, in which no key is given twice."""
 
-    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
+    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode):
         if isinstance(node, yaml.ScalarNode) and CONTROL.search(node.value):
             problem = "text must hold no control characters"
             raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
@@ -54,12 +54,12 @@ for _tag, _form, _first in (
         _of.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", _pattern, list(_first))
 
 
-def yaml_of(keys: Any) -> str:
+def yaml_of(keys) -> str:
     """Write keys of a study file as YAML, in their order."""
     return yaml.dump(keys, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
 
 
-def parse_value(text: str, place: str) -> Any:
+def parse_value(text: str, place: str):
     """Read a value in YAML; InputError with the `place` and the line if it is not valid."""
     try:
         return yaml.load(text, Loader=_Loader)
@@ -72,7 +72,7 @@ def parse_value(text: str, place: str) -> Any:
         ) from error
 
 
-def relative(value: Any, folder: Path, key: str = "") -> Any:
+def relative(value, folder: Path, key: str = ""):
     """Make the paths in a value of a study file relative to a folder."""
     if isinstance(value, dict):
         return {name: relative(inner, folder, name) for name, inner in value.items()}

@@ -20,7 +20,6 @@ is left that could be applied twice; counts of K-NET have it in ``stats.calib``.
 
 import contextlib
 import re
-from typing import Any
 
 from obspy import Stream, Trace
 from obspy.core.util.base import buffered_load_entry_point
@@ -305,7 +304,7 @@ def read_smc(text: Text) -> list[Trace]:
     return [trace_of(values, step, text.place(first - 1), record, codes, start)]
 
 
-def read_knet(source: Source, **_: Any) -> Stream:
+def read_knet(source: Source, **_) -> Stream:
     """Read a K-NET or KiK-net file by obspy's reader and complete what its header states."""
     read = buffered_load_entry_point(
         "obspy", "obspy.plugin.waveform.KNET", "readFormat"

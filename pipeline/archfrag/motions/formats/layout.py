@@ -123,7 +123,7 @@ def reader(read: Callable[[Text], Iterable[Trace]]) -> Callable[..., Stream]:
     """Return what reads a file or open buffer for obspy, of what reads its lines."""
 
     @functools.wraps(read)
-    def plug_in(source: Source, **_: Any) -> Stream:
+    def plug_in(source: Source, **_) -> Stream:
         return Stream(list(read(Text(source))))
 
     return plug_in

@@ -32,7 +32,7 @@ class Version(NamedTuple):
 class _Collected:
     """Takes the place of numba's code library: keeps what numba would link and optimise."""
 
-    def __init__(self, codegen: Any, name: str) -> None:
+    def __init__(self, codegen, name: str) -> None:
         self.codegen = codegen
         self.name = name
         self.modules: list[str] = []
@@ -40,15 +40,15 @@ class _Collected:
         self.recorded_timings: dict[str, Any] = {}
         self._reload_init: set[Any] = set()
 
-    def create_ir_module(self, name: str) -> Any:
+    def create_ir_module(self, name: str):
         """Make an empty module for numba."""
         return self.codegen.create_library(name).create_ir_module(name)
 
-    def add_ir_module(self, module: Any) -> None:
+    def add_ir_module(self, module) -> None:
         """Keep a module that numba has finished."""
         self.modules.append(str(module))
 
-    def add_linking_library(self, library: Any) -> None:
+    def add_linking_library(self, library) -> None:
         """Keep the code of numba's own functions that the module calls."""
         assert not library.has_dynamic_globals  # which has numba finish the library
         self.libraries.append(_without_paths(library.get_llvm_str()))
@@ -138,7 +138,7 @@ def compile_set(entries: Iterable[tuple[str, Any]]) -> tuple[list[Any], bytes]:
     return offers, whole.as_bitcode()
 
 
-def _linked(entries: list[Version]) -> Any:
+def _linked(entries: list[Version]):
     """Link versions and all that they call; only `entries` can be called from outside."""
     used = {}
     todo = list(entries)
@@ -174,7 +174,7 @@ def _is_known(name: str) -> bool:
     return name.startswith("llvm.") or llvm.address_of_symbol(name) is not None
 
 
-def _optimise(module: Any) -> None:
+def _optimise(module) -> None:
     tuning = llvm.create_pipeline_tuning_options(2)
     tuning.loop_vectorization = tuning.slp_vectorization = True
     target = machine(PROCESSOR) if has_common_features() else machine()
@@ -189,7 +189,7 @@ class KernelType(types.Callable, types.Dummy):
         self.kernel = kernel
         super().__init__(name=f"kernel {kernel.name}")
 
-    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+    def get_call_type(self, context, args, kws):
         """Compile the version that a call needs; return its signature."""
         if kws:
             raise TypeError(
@@ -198,11 +198,11 @@ class KernelType(types.Callable, types.Dummy):
         given = tuple(map(lower.plain, args))
         return version_of(self.kernel, given).returned(*given)
 
-    def get_call_signatures(self) -> Any:
+    def get_call_signatures(self):
         """Return nothing: no signatures are known before a call."""
         return (), True
 
-    def get_impl_key(self, sig: Any) -> Any:
+    def get_impl_key(self, sig):
         """Return the key of the code of a call."""
         return self.name
 
@@ -211,7 +211,7 @@ register_model(KernelType)(models.OpaqueModel)
 
 
 @typeof_impl.register(Source)
-def _type_of_value(kernel: Source, context: Any) -> KernelType:
+def _type_of_value(kernel: Source, context) -> KernelType:
     return _type_of_kernel(kernel)
 
 
@@ -220,7 +220,7 @@ def _type_of_kernel(kernel: Source) -> KernelType:
     of = KernelType(kernel)
 
     @lower_builtin(of.name, types.VarArg(types.Any))
-    def call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def call(context, builder, sig, args):
         return context.call_internal(
             builder, version_of(kernel, sig.args).described, sig, args
         )

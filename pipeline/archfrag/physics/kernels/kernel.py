@@ -30,7 +30,7 @@ class Kernel(Source):
     def __repr__(self) -> str:
         return f"<kernel {self.name}>"
 
-    def __call__(self, *args: Any, **named: Any) -> Any:
+    def __call__(self, *args, **named):
         """Call the kernel without Python's lock."""
         if named or len(args) < self.py_func.__code__.co_argcount:
             bound = inspect.signature(self.py_func).bind(*args, **named)
@@ -46,7 +46,7 @@ class Kernel(Source):
         return entry(args)
 
 
-def kernel(py_func: Callable, inline: bool = False) -> Any:
+def kernel(py_func: Callable, inline: bool = False):
     """Decorate a function that numba compiles."""
     return Kernel(py_func, inline) if COMPILED else py_func
 
@@ -55,7 +55,7 @@ def kernel(py_func: Callable, inline: bool = False) -> Any:
 inlined = functools.partial(kernel, inline=True)
 
 
-def _entry(address: int, descriptions: Any, returned: Any) -> Callable[[tuple], Any]:
+def _entry(address: int, descriptions, returned) -> Callable[[tuple], Any]:
     """Return a function that calls a kernel's machine code with a tuple of arguments.
 
     numba's code returns whether it failed, and takes the addresses of the result and of an
@@ -68,7 +68,7 @@ def _entry(address: int, descriptions: Any, returned: Any) -> Callable[[tuple], 
         address
     )
 
-    def enter(args: tuple) -> Any:
+    def enter(args: tuple):
         result = of_result()
         error = ctypes.c_void_p()
         values: list[Any] = []
@@ -81,13 +81,13 @@ def _entry(address: int, descriptions: Any, returned: Any) -> Callable[[tuple], 
     return enter
 
 
-def _passed(of: Any, kinds: list[Any]) -> Callable[[Any, list], None]:
+def _passed(of, kinds: list[Any]) -> Callable[[Any, list], None]:
     """Append the C types of an argument; return what appends its values."""
     if of[0] == "array":
         kinds += [ctypes.c_void_p] * 2 + [ctypes.c_int64] * 2 + [ctypes.c_void_p]
         kinds += [ctypes.c_int64] * (2 * of[2])
 
-        def take_array(value: Any, values: list) -> None:
+        def take_array(value, values: list) -> None:
             values += [None, None, value.size, value.itemsize, value.ctypes.data]
             values += [*value.shape, *value.strides]
 
@@ -95,7 +95,7 @@ def _passed(of: Any, kinds: list[Any]) -> Callable[[Any, list], None]:
     if of[0] == "tuple":
         takes = [_passed(each, kinds) for each in of[2:]]
 
-        def take_tuple(value: Any, values: list) -> None:
+        def take_tuple(value, values: list) -> None:
             for take, each in zip(takes, value, strict=True):
                 take(each, values)
 
@@ -108,14 +108,14 @@ def _passed(of: Any, kinds: list[Any]) -> Callable[[Any, list], None]:
 
 
 @functools.cache
-def _c_type(of: Any) -> Any:
+def _c_type(of):
     if of[0] != "tuple":
         return _C[of]
     fields = [(f"f{k}", _c_type(each)) for k, each in enumerate(of[2:])]
     return type("Returned", (ctypes.Structure,), {"_fields_": fields})
 
 
-def _read(result: Any, of: Any) -> Any:
+def _read(result, of):
     if of[0] == "tuple":
         parts = [getattr(result, f"f{k}") for k in range(len(of) - 2)]
         read = [_read(part, each) for part, each in zip(parts, of[2:], strict=True)]

@@ -36,7 +36,7 @@ _found: dict[tuple[str, Any], tuple[int, Any]] = {}
 _engines: list[Any] = []  # hold the machine code
 
 
-def load(kernel: Any, key: Any) -> tuple[int, Any]:
+def load(kernel, key) -> tuple[int, Any]:
     """Return the address of a kernel's machine code for some types of arguments, and what it
     returns.
     """
@@ -70,11 +70,11 @@ def make_ready(name: str) -> tuple[Any, bytes]:
     return _made(name, _kernels(_shipped(name)[1]))
 
 
-def _kernels(offers: Any) -> list[tuple[str, Any]]:
+def _kernels(offers) -> list[tuple[str, Any]]:
     return [(kernel, as_tuples(key)) for kernel, key, *_ in offers]
 
 
-def as_tuples(given: Any) -> Any:
+def as_tuples(given):
     """Return the types of arguments as read from JSON, which has lists in place of tuples."""
     return tuple(map(as_tuples, given)) if isinstance(given, list) else given
 
@@ -118,7 +118,7 @@ def _warn_unreadable(name: str) -> None:
     warnings.warn(f"{what}; {how}", RuntimeWarning, stacklevel=2)
 
 
-def _made(name: str, entries: Any) -> tuple[Any, bytes]:
+def _made(name: str, entries) -> tuple[Any, bytes]:
     path = _path(name)
     content = None if path is None else _read(path)
     if content is None:

@@ -33,15 +33,15 @@ _BITS = ir.VectorType(ir.IntType(1), LANES)
 class _Four(types.Type):
     """Numbers or truths of four runs; a plain value is given to each of them."""
 
-    def __init__(self, name: str, plain: Any) -> None:
+    def __init__(self, name: str, plain) -> None:
         self.plain = plain
         super().__init__(name=name)
 
-    def unify(self, typingctx: Any, other: Any) -> Any:
+    def unify(self, typingctx, other):
         """Return the type of four if one path gives a plain value and another one of four."""
         return self if isinstance(other, self.plain) else None
 
-    def can_convert_from(self, typingctx: Any, other: Any) -> Any:
+    def can_convert_from(self, typingctx, other):
         """Return that a plain value converts as safely as an integer to a float."""
         safe = typingctx.can_convert(types.int32, types.float64)
         return safe if isinstance(other, self.plain) else None
@@ -59,15 +59,15 @@ lanes = _Lanes("lanes", types.Float | types.Integer | types.IntEnumMember)
 mask = _Mask("mask", types.Boolean)
 
 
-def _represent(kind: type[_Four], vector: ir.Type, plain: Any, of: Any) -> None:
+def _represent(kind: type[_Four], vector: ir.Type, plain, of) -> None:
     @register_model(kind)
     class _Model(models.PrimitiveModel):
-        def __init__(self, manager: Any, of: Any) -> None:
+        def __init__(self, manager, of) -> None:
             super().__init__(manager, of, vector)
 
     @lower_cast(types.IntEnumMember, kind)
     @lower_cast(plain, kind)
-    def broadcast(context: Any, builder: Any, given: Any, to: Any, value: Any) -> Any:
+    def broadcast(context, builder, given, to, value):
         nothing = ir.Constant(vector, ir.Undefined)
         zero = ir.Constant(_INDEX, 0)
         first = builder.insert_element(
@@ -78,7 +78,7 @@ def _represent(kind: type[_Four], vector: ir.Type, plain: Any, of: Any) -> None:
 
 
 @lower_cast(types.IntEnumMember, types.Float)
-def _number_of(context: Any, builder: Any, of: Any, to: Any, value: Any) -> Any:
+def _number_of(context, builder, of, to, value):
     return context.cast(builder, value, of.dtype, to)
 
 
@@ -90,33 +90,33 @@ def _define(function: Callable, choose: Callable) -> None:
     """Define a function of kernels; of types, `choose` gives signature and code, or None."""
 
     @functools.wraps(choose)
-    def signature_of(*args: Any) -> Any:
+    def signature_of(*args):
         found = choose(*args)
         return found and found[0]
 
     type_callable(function)(lambda context: signature_of)
 
     @lower_builtin(function, types.VarArg(types.Any))
-    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def lower(context, builder, sig, args):
         return choose(*sig.args)[1](builder, *args)
 
 
-def _binary(of: _Four, result: _Four, emit: Callable, x: Any, y: Any) -> Any:
+def _binary(of: _Four, result: _Four, emit: Callable, x, y):
     known = of in (x, y) and all(a == of or isinstance(a, of.plain) for a in (x, y))
     return (result(of, of), emit) if known else None
 
 
-def _unary(emit: Callable, x: Any) -> Any:
+def _unary(emit: Callable, x):
     return (lanes(lanes), emit) if x == lanes else None
 
 
-def _intrinsic(name: str, kind: Any, builder: Any, *args: Any) -> Any:
+def _intrinsic(name: str, kind, builder, *args):
     suffix = f".v{LANES}f64" if kind == _VECTOR else ".f64"
     of = ir.FunctionType(kind, [kind] * len(args))
     return builder.call(builder.module.declare_intrinsic(name + suffix, (), of), args)
 
 
-def _compare(sign: str, builder: Any, x: Any, y: Any) -> Any:
+def _compare(sign: str, builder, x, y):
     # A number is unequal to none.
     compare = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
     return compare(sign, x, y)
@@ -146,17 +146,17 @@ for _function, _emit in (
     _define(_function, functools.partial(_unary, _emit))
 
 
-def _fused(x: Any, y: Any, z: Any) -> Any:
+def _fused(x, y, z):
     kind, vector = (lanes, _VECTOR) if lanes in (x, y, z) else (types.float64, _DOUBLE)
     return kind(kind, kind, kind), functools.partial(_intrinsic, "llvm.fmuladd", vector)
 
 
-def _select(condition: Any, x: Any, y: Any) -> Any:
+def _select(condition, x, y):
     kind = lanes if condition == mask else types.float64
     return kind(condition, kind, kind), ir.IRBuilder.select
 
 
-def _some(x: Any) -> Any:
+def _some(x):
     if x != mask:
         return types.boolean(types.boolean), lambda b, value: value
     whole = ir.IntType(LANES)
@@ -166,23 +166,23 @@ def _some(x: Any) -> Any:
     )
 
 
-def _opposite(x: Any) -> Any:
+def _opposite(x):
     kind = mask if x == mask else types.boolean
     return kind(kind), ir.IRBuilder.not_
 
 
-def _width(x: Any) -> Any:
+def _width(x):
     return types.intp(x), lambda b, x: ir.Constant(_WORD, getattr(x.type, "count", 1))
 
 
-def _lane(x: Any, number: Any) -> Any:
+def _lane(x, number):
     if not isinstance(x, _Four):
         return x(x, types.intp), lambda b, value, at: value
     kind = types.float64 if x == lanes else types.boolean
     return kind(x, types.intp), ir.IRBuilder.extract_element
 
 
-def _with_lane(x: Any, number: Any, value: Any) -> Any:
+def _with_lane(x, number, value):
     if not isinstance(x, _Four):
         return value(x, types.intp, value), lambda b, old, at, new: new
     kind = types.float64 if x == lanes else types.boolean
@@ -191,8 +191,8 @@ def _with_lane(x: Any, number: Any, value: Any) -> Any:
     )
 
 
-def _struct_at(tables: Any, row: Any, like: Any) -> Any:
-    def emit(builder: Any, array: Any, row: Any, given: Any) -> Any:
+def _struct_at(tables, row, like):
+    def emit(builder, array, row, given):
         start = builder.extract_value(array, 4)
         stride = builder.extract_value(array, (6, 0))
         at = builder.add(builder.ptrtoint(start, _WORD), builder.mul(row, stride))
@@ -218,7 +218,7 @@ for _function, _choose in _functions:
 class StructType(types.Type):
     """Type of a struct: type, known shape and first word of each field."""
 
-    def __init__(self, description: Any) -> None:
+    def __init__(self, description) -> None:
         self.fields = {}
         found = fields_of(description)
         arrays = tuple(name for name, of, *_ in found if of[0] == "array")
@@ -242,7 +242,7 @@ _TYPES: dict[Any, Any] = {
 }
 
 
-def type_of(description: Any) -> Any:
+def type_of(description):
     """Return numba's type of what `structs.describe` has described."""
     found = _TYPES.get(description)
     if found is None:
@@ -264,11 +264,11 @@ def type_of(description: Any) -> Any:
     return found
 
 
-def _parts(of: Any) -> tuple[Any, ...]:
+def _parts(of) -> tuple[Any, ...]:
     return tuple(of)
 
 
-def description_of(of: Any) -> Any:
+def description_of(of):
     """Describe a type that a kernel returns."""
     if isinstance(of, types.BaseTuple):
         kind = getattr(of, "instance_class", tuple)
@@ -298,12 +298,12 @@ class FieldType(types.Array):
         super().__init__(of.dtype, of.ndim, "C", name=f"{of} {struct}.{name}")
 
     @property
-    def key(self) -> Any:
+    def key(self):
         """What tells types apart."""
         return self.plain.key, self.scope
 
 
-def plain(of: Any) -> Any:
+def plain(of):
     """Return the type as which a value is passed on."""
     return of.plain if isinstance(of, FieldType) else types.unliteral(of)
 
@@ -312,9 +312,7 @@ register_model(FieldType)(models.ArrayModel)
 lower_cast(FieldType, types.Array)(lambda context, builder, of, to, value: value)
 
 
-def _item(
-    context: Any, builder: Any, of: FieldType, array: Any, index: Any, given: Any
-) -> Any:
+def _item(context, builder, of: FieldType, array, index, given):
     """Return address of an item of a field and its metadata; None if the index is no number."""
     several = isinstance(index, types.BaseTuple)
     kinds = index.types if several else (index,)
@@ -343,7 +341,7 @@ def _item(
 @lower_builtin(operator.getitem, FieldType, types.Integer)
 @lower_builtin(operator.getitem, FieldType, types.SliceType)
 @lower_builtin(operator.getitem, FieldType, types.BaseTuple)
-def _get_item(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+def _get_item(context, builder, sig, args):
     of, index = sig.args
     pointer, metadata = _item(context, builder, of, args[0], index, args[1])
     if pointer is None:
@@ -356,7 +354,7 @@ def _get_item(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 
 @lower_builtin(operator.setitem, FieldType, types.Any, types.Any)
-def _set_item(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+def _set_item(context, builder, sig, args):
     of, index, kind = sig.args
     pointer, metadata = _item(context, builder, of, args[0], index, args[1])
     if pointer is None:
@@ -376,12 +374,12 @@ register_model(StructType)(models.OpaqueModel)
 class _Fields(AttributeTemplate):
     key = StructType
 
-    def generic_resolve(self, of: Any, name: str) -> Any:  # type: ignore[override]
+    def generic_resolve(self, of, name: str):  # type: ignore[override]
         return of.fields[name][1] if name in of.fields else None
 
 
 @lower_getattr_generic(StructType)
-def _field(context: Any, builder: Any, of: Any, value: Any, name: str) -> Any:
+def _field(context, builder, of, value, name: str):
     description, kind, shape, place = of.fields[name]
     table = builder.bitcast(value, _WORD.as_pointer())
     if not isinstance(kind, types.BaseTuple):
@@ -393,16 +391,14 @@ def _field(context: Any, builder: Any, of: Any, value: Any, name: str) -> Any:
     return context.make_tuple(builder, kind, parts)
 
 
-def _word(builder: Any, table: Any, place: int, kind: Any = _WORD) -> Any:
+def _word(builder, table, place: int, kind=_WORD):
     at = builder.gep(table, [ir.Constant(_WORD, place)], inbounds=True)
     loaded = builder.load(builder.bitcast(at, kind.as_pointer()))
     loaded.set_metadata("invariant.load", builder.module.add_metadata([]))
     return loaded
 
 
-def _loaded(
-    context: Any, builder: Any, table: Any, place: int, of: Any, shape: Any
-) -> Any:
+def _loaded(context, builder, table, place: int, of, shape):
     """Load a number, a struct or an array, whose sizes are words but where `shape` has them."""
     if of == types.boolean:
         return builder.trunc(_word(builder, table, place), ir.IntType(1))

@@ -1,7 +1,6 @@
 """The processor that shipped LLVM code is for, and the one of this machine."""
 
 import functools
-from typing import Any
 
 import llvmlite.binding as llvm
 
@@ -17,7 +16,7 @@ def has_common_features() -> bool:
 
 
 @functools.cache
-def machine(processor: str = "") -> Any:
+def machine(processor: str = ""):
     """Return LLVM's description of this machine's processor, or of another."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()

@@ -37,7 +37,7 @@ def struct(**shapes: tuple[int, ...]) -> Callable[[type], Any]:
     only itself, so that `functools.lru_cache` keeps what follows from it.
     """
 
-    def decorate(given: Any) -> Any:
+    def decorate(given):
         members = {"__module__": given.__module__, "__qualname__": given.__qualname__}
         members |= {"__doc__": given.__doc__, "shapes": shapes}
         members["numbers"] = tuple(
@@ -53,7 +53,7 @@ def struct(**shapes: tuple[int, ...]) -> Callable[[type], Any]:
     return decorate
 
 
-def describe(value: Any) -> Any:
+def describe(value):
     """Describe the type of an argument of a kernel by strings and tuples of them."""
     kind = type(value)
     if hasattr(kind, "shapes"):
@@ -82,13 +82,13 @@ def name_of(kind: type) -> str:
 
 
 @functools.cache
-def class_of(name: str) -> Any:
+def class_of(name: str):
     """Return the class of tuples of a name."""
     module, _, names = name.partition(":")
     return functools.reduce(getattr, names.split("."), importlib.import_module(module))
 
 
-def words_of(description: Any, shape: tuple[int, ...] = ()) -> int:
+def words_of(description, shape: tuple[int, ...] = ()) -> int:
     """Return the words of a field in a table; `shape` is what is known of an array's."""
     if description[0] == "array":
         return 1 + int(description[2]) - len(shape)
@@ -97,7 +97,7 @@ def words_of(description: Any, shape: tuple[int, ...] = ()) -> int:
     return 1
 
 
-def fields_of(description: Any) -> list[tuple[str, Any, tuple[int, ...], int]]:
+def fields_of(description) -> list[tuple[str, Any, tuple[int, ...], int]]:
     """Return the fields of a struct: name, description, what is known of an array's shape, first
     word.
     """
@@ -111,21 +111,21 @@ def fields_of(description: Any) -> list[tuple[str, Any, tuple[int, ...], int]]:
     return found
 
 
-def place_of(value: Any, name: str) -> int:
+def place_of(value, name: str) -> int:
     """Return first word of a field in a struct's table; sizes follow an array's data pointer."""
     return next(
         place for each, _, _, place in fields_of(value.description) if each == name
     )
 
 
-def struct_at(tables: Any, row: int, like: Any) -> Any:
+def struct_at(tables, row: int, like):
     """Return the struct of the type of `like` whose table begins a row of `tables`; in kernels
     only.
     """
     raise TypeError("only compiled kernels find a struct by its table")
 
 
-def _describe_struct(value: Any) -> Any:
+def _describe_struct(value):
     entries = zip(value, value.numbers, strict=True)
     return (
         "struct",
@@ -134,7 +134,7 @@ def _describe_struct(value: Any) -> Any:
     )
 
 
-def _table(value: Any) -> Any:
+def _table(value):
     """Return the table of a struct, which is made at the first use and kept with the struct."""
     fields = fields_of(value.description)
     _refuse_shared(value)
@@ -145,7 +145,7 @@ def _table(value: Any) -> Any:
     return table
 
 
-def _refuse_shared(value: Any) -> None:
+def _refuse_shared(value) -> None:
     """Raise ValueError if two arrays of a struct share memory; LLVM takes them as separate."""
     ends = sorted(
         (np.lib.array_utils.byte_bounds(entry), name)
@@ -159,7 +159,7 @@ def _refuse_shared(value: Any) -> None:
             )
 
 
-def _fill(table: Any, place: int, of: Any, shape: tuple[int, ...], entry: Any) -> None:
+def _fill(table, place: int, of, shape: tuple[int, ...], entry) -> None:
     if of[0] == "array":
         free = entry.ndim - len(shape)
         if entry.shape[free:] != shape or not entry.flags.c_contiguous:

@@ -88,7 +88,7 @@ def new_mega_voussoirs(model: Model, state: State | None = None) -> MegaVoussoir
     return made
 
 
-def _set_cut(mega: Any) -> None:
+def _set_cut(mega) -> None:
     """Set ``mega.cut``: tables of the same memory, cut to each number of joints in use."""
     own = mega.table
     work = mega.work.table
@@ -289,9 +289,9 @@ def split_state(mega, mega_position, mega_velocity, position, velocity):
     Writes: position, velocity.
     """
     end = mega.count[0] + 1
-    for c in range(3):
-        position[-1, c] = mega_position[end, c]
-        velocity[-1, c] = mega_velocity[end, c]
+    for k in range(3):
+        position[-1, k] = mega_position[end, k]
+        velocity[-1, k] = mega_velocity[end, k]
     s = 0.0
     c = 1.0
     turned = GROUND

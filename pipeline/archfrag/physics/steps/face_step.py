@@ -7,7 +7,6 @@ so that what they do not explain of the work of reactions is the error of the st
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -401,7 +400,7 @@ FACE = Law(
 )
 
 
-def new_face_runs(model: Model, faces: Faces, zeros: Any = np.zeros) -> Runs:
+def new_face_runs(model: Model, faces: Faces, zeros=np.zeros) -> Runs:
     """Allocate one run on joints that give, or four with `lane_array` as `zeros`."""
     rows = dict.fromkeys(OF_BODIES, model.mass.size)
     return new_runs(

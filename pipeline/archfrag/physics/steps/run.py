@@ -10,7 +10,6 @@ whichever path it takes.
 
 import functools
 import threading
-from typing import Any
 
 import numpy as np
 
@@ -190,7 +189,7 @@ def run_four(four, one, motion, factor, output, results):
             copy_run(one, 0, four, number)
 
 
-def new_rigid_runs(model: Model, zeros: Any = np.zeros) -> Runs:
+def new_rigid_runs(model: Model, zeros=np.zeros) -> Runs:
     """Allocate one run with rigid joints, or four with `lane_array` as `zeros`."""
     return new_runs(RIGID, model, zeros, path=new_path(model))
 

@@ -167,7 +167,7 @@ def stored_cube(study: StudyKeys) -> xr.Dataset:
         ) from error
 
 
-def _variable(about: Any, values: Any) -> xr.Variable:
+def _variable(about, values) -> xr.Variable:
     """Return values with CF's attributes, as a row of `VARIABLES` describes them."""
     dimensions = about.dimensions.replace("run", "arch record level").split()
     attrs: Named = {

@@ -80,7 +80,7 @@ class ArchRuns:
     arches: Sequence[int] = ()  # places in it
 
     @cached_property
-    def cube(self) -> Any:
+    def cube(self):
         """Cube of these arches."""
         return self.whole.isel(arch=self.arches)
 
@@ -343,7 +343,7 @@ def completed(
     Only `detailed` ones have limit states and other shapes. `keys` are those of `limit_states`.
     """
 
-    def part(make: Callable[..., Named], *arguments: Any) -> Named:
+    def part(make: Callable[..., Named], *arguments) -> Named:
         """Make a part of the results, or say why it cannot be made."""
         made = attempt(partial(make, runs, *arguments), runs.worded)
         return {"none": made} if isinstance(made, str) else made
@@ -446,7 +446,7 @@ def known_measures(
     return known, exponent, units
 
 
-def _measures(cube: xr.Dataset) -> Any:
+def _measures(cube: xr.Dataset):
     """Return the values of records in each measure, (n_measure, n_record)."""
     return cube["record_measure"].transpose("measure", "record").values
 

@@ -57,7 +57,7 @@ class VerdictTable(NamedTuple):
         pd.DataFrame
     )  # text by what it is, with what stands for a column that is not there
 
-    def wrong(self, place: Any, what: str, rule: str) -> InputError:
+    def wrong(self, place, what: str, rule: str) -> InputError:
         """Return the error of a cell."""
         cell = self.cells[what][place][:60]
         return InputError(
@@ -74,7 +74,7 @@ class VerdictTable(NamedTuple):
 
 
 def read_runs(
-    table: Any,
+    table,
     columns: Mapping[str, str] | None = None,
     measure: str | None = None,
     unit: str | None = None,
@@ -114,7 +114,7 @@ def read_runs(
     return study, _cube(given, runs, study, states)
 
 
-def read_table(table: Any, columns: Mapping[str, str]) -> VerdictTable:
+def read_table(table, columns: Mapping[str, str]) -> VerdictTable:
     """Read a CSV file, a DataFrame, or what makes one, and find its columns."""
     if isinstance(table, str | Path):
         source = str(table)

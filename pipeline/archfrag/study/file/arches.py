@@ -305,7 +305,7 @@ class Vary(Section):
         return self
 
 
-def _plain_key(row: Any) -> tuple[Any, Any]:
+def _plain_key(row) -> tuple[Any, Any]:
     """Return type and default of a key that is a number, or true or false."""
     of: Any = row.kind
     if row.infinite:
@@ -401,7 +401,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
 
     @field_validator("joints", mode="before")
     @classmethod
-    def _are_a_block(cls, given: Any) -> Any:
+    def _are_a_block(cls, given):
         if isinstance(given, list) or (
             isinstance(given, dict) and "positions" in given
         ):
@@ -443,7 +443,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         """Keys that have a value, with defaults, as a study file gives them."""
         return self.model_dump(exclude_none=True)
 
-    def value(self, key: str) -> Any:
+    def value(self, key: str):
         """Return the value of a key, or of one in a block; None without one."""
         value: Any = self
         for name in key.split("."):

@@ -327,7 +327,7 @@ def check_buildable(given: Members) -> None:
             member.entry.build()
 
 
-def check_standing(given: Members, method: Any) -> None:
+def check_standing(given: Members, method) -> None:
     """Check that all arches can exist, that the method of their study can run them (or
     InputError), and that they stand (or StabilityError).
     """

@@ -20,7 +20,7 @@ with Path(__file__).with_name("steps.toml").open("rb") as _file:
 _KINDS: Named = {"float": float, "int": int, "bool": bool, "str": str}
 
 
-def _mapping(given: Any) -> Any:
+def _mapping(given):
     named = {given: {}} if isinstance(given, str) else given
     if not isinstance(named, dict) or len(named) != 1:
         raise refuse(f"must have one of the keys {', '.join(STEPS)}")
@@ -28,7 +28,7 @@ def _mapping(given: Any) -> Any:
     return {name: {} if settings is None else settings}
 
 
-def _settings(step: str) -> Any:
+def _settings(step: str):
     """Return the block of the settings of a step, as the table of steps describes them."""
     fields: Named = {}
     for key, about in STEPS[step].get("settings", {}).items():

@@ -72,7 +72,7 @@ class PreparedRecord(Facts):
         return (self,) if self.first is None else (self.first, self)
 
 
-def _sources() -> Any:
+def _sources():
     """Return the module that reads records."""
     from archfrag.study.file import sources  # start-up: workers load no obspy
 

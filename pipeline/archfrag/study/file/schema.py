@@ -176,7 +176,7 @@ class RiskKeys(Section):
     """Longitude and latitude, if the file has several sites [degrees]."""
 
 
-def _place(scheduler: str, info: Any) -> str:
+def _place(scheduler: str, info) -> str:
     """Make the path of a scheduler's file absolute; an address stays as it is."""
     if not scheduler.endswith(".json"):
         return scheduler
@@ -275,7 +275,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> StudyKeys:
     return study_of(*read_keys(Path(path), overrides), path)
 
 
-def study_of(given: Named, folder: Path, place: Any) -> StudyKeys:
+def study_of(given: Named, folder: Path, place) -> StudyKeys:
     """Check the keys of a study, whose relative paths are below a folder.
 
     InputError begins with the `place` that they are from.

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -91,7 +91,7 @@ def verdicts_of(status: NDArray) -> NDArray[np.int8]:
     return _VERDICTS[status]
 
 
-def table_of(keys: Keys, results: "Outcomes", wall_time: Any, starts: Any) -> Table:
+def table_of(keys: Keys, results: "Outcomes", wall_time, starts) -> Table:
     """Return the rows of runs from their keys, the kernels' results and how long each took [s].
 
     What collapsed before its record `starts` [s] has a verdict of its own.

@@ -90,7 +90,7 @@ class Threads:
         graph: dict[Any, Any] = {"plan": self._plan}
         graph |= {key: (make_runs, "plan", chunk) for key, chunk in chunks.items()}
 
-        def keep(key: Any, rows: Any, *_: Any) -> None:
+        def keep(key, rows, *_) -> None:
             if key != "plan":
                 self._made.put((key, rows))
 
