@@ -92,7 +92,7 @@ def follow_joints(model, state, work, where, loss_limit):
 def collapse_of(model, state, work, loss_limit):
     """Find the joint that collapsed: its number or -1, CollapseMode, and time of the loss [s]."""
     found = -1
-    how = int(CollapseMode.NONE)
+    how = CollapseMode.NONE
     since = math.nan
     for j in range(state.slip.size):
         slip = abs(state.slip[j]) / model.length[j]
