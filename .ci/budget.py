@@ -46,16 +46,15 @@ OTHERS = {
 }
 # What is still allowed of rows whose limit is not reached yet; a row only ever goes down.
 UNTIL_REACHED = {
-    "archfrag": 293_000,
-    "arch": 21_600,
-    "simulation": 15_200,
-    "physics": 80_100,
-    "motions": 39_900,
-    "fragility": 24_900,
-    "study": 50_300,
-    "report": 30_700,
-    "api, cli, export": 22_500,
-    "names a function": 15.6,
+    "archfrag": 286_000,
+    "arch": 21_000,
+    "simulation": 14_500,
+    "motions": 38_800,
+    "fragility": 24_500,
+    "study": 48_100,
+    "report": 30_100,
+    "api, cli, export": 21_600,
+    "names a function": 15.3,
 }
 CONCEPTS = {
     "ties": r"(^|_)ties?(_|$)|Ties?($|[A-Z])",
