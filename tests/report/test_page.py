@@ -24,6 +24,7 @@ from archfrag.study.answer.rates import risk_of
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import Hazard
 from tests.report import synthetic
+from tests.report.synthetic import GRAVITY
 from tests.study.small import small_study
 
 GRAVITY = synthetic.GRAVITY
@@ -422,6 +423,14 @@ def test_a_curve_of_the_records_after_which_an_arch_stands_says_so_in_the_table_
     count = study.cube.sizes["record"]
     words = f"ring-after-0.9, if it stands, as in {count - 3} of {count}"
     assert words in read(study).text_content()
+
+
+def test_medians_of_runs_without_a_verdict_are_in_the_unit_of_the_report():
+    ends = synthetic.curve_of(0.5 * GRAVITY), synthetic.curve_of(1.5 * GRAVITY)
+    known = synthetic.inputs().answers["ring"]
+    answer = replace(known, n_undecided=2, extremes=ends)
+    text = read(synthetic.inputs(answers={"ring": answer})).text_content()
+    assert "2 runs have no verdict: the median is 0.5 g if all collapse, 1.5 g" in text
 
 
 def test_the_page_prints_what_is_folded_and_forces_no_page():
