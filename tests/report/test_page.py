@@ -18,13 +18,13 @@ from archfrag.report import curve_figures, first_page, inputs
 from archfrag.report.first_page import leading, leading_arch, site_levels
 from archfrag.report.html import digits, percentages, rounded
 from archfrag.report.page import render, spectra, write_report
+from archfrag.report.sections import card
 from archfrag.study.answer import fits
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.rates import risk_of
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import Hazard
 from tests.report import synthetic
-from tests.report.synthetic import GRAVITY
 from tests.study.small import small_study
 
 GRAVITY = synthetic.GRAVITY
@@ -429,8 +429,10 @@ def test_medians_of_runs_without_a_verdict_are_in_the_unit_of_the_report():
     ends = synthetic.curve_of(0.5 * GRAVITY), synthetic.curve_of(1.5 * GRAVITY)
     known = synthetic.inputs().answers["ring"]
     answer = replace(known, n_undecided=2, extremes=ends)
-    text = read(synthetic.inputs(answers={"ring": answer})).text_content()
-    assert "2 runs have no verdict: the median is 0.5 g if all collapse, 1.5 g" in text
+    text = str(card(synthetic.inputs(answers={"ring": answer}), "ring"))
+    assert (
+        "2 runs have no verdict: the median is 0.500 g if all collapse, 1.50 g" in text
+    )
 
 
 def test_the_page_prints_what_is_folded_and_forces_no_page():
