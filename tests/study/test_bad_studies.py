@@ -202,9 +202,12 @@ BAD = [
             ),
             (
                 "[0, 20]",
-                "joints = [0, 20] must be a block of keys, such as {stiffness: ...}",
+                "joints = [0, 20] is a block with stiffness; positions are joint_positions:",
             ),
-            ("{positions: [0, 20]}", "joints.positions is not a known key"),
+            (
+                "{positions: [0, 20]}",
+                "joints is a block with stiffness; positions are ",
+            ),
             (
                 "null, vary: {samples: 4, of: {joints: {NORMAL}}}",
                 "must be a block of keys, such as {stiffness: ",

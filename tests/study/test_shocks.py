@@ -268,7 +268,7 @@ def test_report_tells_of_first_shocks(reported):
     page = (reported.folder / "report.html").read_text()
     assert "A first shock comes before each record (" in page
     assert leading(inputs)[0] in ("ring", "slab")
-    assert "the weakest of 2 arches," in str(first_page(inputs, None))
+    assert "the weakest of 2 arches or classes" in str(first_page(inputs, None))
     (own,) = (
         each for each in summary(inputs)["arches"] if each["id"] == "slab-after-3"
     )

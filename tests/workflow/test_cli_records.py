@@ -323,7 +323,7 @@ class TestMeasure:
         (file,) = read_flatfile(out)["file"]
         assert (out.parent / file).samefile(at2)
         assert "Sa, 5 % damping [g]" in texts(figure)
-        assert "FILE.svg" in refused(
+        assert "f.png: figures and films are written as .svg" in refused(
             "measure", at2, "--out", out, "--figure", tmp_path / "f.png"
         )
         text = done("measure", three, "--unit", "m/s2", "--out", out).stdout

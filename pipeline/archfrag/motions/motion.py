@@ -402,7 +402,7 @@ def store(path: Path, motion: Motion) -> None:
     if motion.vertical is not None:
         arrays["vertical"] = motion.vertical
     with replacing(path, lasting=False) as part, open(part, "wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
+        np.savez(file, **arrays)
 
 
 def load_stored(path: Path, **known) -> Motion:
