@@ -12,7 +12,7 @@ AUTO = "auto"
 
 
 class Parameter(NamedTuple):
-    """One setting of a method; allowed are values from `least` to `most`."""
+    """One setting of a method; values from `least` to `most` are allowed."""
 
     name: str
     unit: str
@@ -23,10 +23,11 @@ class Parameter(NamedTuple):
 
 
 class MethodInfo(NamedTuple):
-    """A method of integration: a module with `run`, which has one signature in all.
+    """A method of integration: a module with a function `run`, whose signature all methods share.
 
-    One that scales ground motions itself has `run_many` as well, as `archfrag.physics.steps.run`:
-    many runs at once. Parameters that only one method has follow the shared arguments, by keyword.
+    A method that scales ground motions itself also has `run_many`, as
+    `archfrag.physics.steps.run`, which makes many runs at once. Parameters that only one method
+    has follow the shared arguments, by keyword.
     """
 
     name: str
@@ -35,8 +36,8 @@ class MethodInfo(NamedTuple):
     citation: str
     module: str
     needs: str | None = None  # package that it cannot run without
-    # Steps at impacts and largest ones for a tolerance, both over the root of the shortest joint's
-    # length over gravity [1]; equal ones are fixed.
+    # Function that returns the step at impacts and the largest step for a tolerance and a number of
+    # bodies, over the root of the shortest joint's length over gravity [1]; equal ones are fixed.
     step_rule: Callable[[float, int], tuple[float, float]] | None = None
 
     def load(self, function: str = "run") -> Callable | None:
@@ -50,7 +51,10 @@ OWN_STEP = 1.28e-3
 
 
 def own_step(rtol: float, n_body: int) -> tuple[float, float]:
-    """Return default step of methods that use time steps as a fallback (`steps_of_tolerance`)."""
+    """Return `OWN_STEP` twice: the steps of methods that use time steps as a fallback.
+
+    Arguments and result are those of `steps_of_tolerance`.
+    """
     return OWN_STEP, OWN_STEP
 
 
@@ -79,7 +83,8 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     return impact, max(largest * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
 
 
-# Methods that take joints that give, and their equal steps over the largest of rigid joints.
+# Methods that take joints that give. Their equal steps are this part of the largest step with rigid
+# joints.
 OF_FACES = (AUTO, "time_stepping")
 FACE_STEP = 0.5
 
@@ -147,7 +152,8 @@ _REGISTERED: dict[str, MethodInfo] = {}
 
 
 def register(*methods: MethodInfo) -> None:
-    """Add methods of other packages for `archfrag.simulate`; studies take `METHODS` only."""
+    """Add methods of other packages for `archfrag.simulate`; studies use only those in `METHODS`.
+    """
     _REGISTERED.update({method.name: method for method in methods})
 
 
