@@ -194,8 +194,9 @@ def margins_at(motion, mega, part, step, ground):
 
 @kernel
 def _gap_at(motion, mega, part, k, c):
-    """Return the gap of corner `c` of joint `k` at `part`, 0 to 1, of a step, from positions alone
-    [m].
+    """Return the gap of corner `c` of joint `k` at `part`, 0 to 1, of a step [m].
+
+    It is found from positions alone.
 
     Writes: mega (next_position, next_velocity, work.face, work.rotated, work.tangent).
     """
@@ -249,8 +250,9 @@ def _margin_at(motion, mega, part, step, ground, joint, law):
 
 @inlined
 def _root(motion, mega, step, ground, end, joint, law):
-    """Find the part of a step, 0 to `end`, at which the margin of one law is used up (Illinois
-    method).
+    """Find the part of a step at which the margin of one law is used up (Illinois method).
+
+    It lies between 0 and `end`.
     """
     low = 0.0
     high = end

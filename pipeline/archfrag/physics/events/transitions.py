@@ -84,12 +84,11 @@ def pose_impact(run, joint, corner):
 
 @inlined
 def _close_slow_joints(run):
-    """Close joints and stop slips, in `work`, whose motion is nearly over; return whether there
-    are any.
+    """Close joints and stop slips, in `work`, whose motion is nearly over.
 
-    A joint that rocks from corner to corner loses a fixed part of its rate at each impact and is
-    closed after infinitely many of them, in a finite time; a slip ends by friction in a time in
-    proportion to its rate.
+    Return whether there are any. A joint that rocks from corner to corner loses a fixed part of
+    its rate at each impact and is closed after infinitely many of them, in a finite time; a slip
+    ends by friction in a time in proportion to its rate.
     """
     model = run.model
     work = run.work
@@ -168,10 +167,9 @@ def _take_velocities(run):
 
 @inlined
 def _find_touching(j, run):
-    """Set ``work.candidate`` of joint `j` at corners that touch and stay; return the slip rate
-    [m/s].
+    """Set ``work.candidate`` of joint `j` at corners that touch and stay.
 
-    If both corners do, it is the larger of their rates.
+    Return the slip rate [m/s]; if both corners touch, it is the larger one.
     """
     model = run.model
     state = run.state

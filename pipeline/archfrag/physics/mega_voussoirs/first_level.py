@@ -118,10 +118,9 @@ def _known(base, rate, acceleration, arm, k, work):
 
 @inlined
 def _powers(model, work, k, u, x, y):
-    """Return the inertia of body `k` along the mechanism, and the power of its unbalanced force
-    (Eq 28).
+    """Return the inertia of body `k` along the mechanism, and the power of its unbalanced force.
 
-    The body moves at (x, y) and rotates at `u` if the mechanism moves at one.
+    This is Eq 28. The body moves at (x, y) and rotates at `u` if the mechanism moves at one.
     """
     inertia = model.mass[k] * (x * x + y * y) + model.inertia[k] * u * u
     fx = work.free[k, 0] - work.solved[k, 0]
@@ -189,8 +188,9 @@ def four_hinges(model, position, velocity, work):
 
 @inlined
 def _unbalanced(model, work, k):
-    """Return the force that the reactions on body `k` must supply, and its moment about the
-    centroid.
+    """Return the force (x, y) that the reactions on body `k` must supply, and its moment.
+
+    The moment is that about the centroid.
     """
     x = model.mass[k] * (work.solved[k, 0] - work.free[k, 0])
     y = model.mass[k] * (work.solved[k, 1] - work.free[k, 1])
