@@ -19,7 +19,9 @@ BARELY = 1e-9
 
 
 class Impulse(NamedTuple):
-    """Velocity that a ground motion takes from free bodies in a step, and the far springing's way.
+    """Velocity that a ground motion takes from free bodies in a step.
+
+    With it, how the far springing moves.
     """
 
     x: float  # integral of the ground acceleration [m/s]
@@ -225,7 +227,9 @@ def _far_between(grounds, clock, c, start, end):
 
 @inlined
 def _gained(acceleration, impulse, start, end, place):
-    """Return the integral of one motion from `start` to `end` [m/s]; `place` is from `_place_of`.
+    """Return the integral of one motion from `start` to `end` [m/s].
+
+    `place` is from `_place_of`.
     """
     first, last, dt = place
     late = _impulse_until(end, acceleration, impulse, first, last, dt)
@@ -258,7 +262,9 @@ def impulse_between(grounds, clock, start, end):
 
 @inlined
 def end_of_motion(grounds, clock, follow):
-    """Return the time at which a run ends at the latest [s]: `follow` [s] after the last sample.
+    """Return the time at which a run ends at the latest [s].
+
+    That is `follow` [s] after the last sample.
     """
     end = 0.0 * clock[Clock.TIME]
     for k in range(width(clock[Clock.TIME])):

@@ -30,7 +30,8 @@ class RestLimit(NamedTuple):
     """One end of the range of load factors in which a chain rests; see `rest_limit`."""
 
     found: bool  # False: no admissible reactions for any load factor
-    load_factor: float  # signed largest k in the direction asked for [g]; ±inf: no limit
+    # signed largest k in the direction asked for [g]; ±inf: no limit
+    load_factor: float
     mechanism: (
         np.ndarray
     )  # (n_joint,) int8: bits HINGE_INTRADOS, HINGE_EXTRADOS, SLIDING

@@ -77,7 +77,9 @@ def new_results(n_run: int) -> Outcomes:
 
 @struct(forces=(3,))
 class Output(NamedTuple):
-    """Buffers for frames and log entries, with counts of both; buffers of length zero take none.
+    """Buffers for frames and log entries, with counts of both.
+
+    Buffers of length zero take none.
     """
 
     frames: Frames
@@ -91,7 +93,9 @@ class Output(NamedTuple):
 
 
 def output_to(frames: Frames, log: MechanismLog, interval: float) -> Output:
-    """Make an empty output into given frames and log, with frames at least `interval` [s] apart.
+    """Make an empty output into given frames and log.
+
+    Frames are at least `interval` [s] apart.
     """
     written = np.zeros(2, np.int64)
     forces = np.zeros(frames.reaction.shape[1:])
@@ -115,7 +119,9 @@ def no_output(n_body: int, n_joint: int) -> Output:
 
 @kernel
 def write_frame(model, state, work, output):
-    """Write a frame of the present state, with the forces in ``work.reaction``, if there is room.
+    """Write a frame of the present state, if there is room.
+
+    Its forces are those in ``work.reaction``.
     """
     frames = output.frames
     n = output.written[0]

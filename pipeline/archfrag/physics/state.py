@@ -165,8 +165,8 @@ class Work(NamedTuple):
     slide: ndarray  # (n_joint,) and their sense of friction, as in ``State.slide``
     asked_contact: ndarray  # (n_joint, 2) modes that the solution asks for
     asked_slide: ndarray  # (n_joint,) and their sense of friction
-    # (n_joint, 3, 4) constrained directions: x, y, lever arms about the centroids of the body after
-    # and of the body before
+    # (n_joint, 3, 4) constrained directions: x, y, lever arms about the centroids of the body
+    # after and of the body before
     row: ndarray
     column: ndarray  # (n_joint, 3, 4) directions of the reactions, as in `row`
     block: ndarray  # (n_joint, 3, 3) eliminated diagonal blocks, reciprocals on the diagonal

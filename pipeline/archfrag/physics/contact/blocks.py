@@ -230,8 +230,9 @@ def factorise(model, work, compliance):
 
 @kernel
 def set_up(model, position, work, compliance, first):
-    """Set the directions of all joints from joint `first` on, and factorise their system in one
-    sweep.
+    """Set the directions of all joints from joint `first` on, and factorise their system.
+
+    Both are done in one sweep.
 
     Writes: work (block, column, lower, row, upper).
     """
@@ -242,8 +243,7 @@ def set_up(model, position, work, compliance, first):
 
 @inlined
 def _add_reaction(j, of, model, position, work):
-    """Add the three multipliers `of` of joint `j` to its reaction and to the bodies' velocities.
-    """
+    """Add the multipliers `of` of joint `j`, three numbers, to reaction and velocities."""
     column = work.column
     solved = work.solved
     reaction = work.reaction

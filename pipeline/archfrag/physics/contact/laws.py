@@ -45,9 +45,7 @@ def mode_of(j, joints):
 
 @inlined
 def corner_mode(corner, slide):
-    """Return the mode of a joint that touches at corner `corner` only, with friction of sense
-    `slide`.
-    """
+    """Return the mode of a joint that touches at `corner` only, with friction of sense `slide`."""
     return mode_number(1 - corner, corner, slide)
 
 
@@ -119,8 +117,9 @@ def cross(n, v):
 
 @inlined
 def opening_rate(j, k, velocity, work):
-    """Return the opening rate of a corner with this relative velocity: the larger of Eqs 23a and
-    23b.
+    """Return the opening rate of a corner: the larger one of Eqs 23a and 23b.
+
+    `velocity` is the relative velocity there.
     """
     x, y = velocity
     side = work.side_normal
@@ -130,16 +129,18 @@ def opening_rate(j, k, velocity, work):
 
 @inlined
 def side_of(j, k, side, work):
-    """Return the normal at a corner for friction along the tangent (`side` PLUS), or against it
-    (MINUS).
+    """Return the normal at a corner for friction of one sense.
+
+    `side` is PLUS for friction along the tangent, MINUS for friction against it.
     """
     return work.side_normal[j, k, side, 0], work.side_normal[j, k, side, 1]
 
 
 @inlined
 def slip_normal(j, k, backwards, work):
-    """Return the normal at a sliding corner; `backwards` is where friction acts against the
-    tangent.
+    """Return the normal at a sliding corner.
+
+    `backwards` is where friction acts against the tangent.
     """
     return choose(backwards, side_of(j, k, MINUS, work), side_of(j, k, PLUS, work))
 
@@ -161,8 +162,7 @@ def contact_of(j, work):
 
 @inlined
 def closed_forces(j, work):
-    """Return the normal force at corner 0 and at corner 1 of a closed joint, their sum, and the
-    shear.
+    """Return the normal forces at corners 0 and 1 of a closed joint, their sum, and the shear.
 
     The resultant acts at the contact centre: e of Eq 14 is the force at corner 1 over the sum.
     """
@@ -197,7 +197,7 @@ def cones_at(j, k, model, work):
 
 @kernel
 def functions_if_open(j, work, value, target):
-    """Write the functions of an open joint, and the modes on the other side of their zeros.
+    """Write the functions of an open joint, and the modes beyond their zeros.
 
     They are the opening rates of corner 0 by its two normals, then those of corner 1 (Eqs 5, 23);
     a corner that cannot touch has none.
@@ -219,7 +219,7 @@ def functions_if_open(j, work, value, target):
 
 @kernel
 def functions_if_closed(j, model, work, value, target):
-    """Write the functions of a closed joint, and the modes on the other side of their zeros.
+    """Write the functions of a closed joint, and the modes beyond their zeros.
 
     They are the normal forces at both corners; then Coulomb's limits in either sense if the joint
     sticks, or the slip rate if it slides.
@@ -246,8 +246,7 @@ def functions_if_closed(j, model, work, value, target):
 
 @kernel
 def functions_if_corner(j, model, work, value, target):
-    """Write the functions of a joint at one corner, and the modes on the other side of their
-    zeros.
+    """Write the functions of a joint at one corner, and the modes beyond their zeros.
 
     If it sticks, they are the distances from both edges of the cones; if it slides, the force
     along its ray and the slip rate. Then follows the opening rate of the other corner.

@@ -82,7 +82,9 @@ class Path(NamedTuple):
     """Workspace of path following, and of the range of rest."""
 
     model: Model  # with friction limited to PATH_FRICTION
-    free: np.ndarray  # (n_body + 2, 3) velocities without reactions of the problem itself
+    free: (
+        np.ndarray
+    )  # (n_body + 2, 3) velocities without reactions of the problem itself
     bias: np.ndarray  # (n_joint, 2, 2) bias of the problem itself
     push: np.ndarray  # (n_body + 2, 3) velocities that the start adds to `free`
     opening: np.ndarray  # (n_joint, 2, 2) bias that the start adds to `bias`
@@ -135,7 +137,9 @@ def copy_modes(of, to):
 
 @inlined
 def _set_problem(work, path, part):
-    """Set velocities and bias in `work` to the problem's own, plus `part` of what the start adds.
+    """Set velocities and bias in `work` to the problem's own plus a part of the start's.
+
+    That is `part` times what the start adds.
     """
     for i in range(work.free.shape[0]):
         for c in range(3):
@@ -148,11 +152,10 @@ def _set_problem(work, path, part):
 
 @kernel
 def piece_functions(position, work, path, tau, value):
-    """Evaluate the linear functions that are non-negative on the present piece of the path, at
-    `tau`.
+    """Evaluate the linear functions that are non-negative on the path's present piece.
 
-    They go into `value`, (n_joint, 4), with inf where there is no function; the modes on the other
-    side of their zeros go into ``path.target``. Return nan if a pivot vanishes.
+    They are those at `tau`. They go into `value`, (n_joint, 4), with inf where there is no
+    function; the modes beyond their zeros go into ``path.target``. Return nan if a pivot vanishes.
     """
     _set_problem(work, path, 1.0 - tau)
     left = blocks.correct(path.model, position, work, np.inf)
@@ -252,11 +255,10 @@ def direction_after(path, j, mode, left):
 
 @inlined
 def _zero(path, j, f, tau, direction):
-    """Return the distance in tau to the zero of function `f` of joint `j`, its slope and its
-    value.
+    """Return the distance in tau to the zero of a function, its slope and its value.
 
-    The slope is that along `direction`. The distance is at least 0, and inf if the function does
-    not fall.
+    It is function `f` of joint `j`. The slope is that along `direction`. The distance is at least
+    0, and inf if the function does not fall.
     """
     rise = path.at_end[j, f] - path.at_start[j, f]
     slope = rise * direction
@@ -295,8 +297,9 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
 
 @kernel
 def next_break(work, path, tau, direction, crossed):
-    """Find the next break of the path; `crossed` has the joint and the former mode of the last
-    one.
+    """Find the next break of the path from `tau` along `direction`.
+
+    `crossed` has the joint and the former mode of the last break.
     """
     first = NO_BREAK
     for j in range(work.slide.size):

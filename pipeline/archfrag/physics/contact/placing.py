@@ -55,7 +55,9 @@ def move_faces(model, position, work):
 
 @inlined
 def inwards(work, i, x, y):
-    """Turn a vector from the fixed axes to the rest axes of body `i`; `outwards` is the inverse.
+    """Turn a vector from the fixed axes to the rest axes of body `i`.
+
+    `outwards` is the inverse.
     """
     c = work.rotated[i, 0]
     s = work.rotated[i, 1]
@@ -64,7 +66,10 @@ def inwards(work, i, x, y):
 
 @inlined
 def outwards(work, i, x, y):
-    """Turn a vector from the rest axes of body `i` to the fixed axes; `inwards` is the inverse."""
+    """Turn a vector from the rest axes of body `i` to the fixed axes.
+
+    `inwards` is the inverse.
+    """
     c = work.rotated[i, 0]
     s = work.rotated[i, 1]
     return c * x - s * y, s * x + c * y
@@ -116,8 +121,9 @@ def place_contacts(model, slip, work):
 
 @inlined
 def corner_offset(j, k, work, slip):
-    """Return how far the later face's corner `k` is from its place in contact at `slip` (x, y)
-    [m].
+    """Return how far the later face's corner is from its place in contact (x, y) [m].
+
+    That place is the one at `slip` [m].
     """
     later = later_vertex_meets(k, slip)
     tx, ty = choose(later, tangent_of(j, BEFORE, work), tangent_of(j, AFTER, work))

@@ -74,8 +74,7 @@ class Progress(IntEnum):
 
 @struct()
 class Run(NamedTuple):
-    """Workspace of an event-driven run: the chain, its mega-voussoirs, ground motion and options.
-    """
+    """Workspace of an event-driven run: chain, mega-voussoirs, ground motion and options."""
 
     law: Law  # of all voussoirs
     model: Model
@@ -85,7 +84,8 @@ class Run(NamedTuple):
     motion: MechanismMotion
     progress: np.ndarray  # (len(Progress),)
     recent: np.ndarray  # (n,) times of the last events [s]
-    outward: np.ndarray  # (n_body + 2,) half the rate of the squared displacement [m2/s]
+    # (n_body + 2,) half the rate of the squared displacement [m2/s]
+    outward: np.ndarray
     grounds: Grounds  # one motion
     path: Path
     options: Options

@@ -48,8 +48,7 @@ BY_FRICTION = 1
 
 @struct()
 class Scheme(NamedTuple):
-    """Coefficients of a Runge-Kutta method whose last stage is the first stage of the next step.
-    """
+    """Coefficients of a Runge-Kutta method whose last stage is the first of the next step."""
 
     time: np.ndarray  # (n_stage,) time of each stage, over the step
     stage: np.ndarray  # (n_stage, n_stage - 1)

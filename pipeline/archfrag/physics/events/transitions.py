@@ -273,8 +273,7 @@ def solve_posed(run):
 
 @inlined
 def take_modes(run):
-    """Accept the modes of solved accelerations; return False if the accelerations are impossible.
-    """
+    """Accept the modes of solved accelerations; return False if these are impossible."""
     model = run.model
     state = run.state
     work = run.work

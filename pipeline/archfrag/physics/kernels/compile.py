@@ -30,7 +30,7 @@ class Version(NamedTuple):
 
 
 class _Collected:
-    """Takes the place of numba's code library: keeps what numba would link and optimise."""
+    """Replacement of numba's code library; it keeps what numba would link and optimise."""
 
     def __init__(self, codegen, name: str) -> None:
         self.codegen = codegen

@@ -56,7 +56,7 @@ def load(kernel, key) -> tuple[int, Any]:
 
 
 def is_shipped(name: str) -> bool:
-    """Return whether there is LLVM code of a set for this source and this kind of processor."""
+    """Return whether shipped LLVM code of a set fits this source and this processor."""
     return has_common_features() and _shipped(name)[0] == source_hash()
 
 
@@ -104,7 +104,9 @@ def _shipped(name: str) -> tuple[str, Any, bytes]:
 
 
 def _parsed(name: str) -> tuple[Any, Any] | None:
-    """Return the offers and LLVM's module of a shipped set; None if there is none that LLVM reads.
+    """Return the offers and LLVM's module of a shipped set.
+
+    None if there is none, or LLVM cannot read it.
     """
     if name not in SETS or not is_shipped(name):
         return None

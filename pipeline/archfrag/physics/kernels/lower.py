@@ -42,7 +42,10 @@ class _Four(types.Type):
         return self if isinstance(other, self.plain) else None
 
     def can_convert_from(self, typingctx, other):
-        """Return that a plain value converts as safely as an integer to a float."""
+        """Return how safely a plain value converts: as an integer to a float.
+
+        None for a value of another type.
+        """
         safe = typingctx.can_convert(types.int32, types.float64)
         return safe if isinstance(other, self.plain) else None
 
@@ -220,7 +223,9 @@ for _function, _choose in _functions:
 
 
 class StructType(types.Type):
-    """Type of a struct; `fields` has description, type, known shape and first word of each field.
+    """Type of a struct.
+
+    `fields` has description, type, known shape and first word of each field.
     """
 
     def __init__(self, description) -> None:

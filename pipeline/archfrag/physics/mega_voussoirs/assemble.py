@@ -39,7 +39,8 @@ class MegaVoussoirs(NamedTuple):
     count: np.ndarray  # type: ignore[assignment]
     first: np.ndarray  # (n_body + 2,) int64: row of the first voussoir of each
     last: np.ndarray  # (n_body + 2,) int64: row of its last one
-    joint: np.ndarray  # (n_joint,) int64: number in the chain of each joint between them
+    # (n_joint,) int64: number in the chain of each joint between mega-voussoirs
+    joint: np.ndarray
     # (n_body + 2,) int64: row of each voussoir's mega-voussoir; of those that rest on a springing
     # GROUND or the last row in use
     group: np.ndarray

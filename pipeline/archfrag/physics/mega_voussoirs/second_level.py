@@ -47,7 +47,9 @@ def _joint_margins(model, mega, j, fx, fy, moment, per_weight, value):
 
 @inlined
 def _boundary(mega, k, position):
-    """Return the reaction at joint `k` of the mega-voussoirs: x, y, and moment about `position`.
+    """Return the reaction at joint `k` of the mega-voussoirs: x, y, and moment.
+
+    The moment is that about `position`, (x, y).
     """
     work = mega.work
     force = force_of(k, work)

@@ -140,7 +140,9 @@ def run(
     frames: Frames,
     log: MechanismLog,
 ) -> Outcomes:
-    """Integrate one chain under one ground motion; arguments as `archfrag.physics.steps.run.run`.
+    """Integrate one chain under one ground motion.
+
+    Arguments are those of `archfrag.physics.steps.run.run`.
     """
     start = position.copy(), velocity.copy()
 

@@ -36,8 +36,9 @@ class MethodInfo(NamedTuple):
     citation: str
     module: str
     needs: str | None = None  # package that it cannot run without
-    # Function that returns the step at impacts and the largest step for a tolerance and a number of
-    # bodies, over the root of the shortest joint's length over gravity [1]; equal ones are fixed.
+    # Function of a tolerance and a number of bodies. It returns the step at impacts and the
+    # largest step, over the root of the shortest joint's length over gravity [1]; equal ones are
+    # fixed.
     step_rule: Callable[[float, int], tuple[float, float]] | None = None
 
     def load(self, function: str = "run") -> Callable | None:
@@ -66,10 +67,10 @@ FEW_VOUSSOIRS = 20
 def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     """Return the steps at impacts, and the largest between them, that go with a tolerance.
 
-    Over the root of the shortest joint's length over gravity [1]. For joints of 1.5 m at the
-    default they are 0.4 and 4 ms, of more than 20 voussoirs 1.6 and 8 ms. Where impacts follow
-    each other closely, the error of time stepping is of first order in the former; else, and
-    through lone impacts, of second order in the latter.
+    Both are over the root of the shortest joint's length over gravity [1]. For joints of 1.5 m at
+    the default tolerance they are 0.4 and 4 ms, with more than 20 voussoirs 1.6 and 8 ms. Where
+    impacts follow each other closely, the error of time stepping is of first order in the step at
+    impacts; else, and through lone impacts, of second order in the largest step.
 
     Examples
     --------
@@ -83,8 +84,8 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     return impact, max(largest * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
 
 
-# Methods that take joints that give. Their equal steps are this part of the largest step with rigid
-# joints.
+# Methods that take joints that give. Their equal steps are this part of the largest step with
+# rigid joints.
 OF_FACES = (AUTO, "time_stepping")
 FACE_STEP = 0.5
 
@@ -152,8 +153,7 @@ _REGISTERED: dict[str, MethodInfo] = {}
 
 
 def register(*methods: MethodInfo) -> None:
-    """Add methods of other packages for `archfrag.simulate`; studies use only those in `METHODS`.
-    """
+    """Add methods of other packages for `archfrag.simulate`; studies use `METHODS` only."""
     _REGISTERED.update({method.name: method for method in methods})
 
 
