@@ -327,7 +327,9 @@ def _leaving(problem, entering):
 
 @kernel
 def _set_vertex(problem):
-    """Set the point where the active inequalities are tight, refined once.
+    """Set ``problem.vertex`` to the point at which the active inequalities are tight.
+
+    It is refined once.
 
     Reads: problem (basis, inverse, vertex).
     Writes: problem.vertex.

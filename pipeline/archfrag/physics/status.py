@@ -117,9 +117,7 @@ class Count(IntEnum):
     RESTS = 9
     EVENTS = 10  # instants located at which the mechanism changed
     LEVELS = 11  # contact problems at events
-    LEVEL_ITERATIONS = (
-        12  # contact problems at events that needed more than one iteration
-    )
+    LEVEL_ITERATIONS = 12  # contact problems at events that needed several iterations
     GENERAL = 13  # contact problems at events that were left to solution paths
     SWITCHES = 14  # times that event-driven integration switched to time stepping
     FRAMES = 15  # frames of the history written
@@ -155,10 +153,8 @@ class Peak(IntEnum):
     OVERLAP = (
         3  # deepest overlap of two bodies at a corner, over the joint's length [1]
     )
-    END_ROTATION = 4  # largest rotation of any body at the end of the run [rad]
-    END_DISPLACEMENT = (
-        5  # largest displacement of any centroid at the end of the run [m]
-    )
+    END_ROTATION = 4  # largest rotation of any body at the end [rad]
+    END_DISPLACEMENT = 5  # largest displacement of any centroid at the end [m]
     MOVED_BEFORE = 6  # one if the chain still moved at the time noted
 
 
@@ -207,15 +203,11 @@ class TieWork(IntEnum):
 
     DX = 0  # unit vector from end 0 to end 1
     DY = 1
-    ARM_0 = (
-        2  # moment of the unit vector about the centroid of the body at each end [m]
-    )
+    ARM_0 = 2  # moment of the unit vector about the body at each end [m]
     ARM_1 = 3
     RATE = 4  # rate of elongation before the step [m/s]
     ENERGY = 5  # elastic energy before the step [J]
-    KNOWN = (
-        6  # a taut tie's impulse is this plus GAIN times its rate after the step [N s]
-    )
+    KNOWN = 6  # impulse if taut: this plus GAIN times the rate after the step [N s]
     GAIN = 7
     MOST = 8  # impulse if it yields [N s]
     MODE = 9  # TieMode that the contact problem is solved for

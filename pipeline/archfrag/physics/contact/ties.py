@@ -277,7 +277,7 @@ def push_by_pulls(model, work, velocity, sense):
 def _answer(model, position, work, t, where):
     """Find how bodies and joints answer a unit impulse of tie `t`, in the present modes.
 
-    The answer goes into ``work.tie_answer``, where `where` holds.
+    The answer goes into row `t` of ``work.tie_answer``; it holds where `where` does.
     """
     row = work.row
     solved = work.solved

@@ -117,9 +117,9 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
     """Find solved steps that are not good enough; return masks of those to repeat and to shorten.
 
     Reactions of the last step may be wrong for the time before an impact, as they are where joints
-    open instead: such a step is repeated without them. Steps to shorten are those, where `stops`
-    holds, that close a corner or have too large an energy error: a slip that ends inside a long
-    step sticks until its end, held by a friction that made energy.
+    open instead: such a step is repeated without them. Where `stops` holds, a step is to be
+    shortened if it closes a corner or has too large an energy error: a slip that ends inside a
+    long step sticks until its end, held by a friction that made energy.
 
     Writes: state.force, work.reaction.
     """
