@@ -23,8 +23,8 @@ def contact_works(state, work):
     """Return the work of all joints in a step [J]: of friction, of impacts, and unexplained.
 
     It is the work of the impulses in ``work.reaction`` at the mean of the relative velocities
-    before the step, ``work.earlier``, and after it, ``work.relative``. In a step with an impact,
-    what is not work of friction counts as work of impacts, at all joints.
+    before the step, ``work.earlier``, and after it, ``work.relative``. In a step with an impact no
+    work is unexplained: what is not work of friction counts as work of impacts.
     """
     friction = impact = balance_error = 0.0
     hits = False

@@ -160,7 +160,7 @@ def velocity_scale(position, work):
 
 @kernel
 def largest_force(work):
-    """Return the largest component of a reaction; one if there are no reactions.
+    """Return the largest component x or y of a reaction; one if all are zero.
 
     Reads: work.reaction.
     """
@@ -173,10 +173,10 @@ def largest_force(work):
 
 @inlined
 def closes_soon(j, k, work, ahead):
-    """Return where an open corner asks to close, or would in the time `ahead`.
+    """Return where an open corner asks to close, or would do so a little later.
 
-    `ahead` counts from the instant at which the bias lets the law hold, over the time to that
-    instant [1].
+    The bias makes the law hold at one instant after the middle of the step. `ahead` is the time
+    beyond that instant, over the time from the middle to it [1].
     """
     ux = (1.0 + ahead) * work.corner_rate[j, k, 0] - ahead * work.bias[j, k, 0]
     uy = (1.0 + ahead) * work.corner_rate[j, k, 1] - ahead * work.bias[j, k, 1]

@@ -71,7 +71,7 @@ THIRD_ORDER = Scheme(
 
 @struct()
 class Stages(NamedTuple):
-    """Stages and dense output of one step."""
+    """Velocities, accelerations and powers in the stages of one step, and its dense output."""
 
     velocity: np.ndarray  # (n_body + 2, n_stage, 3)
     acceleration: np.ndarray  # (n_body + 2, n_stage, 3)

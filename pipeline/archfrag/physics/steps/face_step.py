@@ -213,18 +213,18 @@ def _keep_slip(j, i, size, was, times, runs, where, sums):
 
 @inlined
 def remember_face(j, runs, times, size, where, sums):
-    """Remember the slip of a joint that bears all along it; return as `_keep_slip`.
+    """Remember the slip of a joint that bears all along it.
 
-    `size` is its length in contact after the step [m].
+    `size` is its length in contact after the step [m]. Return what `_keep_slip` does.
     """
     return _keep_slip(j, 0, size, runs.own.touching[j], times, runs, where, sums)
 
 
 @inlined
 def remember_points(j, runs, times, gap, where, sums):
-    """Remember the slips of the points of a joint; return as `_keep_slip`.
+    """Remember the slips of the points of a joint.
 
-    `gap` has gap and slope after the step.
+    `gap` has gap and slope after the step. Return what `_keep_slip` does.
     """
     half = runs.own.half[j]
     outer, inner = places_of(half, runs.faces.points)

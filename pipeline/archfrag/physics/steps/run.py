@@ -169,7 +169,10 @@ def copy_run(of, place, to, number):
 
 @kernel
 def run_four(four, one, motion, factor, output, results):
-    """Make many runs from rest, four at a time; `one` serves each of them alone."""
+    """Make many runs from rest, four at a time.
+
+    `four` steps them; `one` starts, serves and ends each of them alone.
+    """
     work = one.work
     clock = four.state.clock
     running = 0

@@ -106,8 +106,9 @@ def offset_of(j, k, model, work):
 def aim_contacts(model, state, work, step, shortest):
     """Set the bias so that the contact laws hold where the next step looks for contacts.
 
-    An offset e at the middle becomes e + (h/2 + k) u + (h/8 + k/2) h b: after half the step h at
-    the velocity u to come, and a time k at the one then reached. b is `bend_of`.
+    An offset e in the middle of the step becomes e + (h/2 + k) u + (h/8 + k/2) h b. It changes at
+    the velocity u after the step for the rest of the step, h/2, and then for a time k; b is from
+    `bend_of`.
 
     Writes: work (bias, candidate, side_normal).
     """
