@@ -35,7 +35,11 @@ def loss_mode(j, state):
 
 @inlined
 def record_gap(j, state, gap, where):
-    """Record the gap of joint j, over its length, if it is open at both corners."""
+    """Record `gap`, the gap of joint `j` over its length [1], where `where` holds.
+
+    The joint is open at both corners there. The first gap beyond `NOTED_GAP` sets time, joint and
+    mode in ``state.loss``.
+    """
     loss = state.loss
     loss[Loss.WIDEST] = select(
         where & (gap > loss[Loss.WIDEST]), gap, loss[Loss.WIDEST]
@@ -49,11 +53,11 @@ def record_gap(j, state, gap, where):
 
 @kernel
 def follow_joints(model, state, work, where, loss_limit):
-    """Update modes, slips and losses of contact to the positions at the end of a step.
+    """Update modes, slips and losses of contact after a step; return where the chain collapsed.
 
-    `work` has the solution of the step, and the faces where it has led. Returns where a joint
-    cannot come to bear again, since its gap over its length exceeds `loss_limit`, it has slid off
-    or rotated too far: the chain has collapsed.
+    `work` has the modes of the step and the faces where it ends; `where` masks the runs that made
+    it. A chain has collapsed if a joint without contact has a gap of more than `loss_limit` times
+    its length, or if a joint has slid by its length or rotated by 90 degrees.
 
     Writes: state (bore_face, contact, loss, lost_rotation, lost_since, lost_slip, slide, slip).
     """
@@ -90,7 +94,11 @@ def follow_joints(model, state, work, where, loss_limit):
 
 @kernel
 def collapse_of(model, state, work, loss_limit):
-    """Find the joint that collapsed: its number or -1, CollapseMode, and time of the loss [s]."""
+    """Find the joint that collapsed; return its number, CollapseMode, and time of the loss [s].
+
+    If none did these are -1, NONE and nan; of several joints it is the last. `loss_limit` is that
+    of `follow_joints`.
+    """
     found = -1
     how = CollapseMode.NONE
     since = math.nan

@@ -13,16 +13,18 @@ from archfrag.physics.status import Energy, Peak
 
 # Kinetic energy of a chain that sways in rest, over its weight times its shortest joint.
 CALM = 1e-4
-# A chain still moves if it was not calm in this time, over that of a fall through its shortest
-# joint: longer than a turning point lasts [1].
+# A chain still moves if it was not calm within this time, over the time of a fall through its
+# shortest joint [1]. A turning point lasts less long.
 RECENT = 4.0
 
 
 @kernel
 def contact_works(state, work):
-    """Return the work of the joints in a step: friction, impacts, unexplained [J].
+    """Return the work of all joints in a step [J]: of friction, of impacts, and unexplained.
 
-    From the relative velocities before the step in ``work.earlier``, after it in `relative`.
+    It is the work of the impulses in ``work.reaction`` at the mean of the relative velocities
+    before the step, ``work.earlier``, and after it, ``work.relative``. In a step with an impact no
+    work is unexplained: what is not work of friction counts as work of impacts.
     """
     friction = impact = balance_error = 0.0
     hits = False
@@ -48,7 +50,7 @@ def contact_works(state, work):
             friction += rubbed
             done = done - rubbed
         balance_error += select(fresh, 0.0, done)
-    # What an impact takes it takes at all joints.
+    # An impact at one joint takes energy at all joints.
     impact += select(hits, balance_error, 0.0)
     return friction, impact, select(hits, 0.0, balance_error)
 
@@ -57,7 +59,9 @@ def contact_works(state, work):
 def unexplained_work(friction, impact, balance_error):
     """Return the work in a step that no law explains: the integrator's error [J].
 
-    An impact at one joint and the friction that it causes at others belong together.
+    The arguments are what `contact_works` returns. Friction and impacts only take energy: if their
+    sum is positive, it is an error too. They are summed, since an impact at one joint and the
+    friction that it causes at others belong together.
     """
     return balance_error + larger(friction + impact, 0.0)
 
@@ -73,7 +77,12 @@ def _record_error(unexplained, where, energy):
 
 @inlined
 def record_work(friction, impact, balance_error, where, energy):
-    """Add the works of all joints over one step [J]; see `unexplained_work`."""
+    """Add the work of all joints in a step to `energy`, where `where` holds [J].
+
+    The first three arguments are what `contact_works` returns. Where friction or impacts give
+    energy, the other one gets their sum; where the sum is positive it is part of
+    `unexplained_work`.
+    """
     both = friction + impact
     makes = both > 0.0
     rubs = select(impact > 0.0, both, select(friction > 0.0, 0.0, friction))
@@ -84,24 +93,28 @@ def record_work(friction, impact, balance_error, where, energy):
 
 @inlined
 def record_step(state, work, where):
-    """Record the work of a solved step; the state still has the old velocities."""
+    """Record the work of the joints in a solved step; `state` must be that before the step."""
     friction, impact, balance_error = contact_works(state, work)
     record_work(friction, impact, balance_error, where, state.energy)
 
 
 @inlined
 def record_pulls(state, yielded, unexplained, where):
-    """Record what ties dissipate by yielding, and the error of their work in a step [J]."""
+    """Record the work of ties in a step [J], where `where` holds.
+
+    `yielded`, at most zero, is what they lose by yielding and breaking; `unexplained` is the error
+    of their work.
+    """
     state.energy[Energy.FRICTION] += select(where, yielded, 0.0)
     _record_error(unexplained, where, state.energy)
 
 
 @inlined
 def record_faces(friction, damped, unexplained, where, energy):
-    """Record the work in a step of friction and dashpots of joints that give, and that which their
-    laws do not explain [J].
+    """Record the work of joints that give in a step [J], where `where` holds.
 
-    What dashpots have given in sum is an error, too.
+    `friction` and `damped` are the work of friction and of dashpots, `unexplained` is what their
+    laws do not explain. If dashpots have given energy in sum, that is an error, too.
     """
     energy[Energy.FRICTION] += select(where, friction, 0.0)
     spent = energy[Energy.IMPACT] + damped
@@ -125,7 +138,10 @@ def kinetic_energy(model, velocity):
 
 @inlined
 def energies_of(model, state):
-    """Return kinetic and potential energy, with the elastic one of ties [J]."""
+    """Return the kinetic and the potential energy of a chain [J].
+
+    The potential energy is that of the weights, zero as built, plus the elastic energy of ties.
+    """
     potential = 0.0
     for i in range(1, state.position.shape[0] - 1):
         rise = state.position[i, 1] - model.centroid[i, 1]
@@ -135,8 +151,11 @@ def energies_of(model, state):
 
 @inlined
 def record_calm(model, state, kinetic, where):
-    """Record when a chain with ties has more kinetic energy than a sway in rest, and whether any
-    has just before the time that is noted (`Grounds.noted`).
+    """Record whether a chain moves more than by a sway at rest, where `where` holds.
+
+    It does if `kinetic`, its kinetic energy [J], is above that of `CALM`. Then ``Clock.LIVELY`` is
+    set to the present time if the chain has ties, and ``Peak.MOVED_BEFORE`` is set to one if the
+    time to note, ``Grounds.noted``, comes within `RECENT`.
     """
     clock = state.clock
     tied = is_pulled(model)

@@ -12,19 +12,22 @@ from archfrag.physics.kernels.structs import struct
 from archfrag.physics.state import Clock
 
 # Loads beyond the range of rest by less than this part of gravity leave forces that no contact
-# problem distinguishes from rounding: a motion would start from that, not from them.
+# problem distinguishes from rounding: rounding, not the load, would start the motion.
 BEYOND = 1e-11
 # An instant this near to a sample, over the time step, belongs to the piece behind it.
 BARELY = 1e-9
 
 
 class Impulse(NamedTuple):
-    """Velocity that the ground motion takes from free bodies in a step."""
+    """Velocity that a ground motion takes from free bodies in a step.
+
+    With it, how the far springing moves.
+    """
 
     x: float  # integral of the ground acceleration [m/s]
     y: float
-    # Of the far springing: its displacement in the middle [m], and its mean velocities before
-    # and after that [m/s].
+    # Of the far springing relative to the other: its displacement in the middle of the step [m],
+    # its mean velocity before the middle and its mean velocity after the middle [m/s].
     far_x: float
     far_y: float
     before_x: float
@@ -34,15 +37,15 @@ class Impulse(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """Ground acceleration that is linear in time: at the beginning, and its rate."""
+    """Ground acceleration from an instant on, for as long as it is linear in time."""
 
-    end: float  # until when [s]; inf after the record
-    x: float  # [m/s2]
+    end: float  # time until which it is linear [s]; inf after the record
+    x: float  # at that instant [m/s2]
     slope_x: float  # [m/s3]
     y: float
     slope_y: float
-    # Of the far springing relative to the other, at the beginning: acceleration, velocity,
-    # displacement and the rate of the first.
+    # Of the far springing relative to the other, at that instant: acceleration, velocity,
+    # displacement and jerk.
     far_x: tuple[float, float, float, float]
     far_y: tuple[float, float, float, float]
 
@@ -58,9 +61,8 @@ class Grounds(NamedTuple):
     # (n_sample, 2, 3) x, y: acceleration, velocity and displacement of the far springing relative
     # to the other; of length zero where both move alike
     far: np.ndarray
-    next_break: (
-        np.ndarray
-    )  # (n_sample,) int64: the next of its motion at which the slope changes
+    # (n_sample,) int64: number in its motion of the next sample at which the slope changes
+    next_break: np.ndarray
     first: np.ndarray  # (n_motion + 1,) int64: where each motion begins
     time_step: np.ndarray  # (n_motion,) [s]
     # (n_motion,) when a run notes whether the chain still moves; 0: never [s]
@@ -77,7 +79,10 @@ def _integral(wave: np.ndarray, dt: float) -> np.ndarray:
 
 
 def _far(acceleration: np.ndarray, dt: float) -> np.ndarray:
-    """Return acceleration (n, 2) that is linear between samples, its velocity and displacement."""
+    """Return acceleration, velocity and displacement (n, 2, 3) of samples of acceleration (n, 2).
+
+    Samples are `dt` apart [s], and acceleration is linear between them.
+    """
     velocity = np.column_stack([_integral(wave, dt) for wave in acceleration.T])
     rise = dt * velocity[:-1] + dt**2 / 6.0 * (
         2.0 * acceleration[:-1] + acceleration[1:]
@@ -148,7 +153,11 @@ def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:
 
 @inlined
 def _impulse_until(time, acceleration, impulse, first, last, time_step):
-    """Return the integral of one motion from its first sample to `time` [m/s]."""
+    """Return the integral of one motion from its first sample to `time` [m/s].
+
+    `impulse` has the integral to each sample; `first` and `last` are the motion's samples,
+    `time_step` apart [s].
+    """
     place = time * (1.0 / time_step)
     if place <= 0.0:
         return 0.0
@@ -169,9 +178,10 @@ def _place_of(grounds, motion):
 
 @inlined
 def _far_at(grounds, c, motion, time):
-    """Return acceleration, velocity, displacement and jerk of the far springing in a direction.
+    """Return acceleration, velocity, displacement and jerk of the far springing at `time` [s].
 
-    Behind the last sample it stands where it is.
+    `c` is 0 for x, 1 for y. The factor on the motion is left out. After the last sample the
+    springing stands still.
     """
     far = grounds.far
     if far.shape[0] == 0:
@@ -192,8 +202,10 @@ def _far_at(grounds, c, motion, time):
 
 @kernel
 def _far_between(grounds, clock, c, start, end):
-    """Return the displacement of the far springing in the middle, and mean velocities before and
-    after it.
+    """Return how the far springing moves from `start` to `end` [s] in direction `c`.
+
+    `c` is 0 for x, 1 for y. Returned are the displacement in the middle [m], the mean velocity
+    before the middle and the mean velocity after the middle [m/s].
 
     Reads: grounds (far, first, time_step), clock.
     """
@@ -215,7 +227,10 @@ def _far_between(grounds, clock, c, start, end):
 
 @inlined
 def _gained(acceleration, impulse, start, end, place):
-    """Return the integral of one motion between two instants [m/s]."""
+    """Return the integral of one motion from `start` to `end` [m/s].
+
+    `place` is from `_place_of`.
+    """
     first, last, dt = place
     late = _impulse_until(end, acceleration, impulse, first, last, dt)
     return late - _impulse_until(start, acceleration, impulse, first, last, dt)
@@ -223,9 +238,7 @@ def _gained(acceleration, impulse, start, end, place):
 
 @kernel
 def impulse_between(grounds, clock, start, end):
-    """Return the velocity that the ground motion takes between two instants [s].
-
-    With it, how the far springing moves relative to the other.
+    """Return the `Impulse` of the ground motion from `start` to `end` [s].
 
     Reads: grounds (far, first, horizontal, impulse_x, impulse_y, time_step, vertical), clock.
     """
@@ -249,7 +262,10 @@ def impulse_between(grounds, clock, start, end):
 
 @inlined
 def end_of_motion(grounds, clock, follow):
-    """Return the time at which a run ends at the latest [s]."""
+    """Return the time at which a run ends at the latest [s].
+
+    That is `follow` [s] after the last sample.
+    """
     end = 0.0 * clock[Clock.TIME]
     for k in range(width(clock[Clock.TIME])):
         first, last, dt = _place_of(grounds, int(lane(clock[Clock.MOTION], k)))
@@ -259,7 +275,7 @@ def end_of_motion(grounds, clock, follow):
 
 @kernel
 def segment_at(time, grounds):
-    """Return the linear piece of the first ground motion that holds `time`.
+    """Return the `Segment` of the first ground motion that begins at `time` [s].
 
     Reads: grounds (far, first, horizontal, next_break, time_step, vertical).
     """
@@ -282,9 +298,9 @@ def segment_at(time, grounds):
 
 @inlined
 def ground_after(ground, time):
-    """Return the ground acceleration at a time after the beginning of its segment [m/s2].
+    """Return the ground acceleration a `time` [s] after the beginning of a `Segment` [m/s2].
 
-    x, y, and those of the far springing relative to it.
+    Returned are x and y, then x and y of the far springing relative to the other.
     """
     x = ground.x + ground.slope_x * time
     y = ground.y + ground.slope_y * time
@@ -297,9 +313,9 @@ def ground_after(ground, time):
 def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
     """Return the distance of a body force from the limit of rest; negative outside [m/s2].
 
-    Rest depends on the direction of the body force only: ``-limit_minus <= k_h / (1 + k_v) <=
-    limit_plus``, a convex cone, so that a force linear in time between two samples inside it
-    stays inside.
+    `limit_plus` and `limit_minus` are load factors [g]. Rest depends on the direction of the body
+    force only: ``-limit_minus <= k_h / (1 + k_v) <= limit_plus``, a convex cone, so that a force
+    linear in time between two samples inside it stays inside.
     """
     effective = gravity + vertical
     margin = effective
@@ -312,7 +328,7 @@ def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
 
 @inlined
 def _moves_apart(far, i):
-    """Return whether the springings move apart between a sample and the next."""
+    """Return whether the springings move apart between sample `i` and the next."""
     moves = False
     for c in range(2):
         for n in range(2):
@@ -322,9 +338,10 @@ def _moves_apart(far, i):
 
 @kernel
 def end_rest(model, grounds, clock, plus, minus):
-    """Return when a chain at rest starts to move, and whether it never does again.
+    """Return the time until which a chain rests [s], and whether it rests for good.
 
-    While the springings move apart it does not rest.
+    `plus` and `minus` are the limits of its range of rest [g]. It does not rest while the
+    springings move apart.
 
     Reads: model.gravity, grounds (far, first, horizontal, time_step, vertical), clock.
     """

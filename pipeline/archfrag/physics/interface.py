@@ -31,8 +31,10 @@ class Chain(NamedTuple):
     gravity: float  # [m/s2]
     # (n_body, 3) where a run begins: centroids [m] and rotations; None: as built
     start: ndarray | None = None
-    tie: ndarray | None = None  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
-    # (n_joint, len(Joint)) by archfrag.physics.status.Joint: joints that give; None: rigid ones
+    # (n_tie, len(Tie)) with the columns of archfrag.physics.status.Tie; None: no ties
+    tie: ndarray | None = None
+    # (n_joint, len(Joint)) with the columns of archfrag.physics.status.Joint, if joints give; None
+    # if they are rigid
     joint: ndarray | None = None
 
 
@@ -40,11 +42,10 @@ class Chain(NamedTuple):
 class Options(NamedTuple):
     """Options of all methods; a method ignores those that do not concern it."""
 
-    time_step: float  # the shortest: at impacts, where steps grow between them [s]
+    time_step: float  # the shortest step, at impacts [s]
     tolerance: float  # relative error allowed by methods with step control [1]
-    accuracy: (
-        float  # relative error beyond which a run is refused, by its own measures [1]
-    )
+    # relative error beyond which a run is refused, see archfrag.physics.shared.is_accurate [1]
+    accuracy: float
     follow: float  # how long to go on past the end of the ground motion [s]
     max_steps: int  # bound on the work of one run
     loss_limit: (
@@ -55,20 +56,19 @@ class Options(NamedTuple):
     crowding: (
         float  # mean time between events below which all voussoirs are stepped [s]
     )
-    largest_step: float = (
-        0.0  # between impacts [s]; not above the shortest: all are equal
-    )
+    # the largest step, between impacts [s]; if it is not above `time_step`, all steps are equal
+    largest_step: float = 0.0
     # What follows from these and the arch; see `archfrag.physics.shared.ready`.
     still: float = 0.0  # speed below which the chain may be at rest [m/s]
-    held: float = (
-        -1.0
-    )  # below which a chain that never rests stands; -1: it rests [m/s]
+    # speed below which contacts may hold a chain that is not to rest [m/s]; -1 if `rests`
+    held: float = -1.0
     rest_plus: float = (
         np.nan
     )  # range of rest of the chain in its own geometry [g]; nan: not known
     rest_minus: float = np.nan
     rests: bool = True  # whether a chain rests wherever admissible reactions exist
-    first_steps: float = 1000.0  # allowed beyond those for as long as a run lasts
+    # steps that a run may take besides those in proportion to its duration
+    first_steps: float = 1000.0
 
 
 @struct()
@@ -86,7 +86,7 @@ class Frames(NamedTuple):
 
 @struct()
 class MechanismLog(NamedTuple):
-    """Buffers for the history of the mechanism, an entry for each change; empty for none.
+    """Buffers for the history of the mechanism, one entry for each change; empty for no history.
 
     Entry i holds from ``time[i]`` until the next entry. Entries beyond the buffer are counted in
     ``Count.LOG_ENTRIES`` but not kept.
@@ -95,7 +95,7 @@ class MechanismLog(NamedTuple):
     time: ndarray  # (n_entry,) [s]
     cause: ndarray  # (n_entry,) int8: archfrag.physics.status.Cause of the change
     joint: ndarray  # (n_entry,) int32: the joint that caused it; -1 where none did
-    model: ndarray  # (n_entry,) int8: archfrag.physics.status.Model from then on
+    model: ndarray  # (n_entry,) int8: archfrag.physics.status.Level from then on
     mode: ndarray  # (n_entry, n_joint) int8: contact modes from then on
 
 
@@ -108,9 +108,9 @@ class Outcomes(NamedTuple):
     collapse_time: ndarray  # (n_run,) [s]; nan if none
     collapse_joint: ndarray  # (n_run,); -1 if none
     collapse_mode: ndarray  # (n_run,) archfrag.physics.status.CollapseMode
-    loss: ndarray  # (n_run, len(Loss))
-    # (n_run, len(Count)) by archfrag.physics.status.Count
+    loss: ndarray  # (n_run, len(Loss)) with the columns of archfrag.physics.status.Loss
+    # (n_run, len(Count)) with the columns of archfrag.physics.status.Count
     count: ndarray  # type: ignore[assignment]
     energy: ndarray  # (n_run, len(Energy)) [J]
-    model_time: ndarray  # (n_run, len(Level)) time simulated at each levell [s]
+    model_time: ndarray  # (n_run, len(Level)) time simulated at each level [s]
     peak: ndarray  # (n_run, len(Peak))

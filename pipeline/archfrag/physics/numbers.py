@@ -21,7 +21,7 @@ def dot(a, b):
 
 @inlined
 def choose(mask, a, b):
-    """Return a pair of numbers where `mask` holds, else another one."""
+    """Return the pair `a` where `mask` holds, else the pair `b`."""
     return select(mask, a[0], b[0]), select(mask, a[1], b[1])
 
 
@@ -45,13 +45,13 @@ def flag(mask):
 
 @inlined
 def copy_rows(of, to, first, last):
-    """Copy rows of three numbers from `first` to before `last`."""
+    """Copy rows `first` to ``last - 1``, of three numbers each, from array `of` to array `to`."""
     for i in range(first, last):
         for c in range(3):
             to[i, c] = of[i, c]
 
 
-# Nearest integers by adding what leaves no bits for a fraction.
+# A sum with this number has no bits for a fraction, so that it is rounded to an integer.
 _ROUNDER = 6755399441055744.0
 _PER_QUARTER = 0.63661977236758134308
 _QUARTER_HIGH = 1.57079632673412561417
@@ -67,10 +67,10 @@ def nearest(x):
 
 @inlined
 def sine_cosine(angle):
-    """Return the sine and cosine of angles up to some thousand revolutions, right to two units in
-    the last place.
+    """Return the sine and the cosine of an angle [rad].
 
-    Reduced by quarter revolutions in three parts; polynomials of Sun's fdlibm (1993), `k_sin.c`
+    Up to some thousand revolutions they are right to two units in the last place. The angle is
+    reduced by quarter revolutions in three parts; polynomials of Sun's fdlibm (1993), `k_sin.c`
     and `k_cos.c`.
     """
     quarters = nearest(angle * _PER_QUARTER)

@@ -1,12 +1,12 @@
 """Rest range of a chain: the largest steady horizontal body force that it bears at rest.
 
 Rest is the contact problem with w = 0: reactions in equilibrium with the body forces, pressing at
-every joint and inside Coulomb's cone. In a chain all reactions follow from those at joint 0, so
-that the unknowns are its force, its moment and the load factor k: four numbers. The largest k is
-found by the dual simplex method on the joints' inequalities, whose cost is proportional to their
-number (static theorem; Livesley 1978, *Int. J. Num. Meth. Eng.* 12(12)). That is Eq 13 for a
-block, and the least load of Eq 28 for an arch, by its dual. The inequalities that are tight at
-the end with a positive multiplier are the hinges and sliding joints of the mechanism.
+every joint and inside Coulomb's cone. In a chain all reactions follow from the one at joint 0. The
+four unknowns are therefore the two components of that force, its moment, and the load factor k.
+The dual simplex method on the joints' inequalities finds the largest k, at a cost in proportion to
+their number (static theorem; Livesley 1978, *Int. J. Num. Meth. Eng.* 12(12)). For a block this is
+Eq 13; for an arch it is the least load of Eq 28, found by its dual. The inequalities that are
+tight at the end with a positive multiplier are the hinges and sliding joints of the mechanism.
 """
 
 from typing import NamedTuple
@@ -27,16 +27,17 @@ SLIDING = 4
 
 
 class RestLimit(NamedTuple):
-    """One end of the range of rest."""
+    """One end of the range of load factors in which a chain rests; see `rest_limit`."""
 
     found: bool  # False: no admissible reactions for any load factor
-    load_factor: float  # signed largest k in the direction asked for [g]; inf: no limit
+    # signed largest k in the direction asked for [g]; ±inf: no limit
+    load_factor: float
     mechanism: (
         np.ndarray
     )  # (n_joint,) int8: bits HINGE_INTRADOS, HINGE_EXTRADOS, SLIDING
-    reaction: (
-        np.ndarray
-    )  # (n_joint, 3) on the body after each joint, about the origin, at k
+    # (n_joint, 3) on the body after each joint, at that load factor: force x, y [N] and moment
+    # about the origin [N m]
+    reaction: np.ndarray
 
 
 OF_REST = {
@@ -55,7 +56,7 @@ OF_REST = {
 
 @struct(**OF_REST)
 class RestProblem(NamedTuple):
-    """Workspace for the range of rest of a chain."""
+    """Workspace of `find_rest_limit`."""
 
     centroid: np.ndarray  # (n_body + 2, 2) in the configuration [m]
     pull: (
@@ -64,22 +65,25 @@ class RestProblem(NamedTuple):
     candidate: (
         np.ndarray
     )  # (n_joint, 2) int8: zero where a corner is open, which bears nothing
-    # (n_joint, 3, 5) force and moment about the origin at each joint: x, y, moment, by the force
-    # and the moment at joint 0 (of a chain with a free end not used), by the load factor, constant
+    # (n_joint, 3, 5) resultant at each joint. Rows: force x, force y, moment about the origin.
+    # Columns: coefficients of force x, force y and moment at joint 0 (not used in a chain with a
+    # free end), coefficient of the load factor, constant part.
     part: np.ndarray
-    row: np.ndarray  # (3, 5) of forces at corners and tangential, of one joint
+    # (3, 5) of one joint, columns as in `part`: normal force at corner 0, normal force at corner
+    # 1, friction less Coulomb's limit
+    row: np.ndarray
     bound: (
         np.ndarray
     )  # (8 n_joint, 4) left sides of the inequalities ``bound x <= level`` of rest
     level: np.ndarray  # (8 n_joint,)
-    joint: np.ndarray  # (8 n_joint,) int64: joint of each
-    kind: np.ndarray  # (8 n_joint,) int8: bit of a mechanism of each
-    active: (
-        np.ndarray
-    )  # (4,) int64: rows that are tight; beyond those there are, the box's sides
-    basis: np.ndarray  # (4, 4) their left sides
-    inverse: np.ndarray  # (4, 4)
-    # (5, 4) their levels, the unknowns, multipliers, weights of what enters, what is left
+    joint: np.ndarray  # (8 n_joint,) int64: joint of each inequality
+    kind: np.ndarray  # (8 n_joint,) int8: bit of each inequality in `mechanism`
+    # (4,) int64: inequalities that are tight; numbers beyond the last are sides of the box, `BOX`
+    active: np.ndarray
+    basis: np.ndarray  # (4, 4) left sides of the tight inequalities
+    inverse: np.ndarray  # (4, 4) of `basis`
+    # (5, 4) in rows: LEVEL of the tight inequalities, UNKNOWN, MULTIPLIER, WEIGHT of each tight
+    # inequality in the one that enters, LEFT after the last refinement
     vertex: np.ndarray
     mechanism: np.ndarray  # (n_joint,) int8, as in `RestLimit`
     reaction: np.ndarray  # (n_joint, 3)
@@ -115,7 +119,10 @@ def new_rest_problem(model: Model) -> RestProblem:
 
 @kernel
 def _add_body(model, problem, j, i, weight, size, sense):
-    """Add weight and pull of a body, or their opposite, to the resultants of a joint.
+    """Add `sense` times what balances body `i` to the resultants of joint `j`.
+
+    Its loads are the weight, the horizontal body force and the pull of ties; `sense` is 1 or -1.
+    Forces are divided by `weight` [N], moments by `weight` times `size` [N m].
 
     Reads: model (gravity, mass), problem (centroid, part, pull).
     Writes: problem.part.
@@ -129,7 +136,8 @@ def _add_body(model, problem, j, i, weight, size, sense):
     part[1, 4] += sense * w
     part[2, 3] -= sense * (w * y / size)
     part[2, 4] += sense * (w * x / size)
-    # Pulls act on the other side than body forces, which are those of the frame.
+    # Resultants balance the loads: weight and body force act towards -y and -x, a pull along its
+    # own components.
     part[0, 4] -= sense * pull[0] / weight
     part[1, 4] -= sense * pull[1] / weight
     moment = pull[2] + x * pull[1] - y * pull[0]
@@ -138,7 +146,9 @@ def _add_body(model, problem, j, i, weight, size, sense):
 
 @kernel
 def set_resultants(model, problem, weight, size):
-    """Set ``problem.part``; forces are over the weight, moments over weight times size.
+    """Set the resultants of all joints, ``problem.part``.
+
+    Forces are divided by `weight` [N], moments by `weight` times `size` [N m].
 
     Reads: model (gravity, mass), problem (centroid, part, pull).
     Writes: problem.part.
@@ -161,7 +171,10 @@ def set_resultants(model, problem, weight, size):
 
 @kernel
 def _add_inequality(problem, count, k, sense, joint, kind):
-    """Add a row of ``problem.row`` as an inequality; return how many there are.
+    """Append an inequality: `sense` times row `k` of ``problem.row`` is at most zero.
+
+    `count` is the number of inequalities before; the new number is returned. The inequality
+    belongs to joint `joint`, and `kind` is its bit in a mechanism.
 
     Reads: problem.row.
     Writes: problem (bound, joint, kind, level).
@@ -176,7 +189,10 @@ def _add_inequality(problem, count, k, sense, joint, kind):
 
 @kernel
 def set_inequalities(model, work, problem, size):
-    """Set the inequalities of rest, with contacts over `size`; return how many there are.
+    """Set the inequalities of rest of all joints; return their number.
+
+    No corner pulls, an open corner bears nothing, and friction stays within Coulomb's limit.
+    Places of contacts are divided by `size` [m].
 
     Reads: model.friction, work (normal, point), problem (bound, candidate, part, row).
     Writes: problem (bound, joint, kind, level, row).
@@ -225,7 +241,9 @@ def set_inequalities(model, work, problem, size):
 def largest_load_factor(problem, n_row, sense):
     """Maximise ``sense * x[3]`` in four unknowns subject to the inequalities, by the dual simplex.
 
-    Return whether it is feasible; False, too, if that takes too many iterations.
+    `n_row` is the number of inequalities. The unknowns are left in ``problem.vertex[UNKNOWN]``.
+    Return True if the inequalities can be met; False if they cannot, or if that takes too many
+    iterations.
 
     Reads: problem (basis, bound, inverse, level, vertex).
     Writes: problem (active, basis, inverse, vertex).
@@ -281,7 +299,9 @@ def largest_load_factor(problem, n_row, sense):
 
 @kernel
 def _leaving(problem, entering):
-    """Return which of the tight inequalities the one that enters takes the place of; -1: none.
+    """Return the place in ``problem.active``, 0 to 3, that inequality `entering` takes; -1: none.
+
+    If it is -1 the inequalities contradict each other.
 
     Reads: problem (bound, inverse, vertex).
     Writes: problem.vertex.
@@ -307,7 +327,9 @@ def _leaving(problem, entering):
 
 @kernel
 def _set_vertex(problem):
-    """Set the point where the active inequalities are tight, refined once.
+    """Set ``problem.vertex`` to the point at which the active inequalities are tight.
+
+    It is refined once.
 
     Reads: problem (basis, inverse, vertex).
     Writes: problem.vertex.
@@ -332,10 +354,10 @@ def _set_vertex(problem):
 def find_rest_limit(model, work, problem, sense):
     """Find one end of the range of rest of a chain in a given configuration.
 
-    Contacts are those of ``work.point`` and ``work.normal``; centroids, pulls and open corners
-    are those of `problem`. `sense` is 1 for a ground that accelerates towards +x (body force
-    towards -x), -1 for the other way. Return the first two of `RestLimit`; its arrays are in
-    `problem`.
+    Contacts are those of ``work.point`` and ``work.normal``; centroids, pulls and open corners are
+    those of `problem`. `sense` is 1 for a ground that accelerates towards +x (body force towards
+    -x), -1 for the other way. Return `found` and `load_factor` of `RestLimit`; its arrays are left
+    in `problem`.
     """
     n_joint = problem.part.shape[0]
     size = 0.0
@@ -370,7 +392,7 @@ def find_rest_limit(model, work, problem, sense):
 def rest_limit(
     model: Model, work: Work, problem: RestProblem, sense: float
 ) -> RestLimit:
-    """Return what `find_rest_limit` finds, with arrays of its own."""
+    """Find one end of the range of rest, as `find_rest_limit`; return copies of the arrays."""
     found, factor = find_rest_limit(model, work, problem, sense)
     arrays = problem.mechanism.copy(), problem.reaction.copy()
     return RestLimit(found, factor, *arrays)

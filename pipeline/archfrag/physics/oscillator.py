@@ -10,7 +10,11 @@ from archfrag.physics.kernels.kernel import kernel
 
 @kernel
 def largest_response(ground, dt, w, z, directions, largest):
-    """Put the largest |y| in each direction [m/s2] into `largest`, (n_direction,).
+    """Raise `largest`, (n_direction,), to the largest |y| in each direction [m/s2].
+
+    y is the displacement of the oscillator times `w` squared. `ground` has the samples of the
+    ground acceleration, complex numbers x + i y [m/s2], `dt` apart [s]; `w` is the circular
+    frequency [rad/s], `z` the damping ratio [1], and `directions` are complex numbers of size one.
 
     Reads: ground, directions (imag, real), largest.
     Writes: largest.

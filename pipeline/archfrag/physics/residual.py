@@ -28,8 +28,9 @@ TOUCHING = 1e-6
 
 @inlined
 def _approach(j, k, work, scale):
-    """Return the rate at which a corner that may touch closes, by the law that is kept more nearly
-    (Eq 5).
+    """Return how fast a corner that may touch closes, over `scale` [1]; zero if it opens.
+
+    Of the rates by Eqs 23a and 23b it is the one that closes less (Eq 5).
     """
     rate = opening_rate(j, k, rate_of(j, k, work), work)
     return max(0.0, -rate) / scale if work.candidate[j, k] > 0.5 else 0.0
@@ -37,14 +38,16 @@ def _approach(j, k, work, scale):
 
 @inlined
 def _arm(j, k, work):
-    """Return where a corner is from the pivot."""
+    """Return the vector from the pivot of joint `j` to its corner `k`."""
     point = work.point[j, k]
     return point[0] - work.pivot[j, 0], point[1] - work.pivot[j, 1]
 
 
 @kernel
 def _if_corner(j, k, model, work, scale, force):
-    """Return the violation of the laws by a joint taken to bear at one corner (Eqs 5, 6, 20, 23).
+    """Return the violation of the laws if joint `j` bears at corner `k` only [1].
+
+    The laws are Eqs 5, 6, 20 and 23; `scale` and `force` are those of `contact_residual`.
 
     Reads: model.ray, work (candidate, corner_rate, known, pivot, point, reaction, side_normal).
     """
@@ -82,7 +85,9 @@ def _if_corner(j, k, model, work, scale, force):
 
 @kernel
 def _if_closed(j, model, work, scale, force):
-    """Return the violation of the laws by a joint taken to bear at both corners (Eqs 5, 6).
+    """Return the violation of the laws if joint `j` bears at both corners (Eqs 5, 6) [1].
+
+    `scale` and `force` are those of `contact_residual`.
 
     Reads: model.friction, work (corner_rate, known, normal, pivot, point, reaction).
     """
@@ -116,8 +121,8 @@ def _if_closed(j, model, work, scale, force):
 def contact_residual(model, work, scale, force):
     """Return the largest violation of Signorini's and Coulomb's laws over the joints [1].
 
-    From contacts, `candidate`, `known`, velocities of the corners in `corner_rate` and reactions;
-    `scale` and `force` count as one in velocity and in force.
+    `work` has contacts, `candidate`, `known`, reactions, and velocities of corners in
+    `corner_rate`. Violations are velocities over `scale`, and forces over `force`.
     """
     largest = 0.0
     for j in range(work.slide.size):
@@ -140,7 +145,7 @@ def contact_residual(model, work, scale, force):
 
 @inlined
 def _move_moments(work, sense):
-    """Move the moments of reactions from the pivots to the origin, or back."""
+    """Move the moments of reactions from the pivots to the origin (`sense` 1), or back (-1)."""
     for j in range(work.slide.size):
         arm = work.pivot[j, 0], work.pivot[j, 1]
         work.reaction[j, 2] += sense * cross(arm, force_of(j, work))
@@ -148,10 +153,10 @@ def _move_moments(work, sense):
 
 @kernel
 def state_residual(model, state, work):
-    """Return the contact residual of one instant of a motion; as `contact_residual`.
+    """Return the contact residual of the present instant of a motion [1], see `contact_residual`.
 
-    With the faces where the bodies are; contacts, `candidate`, `known` and `corner_rate` are
-    overwritten.
+    `work` has the faces where the bodies are, and the forces in `reaction`; its contacts,
+    `candidate`, `known` and `corner_rate` are overwritten.
     """
     length = model.length
     _move_moments(work, 1.0)

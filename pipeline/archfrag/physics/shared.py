@@ -29,14 +29,14 @@ from archfrag.physics.status import (
 CLOSED_GAP = 1e-7
 # Speed over that of a fall through the longest joint below which a chain may be at rest [1].
 STILL = 1e-7
-# Time for which a chain on ties is calm that sways in rest, over that of a fall through its
-# longest joint [1]: 10 s for one of 0.45 m.
+# A chain on ties sways at rest if it has been calm for this time, over the time of a fall through
+# its longest joint [1]: 10 s for a joint of 0.45 m.
 CALM_TIME = 46.7
 # Energy that is rounding, over weight times the longest joint's length [1].
 NEGLIGIBLE = 1e-12
-# A run is refused that makes or loses more energy than this many times its accuracy, over the
-# largest kinetic energy, or whose bodies overlap by more than this many times it, over a joint's
-# length; an accuracy finer than the default counts as the default.
+# A run is refused if its energy error, over the largest kinetic energy, is more than
+# ENERGY_ALLOWED times its accuracy, or the overlap of its bodies, over a joint's length, more than
+# OVERLAP_ALLOWED times. An accuracy finer than the default counts as the default.
 ENERGY_ALLOWED = 10.0
 LEAST_ENERGY = 1e-2
 OVERLAP_ALLOWED = 0.1
@@ -44,7 +44,10 @@ LEAST_OVERLAP = 1e-4
 
 
 def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
-    """Complete options by what follows from the model and its range of rest [g]."""
+    """Return options completed by what follows from the model and its range of rest.
+
+    `rest` has the limits of that range, plus and minus [g]; nan if they are not known.
+    """
     still = float(STILL * np.sqrt(model.gravity * model.length.max()))
     plus, minus = rest if options.rests else (np.nan, np.nan)
     return options._replace(
@@ -57,7 +60,7 @@ def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
 
 
 def new_results(n_run: int) -> Outcomes:
-    """Allocate results of `n_run` runs."""
+    """Allocate the results of `n_run` runs."""
     return Outcomes(
         status=np.zeros(n_run, np.int64),
         end_time=np.zeros(n_run),
@@ -74,19 +77,26 @@ def new_results(n_run: int) -> Outcomes:
 
 @struct(forces=(3,))
 class Output(NamedTuple):
-    """Where frames and log entries go; arrays of length zero for none."""
+    """Buffers for frames and log entries, with counts of both.
+
+    Buffers of length zero take none.
+    """
 
     frames: Frames
     log: MechanismLog
-    written: np.ndarray  # (2,) int64: frames, and log entries, also those without place
-    due: np.ndarray  # (1,) from when on the next frame is wanted [s]
-    interval: float  # between frames [s]
+    # (2,) int64: number of frames, and of log entries, with those that found no room
+    written: np.ndarray
+    due: np.ndarray  # (1,) time from which the next frame is due [s]
+    interval: float  # least time between frames [s]
     forces: np.ndarray  # (n_joint, 3) mean reactions over the last step, for frames
-    span: np.ndarray  # (1,) of that step; zero where a motion begins [s]
+    span: np.ndarray  # (1,) length of that step [s]; zero where a motion begins
 
 
 def output_to(frames: Frames, log: MechanismLog, interval: float) -> Output:
-    """Make an empty output into given frames and log."""
+    """Make an empty output into given frames and log.
+
+    Frames are at least `interval` [s] apart.
+    """
     written = np.zeros(2, np.int64)
     forces = np.zeros(frames.reaction.shape[1:])
     due, span = np.zeros((2, 1))
@@ -94,7 +104,7 @@ def output_to(frames: Frames, log: MechanismLog, interval: float) -> Output:
 
 
 def no_output(n_body: int, n_joint: int) -> Output:
-    """Make an output for runs without history."""
+    """Make the output of runs without history."""
     frames = Frames(
         np.zeros(0),
         np.zeros((0, n_body, 3)),
@@ -109,7 +119,10 @@ def no_output(n_body: int, n_joint: int) -> Output:
 
 @kernel
 def write_frame(model, state, work, output):
-    """Write a frame of the present state with the forces in ``work.reaction``, and count it."""
+    """Write a frame of the present state, if there is room.
+
+    Its forces are those in ``work.reaction``.
+    """
     frames = output.frames
     n = output.written[0]
     if n >= frames.time.size:
@@ -127,7 +140,10 @@ def write_frame(model, state, work, output):
 
 @kernel
 def log_change(state, time, cause, joint, level, output):
-    """Log a change of the mechanism, or of its model, if the log has room.
+    """Log a change of the mechanism, or of the level of its model.
+
+    `cause` is a Cause, `joint` the joint that caused the change or -1, and `level` the Level from
+    then on. If the log has no room, the entry is only counted.
 
     Reads: state (contact, slide, slip), output (log, log.time, written).
     Writes: output (log.cause, log.joint, log.mode, log.model, log.time, written).
@@ -194,7 +210,10 @@ def read_joints(model, state, work):
 
 @kernel
 def read_state(model, state, work):
-    """Start a run from given positions and velocities; the factor on the motion is kept."""
+    """Start a run from the positions and velocities in `state`; all else is reset.
+
+    The number of its ground motion and the factor on the motion are kept.
+    """
     clock = state.clock
     factor = clock[Clock.FACTOR]
     motion = clock[Clock.MOTION]
@@ -211,7 +230,10 @@ def read_state(model, state, work):
 
 @kernel
 def begin(model, state, work, motion, factor):
-    """Start a run from rest where the model starts."""
+    """Start a run from rest where the model starts.
+
+    `motion` is the number of its ground motion, `factor` multiplies that motion.
+    """
     copy_rows(model.start, state.position, 0, state.position.shape[0])
     state.velocity[:] = 0.0
     state.clock[Clock.MOTION] = motion
@@ -221,7 +243,7 @@ def begin(model, state, work, motion, factor):
 
 @kernel
 def record_end(model, state):
-    """Record the largest rotation and displacement at the end.
+    """Record the largest rotation and the largest displacement of any body at the end of a run.
 
     Reads: model.start, state.position.
     Writes: state.peak.
@@ -238,11 +260,11 @@ def record_end(model, state):
 
 @kernel
 def sways_in_rest(model, state, options):
-    """Return whether a chain sways on its ties for ever: calm for `CALM_TIME` after the ground
-    motion.
+    """Return whether a chain sways on its ties for ever.
 
-    Elastic ties take no energy, and nothing gives any. In that time a motion away from an unstable
-    position would have grown by many powers of ten, so the chain swings about a stable one.
+    It does if it has been calm for `CALM_TIME` since the ground motion ended. Elastic ties take no
+    energy, and nothing gives any. In that time a motion away from an unstable position would have
+    grown by many powers of ten, so the chain swings about a stable one.
 
     Reads: model.gravity, state.clock, options (follow, still).
     """
@@ -259,7 +281,7 @@ def _copy(of, to):
 
 @kernel
 def end_run(model, state, work, options, output, results, row):
-    """Write the results of a run that has ended."""
+    """Write the outcome of a run that has ended into row `row` of `results`."""
     clock = state.clock
     energy = state.energy
     code = int(clock[Clock.CODE])
@@ -307,9 +329,9 @@ def end_run(model, state, work, options, output, results, row):
 
 
 def is_accurate(chain: Chain, options: Options, results: Outcomes) -> np.ndarray:
-    """Return whether each run keeps its tolerance, by its own energy error and overlap.
+    """Return a mask of runs whose energy error and overlap of bodies are within their tolerance.
 
-    True for runs that have not ended.
+    A run that neither stands nor has collapsed at its end counts as accurate.
     """
     energy = results.energy
     overlap = results.peak[:, Peak.OVERLAP]
@@ -326,7 +348,7 @@ def is_accurate(chain: Chain, options: Options, results: Outcomes) -> np.ndarray
 
 
 def refuse(results: Outcomes, rows: np.ndarray) -> None:
-    """Mark inaccurate runs as failures, which are neither collapse nor survival."""
+    """Mark the runs `rows` as inaccurate: failures, which are neither collapse nor survival."""
     results.status[rows] = Status.INACCURATE
     results.collapse_time[rows] = np.nan
     results.collapse_joint[rows] = -1
@@ -334,6 +356,6 @@ def refuse(results: Outcomes, rows: np.ndarray) -> None:
 
 
 def checked(chain: Chain, options: Options, results: Outcomes) -> Outcomes:
-    """Return results with inaccurate runs marked as failures."""
+    """Mark the inaccurate runs in `results` as failures; return `results`."""
     refuse(results, np.flatnonzero(~is_accurate(chain, options, results)))
     return results

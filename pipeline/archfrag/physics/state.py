@@ -59,7 +59,7 @@ class Model(NamedTuple):
     start: ndarray  # (n_body + 2, 3) where a run begins: centroid [m] and rotation
     tie: ndarray  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
     gravity: float  # [m/s2]
-    rounding: float  # gaps smaller than this are none [m]
+    rounding: float  # gaps smaller than this count as zero [m]
 
 
 @struct(
@@ -70,7 +70,7 @@ class Model(NamedTuple):
     tie=(len(TieState),),
 )
 class State(NamedTuple):
-    """State of a run, or of four with shapes (…, 4)."""
+    """State of one run, or of four side by side, whose array elements hold four numbers each."""
 
     position: ndarray  # (n_body + 2, 3) centroid [m] and rotation [rad]
     velocity: ndarray  # (n_body + 2, 3) relative to the ground [m/s], [rad/s]
@@ -93,26 +93,26 @@ class State(NamedTuple):
 
 
 class Clock(IntEnum):
-    """Entries of ``State.clock``."""
+    """Indices into ``State.clock``; the comment at each says what is stored there."""
 
-    TIME = 0  # of positions and velocities [s]
+    TIME = 0  # time of positions and velocities [s]
     STEP = 1  # size of the next step [s]
-    IMPACT = 2  # when the next impact is expected [s]
+    IMPACT = 2  # time at which the next impact is expected [s]
     FASTEST = 3  # largest speed of any body, rotation times joint length included [m/s]
     MOVING = 4  # time spent moving so far [s]
     RESTING = 5  # time spent at rest so far [s]
-    MOTION = 6  # which of the ground motions moves it
-    FACTOR = 7  # on that ground motion
-    CODE = 8  # why the run waits; zero: it goes on
+    MOTION = 6  # number of the ground motion that moves the chain
+    FACTOR = 7  # factor on that ground motion
+    CODE = 8  # `Wait`: why the run waits or has ended; zero: it goes on
     START = 9  # potential energy of the initial state [J]
     ITERATIONS = 10  # linear problems solved so far for a step whose modes still change
-    LIVELY = (
-        11  # when a chain with ties was last not calm, see `energy.record_calm` [s]
-    )
-    NOTED = 12  # when to note whether the chain still moves; 0: never [s]
+    # last time at which a chain with ties, see `energy.record_calm`, or on joints that give was
+    # not calm [s]
+    LIVELY = 11
+    NOTED = 12  # time at which to note whether the chain still moves; 0: never [s]
     RUN = 13  # number of the run
     STORED = 14  # elastic energy of joints that give [J]
-    STORED_FIRST = 15  # the same of the initial state [J]
+    STORED_FIRST = 15  # the same at the start of the run [J]
 
 
 @struct(
@@ -151,7 +151,7 @@ class Work(NamedTuple):
     slip: ndarray  # (n_joint,) where contacts hold in this step [m]
     rotated: ndarray  # (n_body + 2, 2) cosine and sine of the rotations
     point: ndarray  # (n_joint, 2, 2) corner, xy: contact points [m]
-    pivot: ndarray  # (n_joint, 2) in the middle between them [m]
+    pivot: ndarray  # (n_joint, 2) halfway between the contact points [m]
     normal: ndarray  # (n_joint, 2) common normal of a closed joint
     side_normal: (
         ndarray  # (n_joint, 2, 2, 2) corner, PLUS or MINUS, xy: Eqs 23a and 23b
@@ -162,11 +162,13 @@ class Work(NamedTuple):
     free: ndarray  # (n_body + 2, 3) velocities without reactions
     solved: ndarray  # (n_body + 2, 3) velocities that the contact problem gives
     contact: ndarray  # (n_joint, 2) modes that the contact problem is solved for
-    slide: ndarray  # (n_joint,)
+    slide: ndarray  # (n_joint,) and their sense of friction, as in ``State.slide``
     asked_contact: ndarray  # (n_joint, 2) modes that the solution asks for
-    asked_slide: ndarray  # (n_joint,)
-    row: ndarray  # (n_joint, 3, 4) constrained directions: x, y, arms on after, before
-    column: ndarray  # (n_joint, 3, 4) the same of the reactions
+    asked_slide: ndarray  # (n_joint,) and their sense of friction
+    # (n_joint, 3, 4) constrained directions: x, y, lever arms about the centroids of the body
+    # after and of the body before
+    row: ndarray
+    column: ndarray  # (n_joint, 3, 4) directions of the reactions, as in `row`
     block: ndarray  # (n_joint, 3, 3) eliminated diagonal blocks, reciprocals on the diagonal
     lower: ndarray  # (n_joint, 3, 3) coupling with the joint before
     upper: ndarray  # (n_joint, 3, 3) eliminated coupling with the next joint
@@ -176,14 +178,14 @@ class Work(NamedTuple):
     # then forces
     reaction: ndarray
     relative: ndarray  # (n_joint, 3) relative velocity at the pivot
-    earlier: ndarray  # (n_joint, 3) the same before the step
+    earlier: ndarray  # (n_joint, 3) relative velocity at the pivot before the step
     corner_rate: ndarray  # (n_joint, 2, 2) corner, xy: relative velocity with bias
-    position: ndarray  # (n_body + 2, 3) that the present velocities reach
+    position: ndarray  # (n_body + 2, 3) positions in the middle of the step
     tie: ndarray  # (n_tie, len(TieWork)) by archfrag.physics.status.TieWork
-    # (n_tie + 1, n_body + 2 + n_joint, 3) velocities and reactions by a unit impulse of each tie,
-    # then those without ties
+    # (n_tie + 1, n_body + 2 + n_joint, 3) velocities and reactions that a unit impulse of each tie
+    # causes; in the last row those without ties
     tie_answer: ndarray
-    tie_system: ndarray  # (n_tie, n_tie + 1) equations of their impulses
+    tie_system: ndarray  # (n_tie, n_tie + 1) equations for the impulses of ties
 
 
 class Law(NamedTuple):
@@ -205,7 +207,8 @@ class Runs(NamedTuple):
     model: Model
     state: State
     work: Work
-    columns: tuple[ndarray, ...]  # (n, 1) or (n, 4) each: what a run has of its own
+    # views (n, 1) or (n, 4) of the arrays whose values a run keeps, with a column for each run
+    columns: tuple[ndarray, ...]
     grounds: Any = ()  # archfrag.physics.ground.Grounds
     options: Any = ()  # archfrag.physics.interface.Options
     path: Any = ()  # of rigid joints: archfrag.physics.contact.path.Path
@@ -218,7 +221,10 @@ class Runs(NamedTuple):
 
 @functools.lru_cache(maxsize=KEPT)
 def model_of(chain: Chain) -> Model:
-    """Return the model of a chain, with the ground before and behind it; it is kept."""
+    """Return the model of a chain, with the ground before and behind it.
+
+    Models are cached, so their arrays are read-only.
+    """
     model = new_model(chain)
     for values in model:
         if isinstance(values, ndarray):
@@ -227,7 +233,7 @@ def model_of(chain: Chain) -> Model:
 
 
 def new_model(chain: Chain) -> Model:
-    """Make a model of a chain, which nothing else holds."""
+    """Make a new model of a chain, whose arrays may be changed."""
 
     def framed(values: ndarray) -> ndarray:
         return np.pad(values, [(1, 1)] + [(0, 0)] * (values.ndim - 1))
@@ -263,7 +269,11 @@ def new_model(chain: Chain) -> Model:
 
 
 def allocate(kind, model: Model, zeros: Zeros, **first: int):
-    """Allocate the arrays of a struct; `first` are dimensions of those not of joints."""
+    """Allocate an instance of the struct `kind`.
+
+    `zeros` makes an array of zeros of a shape. The first dimension of a field is the number of
+    joints, unless `first` has another one by the field's name.
+    """
     n_joint = model.friction.size
     return kind(
         *(
@@ -298,13 +308,16 @@ def new_work(model: Model, zeros: Zeros = np.zeros) -> Work:
 
 
 def columns_of(array: ndarray) -> ndarray:
-    """View an array as numbers, in a column for each run."""
+    """View an array as floats, with one column for each run: (n, 1) or (n, 4)."""
     plain = array.reshape(-1).view(ndarray).view(float)
     return plain.reshape(-1, array.itemsize // plain.itemsize)
 
 
 def new_runs(law: Law, model: Model, zeros: Zeros = np.zeros, **own) -> Runs:
-    """Allocate one run, or four with `lane_array` as `zeros`; `own` are fields of its law."""
+    """Allocate one run, or four with `lane_array` as `zeros`.
+
+    `own` has the fields of `Runs` that its law needs besides.
+    """
     state = new_state(model, zeros)
     work = new_work(model, zeros)
     arrays = (*state, work.reaction, work.pivot, *own.get("memory", ()))

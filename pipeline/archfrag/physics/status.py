@@ -1,4 +1,4 @@
-"""Outcomes that kernels return instead of raising."""
+"""Numbers by which kernels return outcomes, and indices into their arrays."""
 
 from enum import IntEnum
 
@@ -18,7 +18,10 @@ class Status(IntEnum):
 
 
 class Wait(IntEnum):
-    """Why a run waits or ends: ``state.clock[Clock.CODE]``. Up to PAUSE it goes on afterwards."""
+    """Why a run waits or has ended: ``state.clock[Clock.CODE]``.
+
+    Up to PAUSE a run goes on afterwards.
+    """
 
     GO = 0
     UNSOLVED = 1  # contact modes that are not reconciled
@@ -33,15 +36,15 @@ class Wait(IntEnum):
 class Stretch(IntEnum):
     """How a stretch of motion between two events ends."""
 
-    COMPLETE = 0  # at the time given
-    EVENT = 1
-    FALL = 2  # with a collapse
-    SPENT = 3  # with the work allowed
-    STUCK = 4  # where the equations of motion have no solution
+    COMPLETE = 0  # the time given is reached
+    EVENT = 1  # a law of the mechanism ends
+    FALL = 2  # the chain collapses
+    SPENT = 3  # the work allowed is spent
+    STUCK = 4  # the equations of motion have no solution, or steps get too short
 
 
 class Phase(IntEnum):
-    """What a run by events does next."""
+    """What an event-driven run does next."""
 
     IMPACT = 0
     MODES = 1
@@ -64,10 +67,10 @@ class CollapseMode(IntEnum):
 
 
 class Loss(IntEnum):
-    """Entries of ``State.loss``."""
+    """Indices into ``State.loss`` and columns of ``Outcomes.loss``."""
 
     TIME = 0  # of the first loss of contact that counted [s]; nan if there was none
-    JOINT = 1  # where; -1 if nowhere
+    JOINT = 1  # joint of that loss; -1 if there was none
     MODE = 2  # CollapseMode of that joint
     WIDEST = 3  # largest gap at both corners of a joint, over its length [1]
 
@@ -100,11 +103,11 @@ class Cause(IntEnum):
 
 
 class Count(IntEnum):
-    """Entries of ``Outcomes.count``."""
+    """Indices into ``State.count`` and columns of ``Outcomes.count``."""
 
     STEPS = 0  # integration steps, of whatever method
     ITERATIONS = 1  # linear contact problems solved on all voussoirs
-    PATHS = 2  # contact problems that needed the solution path
+    PATHS = 2  # contact problems that needed a solution path
     COMPLIANT = 3  # contact problems solved with compliant joints
     SHORTENED = 4  # steps halved: contact problem unsolved, or error above tolerance
     IMPACTS = 5  # joints that closed
@@ -113,9 +116,9 @@ class Count(IntEnum):
     LOSSES = 8  # times that a joint was left without contact
     RESTS = 9
     EVENTS = 10  # instants located at which the mechanism changed
-    LEVELS = 11  # contact problems solved by the first and second level
-    LEVEL_ITERATIONS = 12  # of these, those that needed more than one iteration
-    GENERAL = 13  # contact problems that were left to the general solver
+    LEVELS = 11  # contact problems at events
+    LEVEL_ITERATIONS = 12  # contact problems at events that needed several iterations
+    GENERAL = 13  # contact problems at events that were left to solution paths
     SWITCHES = 14  # times that event-driven integration switched to time stepping
     FRAMES = 15  # frames of the history written
     LOG_ENTRIES = 16  # changes of the mechanism
@@ -128,30 +131,30 @@ class Count(IntEnum):
 
 
 class Energy(IntEnum):
-    """Entries of ``Outcomes.energy`` [J]."""
+    """Indices into ``State.energy`` and columns of ``Outcomes.energy`` [J]."""
 
     GROUND = 0  # work of the inertia forces of the ground motion
-    POTENTIAL = 1  # gained in gravity
-    KINETIC = 2  # at the end
-    FRICTION = 3
-    IMPACT = 4
+    POTENTIAL = 1  # potential energy gained
+    KINETIC = 2  # kinetic energy at the end
+    FRICTION = 3  # work of friction, and of ties that yield or break
+    IMPACT = 4  # work of impacts, and of dashpots in joints that give
     BALANCE_ERROR = 5  # work that no law explains: the integrator's error
-    BALANCE_ERROR_PEAK = 6  # its largest magnitude in between
-    LARGEST_KINETIC = 7
-    START_KINETIC = 8  # of the initial state
+    BALANCE_ERROR_PEAK = 6  # largest magnitude of that error during the run
+    LARGEST_KINETIC = 7  # largest kinetic energy during the run
+    START_KINETIC = 8  # kinetic energy of the initial state
 
 
 class Peak(IntEnum):
-    """Entries of ``Outcomes.peak``."""
+    """Indices into ``State.peak`` and columns of ``Outcomes.peak``."""
 
-    ROTATION = 0  # of any body [rad]
-    DISPLACEMENT = 1  # of any centroid [m]
+    ROTATION = 0  # largest rotation of any body [rad]
+    DISPLACEMENT = 1  # largest displacement of any centroid [m]
     RESIDUAL = 2  # largest contact residual measured [1]
     OVERLAP = (
         3  # deepest overlap of two bodies at a corner, over the joint's length [1]
     )
-    END_ROTATION = 4  # largest of any body at the end of the run [rad]
-    END_DISPLACEMENT = 5  # largest of any centroid at the end of the run [m]
+    END_ROTATION = 4  # largest rotation of any body at the end [rad]
+    END_DISPLACEMENT = 5  # largest displacement of any centroid at the end [m]
     MOVED_BEFORE = 6  # one if the chain still moved at the time noted
 
 
@@ -165,7 +168,7 @@ class Tie(IntEnum):
     X_1 = 4
     Y_1 = 5
     STIFFNESS = 6  # [N/m]
-    LENGTH = 7  # without a force [m]
+    LENGTH = 7  # length without a force [m]
     STRENGTH = 8  # force at which it yields; inf: elastic [N]
     RUPTURE = 9  # elongation at which it breaks; inf: never [m]
 
@@ -173,14 +176,14 @@ class Tie(IntEnum):
 class Joint(IntEnum):
     """Columns of ``Chain.joint``."""
 
-    STIFFNESS = 0  # normal one, of a metre of the joint [N/m2]
-    SHEAR = 1  # [N/m2]
-    DAMPING = 2  # of the first mode with all joints closed, over the critical one [1]
-    POINTS = 3  # at which a joint bears, 2 or 3; 0: all along it
+    STIFFNESS = 0  # normal stiffness of a metre of the joint [N/m2]
+    SHEAR = 1  # shear stiffness of a metre of the joint [N/m2]
+    DAMPING = 2  # damping ratio of the first mode with all joints closed [1]
+    POINTS = 3  # number of points at which a joint bears, 2 or 3; 0: all along it
 
 
 class TieMode(IntEnum):
-    """Law that a tie follows."""
+    """Mode of a tie: the law that it follows."""
 
     SLACK = 0
     TAUT = 1
@@ -191,8 +194,8 @@ class TieMode(IntEnum):
 class TieState(IntEnum):
     """Columns of ``State.tie``."""
 
-    MODE = 0
-    SET = 1  # elongation that stays without a force [m]
+    MODE = 0  # TieMode
+    SET = 1  # elongation at which the tie has no force, from yielding [m]
 
 
 class TieWork(IntEnum):
@@ -200,15 +203,15 @@ class TieWork(IntEnum):
 
     DX = 0  # unit vector from end 0 to end 1
     DY = 1
-    ARM_0 = 2  # its moment about the body at each end [m]
+    ARM_0 = 2  # moment of the unit vector about the body at each end [m]
     ARM_1 = 3
-    RATE = 4  # of elongation before the step [m/s]
-    ENERGY = 5  # before the step [J]
-    KNOWN = 6  # impulse: this plus GAIN times the rate after the step [N s]
+    RATE = 4  # rate of elongation before the step [m/s]
+    ENERGY = 5  # elastic energy before the step [J]
+    KNOWN = 6  # impulse if taut: this plus GAIN times the rate after the step [N s]
     GAIN = 7
-    MOST = 8  # impulse where it yields [N s]
-    MODE = 9
-    ASKED = 10
-    IMPULSE = 11  # [N s]
+    MOST = 8  # impulse if it yields [N s]
+    MODE = 9  # TieMode that the contact problem is solved for
+    ASKED = 10  # TieMode that the solution asks for
+    IMPULSE = 11  # impulse in the solution [N s]
     TRIAL = 12  # impulse if it were elastic [N s]
-    GUESS = 13  # impulse by the tension before the step [N s]
+    GUESS = 13  # impulse by its tension in the mode before the step [N s]

@@ -26,20 +26,23 @@ class Precision(NamedTuple):
     """How closely a contact problem is solved."""
 
     compliance: float  # of each row, relative
-    slack: float  # what of a law counts as kept, over the scale of velocities or forces
-    left: (
-        float  # velocity along constrained directions that is no motion, over its scale
-    )
+    # largest violation of a law that counts as none, over the scale of velocities or forces
+    slack: float
+    # largest velocity along constrained directions that counts as none, over its scale
+    left: float
 
 
-# For time steps, and for what has to hold to the last digits that rounding leaves.
+# Precision of time steps, and of what has to hold to the last digits that rounding leaves.
 FOR_STEPS = Precision(1e-10, 1e-9, 1e-9)
 EXACT = Precision(1e-10, 1e-11, 1e-11)
 
 
 @inlined
 def _set_row(out, j, k, at, along, position):
-    """Set one direction at a point of joint j, with its arms on the bodies after and before."""
+    """Set direction `k` of joint `j` in `out`: `along`, (x, y), at the point `at`.
+
+    Its lever arms are those about the centroids of the bodies after and before the joint.
+    """
     px, py = at
     dx, dy = along
     out[j, k, 0] = dx
@@ -92,7 +95,10 @@ def set_rows(model, position, work):
 
 @inlined
 def solve_block(f, x, y, z):
-    """Solve an eliminated 3 x 3 block, given by rows with reciprocals on its diagonal."""
+    """Solve a factorised 3 x 3 block for the right side x, y, z; return the solution.
+
+    `f` has nine numbers by rows, with reciprocals on the diagonal.
+    """
     y = fused(-f[3], x, y)
     z = fused(-f[7], y, fused(-f[6], x, z)) * f[8]
     y = fused(-f[5], z, y) * f[4]
@@ -112,13 +118,17 @@ def _down(a, j, k):
 
 @inlined
 def block_of(f, j):
-    """Return an eliminated block as nine numbers."""
+    """Return block `j` of `f` as nine numbers, by rows."""
     return _along(f, j, 0) + _along(f, j, 1) + _along(f, j, 2)
 
 
 @inlined
 def _weighted(row, j, a, mass, inertia, arm):
-    """Return the velocity that a unit impulse along a row gives to a body."""
+    """Return the velocity that a unit impulse along row `a` of joint `j` gives to a body.
+
+    `mass` and `inertia` are the body's inverse ones, or their opposites. `arm` is 2 for the body
+    after the joint, 3 for the one before.
+    """
     return mass * row[j, a, 0], mass * row[j, a, 1], inertia * row[j, a, arm]
 
 
@@ -129,7 +139,7 @@ def _on(column, j, a, arm):
 
 @inlined
 def _set_diagonal(model, work, j, compliance):
-    """Set the diagonal block of a joint: the effect of its reactions on both its bodies."""
+    """Set the diagonal block of joint `j`: the effect of its reactions on both its bodies."""
     row = work.row
     column = work.column
     f = work.block
@@ -149,7 +159,7 @@ def _set_diagonal(model, work, j, compliance):
 
 @inlined
 def _eliminate(model, work, j):
-    """Eliminate the joint before from the block of joint j."""
+    """Eliminate joint ``j - 1`` from the block of joint `j`."""
     row = work.row
     column = work.column
     f = work.block
@@ -181,7 +191,7 @@ def _eliminate(model, work, j):
 
 @inlined
 def factorise_block(f, j):
-    """Factorise a block into triangles, with reciprocals on the diagonal."""
+    """Factorise block `j` of `f` into triangles, with reciprocals on the diagonal."""
     a, b, c, d, e, g, h, i, k = block_of(f, j)
     a = 1.0 / a
     d = d * a
@@ -220,7 +230,9 @@ def factorise(model, work, compliance):
 
 @kernel
 def set_up(model, position, work, compliance, first):
-    """Set rows and factorise them from joint `first` on, in one sweep.
+    """Set the directions of all joints from joint `first` on, and factorise their system.
+
+    Both are done in one sweep.
 
     Writes: work (block, column, lower, row, upper).
     """
@@ -231,7 +243,7 @@ def set_up(model, position, work, compliance, first):
 
 @inlined
 def _add_reaction(j, of, model, position, work):
-    """Add three multipliers of a joint to its reaction and to the bodies' velocities."""
+    """Add the multipliers `of` of joint `j`, three numbers, to reaction and velocities."""
     column = work.column
     solved = work.solved
     reaction = work.reaction
@@ -265,7 +277,9 @@ def add_reactions(model, position, work):
 
 @kernel
 def substitute(model, position, work, where):
-    """Add the multipliers that remove the residual to reactions and velocities.
+    """Solve for the multipliers that remove the residual; add them to reactions and velocities.
+
+    They are added where `where` holds.
 
     Writes: work (reaction, solved, unknown).
     """
@@ -297,9 +311,10 @@ def substitute(model, position, work, where):
 
 @kernel
 def measure_residual(position, work):
-    """Measure velocities of corners and along constrained directions; return the largest.
+    """Measure velocities of corners, and residuals along constrained directions.
 
-    ``work.relative``, ``work.corner_rate`` and ``work.residual`` are overwritten.
+    Return the largest residual, nan if anything has overflowed. ``work.relative``,
+    ``work.corner_rate`` and ``work.residual`` are overwritten.
 
     Writes: work (corner_rate, relative, residual).
     """
@@ -343,7 +358,7 @@ def measure_residual(position, work):
 def correct(model, position, work, enough):
     """Solve the factorised problem, and refine it until the residual is below `enough`.
 
-    Returns the largest velocity left along a constrained direction; nan where a pivot vanishes.
+    Return the largest velocity left along a constrained direction; nan if a pivot vanishes.
 
     Writes: work (corner_rate, reaction, relative, residual, solved, unknown).
     """
@@ -364,12 +379,12 @@ def correct(model, position, work, enough):
 
 @kernel
 def solve_modes(model, position, work, scale, precision, first):
-    """Return the motion of all bodies (Eqs 26, 27) in the present modes, ``work.contact`` and
-    ``work.slide``.
+    """Solve for the motion of all bodies (Eqs 26, 27) in the present modes.
 
-    From contacts and velocities without reactions in ``work.free``, the largest relative one of
-    which is `scale`; `solved`, `reaction`, `relative` and `corner_rate` are overwritten.
-    The joints before `first` are set up as they are. Returns what `correct` does.
+    Modes are those in ``work.contact`` and ``work.slide``, velocities without reactions those in
+    ``work.free``; the largest relative one of these is `scale`. `solved`, `reaction`, `relative`
+    and `corner_rate` are overwritten. The joints before `first` are set up already. Return what
+    `correct` does.
     """
     set_up(model, position, work, precision.compliance, first)
     return correct(model, position, work, precision.left * scale)

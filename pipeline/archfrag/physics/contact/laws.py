@@ -13,7 +13,7 @@ from archfrag.physics.numbers import choose, larger
 
 OPEN = 0
 CLOSED_STICK = 7
-# Faces on whose side a slip is held: of friction along the tangent (Eq 23b), and against it (23a).
+# Normals at a sliding corner: for friction along the tangent (Eq 23b), and against it (Eq 23a).
 PLUS = 0
 MINUS = 1
 # Margins of a joint in a mechanism; those that do not concern it are infinite. Normal forces at
@@ -45,13 +45,13 @@ def mode_of(j, joints):
 
 @inlined
 def corner_mode(corner, slide):
-    """Return the mode of a joint that touches at one corner only."""
+    """Return the mode of a joint that touches at `corner` only, with friction of sense `slide`."""
     return mode_number(1 - corner, corner, slide)
 
 
 @inlined
 def corners_of(mode):
-    """Return whether a joint of this mode touches at corner 0, and at corner 1."""
+    """Return whether a joint of mode `mode` touches at corner 0, and at corner 1."""
     corners = (mode + 2) // 3
     return corners & 1, corners >> 1
 
@@ -65,8 +65,9 @@ def slide_of(mode):
 
 @inlined
 def function_of(mode):
-    """Return which of an open joint's functions (`functions_if_open`) leads to a mode at one
-    corner.
+    """Return the number of the function in `functions_if_open` that leads to `mode`.
+
+    The mode is one of a joint that touches at one corner.
     """
     return 2 * corners_of(mode)[1] + (0 if slide_of(mode) > 0.0 else 1)
 
@@ -104,19 +105,22 @@ def force_of(j, work):
 
 @inlined
 def along(n, v):
-    """Return the part of a vector along a normal."""
+    """Return the component of the vector `v` along the normal `n`."""
     return n[0] * v[0] + n[1] * v[1]
 
 
 @inlined
 def cross(n, v):
-    """Return the part of a vector along the tangent, the normal rotated by +90 degrees."""
+    """Return the component of the vector `v` along the tangent: `n` rotated by +90 degrees."""
     return n[0] * v[1] - n[1] * v[0]
 
 
 @inlined
 def opening_rate(j, k, velocity, work):
-    """Return the opening rate of a corner: the larger of Eqs 23a and 23b."""
+    """Return the opening rate of a corner: the larger one of Eqs 23a and 23b.
+
+    `velocity` is the relative velocity there.
+    """
     x, y = velocity
     side = work.side_normal
     plus = fused(side[j, k, PLUS, 0], x, side[j, k, PLUS, 1] * y)
@@ -125,19 +129,25 @@ def opening_rate(j, k, velocity, work):
 
 @inlined
 def side_of(j, k, side, work):
-    """Return the normal at a corner for friction along the tangent, PLUS, or against it, MINUS."""
+    """Return the normal at a corner for friction of one sense.
+
+    `side` is PLUS for friction along the tangent, MINUS for friction against it.
+    """
     return work.side_normal[j, k, side, 0], work.side_normal[j, k, side, 1]
 
 
 @inlined
 def slip_normal(j, k, backwards, work):
-    """Return the normal at a sliding corner; `backwards` is against the tangent."""
+    """Return the normal at a sliding corner.
+
+    `backwards` is where friction acts against the tangent.
+    """
     return choose(backwards, side_of(j, k, MINUS, work), side_of(j, k, PLUS, work))
 
 
 @inlined
 def contact_of(j, work):
-    """Return normal and contact point of a joint in its present mode; nx, ny, px, py."""
+    """Return the normal and the contact point of a joint in its present mode: nx, ny, px, py."""
     at_0, at_1 = touching(j, work)
     second = at_1 & opposite(at_0)
     backwards = work.slide[j] < 0.0
@@ -152,9 +162,9 @@ def contact_of(j, work):
 
 @inlined
 def closed_forces(j, work):
-    """Return normal forces at both corners of a closed joint, their sum, and the shear.
+    """Return the normal forces at corners 0 and 1 of a closed joint, their sum, and the shear.
 
-    The resultant acts at the contact centre: e of Eq 14 is the second over the sum.
+    The resultant acts at the contact centre: e of Eq 14 is the force at corner 1 over the sum.
     """
     axis = normal_of(j, work)
     force = force_of(j, work)
@@ -168,8 +178,9 @@ def closed_forces(j, work):
 
 @inlined
 def cone_rays(j, model, after, before):
-    """Return the edges of Coulomb's cones (Eq 20) about two normals: along the tangent, against
-    it.
+    """Return the edges of Coulomb's cones (Eq 20) about two normals.
+
+    The first is along the tangent about the normal `after`, the second against it about `before`.
     """
     n = model.ray[j, 0]
     t = model.ray[j, 1]
@@ -186,7 +197,10 @@ def cones_at(j, k, model, work):
 
 @kernel
 def functions_if_open(j, work, value, target):
-    """Write the opening rates of corner 0 by the two normals, then those of corner 1 (Eqs 5, 23).
+    """Write the functions of an open joint, and the modes beyond their zeros.
+
+    They are the opening rates of corner 0 by its two normals, then those of corner 1 (Eqs 5, 23);
+    a corner that cannot touch has none.
 
     Reads: work (candidate, corner_rate, known, side_normal).
     Writes: value, target.
@@ -205,8 +219,10 @@ def functions_if_open(j, work, value, target):
 
 @kernel
 def functions_if_closed(j, model, work, value, target):
-    """Write normal forces at both corners, then Coulomb's limits of either sense, or the slip
-    rate.
+    """Write the functions of a closed joint, and the modes beyond their zeros.
+
+    They are the normal forces at both corners; then Coulomb's limits in either sense if the joint
+    sticks, or the slip rate if it slides.
 
     Reads: model.friction, work (corner_rate, known, normal, pivot, point, reaction, slide).
     Writes: value, target.
@@ -230,8 +246,10 @@ def functions_if_closed(j, model, work, value, target):
 
 @kernel
 def functions_if_corner(j, model, work, value, target):
-    """Write margins of the cones about both normals, or force and slip rate; then the other
-    corner.
+    """Write the functions of a joint at one corner, and the modes beyond their zeros.
+
+    If it sticks, they are the distances from both edges of the cones; if it slides, the force
+    along its ray and the slip rate. Then follows the opening rate of the other corner.
 
     Writes: value, target.
     """

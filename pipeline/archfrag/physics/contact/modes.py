@@ -24,17 +24,18 @@ from archfrag.physics.numbers import choose, count_of, flag, larger
 
 # Part of the bodies' velocities below which relative ones are not distinguished.
 ROUNDING = 1e-5
-# Rounds after which modes hardly ever are reconciled any more, and one more for so many joints.
+# Iterations after which modes hardly ever are reconciled, and joints that allow one more of them.
 MOST_ITERATIONS = 8
 ITERATION_PER_JOINTS = 16
 
 
 @inlined
 def mode_if_closed(j, model, work, slip, slack, slack_force):
-    """Return the mode that a closed joint asks for: whether each corner stays, and its slide.
+    """Return the mode that closed joint `j` asks for: whether each corner stays, and its slide.
 
-    A corner that would need a tensile force opens (Eq 5); friction beyond Coulomb's limit makes
-    a joint slide, a slip against its friction makes it stick (Eq 6).
+    A corner that would need a tensile force opens (Eq 5). Friction beyond Coulomb's limit makes a
+    joint slide; a slip against its friction makes it stick (Eq 6). `slip` is the relative
+    velocity; `slack` and `slack_force` are those of `ask_modes`.
     """
     slide = work.slide[j]
     force_0, force_1, normal, tangential = laws.closed_forces(j, work)
@@ -50,11 +51,11 @@ def mode_if_closed(j, model, work, slip, slack, slack_force):
 
 @inlined
 def mode_if_corner(j, second, model, work, slip, slack, slack_force):
-    """Return the mode that a joint at one corner asks for; `second` where that is corner 1.
+    """Return the mode that a joint at one corner asks for: where it opens, and its slide.
 
-    Sticking needs a reaction inside the cones about both normals (Eqs 6, 20, 23), sliding one
-    that pushes along its ray and a slip along its friction. Returned: where a tensile force would
-    be needed, and the sense of friction.
+    `second` is where that corner is corner 1. The joint opens where it would need a tensile force.
+    Sticking needs a reaction inside the cones about both normals (Eqs 6, 20, 23). Sliding needs
+    one that pushes along its ray, and a slip along its friction. Arguments as of `mode_if_closed`.
     """
     slide = work.slide[j]
     after = laws.side_of(j, 0, laws.PLUS, work)
@@ -81,10 +82,10 @@ def mode_if_corner(j, second, model, work, slip, slack, slack_force):
 
 @kernel
 def ask_modes(model, work, slack, slack_force):
-    """Set the modes that the laws ask for (Eqs 24, 25); return where one differs from its own.
+    """Set the modes that the laws ask for (Eqs 24, 25); return where a joint asks for another one.
 
-    The modes asked for are left in ``work.asked_contact`` and ``work.asked_slide``. `slack` and
-    `slack_force` of a law count as kept, in velocity and in force.
+    The modes asked for are left in ``work.asked_contact`` and ``work.asked_slide``. Violations of
+    a law up to `slack` in velocity and up to `slack_force` in force count as none.
 
     Writes: work (asked_contact, asked_slide).
     """
@@ -138,8 +139,8 @@ def ask_modes(model, work, slack, slack_force):
 def velocity_scale(position, work):
     """Return the largest relative velocity without reactions of corners that may touch.
 
-    At least what rounding leaves of velocities, for a chain in flight that moves as one body.
-    ``work.relative`` is overwritten.
+    It is at least what rounding leaves of the bodies' velocities, for a chain in flight that moves
+    as one body. ``work.relative`` is overwritten.
 
     Reads: position, work (candidate, free, pivot, point, relative).
     Writes: work.relative.
@@ -159,7 +160,7 @@ def velocity_scale(position, work):
 
 @kernel
 def largest_force(work):
-    """Return the largest component of a reaction; one if there are no reactions.
+    """Return the largest component x or y of a reaction; one if all are zero.
 
     Reads: work.reaction.
     """
@@ -172,8 +173,10 @@ def largest_force(work):
 
 @inlined
 def closes_soon(j, k, work, ahead):
-    """Return whether an open corner will touch within the time `ahead` after its bias's own
-    time.
+    """Return where an open corner asks to close, or would do so a little later.
+
+    The bias makes the law hold at one instant after the middle of the step. `ahead` is the time
+    beyond that instant, over the time from the middle to it [1].
     """
     ux = (1.0 + ahead) * work.corner_rate[j, k, 0] - ahead * work.bias[j, k, 0]
     uy = (1.0 + ahead) * work.corner_rate[j, k, 1] - ahead * work.bias[j, k, 1]
@@ -183,9 +186,10 @@ def closes_soon(j, k, work, ahead):
 
 @inlined
 def start_modes(state, work, where, expects):
-    """Start from the modes before the step; where it `expects` impacts, with closing corners.
+    """Start a contact problem from the modes before the step, where `where` holds.
 
-    These are the corners that the velocities before the step would close.
+    Where `expects` holds, an open corner starts closed, and its joint sticking, if the velocities
+    before the step would close it.
     """
     for j in range(state.slip.shape[0]):
         slide = state.slide[j]
@@ -206,12 +210,14 @@ def start_modes(state, work, where, expects):
 def solve_contact(model, position, work, live, iterations, ahead, precision):
     """Solve one contact problem by Newton's iteration: each joint takes the mode it asks for.
 
-    A run whose modes are not reconciled after `MOST_ITERATIONS` is given up: hardly any is later.
-    Of runs side by side the slower half does not keep the others waiting: it goes on in the next
-    call, from the modes that it has reached; `iterations` counts the linear problems of each,
-    calls before included. Where `ahead` is larger than -1, a step in which a corner closes, or so
-    many of the times for which its bias stands later, is refused after the first one.
-    Returns the masks solved, refused and active (those that go on), and iterations.
+    `live` masks the runs to solve. A run whose modes are not reconciled after `MOST_ITERATIONS` is
+    given up: hardly any is later. Of runs side by side the slower half does not keep the others
+    waiting: it goes on in the next call, from the modes that it has reached. `iterations` counts
+    the linear problems of each run, with those of calls before. Where `ahead` is larger than -1, a
+    run is refused after its first linear problem if a corner closes, or would in that time
+    (`closes_soon`).
+
+    Return the masks solved, refused and active (runs that go on), and iterations.
     """
     scale = velocity_scale(position, work)
     n_joint = work.slide.shape[0]

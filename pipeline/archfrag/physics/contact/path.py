@@ -1,12 +1,11 @@
-"""Contact problem by following its piecewise-linear solution path: what Newton's iteration on the
-modes could not solve.
+"""Contact problem by its piecewise-linear solution path, if Newton's iteration on the modes fails.
 
 The path begins at a problem whose solution is known in given modes, mostly those before the step:
-other velocities of free bodies and other bias, chosen so that each joint keeps its mode. These
-are changed into the problem's own, tau from 0 to 1, and the solution is followed exactly from
-piece to piece of the contact laws: at each break one joint changes its mode. Where the laws are
-not monotone (friction) the path may go back in tau; its direction after a break is the one that
-leads into the new piece. This is Lemke's complementary pivoting (Cottle, Pang and Stone, *The
+it has other velocities of free bodies and another bias, chosen so that each joint keeps its mode.
+These are changed into the problem's own, tau from 0 to 1, and the solution is followed exactly
+from piece to piece of the contact laws: at each break one joint changes its mode. Where the laws
+are not monotone (friction) the path may go back in tau; its direction after a break is the one
+that leads into the new piece. This is Lemke's complementary pivoting (Cottle, Pang and Stone, *The
 Linear Complementarity Problem*, ch. 4) written for the modes of a chain, with a block-tridiagonal
 solution for each piece, and from a known basis as in Ferris and Munson's PATH (1999, *Optim.
 Methods Softw.* 12).
@@ -29,20 +28,21 @@ from archfrag.physics.onset import RestProblem, new_rest_problem
 from archfrag.physics.state import Model
 from archfrag.physics.status import Count
 
-# Friction without limit is at most this in between; at its end joints stick again.
+# Coefficient of friction along a path of joints with unlimited friction. At the end of the path
+# they stick again.
 PATH_FRICTION = 1e3
-# Modes that a path begins with.
+# Modes that a path begins with: those given, those reached by the path before, or all joints open.
 GIVEN = 0
 REACHED = 1
 ALL_OPEN = 2
 
 
 class Attempt(NamedTuple):
-    """A path to try."""
+    """Settings of a path that is tried."""
 
-    compliance: float  # of the joints: it keeps the pieces of hyperstatic ones regular
+    compliance: float  # of contact rows, relative; it keeps hyperstatic pieces regular
     size: float  # velocities at the start over those of the problem
-    start: int  # GIVEN modes, those REACHED by the path before, or ALL_OPEN
+    start: int  # GIVEN, REACHED or ALL_OPEN
     compliant: bool  # whether joints stay compliant at the end
 
 
@@ -57,9 +57,9 @@ ATTEMPTS = (
     Attempt(1e-5, 1.0, ALL_OPEN, True),
     Attempt(1e-4, 1.0, ALL_OPEN, True),
 )
-# Where a corner is neither compressed nor opening, rounding decides: such a state may break a
-# law by this much, relative, and its residual shows it. Where joints have to be rigid, so many
-# paths may end exactly first.
+# Where a corner is neither compressed nor opening, rounding decides. Such a state may break a law
+# by DEGENERATE, relative, and its residual shows it. If joints have to be rigid, the first
+# EXACT_PATHS paths must keep the laws to rounding.
 DEGENERATE = 1e-8
 EXACT_PATHS = 2
 ON = 1.0
@@ -82,26 +82,26 @@ class Path(NamedTuple):
     """Workspace of path following, and of the range of rest."""
 
     model: Model  # with friction limited to PATH_FRICTION
-    free: np.ndarray  # (n_body + 2, 3) velocities of the problem itself, and its bias
-    bias: np.ndarray  # (n_joint, 2, 2)
-    push: (
+    free: (
         np.ndarray
-    )  # (n_body + 2, 3) what the start has beside the problem's own velocities
-    opening: np.ndarray  # (n_joint, 2, 2) and bias
+    )  # (n_body + 2, 3) velocities without reactions of the problem itself
+    bias: np.ndarray  # (n_joint, 2, 2) bias of the problem itself
+    push: np.ndarray  # (n_body + 2, 3) velocities that the start adds to `free`
+    opening: np.ndarray  # (n_joint, 2, 2) bias that the start adds to `bias`
     contact: np.ndarray  # (n_joint, 2) modes in which a path has ended
     slide: np.ndarray  # (n_joint,)
     at_start: np.ndarray  # (n_joint, 4) functions of each joint's piece at tau = 0
-    at_end: np.ndarray  # (n_joint, 4) and at tau = 1
-    target: np.ndarray  # (n_joint, 4) modes on the other side of their zeros
+    at_end: np.ndarray  # (n_joint, 4) the same functions at tau = 1
+    target: np.ndarray  # (n_joint, 4) modes on the other side of the functions' zeros
     rest: RestProblem
 
 
 class Break(NamedTuple):
-    """Where a path leaves a piece."""
+    """Point at which a path leaves a piece."""
 
-    joint: int  # that changes its mode; -1: none does
-    distance: float  # in tau
-    mode: int  # into which
+    joint: int  # joint that changes its mode; -1: none does
+    distance: float  # distance in tau from the last break
+    mode: int  # new mode of the joint
     decides: (
         int  # corner at which the slip decides the sense of friction; -1: it is known
     )
@@ -111,7 +111,7 @@ NO_BREAK = Break(-1, np.inf, laws.OPEN, -1)
 
 
 def new_path(model: Model) -> Path:
-    """Return the workspace for the chain of a model."""
+    """Return the workspace of path following for the chain of a model."""
     n_joint = model.friction.size
     friction = np.minimum(model.friction, PATH_FRICTION)
     limited = model._replace(
@@ -128,7 +128,7 @@ def new_path(model: Model) -> Path:
 
 @inlined
 def copy_modes(of, to):
-    """Copy the modes in ``contact`` and ``slide``."""
+    """Copy the modes, ``contact`` and ``slide``, from `of` to `to`."""
     for j in range(to.slide.size):
         to.contact[j, 0] = of.contact[j, 0]
         to.contact[j, 1] = of.contact[j, 1]
@@ -137,7 +137,10 @@ def copy_modes(of, to):
 
 @inlined
 def _set_problem(work, path, part):
-    """Set the problem's own velocities and bias plus a part of the start's additions."""
+    """Set velocities and bias in `work` to the problem's own plus a part of the start's.
+
+    That is `part` times what the start adds.
+    """
     for i in range(work.free.shape[0]):
         for c in range(3):
             work.free[i, c] = path.free[i, c] + part * path.push[i, c]
@@ -149,10 +152,10 @@ def _set_problem(work, path, part):
 
 @kernel
 def piece_functions(position, work, path, tau, value):
-    """Evaluate the linear functions that are non-negative on the present piece of the path.
+    """Evaluate the linear functions that are non-negative on the path's present piece.
 
-    Into `value`, inf where there is no function, and into ``path.target`` the mode on the other
-    side of each one's zero. Returned is nan where a pivot vanishes.
+    They are those at `tau`. They go into `value`, (n_joint, 4), with inf where there is no
+    function; the modes beyond their zeros go into ``path.target``. Return nan if a pivot vanishes.
     """
     _set_problem(work, path, 1.0 - tau)
     left = blocks.correct(path.model, position, work, np.inf)
@@ -172,7 +175,10 @@ def piece_functions(position, work, path, tau, value):
 
 @inlined
 def _corner_normal(work, j, k, closed, slide):
-    """Return the direction in which a corner is compressed or opens, or slips across."""
+    """Return the normal of a corner, along which it is compressed or opens.
+
+    `closed` says whether the joint is, and `slide` is the sense of its friction.
+    """
     if slide != 0.0 and not closed:
         return laws.slip_normal(j, k, slide < 0.0, work)
     n = laws.side_of(j, k, laws.PLUS, work)
@@ -229,9 +235,10 @@ def set_start(position, work, path, scale):
 
 @kernel
 def direction_after(path, j, mode, left):
-    """Return the sense of tau that leads into the next piece after a break at joint j.
+    """Return the sense of tau that leads into the next piece after a break at joint `j`.
 
-    `mode` is the joint's new one, `left` the one it left; zero where no function leads back.
+    `mode` is the joint's new mode, and `left` the one that it left. Return ON, BACK, or zero if no
+    function leads back.
 
     Reads: path (at_end, at_start, target).
     """
@@ -248,7 +255,11 @@ def direction_after(path, j, mode, left):
 
 @inlined
 def _zero(path, j, f, tau, direction):
-    """Return the distance in tau (at least 0) to a function's zero, its slope and value."""
+    """Return the distance in tau to the zero of a function, its slope and its value.
+
+    It is function `f` of joint `j`. The slope is that along `direction`. The distance is at least
+    0, and inf if the function does not fall.
+    """
     rise = path.at_end[j, f] - path.at_start[j, f]
     slope = rise * direction
     value = path.at_start[j, f] + tau * rise
@@ -257,7 +268,9 @@ def _zero(path, j, f, tau, direction):
 
 @kernel
 def _closing_of_corner(work, path, j, k, tau, direction, left):
-    """Find the break at which a corner of an open joint closes: both functions are zero.
+    """Find the break at which corner `k` of open joint `j` closes: both its functions reach zero.
+
+    Return `NO_BREAK` if it does not. `left` is the mode that the joint left last, or -1.
 
     Reads: work (known, side_normal), path (at_end, at_start, target).
     """
@@ -284,7 +297,10 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
 
 @kernel
 def next_break(work, path, tau, direction, crossed):
-    """Find the next break of the path; `crossed` has joint and former mode of the last one."""
+    """Find the next break of the path from `tau` along `direction`.
+
+    `crossed` has the joint and the former mode of the last break.
+    """
     first = NO_BREAK
     for j in range(work.slide.size):
         left = crossed[1] if j == crossed[0] else -1
@@ -306,9 +322,9 @@ def next_break(work, path, tau, direction, crossed):
 
 @kernel
 def follow_path(position, work, path, scale, compliance):
-    """Follow the solution from the present modes to the problem's own modes, into `work`.
+    """Follow the solution from the present modes to those at the problem itself, left in `work`.
 
-    `compliance` of the contact rows is relative. Returned: how many breaks were met.
+    `compliance` of the contact rows is relative. Return the number of breaks.
     """
     set_start(position, work, path, scale)
     tau = 0.0
@@ -350,11 +366,13 @@ def follow_path(position, work, path, scale, compliance):
 def solve_by_path(model, position, work, path, exact):
     """Solve one contact problem along solution paths, the first from the modes in `work`.
 
-    If joints need not be rigid (`exact`), they stay slightly compliant (relative compliance 1e-6
-    to 1e-4) where no rigid solution is found: where a ring closes, its last gaps contradict each
-    other by the square of their size, and of the many combinations that leave one of them open by
-    1e-10 m rounding finds none. Returns solved, compliant, linear problems solved by the
-    iteration on modes, and breaks of the paths followed.
+    If `exact`, joints are rigid. Else they stay slightly compliant (relative compliance 1e-6 to
+    1e-4) if no rigid solution is found: where a ring closes, its last gaps contradict each other
+    by the square of their size, and of the many combinations that leave one of them open by 1e-10
+    m rounding finds none.
+
+    Return solved, compliant, the number of linear problems in the iteration on modes, and the
+    number of breaks.
     """
     scale = velocity_scale(position, work)
     copy_rows(work.free, path.free, 0, position.shape[0])
@@ -406,7 +424,7 @@ def solve_by_path(model, position, work, path, exact):
 def solve_with_fallback(model, state, work, path):
     """Solve a posed contact problem along paths, the first from the state's own modes.
 
-    Returns solved, and compliant where the solution is that of slightly compliant joints.
+    Return solved, and compliant: whether the solution is that of slightly compliant joints.
     """
     count = state.count
     copy_modes(state, work)

@@ -19,11 +19,10 @@ AFTER = 1
 
 @inlined
 def later_vertex_meets(corner, slip):
-    """Return whether the contact at a corner of a slipped joint is the later body's vertex (Eq
-    23a).
+    """Return whether the contact at a corner of a slipped joint is the later body's vertex.
 
-    Slip towards the extrados moves the later body's intrados vertex over the earlier body's
-    face, and the earlier body's extrados vertex under the later body's.
+    If it is, Eq 23a applies. Slip towards the extrados moves the later body's intrados vertex over
+    the earlier body's face, and the earlier body's extrados vertex under the later body's.
     """
     if corner == 0:
         return slip >= 0.0
@@ -56,7 +55,10 @@ def move_faces(model, position, work):
 
 @inlined
 def inwards(work, i, x, y):
-    """Return a vector in the axes at rest of a body that has rotated."""
+    """Turn a vector from the fixed axes to the rest axes of body `i`.
+
+    `outwards` is the inverse.
+    """
     c = work.rotated[i, 0]
     s = work.rotated[i, 1]
     return c * x + s * y, c * y - s * x
@@ -64,7 +66,10 @@ def inwards(work, i, x, y):
 
 @inlined
 def outwards(work, i, x, y):
-    """Return a vector that is given in the axes at rest of a body."""
+    """Turn a vector from the rest axes of body `i` to the fixed axes.
+
+    `inwards` is the inverse.
+    """
     c = work.rotated[i, 0]
     s = work.rotated[i, 1]
     return c * x - s * y, s * x + c * y
@@ -72,7 +77,7 @@ def outwards(work, i, x, y):
 
 @inlined
 def tangent_of(j, side, work):
-    """Return the unit tangent of a joint's face."""
+    """Return the unit tangent of a face of joint `j`; `side` is BEFORE or AFTER."""
     return work.tangent[j, side, 0], work.tangent[j, side, 1]
 
 
@@ -116,7 +121,10 @@ def place_contacts(model, slip, work):
 
 @inlined
 def corner_offset(j, k, work, slip):
-    """Return the offset of the later face's corner from its place in contact [m]."""
+    """Return how far the later face's corner is from its place in contact (x, y) [m].
+
+    That place is the one at `slip` [m].
+    """
     later = later_vertex_meets(k, slip)
     tx, ty = choose(later, tangent_of(j, BEFORE, work), tangent_of(j, AFTER, work))
     dx, dy = _shift(j, k, work)
@@ -125,7 +133,7 @@ def corner_offset(j, k, work, slip):
 
 @inlined
 def _shift(j, k, work):
-    """Return how far the later face's corner is from the earlier one's."""
+    """Return the vector from the earlier face's corner `k` to the later one's."""
     face = work.face
     dx = face[j, AFTER, k, 0] - face[j, BEFORE, k, 0]
     return dx, face[j, AFTER, k, 1] - face[j, BEFORE, k, 1]
@@ -133,8 +141,9 @@ def _shift(j, k, work):
 
 @inlined
 def corner_slip(j, shift, first, work):
-    """Return the slip of a joint whose corners are `shift` apart, touching at corner 0 if `first`
-    [m].
+    """Return the slip of joint `j`, which touches at corner 0 if `first`, else at corner 1 [m].
+
+    `shift` is the vector between the two faces' corners there.
     """
     slip = along(tangent_of(j, BEFORE, work), shift)
     by_after = along(tangent_of(j, AFTER, work), shift)
@@ -143,7 +152,7 @@ def corner_slip(j, shift, first, work):
 
 @inlined
 def clearance(j, k, work):
-    """Return the gap at a corner, by whichever of Eqs 23a and 23b applies [m]."""
+    """Return the gap at corner `k` of joint `j`, by whichever of Eqs 23a and 23b applies [m]."""
     shift = _shift(j, k, work)
     before = tangent_of(j, BEFORE, work)
     slip = along(before, shift)
@@ -159,7 +168,11 @@ def clearance(j, k, work):
 
 @inlined
 def slip_and_gap(j, at_0, at_1, work):
-    """Return the slip of a joint, at the nearer corner if none touches, and its gap [m]."""
+    """Return the slip of joint `j`, and the smaller gap of its corners [m].
+
+    `at_0` and `at_1` are whether corners 0 and 1 touch. The slip is that at a corner that touches;
+    if none does, at the nearer one.
+    """
     gap_0 = clearance(j, 0, work)
     gap_1 = clearance(j, 1, work)
     first = (opposite(at_0 | at_1) & (gap_1 >= gap_0)) | at_0
@@ -178,8 +191,8 @@ def place_chain(model, position, joints, least, slip, work):
     """Place faces, slips [m] and contacts of all joints where the bodies are.
 
     `joints` has the modes and known slips. The slip of a joint that slides, or touches nowhere, is
-    measured at the corner that touches, or at the nearer one; below `least` of the joint's length
-    there is none.
+    measured at the corner that touches, or else at the nearer one; below `least` times the joint's
+    length it counts as zero.
 
     Writes: slip, work (face, normal, pivot, point, rotated, side_normal, tangent).
     """
@@ -197,8 +210,9 @@ def place_chain(model, position, joints, least, slip, work):
 
 @inlined
 def at_point(vx, vy, rotation, px, py):
-    """Return the velocity at a point (px, py) from the pivot, of a body that moves by (vx, vy,
-    rotation).
+    """Return the velocity of a moving body at a point (px, py) from the pivot.
+
+    At the pivot the body moves by (vx, vy, rotation).
     """
     return vx - rotation * py, vy + rotation * px
 
@@ -213,7 +227,7 @@ def corner_velocity(j, k, relative, work):
 
 @inlined
 def _velocity_at(i, px, py, position, velocity):
-    """Return the velocity of a body at a point."""
+    """Return the velocity of body `i` at the point (px, py)."""
     x = px - position[i, 0]
     y = py - position[i, 1]
     return at_point(velocity[i, 0], velocity[i, 1], velocity[i, 2], x, y)
@@ -221,8 +235,9 @@ def _velocity_at(i, px, py, position, velocity):
 
 @inlined
 def corner_rate_at(j, px, py, position, velocity):
-    """Return the velocity at a point of the body after joint j relative to the one before it (Eq
-    22).
+    """Return the velocity of the body after joint `j` relative to the one before it (Eq 22).
+
+    It is that at the point (px, py).
     """
     ax, ay = _velocity_at(j + 1, px, py, position, velocity)
     bx, by = _velocity_at(j, px, py, position, velocity)
@@ -231,8 +246,9 @@ def corner_rate_at(j, px, py, position, velocity):
 
 @kernel
 def relative_velocity(position, velocity, pivot, out):
-    """Find the velocity of the body after each joint relative to that before it, at pivots (Eq
-    22).
+    """Find the velocity of the body after each joint relative to the one before it (Eq 22).
+
+    Velocities at the pivots and rates of rotation go into `out`, (n_joint, 3).
 
     Reads: position, velocity, pivot.
     Writes: out.

@@ -1,7 +1,8 @@
 """Ties: bars that only pull, between two bodies or between a body and the ground.
 
-A tie is elastic up to its strength, then it yields; it is slack where it is shorter than without
-a force, and breaks beyond an elongation. Its tension acts along the line between its ends.
+A tie is elastic up to its strength, then it yields. It is slack if it is shorter than its length
+without a force, and breaks beyond a given elongation. Its tension acts along the line between its
+ends.
 
 In a step h of time stepping its mean tension is that of its mean elongation. Then an elastic tie
 neither makes nor loses energy, however stiff it is. With e the elongation in the middle, by the
@@ -9,8 +10,8 @@ velocities before the step, and with the rates before (u) and after it (w), the 
 
     h k (e - set + h/4 (rate(w) - rate(u))).
 
-With k ties the contact problem is one of the same matrix changed by rank k: the answers of all
-bodies and joints to a unit impulse of each tie, and k equations.
+With n ties the contact problem has the same matrix, changed by rank n: it is solved by the answers
+of all bodies and joints to a unit impulse of each tie, and n equations.
 """
 
 import math
@@ -27,7 +28,11 @@ from archfrag.physics.status import Tie, TieMode, TieState, TieWork
 
 @inlined
 def _end(tie, side, body):
-    """Return where an end of a tie is, of a body that has moved and rotated."""
+    """Return where end `side`, 0 or 1, of a tie is.
+
+    `tie` is its row in ``Model.tie``, `body` the position of the body there, which may have
+    rotated.
+    """
     s, c = sine_cosine(body[2])
     a = tie[Tie.X_0 + 2 * side]
     b = tie[Tie.Y_0 + 2 * side]
@@ -36,15 +41,16 @@ def _end(tie, side, body):
 
 @inlined
 def _ends(model, t, bodies):
-    """Return the rows of a tie's bodies in an array."""
+    """Return the rows of `bodies` for the two bodies that tie `t` joins."""
     tie = model.tie[t]
     return bodies[int(tie[Tie.BODY_0])], bodies[int(tie[Tie.BODY_1])]
 
 
 @inlined
 def _line(model, t, position):
-    """Return the elongation of a tie [m], its unit vector and the moments of that about its
-    bodies.
+    """Return the elongation of tie `t` [m], its unit vector from end 0 to end 1, and two moments.
+
+    The moments are those of the unit vector about the bodies' centroids [m].
     """
     tie = model.tie[t]
     before, after = _ends(model, t, position)
@@ -70,7 +76,9 @@ def tie_stretch(model, t, position):
 
 @kernel
 def place_tie(model, t, position, tie):
-    """Set the direction and the arms of a tie, ``work.tie``; return its elongation [m].
+    """Set the direction and the lever arms of tie `t`; return its elongation [m].
+
+    They go into its row of `tie`, (n_tie, len(TieWork)).
 
     Reads: model.tie, position.
     Writes: tie.
@@ -85,7 +93,7 @@ def place_tie(model, t, position, tie):
 
 @inlined
 def stretch_rate(model, t, velocity, work):
-    """Return the rate at which a tie grows longer [m/s]."""
+    """Return the rate at which tie `t` grows longer with the bodies' velocities [m/s]."""
     before, after = _ends(model, t, velocity)
     tie = work.tie[t]
     apart = after[0] - before[0], after[1] - before[1]
@@ -95,7 +103,10 @@ def stretch_rate(model, t, velocity, work):
 
 @inlined
 def _wrench(model, t, side, impulse, work):
-    """Return the row of the body at an end of a tie, and what an impulse of the tie gives it."""
+    """Return the row of the body at end `side` of tie `t`, and what `impulse` of the tie gives it.
+
+    That is an impulse (x, y), and its moment about the centroid.
+    """
     tie = work.tie[t]
     given = impulse if side == 0 else -impulse
     x = given * tie[TieWork.DX]
@@ -106,7 +117,7 @@ def _wrench(model, t, side, impulse, work):
 
 @inlined
 def _pull(model, t, impulse, work, velocity):
-    """Add to velocities what a tie's impulse gives to its bodies."""
+    """Add to `velocity` what `impulse` of tie `t` gives to its two bodies."""
     for side in range(2):
         i, x, y, moment = _wrench(model, t, side, impulse, work)
         velocity[i, 0] += model.inverse_mass[i] * x
@@ -116,7 +127,7 @@ def _pull(model, t, impulse, work, velocity):
 
 @inlined
 def tension(model, t, state, elongation):
-    """Return the tension of a tie in its present mode [N]."""
+    """Return the tension of tie `t` at an elongation [m] in its present mode [N]."""
     tie = model.tie[t]
     mode = state.tie[t, TieState.MODE]
     elastic = tie[Tie.STIFFNESS] * (elongation - state.tie[t, TieState.SET])
@@ -131,7 +142,7 @@ def _placed_tension(model, t, state, work):
 
 @inlined
 def tie_energy(model, t, state, elongation):
-    """Return the elastic energy of a tie [J]."""
+    """Return the elastic energy of tie `t` at an elongation [m] in its present mode [J]."""
     stretch = larger(elongation - state.tie[t, TieState.SET], 0.0)
     mode = state.tie[t, TieState.MODE]
     held = select(mode == TieMode.RUPTURED, 0.0, model.tie[t, Tie.STIFFNESS])
@@ -151,7 +162,7 @@ def pull_count(model: Model) -> int:
 
 @inlined
 def add_stored(model, state, potential):
-    """Return an energy with the elastic one of all ties [J]."""
+    """Return `potential` plus the elastic energy of all ties [J]."""
     for t in range(model.tie.shape[0]):
         potential += tie_energy(model, t, state, tie_stretch(model, t, state.position))
     return potential
@@ -159,7 +170,7 @@ def add_stored(model, state, potential):
 
 @kernel
 def reset_pulls(model, state, work):
-    """Let the ties of a state be taut or slack, without a set.
+    """Set the ties of a state taut or slack by where its bodies are, as if they had never yielded.
 
     Reads: model.tie, state.position.
     Writes: state.tie, work.tie.
@@ -174,7 +185,7 @@ def reset_pulls(model, state, work):
 
 @kernel
 def pull_at_rest(model, state, work, pull):
-    """Add the forces of ties where bodies are, `pull` (n_body + 2, 3) [N], [N m].
+    """Add the forces of ties on bodies in the present state to `pull`, (n_body + 2, 3) [N], [N m].
 
     Moments are about the centroids.
 
@@ -192,7 +203,9 @@ def pull_at_rest(model, state, work, pull):
 
 @kernel
 def pull_bodies(model, state, work):
-    """Add what the tensions of ties give to the accelerations ``work.free``; no impulses.
+    """Add the accelerations that ties give in the present state to ``work.free``.
+
+    In the contact problem ties then have no impulses.
 
     Reads: model (inverse_inertia, inverse_mass, tie), state (position, tie), work.tie.
     Writes: work (free, tie).
@@ -206,8 +219,8 @@ def pull_bodies(model, state, work):
 def aim_pulls(model, state, work, step, ahead):
     """Set the impulses of ties over a step, linear in the velocities after it.
 
-    The tension is that of the elongation in the middle, changed by so much of the step (`ahead`)
-    times the change of its rate.
+    The mean tension is that of the elongation in the middle, plus `ahead` times the step times the
+    change of its rate.
 
     Reads: model.tie, state (position, tie, velocity), work (position, tie).
     Writes: work.tie.
@@ -230,13 +243,13 @@ def aim_pulls(model, state, work, step, ahead):
 
 @inlined
 def release_pulls(work):
-    """Let ties have no impulse in the next contact problem: an impact, or accelerations."""
+    """Let ties have no impulse in the next contact problem, of an impact or of accelerations."""
     work.tie[:] = 0.0
 
 
 @kernel
 def recall_pulls(state, work, where):
-    """Start from the modes of ties before the step.
+    """Start the contact problem from the modes of ties before the step, where `where` holds.
 
     Reads: state.tie, work.tie.
     Writes: work.tie.
@@ -249,7 +262,9 @@ def recall_pulls(state, work, where):
 
 @kernel
 def push_by_pulls(model, work, velocity, sense):
-    """Add impulses by the tensions before a step to velocities, or take them away.
+    """Add the impulses of the ties to the velocities (`sense` 1), or subtract them (-1).
+
+    The impulses are those by the tensions in the modes before the step.
 
     Reads: model (inverse_inertia, inverse_mass, tie), work.tie.
     Writes: velocity.
@@ -260,7 +275,10 @@ def push_by_pulls(model, work, velocity, sense):
 
 @inlined
 def _answer(model, position, work, t, where):
-    """Find how bodies and joints answer a unit impulse of a tie, in the present modes."""
+    """Find how bodies and joints answer a unit impulse of tie `t`, in the present modes.
+
+    The answer goes into row `t` of ``work.tie_answer``; it holds where `where` does.
+    """
     row = work.row
     solved = work.solved
     solved[:] = 0.0
@@ -280,7 +298,7 @@ def _answer(model, position, work, t, where):
 
 @inlined
 def _keep(work, place):
-    """Keep velocities and reactions in ``work.tie_answer``."""
+    """Copy velocities and reactions into row `place` of ``work.tie_answer``."""
     n_row = work.solved.shape[0]
     answer = work.tie_answer[place]
     copy_rows(work.solved, answer, 0, n_row)
@@ -289,7 +307,10 @@ def _keep(work, place):
 
 @inlined
 def _sum_answers(work, first, out):
-    """Add the answers to the impulses of all ties to that without ties."""
+    """Set `out` to the solution without ties plus the answers to the impulses of all ties.
+
+    Its first row is row `first` of each answer.
+    """
     answer = work.tie_answer
     n = work.tie.shape[0]
     for i in range(out.shape[0]):
@@ -301,7 +322,7 @@ def _sum_answers(work, first, out):
 
 @inlined
 def _solve_impulses(model, work):
-    """Solve the equations of all ties by elimination; their matrix is near a unit matrix."""
+    """Find the impulses of all ties by elimination; the matrix is near a unit matrix."""
     n = model.tie.shape[0]
     system = work.tie_system
     for t in range(n):
@@ -330,7 +351,10 @@ def _solve_impulses(model, work):
 
 @kernel
 def solve_with_pulls(model, position, work, scale, precision, first):
-    """Solve the contact problem in the present modes, with the impulses of ties."""
+    """Solve the contact problem in the present modes, with the impulses of ties.
+
+    Arguments and result are those of `solve_modes`.
+    """
     left = blocks.solve_modes(model, position, work, scale, precision, first)
     n = model.tie.shape[0]
     if n == 0:
@@ -346,7 +370,9 @@ def solve_with_pulls(model, position, work, scale, precision, first):
 
 @kernel
 def ask_pulls(model, work, slack_force):
-    """Set the modes that ties ask for; return where one differs from its own.
+    """Set the modes that ties ask for; return where a tie asks for another one.
+
+    Impulses up to `slack_force` beyond a limit count as within it.
 
     Reads: model.tie, work (solved, tie).
     Writes: work.tie.
@@ -373,7 +399,7 @@ def ask_pulls(model, work, slack_force):
 
 @inlined
 def take_asked(work, where):
-    """Take the modes that ties ask for."""
+    """Take the modes that ties ask for, where `where` holds."""
     for t in range(work.tie.shape[0]):
         tie = work.tie[t]
         tie[TieWork.MODE] = select(where, tie[TieWork.ASKED], tie[TieWork.MODE])
@@ -381,9 +407,10 @@ def take_asked(work, where):
 
 @kernel
 def accept_pulls(model, state, work, step, where):
-    """Accept the modes and sets of ties after a step; return works by yield, unexplained [J].
+    """Accept the modes of ties after a step, and the elongation that stays; return two works [J].
 
-    What breaks gives up its energy.
+    The first, at most zero, is what ties lose: by yielding, and the energy of those that break.
+    The second is the error of their work.
 
     Reads: model.tie, state (position, tie), work (solved, tie).
     Writes: state.tie, work.tie.
@@ -414,9 +441,10 @@ def accept_pulls(model, state, work, step, where):
 
 @kernel
 def change_pull(model, state, t, yields, breaks):
-    """Change the mode of a tie whose law has ended; return the energy that it gives up [J].
+    """Change the mode of tie `t`, whose law has ended; return the energy that it gives up [J].
 
-    One that is taut becomes slack unless it `yields` or `breaks`, any other one becomes taut.
+    If `breaks` it ruptures. Else one that is taut yields if `yields` and becomes slack if not; any
+    other one becomes taut.
 
     Reads: model.tie, state (position, tie).
     Writes: state.tie.
@@ -433,7 +461,7 @@ def change_pull(model, state, t, yields, breaks):
 
 @kernel
 def stretch_yielding(model, state):
-    """Let the sets of ties that yield follow their elongation; return what that takes [J].
+    """Let ties that yield keep their present elongation; return the energy that this takes [J].
 
     Reads: model.tie, state (position, tie).
     Writes: state.tie.
@@ -453,7 +481,10 @@ def stretch_yielding(model, state):
 
 @inlined
 def _end_on_mega(mega, t, side, position, velocity):
-    """Return voussoir and mega-voussoir at an end of a tie, the end's arm and its velocity."""
+    """Return voussoir, mega-voussoir, place (x, y) and velocity (x, y) at an end of tie `t`.
+
+    `side` is the end, 0 or 1. The place is counted from the mega-voussoir's centroid.
+    """
     tie = mega.model.tie[t]
     i = int(tie[Tie.BODY_0 + side])
     k = mega.group[i]
@@ -466,7 +497,7 @@ def _end_on_mega(mega, t, side, position, velocity):
 
 @kernel
 def pull_mega_voussoirs(mega, position, velocity):
-    """Add what ties give to the accelerations ``work.free`` of mega-voussoirs, after `pose`.
+    """Add the accelerations that ties give to mega-voussoirs to ``work.free``, after `pose`.
 
     Elongations are left in ``mega.stretch``, forces on voussoirs in ``mega.pull``.
 
@@ -504,10 +535,10 @@ def pull_mega_voussoirs(mega, position, velocity):
 
 @inlined
 def set_pull_margins(mega, motion):
-    """Set margins of ties, in the rows behind the joints.
+    """Set the margins of ties, in the rows of ``motion.value`` behind those of joints.
 
-    Tension and what is left to the strength of a tie that is taut, the force that a slack one
-    lacks, the rate at which one yields, and what is left to its rupture.
+    A taut tie has its tension and what is left to its strength, a slack one the force that it
+    lacks, one that yields its rate, and all what is left to rupture.
     """
     first = motion.model.friction.size
     for t in range(mega.model.tie.shape[0]):

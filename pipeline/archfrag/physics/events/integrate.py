@@ -40,14 +40,14 @@ from archfrag.physics.status import Count, Energy, Peak, Stretch
 LONGEST = 0.1
 FIRST = 0.02
 SHORTEST = 1e-9
-# Bringing voussoirs into mega-voussoirs, and those onto their contacts, may move none of them
-# by more than this part of a joint's length; a step may not by more than FARTHEST nor by more
-# than its error.
+# When mega-voussoirs are formed, no voussoir may be moved by more than this part of a joint's
+# length to bring it into them and onto their contacts. After a step none may be moved by more than
+# FARTHEST, nor by more than the error allowed.
 REGROUPED = 1e-6
 FARTHEST = 3e-5
 # Distances from the contacts, and rates, that are left after a step, over the error allowed to it.
 DRIFT = 0.01
-# Looks for a peak in a step in which a body came to a halt moving outwards, or may have landed.
+# Samples at which a peak is looked for in a step, if a body turned back in it or may have landed.
 PEAK_SAMPLES = 16
 # Motions smaller than this part of a joint's length, or of the speed of a fall through it, need
 # not be relatively exact.
@@ -55,25 +55,26 @@ FLOOR = 0.02
 
 
 class Progress(IntEnum):
-    """Entries of ``Run.progress``."""
+    """Indices into ``Run.progress``; the comment at each says what is stored there."""
 
     STEP = 0  # size of the next step [s]
     FARTHEST = 1  # square of the largest displacement of a body [m2]
     FOUR_HINGES = 2  # time spent in that model [s]
     MEGA_VOUSSOIRS = 3  # time spent in that model [s]
-    WINDOW = 4  # for which all voussoirs are stepped [s]
-    QUIESCENT_STEPS = 5  # after so many steps without a change they are no longer
-    QUIESCENT_UNTIL = 6  # stepped again before this the window doubles [s]
+    WINDOW = 4  # time for which all voussoirs are stepped [s]
+    QUIESCENT_STEPS = 5  # steps without a change after which that ends earlier
+    # if all voussoirs have to be stepped again before this time [s], both are doubled
+    QUIESCENT_UNTIL = 6
     LEAVES_REST = 7  # one where the chain has just begun to move
     JAMMED = 8  # one where a slip was ended by unlimited friction
-    CAUSE = 9  # of the next entry of the log
-    JOINT = 10  # of the next entry of the log
+    CAUSE = 9  # cause in the next entry of the log
+    JOINT = 10  # joint in the next entry of the log
     SWITCH = 11  # cause for which all voussoirs are stepped
 
 
 @struct()
 class Run(NamedTuple):
-    """A run: the chain, its mega-voussoirs, ground motion and options."""
+    """Workspace of an event-driven run: chain, mega-voussoirs, ground motion and options."""
 
     law: Law  # of all voussoirs
     model: Model
@@ -83,7 +84,8 @@ class Run(NamedTuple):
     motion: MechanismMotion
     progress: np.ndarray  # (len(Progress),)
     recent: np.ndarray  # (n,) times of the last events [s]
-    outward: np.ndarray  # (n_body + 2,) rate of the squared displacement [m2/s]
+    # (n_body + 2,) half the rate of the squared displacement [m2/s]
+    outward: np.ndarray
     grounds: Grounds  # one motion
     path: Path
     options: Options
@@ -91,9 +93,9 @@ class Run(NamedTuple):
 
 @inlined
 def look_outward(run, mega, position, velocity):
-    """Record the rates at which voussoirs move away from rest.
+    """Record in ``run.outward`` how fast each voussoir moves away from where it started.
 
-    Returns whether one that moved away when they were kept last comes back.
+    Return whether a voussoir that moved away at the last call comes back now.
     """
     comes_back = False
     for k in range(1, position.shape[0] - 1):
@@ -113,7 +115,7 @@ def look_outward(run, mega, position, velocity):
 
 @inlined
 def record_place(run, mega, position):
-    """Record the largest displacement and rotation so far."""
+    """Record the largest displacement and rotation of any voussoir so far."""
     rotation = run.state.peak[Peak.ROTATION]
     farthest = run.progress[Progress.FARTHEST]
     for k in range(1, position.shape[0] - 1):
@@ -165,8 +167,8 @@ def recover_voussoirs(mega, position, velocity, state):
 def begin_motion(run, mega, segment):
     """Bring the state onto the contacts after an event, and evaluate it for the first time.
 
-    Returns whether the mechanism can be integrated: its equations of motion have a solution, and
-    the state is not too far from its contacts.
+    `segment` is that of the ground motion. Return False if the mechanism cannot be integrated: its
+    equations of motion have no solution, or the state is too far from its contacts.
     """
     motion = run.motion
     position = mega.position
@@ -188,7 +190,10 @@ def begin_motion(run, mega, segment):
 
 @kernel
 def recover_reactions(run, mega, position, velocity, ground):
-    """Recover all voussoirs and their reactions; return whether the first level has a solution."""
+    """Set positions, velocities and reactions of all voussoirs from those of mega-voussoirs.
+
+    Return False if the first level has no solution.
+    """
     state = run.state
     if not solve_first_level(mega, position, velocity, ground, run.motion.acceleration):
         return False
@@ -203,7 +208,11 @@ def recover_reactions(run, mega, position, velocity, ground):
 
 @kernel
 def write_step(run, mega, start, step, shown, ground, output):
-    """Write frames that are due in a step until it is `shown`, from its dense output."""
+    """Write the frames that are due in a step up to the time `shown` [s], from its dense output.
+
+    The step begins at `start` and is `step` long [s]; `ground` is its segment of the ground
+    motion.
+    """
     clock = run.state.clock
     now = clock[Clock.TIME]
     position = mega.next_position
@@ -221,7 +230,10 @@ def write_step(run, mega, start, step, shown, ground, output):
 
 @inlined
 def _accept(run, mega, part, peaks):
-    """Accept the state at the end of a step or of its part; record works and peaks."""
+    """Accept the state at `part`, 0 to 1, of a step; record works and peaks up to there.
+
+    `peaks` says whether peaks are looked for inside the step, too.
+    """
     stages = run.motion.stages
     energy = run.state.energy
     work = stages.dense_work
@@ -241,7 +253,11 @@ def _accept(run, mega, part, peaks):
 
 @inlined
 def check_laws(motion, mega, step, ground):
-    """Check all laws at the end of a step, and gaps inside it; return part, event."""
+    """Check all laws at the end of a step, and gaps inside it; return part, event.
+
+    `event` says whether a law ends, and `part`, 0 to 1, is where in the step; it is 1 if no law
+    ends, and nan if there is no solution.
+    """
     now = ground_after(ground, step)
     least = find_margins(motion, mega, mega.next_position, mega.next_velocity, now)
     runge_kutta.make_dense(mega, motion, step)
@@ -257,9 +273,9 @@ def check_laws(motion, mega, step, ground):
 
 @inlined
 def integrate(run, mega, stop, output):
-    """Integrate mega-voussoirs until a law ends or `stop` is reached.
+    """Integrate mega-voussoirs until a law ends or the time `stop` [s] is reached.
 
-    Returns how it ends; for an event ``run.motion.trigger`` has the law.
+    Return how it ends, a `Stretch`; for an event ``run.motion.trigger`` has the law.
     """
     motion = run.motion
     progress = run.progress

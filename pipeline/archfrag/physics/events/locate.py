@@ -25,14 +25,15 @@ from archfrag.physics.mega_voussoirs.first_level import solve_first_level
 from archfrag.physics.mega_voussoirs.second_level import solve_second_level
 from archfrag.physics.state import Model
 
-# Joint of the trigger where no law waits to be followed up.
+# Joint in ``MechanismMotion.trigger`` if no law has ended.
 NONE = -1
-# A law counts as broken beyond this; the contact problem behind it resolves a hundredth of it.
+# A law counts as broken if its margin is below minus this; contact problems are solved to a
+# hundredth of this.
 THRESHOLD = 1e-9
 GAP_WEIGHT = 1e4
 MOST_ITERATIONS = 60
-# A corner that overlaps by less than this part of the joint's length and parts has closed a
-# rounding too late; one that overlaps by more has been missed.
+# A corner that parts, and overlaps by less than this part of the joint's length, was located late
+# by rounding. If it overlaps by more, its impact was missed.
 ROUNDING = 1e-9
 
 
@@ -45,17 +46,17 @@ class MechanismMotion(NamedTuple):
     scheme: Scheme
     length: float  # shortest joint [m]
     speed: float  # of a fall through it [m/s]
-    acceleration: float  # to a billionth of which equations of motion are solved [m/s2]
-    per_weight: float  # [1/N]
+    acceleration: float  # scale of errors in equations of motion [m/s2]
+    per_weight: float  # one over the weight of the chain [1/N]
     tolerance: float  # relative error of a step
     value: (
         np.ndarray
     )  # (n_joint + n_tie, N_LAW) margins of all laws, of joints and of ties
-    low: np.ndarray  # (n_joint + n_tie, N_LAW) at the beginning of a step
+    low: np.ndarray  # (n_joint + n_tie, N_LAW) `value` at the beginning of a step
     # (n_joint, 2, 2) corners of joints between mega-voussoirs: gap [m] and its rate [m/s]; inf
     # where they touch
     gap: np.ndarray
-    low_gap: np.ndarray  # (n_joint, 2, 2) at the beginning of a step
+    low_gap: np.ndarray  # (n_joint, 2, 2) `gap` at the beginning of a step
     trigger: np.ndarray  # (2,) int64: joint and law of the smallest margin
 
 
@@ -100,7 +101,11 @@ def keep_margins(mega, motion):
 
 @inlined
 def _cone_margins(k, c, model, work, per_weight, value):
-    """Set margins of Coulomb's cones at a sticking corner, of force at a sliding one."""
+    """Set the margins of friction and force at joint `k`, which touches at corner `c` only.
+
+    If it sticks, they are those of both edges of Coulomb's cones; if it slides, that of the force
+    along its ray. They go into `value`, (N_LAW,).
+    """
     n = model.ray[k, 0]
     t = model.ray[k, 1]
     size = per_weight / math.sqrt(n * n + t * t)
@@ -149,7 +154,7 @@ def margins_between(mega, motion, position, velocity):
 
 @kernel
 def find_margins(motion, mega, position, velocity, ground):
-    """Set margins of all laws after `solve_first_level`; return the smallest.
+    """Set the margins of all laws after `solve_first_level`; return the smallest.
 
     Its joint and law are left in ``motion.trigger``.
 
@@ -174,7 +179,10 @@ def find_margins(motion, mega, position, velocity, ground):
 
 @kernel
 def margins_at(motion, mega, part, step, ground):
-    """Return the smallest margin at a part of a step; nan without a solution."""
+    """Return the smallest margin at `part`, 0 to 1, of a step; nan if there is no solution.
+
+    ``mega.next_position`` and ``mega.next_velocity`` become those of that instant.
+    """
     position = mega.next_position
     velocity = mega.next_velocity
     runge_kutta.dense_state(motion.stages, part, position, velocity)
@@ -186,7 +194,9 @@ def margins_at(motion, mega, part, step, ground):
 
 @kernel
 def _gap_at(motion, mega, part, k, c):
-    """Return the gap of a corner at a part of a step, from positions alone [m].
+    """Return the gap of corner `c` of joint `k` at `part`, 0 to 1, of a step [m].
+
+    It is found from positions alone.
 
     Writes: mega (next_position, next_velocity, work.face, work.rotated, work.tangent).
     """
@@ -198,9 +208,10 @@ def _gap_at(motion, mega, part, k, c):
 
 @inlined
 def closed_inside(motion, mega, step):
-    """Return whether a corner that is open at both ends of a step closes inside it, and where.
+    """Find where inside a step a corner closes that is open at both ends of the step.
 
-    Returns part, searched.
+    Return `part`, 0 to 1, of the first one, or 1 if none closes; and `searched`, whether any
+    corner had to be looked at.
 
     A gap that first shrinks and then grows lies above the tangents at the ends of the step, as
     long as its rate changes sign only once. Where these allow it to close, it is looked at on the
@@ -226,7 +237,7 @@ def closed_inside(motion, mega, step):
 
 @kernel
 def _margin_at(motion, mega, part, step, ground, joint, law):
-    """Return the margin of one law at a part of a step."""
+    """Return the margin of one law at `part`, 0 to 1, of a step."""
     if law not in (GAP_0, GAP_1):
         least = margins_at(motion, mega, part, step, ground)
         return least if np.isnan(least) else motion.value[joint, law]
@@ -239,7 +250,10 @@ def _margin_at(motion, mega, part, step, ground, joint, law):
 
 @inlined
 def _root(motion, mega, step, ground, end, joint, law):
-    """Find the part of a step at which one law's margin is used up (Illinois method)."""
+    """Find the part of a step at which the margin of one law is used up (Illinois method).
+
+    It lies between 0 and `end`.
+    """
     low = 0.0
     high = end
     low_value = motion.low[joint, law]
@@ -283,11 +297,12 @@ def _root(motion, mega, step, ground, end, joint, law):
 
 @inlined
 def locate(motion, mega, step, ground, end):
-    """Find the first part of a step at which a law ends; nan if no state can be evaluated.
+    """Find the first part of a step at which a law ends; nan if there is no solution.
 
-    The law whose margin is smallest where one is broken is followed back to where it is used up,
-    an impact on the gaps alone; then all others are looked at there, until none is broken. The
-    next state and the last solution are those at that instant.
+    A law is broken at `end`. The law with the smallest margin is followed back to where that is
+    used up; for an impact only the gap is evaluated. Then all laws are looked at there, and this
+    is repeated until none is broken. ``mega.next_position``, ``mega.next_velocity`` and the last
+    solution are those of that instant.
     """
     trigger = motion.trigger
     part = end

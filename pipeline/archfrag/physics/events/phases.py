@@ -1,12 +1,13 @@
 """Event-driven integration on mega-voussoirs: a run as a table of phases.
 
 Between events the mega-voussoirs that move relative to each other are integrated by a Runge-Kutta
-method with step control (`integrate`), every event is located on its dense output (`events`), and
-what follows it is the contact problem of all voussoirs (`transitions`). While the body force
-stays inside the range of rest nothing is integrated. Where events accumulate faster than they
-can be distinguished (a rocking body comes to rest through infinitely many impacts), or where a
-mechanism has no unique motion, all voussoirs are stepped for a while
-(`archfrag.physics.steps`).
+method with step control (`integrate`), every event is located on its dense output (`locate`), and
+what follows it is the contact problem of all voussoirs (`transitions`). While the body force stays
+inside the range of rest nothing is integrated. Where events accumulate faster than they can be
+distinguished (a rocking body comes to rest through infinitely many impacts), or where a mechanism
+has no unique motion, all voussoirs are stepped for a while (`archfrag.physics.steps`).
+
+The kernel of each phase returns the next `Phase`.
 """
 
 import numpy as np
@@ -57,22 +58,23 @@ from archfrag.physics.steps import service
 from archfrag.physics.steps.run import RIGID, UNKNOWN, rest_of, start_at_rest, step_one
 from archfrag.physics.steps.step import record_overlap
 
-# Tolerances above this are met by the method of order 3: what only grazes a joint needs order 5.
+# Tolerances above this are met by the method of order 3; an impact that only grazes needs order 5.
 COARSE = 1e-3
-# Steps that end with a sample of the ground motion, and what events and errors add to them.
+# Steps that a run may take for each sample of the ground motion, for events and errors as well.
 STEPS_PER_SAMPLE = 4
-# So many events within this part of that time accumulate; and so many closer to each other than
-# the options allow.
+# Events accumulate if ACCUMULATION of them follow within ACCUMULATED times the time of a fall
+# through a joint's length, or SOME of them more closely than the options allow.
 ACCUMULATION = 64
 ACCUMULATED = 1e-2
 SOME = 12
-# All voussoirs are stepped for this part of that time, or until nothing changes in so many steps.
-# Where they have to be again at once both are doubled, up to these.
+# All voussoirs are stepped for WINDOW times the time of a fall through a joint's length, or until
+# nothing changes in QUIESCENT_STEPS steps. If they have to be stepped again at once, both are
+# doubled, up to LONGEST_WINDOW and MOST_QUIESCENT_STEPS.
 WINDOW = 0.05
 LONGEST_WINDOW = 1.0
 QUIESCENT_STEPS = 4.0
 MOST_QUIESCENT_STEPS = 64.0
-# Every so many events the residual of the contact problem behind them is measured.
+# Every so many events the contact residual is measured.
 MEASURED = 16
 
 
@@ -96,7 +98,7 @@ def _log_change(run, cause, level, output):
 
 @kernel
 def impact(run):
-    """Solve for velocities after an impact (Eqs 8, 9, 11, 21)."""
+    """Solve for the velocities after an impact (Eqs 8, 9, 11, 21)."""
     trigger = run.motion.trigger
     joint = -1
     corner = -1
@@ -242,7 +244,10 @@ def _changes(count):
 
 @inlined
 def step_until(run, until, output):
-    """Step all voussoirs while their modes go on changing."""
+    """Step all voussoirs until their modes stop changing, at most until the time `until` [s].
+
+    Return False if the run waits or ends before.
+    """
     clock = run.state.clock
     end = end_of_motion(run.grounds, clock, run.options.follow)
     quiet = 0.0
@@ -298,7 +303,7 @@ def step_all_voussoirs(run, output):
 
 @kernel
 def rest_if_still(run, output):
-    """Rest until the ground moves the chain, if the chain stays at rest now."""
+    """Let the chain rest until the ground moves it, if it stays at rest now."""
     state = run.state
     rests = run.state.count[Count.RESTS]
     code = service.handle_pause(run, output)
@@ -311,7 +316,7 @@ def rest_if_still(run, output):
 
 @inlined
 def leave_rest(run, code, output):
-    """Begin to move at the end of a rest."""
+    """Begin to move at the end of a rest; `code` is the `Wait` with which the rest ended."""
     if code == Wait.IDLE:
         return Phase.DONE
     output.written[1] -= 1  # the mechanism that starts writes this entry of the log
@@ -323,7 +328,10 @@ def leave_rest(run, code, output):
 
 @kernel
 def follow_phases(run, at_rest, output, results, row):
-    """Run from beginning to end, phase by phase."""
+    """Make one run from beginning to end, phase by phase.
+
+    `at_rest` says whether it starts at rest. Its outcome goes into row `row` of `results`.
+    """
     model = run.model
     state = run.state
     work = run.work
@@ -363,7 +371,7 @@ def follow_phases(run, at_rest, output, results, row):
 def new_run(
     model: Model, grounds: Grounds, options: Options, rest: tuple[float, float]
 ) -> Run:
-    """Set up a run under one ground motion."""
+    """Set up a run under one ground motion; `rest` has the limits of its range of rest [g]."""
     scheme = THIRD_ORDER if options.tolerance > COARSE else FIFTH_ORDER
     motion = new_motion(model, scheme, options.tolerance)
     progress = np.zeros(len(Progress))
@@ -426,9 +434,7 @@ def run_many(
     factor: np.ndarray,
     options: Options,
 ) -> Outcomes:
-    """Make runs one after the other; arguments are those of
-    `archfrag.physics.steps.run.run_many`.
-    """
+    """Make runs one after the other; arguments as `archfrag.physics.steps.run.run_many`."""
     model = model_of(chain)
     results = shared.new_results(len(motion))
     rest = rest_of(model)

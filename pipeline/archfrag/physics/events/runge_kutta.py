@@ -1,10 +1,10 @@
 """One Runge-Kutta step of mega-voussoirs, with an error estimate and dense output.
 
-Order 3 (Bogacki and Shampine 1989, *Appl. Math. Lett.* 2(4)) for coarse tolerances, where steps
-are cut by samples of the ground motion and by events, hardly by their error; order 5 (Dormand and
-Prince 1980, *J. Comput. Appl. Math.* 6(1)) for fine ones. Dense output: Hairer, Norsett and
-Wanner, *Solving Ordinary Differential Equations I*, section II.6; of order 3 the cubic that meets
-values and rates at both ends.
+Coarse tolerances use order 3 (Bogacki and Shampine 1989, *Appl. Math. Lett.* 2(4)): there steps
+are cut by samples of the ground motion and by events, hardly by their error. Fine tolerances use
+order 5 (Dormand and Prince 1980, *J. Comput. Appl. Math.* 6(1)). The dense output is that of
+Hairer, Norsett and Wanner, *Solving Ordinary Differential Equations I*, section II.6; for order 3
+it is the cubic that meets values and rates at both ends.
 """
 
 from typing import NamedTuple
@@ -48,13 +48,13 @@ BY_FRICTION = 1
 
 @struct()
 class Scheme(NamedTuple):
-    """Coefficients of a method whose last stage is the first one of the next step."""
+    """Coefficients of a Runge-Kutta method whose last stage is the first of the next step."""
 
-    time: np.ndarray  # (n_stage,) of each stage, over the step
+    time: np.ndarray  # (n_stage,) time of each stage, over the step
     stage: np.ndarray  # (n_stage, n_stage - 1)
     error: np.ndarray  # (n_stage,)
     dense: np.ndarray  # (n_stage,) of the dense output's highest power
-    power: float  # of the error, by which steps are chosen
+    power: float  # exponent of the error in the factor to the next step
 
 
 FIFTH_ORDER = Scheme(np.array(C), A, np.array(E), np.array(D), -0.2)
@@ -71,7 +71,7 @@ THIRD_ORDER = Scheme(
 
 @struct()
 class Stages(NamedTuple):
-    """Stages and dense output of one step."""
+    """Velocities, accelerations and powers in the stages of one step, and its dense output."""
 
     velocity: np.ndarray  # (n_body + 2, n_stage, 3)
     acceleration: np.ndarray  # (n_body + 2, n_stage, 3)
@@ -91,10 +91,9 @@ def new_stages(n_row: int) -> Stages:
 
 @inlined
 def _travel(far, time):
-    """Return the displacement and velocity of the far springing a time after the beginning of a
-    segment.
+    """Return how far the far springing moves in a `time` [s] from the beginning of a segment.
 
-    The displacement is counted from there.
+    `far` is ``Segment.far_x`` or ``Segment.far_y``. The velocity then is returned as well.
     """
     a = far[0]
     v = far[1]
@@ -105,8 +104,9 @@ def _travel(far, time):
 
 @kernel
 def sliding_rate(j, position, velocity, work):
-    """Return the tangential velocity of the later body at a sliding joint [m/s], and the normal
-    there (x, y).
+    """Return the slip rate of sliding joint `j` [m/s], and its normal (x, y).
+
+    The rate is that of the body after the joint relative to the one before it, along the tangent.
 
     Reads: position, velocity, work (contact, normal, point, side_normal, slide).
     """
@@ -117,7 +117,10 @@ def sliding_rate(j, position, velocity, work):
 
 @inlined
 def far_power(work, velocity):
-    """Return the power of the far springing if a joint bears on it, or its work in an impact."""
+    """Return the power that the far springing gives, or the work that it gives in an impact.
+
+    It is zero if no joint bears on it.
+    """
     last = work.slide.shape[0] - 1
     power = 0.0
     if last == velocity.shape[0] - 2:
@@ -128,7 +131,7 @@ def far_power(work, velocity):
 
 @kernel
 def keep_stage(mega, stages, stage, position, velocity, ground):
-    """Store the last solution of the first level as a stage of the step.
+    """Store the last solution of the first level as stage number `stage` of the step.
 
     Writes: mega.work.solved, stages (acceleration, power, velocity).
     """
@@ -158,7 +161,7 @@ def keep_stage(mega, stages, stage, position, velocity, ground):
 
 @inlined
 def _weighted(weights, n, rates, i, c):
-    """Return the weighted sum of the rates of the first `n` stages."""
+    """Return the weighted sum of the rates `c` of body `i` in the first `n` stages."""
     total = 0.0
     for s in range(n):
         total += weights[s] * rates[i, s, c]
@@ -167,7 +170,11 @@ def _weighted(weights, n, rates, i, c):
 
 @inlined
 def take_step(mega, motion, step, ground, allowed):
-    """Make one step from stage 0; return its error, inf if a stage has no solution."""
+    """Make one step from stage 0; return its error, inf if a stage has no solution.
+
+    The result is left in ``mega.next_position`` and ``mega.next_velocity``. `allowed` has the
+    displacement [m] and the velocity [m/s] that count as an error of one.
+    """
     stages = motion.stages
     scheme = motion.scheme
     position = mega.next_position
@@ -198,7 +205,7 @@ def take_step(mega, motion, step, ground, allowed):
             arm = step * mega.model.length[0] if c == 2 else step
             worst = max(worst, q * arm / allowed[0], v * arm / allowed[1])
             total += q + v
-    # The maximum of a number and of none is the number.
+    # A maximum may lose nan, a sum does not.
     return worst if np.isfinite(total) else np.inf
 
 
@@ -252,14 +259,14 @@ def make_dense(mega, motion, step):
 
 @inlined
 def blend(r, part):
-    """Evaluate a dense output at a part of the step."""
+    """Return the dense output of coefficients `r`, (5,), at `part`, 0 to 1, of the step."""
     left = 1.0 - part
     return r[0] + part * (r[1] + left * (r[2] + part * (r[3] + left * r[4])))
 
 
 @kernel
 def dense_state(stages, part, position, velocity):
-    """Set `position` and `velocity` at a part of the step.
+    """Set `position` and `velocity` to the dense output at `part`, 0 to 1, of the step.
 
     Reads: stages (dense_position, dense_velocity).
     Writes: position, velocity.

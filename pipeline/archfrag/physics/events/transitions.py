@@ -1,8 +1,8 @@
 """Solve what follows an event: the impact, and the mechanism from then on.
 
-Both are the contact problem of all voussoirs, of velocities at an impact (Eqs 8, 9, 11, 21), else
-of accelerations (Eqs 15-19, 29-33). A problem is posed, solved, and its solution taken over. What
-Newton's iteration on the modes does not solve is solved along solution paths.
+Both are contact problems of all voussoirs: of velocities at an impact (Eqs 8, 9, 11, 21), of
+accelerations for the mechanism (Eqs 15-19, 29-33). A problem is posed and solved, and its solution
+is taken over. If Newton's iteration on the modes does not solve it, solution paths do.
 """
 
 import math
@@ -29,22 +29,22 @@ from archfrag.physics.status import Cause, Count, Energy
 # through it, they stay.
 TOUCHING = 1e-9
 STAYING = 1e-8
-# A slip slower than this part of it may end at once.
+# A slip slower than this part of the speed of a fall through a joint's length may end at once.
 SLIPPING = 1e-6
 # Accelerations beyond this many times gravity are no motion but a state in which rigid bodies
 # with friction have none (Painleve).
 IMPOSSIBLE = 300.0
 # Corners that overlap by more than this part of the joint's length are not taken as closed.
 OVERLAP = 1e-6
-# Relative velocities below this part of it are rounding: nothing is left to an impact.
+# Relative velocities below this part of that speed are rounding: an impact has nothing to change.
 LEAST_SPEED = 1e-8
-# Rocking slower than this times the root of the tolerance, over the speed of a fall, is over:
-# what is left out is of the second order. Below the other its flights are shorter than the gaps
-# to which impacts are located.
+# Rocking slower than SLOW times the root of the tolerance, over the speed of a fall, is over: what
+# is left out is of the second order. Below SLOWEST its flights are shorter than the gaps to which
+# impacts are located.
 SLOW = 1e-1
 SLOWEST = 3e-6
-# Rest is left where the load is beyond its range by this part of gravity; first look ahead for
-# that, over the time of a fall through a joint's length.
+# A chain leaves rest where the load is beyond the range of rest by BEYOND times gravity. That
+# instant is looked for from SOONEST on, over the time of a fall through a joint's length.
 BEYOND = 1e-7
 SOONEST = 1e-9
 
@@ -60,9 +60,10 @@ def place_voussoirs(run):
 
 @inlined
 def pose_impact(run, joint, corner):
-    """Set up the impact at the present state.
+    """Set up the contact problem of an impact at the present state.
 
-    Returns whether there is anything that an impact could change.
+    Corner `corner` of joint `joint` counts as closed; -1 if there is none. Return whether there is
+    anything that an impact could change.
     """
     model = run.model
     state = run.state
@@ -83,11 +84,11 @@ def pose_impact(run, joint, corner):
 
 @inlined
 def _close_slow_joints(run):
-    """Close joints and stop slips, in `work`, whose motion is so slow that it is nearly over.
+    """Close joints and stop slips, in `work`, whose motion is nearly over.
 
-    A joint that rocks from corner to corner loses a fixed part of its rate at each impact and
-    is closed after infinitely many of them, in a finite time; a slip ends by friction in a time
-    in proportion to its rate.
+    Return whether there are any. A joint that rocks from corner to corner loses a fixed part of
+    its rate at each impact and is closed after infinitely many of them, in a finite time; a slip
+    ends by friction in a time in proportion to its rate.
     """
     model = run.model
     work = run.work
@@ -166,7 +167,10 @@ def _take_velocities(run):
 
 @inlined
 def _find_touching(j, run):
-    """Set ``work.candidate`` of a joint: corners that touch and stay; return its slip rate."""
+    """Set ``work.candidate`` of joint `j` at corners that touch and stay.
+
+    Return the slip rate [m/s]; if both corners touch, it is the larger one.
+    """
     model = run.model
     state = run.state
     work = run.work
@@ -187,8 +191,11 @@ def _find_touching(j, run):
 
 @inlined
 def ground_now(run, leaves_rest):
-    """Return the ground acceleration as `ground_after`; at the end of a rest, just outside its
-    range, or where the far springing begins to move."""
+    """Return the present ground acceleration, as `ground_after`.
+
+    If `leaves_rest`, it is that of the instant at which the load is just outside the range of
+    rest, or the far springing begins to move.
+    """
     time = run.state.clock[Clock.TIME]
     options = run.options
     g = run.model.gravity
@@ -209,9 +216,9 @@ def ground_now(run, leaves_rest):
 
 @inlined
 def pose_accelerations(run, ground):
-    """Set up the problem of accelerations at the present state.
+    """Set up the contact problem of accelerations at the present state.
 
-    Returns whether unlimited friction ends a slip at once.
+    `ground` is from `ground_now`. Return whether unlimited friction ends a slip at once.
     """
     model = run.model
     state = run.state
@@ -237,9 +244,9 @@ def pose_accelerations(run, ground):
 
 @kernel
 def solve_posed(run):
-    """Solve the problem that is posed, along solution paths where its modes go round in circles.
+    """Solve the contact problem that is posed; return whether it is solved.
 
-    Returns whether it is solved.
+    If the modes go round in circles in Newton's iteration, it is solved along solution paths.
     """
     model = run.model
     position = run.state.position
@@ -266,7 +273,7 @@ def solve_posed(run):
 
 @inlined
 def take_modes(run):
-    """Accept the modes of solved accelerations; False if the accelerations are impossible."""
+    """Accept the modes of solved accelerations; return False if these are impossible."""
     model = run.model
     state = run.state
     work = run.work
@@ -292,7 +299,7 @@ def take_modes(run):
 
 @inlined
 def cause_of(run):
-    """Return why the mechanism ends: the cause, and the joint of the chain."""
+    """Return why the mechanism ends: the Cause, and the joint of the chain, -1 for a tie."""
     joint = run.motion.trigger[0]
     law = run.motion.trigger[1]
     if joint >= run.state.slip.size:
@@ -311,7 +318,10 @@ def cause_of(run):
 
 @inlined
 def change_mode(run, cause, joint, law):
-    """Change the mode of the joint whose law has ended, to start the search for modes."""
+    """Change the mode of the joint or tie whose law has ended, to start the search for modes.
+
+    `joint` and `law` are those of ``MechanismMotion.trigger``.
+    """
     contact = run.work.contact
     slide = run.work.slide
     if cause == Cause.TIE:
@@ -332,7 +342,10 @@ def change_mode(run, cause, joint, law):
 
 @inlined
 def fastest_of(run):
-    """Return the largest speed of any body, with rotations times joint length; nan if broken."""
+    """Return the largest speed of any body, with rotations times joint length [m/s].
+
+    It is nan if a velocity is not finite.
+    """
     fastest = spoiled = 0.0
     for i in range(1, run.state.velocity.shape[0] - 1):
         v = run.state.velocity[i]

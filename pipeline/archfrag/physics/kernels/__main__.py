@@ -27,10 +27,10 @@ from archfrag.physics.kernels.processor import PROCESSOR
 
 
 def make_all_ready() -> None:
-    """Make the machine code that every study needs; a second process makes what this one comes to
-    last.
+    """Make the machine code that every study needs; a second process makes the last missing set.
 
-    Kernels of a set that cannot be compiled as its list says are compiled when they are called.
+    If the kernels of a set cannot be compiled as its list says, a warning tells so, and they are
+    compiled when they are called.
     """
     missing = [name for name in OF_ALL if not is_ready(name)]
     with (
@@ -47,7 +47,11 @@ def make_all_ready() -> None:
 
 @contextlib.contextmanager
 def _second_process(names: Sequence[str]) -> Iterator[None]:
-    """Have another process make some sets; none on one core. It ends with this process."""
+    """Let another process make the sets `names` while the context lasts.
+
+    There is no such process on one core, or without a cache. It ends with the context, and with
+    this process.
+    """
     places = [str(HOME.parent), os.environ.get("PYTHONPATH")]
     process = None
     command = [
@@ -82,10 +86,10 @@ def _end_with_parent() -> None:
 
 
 def build(folder: Path = SHIPPED) -> None:
-    """Write the LLVM code of all sets, with the hash of the kernels' source.
+    """Write the LLVM code of all sets into `folder`, with the hash of the kernels' source.
 
-    The sets have what studies call, as `archfrag.simulation.warmup` tells. The code is the same
-    whatever processor builds it.
+    The sets hold the kernels that studies call, as `archfrag.simulation.warmup` lists them. The
+    code is the same whatever processor builds it.
     """
     os.environ |= {"NUMBA_CPU_NAME": PROCESSOR, "NUMBA_CPU_FEATURES": ""}
     from archfrag.physics.kernels.compile import compile_set

@@ -53,7 +53,7 @@ def kernel_hash() -> str:
 
 @functools.cache
 def source_hash() -> str:
-    """Return the hash of what the kernels' source does."""
+    """Return the hash of the kernels' source without comments, docstrings and layout."""
     return digest_of_syntax(tuple(_sources()))
 
 
@@ -62,8 +62,8 @@ def digest_of_syntax(paths: tuple[Path, ...]) -> str:
     """Return the SHA-256 of what Python files of this package do, 64 hexadecimal digits.
 
     Comments, docstrings, layout and the messages of errors do not count, nor does the version of
-    Python. It takes half a second, so it is kept beside the kernels of this machine, by the bytes
-    that it is of.
+    Python. It takes half a second, so it is kept beside the machine code of the kernels, in a file
+    named by a hash of the files' bytes.
     """
     known = [str(each.relative_to(HOME)).encode() + each.read_bytes() for each in paths]
     known += [Path(__file__).read_bytes(), platform.python_version().encode()]
@@ -85,7 +85,10 @@ def digest_of_syntax(paths: tuple[Path, ...]) -> str:
 
 
 def text_of(source: bytes) -> str:
-    """Write what a Python file does, in the same words on every version of Python."""
+    """Return the syntax tree of a Python file as text, the same on every version of Python.
+
+    Comments, docstrings, layout and the messages of errors are left out.
+    """
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
@@ -105,7 +108,10 @@ def text_of(source: bytes) -> str:
 
 
 def _text(node: object) -> str:
-    """Write a syntax tree without fields that are empty, which not every version has."""
+    """Return a syntax tree as text.
+
+    Empty fields are left out, since not every version of Python has them.
+    """
     if isinstance(node, list):
         return f"[{','.join(map(_text, node))}]"
     if not isinstance(node, ast.AST):
@@ -118,10 +124,11 @@ def _text(node: object) -> str:
 
 @functools.cache
 def use_kernel_cache() -> Path | None:
-    """Choose and make the folder for the kernels as they are now, once a process.
+    """Return the folder for machine code of the present kernels, made if needed.
 
-    It is in ``NUMBA_CACHE_DIR``, or else in the user's cache directory. None if that is not safe:
-    each process then makes its machine code anew.
+    It is chosen once a process, in ``NUMBA_CACHE_DIR`` if that is set, else in the user's cache
+    directory. None if that is not safe: each process then makes its machine code anew. Folders of
+    other states of the source that nobody used for `KEPT` are removed.
     """
     from platformdirs import user_cache_path
 
@@ -153,12 +160,11 @@ def use_kernel_cache() -> Path | None:
 
 
 def _kept_from_others(path: Path) -> Path:
-    """Return a path without symbolic links, if nobody else can replace it (else
-    `PermissionError`).
+    """Return `path` without symbolic links; raise `PermissionError` if others can replace it.
 
-    Only root and we may own its directories and links. Others may write to a directory above it
-    if it has the sticky bit, as the temporary directory has. Members of a group that may write
-    are trusted: if each user has a group of their own, this is the usual umask.
+    Only root and we may own its directories and links. Others may write to a directory above it if
+    it has the sticky bit, as the temporary directory has. Members of a group that may write are
+    trusted: if each user has a group of their own, this is the usual umask.
     """
     resolved = Path(os.path.realpath(path))
     for place in filter(

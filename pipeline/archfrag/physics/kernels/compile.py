@@ -30,7 +30,7 @@ class Version(NamedTuple):
 
 
 class _Collected:
-    """Takes the place of numba's code library: keeps what numba would link and optimise."""
+    """Replacement of numba's code library; it keeps what numba would link and optimise."""
 
     def __init__(self, codegen, name: str) -> None:
         self.codegen = codegen
@@ -55,7 +55,10 @@ class _Collected:
 
 
 def _without_paths(code: str) -> str:
-    """Empty numba's pickled exceptions, which say where numba is installed; no kernel raises."""
+    """Return LLVM code with numba's pickled exceptions emptied, and numbered anew.
+
+    They say where numba is installed, and no kernel raises one.
+    """
     constant = r"(@\.const\.pickle\S+ = .*?constant (?:\[.*?\]|{.*?})) .*"
     code = re.sub(constant, r"\1 zeroinitializer", code)
     names: dict[str, str] = {}
@@ -68,9 +71,8 @@ def _without_paths(code: str) -> str:
 
 _versions: dict[tuple[str, Any], Version] = {}
 _named: dict[str, Version] = {}
-_calls: list[
-    set[str]
-] = []  # by the versions that are being compiled, the innermost last
+# names of the versions called by each version that is being compiled, the innermost last
+_calls: list[set[str]] = []
 
 
 def version_of(kernel: Source, args: tuple[Any, ...]) -> Version:
@@ -112,10 +114,12 @@ def _compiled(kernel: Source, args: tuple[Any, ...]) -> Version:
 
 
 def compile_set(entries: Iterable[tuple[str, Any]]) -> tuple[list[Any], bytes]:
-    """Compile kernels for descriptions of arguments; return what they offer, and LLVM code.
+    """Compile the kernels of a set; return a list of its offers, and its LLVM code.
 
-    The code is optimised for `PROCESSOR` where this machine has what that has, so that all such
-    machines give the same bits. A kernel that no longer takes such arguments is left out.
+    `entries` are pairs: the name of a kernel, and the descriptions of its arguments. An offer has
+    the name, the descriptions, the symbol in the code, and the description of the result. The code
+    is optimised for `PROCESSOR` if this machine has its features, so that all such machines give
+    the same bits. A kernel that no longer takes such arguments is left out.
     """
     offers = []
     versions = []
@@ -139,7 +143,11 @@ def compile_set(entries: Iterable[tuple[str, Any]]) -> tuple[list[Any], bytes]:
 
 
 def _linked(entries: list[Version]):
-    """Link versions and all that they call; only `entries` can be called from outside."""
+    """Link versions and all that they call into one module of LLVM.
+
+    Only `entries` can be called from outside. Raise NotImplementedError if a function is not
+    known.
+    """
     used = {}
     todo = list(entries)
     kept = {each.name for each in entries}
@@ -183,7 +191,7 @@ def _optimise(module) -> None:
 
 
 class KernelType(types.Callable, types.Dummy):
-    """Type of a kernel among the globals of another."""
+    """Type of a kernel that another kernel calls."""
 
     def __init__(self, kernel: Source) -> None:
         self.kernel = kernel
@@ -199,7 +207,7 @@ class KernelType(types.Callable, types.Dummy):
         return version_of(self.kernel, given).returned(*given)
 
     def get_call_signatures(self):
-        """Return nothing: no signatures are known before a call."""
+        """Return that no signatures are known before a call."""
         return (), True
 
     def get_impl_key(self, sig):

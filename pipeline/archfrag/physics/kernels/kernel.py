@@ -47,7 +47,7 @@ class Kernel(Source):
 
 
 def kernel(py_func: Callable, inline: bool = False):
-    """Decorate a function that numba compiles."""
+    """Decorate a function that numba compiles; if `inline`, into every caller."""
     return Kernel(py_func, inline) if COMPILED else py_func
 
 
@@ -58,8 +58,9 @@ inlined = functools.partial(kernel, inline=True)
 def _entry(address: int, descriptions, returned) -> Callable[[tuple], Any]:
     """Return a function that calls a kernel's machine code with a tuple of arguments.
 
-    numba's code returns whether it failed, and takes the addresses of the result and of an
-    exception before its arguments.
+    `descriptions` are those of the arguments, `returned` is that of the result. numba's code
+    returns whether it failed, and takes the addresses of the result and of an exception before its
+    arguments.
     """
     kinds: list[Any] = []
     takes = [_passed(each, kinds) for each in descriptions]
@@ -82,7 +83,11 @@ def _entry(address: int, descriptions, returned) -> Callable[[tuple], Any]:
 
 
 def _passed(of, kinds: list[Any]) -> Callable[[Any, list], None]:
-    """Append the C types of an argument; return what appends its values."""
+    """Append the C types of an argument to `kinds`; return a function that appends its values.
+
+    `of` is the description of the argument. The function takes the argument, and the list of
+    values to which it appends.
+    """
     if of[0] == "array":
         kinds += [ctypes.c_void_p] * 2 + [ctypes.c_int64] * 2 + [ctypes.c_void_p]
         kinds += [ctypes.c_int64] * (2 * of[2])

@@ -37,8 +37,9 @@ _engines: list[Any] = []  # hold the machine code
 
 
 def load(kernel, key) -> tuple[int, Any]:
-    """Return the address of a kernel's machine code for some types of arguments, and what it
-    returns.
+    """Return the address of a kernel's machine code, and the description of its result.
+
+    `key` has the descriptions of its arguments.
     """
     entry = kernel.name, key
     with _lock:
@@ -55,7 +56,7 @@ def load(kernel, key) -> tuple[int, Any]:
 
 
 def is_shipped(name: str) -> bool:
-    """Return whether there is LLVM code of a set for this source and this kind of processor."""
+    """Return whether shipped LLVM code of a set fits this source and this processor."""
     return has_common_features() and _shipped(name)[0] == source_hash()
 
 
@@ -66,7 +67,10 @@ def is_ready(name: str) -> bool:
 
 
 def make_ready(name: str) -> tuple[Any, bytes]:
-    """Return the machine code of a set of a study, made and kept if the cache does not have it."""
+    """Return the offers of a set of `SETS`, and its machine code.
+
+    If the cache does not have the code, it is made and kept.
+    """
     return _made(name, _kernels(_shipped(name)[1]))
 
 
@@ -75,13 +79,16 @@ def _kernels(offers) -> list[tuple[str, Any]]:
 
 
 def as_tuples(given):
-    """Return the types of arguments as read from JSON, which has lists in place of tuples."""
+    """Return what was read from JSON with tuples in place of lists, as descriptions have them."""
     return tuple(map(as_tuples, given)) if isinstance(given, list) else given
 
 
 @functools.cache
 def _shipped(name: str) -> tuple[str, Any, bytes]:
-    """Return source hash, offers and code of a shipped set; all empty if there is none."""
+    """Return source hash, offers and code of a shipped set; all are empty if there is none.
+
+    They are empty with a warning if the file is damaged.
+    """
     try:
         content = lzma.decompress((SHIPPED / f"{name}.xz").read_bytes())
         header, _, code = content.partition(b"\n")
@@ -97,7 +104,10 @@ def _shipped(name: str) -> tuple[str, Any, bytes]:
 
 
 def _parsed(name: str) -> tuple[Any, Any] | None:
-    """Return offers and LLVM's module of a shipped set; None if there is none that LLVM reads."""
+    """Return the offers and LLVM's module of a shipped set.
+
+    None if there is none, or LLVM cannot read it.
+    """
     if name not in SETS or not is_shipped(name):
         return None
     _, offers, code = _shipped(name)
@@ -112,7 +122,7 @@ def _parsed(name: str) -> tuple[Any, Any] | None:
 
 
 def _warn_unreadable(name: str) -> None:
-    """Warn that kernels are compiled, since what is shipped of a set cannot be used."""
+    """Warn that the shipped code of a set cannot be used, so that its kernels are compiled."""
     what = f"{SHIPPED / name}.xz is damaged, or needs a newer llvmlite than {llvmlite.__version__}"
     how = "kernels are compiled in its place, which takes about a minute; install archfrag anew"
     warnings.warn(f"{what}; {how}", RuntimeWarning, stacklevel=2)
@@ -136,7 +146,10 @@ def _made(name: str, entries) -> tuple[Any, bytes]:
 
 
 def _take(content: tuple[Any, bytes], entry: tuple[str, Any]) -> None:
-    """Load machine code that has a kernel, and note where all its kernels are."""
+    """Load machine code, and note the addresses of all its kernels.
+
+    Nothing is loaded if the kernel of `entry` is not among them.
+    """
     offers, code = content
     if entry not in _kernels(offers):
         return
@@ -151,7 +164,10 @@ def _take(content: tuple[Any, bytes], entry: tuple[str, Any]) -> None:
 
 
 def _name_of(entry: tuple[str, Any], place: Path) -> str:
-    """Name of the set of one kernel; of one outside archfrag, with a digest of its folder."""
+    """Return the name of the set that holds one kernel only.
+
+    `place` is the kernel's file. If that is outside archfrag, the name has a digest of its folder.
+    """
     text = repr(entry)
     if not place.is_relative_to(HOME):
         content = b"".join(
@@ -164,10 +180,10 @@ def _name_of(entry: tuple[str, Any], place: Path) -> str:
 
 
 def _path(name: str) -> Path | None:
-    """Return the file of a set in the cache.
+    """Return the file of a set in the cache; None if there is no cache.
 
-    Machine code is for a system and a kind of processor, and for what such a processor may use:
-    a virtual machine may withhold some of it.
+    Machine code is for a system and a kind of processor, and for what such a processor may use: a
+    virtual machine may withhold some of it.
     """
     folder = use_kernel_cache()
     features = llvm.get_host_cpu_features().flatten()

@@ -1,4 +1,4 @@
-"""What numba has to know of structs, kernels and numbers of four runs: types and LLVM code."""
+"""Types and LLVM code of structs, kernels and numbers of four runs, for numba."""
 
 import functools
 import math
@@ -31,18 +31,21 @@ _BITS = ir.VectorType(ir.IntType(1), LANES)
 
 
 class _Four(types.Type):
-    """Numbers or truths of four runs; a plain value is given to each of them."""
+    """Type of numbers or truth values of four runs; a plain value becomes four equal ones."""
 
     def __init__(self, name: str, plain) -> None:
         self.plain = plain
         super().__init__(name=name)
 
     def unify(self, typingctx, other):
-        """Return the type of four if one path gives a plain value and another one of four."""
+        """Return this type if one path gives it and another one a plain value; else None."""
         return self if isinstance(other, self.plain) else None
 
     def can_convert_from(self, typingctx, other):
-        """Return that a plain value converts as safely as an integer to a float."""
+        """Return how safely a plain value converts: as an integer to a float.
+
+        None for a value of another type.
+        """
         safe = typingctx.can_convert(types.int32, types.float64)
         return safe if isinstance(other, self.plain) else None
 
@@ -87,7 +90,11 @@ _represent(_Mask, _BITS, types.Boolean, types.boolean)
 
 
 def _define(function: Callable, choose: Callable) -> None:
-    """Define a function of kernels; of types, `choose` gives signature and code, or None."""
+    """Define `function` for kernels.
+
+    `choose` takes the types of its arguments. It returns its signature and the function that emits
+    its code, or None for types that it does not take.
+    """
 
     @functools.wraps(choose)
     def signature_of(*args):
@@ -117,7 +124,7 @@ def _intrinsic(name: str, kind, builder, *args):
 
 
 def _compare(sign: str, builder, x, y):
-    # A number is unequal to none.
+    # Nan is unequal to every number.
     compare = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
     return compare(sign, x, y)
 
@@ -216,7 +223,10 @@ for _function, _choose in _functions:
 
 
 class StructType(types.Type):
-    """Type of a struct: type, known shape and first word of each field."""
+    """Type of a struct.
+
+    `fields` has description, type, known shape and first word of each field.
+    """
 
     def __init__(self, description) -> None:
         self.fields = {}
@@ -287,7 +297,7 @@ def description_of(of):
 
 
 class FieldType(types.Array):
-    """Type of an array of a struct: the items of different fields share no memory."""
+    """Type of an array that is a field of a struct; LLVM learns that fields share no memory."""
 
     def __init__(
         self, of: types.Array, struct: str, name: str, siblings: tuple[str, ...]
@@ -299,12 +309,12 @@ class FieldType(types.Array):
 
     @property
     def key(self):
-        """What tells types apart."""
+        """Return what tells this type from others."""
         return self.plain.key, self.scope
 
 
 def plain(of):
-    """Return the type as which a value is passed on."""
+    """Return the type with which a value is passed on to another kernel or to numba's code."""
     return of.plain if isinstance(of, FieldType) else types.unliteral(of)
 
 
@@ -313,7 +323,10 @@ lower_cast(FieldType, types.Array)(lambda context, builder, of, to, value: value
 
 
 def _item(context, builder, of: FieldType, array, index, given):
-    """Return address of an item of a field and its metadata; None if the index is no number."""
+    """Return the address of an item of a field, and its metadata.
+
+    The address is None unless `index` is an integer for each dimension.
+    """
     several = isinstance(index, types.BaseTuple)
     kinds = index.types if several else (index,)
     if len(kinds) != of.ndim or not all(
@@ -399,7 +412,10 @@ def _word(builder, table, place: int, kind=_WORD):
 
 
 def _loaded(context, builder, table, place: int, of, shape):
-    """Load a number, a struct or an array, whose sizes are words but where `shape` has them."""
+    """Load a number, a struct or an array from word `place` of a struct's table.
+
+    Sizes of an array are loaded from the words behind it; the last ones are those in `shape`.
+    """
     if of == types.boolean:
         return builder.trunc(_word(builder, table, place), ir.IntType(1))
     if not isinstance(of, types.Array):

@@ -55,15 +55,15 @@ def opposite(mask):
 
 
 def width(x):
-    """Return the number of runs that a number or mask is of."""
+    """Return for how many runs a number or mask stands."""
     return 1
 
 
 def lane(x, number):
-    """Return a number or truth of one run."""
+    """Return the number or truth value of run `number` in `x`."""
     return x
 
 
 def with_lane(x, number, value):
-    """Return `x` with another value in one run."""
+    """Return `x` with `value` in run `number`."""
     return value

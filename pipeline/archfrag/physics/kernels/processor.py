@@ -1,11 +1,11 @@
-"""The processor that shipped LLVM code is for, and the one of this machine."""
+"""The processor for which LLVM code is shipped, and the one of this machine."""
 
 import functools
 
 import llvmlite.binding as llvm
 
-# The processors that have it, of the last ten years, give the same bits: it has fused
-# multiply-adds.
+# All processors with these features, those of the last ten years, give the same bits: they have
+# fused multiply-adds.
 PROCESSOR = "x86-64-v3"
 NEEDED = ("avx2", "fma", "bmi2")
 
@@ -17,7 +17,7 @@ def has_common_features() -> bool:
 
 @functools.cache
 def machine(processor: str = ""):
-    """Return LLVM's description of this machine's processor, or of another."""
+    """Return LLVM's description of `processor`, or of this machine's processor if it is empty."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     features = "" if processor else llvm.get_host_cpu_features().flatten()

@@ -21,7 +21,7 @@ _NAMES = {"float": float, "int": int, "bool": bool}
 
 
 class Source:
-    """A Python function that numba compiles, into its callers if `inline`."""
+    """A Python function that numba compiles; if `inline`, into every caller."""
 
     def __init__(self, py_func: Callable, inline: bool) -> None:
         self.py_func = py_func
@@ -30,11 +30,12 @@ class Source:
 
 
 def struct(**shapes: tuple[int, ...]) -> Callable[[type], Any]:
-    """Decorate a named tuple of arrays, numbers, structs, and tuples of arrays or kernels.
+    """Decorate a class of named tuples whose fields are arrays, numbers, structs, or tuples.
 
-    `shapes` are the sizes of arrays behind their first dimension, where the class determines them.
-    Entries may not be replaced, and a kernel may not be given other sizes later. A struct equals
-    only itself, so that `functools.lru_cache` keeps what follows from it.
+    A tuple may hold arrays or kernels. `shapes` are the sizes of arrays behind their first
+    dimension, where the class determines them. Entries may not be replaced, and a kernel may not
+    be given other sizes later. A struct equals only itself, so that `functools.lru_cache` keeps
+    what follows from it.
     """
 
     def decorate(given):
@@ -54,7 +55,11 @@ def struct(**shapes: tuple[int, ...]) -> Callable[[type], Any]:
 
 
 def describe(value):
-    """Describe the type of an argument of a kernel by strings and tuples of them."""
+    """Return a description of the type of a kernel's argument: a string or a tuple.
+
+    A tuple holds strings, numbers and other descriptions. Raise TypeError if kernels do not take
+    the value.
+    """
     kind = type(value)
     if hasattr(kind, "shapes"):
         return value.description
@@ -77,19 +82,22 @@ def describe(value):
 
 
 def name_of(kind: type) -> str:
-    """Name of a class of tuples by which `class_of` finds it; empty for plain ones."""
+    """Return the name by which `class_of` finds a class of tuples; empty for plain tuples."""
     return "" if kind is tuple else f"{kind.__module__}:{kind.__qualname__}"
 
 
 @functools.cache
 def class_of(name: str):
-    """Return the class of tuples of a name."""
+    """Return the class or kernel of a name: its module, a colon, and its name there."""
     module, _, names = name.partition(":")
     return functools.reduce(getattr, names.split("."), importlib.import_module(module))
 
 
 def words_of(description, shape: tuple[int, ...] = ()) -> int:
-    """Return the words of a field in a table; `shape` is what is known of an array's."""
+    """Return the number of words that a field takes in a struct's table.
+
+    `shape` has the sizes of an array that the class determines; they take no words.
+    """
     if description[0] == "array":
         return 1 + int(description[2]) - len(shape)
     if description[0] == "tuple":
@@ -98,8 +106,9 @@ def words_of(description, shape: tuple[int, ...] = ()) -> int:
 
 
 def fields_of(description) -> list[tuple[str, Any, tuple[int, ...], int]]:
-    """Return the fields of a struct: name, description, what is known of an array's shape, first
-    word.
+    """Return the fields of a struct: name, description, known shape, and first word in its table.
+
+    The known shape has the sizes of an array that the class determines.
     """
     kind = class_of(description[1])
     place = 0
@@ -112,15 +121,19 @@ def fields_of(description) -> list[tuple[str, Any, tuple[int, ...], int]]:
 
 
 def place_of(value, name: str) -> int:
-    """Return first word of a field in a struct's table; sizes follow an array's data pointer."""
+    """Return the first word of field `name` in a struct's table.
+
+    It is an array's data pointer, and sizes follow it.
+    """
     return next(
         place for each, _, _, place in fields_of(value.description) if each == name
     )
 
 
 def struct_at(tables, row: int, like):
-    """Return the struct of the type of `like` whose table begins a row of `tables`; in kernels
-    only.
+    """Return the struct whose table begins row `row` of `tables`, of the type of `like`.
+
+    Only compiled kernels can do so; Python raises TypeError.
     """
     raise TypeError("only compiled kernels find a struct by its table")
 
@@ -135,7 +148,7 @@ def _describe_struct(value):
 
 
 def _table(value):
-    """Return the table of a struct, which is made at the first use and kept with the struct."""
+    """Return the table of a struct; it is made once and kept with the struct."""
     fields = fields_of(value.description)
     _refuse_shared(value)
     _, last, shape, place = fields[-1]

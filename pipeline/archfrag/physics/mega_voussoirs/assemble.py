@@ -21,7 +21,7 @@ from archfrag.physics.status import TieState
 GROUND = 0
 
 
-# Arrays by whose lengths kernels count joints, and bodies.
+# Arrays by whose lengths kernels count joints; and arrays by whose lengths they count bodies.
 COUNTED = ("face", "slip", "pivot", "slide", "row", "unknown", "residual")
 OF_MOTION = ("position", "velocity", "next_position", "next_velocity")
 OF_BODIES = {"offset": (2,), "pull": (3,), **dict.fromkeys(OF_MOTION, (3,))}
@@ -30,13 +30,17 @@ OF_JOINTS = {"inner_point": (2, 2), "inner_normal": (2,), "inner_reaction": (3,)
 
 @struct(**OF_BODIES, **OF_JOINTS, tie=(len(TieState),), stretch=(2,))
 class MegaVoussoirs(NamedTuple):
-    """A chain of mega-voussoirs; arrays as long as the voussoirs', of which the first are used."""
+    """A chain of mega-voussoirs, in arrays as long as those of the voussoirs.
+
+    The first rows of the arrays are used.
+    """
 
     # (2,) int64: mega-voussoirs, joints between them
     count: np.ndarray  # type: ignore[assignment]
     first: np.ndarray  # (n_body + 2,) int64: row of the first voussoir of each
     last: np.ndarray  # (n_body + 2,) int64: row of its last one
-    joint: np.ndarray  # (n_joint,) int64: joint of the chain that each of theirs is
+    # (n_joint,) int64: number in the chain of each joint between mega-voussoirs
+    joint: np.ndarray
     # (n_body + 2,) int64: row of each voussoir's mega-voussoir; of those that rest on a springing
     # GROUND or the last row in use
     group: np.ndarray
@@ -50,7 +54,7 @@ class MegaVoussoirs(NamedTuple):
     )  # (n_joint, 3) in the axes at rest: x, y, moment about the centroid
     tie: np.ndarray  # (n_tie, len(TieState)) the memory of ``State.tie``
     stretch: np.ndarray  # (n_tie, 2) elongations [m] and their rates [m/s]
-    pull: np.ndarray  # (n_body + 2, 3) of ties on voussoirs, as `inner_reaction`
+    pull: np.ndarray  # (n_body + 2, 3) forces of ties on voussoirs, as `inner_reaction`
     model: Model
     work: Work
     position: np.ndarray  # (n_body + 2, 3)
@@ -63,7 +67,7 @@ class MegaVoussoirs(NamedTuple):
 
 
 def new_mega_voussoirs(model: Model, state: State | None = None) -> MegaVoussoirs:
-    """Return the workspace for any mega-voussoirs of a chain, with the state of its ties."""
+    """Return the workspace for any mega-voussoirs of a chain, with the ties of `state`."""
     n_row = model.mass.size
     n_joint = model.friction.size
     copies = {name: np.zeros_like(given) for name, given in model._asdict().items()}
@@ -89,7 +93,7 @@ def new_mega_voussoirs(model: Model, state: State | None = None) -> MegaVoussoir
 
 
 def _set_cut(mega) -> None:
-    """Set ``mega.cut``: tables of the same memory, cut to each number of joints in use."""
+    """Set ``mega.cut``: for each number of joints, a table of the same arrays cut to that size."""
     own = mega.table
     work = mega.work.table
     n_row = mega.group.size
@@ -110,7 +114,7 @@ def _set_cut(mega) -> None:
 
 @inlined
 def in_use(mega):
-    """Return a view of the arrays, cut to the size of the assembled chain."""
+    """Return a view of `mega` whose arrays are cut to the size of the assembled chain."""
     return struct_at(mega.cut, mega.count[1], mega)
 
 
@@ -122,7 +126,7 @@ def is_rigid(j, contact, slide):
 
 @inlined
 def _group(model, contact, slide, mega):
-    """Join voussoirs across rigid joints."""
+    """Join voussoirs across rigid joints: set ``mega.group`` and what follows from it."""
     n_row = mega.group.size
     n_joint = slide.size
     m = 0
@@ -144,7 +148,7 @@ def _group(model, contact, slide, mega):
 
 @inlined
 def _place_at_rest(model, slip, mega):
-    """Set ``mega.offset``: centroids with the slips of rigid joints, in the axes at rest."""
+    """Set ``mega.offset`` to the centroids at rest, moved by the slips of rigid joints."""
     n_row = mega.group.size
     offset = mega.offset
     x = y = 0.0
@@ -168,7 +172,7 @@ def _place_at_rest(model, slip, mega):
 
 @inlined
 def _sum_masses(model, mega):
-    """Set masses and inertias, and offsets of voussoirs from their common centroids."""
+    """Set masses, inertias and centroids; make offsets count from the common centroids."""
     out = mega.model
     offset = mega.offset
     for k in range(1, mega.count[0] + 1):
@@ -250,7 +254,7 @@ def gather_state(model, position, velocity, mega):
     """Set positions and velocities of mega-voussoirs from those of their voussoirs.
 
     Centre of mass, momentum and moment of momentum are kept; the rotation is that of the first
-    voussoir. Place and velocity of the far springing are taken over.
+    voussoir. Position and velocity of the far springing are copied.
 
     Writes: mega (next_position, next_velocity, position, velocity).
     """
@@ -282,8 +286,9 @@ def gather_state(model, position, velocity, mega):
 
 @kernel
 def split_state(mega, mega_position, mega_velocity, position, velocity):
-    """Set positions and velocities of all voussoirs, and of the far springing, from those of the
-    mega-voussoirs.
+    """Set positions and velocities of all voussoirs from those of the mega-voussoirs.
+
+    Those of the far springing are copied.
 
     Reads: mega (count, group, offset), mega_position, mega_velocity.
     Writes: position, velocity.
@@ -321,7 +326,7 @@ def split_state(mega, mega_position, mega_velocity, position, velocity):
 
 @kernel
 def farthest_move(model, old, new):
-    """Return the largest move of any voussoir, with rotations times the joints' length [m].
+    """Return the largest move of any voussoir, with rotations times the first joint's length [m].
 
     Reads: model.length, old, new.
     """

@@ -43,9 +43,9 @@ def _arm(centre, position, k):
 def centripetal_bias(position, velocity, slips, sense, work):
     """Set ``work.bias``: what rotations add to relative accelerations (Eqs 17, 18).
 
-    These are the centripetal accelerations of the material points, and where a vertex runs along
-    a rotating face twice the product of both rates; `sense` is that of the friction of slips in
-    progress, zero for none.
+    These are the centripetal accelerations of the material points and, where a vertex runs along a
+    rotating face, twice the product of both rates. `sense` is the sense of friction of slips in
+    progress, zero where there is none.
 
     Reads: position, velocity, slips, sense, work (contact, normal, point, side_normal).
     Writes: work.bias.
@@ -79,7 +79,7 @@ def centripetal_bias(position, velocity, slips, sense, work):
 
 @kernel
 def is_four_hinges(work, n_row):
-    """Return whether the joints are the four hinges, none sliding, of three mega-voussoirs.
+    """Return whether the joints are four hinges of three mega-voussoirs, none of which slides.
 
     Reads: work (contact, slide).
     """
@@ -99,13 +99,17 @@ def _hinge(j, work):
 
 @inlined
 def _perpendicular(rate, arm):
-    """Return the velocity at the end of an arm that rotates."""
+    """Return the velocity at the end of an arm that rotates at `rate`."""
     return -rate * arm[1], rate * arm[0]
 
 
 @inlined
 def _known(base, rate, acceleration, arm, k, work):
-    """Set the acceleration of a body apart from that of the mechanism."""
+    """Set the acceleration of body `k` that does not depend on the one unknown.
+
+    `base` is the acceleration of a point of the body, and `arm` leads from there to the centroid.
+    `rate` and `acceleration` are those of the rotation.
+    """
     x, y = _perpendicular(acceleration, arm)
     work.solved[k, 0] = base[0] + x - rate * rate * arm[0]
     work.solved[k, 1] = base[1] + y - rate * rate * arm[1]
@@ -114,7 +118,10 @@ def _known(base, rate, acceleration, arm, k, work):
 
 @inlined
 def _powers(model, work, k, u, x, y):
-    """Return inertia of a body along the mechanism, and power of the unbalanced force (Eq 28)."""
+    """Return the inertia of body `k` along the mechanism, and the power of its unbalanced force.
+
+    This is Eq 28. The body moves at (x, y) and rotates at `u` if the mechanism moves at one.
+    """
     inertia = model.mass[k] * (x * x + y * y) + model.inertia[k] * u * u
     fx = work.free[k, 0] - work.solved[k, 0]
     fy = work.free[k, 1] - work.solved[k, 1]
@@ -126,8 +133,8 @@ def _powers(model, work, k, u, x, y):
 def four_hinges(model, position, velocity, work):
     """Solve for accelerations and reactions of three bodies with four hinges.
 
-    From contacts, modes, and accelerations without reactions in ``work.free``; False where the
-    rotation centre of the middle body is so far off that the reactions do not follow from it.
+    `work` has contacts, modes, and the accelerations without reactions in `free`. Return False if
+    the rotation centre of the middle body is so far off that the reactions do not follow from it.
 
     Writes: work (reaction, solved).
     """
@@ -181,7 +188,10 @@ def four_hinges(model, position, velocity, work):
 
 @inlined
 def _unbalanced(model, work, k):
-    """Return force and moment about its centroid that a body's reactions must supply."""
+    """Return the force (x, y) that the reactions on body `k` must supply, and its moment.
+
+    The moment is that about the centroid.
+    """
     x = model.mass[k] * (work.solved[k, 0] - work.free[k, 0])
     y = model.mass[k] * (work.solved[k, 1] - work.free[k, 1])
     return (x, y), model.inertia[k] * (work.solved[k, 2] - work.free[k, 2])
@@ -235,7 +245,10 @@ def pose(mega, position):
 
 @inlined
 def set_free(model, ground, free):
-    """Set the accelerations without reactions under that of the ground (`ground_after`)."""
+    """Set `free` to the accelerations without reactions; the last row is the far springing's.
+
+    `ground` is the ground acceleration as `ground_after` returns it.
+    """
     for i in range(1, free.shape[0] - 1):
         free[i, 0] = -ground[0]
         free[i, 1] = -model.gravity - ground[1]
@@ -249,8 +262,8 @@ def solve_first_level(mega, position, velocity, ground, scale):
     """Solve for accelerations and reactions of mega-voussoirs under a ground acceleration.
 
     `ground` is that of `archfrag.physics.ground.ground_after`. Accelerations and reactions are
-    left in ``work.solved`` and ``work.reaction``; accelerations of `scale` count as one [m/s2].
-    False where the equations have no solution.
+    left in ``work.solved`` and ``work.reaction``; accelerations of `scale` [m/s2] count as one.
+    Return False if the equations have no solution.
     """
     model = mega.model
     work = mega.work
@@ -269,12 +282,12 @@ def solve_first_level(mega, position, velocity, ground, scale):
 
 @kernel
 def project(mega, position, velocity, enough, limit):
-    """Project positions and velocities onto the contacts, after `pose` there.
+    """Project positions and velocities onto the contacts, after `pose` at `position`.
 
-    Both in the metric of kinetic energy, and across the joints, without friction: along its cone
-    a projection could gain energy. Nothing is done for distances [m] and rates [m/s] up to
-    `enough`, nor if a body would move farther than `limit` [m], rotations by the length of the
-    first joint; then it returns False.
+    Both are projected in the metric of kinetic energy, in the directions that the joints
+    constrain: along friction cones a projection could gain energy. `enough` has a distance [m] and
+    a rate [m/s]; up to these nothing is done. If a body would move farther than `limit` [m], with
+    rotations times the length of the first joint, nothing is changed and False is returned.
     """
     model = mega.model
     work = mega.work

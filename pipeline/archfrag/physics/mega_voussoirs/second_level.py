@@ -22,10 +22,10 @@ from archfrag.physics.kernels.kernel import inlined, kernel
 
 @inlined
 def _joint_margins(model, mega, j, fx, fy, moment, per_weight, value):
-    """Set the margins of Signorini's and Coulomb's laws at one closed joint.
+    """Set the margins of Signorini's and Coulomb's laws at closed joint `j`, for its reaction.
 
-    The forces at the two corners are those whose resultant acts at the contact centre of Eq 34:
-    e = force at corner 1 over their sum.
+    The forces at the two corners are those whose resultant acts at the contact centre of Eq 34: e
+    = force at corner 1 over their sum.
     """
     mega.inner_reaction[j, 0] = fx
     mega.inner_reaction[j, 1] = fy
@@ -47,7 +47,10 @@ def _joint_margins(model, mega, j, fx, fy, moment, per_weight, value):
 
 @inlined
 def _boundary(mega, k, position):
-    """Return the reaction between mega-voussoirs k and k + 1, its moment about `position`."""
+    """Return the reaction at joint `k` of the mega-voussoirs: x, y, and moment.
+
+    The moment is that about `position`, (x, y).
+    """
     work = mega.work
     force = force_of(k, work)
     arm = work.pivot[k, 0] - position[0], work.pivot[k, 1] - position[1]
@@ -58,8 +61,9 @@ def _boundary(mega, k, position):
 def _propagate(model, mega, places, wrench, motion, per_weight, value):
     """Set the margins at joints from a body's boundary inwards, by balance of its voussoirs.
 
-    `places` are the first voussoir, the one behind the last, and the sense; `motion` is the
-    acceleration of their body, with the square of its rate.
+    `places` has the first voussoir, the one behind the last, and the sense, 1 or -1. `wrench` is
+    the reaction at the boundary: x, y, moment about the centroid. `motion` is the acceleration of
+    the body: x, y, that of the rotation, and the square of the rate.
     """
     first, last, sense = places
     fx, fy, moment = wrench
@@ -82,10 +86,11 @@ def _propagate(model, mega, places, wrench, motion, per_weight, value):
 def solve_second_level(model, mega, position, velocity, ground, per_weight, value):
     """Set the margins of the contact laws at all joints inside mega-voussoirs (Eqs 34-35).
 
-    After `solve_first_level`, of joints that are closed and stick: forces at both corners, and
-    Coulomb's law if friction is limited, into `value` (n_joint, N_LAW). `model` is that of the
-    voussoirs, `position` and `velocity` are those of the mega-voussoirs; forces are multiplied by
-    `per_weight` [1/N]. ``mega.inner_reaction`` is overwritten.
+    This follows `solve_first_level`. At joints that are closed and stick the margins are the
+    forces at both corners and, if friction is limited, those of Coulomb's law; they go into
+    `value`, (n_joint, N_LAW). `model` is that of the voussoirs, `position` and `velocity` are
+    those of the mega-voussoirs; forces are multiplied by `per_weight` [1/N].
+    ``mega.inner_reaction`` is overwritten.
 
     Writes: mega.inner_reaction, value.
     """

@@ -5,13 +5,13 @@
    at a time.
 3. Mega-voussoirs from event to event for tolerances of `COARSE` and below, and for a history of
    `SMALL_CHAIN` bodies under a ground motion with rare breaks: there events are rare, so that
-   they cost little and give peaks and histories exactly. So goes a chain that is not to rest
-   wherever it can: a slip in progress keeps its sense, where a step may lock it.
+   they cost little and give peaks and histories exactly. A chain that is not to rest wherever it
+   can goes this way, too: a slip in progress keeps its sense, where a step may lock it.
 4. A run that has made or lost more energy, or let bodies overlap more, than its tolerance allows,
    or whose contacts were not solved, is made again by the other method, and then by equal steps.
-   If none of them holds it, the run is refused.
+   If none of them holds the tolerance, the run is refused.
 
-The mechanism log of a run states which of them moved it when.
+The mechanism log of a run states which of the methods moved it when.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,16 +26,17 @@ from archfrag.physics.shared import is_accurate, new_results, refuse
 from archfrag.physics.status import Count, Status
 from archfrag.physics.steps import run as stepper
 
-# Outcomes that another method may better.
+# Outcomes for which another method is tried.
 AGAIN_BY_OTHERS = (int(Status.INACCURATE), int(Status.NO_CONTACT_SOLUTION))
-# Tolerances at which runs go by events whatever moves them, and where events are rare.
+# Up to the tolerance COARSE runs go by events whatever moves them, up to COARSEST where events are
+# rare.
 COARSE = 2e-4
 COARSEST = 0.01
-AGAIN = 2e-5  # of events that make runs by steps again
+AGAIN = 2e-5  # tolerance by events of runs that steps made inaccurately
 SMALL_CHAIN = 10
 MOST_BREAKS = 50
-# Where events follow each other more closely than so many steps, all voussoirs are stepped; these
-# steps are longer by `STEADY` than those at impacts.
+# Where events follow each other more closely than so many steps, all voussoirs are stepped. These
+# steps are `STEADY` times as long as those at impacts.
 SWITCH_STEPS = 3.0
 STEADY = 2.0
 # Equal steps that are made again are shorter by this factor.
@@ -43,7 +44,7 @@ SHORTER = 0.25
 
 
 def count_breaks(grounds: Grounds) -> int:
-    """Number of samples at which the ground acceleration is not linear in time."""
+    """Return the number of samples at which the slope of the ground acceleration changes."""
     return int(np.unique(grounds.next_break).size) - 1
 
 
@@ -65,7 +66,10 @@ def goes_by_events(tolerance: float, n_body: int = 0, n_break: float = np.inf) -
 def _attempts(
     chain: Chain, options: Options, by_events: bool
 ) -> list[tuple[ModuleType, Options]]:
-    """List the methods to try with their options; each repeats what the last did inaccurately."""
+    """List the methods to try, with their options.
+
+    Runs that one of them makes inaccurately are made again by the next.
+    """
     step = options.time_step
     shorter = options._replace(time_step=SHORTER * step)
     if chain.joint is not None:
@@ -89,7 +93,11 @@ def _made_well(
     n_run: int,
     make: Callable[[ModuleType, Options, np.ndarray], Outcomes],
 ) -> Outcomes:
-    """Make runs; repeat inaccurate ones by the next attempt, and refuse them after the last."""
+    """Make `n_run` runs; repeat inaccurate ones by the next attempt.
+
+    `make` takes a method, its options and the numbers of the runs to make. Runs that are still
+    inaccurate after the last attempt are refused.
+    """
     results = new_results(n_run)
     rows = np.arange(n_run)
     for number, (method, given) in enumerate(attempts):
@@ -132,7 +140,10 @@ def run(
     frames: Frames,
     log: MechanismLog,
 ) -> Outcomes:
-    """Integrate one chain under one ground motion; arguments as `time_stepping.run.run`."""
+    """Integrate one chain under one ground motion.
+
+    Arguments are those of `archfrag.physics.steps.run.run`.
+    """
     start = position.copy(), velocity.copy()
 
     def make(method: ModuleType, given: Options, rows: np.ndarray) -> Outcomes:

@@ -12,7 +12,7 @@ AUTO = "auto"
 
 
 class Parameter(NamedTuple):
-    """One setting of a method; allowed are values from `least` to `most`."""
+    """One setting of a method; values from `least` to `most` are allowed."""
 
     name: str
     unit: str
@@ -23,10 +23,11 @@ class Parameter(NamedTuple):
 
 
 class MethodInfo(NamedTuple):
-    """A method of integration: a module with `run`, which has one signature in all.
+    """A method of integration: a module with a function `run`, whose signature all methods share.
 
-    One that scales ground motions itself has `run_many` as well, as `archfrag.physics.steps.run`:
-    many runs at once. Parameters that only one method has follow the shared arguments, by keyword.
+    A method that scales ground motions itself also has `run_many`, as
+    `archfrag.physics.steps.run`, which makes many runs at once. Parameters that only one method
+    has follow the shared arguments, by keyword.
     """
 
     name: str
@@ -35,8 +36,9 @@ class MethodInfo(NamedTuple):
     citation: str
     module: str
     needs: str | None = None  # package that it cannot run without
-    # Steps at impacts and largest ones for a tolerance, both over the root of the shortest joint's
-    # length over gravity [1]; equal ones are fixed.
+    # Function of a tolerance and a number of bodies. It returns the step at impacts and the
+    # largest step, over the root of the shortest joint's length over gravity [1]; equal ones are
+    # fixed.
     step_rule: Callable[[float, int], tuple[float, float]] | None = None
 
     def load(self, function: str = "run") -> Callable | None:
@@ -50,7 +52,10 @@ OWN_STEP = 1.28e-3
 
 
 def own_step(rtol: float, n_body: int) -> tuple[float, float]:
-    """Return default step of methods that use time steps as a fallback (`steps_of_tolerance`)."""
+    """Return `OWN_STEP` twice: the steps of methods that use time steps as a fallback.
+
+    Arguments and result are those of `steps_of_tolerance`.
+    """
     return OWN_STEP, OWN_STEP
 
 
@@ -62,10 +67,10 @@ FEW_VOUSSOIRS = 20
 def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     """Return the steps at impacts, and the largest between them, that go with a tolerance.
 
-    Over the root of the shortest joint's length over gravity [1]. For joints of 1.5 m at the
-    default they are 0.4 and 4 ms, of more than 20 voussoirs 1.6 and 8 ms. Where impacts follow
-    each other closely, the error of time stepping is of first order in the former; else, and
-    through lone impacts, of second order in the latter.
+    Both are over the root of the shortest joint's length over gravity [1]. For joints of 1.5 m at
+    the default tolerance they are 0.4 and 4 ms, with more than 20 voussoirs 1.6 and 8 ms. Where
+    impacts follow each other closely, the error of time stepping is of first order in the step at
+    impacts; else, and through lone impacts, of second order in the largest step.
 
     Examples
     --------
@@ -79,7 +84,8 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     return impact, max(largest * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
 
 
-# Methods that take joints that give, and their equal steps over the largest of rigid joints.
+# Methods that take joints that give. Their equal steps are this part of the largest step with
+# rigid joints.
 OF_FACES = (AUTO, "time_stepping")
 FACE_STEP = 0.5
 
@@ -147,7 +153,7 @@ _REGISTERED: dict[str, MethodInfo] = {}
 
 
 def register(*methods: MethodInfo) -> None:
-    """Add methods of other packages for `archfrag.simulate`; studies take `METHODS` only."""
+    """Add methods of other packages for `archfrag.simulate`; studies use `METHODS` only."""
     _REGISTERED.update({method.name: method for method in methods})
 
 

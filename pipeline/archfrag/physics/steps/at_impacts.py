@@ -36,14 +36,16 @@ from archfrag.physics.steps.step import (
 
 # A step this much longer than the shortest is not worth refusing.
 NEARLY = 1.05
-# A refused step ends so many of the shortest before the impact, if that is not too soon.
+# A refused step ends LEAD of the shortest steps before the impact, unless the impact is nearer
+# than SOON of them.
 LEAD = 0.75
 SOON = 1.25
 # The energy that a step may make or lose unexplained, over its tolerance and the largest kinetic
-# energy; a step with more, or without a solution, is made again with this part of its length.
+# energy. A step with more, or without a solution, is made again with QUARTER of its length.
 ENERGY_OF_STEP = 0.01
 QUARTER = 0.25
-# The most of a refused step that is made again, and the least of the shortest.
+# A refused step is made again with at most MOST of its length, and with at least LEAST of the
+# shortest step.
 MOST = 0.9
 LEAST = 0.25
 
@@ -65,7 +67,12 @@ def _closing_time(gap, before, after, bend, step, latest):
 
 @inlined
 def beyond(step, shortest, ahead):
-    """Return a time after a step over the time that the bias of its open corners covers [1]."""
+    """Return the time `ahead` after a step [s] as `closes_soon` takes it [1].
+
+    The bias of open corners covers a span from the middle of the step to half a step after it, or
+    half the shortest if that is less. Returned is the time from the end of that span, over the
+    span.
+    """
     half = 0.5 * smaller(step, shortest)
     return (ahead - half) / (0.5 * step + half)
 
@@ -74,7 +81,7 @@ def beyond(step, shortest, ahead):
 def time_to_impact(model, state, work, shortest, ahead):
     """Return the time from now at which the first corner that asks to close will close [s].
 
-    Returns step and time ahead where no corner does.
+    If no corner does, it is the step plus `ahead`.
     """
     step = state.clock[Clock.STEP]
     latest = step + ahead
@@ -107,12 +114,12 @@ def time_to_impact(model, state, work, shortest, ahead):
 
 @kernel
 def refuse_poor(model, state, work, solved, stops, tolerance):
-    """Find solved steps that are not good enough: to repeat as they are, or shorter.
+    """Find solved steps that are not good enough; return masks of those to repeat and to shorten.
 
     Reactions of the last step may be wrong for the time before an impact, as they are where joints
-    open instead: such a step is made again without. Shorter are those that close a corner, or have
-    too large an energy error: a slip that ends inside a long step sticks until its end, held by a
-    friction that made energy.
+    open instead: such a step is repeated without them. Where `stops` holds, a step is to be
+    shortened if it closes a corner or has too large an energy error: a slip that ends inside a
+    long step sticks until its end, held by a friction that made energy.
 
     Writes: state.force, work.reaction.
     """
@@ -149,7 +156,7 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
 
 @kernel
 def expect_impact(model, state, work, options, solved):
-    """Update the expected time of an impact in the step that leads up to it.
+    """Update the time at which an impact is expected, in the solved step that leads up to it.
 
     Writes: state.clock.
     """
@@ -168,7 +175,7 @@ def expect_impact(model, state, work, options, solved):
 
 @inlined
 def shorten(model, state, work, options, refused, poor):
-    """Cut refused steps before the impact, and poor ones to a quarter."""
+    """Shorten steps: `refused` ones to end before the impact, `poor` ones to a quarter."""
     clock = state.clock
     step = clock[Clock.STEP]
     if some(refused):
@@ -210,9 +217,10 @@ def next_step(state, options, where, until):
 
 @inlined
 def locates(state, options, live):
-    """Return whether a step is so long that a corner which closes off its middle refuses it.
+    """Return where a step is refused if a corner closes in it.
 
-    One of a chain that stands is not: what closes there does so by rounding.
+    It is longer than the shortest, and has no impact expected in its middle. The chain moves: what
+    closes in one that stands does so by rounding.
     """
     clock = state.clock
     step = clock[Clock.STEP]
@@ -223,10 +231,10 @@ def locates(state, options, live):
 
 @kernel
 def solve_contacts(runs, live):
-    """Solve the contact problems of steps, and shorten these where that is due.
+    """Solve the contact problems of steps, and shorten the steps where that is due.
 
-    Returns solved, unsolved. What is neither has been shortened, or its modes go on changing in
-    the next call.
+    Return the masks solved and unsolved. A run in neither has had its step shortened, or its modes
+    go on changing in the next call.
     """
     model = runs.model
     state = runs.state

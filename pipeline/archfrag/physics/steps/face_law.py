@@ -22,7 +22,7 @@ from archfrag.physics.kernels.primitives import select
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.numbers import larger, smaller
 
-# A slope that is none, and friction that no joint overcomes.
+# A slope that counts as none, and a coefficient of friction that no joint overcomes.
 FLAT = 1e-300
 ROUGH = 1e6
 ALONG = 0.0  # values of ``Faces.points``
@@ -38,32 +38,35 @@ class Faces(NamedTuple):
     slip: (
         ndarray  # (n_joint, 3) elastic part of the slip of points where runs start [m]
     )
-    touching: ndarray  # (n_joint,) length in contact there [m]
-    half: ndarray  # (n_joint,) of the length along which faces lie opposite there [m]
-    stored: float  # elastic energy there [J]
+    touching: ndarray  # (n_joint,) length in contact where runs start [m]
+    half: ndarray  # (n_joint,) half the length along which faces then lie opposite [m]
+    stored: float  # elastic energy where runs start [J]
     delay: float  # dashpots over springs [s]
-    points: float  # at which a joint bears; zero: all along it
-    calm: float  # how long a chain is still that rests [s]
-    sway: float  # kinetic energy of a chain that is still [J]
-    still: float  # speed of its fastest body [m/s]
+    points: float  # number of points at which a joint bears; zero: all along it
+    calm: float  # time for which a chain must be still to be at rest [s]
+    sway: float  # kinetic energy below which a chain is still [J]
+    still: float  # speed of the fastest body below which a chain is still [m/s]
 
 
 class Gaps(NamedTuple):
     """Gaps and slopes at which the law of a joint is asked."""
 
-    d0: float  # of what comes into contact [m]
+    d0: float  # gap of the part that comes into contact [m], and its slope
     d1: float
-    e0: float  # of what has overlapped before [m]
+    e0: float  # gap of the part that has overlapped before [m], and its slope
     e1: float
-    low: float  # ends of what has [m]
+    low: float  # ends of the part that has overlapped before [m]
     high: float
-    ratio: float  # time at which the former is asked over that of the latter
-    c0: float  # at the end of the step, where shear acts on what overlaps [m]
+    ratio: float  # time at which d0 and d1 are taken over that of e0 and e1
+    c0: float  # gap at the end of the step, by which shear acts [m], and its slope
     c1: float
 
 
 class Bearing(NamedTuple):
-    """What a joint bears, and how that changes with gap, slope and slip as what has overlapped."""
+    """Forces that a joint bears, and their derivatives by gap, slope and slip.
+
+    The gap and the slope are those of the part that has overlapped before.
+    """
 
     normal: float  # [N]
     moment: float  # of the normal stresses about the middle, those towards corner 1 positive [N m]
@@ -71,8 +74,8 @@ class Bearing(NamedTuple):
     l0: float  # derivatives of normal force and moment over the stiffness [m], [m2], [m3]
     l1: float
     l2: float
-    hold: float  # of the shear by the slip where the joint sticks [N/m]
-    rub_0: float  # of the shear by gap and slope where it slides [N/m], [N]
+    hold: float  # derivative of the shear by the slip if the joint sticks [N/m]
+    rub_0: float  # derivatives of the shear by gap and slope if it slides [N/m], [N]
     rub_1: float
     held: tuple[float, float, float]  # length of each point at which a slip is held [m]
     most: tuple[
@@ -82,14 +85,17 @@ class Bearing(NamedTuple):
 
 @inlined
 def places_of(half, points):
-    """Return the distance of the outer points from the middle, and weights of outer and middle."""
+    """Return the length for which an outer point stands, and that of the middle point [m].
+
+    `half` is half the joint's length; of two points (`points` ENDS) each stands for half.
+    """
     share = 1.0 if points == ENDS else 0.5
     return share * half, 2.0 * (1.0 - share) * half
 
 
 @inlined
 def ends_of(d0, d1, half):
-    """Return both ends of the part of a joint in which its faces overlap, equal if none does."""
+    """Return both ends of the part of a joint in which its faces overlap; equal if none does."""
     slope = select(abs(d1) < FLAT, FLAT, d1)
     zero = smaller(larger(-d0 / slope, -half), half)
     return select(slope > 0.0, -half, zero), select(slope > 0.0, zero, half)
@@ -97,7 +103,10 @@ def ends_of(d0, d1, half):
 
 @inlined
 def moments_between(low, high):
-    """Return the moments of a part of a joint by its ends: l0, l1, l2; zeros if they cross."""
+    """Return the moments l0, l1, l2 of the part of a joint from `low` to `high`.
+
+    They are zero if the ends cross.
+    """
     high = larger(high, low)
     l1 = 0.5 * (high * high - low * low)
     return high - low, l1, (high * high * high - low * low * low) * (1.0 / 3.0)
@@ -105,7 +114,7 @@ def moments_between(low, high):
 
 @inlined
 def overlap_moments(d0, d1, half, points):
-    """Return the moments of the part of a joint in which its faces overlap; l0, l1, l2."""
+    """Return the moments l0, l1, l2 of the part of a joint in which its faces overlap."""
     if points == ALONG:
         low, high = ends_of(d0, d1, half)
         return moments_between(low, high)
@@ -118,10 +127,9 @@ def overlap_moments(d0, d1, half, points):
 
 @inlined
 def press(d0, d1, half, stiffness, points):
-    """Return the energy that the springs normal to a joint store, and its derivatives [J], [N],
-    [N m].
+    """Return the energy that the springs normal to a joint store [J], and its two derivatives.
 
-    The derivatives by gap and slope are -N and -M of `bear`.
+    The derivatives by gap [N] and slope [N m] are -N and -M of `bear`.
     """
     l0, l1, l2 = overlap_moments(d0, d1, half, points)
     by_gap = stiffness * (d0 * l0 + d1 * l1)
@@ -131,8 +139,10 @@ def press(d0, d1, half, stiffness, points):
 
 @inlined
 def rub(normal, slip, size, material):
-    """Return the shear of a contact of some length, its growth with slip and, over the length,
-    with the pressing gap, and the elastic slip at which it slides.
+    """Return the shear of a contact, its two derivatives, and the elastic slip at which it slides.
+
+    `size` is the length of the contact. The derivatives are that by the slip, and that by the
+    pressing gap over the length. `material` is that of `bear`.
     """
     stiffness, shear, friction = material
     hold = shear * size
@@ -147,7 +157,7 @@ def rub(normal, slip, size, material):
 
 @inlined
 def _bear_along(gaps, half, slip, touching, material):
-    """Return what a joint bears that bears along its length; arguments as of `bear`."""
+    """Return the `Bearing` of a joint that bears all along it; arguments as of `bear`."""
     d0, d1, e0, e1, low, high, ratio, c0, c1 = gaps
     stiffness = material[0]
     first, last = ends_of(e0, e1, half)
@@ -174,7 +184,10 @@ def _bear_along(gaps, half, slip, touching, material):
 
 @inlined
 def _bear_at(place, size, gaps, slip, material):
-    """Return what a point bears, as a joint that has no other."""
+    """Return the `Bearing` of one point of a joint, at `place` from its middle [m].
+
+    `size` is the length for which the point stands [m].
+    """
     d0, d1, e0, e1, low, high, ratio, _, _ = gaps
     old = (place >= low) & (place <= high) & (low < high)
     gap = select(old, e0 + place * e1, d0 + place * d1)
@@ -191,7 +204,7 @@ def _bear_at(place, size, gaps, slip, material):
 
 @inlined
 def bear(gaps, half, slip, touching, material, points):
-    """Return what a joint bears at some `Gaps`; `slip` is the elastic one of each point.
+    """Return the `Bearing` of a joint at some `Gaps`; `slip` is the elastic one of each point.
 
     `material` has the normal and the shear stiffness of a metre, and the coefficient of friction.
 

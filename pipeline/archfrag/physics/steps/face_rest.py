@@ -1,7 +1,7 @@
 """Rest on joints that give: the first mode, and the equilibrium under the weight where runs start.
 
-Equilibrium is found by implicit steps from rest, each of which starts with no velocity and goes as
-far as the laws of the joints are asked for. Without friction each of them lowers the energy, so
+Equilibrium is found by implicit steps from rest. Each of them starts with no velocity and ends at
+the instant at which the laws of the joints are asked. Without friction each lowers the energy, so
 that a chain that can rest comes to rest, and one that cannot moves on.
 """
 
@@ -26,33 +26,36 @@ from archfrag.physics.steps.step import pose_step
 FIRST_STEP = 0.1
 GROWTH = 1.3
 LARGEST_STEP = 20.0
-# Equilibrium is reached where no body moves by more than this in a step of at least that many
-# periods, over the joint's length; none is where one has moved by FAR. The most steps.
+# Equilibrium is reached if no body moves by more than SETTLED joint lengths in a step of at least
+# LONG_ENOUGH periods. There is none if a body has moved by FAR joint lengths. At most MOST_STEPS
+# are made.
 SETTLED = 1e-9
 LONG_ENOUGH = 0.5
 FAR = 0.5
 MOST_STEPS = 4000
 BALANCED = 1e-9
-# A chain rests when it has not been faster than this in the mean, nor any body than three times
-# this, over the root of gravity times joint length, for so long after the motion, over the root of
-# its size over gravity: longer than a turning point lasts. A loose voussoir rattles for long.
+# A chain rests if, after the motion, its mean speed stays below STILL and that of every body below
+# FASTEST_STILL, both times the root of gravity times joint length. It must do so for REST_SPAN
+# times the root of its size over gravity: a turning point lasts less long, and a loose voussoir
+# rattles for long.
 STILL = 1e-2
 FASTEST_STILL = 3e-2
 REST_SPAN = 2.0
 RESTS = int(Status.STANDING)
 FALLS = int(Status.DOES_NOT_STAND)
 MOVES_ON = int(Status.NO_CONTACT_SOLUTION)
-# By how much steps may damp the first mode beyond what is asked, over the critical damping, and
-# over what is asked.
+# Steps may damp the first mode by so much more than is asked: a part of the critical damping, and
+# a part of what is asked.
 DAMPED_MORE = 0.01
 DAMPED_MORE_OF = 0.1
-# Stiffness of a joint times the square of a step, over the mass of the lightest body.
+# Largest stiffness of a joint times the square of a step, over the mass of the lightest body.
 STIFFEST = 2000.0
 
 
 def first_frequency(model: Model, chain: Chain) -> float:
-    """Return the frequency of the first mode with all joints closed, as stiff as at first contact
-    [Hz].
+    """Return the frequency of the first mode [Hz].
+
+    All joints are closed, and as stiff as at first contact.
     """
     assert chain.joint is not None
     n_row = model.mass.size
@@ -81,15 +84,15 @@ def first_frequency(model: Model, chain: Chain) -> float:
 
 
 def damping_of_steps(chain: Chain, step: float) -> float:
-    """Return the damping that steps [s] give the first mode if none is asked, over the critical
-    one.
-    """
+    """Return the damping ratio that steps [s] give to the first mode if none is asked for."""
     return math.pi * first_frequency(model_of(chain), chain) * LEAST_DELAY * step
 
 
 def longest_step(chain: Chain) -> float:
-    """Return the longest step that damps the first mode as is asked, and with which the velocities
-    of stiff joints are found [s].
+    """Return the longest step that may be made [s].
+
+    With it the first mode is hardly damped by more than is asked, and the velocities of stiff
+    joints are found.
     """
     assert chain.joint is not None
     stiffness = (chain.joint[:, Joint.STIFFNESS] * model_of(chain).length).max()
@@ -101,8 +104,10 @@ def longest_step(chain: Chain) -> float:
 
 @kernel
 def settle(runs, period, limit):
-    """Bring a chain from where it is to equilibrium under its weight: it rests, falls or moves on
-    after the most steps.
+    """Bring a chain from where it is to equilibrium under its weight; return whether it rests.
+
+    `period` is that of the first mode [s], and `limit` a joint's length [m]. The result is RESTS,
+    FALLS, or MOVES_ON if the chain does neither in the most steps.
     """
     model = runs.model
     state = runs.state
@@ -143,10 +148,10 @@ def settle(runs, period, limit):
 
 @functools.lru_cache(maxsize=KEPT)
 def settled(chain: Chain) -> tuple[Model, Faces] | Status:
-    """Return model and joints of a chain in equilibrium on joints that give; if there are none, a
-    status: it falls, or the steps find neither.
+    """Return the model of a chain in equilibrium on joints that give, and its `Faces`.
 
-    They are kept. The model starts there.
+    If there is no equilibrium, return a status: that the chain falls, or that the steps find
+    neither. The model starts in equilibrium. Results are cached.
     """
     assert chain.joint is not None
     model = model_of(chain)

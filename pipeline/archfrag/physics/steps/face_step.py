@@ -51,25 +51,25 @@ from archfrag.physics.steps.step import (
 
 # The law is asked at least this part of a step after its middle; see `delay_of`.
 LEAST_DELAY = 0.6
-# The work of springs is integrated once more in so many pieces where it differs from what they
-# store by more than this part.
+# The work of springs is integrated once more, in PIECES pieces, if it differs from what they store
+# by more than the part SMOOTH.
 PIECES = 16
 SMOOTH = 1e-4
 BALANCED = 1e-6  # acceleration over gravity that a step may leave unbalanced
-ALMOST = 1e-6  # of a step is no step
-SLIDING_STEP = 0.5  # of the step, where a joint slides
+ALMOST = 1e-6  # part of a step that counts as no time
+SLIDING_STEP = 0.5  # part of the step that is made while a joint slides
 
 
 @inlined
 def _middle_of(j, side, face):
-    """Return the middle of a face of joint j."""
+    """Return the middle of a face of joint `j`: `side` 0 before it, 1 after it."""
     x = 0.5 * (face[j, side, 0, 0] + face[j, side, 1, 0])
     return x, 0.5 * (face[j, side, 0, 1] + face[j, side, 1, 1])
 
 
 @inlined
 def _place_joint(j, model, work, own):
-    """Set pivot, normal, gap and slip of joint j between the faces as they are."""
+    """Set pivot, normal, gap and slip of joint `j` from its faces."""
     tangent = work.tangent
     ax = tangent[j, 0, 0]
     ay = tangent[j, 0, 1]
@@ -98,7 +98,7 @@ def _place_joint(j, model, work, own):
 
 @kernel
 def pose_faces(runs, step):
-    """Move the chain to the middle of a step, and set up the gaps there."""
+    """Move the chain to the middle of a step, and set the gaps and slips there."""
     model = runs.model
     state = runs.state
     work = runs.work
@@ -125,17 +125,17 @@ def pose_faces(runs, step):
 def delay_of(faces, step):
     """Return how long after the middle of a step the law is asked where faces overlap already [s].
 
-    Stiff contacts would ring with steps of twice this.
+    With half a step, stiff contacts would ring.
     """
     return larger(LEAST_DELAY * step, faces.delay + 0.0 * step)
 
 
 @inlined
 def _simpson(start, way, half, law, pieces):
-    """Return the work of the springs normal to a joint on its way from a gap and slope, by
-    Simpson's rule in so many pieces [J].
+    """Return the work of the springs normal to a joint while gap and slope change [J].
 
-    `law` has the stiffness of a metre and the points.
+    It is integrated by Simpson's rule in `pieces` pieces. `start` has gap [m] and slope at the
+    beginning, and `way` their changes; `law` has the stiffness of a metre and the points.
     """
     work = 0.0 * half
     steps = 2 * pieces
@@ -151,8 +151,11 @@ def _simpson(start, way, half, law, pieces):
 
 @inlined
 def _spring_works(j, runs, law, end):
-    """Return the energy that the springs normal to joint j store at the `end` of a step, their
-    work in it, and what those store that have slid onto the joint or off it [J].
+    """Return three energies of the springs normal to joint `j` in a step [J].
+
+    They are what the springs store at its `end`, (gap, slope); their work in it; and what those
+    store that have slid onto the joint, less those that have slid off it. `law` is that of
+    `_simpson`.
     """
     own = runs.own
     half = own.half[j]
@@ -176,11 +179,12 @@ def _cut(slip, most):
 
 @inlined
 def _keep_slip(j, i, size, was, times, runs, where, sums):
-    """Remember the elastic slip of a point after a step.
+    """Remember the elastic slip of point `i` of joint `j` after a step.
 
-    It has the length `size` in contact then, and had `was`. What leaves loses what it stores, and
-    what comes has not slipped. Returns the sense in which it slides, and `sums` with what it adds:
-    what is stored, and the work of friction and of dashpots [J].
+    `size` is its length in contact then, and `was` the length that had its slip before [m];
+    `times` are those of `remember`. What leaves contact loses what it stores, and what comes into
+    contact has not slipped. Return the sense in which the point slides, and `sums` with what it
+    adds: energy stored, work of friction and work of dashpots [J].
     """
     memory = runs.memory
     work = runs.work
@@ -209,15 +213,19 @@ def _keep_slip(j, i, size, was, times, runs, where, sums):
 
 @inlined
 def remember_face(j, runs, times, size, where, sums):
-    """Remember the slip of a joint that bears all along it, of which `size` is in contact then;
-    returns as `_keep_slip`.
+    """Remember the slip of a joint that bears all along it.
+
+    `size` is its length in contact after the step [m]. Return what `_keep_slip` does.
     """
     return _keep_slip(j, 0, size, runs.own.touching[j], times, runs, where, sums)
 
 
 @inlined
 def remember_points(j, runs, times, gap, where, sums):
-    """Remember the slips of the points of a joint by gap and slope then; as `remember_face`."""
+    """Remember the slips of the points of a joint.
+
+    `gap` has gap and slope after the step. Return what `_keep_slip` does.
+    """
     half = runs.own.half[j]
     outer, inner = places_of(half, runs.faces.points)
     sense = 0.0 * half
@@ -231,11 +239,11 @@ def remember_points(j, runs, times, gap, where, sums):
 
 @inlined
 def remember(j, runs, times, where):
-    """Remember slips and contact of joint j after a step; modes go into ``runs.work``.
+    """Remember slips and contact of joint `j` after a step; its mode goes into ``runs.work``.
 
-    `times` are those after the middle of the step at which the law has been asked where faces
-    overlapped already, and at which it ends. Returns the energy stored then, and the work of
-    friction and of dashpots [J].
+    `times` are two times after the middle of the step [s]: at which the law has been asked where
+    faces overlapped already, and at which the step ends. Return the energy stored then, and the
+    work of friction and of dashpots in the step [J].
     """
     memory = runs.memory
     work = runs.work
@@ -266,7 +274,10 @@ def remember(j, runs, times, where):
 
 @kernel
 def record_joints(runs, step, where):
-    """Remember joints at the end of a solved step, and record their work; modes go into `work`."""
+    """Remember all joints at the end of a solved step, and record their work.
+
+    Their modes go into ``runs.work``.
+    """
     state = runs.state
     clock = state.clock
     work = runs.work
@@ -288,9 +299,9 @@ def record_joints(runs, step, where):
 
 @kernel
 def solve_faces(runs, live):
-    """Find the velocities after steps; returns solved, unsolved, as `Law.solve`.
+    """Find the velocities after steps; return the masks solved and unsolved, as `Law.solve`.
 
-    The step of a run that is not solved is halved; it is unsolved where it is too short for that.
+    A step that is not solved is halved; it counts as unsolved if it is too short for that.
     """
     count = runs.state.count
     clock = runs.state.clock
@@ -379,7 +390,7 @@ def start_faces(runs, output):
 
 @kernel
 def handle_faces(runs, output):
-    """Let a run that waits rest for good; return the code.
+    """Let a run that pauses rest for good; return the code.
 
     Reads: runs.state.clock.
     Writes: runs.state.clock.

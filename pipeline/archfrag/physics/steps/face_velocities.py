@@ -1,12 +1,11 @@
-"""Velocities after a step of bodies whose joints give: Newton's iteration on block-tridiagonal
-problems.
+"""Velocities after a step of bodies whose joints give, by Newton's iteration on blocks.
 
 With the velocities w after a step of h, the part of a joint that has overlapped before it has the
 gap d_m + b u_w: that in the middle of the step, moved on for the delay b of its dashpots. What
 comes into contact has d_m + h u_w. In the limit of stiff joints this is Signorini's law as
-`steps.step` has it. What joints bear is linear in between changes of what overlaps, and without
-friction the derivative of a convex energy: Newton's step is cut to where the energy falls no more
-along it.
+`steps.step` has it. What joints bear is linear between changes of what overlaps, and without
+friction it is the derivative of a convex energy: Newton's step is cut to where the energy falls no
+more along it. The system of each step is block-tridiagonal.
 """
 
 from typing import NamedTuple
@@ -23,8 +22,9 @@ from archfrag.physics.steps.face_law import Gaps, bear
 from archfrag.physics.steps.step import normal_of
 
 MOST_ITERATIONS = 40.0
-# A step along which the slope of the energy rises to more than this part of what it was is cut to
-# where the slope vanishes; trials keep this part of an interval from its ends, down to a shortest.
+# A Newton step is cut to where the slope of the energy vanishes, if at its end the slope is
+# positive and more than TURNED times what it was. Trials keep the part LEAST of an interval from
+# its ends, until the interval is shorter than SHORTEST.
 TURNED = 0.5
 LEAST = 0.05
 SHORTEST = 1e-6
@@ -39,7 +39,7 @@ class Memory(NamedTuple):
 
     slip: ndarray  # (n_joint, 3) elastic part of the slip of points [m]
     touching: ndarray  # (n_joint,) length in contact [m]
-    half: ndarray  # (n_joint,) of the length along which faces lay opposite [m]
+    half: ndarray  # (n_joint,) half the length along which faces lay opposite [m]
 
 
 @struct(
@@ -63,11 +63,11 @@ class FaceWork(NamedTuple):
     """Workspace of a step of joints that give, of one run or of four."""
 
     gap: ndarray  # (n_joint, 2) in the middle of the step: at the joint's middle [m], slope [1]
-    before: ndarray  # (n_joint, 2) the same at its begin, as it moves there
-    part: ndarray  # (n_joint, 2) ends of what overlaps then [m]
-    tilt: ndarray  # (n_joint,) by which the slope falls with the relative rotation
-    half: ndarray  # (n_joint,) of the length along which the faces lie opposite [m]
-    slip: ndarray  # (n_joint, 3) elastic part of the slip of points there [m]
+    before: ndarray  # (n_joint, 2) the same at the beginning of the step
+    part: ndarray  # (n_joint, 2) ends of the part that overlaps at the beginning [m]
+    tilt: ndarray  # (n_joint,) by how much the slope falls with the relative rotation
+    half: ndarray  # (n_joint,) half the length along which the faces lie opposite [m]
+    slip: ndarray  # (n_joint, 3) elastic part of the slip of points in the middle [m]
     touching: ndarray  # (n_joint,) length in contact before the step [m]
     held: ndarray  # (n_joint, 3) length of points at which a slip is held [m]
     most: ndarray  # (n_joint, 3) elastic slip at which they slide [m]
@@ -78,22 +78,26 @@ class FaceWork(NamedTuple):
     lower: (
         ndarray  # (n_joint, 3, 3) coupling of the body after a joint with that before
     )
-    upper: ndarray  # (n_joint, 3, 3) of the body before with that after
-    forward: ndarray  # (n_body + 2, 3) solution of the rows above each body
-    base: ndarray  # (n_body + 2, 3) velocities from which a Newton step goes
-    change: ndarray  # (n_body + 2, 3) by which it lowers them
+    upper: ndarray  # (n_joint, 3, 3) coupling of the body before with that after
+    forward: ndarray  # (n_body + 2, 3) solution of the forward sweep
+    base: ndarray  # (n_body + 2, 3) velocities at which a Newton step begins
+    change: ndarray  # (n_body + 2, 3) what the Newton step takes from them
 
 
 @inlined
 def parts_of(j, work, x, y):
-    """Return the parts of a vector along the normal and the tangent of joint j."""
+    """Return the components of a vector (x, y) along the normal and the tangent of joint `j`."""
     nx, ny = normal_of(j, work)
     return nx * x + ny * y, nx * y - ny * x
 
 
 @inlined
 def _set_stiffness(j, runs, step, b):
-    """Set what joint j bears, and how that changes with its relative displacement."""
+    """Set the forces that joint `j` bears, and their derivatives by its relative displacement.
+
+    `step` and `b` are the times after the middle at which the law is asked [s]: of what comes into
+    contact, and of what has overlapped before.
+    """
     work = runs.work
     own = runs.own
     faces = runs.faces
@@ -150,14 +154,20 @@ def _set_stiffness(j, runs, step, b):
 
 @inlined
 def _arm_of(j, side, work):
-    """Return the pivot of joint j from the centroid of the body before or after it."""
+    """Return the vector to the pivot of joint `j` from a body's centroid.
+
+    `side` is 0 for the body before the joint, 1 for the one after it.
+    """
     x = work.pivot[j, 0] - work.position[j + side, 0]
     return x, work.pivot[j, 1] - work.position[j + side, 1]
 
 
 @inlined
 def _turning(s, j, a, arm):
-    """Return row `a` of the stiffness of joint j, for the motion of a body."""
+    """Return row `a` of the stiffness of joint `j`, for the motion of a body's centroid.
+
+    `arm` is the vector from that centroid to the pivot.
+    """
     x = s[j, a, 0]
     y = s[j, a, 1]
     return x, y, fused(arm[0], y, fused(-arm[1], x, s[j, a, 2]))
@@ -165,7 +175,11 @@ def _turning(s, j, a, arm):
 
 @inlined
 def _add(out, i, size, rows, arm):
-    """Add forces and moments on a body, whose centroid is `arm` from the pivot."""
+    """Add `size` times three rows of stiffness to block `i` of `out`.
+
+    The rows become forces on a body and the moment about its centroid, from which `arm` leads to
+    the pivot.
+    """
     x, y, z = rows
     for c in range(3):
         out[i, 0, c] += size * x[c]
@@ -175,7 +189,12 @@ def _add(out, i, size, rows, arm):
 
 @inlined
 def _add_side(j, side, sense, runs, size, coupling):
-    """Add what joint j bears in a step, and its stiffness, for the body before or after it."""
+    """Add what joint `j` bears in a step, and its stiffness, for one of its bodies.
+
+    `side` is 0 for the body before the joint, with `sense` -1, and 1 for the one after it, with
+    `sense` 1. `coupling` is the array that couples the body with the other one, and `size`
+    multiplies stiffnesses.
+    """
     own = runs.own
     arm = _arm_of(j, side, runs.work)
     other = _arm_of(j, 1 - side, runs.work)
@@ -213,8 +232,8 @@ def _add_joint(j, runs, step, b):
 def balance(runs, step, b):
     """Set up the balance of momentum at the velocities in ``work.solved``.
 
-    Returns the square of what is not balanced, over masses, and the slope of the energy along
-    ``own.change``.
+    Return two sums over the bodies: of the squares of impulses that are not balanced, over masses,
+    and the slope of the energy along ``own.change``.
     """
     model = runs.model
     work = runs.work
@@ -242,7 +261,7 @@ def balance(runs, step, b):
 
 @inlined
 def three(of, i):
-    """Return row i of an array."""
+    """Return row `i` of an array: three numbers."""
     return of[i, 0], of[i, 1], of[i, 2]
 
 
@@ -253,7 +272,7 @@ def _row(of, i, a):
 
 @inlined
 def _less(of, i, block, j, known):
-    """Return row i of an array less a block times what is known of a neighbour."""
+    """Return row `i` of an array less block `j` times `known`, the solution at a neighbour."""
     x = of[i, 0] - dot(_row(block, j, 0), known)
     y = of[i, 1] - dot(_row(block, j, 1), known)
     return x, y, of[i, 2] - dot(_row(block, j, 2), known)
@@ -261,7 +280,9 @@ def _less(of, i, block, j, known):
 
 @kernel
 def newton_step(own, last, where):
-    """Solve the system for ``own.change`` of the bodies 1 to `last`; return the slope along it.
+    """Solve the system for ``own.change`` of bodies 1 to `last`, where `where` holds.
+
+    Return the slope of the energy along it.
 
     Reads: own (block, change, forward, left, lower, upper).
     Writes: own (block, change, forward, upper).
@@ -297,13 +318,12 @@ def newton_step(own, last, where):
 
 @kernel
 def find_velocities(runs, step, b, balanced, live):
-    """Find the velocities after a step, ``work.solved``, and impulses in ``work.reaction``.
+    """Find the velocities after a step, ``work.solved``, and the impulses, ``work.reaction``.
 
-    What has overlapped before is asked a time `b` after the middle.
-
-    What is not balanced of accelerations is at most `balanced`, over gravity. Velocities are those
-    that the impulses give to the bodies, so that momentum is balanced to rounding. Returns the
-    mask of the runs that are solved, and their iterations.
+    What has overlapped before is asked a time `b` [s] after the middle of the step. Accelerations
+    are balanced to within `balanced`, over gravity. Velocities are those that the impulses give to
+    the bodies, so that momentum is balanced to rounding. Return the mask of the runs that are
+    solved, and their iterations.
     """
     model = runs.model
     state = runs.state

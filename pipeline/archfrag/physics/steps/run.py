@@ -1,11 +1,10 @@
 """Time stepping as a method: one run, or many of one arch four at a time.
 
-The stepper is the same for rigid joints and for joints that give; what differs is a `Law`. With
-rigid joints nothing is integrated while the body force stays inside the range of rest of the
-configuration; a chain on springs is never at rest in a motion.
-Four runs go side by side until one waits for what has to be done for it alone (`Law.handle`), and
-a run that has ended makes place for the next. A run's results are the same to the last bit
-whichever path it takes.
+The stepper is the same for rigid joints and for joints that give; each has a `Law` of its own.
+With rigid joints nothing is integrated while the body force stays inside the range of rest of the
+configuration; a chain on springs is never at rest in a motion. Four runs go side by side until one
+waits for what has to be done for it alone (`Law.handle`), and a run that has ended makes place for
+the next. A run's results are the same to the last bit, whether it goes alone or beside others.
 """
 
 import functools
@@ -48,7 +47,8 @@ RIGID = Law(
 def try_step(runs, live):
     """Pose the next step of every run, and solve it.
 
-    Returns impulse, solved, unsolved. What is neither has been shortened, or is not done yet.
+    Return the impulse of the ground, and the masks solved and unsolved. A run in neither has had
+    its step shortened, or its step is not done yet.
     """
     clock = runs.state.clock
     time = clock[Clock.TIME]
@@ -76,7 +76,7 @@ def step_four(runs):
 
 @kernel
 def step_one(runs, until, output):
-    """Try a step of one run, with its history; as `step_four`."""
+    """Try a step of one run, and write its history; as `step_four` set its code."""
     impulse, solved, unsolved = try_step(runs, True)
     collapsed = broken = False
     if solved:
@@ -86,7 +86,9 @@ def step_one(runs, until, output):
 
 @kernel
 def end(runs, output, results):
-    """Write the results of a run that has ended; what joints store is potential energy.
+    """Write the results of a run that has ended.
+
+    Energy that joints store counts as potential energy.
 
     Writes: output (energy, peak), results.energy.
     """
@@ -100,7 +102,10 @@ def end(runs, output, results):
 
 @kernel
 def start_at_rest(runs, motion, factor, output):
-    """Start a run where the model does, from rest."""
+    """Start a run from rest where the model starts.
+
+    `motion` is the number of its ground motion, and `factor` multiplies that motion.
+    """
     shared.begin(runs.model, runs.state, runs.work, motion, factor)
     runs.state.clock[Clock.CODE] = runs.law.start(runs, output)
 
@@ -133,9 +138,9 @@ def run_one(runs, at_rest, output, results):
 
 @kernel
 def start_next(one, run, motion, factor, output, results):
-    """Start the next run that moves at all; those that do not are over at once.
+    """Start the next run that moves at all, from number `run` on; end those that do not.
 
-    Returns its number, that of all runs if there is none.
+    Return its number, or the number of all runs if none is left.
     """
     clock = one.state.clock
     while run < motion.size:
@@ -152,7 +157,7 @@ def start_next(one, run, motion, factor, output, results):
 
 @kernel
 def copy_run(of, place, to, number):
-    """Copy what a run has of its own to another place.
+    """Copy the values that a run keeps from place `place` of `of` to place `number` of `to`.
 
     Reads: of.columns.
     Writes: to.columns.
@@ -164,7 +169,10 @@ def copy_run(of, place, to, number):
 
 @kernel
 def run_four(four, one, motion, factor, output, results):
-    """Make many runs from rest, four at a time."""
+    """Make many runs from rest, four at a time.
+
+    `four` steps them; `one` starts, serves and ends each of them alone.
+    """
     work = one.work
     clock = four.state.clock
     running = 0
@@ -196,7 +204,10 @@ def new_rigid_runs(model: Model, zeros=np.zeros) -> Runs:
 
 @functools.lru_cache(maxsize=KEPT)
 def rest_of(model: Model) -> tuple[float, float]:
-    """Return the rest range of a chain in its own geometry [g]; nan if it cannot rest."""
+    """Return the range of rest of a chain in its own geometry, plus and minus [g].
+
+    Both are nan if it cannot rest.
+    """
     one = new_rigid_runs(model)
     shared.begin(model, one.state, one.work, 0, 0.0)
     found, plus, minus = service.rest_range(model, one.state, one.work, one.path.rest)
@@ -209,9 +220,10 @@ _kept = threading.local()
 def _runs_for(
     chain: Chain, grounds: Grounds, options: Options, from_rest: bool = True
 ) -> list[Runs] | Status:
-    """Return four runs of a chain side by side, and one; a status if it has no rest on its joints.
+    """Return four runs of a chain side by side, and one alone.
 
-    A thread keeps the buffers that it used last.
+    If the chain has no rest on joints that give, return its status. A thread keeps the buffers
+    that it used last.
     """
     if chain.joint is None:
         model = model_of(chain)

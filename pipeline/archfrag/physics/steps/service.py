@@ -1,6 +1,6 @@
 """What time stepping does for one run alone, besides Newton's iteration.
 
-Rest, its history, a solution path where the modes are not reconciled, and measurements of the
+This is rest, the history, a solution path if the modes are not reconciled, and measurements of the
 contact residual.
 """
 
@@ -45,7 +45,7 @@ from archfrag.physics.steps.step import (
     speed_of,
 )
 
-# Changes of a joint's mode, the dominant one last.
+# Causes of a change of a joint's mode, the dominant one last.
 CHANGES = tuple(
     map(int, (Cause.STICK, Cause.SLIDE, Cause.HINGE, Cause.IMPACT, Cause.LOSS))
 )
@@ -53,8 +53,8 @@ CHANGES = tuple(
 SHORTEST = 1.0 / 100.0
 # Contacts hold a chain that stands if they leave no more than this part of gravity [1].
 HELD = 1e-7
-# Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one
-# or several linear problems each; so many on average mean no advance.
+# A run may take MOST_STEPS times as many steps as would cover its duration at the shortest length.
+# A step needs one or several linear problems; ITERATIONS_PER_STEP on average mean no advance.
 MOST_STEPS = 2.0
 ITERATIONS_PER_STEP = 16.0
 # Corners nearer than this part of the joint's length may close in a step of a slow motion.
@@ -76,7 +76,10 @@ def is_as_built(model, state):
 
 @kernel
 def rest_range(model, state, work, problem):
-    """Return whether a configuration can rest, and its load factors plus and minus."""
+    """Return whether a chain can rest where it is, and the limits of its range of rest [g].
+
+    These are two load factors, plus and minus.
+    """
     place_contacts(model, state.slip, work)
     for j in range(state.slip.size):
         for k in range(2):
@@ -145,7 +148,10 @@ def write_rest(runs, output):
 
 @kernel
 def rest_until_onset(runs, plus, minus, output):
-    """Let a chain rest until the ground motion moves it; returns the code."""
+    """Let a chain rest until the ground motion moves it; return the code.
+
+    `plus` and `minus` are the limits of its range of rest [g].
+    """
     state = runs.state
     clock = state.clock
     leave, for_good = end_rest(runs.model, runs.grounds, clock, plus, minus)
@@ -164,7 +170,10 @@ def rest_until_onset(runs, plus, minus, output):
 
 @kernel
 def rest(runs, output):
-    """Let a chain of rigid joints rest in its own geometry until the ground moves it."""
+    """Let a chain of rigid joints rest in its own geometry until the ground moves it.
+
+    Return the code.
+    """
     write_rest(runs, output)
     options = runs.options
     return rest_until_onset(runs, options.rest_plus, options.rest_minus, output)
@@ -174,7 +183,8 @@ def rest(runs, output):
 def write_if_due(model, state, work, output):
     """Write a frame of the beginning of a solved step, if one is due.
 
-    Reactions act at the middles of steps; those of the instant lie between them.
+    Reactions act in the middle of steps; the frame's are interpolated between the last step and
+    this.
     """
     clock = state.clock
     frames = output.frames
@@ -215,7 +225,9 @@ def keep_forces(work, step, output):
 
 @kernel
 def dominant_change(state, work):
-    """Return the most important change of a joint in a solved step: cause, joint.
+    """Return the most important change of a joint in a solved step: cause and joint.
+
+    Both are -1 if no joint changes.
 
     Reads: state (contact, slide, slip), work (contact, slide).
     """
@@ -263,7 +275,7 @@ def are_held(model, state, work, options):
 
 @inlined
 def stop(model, state):
-    """Stop all bodies; their kinetic energy is an error."""
+    """Stop all bodies, and record their kinetic energy as an error."""
     record_work(0.0, 0.0, -kinetic_energy(model, state.velocity), True, state.energy)
     state.velocity[:] = 0.0
 
@@ -272,7 +284,7 @@ def stop(model, state):
 def hold(model, state, work):
     """Let a chain that its contacts hold stand where it is for a step.
 
-    What it would move is rounding, which joints that open and close by it would gather.
+    Any motion would be rounding, which would add up as joints open and close by it.
 
     Reads: model (inertia, mass), state (clock, energy, impact, velocity).
     Writes: state (clock, count, energy, impact, velocity), work.reaction.
@@ -289,7 +301,7 @@ def hold(model, state, work):
 
 @kernel
 def accept_recorded(runs, impulse, output):
-    """Accept a solved step of one run, and write frames and log; as `accept_step`."""
+    """Accept a solved step of one run, and write frames and log; return as `accept_step`."""
     model = runs.model
     state = runs.state
     work = runs.work
@@ -375,7 +387,7 @@ def handle_pause(runs, output):
 
 @kernel
 def handle(runs, output):
-    """Handle the reason for which a run waits; return the code that it goes on or ends with."""
+    """Do what a run waits for; return the code with which it goes on or ends."""
     code = int(runs.state.clock[Clock.CODE])
     if code == Wait.UNSOLVED:
         code = handle_unsolved(runs, output)
@@ -389,8 +401,10 @@ def handle(runs, output):
 def code_after(before, outcome, over, spent, due):
     """Return the codes of runs (`Wait`) after an attempt at a step.
 
-    `outcome` are masks: solved, unsolved, collapsed, broken. Of several codes that apply
-    the last below counts.
+    `before` are the codes before it. The other arguments are masks: `outcome` has solved,
+    unsolved, collapsed, broken; `over` is where the time is up, `spent` where the work allowed is
+    spent, and `due` where something is to be done between steps. If several codes apply, the last
+    below counts.
     """
     _, unsolved, collapsed, broken = outcome
     code = select(unsolved, Wait.UNSOLVED, before)

@@ -1,7 +1,7 @@
 """One step of Moreau's midpoint scheme, of one run or of four: pose, solve, accept.
 
-`pose_step` and `accept_step` are of every law of joints; what follows in this module, and in
-`at_impacts`, is that of rigid ones.
+`pose_step` and `accept_step` serve every law of joints; the rest of this module, and `at_impacts`,
+is for rigid ones.
 
 From the positions q and velocities v of one instant the bodies move on for half the step h. There
 contacts are looked for (Moreau 1988, 1999; Jean 1999), and all forces act for the entire step:
@@ -9,8 +9,8 @@ contacts are looked for (Moreau 1988, 1999; Jean 1999), and all forces act for t
     q_m = q + h/2 v,    M (w - v) = h f(q_m) + H(q_m) r,    q' = q_m + h/2 w
 
 Displacement and impulse belong to the same step, whatever its length and that of its neighbours.
-The kinetic energy changes by M (w - v) (v + w) / 2 and the potential energy by h m g (v + w) / 2:
-to rounding the work of the ground and of the reactions at the mean velocities.
+The kinetic energy changes by M (w - v) (v + w) / 2 and the potential energy by h m g (v + w) / 2.
+To rounding their sum is the work of the ground and of the reactions at the mean velocities.
 
 Signorini's law holds at the position from which the next step's middle is reached, as with Paoli
 and Schatzman (2002, *SIAM J. Numer. Anal.* 40(2)): q' moved on along the velocities w, for half
@@ -44,7 +44,8 @@ REACH = 5.0
 # this many times rotation do in a step: a deep one would throw the bodies apart.
 SWING = 4.0
 # An impact off the middle of its step leaves the corner a part of the rate at which it came. If
-# that is more than this, the impact goes on in the next step. Below, what `State.impact` holds.
+# that is more than COMPLETE, the impact goes on in the next step. ENDING and GOING_ON are values
+# of `State.impact`.
 COMPLETE = 0.001
 ENDING = 1.0
 GOING_ON = 2.0
@@ -52,13 +53,13 @@ GOING_ON = 2.0
 CENTRED = 0.1
 # The mean tension over a step is that of the middle plus this part of its change by the step.
 MEAN = 0.25
-# Steps between looks for overlaps where no corner opens or closes.
+# Steps after which overlaps are looked for if no corner opens or closes.
 OVERLAP_INTERVAL = 8.0
 
 
 @inlined
 def _limited_bias(bx, by, nx, ny, limit):
-    """Limit the rate at which a bias corrects overlap and slip [m/s]."""
+    """Limit the rate at which a bias (bx, by) corrects overlap and slip to `limit` [m/s]."""
     inward = larger(-limit - (nx * bx + ny * by), 0.0)
     bx = bx + inward * nx
     by = by + inward * ny
@@ -77,7 +78,7 @@ def normal_of(j, work):
 def bend_of(j, k, velocity, work):
     """Return the acceleration of a corner's offset at constant velocities [m/s2].
 
-    The centripetal ones of both bodies, and that of Coriolis where a vertex slides on a face.
+    It is the centripetal one of both bodies, and that of Coriolis where a vertex slides on a face.
     """
     after = velocity[j + 1, 2]
     before = velocity[j, 2]
@@ -95,7 +96,7 @@ def bend_of(j, k, velocity, work):
 
 @inlined
 def offset_of(j, k, model, work):
-    """Return `corner_offset` at the middle of the step, zero if it is rounding [m]."""
+    """Return `corner_offset` in the middle of the step; zero if it is rounding [m]."""
     ex, ey = placing.corner_offset(j, k, work, work.slip[j])
     tiny = abs(ex) + abs(ey) < model.rounding
     return select(tiny, 0.0, ex), select(tiny, 0.0, ey)
@@ -105,8 +106,9 @@ def offset_of(j, k, model, work):
 def aim_contacts(model, state, work, step, shortest):
     """Set the bias so that the contact laws hold where the next step looks for contacts.
 
-    An offset e at the middle becomes e + (h/2 + k) u + (h/8 + k/2) h b: after half the step h at
-    the velocity u to come, and a time k at the one then reached. b is `bend_of`.
+    An offset e in the middle of the step becomes e + (h/2 + k) u + (h/8 + k/2) h b. It changes at
+    the velocity u after the step for the rest of the step, h/2, and then for a time k; b is from
+    `bend_of`.
 
     Writes: work (bias, candidate, side_normal).
     """
@@ -153,7 +155,10 @@ def aim_contacts(model, state, work, step, shortest):
 
 @inlined
 def free_fall(model, state, work, impulse, span):
-    """Set ``work.free``: velocities without reactions after a time `span` [s]."""
+    """Set ``work.free`` to the velocities without reactions after a time `span` [s].
+
+    `impulse` is that of the ground motion in that time.
+    """
     fall = impulse.y + span * model.gravity
     for i in range(1, state.position.shape[0] - 1):
         work.free[i, 0] = state.velocity[i, 0] - impulse.x
@@ -181,7 +186,7 @@ def go_to_middle(model, state, work, step):
 
 @inlined
 def set_step(clock, step, until, where):
-    """Set the size of the next step, which ends at `until` at the latest."""
+    """Set the size of the next step, where `where` holds; it ends at `until` at the latest [s]."""
     left = until - clock[Clock.TIME]
     step = select((left > 0.0) & (left < step), left, step)
     clock[Clock.STEP] = select(where, step, clock[Clock.STEP])
@@ -195,13 +200,16 @@ def is_centred(clock, step):
 
 @inlined
 def time_before(state, step):
-    """Return the part of a step before an expected impact [s]."""
+    """Return the time from the beginning of a step to an impact in its middle [s].
+
+    It is zero if none is expected there.
+    """
     return select(is_centred(state.clock, step), 0.5 * step, 0.0 * step)
 
 
 @kernel
 def carry_on(model, state, work, span):
-    """Let the reactions of the last step act on ``work.free`` until an impact.
+    """Let the reactions of the last step act on ``work.free`` for a time `span`, until an impact.
 
     Else joints that the impact opens would bear nothing in that time, and the impact would take
     what the ground gives against them: a part of the energy of the order of the step, each time.
@@ -261,7 +269,10 @@ def _mean_velocity(i, state, work):
 
 @inlined
 def record_far_work(state, work, where):
-    """Record the work of the far springing, where the last joint bears on it."""
+    """Record the work of the far springing, and take its velocity.
+
+    Nothing is done if no joint bears on it.
+    """
     last = state.slip.size - 1
     end = state.position.shape[0] - 1
     if last < end - 1:
@@ -277,7 +288,10 @@ def record_far_work(state, work, where):
 
 @inlined
 def _is_complete(j, model, state, work):
-    """Return whether no touching corner still closes, or opens again, at a rate that counts."""
+    """Return whether the impact at joint `j` is complete.
+
+    It is if no touching corner still closes, or opens again, at a rate that counts.
+    """
     nx, ny = normal_of(j, work)
     step = state.clock[Clock.STEP]
     fall = model.gravity * step
@@ -338,7 +352,9 @@ def speed_of(i, velocity, length):
 
 @kernel
 def record_motion(model, state, where):
-    """Record peaks of displacement, rotation, kinetic energy; return where they are not finite.
+    """Record the largest displacement, rotation and kinetic energy, and the present largest speed.
+
+    Return where positions are not finite.
 
     Writes: state (clock, energy, peak).
     """
@@ -387,7 +403,7 @@ def record_overlap(model, state, work, where):
 def take_step(runs, impulse, where):
     """Take solved velocities and the positions that they reach; record the work of the ground.
 
-    ``work.reaction`` goes from impulses into the mean forces over the step.
+    ``work.reaction`` changes from impulses into the mean forces over the step.
     """
     state = runs.state
     work = runs.work
@@ -447,7 +463,7 @@ def make_step(runs, impulse, where):
 
 @kernel
 def add_carried(state, work, span):
-    """Add the impulses of `carry_on` to those of the step.
+    """Add the impulses of `carry_on` to those of the step; with ``-span`` take them away again.
 
     Reads: state (force, slip).
     Writes: work.reaction.
@@ -459,7 +475,10 @@ def add_carried(state, work, span):
 
 @kernel
 def accept_contacts(runs, impulse, where):
-    """Take a step whose contact problem is solved, and what acted before its impact."""
+    """Take a step whose contact problem is solved; return where the chain has collapsed.
+
+    What acted before an impact in its middle works, too.
+    """
     state = runs.state
     work = runs.work
     count_changes(runs.model, state, work, where)
@@ -485,9 +504,10 @@ def pass_time(state, where):
 
 @kernel
 def accept_step(runs, impulse, where):
-    """Accept a solved step; return where the chain has collapsed, and is broken.
+    """Accept a solved step; return where the chain has collapsed, and where it is broken.
 
-    ``work.reaction`` goes from impulses into the mean forces over the step.
+    It is broken where positions are not finite. ``work.reaction`` changes from impulses into the
+    mean forces over the step.
     """
     collapsed = runs.law.accept(runs, impulse, where)
     broken = record_motion(runs.model, runs.state, where)
