@@ -485,7 +485,7 @@ def check_one_number(rows: Sequence[Row], column: int, separator: str) -> None:
 
 
 def check_years(cells: Sequence[str], name: str) -> None:
-    """Raise InputError if points may separate thousands in return periods, as in 1.000 or 2.475."""
+    """Raise InputError if points may separate thousands in return periods, as in 1.000."""
     check_thousands(cells, name)
     dotted = [cell for cell in cells if _THOUSANDS.fullmatch(cell)]
     short = all(map(_ROUNDED.fullmatch, cells)) and max(map(float, cells)) < 100.0

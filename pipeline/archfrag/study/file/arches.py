@@ -493,7 +493,8 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     def build(self) -> "Arch":
         """Build the arch of the entry; if it varies, from the entry's own values.
 
-        GeometryError if the arch cannot exist.
+        GeometryError if the arch cannot exist, StabilityError if it does not stand with its joints
+        or after its springings have moved.
         """
         entry = self.read().model_copy(update={"id": "arch", "vary": None})
         context = copy_context()

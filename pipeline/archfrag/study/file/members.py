@@ -30,7 +30,9 @@ MOST_CHECKED = (
 )
 MOST_MEMBERS = 20_000  # arches of a study; each sample counts
 LARGEST_TABLE = 20_000_000  # [bytes]
-_ALIKE = 0.85  # difflib's ratio of a column's name to a key, from which the name is taken for a typing error
+_ALIKE = (
+    0.85  # difflib's ratio to a key, from which the name of a column is a typing error
+)
 
 
 @dataclass(frozen=True)

@@ -131,8 +131,9 @@ class FirstShocks(Section):
 
 
 def pairs_text(records: Sequence[Any]) -> list[str]:
-    """Return a line that lists the first shock of each record, in a list; empty without first
-    shocks.
+    """Return a list with one line on which first shock comes before which record.
+
+    The list is empty if no record has a first shock.
     """
     pairs = [f"{each.first.id} before {each.id}" for each in records if each.first]
     more = len(pairs) - MOST_LISTED
@@ -166,9 +167,7 @@ class Motions(Section):
 
     @property
     def first(self) -> "Motions | None":
-        """The motions of the index of first shocks; None if first shocks have no index of their
-        own.
-        """
+        """The motions of the index of first shocks; None if they have no index of their own."""
         if self.before is None or self.before.index is None:
             return None
         own: Named = {"index": self.before.index, "files": []}

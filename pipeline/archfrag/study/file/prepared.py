@@ -63,14 +63,12 @@ class PreparedRecord(Facts):
 
     @property
     def waivers(self) -> str:
-        """Implausible facts of the record that the study accepts, as text; empty if there are
-        none.
-        """
+        """Implausible facts of the record that the study accepts, as text; else empty."""
         return str(self.accepted or "")
 
     @property
     def motions(self) -> tuple["PreparedRecord", ...]:
-        """The stored motions that its runs need: the first shock, if there is one, and the record."""
+        """The stored motions that its runs need: the first shock, if there is one, and itself."""
         return (self,) if self.first is None else (self.first, self)
 
 

@@ -52,7 +52,10 @@ class LevelRange(Section):
 
 
 def _listed(levels: list[float] | LevelRange) -> list[float]:
-    """Return the list of levels, which must increase; those of a range are rounded to 12 digits."""
+    """Return the list of levels, which must increase.
+
+    Those of a range are rounded to 12 digits, as a person would type them.
+    """
     if isinstance(levels, LevelRange):
         step = (levels.stop - levels.start) / (levels.count - 1)
         levels = [float(f"{levels.start + i * step:.12g}") for i in range(levels.count)]
@@ -247,9 +250,7 @@ class StudyKeys(Section):
 
     @property
     def members(self) -> Members:
-        """All arches of the study, as `expand` returns them; tables and drawings are read only
-        once.
-        """
+        """All arches of the study, as `expand` returns them. Files are read only once."""
         before = self.motions.before
         endings = before.endings(self.intensity.factor) if before else []
         given = self.arches, endings

@@ -265,8 +265,7 @@ def read_sources(asked: Motions, measure: str) -> Iterator[Motion]:
 def _read(
     files: Iterable[RecordFile], components: Sequence[str]
 ) -> Iterator[tuple[RecordFile, Motion, list[Motion]]]:
-    """Yield the chosen horizontal components: file, motion, and all horizontal motions of the
-    file.
+    """Yield each chosen horizontal component: file, motion, and all motions of the file.
 
     `components` are codes of the components to choose; all are chosen if it is empty. Motions get
     the digests by which records of one earthquake are recognised. RecordError for a record that
