@@ -311,9 +311,9 @@ def search(
 ) -> Asking[None]:
     """Narrow the brackets of some records to neighbouring levels.
 
-    `low` and `high` are the indices of the levels at their ends, (n_record,), and are changed in
-    place. `expected` has the probability of each border, (n_record, n_level + 1). `left` are the
-    rows of the records to search.
+    `low` and `high` are the indices of the levels at their ends, (n_record,): -1 and n_level if
+    these are not known. They are changed in place. `expected` has the probability of each border,
+    (n_record, n_level + 1). `left` are the rows of the records to search.
 
     The level to try next is the most informative one for its cost: the entropy of its verdict over
     the expected cost. A level is not tried again if its run had no verdict. A record goes on as

@@ -98,7 +98,7 @@ def files_of_code(*patterns: str) -> list[Path]:
 
 @functools.cache
 def code() -> str:
-    """Return one SHA-256 of this package's files, the versions of libraries and the machine type."""
+    """Return one SHA-256 of this package's files, the versions of libraries and the machine."""
     digest = hashlib.sha256(canonical_json([versions(), platform.machine()]).encode())
     for path in files_of_code("**/*"):
         digest.update(str(path.relative_to(PACKAGE)).encode())

@@ -1,5 +1,4 @@
-"""The steps of a study in their order; only one process runs them in a folder, and signals stop
-it.
+"""The steps of a study in their order, with a lock on its folder and a stop by signals.
 
 Runs that are stored are kept. Cube, fit and report are made again whenever anything has changed.
 """
@@ -145,7 +144,7 @@ def finished(study: StudyKeys) -> "Fitted":
 
 
 def changed_since(study: StudyKeys) -> tuple[bool, list[str]]:
-    """Return whether the stored motions can be used, and a line on each change since the last run."""
+    """Return whether the stored motions can be used, and a list of changes since the last run."""
     inputs = study_inputs(study)
     try:
         manifest = read_manifest(study)

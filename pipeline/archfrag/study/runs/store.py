@@ -133,9 +133,7 @@ class Plan:
     built: "dict[int, Arch]" = field(default_factory=dict, compare=False)
 
     def with_motions(self) -> "Plan":
-        """Return the plan with all motions loaded, for workers that do not have the study's
-        folder.
-        """
+        """Return the plan with all motions loaded, for workers without the study's folder."""
         stored = {each for record in self.records for each in record.motions}
         loaded = {each.stored: load_record(self.study.work, each) for each in stored}
         return replace(self, motions=loaded)
@@ -148,9 +146,7 @@ class Plan:
     def shock(
         self, arch: int, record: int
     ) -> tuple[PreparedRecord, float, float] | None:
-        """Return the first shock before a record, its factor and the gap [s]; None if there is
-        none.
-        """
+        """Return the first shock before a record, its factor and the gap [s]; None without one."""
         first = self.records[record].first
         if first is None or self.arches[arch].intact:
             return None
@@ -178,9 +174,7 @@ class Plan:
 
     @property
     def parts(self) -> Path:
-        """Folder of the parts; each identity of the code has its own, since no other can use its
-        runs.
-        """
+        """Folder of the parts; each identity of the code has its own."""
         return self.study.work / "parts" / self.identity[:12]
 
     @cached_property

@@ -72,7 +72,10 @@ def describe_code() -> str:
 
 
 class Threads:
-    """Workers that are threads of this process; kernels run in parallel, for they release the GIL."""
+    """Workers that are threads of this process.
+
+    Kernels run in parallel on them, since they do not hold the GIL.
+    """
 
     spare = 0  # chunks that may wait while all threads are busy
 
