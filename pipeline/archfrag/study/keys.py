@@ -44,9 +44,9 @@ class Section(BaseModel):
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
     )
 
-    # Which keys are allowed may depend on the value of the key `kind_key`, or on whether a certain
-    # key is there. Those of `common` are always allowed. By that value or that certain key, `kinds`
-    # has the keys that must be there, and those that may.
+    # Allowed keys may depend on the value of the key `kind_key`, or on which key of `kinds` is
+    # there. Those of `common` are always allowed. By that value or that key, `kinds` has the keys
+    # that must be there, and those that may.
     kind_key: ClassVar[str] = ""
     common: ClassVar[tuple[str, ...]] = ()
     kinds: ClassVar[dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {}

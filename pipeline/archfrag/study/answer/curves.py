@@ -40,7 +40,9 @@ from archfrag.fragility.verdicts import (
 from archfrag.study.designs import Design, design_of
 
 POINTS = 120  # of a band
-MOST_LACKING = 0.5  # missing fraction of the runs below capacities; above it, a search chose the levels
+MOST_LACKING = (
+    0.5  # missing fraction of runs below capacities; above it, a search chose levels
+)
 MISFIT = 0.05  # p-value below which the lognormal curve does not describe the collapses
 MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
 _COLLAPSE = (

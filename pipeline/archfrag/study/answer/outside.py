@@ -181,9 +181,7 @@ def _level(none: Sequence[str], cell: str) -> float:
 
 
 def _plain(name: str) -> str:
-    """Return a name in the form to compare names in: without case, blanks at its ends,
-    underscores.
-    """
+    """Return a name as it is compared: in lower case, with blanks for underscores."""
     return name.strip().casefold().replace("_", " ")
 
 
@@ -259,8 +257,7 @@ def _stated(head: str) -> tuple[str, str]:
 def _runs(
     given: VerdictTable, states: Sequence[str], factors: Mapping[str, float]
 ) -> pd.DataFrame:
-    """Return the runs of a table, with level, verdict and cells; the index is the place of the
-    row.
+    """Return the runs of a table: level, verdict and cells, with the place of their row as index.
 
     A bracket gives a run at each of its ends. `factors` are the units of the columns of
     intensities, in the unit of the levels. InputError for the first row that cannot be used.

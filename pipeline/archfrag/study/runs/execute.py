@@ -30,9 +30,9 @@ from archfrag.study.runs import store
 from archfrag.study.runs.store import Plan, Table, places
 from archfrag.study.runs.workers import Cluster, Threads, workers_of
 
-# A chunk is one call of the kernels. They make four of its runs side by side until near its end, so
-# that chunks of 4 cost half as much again as those of 64. If there are many chunks, workers wait
-# less for the last one.
+# A chunk is one call of the kernels. They make four of its runs side by side until near its end,
+# so that chunks of 4 cost half as much again as those of 64. If there are many chunks, workers
+# wait less for the last one.
 SMALLEST_CHUNK = 8
 LARGEST_CHUNK = 64
 CHUNKS_EACH = 8
