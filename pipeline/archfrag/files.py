@@ -286,8 +286,8 @@ def check_targets(
 ) -> None:
     """Check that writing `targets` replaces no input and no file that archfrag did not make.
 
-    Results of a study may be replaced only if `of_study` is true. Two targets must not be one
-    place, and a None is skipped. OutputError names the first target that is refused.
+    Results of a study may be replaced only if `of_study` is true. Each target must be another
+    place; None stands for no target. OutputError names the first target that is refused.
     """
     given = [each for each in inputs if each and os.path.exists(each)]
     seen = set[str]()

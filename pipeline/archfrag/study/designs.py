@@ -227,7 +227,7 @@ def order_of(cases: Cases) -> IntArray:
     return np.lexsort([cases[name] for name in ("place", "record", "arch")])
 
 
-FIRST_RECORDS = 10  # that are searched before others show what to expect
+FIRST_RECORDS = 10  # records searched before there is anything to expect of the others
 # A run that survives goes on to the end of the record, and costs five times one that collapses.
 # But with a ratio of 5 levels would be tried from above, and a record with several borders would
 # get its upper one.
@@ -253,8 +253,9 @@ class Ida(Design):
         """Search a border of each record, then check cells near it.
 
         A record that survives again above a level at which it collapsed has several borders. The
-        search finds one of them, not the lowest: which one depends on the levels that it tries.
-        The cells near the borders show how far single runs scatter, and the curve includes this.
+        search finds one of them, not always the lowest: which one depends on the levels that it
+        tries. The cells near the borders show how far single runs scatter, and the curve includes
+        this.
 
         The first records are searched with all borders equally likely. The others are searched
         with the probabilities that the first show. The names of arch and records decide which
@@ -299,7 +300,7 @@ class Ida(Design):
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Return the number of runs of an arch, and how exact it is.
 
-        A search distinguishes n_level + 1 places of the border of a record; checks come on top.
+        A search distinguishes n_level + 1 places of the border of a record; the checks are added.
         """
         search_runs = int(np.ceil(n_record * np.log2(n_level + 1)))
         checks = n_record if self.checks is None else self.checks
@@ -347,15 +348,15 @@ def search(
         low[left[survived]] = places[survived]
         left = left[
             verdicts != Verdict.COLLAPSED_BEFORE
-        ]  # before the record, at any level
+        ]  # these would collapse before the record at any level
 
 
 def expected_borders(levels: FloatArray, low: IntArray, high: IntArray) -> FloatArray:
     """Return the probability of each border, (n_level + 1,), if ln capacity is normal.
 
     `low` and `high` are the ends of the brackets found so far, (n_record,). Mean and standard
-    deviation are those of the middles of these brackets. A bracket without an end among the levels
-    ends one step beyond them.
+    deviation are those of the middles of these brackets. An end that is not known counts as one
+    step beyond the levels.
     """
     logs = np.log(levels)
     step = np.diff(logs).mean() if logs.size > 1 else 0.5

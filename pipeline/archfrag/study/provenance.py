@@ -402,7 +402,7 @@ def strict_json(value) -> str:
 def finite(value, none=str):
     """Return a value in which floats that are inf or nan are replaced, also in lists and mappings.
 
-    They become text, or `none` if that is given.
+    They become text, or the value `none` if it is given.
     """
     if isinstance(value, float) and not math.isfinite(value):
         return str(value) if none is str else none

@@ -79,7 +79,7 @@ def write_starter(folder: Path) -> Path:
 def suspicious(records: Sequence[PreparedRecord]) -> list[str]:
     """Return the cautions on files and samples of records.
 
-    Cautions that differ in numbers only are one: that of the first record, with the number of
+    If cautions differ in numbers only, the first is returned with its record and the number of
     others.
     """
     alike: dict[str, list[str]] = {}

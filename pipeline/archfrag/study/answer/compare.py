@@ -41,7 +41,7 @@ def compare(
     def without(own: ArchRuns, groups: IntArray) -> FloatArray:
         """Return ln theta and ln beta of an arch without each part of the groups, (n_part, 2).
 
-        They are by the posterior without scatter.
+        They are estimated by the posterior as if single runs did not scatter.
         """
 
         def estimate(brackets: Brackets) -> Curve:
@@ -158,7 +158,7 @@ def _same_motions(own: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
 def _check_pairs(one: ArchRuns, two: ArchRuns) -> None:
     """Check that the members of two classes are pairs; InputError if not.
 
-    There must be as many of each, and their samples must have the same order.
+    Both classes must have the same number of arches, and their sampled values the same order.
     """
     pair = f"{one.name} and {two.name} cannot be compared"
     sizes = [runs.cube.sizes["arch"] for runs in (one, two)]

@@ -323,9 +323,9 @@ def _portable_arch(entry: ArchEntry) -> Named:
 
 
 def _by_name(digests: dict[str, str]) -> dict[str, str]:
-    """Return digests by the ends of their paths, as short as distinguishes all of them.
+    """Return digests by the ends of their paths, as short as possible while all ends differ.
 
-    So they are the same wherever the files are.
+    So the names of the digests do not depend on where the files are.
     """
     size = 0
     ends = list[str]()

@@ -104,17 +104,17 @@ class ArchRuns:
 
     @property
     def collapsed(self) -> BoolArray:
-        """Runs that collapsed."""
+        """Whether each run collapsed, (n_record, n_level)."""
         return self.verdict == Verdict.COLLAPSED
 
     @property
     def survived(self) -> BoolArray:
-        """Runs that survived."""
+        """Whether each run survived, (n_record, n_level)."""
         return self.verdict == Verdict.SURVIVED
 
     @property
     def decided(self) -> BoolArray:
-        """Runs that collapsed or survived."""
+        """Whether each run collapsed or survived, (n_record, n_level)."""
         return np.isin(self.verdict, DECIDED)
 
     @cached_property
@@ -140,12 +140,15 @@ class ArchRuns:
 
     @property
     def filled(self) -> IntArray:
-        """Verdicts of all runs; if `gaps`, missing ones are those that the capacities imply."""
+        """Verdicts of all runs, (n_record, n_level).
+
+        If `gaps`, runs that were not made have the verdicts that the capacities imply.
+        """
         return self.brackets.filled if self.gaps else self.verdict
 
     @property
     def gaps(self) -> bool:
-        """Whether runs made at a level are no sample of the records."""
+        """Whether the runs made at a level are no sample of the records."""
         return self.design.adaptive or self.brackets.gaps
 
     @property
@@ -429,7 +432,7 @@ def cloud_curves(runs: ArchRuns, confidence: float) -> Named:
 
 
 def measures_compared(runs: ArchRuns) -> Named:
-    """Compare the study's measure with the other measures that are known of its motions."""
+    """Compare the study's measure with the other measures that are known, and return the table."""
     cube = runs.cube
     known, exponent, units = known_measures(cube)
     table = compare_measures(
@@ -451,7 +454,7 @@ def known_measures(
 ) -> tuple[dict[str, FloatArray], dict[str, float], dict]:
     """Return the measures that grow with the factor: values of records, exponents, and SI units.
 
-    Each of the three is by the name of the measure. FitError if the cube has no other measures.
+    Each of these is a mapping by the name of the measure. FitError if the cube has no measures.
     """
     if "measure" not in cube:
         raise FitError(
@@ -480,8 +483,8 @@ def limit_states(
 ) -> tuple[tuple[Curve, ...], str]:
     """Return the curves of limit states, from light to severe, and a text on whether they cross.
 
-    A run that collapses exceeds every state. `keys` are the ``limit_states`` of a study. For one
-    arch the last curve is that of `collapse`, without its band.
+    A run that collapses exceeds every state. `keys` are the ``limit_states`` of a study.
+    `collapse` is the curve of collapse; for one arch it is returned last, without its band.
     """
     onset = _onset_in_measure(runs.cube)
     states = list[Curve]()
@@ -630,8 +633,8 @@ def dispersion_split(runs: ArchRuns, curves: Sequence[Curve], whole: Curve) -> N
     `curves` are those of its arches, and `whole` is that of the class. The division follows from
     the capacities of all runs. If some records cause no collapse up to the highest level, it
     follows from the curves of maximum likelihood of the arches: without these records, the
-    mildest, the capacities left would differ less. It is empty if runs are not at the study's
-    levels.
+    mildest, the capacities left would differ less. The result is empty if runs are not at the
+    study's levels.
     """
     if not runs.design.on_levels:
         return {}

@@ -141,7 +141,7 @@ def in_unit(curve: Curve, intensity: Intensity) -> Curve:
 def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
     """Return aligned lines on the curves of a study, and the cautions on them.
 
-    Lines are on classes, and on arches that are in no class; at most `SHOWN` of them have one.
+    There is a line for each class and for each arch in no class, for `SHOWN` of them at most.
     """
     answers = {
         name: in_unit(each, study.intensity) for name, each in fitted.quoted().items()
@@ -164,10 +164,10 @@ def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
 def gathered(
     cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]
 ) -> list[str]:
-    """Return cautions; of the same kind on several arches only the first, with their number.
+    """Return cautions; those of one kind are combined into the first, with the number of arches.
 
-    This is so for arches that are not `shown` alone. Cautions are of the same kind if they differ
-    in numbers only, and their arches are of one class.
+    Only cautions on arches that are not in `shown` are combined. They are of one kind if they
+    differ in numbers only, and their arches are of one class.
     """
     of_class = curves.arch_classes(cube)
     kinds = dict[tuple[str, str], list[str]]()

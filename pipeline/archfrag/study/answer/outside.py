@@ -69,8 +69,8 @@ class VerdictTable(NamedTuple):
     def read(self, what: str, meaning: Callable[[str], Any], rule: str) -> pd.Series:
         """Return what the cells of a column mean.
 
-        `meaning` returns this for a text, None or nan if the text means nothing. InputError, with
-        `rule`, for the first such cell.
+        `meaning` is called with the text of each cell; it returns None or nan if the text means
+        nothing. InputError, with `rule`, for the first such cell.
         """
         found = self.cells[what].map(meaning)
         for place in np.flatnonzero(found.isna()):
@@ -239,7 +239,7 @@ def _heads(
 
 
 def _either(source: str, names: Sequence[str], what: str) -> InputError:
-    """Return the InputError of two columns, each of which may be that of `what`."""
+    """Return the InputError for two columns that may both be that of `what`."""
     return InputError(
         f"{source}: {names[0]} and {names[1]} may both be the {what}; {_CHOOSE}"
     )

@@ -309,7 +309,7 @@ class Vary(Section):
 
 
 def _plain_key(row) -> tuple[Any, Any]:
-    """Return the type and the field of a key that is a number or true or false.
+    """Return the type and the field of a key that is a number or a flag.
 
     `row` is the `Property` of the key.
     """

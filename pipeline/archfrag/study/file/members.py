@@ -189,7 +189,7 @@ def _key_or_attribute(column: str) -> str:
     """Return the key that a column of a table holds, or its name if it is an attribute.
 
     The key is returned without its unit. InputError if the column states another unit than the key
-    has, or if its name is so close to a key that it may be meant.
+    has, if an attribute has a unit, or if its name is so close to a key that this may be meant.
     """
     name, unit = stated_unit(column)
     if name in COLUMNS:
@@ -267,9 +267,9 @@ def _of_each_joint(
 ) -> Named:
     """Draw the keys of a sample that differ from joint to joint, and return them.
 
-    `given` are the keys drawn for the sample before; they replace those of `entry`. A key returned
-    is friction, joint_positions, recess.intrados or recess.extrados: a list with a value for each
-    joint.
+    `given` are the keys that were drawn for the sample before; they replace those of `entry`. The
+    keys returned are those of friction, joint_positions, recess.intrados and recess.extrados that
+    scatter. Each is a list with a value for each joint.
     """
     keys: Named = {}
     # All are drawn, so that one key more leaves the others' numbers as they are.

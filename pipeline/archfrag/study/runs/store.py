@@ -220,7 +220,8 @@ class Plan:
     def requests(self, batch: int = 0, batches: int = 1) -> dict[int, Requests]:
         """Return the generators of requests by arch, for one of several batches.
 
-        An arch without a run in the batch has none. InputError unless 0 <= batch < batches.
+        `batches` is their number. An arch without a run in the batch has no generator. InputError
+        if `batch` is not from 0 to batches - 1.
         """
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
@@ -338,7 +339,7 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, Named]]:
 def superfluous(plan: Plan) -> dict[str, list[Path]]:
     """Return the stored parts that a study no longer needs, by reason.
 
-    Files that are no parts, by their names, are left out.
+    A file that is not named like a part is left out.
     """
     found: dict[str, list[Path]] = {}
     requested = None
