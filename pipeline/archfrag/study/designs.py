@@ -346,9 +346,8 @@ def search(
         survived = verdicts == Verdict.SURVIVED
         high[left[collapsed]] = places[collapsed]
         low[left[survived]] = places[survived]
-        left = left[
-            verdicts != Verdict.COLLAPSED_BEFORE
-        ]  # these would collapse before the record at any level
+        # A run that collapsed before its record would do so at any level.
+        left = left[verdicts != Verdict.COLLAPSED_BEFORE]
 
 
 def expected_borders(levels: FloatArray, low: IntArray, high: IntArray) -> FloatArray:

@@ -37,7 +37,7 @@ NEEDED_LATER = ("archfrag.study.answer.fits", "dask.array", "distributed")
 _GO_ON = "finished parts are kept, the same command goes on"
 Made = tuple[Any, Table]  # the key of a chunk, and the rows of its runs
 _identity = cache(store.code_identity)
-_ONE_AT_A_TIME = threading.Lock()  # Python's parser is not safe in threads, up to 3.11
+_ONE_AT_A_TIME = threading.Lock()  # Python's parser needs it, up to 3.11 at least
 
 
 def make_runs(plan: Plan, cases: Cases) -> Table:
