@@ -1,6 +1,6 @@
 """Earthquake records to collapse probabilities of masonry arches.
 
-Its stub lists what it offers, which is imported when it is asked for.
+The stub of this module lists the public names. Each is imported when it is first used.
 """
 
 import warnings
@@ -11,7 +11,10 @@ _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str):
-    """Import what is asked for; deprecations in the libraries that it needs are not the user's."""
+    """Import a public name when it is first used, and return it.
+
+    Deprecation warnings of other libraries are hidden meanwhile: they are not the user's.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         value = globals()[name] = _load(name)

@@ -1,11 +1,19 @@
-"""The command `archfrag`, also as ``python -m archfrag``: ready before what it imports."""
+"""The command `archfrag`, also as ``python -m archfrag``.
+
+It handles Ctrl-C and warnings before it imports the rest of the package.
+"""
 
 import sys
 import warnings
 
 
 def main() -> None:
-    """Run the command; Ctrl-C while it imports ends it with a sentence, and a warning never."""
+    """Run the command.
+
+    Ctrl-C during the imports ends it with a sentence and exit code 130. A warning never ends it:
+    if PYTHONWARNINGS turns warnings into errors, `UserWarning` and `RuntimeWarning` are printed
+    instead, and others are ignored.
+    """
     if any(
         entry[0] == "error" for entry in warnings.filters
     ):  # asked for by PYTHONWARNINGS

@@ -1,4 +1,7 @@
-"""Errors for people: one message with the place, the value and what is allowed."""
+"""Errors that archfrag raises on purpose.
+
+Each has one message with the place, the value and what is allowed.
+"""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -8,7 +11,10 @@ Made = TypeVar("Made")
 
 
 class ArchfragError(Exception):
-    """Base of all errors that archfrag raises on purpose; `exit_code` is the command's."""
+    """Base class of all errors that archfrag raises on purpose.
+
+    `exit_code` is the exit code of the command after such an error.
+    """
 
     exit_code = 1
 
@@ -20,7 +26,7 @@ class InputError(ArchfragError):
 
 
 class RecordError(InputError):
-    """A ground-motion record that cannot be read or used; names the file."""
+    """A ground-motion record that cannot be read or used. The message names the file."""
 
     LONGEST = 900  # characters: what is quoted from a file may have any length
 
@@ -30,7 +36,7 @@ class RecordError(InputError):
 
 
 class GeometryError(InputError):
-    """An arch that cannot exist; names the parameter and its value."""
+    """An arch that cannot exist. The message names the parameter and its value."""
 
 
 class StabilityError(ArchfragError):
@@ -52,9 +58,10 @@ class WorkerError(ArchfragError):
 
 
 class FitError(ArchfragError):
-    """Results from which no fragility curve can be estimated; states what they do show.
+    """Results from which no fragility curve can be estimated.
 
-    Each ``{}`` of the message is one of `levels`: intensities in the unit of the fit.
+    The message says what the results do show. Each ``{}`` in it stands for one of `levels`, which
+    are intensities in the unit of the fit.
     """
 
     exit_code = 6
@@ -65,7 +72,7 @@ class FitError(ArchfragError):
         super().__init__(self.worded())
 
     def worded(self, factor: float = 1.0, unit: str = "") -> str:
-        """Return the message with its levels divided by a factor, each with a unit."""
+        """Return the message with each level divided by `factor` and followed by `unit`."""
         shown = [f"{level / factor:g} {unit}".rstrip() for level in self.levels]
         return self.message.format(*shown) if shown else self.message
 
@@ -81,12 +88,18 @@ class UnitWarning(UserWarning):
 
 
 def reason_of(error: Exception) -> str:
-    """Return the first line of somebody else's error."""
+    """Return the first line of the message of an error of another library.
+
+    If the message is empty, the name of its class is returned.
+    """
     return [*str(error).strip().splitlines(), type(error).__name__][0]
 
 
 def from_extra(module: str, extra: str):
-    """Import a package that comes with an extra of archfrag, or say how to install it."""
+    """Import a module of a package that comes with an extra of archfrag, and return it.
+
+    If the package is not installed, InputError gives the command that installs `extra`.
+    """
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
@@ -99,7 +112,11 @@ def from_extra(module: str, extra: str):
 def attempt(
     make: Callable[[], Made], worded: Callable[[FitError], str] = str
 ) -> Made | str:
-    """Make one part of a report, or return the reason why not; `worded`: that of a `FitError`."""
+    """Return what `make` returns, or the reason why it failed, as text.
+
+    `worded` turns a `FitError` into text. Another error of archfrag gives its message. Any other
+    error is described as an error in archfrag.
+    """
     try:
         return make()
     except FitError as error:

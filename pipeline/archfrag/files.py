@@ -1,4 +1,7 @@
-"""Files of all kinds: read, written at once or not at all, and tables of CSV text in them."""
+"""Reading and writing of files, and parsing of CSV tables.
+
+A file is written completely or not at all.
+"""
 
 import codecs
 import contextlib
@@ -26,9 +29,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Named = dict[str, Any]  # values by their names
-WORK = ".archfrag"  # in the folder of a study's results: all that is not for people
-STAMPS = "stamp.json"  # SHA-256 of a study's files; of all that archfrag wrote
-MADE = "made.txt"
+WORK = (
+    ".archfrag"  # hidden folder in that of a study's results, with archfrag's own files
+)
+STAMPS = "stamp.json"  # SHA-256 of the files of one study
+MADE = "made.txt"  # SHA-256 of all files that archfrag wrote
 _HOST = re.sub(r"\W", "_", socket.gethostname())
 # Temporary names give host and process, so that what a killed process left can be recognised.
 _TEMPORARY = r"\.archfrag-(?P<host>\w+)-(?P<pid>[0-9]{1,9})-[a-z0-9_]{8}\.tmp"
@@ -40,22 +45,23 @@ _OBEYED = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u
 _FORMULA = re.compile(
     r"[=+\-@\t\r]"
 )  # first characters of a cell that a spreadsheet computes
-WHOLE = r"[-+]?(0|[1-9][0-9]*)"  # of YAML 1.2, but for 010, which YAML 1.1 takes for 8
+WHOLE = r"[-+]?(0|[1-9][0-9]*)"  # as in YAML 1.2, without 010, which is 8 in YAML 1.1
 REAL = rf"({WHOLE}(\.[0-9]*)?|[-+]?\.[0-9]+)([eE][-+]?[0-9]+)?"
 NUMBERS = "write digits with a decimal point, such as 10, 0.5 or 2e-3"
 _NUMBER = re.compile(REAL)
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a number of things: 1 arch, 2 arches."""
+    """Return a number with its noun, such as 1 arch or 2 arches."""
     plural = "es" if noun.endswith("ch") else "s"
     return f"{number} {noun}{plural * (number != 1)}"
 
 
 def number(text: str) -> float:
-    """Return the number that a text of a table, option or key is; ValueError if it is none.
+    """Return the number in a text of a table, an option or a key.
 
-    Python would also take 1_0 for 10 and nan, YAML 1.1 1:30 for 90 and 010 for 8. inf is one.
+    inf is a number. ValueError for other texts, even if they are numbers elsewhere: nan, 1_0 (10
+    in Python), 1:30 and 010 (90 and 8 in YAML 1.1).
     """
     plain = text.strip()
     if _NUMBER.fullmatch(plain) or plain.lstrip("+-") == "inf":
@@ -64,13 +70,19 @@ def number(text: str) -> float:
 
 
 def stated_unit(head: str) -> tuple[str, str | None]:
-    """Split the name of a column, `name [unit]` or `name (unit)`; None if it states no unit."""
+    """Split the name of a column, `name [unit]` or `name (unit)`, into name and unit.
+
+    The unit is None if none is stated.
+    """
     found = re.fullmatch(r"(.+?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]", head.strip())
     return (found[1], found[2]) if found else (head, None)
 
 
 def absolute(path: str, folder: Path) -> str:
-    """Make a path of a study file absolute, whose folder is given."""
+    """Return a path of a study file as an absolute one.
+
+    A relative path is below `folder`; ~ is the home folder.
+    """
     return os.path.abspath(os.path.join(folder, os.path.expanduser(path)))
 
 
@@ -83,7 +95,9 @@ def cannot_write(path: Path, error: OSError) -> OutputError:
 
 
 def printable(text: str) -> str:
-    """Return the text from elsewhere as a terminal may show it: what it would obey stands as
+    """Return a text in a form that is safe to show on a terminal.
+
+    Control characters, and those that change the direction of text, become codes such as
     ``\\u001b``.
     """
     return re.sub(_OBEYED, lambda found: f"\\u{ord(found[0]):04x}", text)
@@ -91,9 +105,10 @@ def printable(text: str) -> str:
 
 @contextlib.contextmanager
 def opened(path: str | Path, largest: float = float("inf")) -> Iterator[BinaryIO]:
-    """Open a file to read its bytes; a pipe or device is not waited for.
+    """Open a regular file to read its bytes.
 
-    `OSError` also for what is no regular file, and for one of more than `largest` bytes.
+    OSError if it cannot be opened, is a folder, pipe or device, or has more than `largest` bytes.
+    A pipe or device is not waited for.
     """
     with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
         state = os.fstat(file.fileno())
@@ -107,8 +122,10 @@ def opened(path: str | Path, largest: float = float("inf")) -> Iterator[BinaryIO
 
 
 def read_bytes(path: Path, largest: int, kind: type[InputError], what: str) -> bytes:
-    """Return the content of a file of at most `largest` bytes; else an error of a `kind`, naming
-    `what`.
+    """Return the content of a file of at most `largest` bytes.
+
+    If it cannot be read, an error of class `kind` is raised. Its message begins with `what`, such
+    as "the table", and the path.
     """
     try:
         with opened(path, largest) as file:
@@ -118,7 +135,10 @@ def read_bytes(path: Path, largest: int, kind: type[InputError], what: str) -> b
 
 
 def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> str:
-    """Return the UTF-8 text of a file, see `read_bytes`."""
+    """Return the text of a file in UTF-8.
+
+    Arguments are those of `read_bytes`. The error is raised also if the file is not in UTF-8.
+    """
     content = read_bytes(path, largest, kind, what)
     wide = wide_encoding(content)
     if wide:
@@ -130,7 +150,10 @@ def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> st
 
 
 def wide_encoding(content: bytes) -> str:
-    """Return UTF-16 or UTF-32 if the content of a text file is in it, else nothing."""
+    """Return UTF-16 or UTF-32 if a text file has that encoding, else an empty text.
+
+    `content` is the whole file, or its beginning.
+    """
     if content[:4] in (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE):
         return "UTF-32"
     head = content[:400]
@@ -144,13 +167,16 @@ def wide_encoding(content: bytes) -> str:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file, 64 hexadecimal digits; a pipe or device is not waited for."""
+    """Return the SHA-256 of a file as 64 hexadecimal digits; OSError as of `opened`."""
     with opened(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def end_with_parent() -> None:
-    """End this process of `multiprocessing` when the one that started it is gone."""
+    """End this process of `multiprocessing` as soon as its parent process has ended.
+
+    A thread waits for this; the call returns at once.
+    """
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -162,7 +188,10 @@ def end_with_parent() -> None:
 
 
 def make_folder(path: Path) -> Path:
-    """Make a folder with its parents and see that it can be written, or raise `OutputError`."""
+    """Make a folder with its parents and return it.
+
+    OutputError if the folder cannot be made, or if no file can be written in it.
+    """
     try:
         path.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=path).close()
@@ -172,17 +201,27 @@ def make_folder(path: Path) -> Path:
 
 
 def temporary_prefix() -> str:
-    """Return the prefix of names that `sweep` recognises; their suffix is .tmp."""
+    """Return how the names of this process's temporary files begin.
+
+    They end with .tmp. `sweep` recognises such names.
+    """
     return f".archfrag-{_HOST}-{os.getpid()}-"
 
 
 def temporary_folder(place: Path) -> "tempfile.TemporaryDirectory[str]":
-    """Make a folder that is removed when its block ends, or by `sweep` after a kill."""
+    """Make a temporary folder in `place` that is removed when its ``with`` block ends.
+
+    If the process is killed, `sweep` removes it.
+    """
     return tempfile.TemporaryDirectory(".tmp", temporary_prefix(), place, True)
 
 
 def sweep(folder: Path) -> None:
-    """Remove temporary files and folders of killed processes, by their names, below a folder."""
+    """Remove the temporary files and folders of killed processes anywhere below a folder.
+
+    Their names state host and process. They are removed if the process is gone from this host, or
+    if they are older than 30 days.
+    """
     for entry in list(folder.rglob("*")):
         found = re.fullmatch(_TEMPORARY, entry.name)
         if found is None or entry.is_symlink():
@@ -199,7 +238,11 @@ def sweep(folder: Path) -> None:
 
 
 def _registers(path: Path) -> list[Path]:
-    """Return where the SHA-256 of what archfrag made stands: beside a study, and of the user."""
+    """Return the paths of the lists that hold the SHA-256 of files made by archfrag.
+
+    One list is in the hidden folder beside `path`, the other in the user's folder for states of
+    programs.
+    """
     from platformdirs import user_state_path  # start-up
 
     user = user_state_path("archfrag") / MADE
@@ -207,7 +250,11 @@ def _registers(path: Path) -> list[Path]:
 
 
 def register(path: Path, content: Path) -> None:
-    """Note that archfrag makes the file `path` of this `content`, so that it may replace it."""
+    """Add the SHA-256 of a new file to the lists of what archfrag made.
+
+    So the file may be replaced later. It will stand at `path`; `content` is a file with its bytes.
+    A file in a hidden folder is not listed.
+    """
     if WORK in path.parts:  # where nothing is of anybody else
         return
     flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
@@ -222,7 +269,7 @@ def register(path: Path, content: Path) -> None:
 
 
 def _is_listed(path: Path, *places: Path) -> bool:
-    """Tell whether some lists of SHA-256 have that of a file."""
+    """Return whether the SHA-256 of a file is in one of the lists at `places`."""
     lists = b""
     for place in places:
         with contextlib.suppress(OSError), opened(place) as file:
@@ -237,9 +284,10 @@ def check_targets(
     inputs: Iterable[str | Path | None] = (),
     of_study: bool = False,
 ) -> None:
-    """See that files to be written replace no input and nothing that archfrag did not make.
+    """Check that writing `targets` replaces no input and no file that archfrag did not make.
 
-    Nor what a study made, unless they are `of_study`. OutputError names the first that does.
+    Results of a study may be replaced only if `of_study` is true. Each target must be another
+    place; None stands for no target. OutputError names the first target that is refused.
     """
     given = [each for each in inputs if each and os.path.exists(each)]
     seen = set[str]()
@@ -268,11 +316,12 @@ def check_targets(
 
 @contextlib.contextmanager
 def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
-    """Give a temporary name and, if all goes well, put that file in `path`'s place.
+    """Give the path of a temporary file that replaces `path` when the block ends without an error.
 
-    It is in the hidden folder of a study beside `path`, or else in the same folder. The bytes are
-    on the disk before the name is, unless not `lasting`: then a kill, but not a power cut, leaves
-    the file complete. `OutputError` for any `OSError` inside; `path` is then as it was.
+    The temporary file is in the hidden folder of a study beside `path`, or else in the same
+    folder. If `lasting`, its bytes are on the disk before it is renamed. If not, the file is
+    complete after a kill, but perhaps not after a power cut. An OSError in the block becomes an
+    OutputError; `path` is then as it was.
     """
     hidden = path.parent / WORK
     place = hidden if hidden.is_dir() and not hidden.is_symlink() else path.parent
@@ -294,9 +343,7 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
 
 
 def quoted(cell):
-    """Return a cell of a CSV: text that a spreadsheet would compute gets an apostrophe before
-    it.
-    """
+    """Return a cell of a CSV; put an apostrophe before text that a spreadsheet would compute."""
     if isinstance(cell, str) and _FORMULA.match(cell) and not _NUMBER.fullmatch(cell):
         return f"'{cell}"
     return cell
@@ -308,9 +355,10 @@ def unquoted(cell: str) -> str:
 
 
 def write_csv(target: Path, pieces: "Iterable[pd.DataFrame]", **form) -> None:
-    """Write a table in pieces of the same columns as CSV, completely or not at all.
+    """Write a table as CSV, completely or not at all.
 
-    `form` is handed to `pandas.DataFrame.to_csv`.
+    The table is given in pieces with the same columns. `form` is handed to
+    `pandas.DataFrame.to_csv`.
     """
     form |= {"index": False, "lineterminator": "\n"}
     with (
@@ -338,7 +386,10 @@ _ROUNDED = re.compile(
 
 
 def separator_of(lines: Iterable[str]) -> str:
-    """Return what separates the cells of some lines: semicolons, tabs, commas, else blanks."""
+    """Return the separator of the cells in some lines: semicolon, tab or comma, else a blank.
+
+    Semicolons or commas must be in at least half of the lines, tabs in all of them.
+    """
     rows = [line for line in lines if line.strip()]
     for mark, least in ((";", 0.5), ("\t", 1.0), (",", 0.5)):
         if rows and sum(mark in row for row in rows) >= least * len(rows):
@@ -347,9 +398,9 @@ def separator_of(lines: Iterable[str]) -> str:
 
 
 def cells_of(lines: Iterable[tuple[int, str]], separator: str) -> list[Row]:
-    """Split lines, each with its number, at the separator.
+    """Split lines at the separator; return the number of each line and its cells.
 
-    Lines without a character are left out, as are columns at the right end that are empty.
+    Empty lines are left out, and so are empty columns at the right end.
     """
     rows = []
     for number, line in lines:
@@ -370,7 +421,10 @@ def cells_of(lines: Iterable[tuple[int, str]], separator: str) -> list[Row]:
 
 
 def check_counts(rows: Sequence[Row], separator: str, count: int | None = None) -> None:
-    """Raise InputError for the first row that has other than `count` cells, or than most have."""
+    """Raise InputError for the first row that does not have `count` cells.
+
+    If `count` is None, it is the number of cells that most rows have.
+    """
     if count is None and rows:
         ((count, _),) = Counter(len(cells) for _, cells in rows).most_common(1)
     for number, cells in rows:
@@ -386,7 +440,10 @@ def check_counts(rows: Sequence[Row], separator: str, count: int | None = None) 
 
 
 def check_decimals(cells: Iterable[tuple[int, str]]) -> None:
-    """Raise InputError for a comma within a number: it is a decimal or separates thousands."""
+    """Raise InputError for the first cell that has a comma within a number.
+
+    Such a comma is a decimal comma, or separates thousands.
+    """
     for number, cell in cells:
         if _COMMA.fullmatch(cell):
             raise InputError(
@@ -396,7 +453,7 @@ def check_decimals(cells: Iterable[tuple[int, str]]) -> None:
 
 
 def check_thousands(cells: Sequence[str], name: str) -> None:
-    """Raise InputError for a column whose points may separate thousands: 1.193 beside 980."""
+    """Raise InputError if points may separate thousands in a column, as in 1.193 beside 980."""
     dotted = [cell for cell in cells if "." in cell]
     whole = next((cell for cell in cells if "." not in cell), None)
     if dotted and whole and all(map(_SHORT.fullmatch, cells)):
@@ -405,7 +462,11 @@ def check_thousands(cells: Sequence[str], name: str) -> None:
 
 
 def check_one_number(rows: Sequence[Row], column: int, separator: str) -> None:
-    """Raise InputError if a separator stands within each number: 1,193.5 or 1 193.5 or 0,123."""
+    """Raise InputError if the separator seems to cut each number in two, as it would 1,193.5.
+
+    The two parts would be in `column` and in the next column. A cut 1 193.5 or 0,123 is found as
+    well.
+    """
     pairs = [cells[column : column + 2] for _, cells in rows]
     if not all(len(pair) == 2 and _INTEGER.fullmatch(pair[0]) for pair in pairs):
         return
@@ -424,7 +485,7 @@ def check_one_number(rows: Sequence[Row], column: int, separator: str) -> None:
 
 
 def check_years(cells: Sequence[str], name: str) -> None:
-    """Refuse separators of thousands in return periods, such as 1.000, 2.475 and 5.000."""
+    """Raise InputError if points may separate thousands in return periods, as in 1.000."""
     check_thousands(cells, name)
     dotted = [cell for cell in cells if _THOUSANDS.fullmatch(cell)]
     short = all(map(_ROUNDED.fullmatch, cells)) and max(map(float, cells)) < 100.0
@@ -440,7 +501,11 @@ def _ambiguous(name: str, found: str, cell: str) -> InputError:
 
 
 def with_points(rows: Sequence[Row], separator: str) -> list[Row]:
-    """Replace decimal commas by points; InputError if a file has both, or commas between cells."""
+    """Return the rows with decimal commas replaced by points.
+
+    InputError if the file has decimal commas beside points, or if commas also separate cells or
+    thousands.
+    """
     cells = [(number, cell) for number, row in rows for cell in row]
     commas = [each for each in cells if _COMMA.fullmatch(each[1])]
     point = next((each for each in cells if _POINT.fullmatch(each[1])), None)
@@ -468,11 +533,11 @@ def with_points(rows: Sequence[Row], separator: str) -> list[Row]:
 
 
 def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[Row]]:
-    """Split a table: the separator of its first line, the names in it, and its rows.
+    """Split the text of a table into its separator, its column names and its rows.
 
-    Lines that begin with # are left out if they are `comments`, and so are rows without a cell.
-    InputError for a row with more or fewer cells than the first line, and a name that is missing
-    or there twice.
+    The first line gives separator and names. Lines that begin with # are left out if `comments` is
+    true, and empty rows always. InputError if a row has more or fewer cells than the first line,
+    or if a name is missing or there twice.
     """
     if comments:
         text = re.sub(r"^#.*$", "", text, flags=re.MULTILINE)
@@ -509,9 +574,10 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
 
 
 def table_of(text: str, commas: bool = True) -> "pd.DataFrame":
-    """Return the cells of a table (`parse_table`) as text, by the numbers of their lines.
+    """Return a table as a DataFrame of text cells, indexed by the numbers of the lines.
 
-    Decimal commas become points, or are refused if `commas` are not allowed.
+    The text is split by `parse_table`. Decimal commas become points if `commas` is true; else they
+    raise InputError.
     """
     import pandas as pd  # takes a third of a second
 

@@ -1,6 +1,6 @@
-"""What people state of arches and motions: a row for each key, with its unit and its bounds.
+"""Properties of arches and motions: a row for each key of a study, with its unit and its bounds.
 
-Schema, checks, cautions, `vary.of`, columns of tables, the cube and the report follow from the
+The schema, checks, cautions, `vary.of`, columns of tables, the cube and the report follow from the
 rows of arches.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 # Lengths [m] between which nothing overflows; beyond them units were mistaken.
 SMALLEST = 1e-6
 LARGEST = 1e6
-# Of an arch: beyond it even the onset takes longer than a check of a study should.
+# Most voussoirs of an arch: with more, even the onset takes longer than a check of a study should.
 MOST_VOUSSOIRS = 2000
 RINGS = ("circular", "segmental", "pointed", "elliptic", "catenary")
 PROFILES = (*RINGS, "from_joints", "block", "polygons")
@@ -22,20 +22,25 @@ _LOADED = (*RINGS, "from_joints", *DRAWN)
 
 
 class Property(NamedTuple):
-    """What is said of a key, once for all."""
+    """Unit, bounds and description of a key."""
 
     unit: str | None = None  # as people write it; None: not a number
     least: float = 0.0
     most: float = math.inf
-    usual: tuple[float, float] = (-math.inf, math.inf)  # beyond it a user is asked
+    usual: tuple[float, float] = (
+        -math.inf,
+        math.inf,
+    )  # outside this range the user is asked the question
     question: str = "is that its unit?"
-    text: str = ""  # of a plain key of an arch in a study file
-    needed: tuple[str, ...] = ()  # by arches of these profiles, or by a drawing
-    taken: tuple[str, ...] = ()  # by these if it is given
+    text: str = ""  # description in the schema of study files
+    needed: tuple[str, ...] = ()  # profiles that must have the key; also "drawing"
+    taken: tuple[str, ...] = ()  # profiles that may have the key; also "drawing"
     kind: type = float
     default: float | None = None
-    each: bool = False  # whether it may be a list, as one for each voussoir or joint
-    infinite: str = ""  # what inf stands for; it is refused if that is empty
+    each: bool = (
+        False  # whether it may be a list, with a value for each voussoir or joint
+    )
+    infinite: str = ""  # what inf means; if this is empty, inf is refused
 
 
 def _length(text: str = "", **about) -> Property:
@@ -168,7 +173,7 @@ PROPERTIES = VARIABLE | {
     "ties.area": Property("m2", usual=(1e-6, 0.1)),
     "ties.modulus": Property("N/m2", usual=(1e9, 1e12)),  # from timber to carbon fibre
     "ties.prestress": Property("N"),
-    # The largest of levels or of a hazard curve, by the kind of the measure.
+    # Largest level of a study or of a hazard curve, by the kind of intensity measure.
     "PGA": Property("m/s2", usual=(0.3, 100.0)),
     "Sa": Property("m/s2", usual=(0.03, 200.0)),
     "AvgSA": Property("m/s2", usual=(0.03, 200.0)),
@@ -183,7 +188,7 @@ PROPERTIES = VARIABLE | {
     "distance_km": Property("km", usual=(0.0, 1000.0)),
     "Vs30_mps": Property("m/s", usual=(80.0, 3000.0)),
 }
-# Units as the cube has them, and as columns of tables may state them.
+# By unit: its spelling in the cube, and the spellings that columns of tables may have.
 SPELLED = {
     "m": ("m", "m"),
     "degrees": ("degree", "degrees degree deg °"),
@@ -197,7 +202,10 @@ UNITS = {key: SPELLED[str(row.unit)][0] for key, row in VARIABLE.items()}
 
 
 def value_of(given: Mapping[str, Any], key: str):
-    """Return the value of a key, or of one in a block such as ``joints.stiffness``; else None."""
+    """Return the value of a key in `given`; None if it is missing.
+
+    A key may be in a block, such as ``joints.stiffness``.
+    """
     value: Any = given
     for name in key.split("."):
         value = (value or {}).get(name)
@@ -205,9 +213,10 @@ def value_of(given: Mapping[str, Any], key: str):
 
 
 def unusual(key: str, value, name: str = "") -> Iterator[str]:
-    """Yield a question on the first of some values that is beyond the usual ones, if there is one.
+    """Yield a question on the first value outside the usual range of a key, if there is one.
 
-    `key` is one of `PROPERTIES`, any other has no bounds; `name` is its place, if that is longer.
+    `value` is a number, an array or None. A `key` that is not in `PROPERTIES` has no range. If
+    `name` is given, the question shows it in the place of `key`.
     """
     row = PROPERTIES.get(key, Property())
     if value is None or row.unit is None:

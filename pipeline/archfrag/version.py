@@ -1,3 +1,3 @@
-"""Version of archfrag: the only place where it stands."""
+"""Version of archfrag, which is stated here only."""
 
 __version__ = "0.1.0"

@@ -1,9 +1,9 @@
-"""A design asks for the runs of an arch, and estimates the curve from their verdicts.
+"""Designs choose the runs of an arch, and estimate the curve from their verdicts.
 
-It asks by a generator for each arch. The generator yields new requests, is sent the verdicts of
-some runs that it requested, in whatever order they come, and returns facts for the report. What it
-asks for follows from the verdicts alone: the same study asks for the same runs whatever the
-workers, and a study that was stopped goes on by asking again.
+A design has a generator for each arch. The generator yields new requests, is sent the verdicts of
+some runs that it requested, in whatever order they come, and returns facts for the report. Its
+requests depend on the verdicts alone: the same study requests the same runs whatever the workers,
+and a study that was stopped goes on by requesting again.
 """
 
 from abc import ABC, abstractmethod
@@ -23,7 +23,7 @@ from archfrag.fragility.fit import fit_brackets, fit_stripes
 from archfrag.fragility.verdicts import Brackets, Verdict
 from archfrag.study.keys import Section, check_block
 
-# A run: `place` is the number of the study's level, 0 where a run has a level of its own.
+# A run: `place` is the index of its level in the study, or 0 if the run has a level of its own.
 CASE = np.dtype([("arch", "i4"), ("record", "i4"), ("place", "i4"), ("level", "f8")])
 Cases = NDArray[np.void]
 Verdicts = NDArray[np.int8]
@@ -34,7 +34,10 @@ Requests = Asking[Named]
 
 @dataclass
 class Grid:
-    """Records and levels of one arch's part of a study, and verdicts of the runs made."""
+    """The records and levels of one arch in a part of a study, and the verdicts so far.
+
+    ``seen`` has the verdicts, (n_record, n_level).
+    """
 
     arch: int
     records: IntArray  # (n_record,): their numbers, in the order in which a design takes them
@@ -51,7 +54,11 @@ class Grid:
     def run(
         self, rows: IntArray, places: IntArray, level: FloatArray | None = None
     ) -> Asking[Verdicts]:
-        """Request runs of some rows, wait for all of them and return their verdicts."""
+        """Request runs, wait for all of them and return their verdicts, (n,).
+
+        `rows` and `places` are the indices of their records and levels, (n,); `level` is as of
+        `cases`.
+        """
         cases = self.cases(rows, places, level)
         waiting = cases.size
         while waiting:
@@ -61,7 +68,10 @@ class Grid:
         return self.seen[rows, places]
 
     def some(self, cases: Cases) -> Asking[tuple[IntArray, IntArray, Verdicts]]:
-        """Request runs, and return rows, places and verdicts of the first that are made."""
+        """Request runs; return rows, places and verdicts of those that are finished next.
+
+        These may also be runs that were requested before. `cases` may be empty.
+        """
         made, verdicts = yield cases
         order = np.argsort(self.records)
         row = order[np.searchsorted(self.records, made["record"], sorter=order)]
@@ -72,7 +82,10 @@ class Grid:
     def cases(
         self, rows: IntArray, places: IntArray, level: FloatArray | None = None
     ) -> Cases:
-        """Return runs of some rows at the study's levels, or each at its own, (n,) of `CASE`."""
+        """Return runs of the records `rows` at the levels `places`, (n,) of `CASE`.
+
+        If `level` is given, (n,) [SI], it replaces the levels of the study.
+        """
         cases = np.empty(rows.size, CASE)
         cases["arch"] = self.arch
         cases["record"] = self.records[rows]
@@ -93,17 +106,18 @@ class Design(Section, ABC):
 
     @abstractmethod
     def requests(self, grid: Grid) -> Requests:
-        """Ask for the runs of one arch."""
+        """Return the generator that requests the runs of one arch."""
 
     @abstractmethod
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
-        """Return the number of runs of an arch, and whether it is exact, about or at most."""
+        """Return the number of runs of an arch, and how exact it is: exactly, about or at most."""
 
     def likelihood(self, found: Brackets) -> Curve:
-        """Return the curve by maximum likelihood, from the collapses at each level.
+        """Return the curve by maximum likelihood.
 
-        Where runs were not made, it is from brackets of the capacities: those made at a level are
-        no sample of the records.
+        It is from the numbers of collapses at each level. If the design is adaptive, or runs are
+        missing, it is from brackets of the capacities: runs made at a level are then no sample of
+        the records.
         """
         if self.adaptive or found.gaps:
             known = found.of_records()
@@ -114,7 +128,10 @@ class Design(Section, ABC):
         return fit_stripes(level, collapses, np.bincount(place, minlength=level.size))
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Return the messages on checks that contradict the borders found."""
+        """Return a message for each arch whose checks contradict the borders found.
+
+        `facts` has by arch what the generators returned.
+        """
         return [
             f"{name}: {own['contradictions']} of {own['checked']} checks near the border "
             "contradict the capacity of their record. Such a record has several borders between "
@@ -132,14 +149,14 @@ class Stripes(Design):
     text = "every record at every level"
 
     def requests(self, grid: Grid) -> Requests:
-        """Ask for all runs at once."""
+        """Request all runs at once."""
         verdicts = yield from grid.run(
             *np.divmod(np.arange(grid.seen.size), grid.levels.size)
         )
         return {"runs": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
-        """Return the number of runs of an arch, and whether it is exact, about or at most."""
+        """Return the number of runs of an arch, and how exact it is."""
         return n_record * n_level, "exactly"
 
 
@@ -153,32 +170,35 @@ class Cloud(Design):
     text = "every record once"
 
     def requests(self, grid: Grid) -> Requests:
-        """Ask for all runs at once."""
+        """Request all runs at once."""
         level = (self.factor / grid.unscaled) ** (1.0 / grid.power)
         every = np.arange(level.size)
         verdicts = yield from grid.run(every, np.zeros_like(every), level)
         return {"runs": len(verdicts), "records": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
-        """Return the number of runs of an arch, and whether it is exact, about or at most."""
+        """Return the number of runs of an arch, and how exact it is."""
         return n_record, "exactly"
 
 
 def ask(
     requests: Mapping[int, Requests], decide: Callable[[Cases], Verdicts]
 ) -> tuple[Cases, dict[int, Named]]:
-    """Drive requests with a `decide` that returns the verdicts of all its runs, in order."""
+    """Make all requested runs by `decide`, and return what `drive` returns.
+
+    `decide` returns the verdicts of all runs that it is given, in their order.
+    """
     return drive(requests, lambda cases: (cases, decide(cases)))
 
 
 def drive(
     requests: Mapping[int, Requests], answer: Callable[[Cases], tuple[Cases, Verdicts]]
 ) -> tuple[Cases, dict[int, Named]]:
-    """Ask the designs of all arches, by `Design.requests`, until none requests a run.
+    """Answer the requests of all arches until none requests another run.
 
-    `answer` takes new requests, which may be none, and returns some runs of all those requested
-    so far with their verdicts. Returned are all runs requested, and what each design returned, by
-    arch.
+    `requests` has by arch a generator of `Design.requests`. `answer` takes new requests, which may
+    be none, and returns some runs of all those requested so far with their verdicts. Returned are
+    all runs requested, and by arch what its generator returned.
     """
     requested = []
     facts = {}
@@ -203,18 +223,18 @@ def drive(
 
 
 def order_of(cases: Cases) -> IntArray:
-    """Return the order of runs by arch, record and place."""
+    """Return the indices that sort runs by arch, record and place."""
     return np.lexsort([cases[name] for name in ("place", "record", "arch")])
 
 
-FIRST_RECORDS = 10  # searched without knowing what others have shown
-# A run that survives goes on to the end of the record and costs five times one that collapses.
-# With that ratio levels would be tried from above, and of a record that survives again above a
-# level at which it collapsed the upper border be found.
+FIRST_RECORDS = 10  # records searched before there is anything to expect of the others
+# A run that survives goes on to the end of the record, and costs five times one that collapses.
+# But with a ratio of 5 levels would be tried from above, and a record with several borders would
+# get its upper one.
 COST_OF_SURVIVAL = 2.0
 NEAR = 2  # levels beyond a border that are checked: farther ones are hardly ever contradicted
-LEAST_PRIOR = 1e-3  # at each level, whatever other records have shown
-LEAST_DEVIATION = 0.1  # of ln capacity from what is expected
+LEAST_PRIOR = 1e-3  # added to the probability of each border
+LEAST_DEVIATION = 0.1  # least standard deviation of ln capacity
 
 
 class Ida(Design):
@@ -230,17 +250,19 @@ class Ida(Design):
     text = "the levels bisected for each record"
 
     def requests(self, grid: Grid) -> Requests:
-        """Search a border of each record, then try cells near it.
+        """Search a border of each record, then check cells near it.
 
         A record that survives again above a level at which it collapsed has several borders. The
-        search finds one of them, not the lowest: which one depends on the levels that it tries.
-        The cells near the borders show how far single runs scatter, and the curve includes this.
+        search finds one of them, not always the lowest: which one depends on the levels that it
+        tries. The cells near the borders show how far single runs scatter, and the curve includes
+        this.
 
-        The first records are searched knowing nothing, the others expecting what the first show.
-        Which are first and which cells are tried follows from the names of arch and records.
-        If a record has one border, the search finds it whatever it expects. What else is known of
-        a record, such as other measures, must not choose its levels: half of the runs would
-        collapse at every level, which the likelihood of the verdicts takes for a larger beta.
+        The first records are searched with all borders equally likely. The others are searched
+        with the probabilities that the first show. The names of arch and records decide which
+        records are first, and which cells are checked. If a record has one border, the search
+        finds it whatever it expects. Other knowledge of a record, such as other measures, must not
+        choose its levels: half of the runs would then collapse at every level, which the
+        likelihood of the verdicts takes for a larger beta.
         """
         n_record, n_level = grid.seen.shape
         # The highest level known to be below the border of each record, and the lowest above it.
@@ -276,7 +298,10 @@ class Ida(Design):
         }
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
-        """Return the runs of an arch: a search tells apart levels + 1 places of the border."""
+        """Return the number of runs of an arch, and how exact it is.
+
+        A search distinguishes n_level + 1 places of the border of a record; the checks are added.
+        """
         search_runs = int(np.ceil(n_record * np.log2(n_level + 1)))
         checks = n_record if self.checks is None else self.checks
         return min(search_runs + checks, n_record * n_level), "about"
@@ -285,11 +310,15 @@ class Ida(Design):
 def search(
     grid: Grid, low: IntArray, high: IntArray, expected: FloatArray, left: IntArray
 ) -> Asking[None]:
-    """Narrow the brackets of the rows `left`, from `low` to `high`, to neighbouring levels.
+    """Narrow the brackets of some records to neighbouring levels.
+
+    `low` and `high` are the indices of the levels at their ends, (n_record,): -1 and n_level if
+    these are not known. They are changed in place. `expected` has the probability of each border,
+    (n_record, n_level + 1). `left` are the rows of the records to search.
 
     The level to try next is the most informative one for its cost: the entropy of its verdict over
-    the cost expected. Levels where a run had no verdict are not tried again. A row goes on when
-    its own run is made: it waits for no other.
+    the expected cost. A level is not tried again if its run had no verdict. A record goes on as
+    soon as its own run is made; it does not wait for others.
     """
     border = np.arange(grid.levels.size + 1)
     place = border[:-1]
@@ -317,14 +346,16 @@ def search(
         survived = verdicts == Verdict.SURVIVED
         high[left[collapsed]] = places[collapsed]
         low[left[survived]] = places[survived]
-        left = left[verdicts != Verdict.COLLAPSED_BEFORE]  # as it would at any level
+        # A run that collapsed before its record would do so at any level.
+        left = left[verdicts != Verdict.COLLAPSED_BEFORE]
 
 
 def expected_borders(levels: FloatArray, low: IntArray, high: IntArray) -> FloatArray:
-    """Return the probability of each border, (n_level + 1,), of normal ln capacities.
+    """Return the probability of each border, (n_level + 1,), if ln capacity is normal.
 
-    Their mean and deviation are those of the capacities between the borders that were found,
-    (n_record,); a border beyond the ends is half a level away.
+    `low` and `high` are the ends of the brackets found so far, (n_record,). Mean and standard
+    deviation are those of the middles of these brackets. An end that is not known counts as one
+    step beyond the levels.
     """
     logs = np.log(levels)
     step = np.diff(logs).mean() if logs.size > 1 else 0.5
@@ -336,7 +367,7 @@ def expected_borders(levels: FloatArray, low: IntArray, high: IntArray) -> Float
     return mass / mass.sum()
 
 
-# By the key `design` of a study file; the name of a design may stand for its block.
+# Value of the key `design` of a study file: a block, or only the name of a design.
 AnyDesign = Annotated[
     Stripes | Ida | Cloud,
     Field(discriminator="kind"),
@@ -346,7 +377,7 @@ AnyDesign = Annotated[
 
 
 def design_of(facts: Mapping[str, Any]) -> Design:
-    """Return the design of a cube, whose facts may hold those of its arches too."""
+    """Return the design that a cube states in `facts`; facts of its arches are ignored."""
     keys = {key: value for key, value in facts.items() if key != "arches"}
     found: Design = TypeAdapter[Any](AnyDesign).validate_python(keys)
     return found

@@ -1,6 +1,7 @@
 """Hazard curves of a site from files: plain CSV, and OpenQuake's CSV.
 
-OpenQuake's format: the engine's manual, section on the outputs of a classical calculation.
+OpenQuake's format is described in the engine's manual, in the section on the outputs of a
+classical calculation.
 """
 
 import contextlib
@@ -55,14 +56,15 @@ class Hazard:
 
     measure: str  # of the study it is for
     source: str  # file or files
-    # Intensity in the SI unit of the measure. The first is the one that risk is quoted of, the
-    # mean where the file has it; others are quantiles or branches of the epistemic uncertainty.
+    # By name, with intensities in the SI unit of the measure. Risk is quoted for the first, which
+    # is the mean curve if there is one. Others are quantiles or branches of the epistemic
+    # uncertainty.
     curves: dict[str, HazardCurve]
     messages: tuple[str, ...] = ()  # on what was assumed
 
     @property
     def main(self) -> HazardCurve:
-        """The curve that rates are computed with first."""
+        """The curve for which rates are quoted."""
         return next(iter(self.curves.values()))
 
 
@@ -74,9 +76,10 @@ def load_hazard(
 ) -> Hazard:
     """Read the hazard curves of a site, of the study's intensity measure.
 
-    Files are CSV as `archfrag risk --help` states, or OpenQuake's, one for the mean and each
-    quantile. `unit` is that of intensities whose file states none; `site` is longitude and
-    latitude [degrees], for files with several sites. InputError names the file and what is wrong.
+    `paths` are CSV files as `archfrag risk --help` describes them, or OpenQuake's, one for the
+    mean and one for each quantile. `unit` is the unit of intensities in a file that states none.
+    `site` is longitude and latitude [degrees], for files with several sites. InputError names the
+    file and what is wrong.
     """
     found: dict[str, HazardCurve] = {}
     messages = []
@@ -118,13 +121,19 @@ def load_hazard(
 
 
 def level_cautions(measure: str, levels, place: str) -> list[str]:
-    """Ask whether the largest of some levels, in the SI unit of their measure, is in its unit."""
+    """Return a list with a question if the largest level is unusual; else an empty list.
+
+    `levels` are in the SI unit of `measure`; `place` names them in the question.
+    """
     kind = parse_measure(measure).kind
     return list(unusual(kind, np.max(levels), f"{place}: the largest {measure}"))
 
 
 def hazard_of_table(table, measure: str, unit: str) -> Hazard:
-    """Return the hazard curve of intensities in a unit and annual rates, (n_point, 2)."""
+    """Return the hazard of a table of intensities and annual rates, (n_point, 2).
+
+    `unit` is that of the intensities. InputError if the table cannot be read.
+    """
     try:
         points = _numbers(table)
     except (TypeError, ValueError):
@@ -141,20 +150,20 @@ def hazard_of_table(table, measure: str, unit: str) -> Hazard:
 
 
 def _numbers(table) -> NDArray[np.float64]:
-    """Return the cells of a table as numbers, in its shape; ValueError if one is none."""
+    """Return the cells of a table as numbers, in its shape; ValueError if a cell is no number."""
     cells = np.asarray(table, dtype=object)
     return np.reshape([number(str(cell)) for cell in cells.ravel()], cells.shape)
 
 
 def measure_of(stated: str) -> Measure | None:
-    """Return the measure that a file states in whatever case; None if it is not one of ours."""
+    """Return the measure that a file states, in upper or lower case; None if it is not known."""
     with contextlib.suppress(InputError):
         return parse_measure(spelled(stated))
     return None
 
 
 def spelled(name: str) -> str:
-    """Return the name of a measure in whatever case as archfrag spells it."""
+    """Return the name of a measure as archfrag spells it; upper or lower case do not matter."""
     known = _COLUMNS["measure"]
     return re.sub(r"\w+", lambda word: known.get(word[0].casefold(), word[0]), name)
 
@@ -162,7 +171,13 @@ def spelled(name: str) -> str:
 def _factor(
     stated: str | None, own: str | None, measure: str, unit: str | None, by_site: bool
 ) -> float:
-    """Return a file's unit in SI units; InputError if its measure or unit is another one."""
+    """Return the unit of a file's intensities in SI units.
+
+    `stated` and `own` are the measure and the unit of the file, None if it does not state them.
+    `measure` and `unit` are those of the study. `by_site` is true for a file of OpenQuake, which
+    states no component. InputError if measure or unit disagree, or if the unit is not one of the
+    measure.
+    """
     requested = parse_measure(measure)
     allowed = LEVEL_UNITS.get(measure_unit(measure), {})
     # OpenQuake states no component.
@@ -185,7 +200,10 @@ def _factor(
 
 
 def _nearest(sites, requested: Sequence[float] | None) -> int:
-    """Return the row of the site that is nearest to a longitude and latitude [degrees]."""
+    """Return the row of the site that is nearest to a longitude and latitude [degrees].
+
+    InputError if none is within `FARTHEST`, or if there are several sites and none is requested.
+    """
     names = [f"{lon:g},{lat:g}" for lon, lat in sites]
     if requested is None:
         if len(names) == 1:
@@ -211,7 +229,10 @@ def _nearest(sites, requested: Sequence[float] | None) -> int:
 
 
 def _openquake(text: str, table: pd.DataFrame, site: Sequence[float] | None) -> _Stated:
-    """Read OpenQuake's CSV: probabilities of one measure, with a site in each row."""
+    """Return the measure, the unit and the curve that OpenQuake's CSV states for a site.
+
+    Each row of the table is a site; its columns are probabilities of exceedance.
+    """
     head = text.lstrip().split("\n", 1)[0]
     about = dict(re.findall(r"\b(\w+)=[\"']*([^\s,\"']+)", head))
     if not {"imt", "investigation_time"} <= about.keys():
@@ -229,7 +250,10 @@ def _openquake(text: str, table: pd.DataFrame, site: Sequence[float] | None) -> 
 
 
 def with_unit(head: str) -> tuple[str, str | None]:
-    """Split a header into name and unit, in lower case; brackets of a measure hold no unit."""
+    """Split a header into its name and its unit in lower case; None if it states no unit.
+
+    Brackets of a measure, as in Sa(1), hold no unit.
+    """
     name, unit = stated_unit(head)
     if unit is None or measure_of(head) is not None:
         return head, None
@@ -237,7 +261,10 @@ def with_unit(head: str) -> tuple[str, str | None]:
 
 
 def _plain(table: pd.DataFrame) -> _Stated:
-    """Read a column of intensities, and some of rates, probabilities or return periods."""
+    """Return the measure, the unit and the curves that a plain table states.
+
+    Its first column is intensities; each of the others is rates, probabilities or return periods.
+    """
     first, *others = table.columns
     if not others:
         raise InputError(
@@ -266,7 +293,11 @@ def _plain(table: pd.DataFrame) -> _Stated:
 
 
 def _kind(head: str) -> tuple[str, str]:
-    """Return what a column holds, and the rest of its name, which for poe begins with years."""
+    """Return the kind of a column (rate, poe or return period) and the rest of its name.
+
+    The rest names the curve; for poe it begins with the number of years. InputError if the name of
+    the column is not known.
+    """
     text, unit = with_unit(head)
     for kind in ("rate", "poe", "return period"):
         known = _COLUMNS[kind]

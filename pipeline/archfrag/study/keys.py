@@ -1,4 +1,4 @@
-"""The study file: what its blocks have in common, its text, and the message on what is wrong."""
+"""Blocks of a study file: what they have in common, and the message on what is wrong in one."""
 
 import ast
 import contextlib
@@ -44,8 +44,9 @@ class Section(BaseModel):
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
     )
 
-    # Where keys depend on the value of one, or on whether a key is there: that one, keys that
-    # always may be there, and by the value or the key those that must and may be there too.
+    # Allowed keys may depend on the value of the key `kind_key`, or on which key of `kinds` is
+    # there. Those of `common` are always allowed. By that value or that key, `kinds` has the keys
+    # that must be there, and those that may.
     kind_key: ClassVar[str] = ""
     common: ClassVar[tuple[str, ...]] = ()
     kinds: ClassVar[dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {}
@@ -75,7 +76,10 @@ class Section(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core, handler) -> Named:
-        """Describe each key by the text below it, which pydantic would read at every start."""
+        """Return the JSON schema of a block; the text below each key is its description.
+
+        pydantic could read these texts itself, but would do so at every start.
+        """
         found: Named = handler(core)
         keys = handler.resolve_ref_schema(found).get("properties", {})
         with contextlib.suppress(OSError):  # of a class that is made from a table
@@ -89,13 +93,16 @@ class Section(BaseModel):
 
 
 def meant(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """Ask whether the known name nearest to a wrong one was meant; empty if none is near."""
+    """Return the question whether the nearest known name was meant; empty if none is near.
+
+    `name` is the wrong name; `cutoff` is the least similarity, from 0 to 1.
+    """
     close = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
     return f"did you mean {close[0]}?" if close else ""
 
 
 def check_block(given, key: str):
-    """Return a block as it is given; a value in the place of a block is refused.
+    """Return a block as it is given, or refuse a value that is no block.
 
     `key` is a key of such a block, for the message; empty if it has none.
     """
@@ -105,7 +112,10 @@ def check_block(given, key: str):
 
 
 def refuse(text: str, *keys: str) -> PydanticCustomError:
-    """Return an error of a value, or of keys in a block; `text` follows the value or the keys."""
+    """Return the error that refuses a value, or `keys` of a block.
+
+    Its message is the value or the keys, followed by `text`.
+    """
     return PydanticCustomError("refused", "{text}", {"text": text, "keys": list(keys)})
 
 
@@ -133,7 +143,7 @@ def first_message(
 ) -> str:
     """Return the message on the first thing that is wrong: key, value and rule.
 
-    `given` is what was validated; `written` tells how a list of keys and numbers is written.
+    `given` is what was validated; `written` turns a list of keys and numbers into text.
     """
     first = error.errors()[0]
     kind = first["type"]
@@ -173,7 +183,11 @@ def _shown(value, quotes: bool = False) -> str:
 def at(
     place, given=None, kind: Callable[[str], Exception] = InputError
 ) -> Iterator[None]:
-    """Name the place of what is wrong, as an error of a `kind`; `given` is what was validated."""
+    """Name the place of what is wrong: errors in the block get `place` before their message.
+
+    An InputError or ValidationError becomes an error of class `kind`; a StabilityError stays one.
+    `given` is what was validated.
+    """
     try:
         yield
     except StabilityError as error:
@@ -186,7 +200,10 @@ def at(
 
 
 def check_text(value, key: str) -> None:
-    """Refuse control characters in the texts of a value, as the loader does in a file."""
+    """Raise InputError if a text in a value has control characters, as the loader of files does.
+
+    `key` is the key of the value.
+    """
     if isinstance(value, Mapping):
         for name, inner in value.items():
             check_text(inner, f"{key}.{name}")

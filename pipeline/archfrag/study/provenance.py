@@ -1,8 +1,8 @@
-"""What a study's results follow from, the files that it makes, and whether all of it is done.
+"""Provenance of a study: what its results depend on, which files it makes, and what is done.
 
-A study has one stamp: digests of what its cube follows from, and the SHA-256 of what was made.
-Times of modification decide nothing. That nothing is to be done is told before anything heavy is
-imported.
+A study has one stamp: digests of what its cube depends on, and the SHA-256 of the files that were
+made. Times of modification are not used. Nothing heavy is imported before it is known whether
+anything is to be done.
 """
 
 import contextlib
@@ -45,8 +45,10 @@ PACKAGE = Path(__file__).resolve().parents[1]
 CUBE = "cube.nc"
 README = "README.txt"
 REPORT_FILES = ("report.html", "summary.json", "capacities.csv", "runs.csv", README)
-ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
-SHOWN = 12  # arches that a report shows one by one; of more it shows three
+ALL_CURVES = (
+    "curves.svg"  # one figure of all curves, if there are too many for one each
+)
+SHOWN = 12  # most arches that a report shows one by one; of more it shows three
 MANIFEST = "motions.json"  # in the hidden folder
 OWNER = "study.json"  # in the hidden folder
 FIGURE = r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg"
@@ -56,7 +58,7 @@ Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file completely or not at all; leave one that holds the text already alone."""
+    """Write a text file completely or not at all. A file that has this text is left alone."""
     with contextlib.suppress(OSError), opened(path, 4 * len(text)) as file:
         if file.read() == text.encode():
             return
@@ -65,13 +67,14 @@ def write_text(path: Path, text: str) -> None:
 
 
 def canonical_json(value) -> str:
-    """Return one text for one value: sorted keys, no spaces, floats to their last bit."""
+    """Return the JSON of a value in its one form: sorted keys, no spaces, all digits of floats."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
 def read_json(path: Path):
-    """Return the value of a JSON file; OSError or ValueError if it cannot be read or holds
-    something else.
+    """Return the value of a JSON file.
+
+    OSError if the file cannot be read, ValueError if it is not JSON.
     """
     try:
         with opened(path) as file:
@@ -81,21 +84,21 @@ def read_json(path: Path):
 
 
 def digest_of(value) -> str:
-    """Return the SHA-256 of a value that JSON knows, 64 hexadecimal digits."""
+    """Return the SHA-256 of the JSON of a value as 64 hexadecimal digits."""
     return hashlib.sha256(
         canonical_json(value).encode("utf-8", "surrogateescape")
     ).hexdigest()
 
 
 def files_of_code(*patterns: str) -> list[Path]:
-    """Return the files of this package that patterns match, in order."""
+    """Return the files of this package that match one of the patterns, sorted."""
     found = {path for pattern in patterns for path in PACKAGE.glob(pattern)}
     return sorted(path for path in found if path.is_file() and path.suffix != ".pyc")
 
 
 @functools.cache
 def code() -> str:
-    """Return the SHA-256 of the files of this package and the versions of what they run on."""
+    """Return one SHA-256 of this package's files, the versions of libraries and the machine."""
     digest = hashlib.sha256(canonical_json([versions(), platform.machine()]).encode())
     for path in files_of_code("**/*"):
         digest.update(str(path.relative_to(PACKAGE)).encode())
@@ -104,7 +107,7 @@ def code() -> str:
 
 
 def sha256_if_there(path: Path | str) -> str | None:
-    """Return the SHA-256 of a file; None if there is none that can be read."""
+    """Return the SHA-256 of a file; None if it cannot be read."""
     try:
         return sha256_of(Path(path))
     except (OSError, ValueError):
@@ -112,9 +115,10 @@ def sha256_if_there(path: Path | str) -> str | None:
 
 
 def check_own(study: "StudyKeys") -> None:
-    """Sweep the hidden folder of a study; OutputError for anything there but files and folders.
+    """Remove from the hidden folder of a study what killed processes left there.
 
-    A link leads to files of somebody else, which would be emptied or removed as our own.
+    OutputError if the folder or an entry in it is a link, pipe or device. A link may lead to files
+    of somebody else, which would then be emptied or removed.
     """
     strange = "is a link, pipe or device, which archfrag did not make; remove it"
     if study.work.is_symlink():
@@ -126,7 +130,7 @@ def check_own(study: "StudyKeys") -> None:
 
 
 def read_state(path: Path) -> Named:
-    """Return what a file of the hidden folder holds; empty if it cannot be read."""
+    """Return the mapping in a JSON file of the hidden folder; empty if it cannot be read."""
     try:
         return dict(read_json(path))
     except (OSError, ValueError, TypeError):
@@ -136,8 +140,9 @@ def read_state(path: Path) -> Named:
 def read_stamp(folder: Path) -> dict[str, dict[str, str]]:
     """Return the stamp of the results in a folder.
 
-    `from` are digests of what they follow from, by name; `files` and `old` SHA-256 of what was
-    made, now and for an earlier cube; `inputs` digests of what was read, once all is done.
+    `from` has digests of what the results depend on, by name. `files` has the SHA-256 of what was
+    made, `old` that of what was made for an earlier cube. `inputs` has digests of what was read;
+    it is empty until all is done.
     """
     stamp = {name: dict[str, str]() for name in ("from", "files", "old", "inputs")}
     stamp |= read_state(folder / WORK / STAMPS)
@@ -147,9 +152,10 @@ def read_stamp(folder: Path) -> dict[str, dict[str, str]]:
 
 
 def write_stamp(study: "StudyKeys", step: str, **others) -> None:
-    """Put the files of a step into the stamp of a study; remove figures that it no longer has.
+    """Add the SHA-256 of the files of a step to the stamp of a study.
 
-    What followed from an earlier cube is not of a new one.
+    The step cube begins a new stamp, in which files made before are old. The step report removes
+    old figures that the study no longer has. `others` replace parts of the stamp.
     """
     stamp = read_stamp(study.folder)
     if step == "cube":
@@ -188,9 +194,10 @@ def out_of_date(study: "StudyKeys", *steps: str) -> str:
 
 
 def origin_of(keys: Named, place: Path, folder: Path) -> dict[str, str]:
-    """Return digests of what the results in a folder follow from, but for files, by name.
+    """Return digests of what the results in a folder depend on, except files, by name.
 
-    `keys` are those of a study file in the folder `place`.
+    `keys` are those of the study file, which is in the folder `place`; `folder` is that of the
+    results.
     """
     found = {key: keys[key] for key in keys.keys() - {"output", "execution"}}
     found["folder"] = os.path.relpath(place, os.path.realpath(folder))
@@ -200,9 +207,10 @@ def origin_of(keys: Named, place: Path, folder: Path) -> dict[str, str]:
 
 
 def contents(folder: Path, places: Iterable[str]) -> dict[str, str]:
-    """Return digests of files and of lists of folders, by their places below or from a folder.
+    """Return the digests of files and folders by their `places`, which start from `folder`.
 
-    Of a pattern of folders it is of all their lists.
+    That of a folder is the digest of the names in it. A place may be a pattern; its digest is that
+    of all that match.
     """
     found = {}
     for place in places:
@@ -219,11 +227,10 @@ def contents(folder: Path, places: Iterable[str]) -> dict[str, str]:
 
 
 def finished_folder(path: Path, keys: Named, place: Path) -> Path | None:
-    """Return the folder of the results of a study file if nothing has changed since its run; else
-    None.
+    """Return the folder of a study's results if nothing has changed since its run; else None.
 
-    `keys` are those of the file, in the folder `place`. None says little: the run tells what has
-    changed. OutputError if the results are those of another file.
+    `path` is the study file, `keys` are its keys, and `place` is its folder. None gives no reason:
+    the run says what has changed. OutputError if the results are those of another study file.
     """
     output = keys.get("output") or os.path.join("results", str(keys.get("id")))
     folder = Path(absolute(str(output), place))
@@ -239,7 +246,7 @@ def finished_folder(path: Path, keys: Named, place: Path) -> Path | None:
 
 
 def check_owner(folder: Path, study_file: Path) -> None:
-    """See that the results in a folder are not those of another study file; else OutputError."""
+    """Raise OutputError if the results in a folder are those of another study file."""
     file = folder / str(read_state(folder / WORK / OWNER).get("file", ""))
     if file.is_file() and not file.samefile(study_file):
         raise OutputError(
@@ -249,9 +256,10 @@ def check_owner(folder: Path, study_file: Path) -> None:
 
 
 def claim(study: "StudyKeys", study_file: Path) -> None:
-    """Write whose the results of a study are, unless they are another file's (OutputError).
+    """Write into the folder of the results which study file they are of.
 
-    Its path is relative to them, so that both may be moved.
+    The path of the file is relative to that folder, so that both may be moved. OutputError if the
+    results are those of another study file.
     """
     check_owner(study.folder, study_file)
     here = os.path.relpath(study_file.resolve(), study.folder.resolve())
@@ -261,9 +269,9 @@ def claim(study: "StudyKeys", study_file: Path) -> None:
 
 
 def products(study: "StudyKeys", step: str) -> list[Path]:
-    """Return the files that a step makes; parts of runs have checks of their own.
+    """Return the paths of the files that a step makes, without the parts that hold runs.
 
-    The steps are motions, batch-0of1 and so on, cube, fit and report.
+    `step` is motions, batch-0of1 and so on, cube, fit or report.
     """
     if step.startswith("batch"):  # a table of its runs, with how long each took
         return [study.work / "runs" / f"{step}.csv"]
@@ -284,7 +292,7 @@ def products(study: "StudyKeys", step: str) -> list[Path]:
 
 
 def files_named(study: "StudyKeys") -> list[str]:
-    """Return the files that keys of a study name, but for records."""
+    """Return the paths of all files that keys of a study name, except records."""
     named = [each for entry in study.arches for each in (entry.table, entry.drawing)]
     hazard = study.risk.hazard if study.risk else None
     named += [study.motions.index, study.report.logo, hazard]
@@ -292,9 +300,10 @@ def files_named(study: "StudyKeys") -> list[str]:
 
 
 def check_outputs(study: "StudyKeys", *steps: str) -> None:
-    """See that the files of steps replace none of the study's inputs, and no file of others.
+    """Check that the files of `steps` replace no input of the study and no foreign file.
 
-    A README of somebody else stays as it is, and a cube of this study may be damaged.
+    A foreign README is allowed, since it stays as it is; a cube of this study may be damaged.
+    OutputError names the first file that is refused.
     """
     refuse_foreign_cube(study)
     targets = [path for step in steps for path in products(study, step)]
@@ -303,7 +312,10 @@ def check_outputs(study: "StudyKeys", *steps: str) -> None:
 
 
 def refuse_foreign_cube(study: "StudyKeys") -> None:
-    """See that no other study's cube stands where this study's is to be; ours may be damaged."""
+    """Raise OutputError if a foreign file stands where this study's cube is to be.
+
+    It may be another study's cube. A damaged cube of this study is allowed.
+    """
     path = study.folder / CUBE
     stamp = read_stamp(study.folder)
     digest = stamp["files"].get(CUBE, stamp["old"].get(CUBE))
@@ -347,7 +359,7 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that results pass through."""
+    """Return the versions of archfrag, of Python and of the packages that results depend on."""
     found = {"archfrag": __version__, "python": platform.python_version()}
     for name in ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4"):
         with contextlib.suppress(PackageNotFoundError):
@@ -357,10 +369,10 @@ def versions() -> dict[str, str]:
 
 @functools.cache
 def commit() -> str:
-    """Return the git commit of the checkout that this package runs from, "-dirty" if it has
-    changes.
+    """Return the git commit of this package; a checkout with changes adds "-dirty" to its name.
 
-    Without one that of the wheel, of ARCHFRAG_COMMIT in the environment, or "unknown".
+    Without a checkout it is the commit that the wheel was made of, else ARCHFRAG_COMMIT of the
+    environment, else "unknown".
     """
     checkout = PACKAGE.parents[1]
     if (checkout / ".git").exists():
@@ -383,12 +395,15 @@ def commit() -> str:
 
 
 def strict_json(value) -> str:
-    """Return the JSON that every reader takes: infinity as "inf"."""
+    """Return JSON that every reader accepts: inf and nan become text, such as "inf"."""
     return json.dumps(finite(value), ensure_ascii=False, allow_nan=False)
 
 
 def finite(value, none=str):
-    """Return value with text, or with `none`, in the place of floats that JSON does not know."""
+    """Return a value in which floats that are inf or nan are replaced, also in lists and mappings.
+
+    They become text, or the value `none` if it is given.
+    """
     if isinstance(value, float) and not math.isfinite(value):
         return str(value) if none is str else none
     if isinstance(value, dict):
@@ -399,13 +414,13 @@ def finite(value, none=str):
 
 
 def available_cores() -> int:
-    """Return the cores that this process may use."""
+    """Return the number of cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)  # not on every system
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def machine() -> Named:
-    """Describe the machine for the log."""
+    """Return the name, the system and the number of cores of this machine, for the log."""
     return {
         "host": socket.gethostname(),
         "system": platform.platform(),

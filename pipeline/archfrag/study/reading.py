@@ -20,16 +20,17 @@ from archfrag.study.file.sources import read_sources
 from archfrag.study.keys import at
 
 _MOST_ROWS = 20
-_MEASURE = "PGA"  # a measure that needs one component
+_MEASURE = "PGA"  # any measure that needs no second component
 
 
 class MotionList(list[Motion]):
-    """Motions in a list that shows itself as a table.
+    """A list of motions that prints as a table.
 
     Attributes
     ----------
     asked : Motions or None
-        How a study file asks for them; None if the list was made of motions, or changed.
+        The block ``motions`` of a study file that reads them. None if the list was made from
+        motions, or has been changed.
     """
 
     def __init__(
@@ -43,7 +44,10 @@ class MotionList(list[Motion]):
     @overload
     def __getitem__(self, place: slice) -> MotionList: ...
     def __getitem__(self, place: SupportsIndex | slice | str) -> Motion | MotionList:
-        """Return a motion by its place or id (else KeyError), or several by a slice."""
+        """Return the motion at an index or with an id, or the motions of a slice.
+
+        KeyError if no motion has the id.
+        """
         if isinstance(place, str):
             return {motion.id: motion for motion in self}[place]
         motions = super().__getitem__(place)
@@ -56,7 +60,10 @@ class MotionList(list[Motion]):
 
     @property
     def table(self) -> pd.DataFrame:
-        """A row for each motion: id, PGA [g], duration and time step [s], and what is known."""
+        """Table with a row for each motion: id, PGA [g], duration and time step [s], and facts.
+
+        A column that is empty for all motions is left out.
+        """
         rows = [
             {
                 "id": motion.id,
@@ -98,10 +105,10 @@ def read_motions(
         Files, folders, or patterns with * and ?, in any format of `read_motion`. At most one may
         be an `index.csv` of records, or a folder that has one.
     vertical : bool
-        Whether each motion gets its vertical, from the same file or from one whose name differs
-        in the direction only. Without it verticals are left out.
+        Whether each motion gets its vertical component, from the same file or from one whose name
+        differs in the direction only. If false, vertical components are left out.
     unit, columns, accept
-        As of `read_motion`, for all files.
+        Arguments of `read_motion`, for all files.
     select : sequence of str, optional
         Ids of the motions to keep, in this order.
     processing : sequence
@@ -110,7 +117,7 @@ def read_motions(
     Raises
     ------
     RecordError
-        With the file and what is wrong with it, such as a vertical that is missing.
+        If a record cannot be used, such as one without its vertical; the message names the file.
     InputError
         If a pattern matches no file, or an option cannot be used.
 

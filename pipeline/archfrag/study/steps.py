@@ -1,4 +1,4 @@
-"""The run of a study: its steps in their order, one run at a time in a folder, stopped by signals.
+"""The steps of a study in their order, with a lock on its folder and a stop by signals.
 
 Runs that are stored are kept. Cube, fit and report are made again whenever anything has changed.
 """
@@ -46,22 +46,22 @@ _SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 _MOST_LINES = 8  # on what changed
 Say = Callable[[str], None]
-Report = Callable[[StudyKeys], Path]  # writes it: of a layer above
+Report = Callable[[StudyKeys], Path]  # writes the report; from a layer above
 
 
 def batches(study: StudyKeys) -> list[str]:
-    """Return the steps that make the runs of a study."""
+    """Return the names of the steps that make the runs of a study, one for each batch."""
     count = study.execution.batches
     return [f"batch-{number}of{count}" for number in range(count)]
 
 
 def _tables(study: StudyKeys) -> list[Path]:
-    """Return the tables of the runs of all batches."""
+    """Return the paths of the tables of runs, one for each batch."""
     return [path for step in batches(study) for path in products(study, step)]
 
 
 def read_timings(study: StudyKeys) -> dict[str, list[float]]:
-    """Return the wall times of the runs of each arch [s]; empty if their tables are not there."""
+    """Return the wall times of the runs by arch [s]; empty if a table of runs is missing."""
     paths = _tables(study)
     if not all(path.is_file() for path in paths):
         return {}
@@ -78,9 +78,11 @@ def make_step(
     cores: int | None = None,
     quiet: bool = False,
 ) -> None:
-    """Make motions, a batch of runs, cube, fit or report; what it follows from must be there.
+    """Make one step of a study: motions, a batch of runs, cube, fit or report.
 
-    `say`, if any, takes a line for the user; `cores` take the place of the study's workers.
+    The steps before it must have been made. `say`, if given, is called with each line for the
+    user. `report` writes the report; only that step needs it. `cores` replaces the study's number
+    of workers. If `quiet`, no progress is shown.
     """
     told: Say = say or (lambda text: None)
     if step == "motions":
@@ -126,7 +128,7 @@ def _make_batch(
 
 
 def _require(study: StudyKeys, *steps: str) -> None:
-    """See that the results of steps are those of the study as it is; else InputError."""
+    """Raise InputError if the results of one of `steps` are missing or out of date."""
     for step in steps:
         wrong = provenance.out_of_date(study, step)
         if wrong:
@@ -136,13 +138,13 @@ def _require(study: StudyKeys, *steps: str) -> None:
 
 
 def finished(study: StudyKeys) -> "Fitted":
-    """Return cube and answers of a study; InputError if they are out of date."""
+    """Return the curves and the cube of a study; InputError if they are missing or out of date."""
     _require(study, "cube", "fit")
     return load_fits(study)
 
 
 def changed_since(study: StudyKeys) -> tuple[bool, list[str]]:
-    """Return whether the motions are ready, and what has changed since a run of the study."""
+    """Return whether the stored motions can be used, and a list of changes since the last run."""
     inputs = study_inputs(study)
     try:
         manifest = read_manifest(study)
@@ -167,7 +169,12 @@ def run_study(
     cores: int | None = None,
     quiet: bool = False,
 ) -> bool:
-    """Do all of a study that is not done yet; whether there was anything to do."""
+    """Run all steps of a study that are not done yet; return whether there were any.
+
+    `check_stopped` raises between steps if a signal came, as that of `stoppable` does. `report`
+    writes the report. `cores` replaces the study's number of workers. ArchfragError if an input
+    changes during the run.
+    """
     provenance.check_own(study)
     if provenance.finished_folder(study_file, *study.given):
         return False
@@ -212,7 +219,11 @@ def run_study(
 
 
 def _places(study: StudyKeys) -> set[str]:
-    """Return where a study finds what it reads, and what it keeps for the next run."""
+    """Return the paths that must be unchanged if the next run is to find nothing to do.
+
+    These are inputs, the folders of records, stored motions and the tables of runs. Paths are
+    relative to the folder of the results, and may be patterns.
+    """
     inputs = input_paths(study)
     stored = [each.stored for record in load_prepared(study) for each in record.motions]
     paths: Iterator[str | Path] = chain(
@@ -229,11 +240,11 @@ def _places(study: StudyKeys) -> set[str]:
 
 @contextlib.contextmanager
 def stoppable() -> Iterator[Callable[[], None]]:
-    """Let SIGTERM, SIGINT and SIGHUP raise `SystemExit` once; what follows the first is ignored.
+    """Make SIGTERM, SIGINT and SIGHUP raise `SystemExit` in the block, once; ignore later ones.
 
-    Its code is 128 and the number of the signal. Given is a function that raises it again, where
-    an exception in a signal handler got lost. The process ends after `GRACE` also where code in C,
-    such as a compiler, does not return.
+    The exit code is 128 plus the number of the signal. The block gets a function that raises the
+    exit again, since an exception in a signal handler may get lost. If code in C, such as a
+    compiler, does not return, the process ends `GRACE` seconds after the signal.
     """
     came: list[int] = []
     ended = threading.Event()
@@ -265,7 +276,7 @@ def stoppable() -> Iterator[Callable[[], None]]:
     try:
         yield check
     except Exception:
-        check()  # what became of it where code in C reports errors of its own
+        check()  # code in C may have made another error of the exit
         raise
     finally:
         ended.set()
@@ -277,7 +288,10 @@ def stoppable() -> Iterator[Callable[[], None]]:
 
 @contextlib.contextmanager
 def clock(what: str, say: Callable[[str], None], quiet: bool) -> Iterator[None]:
-    """Say how long a block took; at a terminal show meanwhile how long it has taken."""
+    """Say how long the block took; meanwhile show the time elapsed on a terminal.
+
+    If `quiet`, the time elapsed is not shown. `what` names the block.
+    """
     started = time.perf_counter()
     form = f"archfrag: {what}: {{elapsed}}"
     hidden = quiet or not sys.stderr.isatty()
@@ -291,9 +305,10 @@ def clock(what: str, say: Callable[[str], None], quiet: bool) -> Iterator[None]:
 
 @contextlib.contextmanager
 def only_run(study: StudyKeys) -> Iterator[None]:
-    """Hold the lock of a study's folder, which the system takes back whatever ends the process.
+    """Hold the lock of a study's folder during the block.
 
-    OutputError if another run holds it.
+    OutputError if another run holds it. The system releases the lock whatever ends the process. A
+    file system that has no locks gives none.
     """
     path = study.work / "lock"
     with contextlib.ExitStack() as stack:

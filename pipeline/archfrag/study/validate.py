@@ -38,12 +38,15 @@ PICTURES = {
     "png": b"\x89PNG\r\n\x1a\n",
     "jpeg": b"\xff\xd8\xff",
 }  # kinds, and how they begin
-MOST_ASKED = 12  # arches
+MOST_ASKED = 12  # arches that are described or examined for wrong units
 _LEVELS = "intensity.levels"
 
 
 def shipped_folder() -> Path:
-    """Return the folder of Snakefile, rules and records: the checkout, or one of the package."""
+    """Return the folder of Snakefile, rules and records: the checkout, or a folder of the package.
+
+    OutputError if there is none.
+    """
     for folder in (PACKAGE.parents[1], PACKAGE / "workflow"):
         if (folder / "Snakefile").is_file() and (folder / "pipeline/rules").is_dir():
             return folder
@@ -53,7 +56,11 @@ def shipped_folder() -> Path:
 
 
 def write_starter(folder: Path) -> Path:
-    """Write a commented study file, its schema and the shipped motions; the study file last."""
+    """Write a commented study file, its schema and the shipped motions into a folder.
+
+    The study file is written last, and its path is returned. OutputError if one of the files
+    exists or cannot be written.
+    """
     names = ("records", "study.schema.json", "study.yaml")
     records, schema, study = (folder / name for name in names)
     for path in (records, schema, study):
@@ -70,7 +77,11 @@ def write_starter(folder: Path) -> Path:
 
 
 def suspicious(records: Sequence[PreparedRecord]) -> list[str]:
-    """Return cautions on files and samples of records, each with the records that it is on."""
+    """Return the cautions on files and samples of records.
+
+    If cautions differ in numbers only, the first is returned with its record and the number of
+    others.
+    """
     alike: dict[str, list[str]] = {}
     for record in records:
         for text in record.cautions:
@@ -83,9 +94,10 @@ def suspicious(records: Sequence[PreparedRecord]) -> list[str]:
 
 
 def unit_warnings(study: StudyKeys, found: Members) -> list[str]:
-    """Warn of values so unusual that a unit may be wrong, and of what a drawing has more.
+    """Return warnings of values so unusual that a unit may be wrong.
 
-    Only the first arches are looked at.
+    Included are cautions on arches, and on what a drawing shows beyond its blocks. `found` are the
+    arches of the study; only the first `MOST_ASKED` are examined.
     """
     levels = np.array(study.intensity.si) / STANDARD_GRAVITY
     known = study.intensity.measure == "PGA" and not study.motions.vertical
@@ -122,7 +134,7 @@ def unit_warnings(study: StudyKeys, found: Members) -> list[str]:
 
 
 def read_from_drawing(entry: ArchEntry) -> list[str]:
-    """Return a text on the blocks of a drawing, span first, and a caution if it shows more."""
+    """Return a text on the blocks of a drawing, then the caution on what was not read, if any."""
     path = Path(str(entry.drawing))
     drawn = read_drawing(path, entry.layer, entry.unit)
     arch = entry.model_copy(
@@ -141,7 +153,10 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
 
 
 def arch_texts(study: StudyKeys) -> list[str]:
-    """Return weights, forces and places of the first arches of a study, one of each class."""
+    """Return a line on weights, forces and joints of the first intact arch of each class.
+
+    At most `MOST_ASKED` classes have a line.
+    """
     first: dict[str, Member] = {}
     for member in study.members:
         if member.intact:
@@ -180,9 +195,10 @@ def logo_url(logo: str) -> str:
 
 
 def check_start(study: StudyKeys) -> tuple[str, ...]:
-    """Check hazard, logo, and that the output folder may take results; nothing is created.
+    """Check hazard, logo and output folder of a study; nothing is created.
 
-    Returned is what was assumed of the hazard, and what is unusual in it.
+    InputError if hazard or logo cannot be used; OutputError if the folder cannot take the results.
+    Returned are messages on what was assumed of the hazard, and on what is unusual in it.
     """
     risk = study.risk
     messages: tuple[str, ...] = ()
@@ -210,10 +226,11 @@ def check_start(study: StudyKeys) -> tuple[str, ...]:
 
 
 def check_study(study: StudyKeys) -> Named:
-    """Check all of a study without running it: arches stand, records are read and scaled.
+    """Check a study without running it: arches stand, and records can be read and scaled.
 
-    Returned are numbers of things, of runs exactly, about or at most (``extent``), and texts.
-    Errors of hazard or folder, of records and of arches are raised together.
+    Returned are the numbers of arches, records, levels and runs, and texts for the user.
+    ``extent`` says how exact the number of runs is: exactly, about or at most. Errors of hazard or
+    folder, of records and of arches are raised together.
     """
     errors = list[ArchfragError]()
     found = study.members
@@ -262,7 +279,7 @@ def check_study(study: StudyKeys) -> Named:
 
 
 def record_texts(study: StudyKeys, records: Sequence[PreparedRecord]) -> list[str]:
-    """Say which files belong together, and which components of them are not used."""
+    """Return lines on which files and first shocks belong together, and on unused verticals."""
     every = study.motions.model_copy(update={"vertical": True})
     partnered = {
         source.path.name

@@ -12,12 +12,23 @@ from archfrag.errors import InputError
 from archfrag.files import REAL, WHOLE, Named, read_text
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
-PATHS = ("output", "table", "drawing", "index", "path", "inventory", "hazard")  # keys
+PATHS = (
+    "output",
+    "table",
+    "drawing",
+    "index",
+    "path",
+    "inventory",
+    "hazard",
+)  # keys of paths
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML with the words and numbers of its version 1.2, in which no key is given twice."""
+    """Loader of YAML with the words and numbers of version 1.2.
+
+    A key that is given twice in a block is an error, and so are control characters.
+    """
 
     def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode):
         if isinstance(node, yaml.ScalarNode) and CONTROL.search(node.value):
@@ -38,7 +49,7 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Dumper(yaml.SafeDumper):
-    """YAML that the loader reads as it was: text such as 1e3 is quoted."""
+    """Dumper of YAML that `_Loader` reads back unchanged: text such as 1e3 is quoted."""
 
 
 _Loader.yaml_implicit_resolvers = {}  # of YAML 1.1, where 010 is 8, 1:30 is 90 and no is false
@@ -73,7 +84,10 @@ def parse_value(text: str, place: str):
 
 
 def relative(value, folder: Path, key: str = ""):
-    """Make the paths in a value of a study file relative to a folder."""
+    """Return a value of a study file with its paths made relative to a folder.
+
+    `key` is the key of the value. Texts of the keys `PATHS` are paths.
+    """
     if isinstance(value, dict):
         return {name: relative(inner, folder, name) for name, inner in value.items()}
     if isinstance(value, list):
@@ -86,9 +100,10 @@ def relative(value, folder: Path, key: str = ""):
 
 
 def read_keys(path: Path, overrides: Sequence[str] = ()) -> tuple[Named, Path]:
-    """Read the keys of a study file as they are written, with its folder.
+    """Read the keys of a study file as they are written; return them and the file's folder.
 
-    `overrides` are texts ``key.key=value``. InputError names the file or the override, and why.
+    Each of `overrides` is a text ``key.key=value`` that sets a key. InputError names the file or
+    the override, and why.
     """
     folder = Path(os.path.realpath(path)).parent
     given = parse_value(

@@ -1,4 +1,4 @@
-"""Arches or classes of arches compared that met the same motions; two measures and one."""
+"""Comparison of two arches or classes under the same motions, and of two measures with one."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,8 +27,9 @@ def compare(
 ) -> Table:
     """Compare two arches or classes of arches, motion by motion.
 
-    Each of `names` is of the study at its place in `fitted`. The members of two classes are pairs:
-    the same number of arches, sampled alike.
+    `names` are an arch or class of each of the two studies `fitted`, which may be the same study.
+    Two classes must have the same number of arches, sampled alike, so that their members are
+    pairs.
 
     Returned are the rows ``theta`` [SI] and, with a hazard, ``rate`` [1/year], each with before,
     after, ratio, lower, upper. InputError if a name is not known, or the motions or the samples
@@ -38,14 +39,17 @@ def compare(
     _check_pairs(one, two)
 
     def without(own: ArchRuns, groups: IntArray) -> FloatArray:
-        """Return ln theta and ln beta of an arch, by the posterior without scatter."""
+        """Return ln theta and ln beta of an arch without each part of the groups, (n_part, 2).
+
+        They are estimated by the posterior as if single runs did not scatter.
+        """
 
         def estimate(brackets: Brackets) -> Curve:
             return capacity_posterior(brackets.without_scatter())[0].curve
 
         return left_out(own.brackets, parts_of(groups), estimate)
 
-    # Groups of rows that are alike in either.
+    # Groupings of rows, of one arch or of the other.
     record = one.cube["record"].values.astype(str)
     event = shared_events(one.cube["event"].values)
     alike = {**one.groups, **two.groups, "event": record if event is None else event}
@@ -60,7 +64,10 @@ def compare(
 
 
 def _runs_of(study: Fitted, name: str, first: Fitted) -> ArchRuns:
-    """Return the runs of a name, under the motions of the first study."""
+    """Return the runs of an arch or class, with its records in the order of the `first` study.
+
+    InputError if the name is not known or the motions differ; FitError if there is no curve.
+    """
     if name not in study.curves:
         raise InputError(
             f"there is no arch or class {name!r}; the study has {', '.join(study.curves)}"
@@ -77,8 +84,10 @@ def plane_of(
 ) -> Plane:
     """Return the plane of an arch in the study's intensity and a second measure.
 
-    The second is the measure with the least p-value if it is "best". It has the unit of the
-    levels, or its SI unit if that is of another kind. `arch` may be None if there is one.
+    If `second` is "best", the measure with the least p-value is taken, and its p-value is
+    multiplied by the number of measures tried. The second measure has the unit of the levels if it
+    is of the same kind, else its SI unit. `arch` may be None if the study has only one. InputError
+    if an argument is not known; FitError if there is no plane.
     """
     names = list(fitted.arches)
     factor = intensity.factor
@@ -121,7 +130,10 @@ def plane_of(
 
 
 def _same_motions(own: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
-    """Return the other cube in the order of the own records; InputError unless they agree."""
+    """Return the cube `other` with its records in the order of the cube `own`.
+
+    InputError unless both are of one measure and have the same records with the same motions.
+    """
     refused = "the two studies cannot be compared, since their"
     measures = [str(cube["intensity"].attrs["measure"]) for cube in (own, other)]
     if measures[0] != measures[1]:
@@ -144,7 +156,10 @@ def _same_motions(own: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
 
 
 def _check_pairs(one: ArchRuns, two: ArchRuns) -> None:
-    """Check that the members of two classes are pairs, drawn alike; InputError if not."""
+    """Check that the members of two classes are pairs; InputError if not.
+
+    Both classes must have the same number of arches, and their sampled values the same order.
+    """
     pair = f"{one.name} and {two.name} cannot be compared"
     sizes = [runs.cube.sizes["arch"] for runs in (one, two)]
     if sizes[0] != sizes[1]:

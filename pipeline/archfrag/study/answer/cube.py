@@ -65,10 +65,11 @@ def write_cube(study: StudyKeys) -> Path:
 def build_cube(
     plan: Plan, cases: Cases, table: Table, facts: dict[int, Named]
 ) -> xr.Dataset:
-    """Return the cube of a study's runs, as `gather` returns them, in the form that is stored.
+    """Return the cube of a study's runs in the form that is stored.
 
-    It is along intensity in the study's unit, beside ``intensity_si``; along level if each run
-    has an intensity of its own. It takes about 600 bytes of memory a run.
+    `cases`, `table` and `facts` are what `gather` returns. The dimension of levels is intensity in
+    the study's unit, beside ``intensity_si``; it is level if each run has an intensity of its own.
+    The cube takes about 600 bytes of memory a run.
     """
     study = plan.study
     regular = study.design.on_levels
@@ -139,10 +140,11 @@ def build_cube(
 
 
 def open_cube(study: StudyKeys) -> xr.Dataset:
-    """Read the cube of a study into memory, as this package works with it.
+    """Read the cube of a study into memory, in the form in which this package uses it.
 
-    Its runs are along level, intensities in SI units, and verdicts codes without a missing value.
-    InputError if there is none, OutputError if it is another study's.
+    The dimension of levels is level, intensities are in SI units, and verdicts are codes without a
+    missing value. InputError if there is none or it is damaged, OutputError if it is another
+    study's.
     """
     cube = stored_cube(study)
     if "intensity" in cube.dims:
@@ -168,7 +170,7 @@ def stored_cube(study: StudyKeys) -> xr.Dataset:
 
 
 def _variable(about, values) -> xr.Variable:
-    """Return values with CF's attributes, as a row of `VARIABLES` describes them."""
+    """Return values as a variable with CF's attributes; `about` is its row of `VARIABLES`."""
     dimensions = about.dimensions.replace("run", "arch record level").split()
     attrs: Named = {
         name: getattr(about, name)
@@ -247,7 +249,10 @@ def _arch_variables(arches: Members) -> dict[str, xr.Variable]:
 
 
 def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
-    """Return the global attributes: the same on every run of the same study with this code."""
+    """Return the global attributes of a cube.
+
+    They are the same on every run of the same study with this code.
+    """
     inputs = read_manifest(study)["inputs"]
     about = study.intensity
     facts = {
@@ -305,7 +310,7 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
 
 
 def _portable_arch(entry: ArchEntry) -> Named:
-    """Return an entry as a study gives it, defaults filled in, without folders."""
+    """Return the keys of an entry with defaults filled in; files are named without folders."""
     if entry.table is not None:
         return {**entry.parameters, "table": Path(entry.table).name}
     facts = {"id": entry.id, **entry.build().parameters}
@@ -318,7 +323,10 @@ def _portable_arch(entry: ArchEntry) -> Named:
 
 
 def _by_name(digests: dict[str, str]) -> dict[str, str]:
-    """Return digests by the shortest ends of their paths that distinguish all, without a place."""
+    """Return digests by the ends of their paths, as short as possible while all ends differ.
+
+    So the names of the digests do not depend on where the files are.
+    """
     size = 0
     ends = list[str]()
     while len({*ends}) < len(digests):

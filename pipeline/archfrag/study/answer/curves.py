@@ -1,4 +1,4 @@
-"""Curves from the runs of a cube, other shapes, measures, limit states and parts of dispersion."""
+"""Curves from the runs of a cube: collapse, limit states, other shapes and parts of dispersion."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -41,7 +41,7 @@ from archfrag.study.designs import Design, design_of
 
 POINTS = 120  # of a band
 MOST_LACKING = (
-    0.5  # fraction of the runs below capacities, beyond which a search chose levels
+    0.5  # missing fraction of runs below capacities; above it, a search chose levels
 )
 MISFIT = 0.05  # p-value below which the lognormal curve does not describe the collapses
 MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
@@ -62,18 +62,21 @@ _OF_BAND = (
 Names = NDArray[np.str_]  # by row
 Worded = Callable[
     [FitError], str
-]  # text of an error, with its levels in the unit people read
+]  # text of an error, with its levels in the study's unit
 
 
 @dataclass(frozen=True)
 class ArchRuns:
-    """Runs of one arch, or of all arches of a class under each other."""
+    """Runs of one arch, or of all arches of a class.
+
+    The runs of a class are the rows of its arches below each other: n_record counts all of them.
+    """
 
     name: str
     design: Design
     verdict: IntArray  # (n_record, n_level)
     level: FloatArray  # (n_level,) or (n_record, n_level) [SI]
-    # What makes rows alike, such as an earthquake, and which of them each row has, (n_record,).
+    # By what makes rows alike, such as the event: the name of each row's group, (n_record,).
     groups: Mapping[str, Names] = field(default_factory=dict)
     worded: Worded = str
     whole: Any = None  # cube of the study
@@ -86,33 +89,37 @@ class ArchRuns:
 
     @property
     def group(self) -> Names | None:
-        """The coarsest of the groups, where one is asked for; None if there is none."""
+        """The grouping with the fewest groups, (n_record,); None if there is none."""
         return min(self.groups.values(), key=lambda each: len({*each}), default=None)
 
     @property
     def alike(self) -> Names | None:
-        """What `quoted_band` asks for: the groups, (n_record,) or of several (n_way, n_record)."""
+        """Groups of rows for `quoted_band`; None if there are none.
+
+        They are all groupings, (n_way, n_record), if there are several and the runs are at the
+        study's levels. Else they are `group`, (n_record,).
+        """
         several = len(self.groups) > 1 and self.design.on_levels
         return np.array([*self.groups.values()]) if several else self.group
 
     @property
     def collapsed(self) -> BoolArray:
-        """Runs that collapsed."""
+        """Whether each run collapsed, (n_record, n_level)."""
         return self.verdict == Verdict.COLLAPSED
 
     @property
     def survived(self) -> BoolArray:
-        """Runs that survived."""
+        """Whether each run survived, (n_record, n_level)."""
         return self.verdict == Verdict.SURVIVED
 
     @property
     def decided(self) -> BoolArray:
-        """Runs that collapsed or survived."""
+        """Whether each run collapsed or survived, (n_record, n_level)."""
         return np.isin(self.verdict, DECIDED)
 
     @cached_property
     def brackets(self) -> Brackets:
-        """Between which levels the capacity of each record lies [SI]."""
+        """The brackets of the records' capacities [SI]."""
         return find_brackets(self.verdict, self.level)
 
     @property
@@ -133,12 +140,15 @@ class ArchRuns:
 
     @property
     def filled(self) -> IntArray:
-        """Verdicts; where runs were not made with those that the capacities imply."""
+        """Verdicts of all runs, (n_record, n_level).
+
+        If `gaps`, runs that were not made have the verdicts that the capacities imply.
+        """
         return self.brackets.filled if self.gaps else self.verdict
 
     @property
     def gaps(self) -> bool:
-        """Whether runs made at a level are no sample of the records."""
+        """Whether the runs made at a level are no sample of the records."""
         return self.design.adaptive or self.brackets.gaps
 
     @property
@@ -153,8 +163,10 @@ class ArchRuns:
     def onset(self, curve: Curve) -> FloatArray:
         """Return the least levels at which the arches can move [SI], 0 if they are not known.
 
-        There is one for each part of the curve. They are known in PGA, if the mechanism at onset
-        does not slide, else its onset is an upper bound, and no shock came first.
+        If the curve is a mean over several arches, there is one level for each arch; else there is
+        one for all. They are known if the measure is PGA, the mechanism at onset does not slide,
+        no first shock came before the records, and the arches are not a sample of a stock. If the
+        mechanism slides, its onset is only an upper bound.
         """
         least = np.zeros(len(self.arches))
         if "static_limit" in self.cube:  # else runs of another program
@@ -169,7 +181,10 @@ class ArchRuns:
 def runs_of_cube(
     cube: xr.Dataset, names: Iterable[str] | None = None, worded: Worded = str
 ) -> dict[str, ArchRuns]:
-    """Return the runs of arches or classes of a cube by name; of all arches if none is given."""
+    """Return the runs of arches or classes of a cube, by name.
+
+    If `names` is None, they are those of all arches. `worded` turns a FitError into text.
+    """
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
     ordered = cube.transpose("arch", "record", "level", ...)
     verdict = ordered["verdict"].values.astype(np.int64)
@@ -218,7 +233,7 @@ def runs_of_cube(
 
 
 def arch_classes(cube: xr.Dataset) -> dict[str, str]:
-    """Return the class of each arch of a cube; its own name if the cube holds none."""
+    """Return the class of each arch of a cube; an arch's own name if the cube has no classes."""
     names = ("arch", "arch_class" if "arch_class" in cube else "arch")
     return dict(zip(*(cube[name].values.astype(str).tolist() for name in names)))
 
@@ -227,13 +242,13 @@ def arch_classes(cube: xr.Dataset) -> dict[str, str]:
 class Fitted:
     """Curves of the arches of a study and of its classes of several arches, and the cube."""
 
-    arches: dict[str, Curve]  # theta in SI units, as of classes
+    arches: dict[str, Curve]  # theta in SI units, here and in `classes`
     classes: dict[str, Curve]
     cube: xr.Dataset
 
     @cached_property
     def runs(self) -> dict[str, ArchRuns]:
-        """Runs of all arches and classes, which keep their brackets once they are found."""
+        """Runs of all arches and classes by name. They are found once, as are their brackets."""
         return runs_of_cube(self.cube, [*self.arches, *self.classes])
 
     @property
@@ -242,7 +257,10 @@ class Fitted:
         return self.classes | self.arches
 
     def quoted(self, members: bool = False) -> dict[str, Curve]:
-        """Return the curves of classes and of arches of no class; with `members` of all arches."""
+        """Return the curves of classes, and of arches that are in no class.
+
+        If `members` is true, those of all arches are returned too.
+        """
         of_class = arch_classes(self.cube)
         return self.classes | {
             name: curve
@@ -269,7 +287,10 @@ class Fitted:
 
 
 def curve_of(runs: ArchRuns, confidence: float) -> Curve:
-    """Return the curve of some runs with the band and the intervals that are quoted."""
+    """Return the curve of some runs with the band and the intervals that are quoted.
+
+    If there is none, its `reason` says why.
+    """
     if not runs.decided.any():
         none = Curve(reason=NOTHING, confidence=confidence, name=runs.name)
         return replace(none, likelihood=none)
@@ -298,11 +319,12 @@ def band_points(runs: ArchRuns) -> FloatArray:
 
 
 def class_curve(pooled: Curve, members: Sequence[Curve], stock: bool = False) -> Curve:
-    """Return the curve of a class, from that of all its runs together and those of its arches.
+    """Return the curve of a class of arches.
 
-    It is the mean of those of its arches; if one of these has none, or they are a sample of a
-    `stock`, the lognormal curve of all runs. Band and intervals are of the latter. The class has
-    no curve by maximum likelihood.
+    `pooled` is the lognormal curve of all its runs together; `members` are the curves of its
+    arches. The curve of the class is the mean of `members`. If one of these has no curve, or if
+    the arches are a sample of a `stock`, it is `pooled`. Band and intervals are those of `pooled`
+    in any case. The class has no curve by maximum likelihood.
     """
     pooled = replace(pooled, likelihood=None)
     if not pooled.fitted:
@@ -338,13 +360,15 @@ def completed(
     detailed: bool = True,
     members: Sequence[Curve] = (),
 ) -> Curve:
-    """Return a curve with all that its runs tell; a class has complete curves of `members`.
+    """Return a curve completed by what its runs show besides, such as limit states.
 
-    Only `detailed` ones have limit states and other shapes. `keys` are those of `limit_states`.
+    `members` are the completed curves of the arches of a class; it is empty for an arch. Limit
+    states, other shapes and other measures are found only if `detailed`. `keys` are the
+    ``limit_states`` of a study.
     """
 
     def part(make: Callable[..., Named], *arguments) -> Named:
-        """Make a part of the results, or say why it cannot be made."""
+        """Return a part of the results, or the reason why it cannot be made, under ``none``."""
         made = attempt(partial(make, runs, *arguments), runs.worded)
         return {"none": made} if isinstance(made, str) else made
 
@@ -401,14 +425,14 @@ def free_shapes(runs: ArchRuns, confidence: float) -> Named:
 
 
 def cloud_curves(runs: ArchRuns, confidence: float) -> Named:
-    """Return the curve of a cloud by logistic regression."""
+    """Return the curve of a cloud of runs by logistic regression, with its intervals."""
     found = runs.brackets  # one run a record
     event = None if runs.group is None else runs.group[found.run]
     return fit_cloud(*found.single_runs(), event, confidence=confidence)
 
 
 def measures_compared(runs: ArchRuns) -> Named:
-    """Compare the study's measure with others in which its motions are known."""
+    """Compare the study's measure with the other measures that are known, and return the table."""
     cube = runs.cube
     known, exponent, units = known_measures(cube)
     table = compare_measures(
@@ -428,7 +452,10 @@ def measures_compared(runs: ArchRuns) -> Named:
 def known_measures(
     cube: xr.Dataset,
 ) -> tuple[dict[str, FloatArray], dict[str, float], dict]:
-    """Return measures that grow with the factor: values of records, exponents, and SI units."""
+    """Return the measures that grow with the factor: values of records, exponents, and SI units.
+
+    Each of these is a mapping by the name of the measure. FitError if the cube has no measures.
+    """
     if "measure" not in cube:
         raise FitError(
             "a table of verdicts has one measure of its motions, so there is no other"
@@ -454,10 +481,10 @@ def _measures(cube: xr.Dataset):
 def limit_states(
     runs: ArchRuns, keys: Mapping[str, float], collapse: Curve
 ) -> tuple[tuple[Curve, ...], str]:
-    """Return curves of damage, from light to severe, and whether they cross.
+    """Return the curves of limit states, from light to severe, and a text on whether they cross.
 
-    A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study. The
-    last curve of an arch is that of `collapse`, without its band.
+    A run that collapses exceeds every state. `keys` are the ``limit_states`` of a study.
+    `collapse` is the curve of collapse; for one arch it is returned last, without its band.
     """
     onset = _onset_in_measure(runs.cube)
     states = list[Curve]()
@@ -487,7 +514,7 @@ def limit_states(
 
 
 def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str, Any]]:
-    """Return what each limit state means, and which runs exceed it."""
+    """Return by limit state what it means, and which runs exceed it."""
     if "damage" in cube:
         names = json.loads(cube["damage"].attrs["states"])
         return {
@@ -527,7 +554,10 @@ def _damage(cube: xr.Dataset, keys: Mapping[str, float]) -> dict[str, tuple[str,
 
 
 def _state_curve(runs: ArchRuns, exceeds: BoolArray, collapse: Curve) -> Curve:
-    """Return the curve of runs that exceed a limit state, or the reason why there is none."""
+    """Return the curve of a limit state; its `reason` says why if there is none.
+
+    `exceeds` says which runs exceed the state; `collapse` is the curve of collapse.
+    """
     if not runs.intact:
         return Curve(
             reason="its measure is of the first shock too, so it has no curve after one"
@@ -548,9 +578,10 @@ def _state_curve(runs: ArchRuns, exceeds: BoolArray, collapse: Curve) -> Curve:
 
 
 def _searched_curve(runs: ArchRuns, short: IntArray, collapse: Curve) -> Curve:
-    """Return the curve of a state from the runs of a search for collapse.
+    """Return the curve of a limit state if a search for collapse chose the levels of the runs.
 
-    `short` are verdicts of the runs that did not collapse: whether they exceed the state.
+    `short` has the verdicts of runs that did not collapse: COLLAPSED if they exceed the state,
+    SURVIVED if not. `collapse` is the curve of collapse.
     """
     number = collapse.n_independent
     kind = runs.design.kind if runs.design.adaptive else "a search"
@@ -597,11 +628,13 @@ def _onset_in_measure(cube: xr.Dataset) -> float:
 
 
 def dispersion_split(runs: ArchRuns, curves: Sequence[Curve], whole: Curve) -> Named:
-    """Divide the dispersion of a `whole` class into that of records and that of its arches.
+    """Divide the dispersion of a class into that from records and that from its arches.
 
-    It is divided by the capacities of all runs. If records withstand the largest level, it is by
-    the likeliest curves of the arches, whose `curves` are given: without these records, the
-    mildest, what is left would differ less.
+    `curves` are those of its arches, and `whole` is that of the class. The division follows from
+    the capacities of all runs. If some records cause no collapse up to the highest level, it
+    follows from the curves of maximum likelihood of the arches: without these records, the
+    mildest, the capacities left would differ less. The result is empty if runs are not at the
+    study's levels.
     """
     if not runs.design.on_levels:
         return {}

@@ -34,18 +34,24 @@ MOST_SURVIVING = 0.25  # fractions of the records
 MOST_AGAIN = 0.2
 MOST_SCALING = 10.0
 LEAST_EVENTS = 4
-LEAST_RECORDS = 10  # of a table of others
+LEAST_RECORDS = 10  # of a table of verdicts; with fewer there is a caution
 
 
 def fit_cube(study: StudyKeys) -> Fitted:
-    """Find and store the curves of arches and classes: JSON in SI, CSV in the study's unit."""
+    """Fit the curves of a study's arches and classes, store them and return them.
+
+    They are stored as JSON in SI units, and as CSV in the study's unit.
+    """
     fitted = fit_runs(study, open_cube(study))
     store_fits(study, fitted)
     return fitted
 
 
 def fit_runs(study: StudyKeys, cube: xr.Dataset) -> Fitted:
-    """Find the curves of arches and classes of a cube, which may lack measures and damage."""
+    """Fit the curves of all arches and classes of a cube.
+
+    The cube may lack measures and damage, such as that of a table of verdicts.
+    """
     intensity = study.intensity
     keys = study.limit_states.model_dump()
     of_class = curves.arch_classes(cube)
@@ -127,13 +133,16 @@ def load_fits(study: StudyKeys) -> Fitted:
 
 
 def in_unit(curve: Curve, intensity: Intensity) -> Curve:
-    """Return the curve of an arch or class in the unit of its study."""
+    """Return the curve of an arch or class with its intensities in the unit of the study."""
     curve = curve.in_unit(intensity.factor, intensity.measure, intensity.unit)
     return replace(curve, levels=list(intensity.given))
 
 
 def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
-    """Write aligned lines on the curves of classes and of arches of none, and the cautions."""
+    """Return aligned lines on the curves of a study, and the cautions on them.
+
+    There is a line for each class and for each arch in no class, for `SHOWN` of them at most.
+    """
     answers = {
         name: in_unit(each, study.intensity) for name, each in fitted.quoted().items()
     }
@@ -155,9 +164,10 @@ def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
 def gathered(
     cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]
 ) -> list[str]:
-    """List cautions; of those on arches that are not `shown` alone only the first of each kind.
+    """Return cautions; those of one kind are combined into the first, with the number of arches.
 
-    Cautions are of one kind if they differ in numbers, and their arches are of one class.
+    Only cautions on arches that are not in `shown` are combined. They are of one kind if they
+    differ in numbers only, and their arches are of one class.
     """
     of_class = curves.arch_classes(cube)
     kinds = dict[tuple[str, str], list[str]]()
@@ -198,7 +208,10 @@ def cautions_of(study: StudyKeys, fitted: Fitted) -> list[str]:
 
 
 def table_cautions(runs: curves.ArchRuns) -> Iterator[str]:
-    """Yield messages on verdicts of others that are few, or fall with intensity."""
+    """Yield warnings on one arch of a table of verdicts, which the user gave instead of runs.
+
+    They say that its records are few, or that its collapses become fewer with intensity.
+    """
     records = int(runs.decided.any(axis=1).sum())
     if 0 < records < LEAST_RECORDS:
         yield (
@@ -218,7 +231,10 @@ def table_cautions(runs: curves.ArchRuns) -> Iterator[str]:
 def arch_cautions(
     runs: curves.ArchRuns, named: list[str], curve: Curve
 ) -> Iterator[str]:
-    """Yield messages on the runs of an arch, at levels as they are `named`."""
+    """Yield warnings on the runs and the curve of an arch.
+
+    `named` has the text of each level.
+    """
     verdict = runs.verdict
     levels = runs.level
     n_record = len(verdict)
@@ -274,7 +290,7 @@ def arch_cautions(
 
 
 def record_cautions(cube: xr.Dataset) -> Iterator[str]:
-    """Yield messages on motions scaled too far, and on records of one to three earthquakes."""
+    """Yield warnings on records that are scaled too far, or are of too few earthquakes."""
     scaled = cube["scale_factor"].where(cube["verdict"] != Verdict.NOT_RUN)
     largest = scaled.max(["arch", "level"]).values
     far = int((largest > MOST_SCALING).sum())

@@ -1,4 +1,4 @@
-"""Runs of other programs and of experiments: a table of verdicts as a cube and a study's keys."""
+"""Runs of other programs and of experiments: a table of verdicts becomes a study and its cube."""
 
 import contextlib
 import os
@@ -24,7 +24,7 @@ from archfrag.study.hazard import measure_of, spelled, with_unit
 from archfrag.study.keys import at
 from archfrag.study.provenance import digest_of, strict_json
 
-# What a table does not state of its runs, and answers to a study ask for.
+# Values of what a table does not state of its runs, but the answers of a study need.
 BLANK = {"collapse_joint": -1, "collapse_mode": 0, "lost_contact_time": np.nan}
 LARGEST = 200_000_000  # [bytes] of a file
 _NAMED = tomllib.loads(Path(__file__).with_name("outside.toml").read_text("utf-8"))
@@ -42,23 +42,24 @@ _NONE = {
     "intensity": (),
     "lower": ("", "0", "0.0"),
     "upper": ("", "inf"),
-}  # cells of no level
+}  # cells that mean that there is no level
 _RULE = _NAMED["messages"]["verdict"]
 _NEEDED = _NAMED["messages"]["columns"]
 
 
 class VerdictTable(NamedTuple):
-    """Cells of a table of runs by what they hold, and how its rows are named in messages."""
+    """A table of runs: its cells by what they hold, and the names of its rows and columns."""
 
     source: str
     rows: Sequence[str]  # such as "line 7"
     heads: Mapping[str, str]  # names of columns by what they hold
-    cells: (
-        pd.DataFrame
-    )  # text by what it is, with what stands for a column that is not there
+    cells: pd.DataFrame  # text by what it holds; defaults for columns that are missing
 
     def wrong(self, place, what: str, rule: str) -> InputError:
-        """Return the error of a cell."""
+        """Return the InputError of a cell: that of a row (`place`) in the column of `what`.
+
+        `rule` says what is wrong with it.
+        """
         cell = self.cells[what][place][:60]
         return InputError(
             f"{self.source}: {self.rows[place]}, column {self.heads[what]!r}: {cell!r} "
@@ -66,7 +67,11 @@ class VerdictTable(NamedTuple):
         )
 
     def read(self, what: str, meaning: Callable[[str], Any], rule: str) -> pd.Series:
-        """Return what the cells of a column mean; InputError for the first that means nothing."""
+        """Return what the cells of a column mean.
+
+        `meaning` is called with the text of each cell; it returns None or nan if the text means
+        nothing. InputError, with `rule`, for the first such cell.
+        """
         found = self.cells[what].map(meaning)
         for place in np.flatnonzero(found.isna()):
             raise self.wrong(place, what, rule)
@@ -82,9 +87,10 @@ def read_runs(
     confidence: float = 0.9,
     output: str | os.PathLike[str] | None = None,
 ) -> tuple[StudyKeys, xr.Dataset]:
-    """Return a table of runs, as `archfrag.fit` describes it, as a cube with the keys of a study.
+    """Read a table of runs; return the keys of a study, and the cube of its runs.
 
-    InputError names row, column, value and what is allowed.
+    `archfrag.fit` describes the table and the arguments. InputError names row, column, value and
+    what is allowed.
     """
     tails(confidence)
     if not isinstance(columns, Mapping | None):
@@ -97,7 +103,7 @@ def read_runs(
     measure, unit, factors = _units(given, measure, unit)
     runs = _runs(given, states, factors)
     levels = np.unique(runs["level"]).tolist()
-    # That which the runs have the form of, stripes also if some were not made.
+    # The design follows from the form of the runs; stripes may lack some of them.
     design: Design = Ida(kind="ida") if "lower" in given.heads else Stripes()
     if not runs.duplicated(["arch", "record"]).any():
         design = Cloud(kind="cloud")
@@ -115,7 +121,11 @@ def read_runs(
 
 
 def read_table(table, columns: Mapping[str, str]) -> VerdictTable:
-    """Read a CSV file, a DataFrame, or what makes one, and find its columns."""
+    """Read a table of runs and find its columns.
+
+    `table` is a CSV file, a DataFrame or what makes one. `columns` are names of columns by what
+    they hold.
+    """
     if isinstance(table, str | Path):
         source = str(table)
         with at(source):
@@ -160,7 +170,10 @@ def _checked_states(given: VerdictTable, states: Sequence[str]) -> list[str]:
 
 
 def _level(none: Sequence[str], cell: str) -> float:
-    """Return the intensity in a cell, 0 for a cell that means there is none, nan for others."""
+    """Return the intensity in a cell, nan if the cell holds none.
+
+    Cells of the texts `none` mean that there is no level: they give 0.
+    """
     with contextlib.suppress(ValueError):
         if cell in none or 0.0 < number(cell) <= 1e6:
             return 0.0 if cell in none else number(cell)
@@ -168,14 +181,18 @@ def _level(none: Sequence[str], cell: str) -> float:
 
 
 def _plain(name: str) -> str:
-    """Return a name as it is compared."""
+    """Return a name as it is compared: in lower case, with blanks for underscores."""
     return name.strip().casefold().replace("_", " ")
 
 
 def _heads(
     source: str, names: Sequence[str], columns: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return the name of the column of each thing that the table states."""
+    """Return the names of the columns that are used, by what they hold.
+
+    `names` are all columns. `columns` are those that the user has chosen, by what they hold;
+    others are recognised by their names. InputError if a column is missing or not clear.
+    """
     heads = dict[str, str]()
     stated = {name: _stated(name) for name in reversed(names)}
     plain = {_plain(own): name for name, (own, _) in stated.items()}
@@ -222,14 +239,14 @@ def _heads(
 
 
 def _either(source: str, names: Sequence[str], what: str) -> InputError:
-    """Return the error of two columns that may hold one thing."""
+    """Return the InputError for two columns that may both be that of `what`."""
     return InputError(
         f"{source}: {names[0]} and {names[1]} may both be the {what}; {_CHOOSE}"
     )
 
 
 def _stated(head: str) -> tuple[str, str]:
-    """Split the name of a column into what it names and its unit, empty if there is none."""
+    """Split the name of a column into measure and unit; the unit is empty if there is none."""
     name, unit = with_unit(head)
     found = re.fullmatch(r"(.+?)[\s_]+(\S+)", head)
     if unit is None and found and found[2] in _UNITS:
@@ -240,7 +257,11 @@ def _stated(head: str) -> tuple[str, str]:
 def _runs(
     given: VerdictTable, states: Sequence[str], factors: Mapping[str, float]
 ) -> pd.DataFrame:
-    """Return the runs, of brackets those at both ends, with their cells and the places of rows."""
+    """Return the runs of a table: level, verdict and cells, with the place of their row as index.
+
+    A bracket gives a run at each of its ends. `factors` are the units of the columns of
+    intensities, in the unit of the levels. InputError for the first row that cannot be used.
+    """
     for what in ("arch", "record"):
         rule = f"is no name; every row needs its {what}"
         given.read(what, lambda cell: cell or None, rule)
@@ -284,7 +305,10 @@ def _runs(
 
 
 def _verdicts(given: VerdictTable, states: Sequence[str]) -> Named:
-    """Return verdicts, and states by their places in the ordered list of damage states."""
+    """Return the verdict of each row as `code`; with damage states also the state, as `damage`.
+
+    A state is its place in `states`, which are ordered from no damage to collapse.
+    """
     if "verdict" not in given.heads and not states:
         raise InputError(
             f"{given.source}: column {given.heads['state']!r} is of damage: states must list all "
@@ -314,7 +338,12 @@ def _verdicts(given: VerdictTable, states: Sequence[str]) -> Named:
 def _units(
     given: VerdictTable, measure: str | None, unit: str | None
 ) -> tuple[str, str, dict[str, float]]:
-    """Return measure and unit of the first column of intensities, and each one's unit in it."""
+    """Return the measure, the unit of the levels, and each column's unit in multiples of it.
+
+    The unit of the levels is that of the first column of intensities. `measure` and `unit` are
+    those of the user, for columns that state none. InputError if none is known, or if two
+    disagree.
+    """
     found = dict[str, tuple[str, str]]()
     for end in filter(given.heads.get, _NONE):
         head = given.heads[end]

@@ -1,4 +1,4 @@
-"""Rates of collapse from the cube, its curves and a hazard, and who contributes to them."""
+"""Rates of collapse from curves and a hazard, and what contributes to them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,9 +31,11 @@ from archfrag.study.hazard import Hazard, load_hazard
 from archfrag.study.provenance import finite
 
 SEED = 15
-NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a message
-MOST_MEAN = 2.0  # mean rate over that of the median curve; of more there is a caution
-MOST_UNSEEN = 0.25  # fraction of a rate from below the lowest collapse; of more there is a caution
+NOTED = (
+    0.05  # fraction of a rate from beyond what is known; above it there is a caution
+)
+MOST_MEAN = 2.0  # mean rate over that of the median curve; above it there is a caution
+MOST_UNSEEN = 0.25  # fraction of a rate from below the lowest collapse; above it too
 MOST_CATEGORIES = 4
 OTHER = "others"
 ASSUMPTIONS = tuple(
@@ -44,7 +46,7 @@ _SCATTERED_BINS = 10
 
 @dataclass(frozen=True)
 class ArchRisk:
-    """Rate of collapse of one arch or class and its parts."""
+    """Rate of collapse of one arch or class, and its parts by level and mechanism."""
 
     arch: str
     fit: Curve
@@ -62,7 +64,7 @@ class ArchRisk:
     )
     by_mechanism: rates.Contributions
     onset: float | FloatArray = (
-        0.0  # at or below it nothing moves, of each arch of a class [SI]
+        0.0  # at or below it nothing moves; one value for each arch of a class [SI]
     )
 
     @property
@@ -105,12 +107,15 @@ class ArchRisk:
 
 @dataclass(frozen=True)
 class StudyRisk:
-    """Rates of collapse of arches and classes; one without a curve has its message."""
+    """Rates of collapse of arches and classes.
+
+    If an arch has no curve, the reason is in the place of its rate.
+    """
 
     hazard: Hazard
     years: float
     arches: dict[str, ArchRisk | str]  # classes as well
-    classes: dict[str, int]  # number of arches of each class among them
+    classes: dict[str, int]  # number of arches of each class in `arches`
 
 
 def risk_of(
@@ -120,7 +125,11 @@ def risk_of(
     years: float = 50.0,
     confidence: float = 0.9,
 ) -> StudyRisk:
-    """Find rates of collapse at a site by arch or class, and probabilities in `years`."""
+    """Find the rates of collapse at a site for all arches and classes of `curves`.
+
+    `cube` has their runs. `years` is the period of the probabilities that are reported;
+    `confidence` is that of the bands.
+    """
     arches = dict[str, ArchRisk | str]()
     runs = runs_of_cube(cube, curves)
     for name, fit in curves.items():
@@ -132,7 +141,10 @@ def risk_of(
 
 
 def risk_of_study(study: StudyKeys, fitted: Fitted) -> StudyRisk | None:
-    """Find the rates at the site of a study, of classes and of arches of none; None if no site."""
+    """Find the rates of collapse at the site of a study; None if the study has no hazard.
+
+    They are those of its classes, and of its arches that are in no class.
+    """
     given = study.risk
     if given is None:
         return None
@@ -145,7 +157,7 @@ def risk_of_study(study: StudyKeys, fitted: Fitted) -> StudyRisk | None:
 
 
 def answer_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
-    """Write aligned lines on the curves of a study and its rates, and all cautions on them."""
+    """Return aligned lines on the curves and rates of a study, and all cautions on them."""
     lines, cautions = fit_lines(study, fitted)
     risk = attempt(lambda: risk_of_study(study, fitted))
     if isinstance(risk, str):
@@ -225,9 +237,11 @@ def losses_of(
     consequence: Mapping[str, float],
     confidence: float = 0.9,
 ) -> dict[str, Named]:
-    """Return by arch or class the average annual loss and the table of mean loss [SI], or why not.
+    """Return by arch or class the average annual loss and a table of mean loss [SI].
 
-    `consequence` has by limit state the cost of one or the other as a part of the arch's value.
+    `consequence` has the cost of each limit state as a fraction of the arch's value. An arch or
+    class without a loss has the reason under the key ``none``. InputError if `consequence` cannot
+    be used.
     """
     ratios = checked_ratios(consequence)
     found = dict[str, Named]()
@@ -253,7 +267,10 @@ def losses_of(
 def vulnerability_table(
     found: Mapping[str, Mapping[str, Any]], study: StudyKeys
 ) -> pd.DataFrame:
-    """Tabulate the mean loss of `losses_of` against intensity in the study's unit."""
+    """Return a table of mean loss against intensity in the study's unit.
+
+    `found` is what `losses_of` returned. FitError if no arch has a loss.
+    """
     given = study.intensity
     own = {"measure": given.measure, "unit": given.unit}
     frames = [
@@ -274,10 +291,10 @@ def vulnerability_table(
 def _on_levels(
     runs: ArchRuns, code: NDArray
 ) -> tuple[FloatArray, BoolArray, NDArray, FloatArray]:
-    """Put runs on a grid of intensity; those with one of their own in bins of equal ratio.
+    """Put runs on a grid of levels; runs with a level of their own go into bins of equal ratio.
 
-    Returned are levels (n_level,), what collapsed and the code of its mechanism (n_record,
-    n_level), and the least and the greatest level.
+    `code` is the mechanism of each run. Returned are the levels, (n_level,), whether runs
+    collapsed and their mechanisms, both (n_record, n_level), and the least and the greatest level.
     """
     at = runs.level
     collapsed = runs.collapsed
@@ -371,7 +388,7 @@ def risk_facts(risk: StudyRisk, study: StudyKeys) -> Named:
 
 
 def risk_text(facts: Named) -> str:
-    """Write `risk_facts` for a terminal, without parts by level."""
+    """Return `risk_facts` as text for a terminal, without the parts by level."""
     source = Path(__file__).with_name("risk.txt.j2").read_text("utf-8")
     template = Template(source, trim_blocks=True, lstrip_blocks=True)
     helpers = {"counted": counted, "repr": repr, "most_mean": MOST_MEAN}

@@ -1,4 +1,4 @@
-"""Tables of a cube: all its runs, its records, its arches, with what each column is."""
+"""Tables of the runs, records and arches of a cube, with a description of each column."""
 
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -22,8 +22,9 @@ Pieces = tuple[Columns, Iterable[pd.DataFrame]]
 def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Pieces:
     """Return a table of all values of all runs, read from the cube a few arches at a time.
 
-    Values of a record, an arch or a level stand in each of their runs. Of texts about a record
-    only its event does. Values by model or measure have a column for each.
+    A value of a record, an arch or a level is repeated in each of its runs. Of the texts about a
+    record, only the event is there. A value by model or measure has a column for each. `piece` is
+    the number of runs to hold at a time.
     """
     names = []
     for name in dict.fromkeys((*_RUN, "intensity", *map(str, cube.variables))):
@@ -53,7 +54,10 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Pieces:
 
 
 def facts_table(cube: xr.Dataset, dimension: str) -> Pieces:
-    """Return a table of the values of each record, or of each arch."""
+    """Return a table of the values of each record or each arch.
+
+    `dimension` is "record" or "arch".
+    """
     columns, values = _columns(
         cube,
         [
@@ -68,7 +72,10 @@ def facts_table(cube: xr.Dataset, dimension: str) -> Pieces:
 def _columns(
     cube: xr.Dataset, names: Iterable[str]
 ) -> tuple[Columns, dict[str, xr.Variable]]:
-    """Return columns and values of variables, a column for each label of a further dimension."""
+    """Return the descriptions of the columns of variables, and their values.
+
+    A variable with a further dimension, such as measure, has a column for each label of it.
+    """
     columns = Columns()
     values = dict[str, xr.Variable]()
     for name in names:
@@ -100,6 +107,6 @@ def _columns(
 
 
 def about_column(text: str, unit: str, codes: Mapping[str, int] | None = None) -> Named:
-    """Describe a column, without what does not apply."""
+    """Return text, unit and codes of a column, without those that are empty."""
     facts = {"about": text, "unit": unit, "codes": codes}
     return {key: value for key, value in facts.items() if value}

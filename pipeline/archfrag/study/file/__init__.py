@@ -1,1 +1,1 @@
-"""Study files: their keys, checked, and what they name: arches and records."""
+"""Study files: their keys and checks, and the arches and records that they name."""

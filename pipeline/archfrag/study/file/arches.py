@@ -1,4 +1,4 @@
-"""Arches of a study file: one block, whose keys follow from its profile, and what varies of it."""
+"""Arches of a study file: a block whose keys depend on its profile, and how keys vary."""
 
 import math
 from collections.abc import Mapping
@@ -228,7 +228,10 @@ class Distribution(Section):
         return self
 
     def quantile(self, probability: ArrayLike) -> FloatArray:
-        """Return the values that are not exceeded with the probabilities given, same shape."""
+        """Return the quantiles of the distribution at some probabilities, in the same shape.
+
+        InputError if less than `LEAST_KEPT` of the distribution lies between its bounds.
+        """
         keys: Any = self
         if self.distribution == "normal":
             law = stats.norm(keys.mean, keys.sd or keys.cov * keys.mean)
@@ -306,7 +309,10 @@ class Vary(Section):
 
 
 def _plain_key(row) -> tuple[Any, Any]:
-    """Return type and default of a key that is a number, or true or false."""
+    """Return the type and the field of a key that is a number or a flag.
+
+    `row` is the `Property` of the key.
+    """
     of: Any = row.kind
     if row.infinite:
         of = OrInfinite
@@ -444,21 +450,22 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         return self.model_dump(exclude_none=True)
 
     def value(self, key: str):
-        """Return the value of a key, or of one in a block; None without one."""
+        """Return the value of a key, such as radius or joints.stiffness; None if it has none."""
         value: Any = self
         for name in key.split("."):
             value = getattr(value, name, None)
         return value
 
     def number(self, key: str) -> float:
-        """Return the value of a key, the mean of a list; nan without one."""
+        """Return the value of a key as one number: the mean of a list, nan if it has none."""
         value = self.value(key)
         return math.nan if value is None else float(np.mean(value))
 
     def varied(self, values: Mapping[str, Any], place: str, *without: str) -> Self:
-        """Return the arch with other values of keys, or of keys in blocks, and `without` some.
+        """Return the entry with other values of some keys, and without the keys `without`.
 
-        InputError names its place if they cannot be.
+        A key of `values` may be in a block, such as joints.stiffness. InputError, which names
+        `place`, if the new values are not allowed.
         """
         given = self.model_dump(exclude_none=True, exclude={*without})
         for key, value in values.items():
@@ -468,7 +475,10 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
             return type(self).model_validate(given)
 
     def read(self) -> Self:
-        """Return the arch with what its drawing holds; GeometryError if that cannot be an arch."""
+        """Return the entry with the blocks of its drawing; the entry itself if it has no drawing.
+
+        GeometryError if the blocks cannot be an arch.
+        """
         if self.drawing is None:
             return self
         drawn = read_drawing(self.drawing, self.layer, self.unit)
@@ -481,7 +491,11 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         return self.varied(values, self.drawing, "drawing", "layer", "unit")
 
     def build(self) -> "Arch":
-        """Return arch, of one that varies by its own values; GeometryError if it cannot exist."""
+        """Build the arch of the entry; if it varies, from the entry's own values.
+
+        GeometryError if the arch cannot exist, StabilityError if it does not stand with its joints
+        or after its springings have moved.
+        """
         entry = self.read().model_copy(update={"id": "arch", "vary": None})
         context = copy_context()
         context.run(quiet.set, True)
@@ -491,7 +505,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
 # A study asks for each of its arches some ten times; drawings and moved springings take long.
 @lru_cache(maxsize=256)
 def _built(entry: ArchEntry) -> "Arch":
-    """Return the arch of an entry, which is read from its drawing already."""
+    """Build the arch of an entry whose drawing, if any, has been read."""
     name = str(entry.profile)
     makers = {"block": arch.Block, "polygons": arch.Arch.from_polygons}
     make: Any = makers.get(name) or getattr(arch.Arch, name)

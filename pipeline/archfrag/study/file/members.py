@@ -28,10 +28,10 @@ from archfrag.study.yaml_text import parse_value
 MOST_CHECKED = (
     500  # arches that are built to validate a study; a run builds all of them
 )
-MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
+MOST_MEMBERS = 20_000  # arches of a study; each sample counts
 LARGEST_TABLE = 20_000_000  # [bytes]
 _ALIKE = (
-    0.85  # of a column's name to a key, by difflib's ratio, for a slip of the keyboard
+    0.85  # difflib's ratio to a key, from which the name of a column is a typing error
 )
 
 
@@ -43,13 +43,13 @@ class Member:
     # Id of the study's entry that it was drawn for or listed in; its own id otherwise.
     arch_class: str
     place: str  # where it comes from and what was drawn for it, for messages
-    # What it differs by within its class: numbers drawn, and numbers from a table [SI, degrees].
+    # Numbers by which it differs within its class: drawn, or from a table [SI, degrees].
     values: dict[str, float] = field(default_factory=dict)
     attributes: dict[str, str] = field(default_factory=dict)  # text from a table
-    row: str = ""  # of a table that is a sample of a larger stock
+    row: str = ""  # id of its row, if the table is a sample of a larger stock
     shock: tuple[
         float, ...
-    ] = ()  # level [SI] of a shock before each record, and gap [s]; or none
+    ] = ()  # level [SI] of a shock before each record, and gap [s]; empty without one
 
     @property
     def id(self) -> str:
@@ -63,7 +63,7 @@ class Member:
 
     @cached_property
     def chain(self) -> str:
-        """Return the digest of the arrays that the kernels get of the arch."""
+        """SHA-256 of the arrays that the kernels get for this arch."""
         digest = hashlib.sha256()
         for name, value in self.entry.build().chain._asdict().items():
             array = np.ascontiguousarray(value, "<f8")
@@ -75,14 +75,18 @@ Members = tuple[Member, ...]  # in the order of the study's entries
 
 
 def checked(members: Members) -> Members:
-    """Return all arches; if there are very many, some of them at equal distances."""
+    """Return the arches that a check of the study builds.
+
+    They are all arches, or of very many at most `MOST_CHECKED` at equal distances in the list.
+    """
     return members[:: -(-len(members) // MOST_CHECKED) or 1]
 
 
 def shown(theta: Sequence[float]) -> list[int]:
-    """Return the places of the arches that a report shows one by one, by their median capacities.
+    """Return the indices of the arches that a report shows one by one.
 
-    All of up to `SHOWN`; of many the weakest, the middle and the strongest. nan: no curve.
+    `theta` are the median capacities, nan for an arch without a curve. Up to `SHOWN` arches all
+    are shown; of more only the weakest, the middle and the strongest.
     """
     if len(theta) <= SHOWN:
         return list(range(len(theta)))
@@ -92,11 +96,11 @@ def shown(theta: Sequence[float]) -> list[int]:
 
 
 def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
-    """List all arches of the entries of a study file, and these after each of `shocks`.
+    """Return all arches of the entries of a study file, intact and after each first shock.
 
-    `shocks` are pairs: the end of the names of such arches, and their `Member.shock`.
-    InputError if a table or drawing cannot be used, two arches have the same id, or there are too
-    many.
+    Each of `shocks` is a pair: the suffix of the names of arches after it, and their
+    `Member.shock`. InputError if a table or drawing cannot be used, two arches have the same id,
+    or there are too many.
     """
     found: list[Member] = []
     seen: dict[str, str] = {}
@@ -134,7 +138,11 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
 
 
 def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
-    """Yield the arch of an entry, or those of its table, whose empty cells the entry fills."""
+    """Yield the arch of an entry, or an arch for each row of its table.
+
+    If a cell of the table is empty, the key of the entry holds. `where` names the entry in
+    messages.
+    """
     if entry.table is None:
         with at(where):
             entry = entry.read()
@@ -178,9 +186,10 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
 
 
 def _key_or_attribute(column: str) -> str:
-    """Return the key of a column without its unit, or the name of an attribute.
+    """Return the key that a column of a table holds, or its name if it is an attribute.
 
-    InputError for another unit than the key has, and for a name that may mean a key.
+    The key is returned without its unit. InputError if the column states another unit than the key
+    has, if an attribute has a unit, or if its name is so close to a key that this may be meant.
     """
     name, unit = stated_unit(column)
     if name in COLUMNS:
@@ -205,11 +214,11 @@ def _key_or_attribute(column: str) -> str:
 
 
 def _drawn(base: Member) -> Iterator[Member]:
-    """Yield the samples of an arch, or itself if it does not vary.
+    """Yield the samples of an arch, or the arch itself if it does not vary.
 
-    Keys are drawn by the scheme (`sample`), but what differs from joint to joint by plain random
-    numbers, the same for the n-th sample of a seed whatever the number of samples: no design of a
-    few points is even in as many coordinates as there are joints.
+    Keys are drawn by `sample`. What differs from joint to joint is drawn by plain random numbers:
+    no design of a few points is even in as many coordinates as there are joints. These numbers are
+    the same for the n-th sample of a seed, whatever the number of samples.
     """
     entry = base.entry
     vary = entry.vary
@@ -256,7 +265,12 @@ def _of_each_joint(
     n_joint: int,
     generator: np.random.Generator,
 ) -> Named:
-    """Return the keys of an arch with what is `given` that differ from joint to joint."""
+    """Draw the keys of a sample that differ from joint to joint, and return them.
+
+    `given` are the keys that were drawn for the sample before; they replace those of `entry`. The
+    keys returned are those of friction, joint_positions, recess.intrados and recess.extrados that
+    scatter. Each is a list with a value for each joint.
+    """
     keys: Named = {}
     # All are drawn, so that one key more leaves the others' numbers as they are.
     for name, distribution in scatter:
@@ -283,14 +297,14 @@ def _of_each_joint(
 
 
 def sample(vary: Vary, seed: Sequence[int]) -> dict[str, FloatArray]:
-    """Sample the uncertain keys of an arch, as many values of each as it has samples.
+    """Sample the uncertain keys of an arch; return as many values of each as it has samples.
 
-    Points fill the unit cube evenly (quasi-Monte Carlo), and the quantile function of each
-    distribution makes a coordinate a value. The scheme is Sobol's sequence, scrambled (Owen 1998):
-    the first samples of a longer design are those of a shorter one, and its one- and
-    two-dimensional projections are even if their number is a power of two. Or it is the Latin
-    hypercube (McKay, Beckman and Conover 1979), for any number: one sample in each of as many
-    slices of every key.
+    Points fill the unit cube evenly (quasi-Monte Carlo). The quantile function of each
+    distribution turns a coordinate into a value. Scheme sobol is Sobol's sequence, scrambled (Owen
+    1998): the first samples of a longer design are those of a shorter one, and its one- and
+    two-dimensional projections are even if the number of samples is a power of two. Scheme
+    latin_hypercube (McKay, Beckman and Conover 1979) takes any number of samples: it cuts the
+    range of every key into as many slices, and puts one sample in each.
     """
     generator = np.random.default_rng(seed)
     if not vary.of:
@@ -308,19 +322,21 @@ def sample(vary: Vary, seed: Sequence[int]) -> dict[str, FloatArray]:
 
 
 def _inside(points: FloatArray) -> FloatArray:
-    """Return points away from the faces of the unit cube, where quantiles may be infinite."""
+    """Move points off the faces of the unit cube, where quantiles may be infinite."""
     return np.clip(points, 2.0**-32, 1.0 - 2.0**-32)
 
 
 def to_digits(values: ArrayLike) -> FloatArray:
-    """Return the values to ten significant digits, same shape: the same on every machine."""
+    """Round values to ten significant digits, so that they are the same on every machine."""
     array = np.asarray(values, dtype=float)
     return np.array([float(f"{v:.10g}") for v in array.ravel()]).reshape(array.shape)
 
 
 def check_buildable(given: Members) -> None:
-    """Check that all arches can exist; InputError, or StabilityError of one that does not stand
-    with its joints, names the first that cannot.
+    """Check that all arches can exist.
+
+    InputError names the first that cannot. It is StabilityError if that arch does not stand with
+    its joints.
     """
     for member in given:
         with at(f"{member.place}: cannot exist"):
@@ -328,8 +344,10 @@ def check_buildable(given: Members) -> None:
 
 
 def check_standing(given: Members, method) -> None:
-    """Check that all arches can exist, that the method of their study can run them (or
-    InputError), and that they stand (or StabilityError).
+    """Check that all arches can exist, can be run by the study's method, and stand.
+
+    `method` is the block of that name of the study. InputError if an arch cannot exist or cannot
+    be run by it; StabilityError if it does not stand.
     """
     check_buildable(given)
     for member in given:

@@ -29,7 +29,7 @@ def _mapping(given):
 
 
 def _settings(step: str):
-    """Return the block of the settings of a step, as the table of steps describes them."""
+    """Make the pydantic model of the settings of a step, from its entry in `STEPS`."""
     fields: Named = {}
     for key, about in STEPS[step].get("settings", {}).items():
         if "one_of" in about:
@@ -82,7 +82,10 @@ class FileSet(Section):
 
 
 def _named(levels: list[float]) -> list[float]:
-    """Return levels that name arches; all but 0 must differ in twelve digits."""
+    """Return the levels of first shocks, which are part of the names of arches.
+
+    Levels above 0 are refused if two agree in their first 12 digits.
+    """
     names = [f"{level:.12g}" for level in levels if level]
     if len({*names}) < len(names):
         raise refuse("must differ in their first 12 digits, by which they name arches")
@@ -119,13 +122,19 @@ class FirstShocks(Section):
     """Time without acceleration between both motions [s]."""
 
     def endings(self, unit: float) -> list[tuple[str, tuple[float, float]]]:
-        """Return what arches after each are named by, with its level [SI] and the gap [s]."""
+        """Return a pair for each level above 0: a suffix of arch names, and (level [SI], gap [s]).
+
+        `unit` is the unit of the levels in SI units.
+        """
         levels = filter(None, self.level)
         return [(f"-after-{each:.12g}", (each * unit, self.gap)) for each in levels]
 
 
 def pairs_text(records: Sequence[Any]) -> list[str]:
-    """List which first shock comes before which record, if any does, in one line."""
+    """Return a list with one line on which first shock comes before which record.
+
+    The list is empty if no record has a first shock.
+    """
     pairs = [f"{each.first.id} before {each.id}" for each in records if each.first]
     more = len(pairs) - MOST_LISTED
     listed = ", ".join(pairs[:MOST_LISTED]) + f" and {more} more" * (more > 0)
@@ -158,7 +167,7 @@ class Motions(Section):
 
     @property
     def first(self) -> "Motions | None":
-        """What is asked for first shocks with an index of their own; None without one."""
+        """The motions of the index of first shocks; None if they have no index of their own."""
         if self.before is None or self.before.index is None:
             return None
         own: Named = {"index": self.before.index, "files": []}
@@ -177,7 +186,12 @@ class Motions(Section):
 def apply_step(
     name: str, settings: Named, motion: "Motion", record: Path, inventory: str | None
 ) -> "Motion":
-    """Apply one step to a motion; InputError if it does not suit it."""
+    """Apply one step of processing to a motion.
+
+    `settings` are those of the step. `record` is the file of the motion and `inventory` its
+    StationXML, which only the step response needs. InputError if the step does not suit the
+    motion.
+    """
     from archfrag.motions import process  # start-up: workers load no obspy
 
     if name == "choose":  # done where records are read

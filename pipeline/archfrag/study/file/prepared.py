@@ -1,4 +1,4 @@
-"""The records of a study as they are stored: measured motions, and a manifest of them."""
+"""The stored records of a study: measured motions, and a manifest that lists them."""
 
 import hashlib
 import os
@@ -22,7 +22,7 @@ from archfrag.study.provenance import MANIFEST
 from archfrag.study.yaml_text import relative
 
 FOLDER = "motions"
-# Measures in which every run is known: the study's own is compared with them.
+# Measures found for each stored motion, to compare the study's measure with them.
 COMPARED = (
     "PGA",
     "PGV",
@@ -46,29 +46,29 @@ _AGAIN = "run `archfrag motions` on the study file"
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedRecord(Facts):
-    """One stored motion: its facts, and those of its samples."""
+    """One stored motion: facts of its record, and measures and digests of its samples."""
 
     id: str
     dt: float  # [s]
     duration: float  # [s]
-    factor: float  # that brings the study's measure to 1 in its SI unit
-    measures: dict[str, float] = field(hash=False)  # of the motion, in SI units
+    factor: float  # on the motion, to bring the study's measure to 1 in its SI unit
+    measures: dict[str, float] = field(hash=False)  # values by measure, in SI units
     vertical: bool  # whether the motion has its vertical component
-    log: list[str] = field(hash=False)  # of what was done to the samples
-    samples: str  # SHA-256 of what moves an arch: the step in time and the samples
+    log: list[str] = field(hash=False)  # what was done to the samples
+    samples: str  # SHA-256 of the time step and the samples
     stored: str = ""  # file of the motion, in the study's folder of work
     prepared: str = ""  # SHA-256 of that file
-    # What comes before it where an arch meets a first shock; None without first shocks.
+    # The first shock before this record; None if the study has no first shocks.
     first: "PreparedRecord | None" = None
 
     @property
     def waivers(self) -> str:
-        """What is implausible and was accepted by a key of the study."""
+        """Implausible facts of the record that the study accepts, as text; else empty."""
         return str(self.accepted or "")
 
     @property
     def motions(self) -> tuple["PreparedRecord", ...]:
-        """The stored motions that its runs need: what comes first, if anything, and itself."""
+        """The stored motions that its runs need: the first shock, if there is one, and itself."""
         return (self,) if self.first is None else (self.first, self)
 
 
@@ -80,9 +80,10 @@ def _sources():
 
 
 def study_inputs(study: StudyKeys) -> provenance.Inputs:
-    """Return the digests of all files that the motions of a study follow from.
+    """Return the SHA-256 of the files that the motions of a study depend on, by kind and path.
 
-    Paths are relative to the folder of the results, so that a study may be moved with them.
+    Missing files are left out. Paths are relative to the folder of the results, so that a study
+    may be moved with them.
     """
     return {
         kind: {
@@ -97,9 +98,10 @@ def study_inputs(study: StudyKeys) -> provenance.Inputs:
 def described(
     study: StudyKeys, motion: Motion, compared: Sequence[str]
 ) -> PreparedRecord:
-    """Return the facts of a motion that is not stored yet; InputError if it cannot be scaled.
+    """Return the record of a motion that is not stored yet.
 
-    Its `measures` are that of the study and those that are `compared` with it.
+    Its `measures` are the study's measure and those named by `compared`. InputError if the motion
+    cannot be scaled.
     """
     asked = study.intensity.measure
     names = dict.fromkeys((asked, *compared))
@@ -126,9 +128,10 @@ def described(
 
 
 def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
-    """Store the motions of a study, one file each, with a manifest.
+    """Store the motions of a study, one file each, and their manifest; return the records.
 
-    New motions count when the manifest is written, which is last; until then the old ones do.
+    The manifest is written last. Until then the old motions are valid; afterwards those that no
+    record needs are removed.
     """
     inputs = study_inputs(study)
     folder = make_folder(study.work / FOLDER)
@@ -149,9 +152,9 @@ def prepare_motions(study: StudyKeys) -> list[PreparedRecord]:
 
 
 def read_records(study: StudyKeys, keep: bool = False) -> list[PreparedRecord]:
-    """Read the records of a study in its order, with what comes first before each.
+    """Read the records of a study in its order, each with its first shock if the study has them.
 
-    To `keep` them stores their motions and measures them for comparison.
+    If `keep` is true, their motions are stored, and the measures `COMPARED` are found for them.
     """
     new = study.work / FOLDER / "new.npz"
 
@@ -177,7 +180,10 @@ def read_records(study: StudyKeys, keep: bool = False) -> list[PreparedRecord]:
 
 
 def read_manifest(study: StudyKeys) -> Named:
-    """Return the manifest that `prepare_motions` wrote: key, inputs, code and records."""
+    """Return the manifest that `prepare_motions` wrote: key, inputs, code and records.
+
+    InputError if it is missing or damaged.
+    """
     path = study.work / MANIFEST
     try:
         stored = {"code": "", **provenance.read_json(path)}
@@ -196,7 +202,10 @@ def read_manifest(study: StudyKeys) -> Named:
 
 
 def load_prepared(study: StudyKeys) -> list[PreparedRecord]:
-    """Return the stored records; InputError if they are not the study's."""
+    """Return the stored records of a study.
+
+    InputError if they are missing or damaged, or were made for other records or another measure.
+    """
     manifest = read_manifest(study)
     records: list[PreparedRecord] = manifest["records"]
     alone = study.motions.before is None
@@ -213,7 +222,10 @@ def load_prepared(study: StudyKeys) -> list[PreparedRecord]:
 
 
 def load_record(work: Path, record: PreparedRecord) -> Motion:
-    """Load the motion of a record from a study's folder of work."""
+    """Load the motion of a record from a study's folder of work.
+
+    InputError if its file is missing or changed.
+    """
     about = {"dt": record.dt, "id": record.id, "log": record.log, "metadata": record}
     return load_stored(_check_stored(work, record), **about)
 
@@ -230,6 +242,9 @@ def _check_stored(work: Path, record: PreparedRecord) -> Path:
 
 
 def motions_key(study: StudyKeys) -> Named:
-    """Return what a study sets of its motions and measure; paths are as in `study_inputs`."""
+    """Return the keys of a study that decide its motions: those of `motions`, and the measure.
+
+    Paths are relative to the folder of the results.
+    """
     motions = relative(study.motions.model_dump(mode="json"), study.folder)
     return {"motions": motions, "measure": study.intensity.measure}

@@ -52,7 +52,10 @@ class LevelRange(Section):
 
 
 def _listed(levels: list[float] | LevelRange) -> list[float]:
-    """Return all levels, of a range to twelve digits: what a person would have typed."""
+    """Return the list of levels, which must increase.
+
+    Those of a range are rounded to 12 digits, as a person would type them.
+    """
     if isinstance(levels, LevelRange):
         step = (levels.stop - levels.start) / (levels.count - 1)
         levels = [float(f"{levels.start + i * step:.12g}") for i in range(levels.count)]
@@ -105,7 +108,7 @@ class Intensity(Section):
 
     @property
     def factor(self) -> float:
-        """SI unit of the measure in multiples of the unit of the levels."""
+        """Unit of the levels in SI units, such as 9.80665 for g."""
         return LEVEL_UNITS[measure_unit(self.measure)][self.unit]
 
 
@@ -237,17 +240,17 @@ class StudyKeys(Section):
 
     @property
     def folder(self) -> Path:
-        """Folder of the results: what is for people."""
+        """Folder of the results."""
         return Path(self.output)
 
     @property
     def work(self) -> Path:
-        """Folder of all that is for archfrag: motions, parts, logs and the state of the run."""
+        """Hidden folder in that of the results: motions, parts, logs and the state of the run."""
         return self.folder / WORK
 
     @property
     def members(self) -> Members:
-        """The arches that the entries amount to, as `expand`; files are read once."""
+        """All arches of the study, as `expand` returns them. Files are read only once."""
         before = self.motions.before
         endings = before.endings(self.intensity.factor) if before else []
         given = self.arches, endings
@@ -262,23 +265,25 @@ class StudyKeys(Section):
 
     @property
     def origin(self) -> dict[str, str]:
-        """Digests of what the results follow from, but for files, by name."""
+        """Digests, by name, of what the results depend on, except files."""
         return origin_of(*self._given, self.folder)
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> StudyKeys:
-    """Read a study file in YAML, whose paths are relative to its folder; those returned are not.
+    """Read a study file in YAML and check it.
 
-    `overrides` are texts ``key.key=value``, the value as the file would give it. InputError is one
-    message with file, key, value and what is allowed.
+    Relative paths in the file are below its folder; those returned are absolute. Each of
+    `overrides` is a text ``key.key=value``, with the value as the file would give it. InputError
+    is one message with file, key, value and what is allowed.
     """
     return study_of(*read_keys(Path(path), overrides), path)
 
 
 def study_of(given: Named, folder: Path, place) -> StudyKeys:
-    """Check the keys of a study, whose relative paths are below a folder.
+    """Check the keys of a study and return it.
 
-    InputError begins with the `place` that they are from.
+    `given` are the keys, and relative paths in them are below `folder`. The message of an
+    InputError begins with `place`, which says where the keys are from.
     """
     given.setdefault("output", str(folder / "results" / str(given.get("id"))))
     with at(place, given):

@@ -36,7 +36,7 @@ class RecordFile:
     ]  # unit, inventory, accept and columns, as of `archfrag.read_motion`
     entry: index.IndexEntry | None = None  # row of the study's index
     name: str | None = (
-        None  # what ids begin with, where the file's own name is not enough
+        None  # how ids of its motions begin, if the name of the file is not unique
     )
     # Files of the components that the study needs, unless they are in the record's own.
     others: dict[str, Path] = field(default_factory=dict)
@@ -44,22 +44,23 @@ class RecordFile:
 
     @property
     def is_vertical(self) -> bool:
-        """Tell whether the index lists a vertical component."""
+        """Whether the index lists this file as a vertical component."""
         code = self.entry.metadata.get("component") if self.entry else ""
         return bool(VERTICAL.fullmatch(str(code or "")))
 
     @property
     def site(self) -> tuple[Any, ...] | None:
-        """Return event and station by the index; None if either is unknown."""
+        """Event and station of the record by the index; None if either is unknown."""
         about = self.entry.metadata if self.entry else {}
         site = (about.get("event"), about.get("station"))
         return site if all(site) else None
 
 
 def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
-    """Find the record files that a study with this measure needs, and those of their components.
+    """Find the record files that a study needs, with the files of their other components.
 
-    InputError or RecordError for a file or id that is missing, or is there with two settings.
+    `asked` and `measure` are the motions and the intensity measure of the study. InputError or
+    RecordError if a file or id is missing, or if two entries give one file different settings.
     """
     rows = [] if asked.index is None else index.load_index(asked.index)
     # Files of other components have columns of their own.
@@ -103,7 +104,10 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
 
 
 def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
-    """Return the files, by kind, that the motions follow from, or would if they appeared."""
+    """Return the files that the motions of a study depend on, by kind: record, index, inventory.
+
+    An index that does not exist is included where it would be used if it appeared.
+    """
     records = list[Path]()
     indices = list[Path]()
     inventories = list[Path]()
@@ -127,7 +131,10 @@ def input_paths(study: StudyKeys) -> dict[str, list[Path]]:
 def check_known(
     selected: Iterable[str], ids: Sequence[str], key: str = "motions.select"
 ) -> None:
-    """Raise InputError for the first selected record that does not exist."""
+    """Raise InputError for the first of the `selected` record ids that is not in `ids`.
+
+    `key` is the key of the study that selects them.
+    """
     for name in selected:
         if name not in ids:
             hint = meant(name, ids) or f"the study has {', '.join(ids)}"
@@ -135,10 +142,11 @@ def check_known(
 
 
 def following(asked: Motions, make: Callable[[Motions], list[Any]]) -> list[Any]:
-    """Return the records that `make` makes, with what comes first before each: one of them, or of
-    those of an index; as they are without first shocks.
+    """Return the records that `make` makes, each with its first shock if the study has them.
 
-    Before a record that is reversed comes the reversed one of what comes before the record.
+    `make` is called with the motions to read. First shocks are some of the records, or those of an
+    index of their own; if they are fewer than the records, they begin again. A reversed record has
+    the first shock of the record itself, in the opposite sense.
     """
     records = make(asked)
     if asked.before is None:
@@ -158,7 +166,11 @@ def following(asked: Motions, make: Callable[[Motions], list[Any]]) -> list[Any]
 
 
 def _matching(text: str) -> list[Path]:
-    """Return the file of a path, or those of a pattern, whose name may be in any case."""
+    """Return the file at a path, or the files that match a pattern.
+
+    Upper and lower case of the file's name do not matter in a pattern. InputError if no file
+    matches it.
+    """
     pattern = Path(text)
     if not glob.has_magic(text) or pattern.is_file():
         return [pattern]
@@ -177,7 +189,10 @@ def _matching(text: str) -> list[Path]:
 
 
 def _distinguish(files: Sequence[RecordFile]) -> None:
-    """Give files whose ids would be equal the names of their folders, but for common ones."""
+    """Set different names for files whose ids would be equal.
+
+    Such a name begins with the folders of the file, without those that all these files share.
+    """
     stems = Counter(file.path.stem for file in files)
     alike = dict[str, list[RecordFile]]()
     for file in files:
@@ -192,7 +207,11 @@ def _distinguish(files: Sequence[RecordFile]) -> None:
 
 
 def _needed(asked: Motions, measure: str) -> dict[str, bool]:
-    """Tell whether motions need a vertical, and both horizontal components at once."""
+    """Return whether motions need a vertical component, and whether they need a transverse one.
+
+    The transverse component is needed if motions are rotated, or if the measure is of both
+    horizontal components.
+    """
     pairs = "rotate" in dict(asked.steps) or measure.strip().startswith("RotD")
     return {"vertical": asked.vertical, "transverse": pairs}
 
@@ -200,9 +219,10 @@ def _needed(asked: Motions, measure: str) -> dict[str, bool]:
 def _find_components(
     files: Sequence[RecordFile], needed: dict[str, bool], listed: Sequence[RecordFile]
 ) -> None:
-    """Find the files of the other components that are needed.
+    """Set the files of the other components that each of `files` needs.
 
-    A row of the index with the same event and station comes before a file of nearly the same name.
+    A row of the index (`listed`) with the same event and station is preferred to a file of nearly
+    the same name, if there is just one such row.
     """
     folders = {file.path.parent for file in files}
     by_name = {folder: partners.partners(folder_names(folder)) for folder in folders}
@@ -228,11 +248,11 @@ def _find_components(
                 file.others[kind] = paths[0]
 
 
-_Paired = tuple[RecordFile, Motion, str]  # and how it is called if it is rotated
+_Paired = tuple[RecordFile, Motion, str]  # the id of the motion, if it is rotated
 
 
 def read_sources(asked: Motions, measure: str) -> Iterator[Motion]:
-    """Read the motions that a study asks for one after the other, processed as it states."""
+    """Yield the motions that a study asks for, read and processed one after the other."""
     steps = dict(asked.steps)
     chosen = steps.get("choose", {}).get("components", ())
     with one_reader():
@@ -245,9 +265,11 @@ def read_sources(asked: Motions, measure: str) -> Iterator[Motion]:
 def _read(
     files: Iterable[RecordFile], components: Sequence[str]
 ) -> Iterator[tuple[RecordFile, Motion, list[Motion]]]:
-    """Read the chosen horizontal components of files (all if none is named), each with all.
+    """Yield each chosen horizontal component: file, motion, and all motions of the file.
 
-    They have what tells the records of one earthquake. RecordError for a record without one.
+    `components` are codes of the components to choose; all are chosen if it is empty. Motions get
+    the digests by which records of one earthquake are recognised. RecordError for a record that
+    has none of the components.
     """
     letters = {code.upper() for code in components}
     left_out = dict[Any, str]()
@@ -288,9 +310,9 @@ def _pair(
     needed: dict[str, bool],
     rotates: bool,
 ) -> Iterator[_Paired]:
-    """Give motions the components that are needed, and no others.
+    """Yield motions with the components that are needed, and without a vertical that is not.
 
-    Where they are rotated, both horizontal components of a record give one motion.
+    If motions are rotated (`rotates`), the two horizontal components of a record give one motion.
     """
     turned = set[Any]()
     for file, motion, motions in recordings:
@@ -324,7 +346,10 @@ def _pair(
 def _component(
     kind: str, file: RecordFile, motion: Motion, motions: Sequence[Motion]
 ) -> Motion:
-    """Return the "vertical" or "transverse" of a motion; RecordError if there is none."""
+    """Return another component of a motion; `kind` is "vertical" or "transverse".
+
+    `motions` are all horizontal motions of the file. RecordError if there is no such component.
+    """
     path = file.others.get(kind)
     clue = ""
     if kind == "transverse":
@@ -351,7 +376,10 @@ def _component(
 
 
 def _processed(file: RecordFile, motion: Motion, common: str, asked: Motions) -> Motion:
-    """Apply the steps of processing."""
+    """Apply all steps of processing to a motion, and return it.
+
+    If it is rotated, its id becomes `common`. RecordError names the step that fails.
+    """
     for number, (name, settings) in enumerate(asked.steps):
         place = f"{file.path}: motions.processing[{number}] ({name})"
         with at(place, kind=RecordError):
@@ -364,8 +392,10 @@ def _processed(file: RecordFile, motion: Motion, common: str, asked: Motions) ->
 
 
 def _name(paired: Iterable[_Paired], asked: Motions) -> Iterator[Motion]:
-    """Yield the selected motions, processed, in both senses if asked; InputError if ids are not
-    clear.
+    """Yield the selected motions, processed, and in both senses if the study asks for them.
+
+    A motion that is there a second time gets a caution. RecordError if two motions have the same
+    id; InputError if a selected id does not exist, or if there is no motion at all.
     """
     taken = dict[str, Path]()
     ids = list[str]()

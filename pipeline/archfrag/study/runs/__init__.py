@@ -1,1 +1,1 @@
-"""The runs of a study: asked for, fanned out, stored."""
+"""The runs of a study: how they are requested, distributed to workers and stored."""

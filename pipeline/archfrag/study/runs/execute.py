@@ -1,4 +1,7 @@
-"""The runs of a batch: those that are stored are kept, workers make the others; resumable."""
+"""Making of the runs of a batch: stored runs are kept, and workers make the others.
+
+A batch that was stopped goes on from the runs that are stored.
+"""
 
 import contextlib
 import sys
@@ -27,24 +30,26 @@ from archfrag.study.runs import store
 from archfrag.study.runs.store import Plan, Table, places
 from archfrag.study.runs.workers import Cluster, Threads, workers_of
 
-# A chunk is one call: four of its runs go side by side to near its end, so that chunks of 4 cost
-# half as much again as those of 64. Many make the others wait less for the last one.
+# A chunk is one call of the kernels. They make four of its runs side by side until near its end,
+# so that chunks of 4 cost half as much again as those of 64. If there are many chunks, workers
+# wait less for the last one.
 SMALLEST_CHUNK = 8
 LARGEST_CHUNK = 64
 CHUNKS_EACH = 8
-# Of an adaptive design a worker that is free takes its share of what waits.
+# Most runs of an adaptive design in a chunk; a free worker gets its share of those that wait.
 LARGEST_SHARE = 16
 
 
 def run_batch(
     study: StudyKeys, batch: int = 0, workers: int | None = None, quiet: bool = False
 ) -> tuple[Named, "pd.DataFrame"]:
-    """Make the runs of one batch that the design requests; those that are there are kept.
+    """Make the runs that the design requests for a batch; those that are stored are kept.
 
-    Returned are the entry of the log (runs requested and of them kept, iterations, workers, wall
-    time, of which compiling, time in the kernels summed over workers [s]) and a row for each run:
-    arch, record, level, verdict, steps, wall time [s]. `workers` take the place of the study's.
-    WorkerError if workers cannot be started or are lost.
+    Returned are an entry of the log and a table. The entry has the numbers of runs requested, runs
+    kept, iterations and workers, the wall time, the compile time in it, and the time in the
+    kernels summed over workers [s]. The table has a row for each run: arch, record, level,
+    verdict, steps, wall time [s]. `workers` replaces the study's number of them. WorkerError if
+    workers cannot be started or are lost.
     """
     started = time.perf_counter()
     plan = store.make_plan(study)
@@ -87,19 +92,19 @@ def run_batch(
 
 
 class _Bar(tqdm):
-    """A bar that keeps its total; one that is only estimated is reached when all is done."""
+    """A progress bar whose total may be an estimate, which it reaches only when all is done."""
 
     estimate = 0  # of the total, if it is only estimated
 
     def update(self, n: float | None = 1) -> bool | None:
-        """Advance by some runs."""
+        """Advance by `n` runs."""
         if self.estimate:
             n = max(0, min(n or 0, (self.total or 0) - 1 - self.n))
         shown: bool | None = super().update(n)
         return shown
 
     def finish(self, count: int) -> None:
-        """Show the runs as all that there are, if anything was shown before."""
+        """End a bar with an estimated total at `count` runs, if it has been shown."""
         if self.estimate and self.last_print_t > self.start_t + (self.delay or 0.0):
             self.n = self.total = count
             self.refresh()
@@ -121,13 +126,18 @@ class _Maker:
         self.log: Named = {**counts, "kernel_time": 0.0, "compile_time": 0.0}
         self._workers: Threads | Cluster | None = None
         self._waiting = np.empty(0, CASE)
-        self._alike = np.empty(0, CASE)  # runs that another is the same as
-        self._chunks: dict[Any, Cases] = {}  # that workers have, by key
-        # Others' keys may be there.
+        self._alike = np.empty(
+            0, CASE
+        )  # waiting runs with the key of a run that is sent
+        self._chunks: dict[Any, Cases] = {}  # chunks that workers have, by key
+        # Unique, since a scheduler may hold keys of others.
         self._keys = zip(repeat(f"runs-{uuid.uuid4().hex}"), count())
 
     def answer(self, cases: Cases) -> tuple[Cases, Verdicts]:
-        """Take new requests; return some of those so far, and their verdicts."""
+        """Take new requests; return some of the runs requested so far, and their verdicts.
+
+        If some of the new runs are stored, these are returned. Else it waits for workers.
+        """
         keys = self.plan.keys(cases)
         at = places(self.stored, keys)
         log = self.log
@@ -137,7 +147,7 @@ class _Maker:
         log["iterations"] += bool(len(cases))
         log["runs"] += len(cases)
         log["kept"] += kept
-        if not bar.disable:  # runs that are stored are shown as done, at no time
+        if not bar.disable:  # stored runs are shown as done without having taken time
             bar.total = bar.estimate or log["runs"]
             bar.initial += kept
             bar.update(kept)
@@ -164,7 +174,10 @@ class _Maker:
         return taken
 
     def _send(self, workers: Threads | Cluster) -> None:
-        """Give workers chunks of what waits: all of it, or of an adaptive design to free ones."""
+        """Send waiting runs to workers in chunks.
+
+        All are sent; of an adaptive design only as many chunks as workers can take now.
+        """
         waiting = len(self._waiting)
         if self.plan.study.design.adaptive:
             room = max(workers.count + workers.spare - len(self._chunks), 0)
@@ -181,7 +194,11 @@ class _Maker:
             workers.send(new)
 
     def _take(self, made: list[tuple[Any, Table]]) -> tuple[Cases, Verdicts]:
-        """Store rows, and return their runs and those that are the same."""
+        """Store the rows of some chunks; return the runs and their verdicts.
+
+        Runs that wait with the same key are returned too. `made` has the key of each chunk and its
+        rows.
+        """
         cases = []
         parts = []
         for key, rows in made:
@@ -200,14 +217,17 @@ class _Maker:
 
 
 def chunks(cases: Cases, size: int) -> Iterator[Cases]:
-    """Cut runs into chunks of one arch each, of at most so many runs."""
+    """Yield the runs in chunks of at most `size`, each of one arch."""
     cases = cases[np.argsort(cases["arch"], kind="stable")]
     for own in np.split(cases, np.flatnonzero(np.diff(cases["arch"])) + 1):
         yield from (own[start : start + size] for start in range(0, len(own), size))
 
 
 def _prepare(plan: Plan, bar: tqdm) -> float:
-    """Compile kernels that are not, and see that all arches stand; return the compile time [s]."""
+    """Compile the kernels if needed, and check that all arches stand.
+
+    Returned is the compile time [s].
+    """
     compile_time = 0.0
     with (
         contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh)

@@ -1,8 +1,8 @@
-"""The plan of a study's runs, the identity of each run, and the parts that hold results.
+"""The plan of a study's runs, the identity of each run, and the files with results, called parts.
 
-A part holds some runs, one row each with its key. Its name is the hash of its content, so that a
-damaged one is seen; what the rows mean follows from their keys, so that a study that is changed
-or grows keeps every run that is still what it was.
+A part has a row for each of some runs, with the key of the run. Its name is the hash of its
+content, so that damage is noticed. The key states what a run is: if a study is changed or grows,
+it keeps every run that is still the same.
 """
 
 import contextlib
@@ -75,10 +75,9 @@ ROW = np.dtype(
 
 
 def code_identity() -> str:
-    """Return the digest of what the code that makes runs does, of its rows, and of what it runs
-    on.
+    """Return the digest of the code that makes runs, of the columns of rows and of the platform.
 
-    Texts that only label are left out: a run stays what it was if they are mended.
+    Texts that only label are left out: a run stays the same if they are mended.
     """
     rows = [[column.name, column.dtype, column.source] for column in COLUMNS]
     return digest_of(
@@ -92,9 +91,10 @@ def verdicts_of(status: NDArray) -> NDArray[np.int8]:
 
 
 def table_of(keys: Keys, results: "Outcomes", wall_time, starts) -> Table:
-    """Return the rows of runs from their keys, the kernels' results and how long each took [s].
+    """Return the rows of runs, from their keys, the kernels' results and their wall times [s].
 
-    What collapsed before its record `starts` [s] has a verdict of its own.
+    `starts` are the times at which their records begin [s]. A run that collapses before has the
+    verdict COLLAPSED_BEFORE.
     """
     table = np.zeros(len(keys), ROW)
     table["key"] = keys
@@ -120,33 +120,33 @@ _stored_motion = lru_cache(maxsize=64)(load_record)
 
 @dataclass(frozen=True)
 class Plan:
-    """The study, arches and records that decide what its runs are."""
+    """The arches and records of a study, and how each of its runs is made of them."""
 
     study: StudyKeys
     arches: Members
     records: tuple[PreparedRecord, ...]
-    # Of the code that makes runs.
+    # Digest of the code that makes runs.
     identity: str = field(default_factory=lambda: code_identity())
-    # By their files, where the study's folder is not at hand.
+    # Loaded motions by their files, for workers without the study's folder.
     motions: "dict[str, Motion]" = field(default_factory=dict, compare=False)
-    # So far, by number.
+    # Arches that have been built, by number.
     built: "dict[int, Arch]" = field(default_factory=dict, compare=False)
 
     def with_motions(self) -> "Plan":
-        """Return the plan for workers that do not have the study's folder."""
+        """Return the plan with all motions loaded, for workers without the study's folder."""
         stored = {each for record in self.records for each in record.motions}
         loaded = {each.stored: load_record(self.study.work, each) for each in stored}
         return replace(self, motions=loaded)
 
     def motion(self, record: PreparedRecord) -> "Motion":
-        """Return the motion of a record, or of what comes first before one."""
+        """Return the motion of a record or of a first shock."""
         known = self.motions.get(record.stored)
         return known or _stored_motion(self.study.work, record)
 
     def shock(
         self, arch: int, record: int
     ) -> tuple[PreparedRecord, float, float] | None:
-        """Return the first shock before a record, its factor and gap [s]; None without."""
+        """Return the first shock before a record, its factor and the gap [s]; None without one."""
         first = self.records[record].first
         if first is None or self.arches[arch].intact:
             return None
@@ -154,7 +154,11 @@ class Plan:
         return first, first.factor * level**self.power, gap
 
     def ground(self, arch: int, record: int, factor: float) -> "tuple[Motion, float]":
-        """Return the motion of a run and the factor on it, 1 for one after a first shock."""
+        """Return the motion of a run, and the factor to scale it by.
+
+        If a first shock comes before the record, the motion is both, already scaled, and the
+        factor is 1.
+        """
         motion = self.motion(self.records[record])
         shock = self.shock(arch, record)
         if shock is None:
@@ -163,29 +167,29 @@ class Plan:
         return self.motion(first).scaled(scale).then(motion.scaled(factor), gap), 1.0
 
     def arch(self, number: int) -> "Arch":
-        """Return an arch, built once."""
+        """Return the arch with a number; it is built only once."""
         if number not in self.built:
             self.built[number] = self.arches[number].entry.build()
         return self.built[number]
 
     @property
     def parts(self) -> Path:
-        """Folder of the parts: one for each state of the kernels, whose runs no other can use."""
+        """Folder of the parts; each identity of the code has its own."""
         return self.study.work / "parts" / self.identity[:12]
 
     @cached_property
     def levels(self) -> FloatArray:
-        """Return the levels of the study, (n_level,) [SI]."""
+        """The levels of the study, (n_level,) [SI]."""
         return np.array(self.study.intensity.si)
 
     @cached_property
     def power(self) -> float:
-        """Return exponent of a level in the factor: a level grows with factor to 1 / `power`."""
+        """The exponent p by which a factor grows with the level: factor = unscaled * level**p."""
         return 1.0 / scaling_exponent(self.study.intensity.measure)
 
     @cached_property
     def unscaled(self) -> FloatArray:
-        """Return the factors that bring the records to 1 in the study's measure, (n_record,)."""
+        """The factors that bring the records to 1 in the study's measure, (n_record,)."""
         return np.array([record.factor for record in self.records])
 
     def factors(self, cases: Cases) -> FloatArray:
@@ -193,7 +197,7 @@ class Plan:
         return self.unscaled[cases["record"]] * cases["level"] ** self.power
 
     def keys(self, cases: Cases) -> Keys:
-        """Return the identity of each run, by kernels, method, arch, motion and factor, (n,)."""
+        """Return the key of each run, (n,): a hash of code, method, arch, motions and factors."""
         given = f"{self.identity}/{digest_of(self.study.method.model_dump())}"
         stems = {}
         keys = []
@@ -214,14 +218,18 @@ class Plan:
         return np.array(keys, f"S{KEY}")
 
     def requests(self, batch: int = 0, batches: int = 1) -> dict[int, Requests]:
-        """Return the requests of the design by arch, for all runs or one of several batches."""
+        """Return the generators of requests by arch, for one of several batches.
+
+        `batches` is their number. An arch without a run in the batch has no generator. InputError
+        if `batch` is not from 0 to batches - 1.
+        """
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
         design = self.study.design
         requests = {}
-        # An adaptive design follows from names: other arches and the order of all change nothing.
+        # Records are ordered by their names, so that the order in the study changes nothing.
         turns = [zlib.crc32(record.id.encode()) for record in self.records]
-        # What an adaptive design requests follows from all runs of an arch.
+        # An adaptive design has all runs of an arch in one batch: it needs all their verdicts.
         shares = 1 if design.adaptive else len(turns)
         for arch, member in enumerate(self.arches):
             records = np.argsort(turns, kind="stable")
@@ -244,7 +252,7 @@ def make_plan(study: StudyKeys) -> Plan:
 
 
 def write_part(folder: Path, table: Table) -> Path:
-    """Write rows under the name of their content."""
+    """Write rows to a part, named by the hash of its content; return its path."""
     content = io.BytesIO()
     np.save(content, table, allow_pickle=False)
     name = hashlib.blake2b(content.getbuffer(), digest_size=KEY).hexdigest()
@@ -271,19 +279,22 @@ def read_part(path: Path) -> Table | None:
 
 @lru_cache
 def _dtype_of(header: bytes) -> np.dtype:
-    """Read the header of a part; to read those of many takes longer than their rows."""
+    """Return the dtype that the header of a part states.
+
+    It is cached, since reading the headers of many parts takes longer than reading their rows.
+    """
     file = io.BytesIO(header)
     np.lib.format.read_magic(file)
     return np.lib.format.read_array_header_1_0(file)[2]
 
 
 def read_parts(folder: Path) -> Table:
-    """Return all runs of the parts of a folder, see `joined`; about 300 bytes each."""
+    """Return the rows of all parts in a folder, sorted by key; a row takes about 300 bytes."""
     return joined(map(read_part, sorted(folder.glob("*.npy"))))
 
 
 def joined(parts: Iterable[Table | None]) -> Table:
-    """Return rows of several tables in the order of their keys; None stands for a damaged part."""
+    """Return the rows of several tables, sorted by key; None stands for a damaged part."""
     table = np.concatenate(
         [np.zeros(0, ROW), *(part for part in parts if part is not None)]
     )
@@ -291,17 +302,19 @@ def joined(parts: Iterable[Table | None]) -> Table:
 
 
 def places(table: Table, keys: Keys) -> IntArray:
-    """Return the row of each key in a table in their order, -1 where there is no result, (n,)."""
+    """Return the index of the row with each key, (n,); -1 if the table has none.
+
+    The rows of the table must be sorted by key.
+    """
     known = np.append(table["key"], b"")  # which is no key
     at = np.searchsorted(known[:-1], keys)
     return np.where(known[at] == keys, at, -1)
 
 
 def gather(plan: Plan) -> tuple[Cases, Table, dict[int, Named]]:
-    """Return all runs that the design of a plan requests, sorted by arch, record and place.
+    """Return all runs of a plan, their results, and by arch the facts that the design returned.
 
-    Returned with their results, and with what the design returned by arch. InputError if results
-    are missing.
+    Runs and results are sorted by arch, record and place. InputError if results are missing.
     """
     table = read_parts(plan.parts)
     found = list[IntArray]()
@@ -324,10 +337,13 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, Named]]:
 
 
 def superfluous(plan: Plan) -> dict[str, list[Path]]:
-    """Return the stored parts that a study no longer needs, by reason; no foreign files."""
+    """Return the stored parts that a study no longer needs, by reason.
+
+    A file that is not named like a part is left out.
+    """
     found: dict[str, list[Path]] = {}
     requested = None
-    # What it will ask for follows from runs to be made.
+    # If results are missing, it is not known what the design will request.
     with contextlib.suppress(InputError):
         requested = plan.keys(gather(plan)[0])
     for path in sorted(plan.parts.parent.glob("*/*.npy")):

@@ -29,15 +29,15 @@ from archfrag.study.runs.store import Plan, Table
 if TYPE_CHECKING:
     from distributed import Client
 
-ANSWER_WITHIN = 10.0  # of a scheduler [s]
-HEARD_WITHIN = 0.5  # of Ctrl-C [s]
+ANSWER_WITHIN = 10.0  # longest wait for a scheduler [s]
+HEARD_WITHIN = 0.5  # longest time until Ctrl-C is noticed [s]
 # What the steps after the runs import, half a second of it because xarray asks for dask's arrays.
 # This thread alone does so: two that import the same at once may fail.
 NEEDED_LATER = ("archfrag.study.answer.fits", "dask.array", "distributed")
 _GO_ON = "finished parts are kept, the same command goes on"
 Made = tuple[Any, Table]  # the key of a chunk, and the rows of its runs
 _identity = cache(store.code_identity)
-_ONE_AT_A_TIME = threading.Lock()  # as Python's parser asks for, up to 3.11 at least
+_ONE_AT_A_TIME = threading.Lock()  # Python's parser needs it, up to 3.11 at least
 
 
 def make_runs(plan: Plan, cases: Cases) -> Table:
@@ -72,7 +72,10 @@ def describe_code() -> str:
 
 
 class Threads:
-    """Threads of this process: kernels run side by side, for they do not hold the GIL."""
+    """Workers that are threads of this process.
+
+    Kernels run in parallel on them, since they do not hold the GIL.
+    """
 
     spare = 0  # chunks that may wait while all threads are busy
 
@@ -84,7 +87,7 @@ class Threads:
         self._graphs = ThreadPoolExecutor(count)  # each thread waits for a graph
 
     def send(self, chunks: dict[Any, Cases]) -> None:
-        """Begin with some chunks of runs, by key."""
+        """Start some chunks of runs, given by key."""
         import dask.threaded
 
         graph: dict[Any, Any] = {"plan": self._plan}
@@ -110,20 +113,20 @@ class Threads:
                 importlib.import_module(name)
 
     def made(self) -> list[Made]:
-        """Wait for the next chunk."""
+        """Wait for the next chunk; return its key and its rows, in a list."""
         while True:  # a signal may come just before a wait, and is heard after it
             with contextlib.suppress(Empty):
                 found = self._made.get(timeout=HEARD_WITHIN)
                 return [found.result() if isinstance(found, Future) else found]
 
     def close(self) -> None:
-        """Begin nothing more. A kernel that runs goes on to the end of its chunk."""
+        """Start no more chunks. A thread that makes a chunk goes on to its end."""
         for pool in (self._pool, self._graphs):
             pool.shutdown(wait=False, cancel_futures=True)
 
 
 class Cluster:
-    """The workers of a dask client, which need nothing of this machine's files."""
+    """The workers of a dask client; they need no files of this machine."""
 
     spare = 1
 
@@ -148,12 +151,12 @@ class Cluster:
 
     @property
     def count(self) -> int:
-        """Threads of the workers that there are now."""
+        """Number of threads of the workers that are connected now."""
         with self._worded():
             return sum(self._client.nthreads().values())
 
     def send(self, chunks: dict[Any, Cases]) -> None:
-        """Begin with some chunks of runs, by key."""
+        """Start some chunks of runs, given by key."""
         graph = {
             key: (operator.call, self._plan, chunk) for key, chunk in chunks.items()
         }
@@ -161,7 +164,7 @@ class Cluster:
             self._futures.update(self._client.get(graph, list(graph), sync=False))
 
     def made(self) -> list[Made]:
-        """Wait for the next chunks."""
+        """Wait for the next chunks; return the key and the rows of each."""
         with self._worded():
             found = [(future.key, rows) for future, rows in self._futures.next_batch()]
             if not all(isinstance(rows, np.ndarray) for _, rows in found):
@@ -169,13 +172,13 @@ class Cluster:
             return found
 
     def close(self) -> None:
-        """Begin nothing more."""
+        """Cancel all chunks that are not finished."""
         with contextlib.suppress(Exception):  # of a scheduler that is gone
             self._client.cancel([self._plan, *self._futures.futures])
 
     @contextlib.contextmanager
     def _worded(self) -> Iterator[None]:
-        """Say what is wrong with the workers or their scheduler."""
+        """Turn errors of workers or their scheduler into a WorkerError that says what is wrong."""
         from distributed.scheduler import KilledWorker
 
         try:
@@ -206,10 +209,11 @@ class Cluster:
 def workers_of(
     plan: Plan, count: int | None, say: Callable[[str], object]
 ) -> Iterator[Threads | Cluster]:
-    """Give what makes a plan's runs: the study's cluster, the client that is current, or threads.
+    """Give the workers for the runs of a plan, and close them after the block.
 
-    If the number of threads is given, a current client does not count. A line on a cluster is
-    said. WorkerError if it cannot be used.
+    They are the cluster that the study names, else the current dask client, else threads. If
+    `count`, the number of threads, is given, a current client is not used. `say` is called with a
+    line if a cluster is used. WorkerError if the cluster cannot be used.
     """
     given = plan.study.execution.scheduler
     with contextlib.ExitStack() as stack:
