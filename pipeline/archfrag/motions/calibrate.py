@@ -154,7 +154,10 @@ def plain_unit(text: str) -> str:
 
 
 def _add_stated(channel: Channel) -> None:
-    """Add what a header of one of obspy's formats states; warn if it is no acceleration."""
+    """Add to a channel what its header states, in one of obspy's formats.
+
+    A warning is added if the samples are no acceleration, or if they contradict the header.
+    """
     stats = channel.trace.stats
     name = _named(channel)
     source = f"{stats._format} header"
@@ -208,7 +211,7 @@ def _add_stated(channel: Channel) -> None:
 
 
 def _number(header, key: str, default=0.0):
-    """Return a number of a header; `default` if it is missing, or -12345, as SAC writes then."""
+    """Return a number of a header; `default` if it is missing or -12345, SAC's mark for this."""
     value = header.get(key)
     return float(default if value in (None, "") or float(value) == -12345.0 else value)
 
@@ -256,13 +259,13 @@ def _add_direction(channel: Channel, azimuth: float, dip: float, source: str) ->
 
 
 def _add_depth(channel: Channel, depth: float, source: str) -> None:
-    """Note a sensor that is below the ground."""
+    """Set the place of the sensor of a channel if its `depth` [m] is below the ground."""
     if UNDERGROUND <= depth < 20_000.0:
         channel.sensor = f"is {depth:g} m below the surface by its {source}"
 
 
 def _add_place(channel: Channel, path: Path) -> None:
-    """Note a sensor that is in a structure or, of KiK-net, in a borehole."""
+    """Set the place of the sensor of a channel if it is in a structure or a KiK-net borehole."""
     stats = channel.trace.stats
     station = f"{stats.station} {channel.station} {path.name}".upper()
     kik_net = stats._format == "KNET" or re.search(r"\b[A-Z]{3}H\d\d", station)

@@ -189,7 +189,7 @@ class Channel:
 
     @property
     def instrument(self) -> str:
-        """The key that channels of one instrument share."""
+        """A key that is equal for the channels of one instrument."""
         stats = self.trace.stats
         code = self.code
         if stats._format == "KNET":

@@ -129,7 +129,7 @@ def load_index(path: str | Path) -> list[IndexEntry]:
 
 
 def _entry(source: Path, place: str, values: dict[str, str]) -> IndexEntry:
-    """Return a row of an index; RecordError with its `place` for a wrong value."""
+    """Return a row of the index `source`; RecordError, which names `place`, for a wrong value."""
     name = values["id"]
     if not name or not values["file"]:
         raise RecordError(f"{place}: {'file' if name else 'id'} is empty")

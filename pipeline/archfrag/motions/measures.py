@@ -128,7 +128,7 @@ def _average(motion: Shaking, low: float, high: float) -> float:
 
 
 def _velocities(motion: Shaking, periods: Samples) -> Samples:
-    """Return the pseudo-spectral velocity."""
+    """Return the pseudo-spectral velocity at `periods` [s], shape (n_period,) [m/s]."""
     return spectral_acceleration(motion, periods) * periods / (2.0 * np.pi)
 
 
@@ -270,7 +270,7 @@ def scale_factor(
 
 
 def sample_cautions(samples: Samples, dt: float) -> list[str]:
-    """List what is suspicious about accelerations [m/s2]: an offset, a drift, an early end."""
+    """Return cautions on accelerations [m/s2]: an offset, a drift, an end during strong motion."""
     peak = peak_of(samples)
     if not peak > 0.0:
         return []

@@ -219,8 +219,8 @@ class Motion:
     def measures(self, *names: str) -> dict[str, float]:
         """Return intensity measures by name, in SI units, such as "PGV" and "Sa(0.5)".
 
-        Without names, all that need no period: PGA [m/s2], PGV, Arias, CAV and CAVstd [m/s], PGD
-        and HI [m], D5_95 [s].
+        Without names they are all that need no period: PGA [m/s2], PGV, Arias, CAV and CAVstd
+        [m/s], PGD and HI [m], D5_95 [s].
         """
         return {name: measure(self, name) for name in names or PLAIN}
 

@@ -28,7 +28,7 @@ LARGEST_RECORD = 2**27  # [bytes]
 
 
 def check_file(path: Path) -> None:
-    """Raise RecordError for what cannot be read as a record: a folder, a pipe, an empty file."""
+    """Raise RecordError if a path cannot be read as a record: a folder, a pipe, an empty file."""
     try:
         str(path).encode()
         with opened(path) as file:

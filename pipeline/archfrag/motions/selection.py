@@ -167,7 +167,7 @@ def read_table(path: str | Path, what: str, **form) -> pd.DataFrame:
 
 
 def numbers(table: pd.DataFrame, column: str, source: str) -> Samples:
-    """Return a column as numbers, nan if empty; RecordError if it is missing or holds text."""
+    """Return a column as numbers, nan in empty cells; RecordError if it is missing or has text."""
     try:
         return pd.to_numeric(table[column]).to_numpy(float)
     except KeyError:

@@ -213,9 +213,9 @@ class Inset(NamedTuple):
 
 
 def inset_of(arch: Arch, stiffness: FloatArray, shear: FloatArray) -> Inset:
-    """Find the contact points with which rigid joints bear the same load as elastic faces.
+    """Find the contact points with which rigid joints bear as much as elastic faces.
 
-    It is the largest steady load without sliding.
+    What they bear is the largest steady load without sliding.
 
     Parameters
     ----------

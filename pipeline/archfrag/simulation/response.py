@@ -258,8 +258,8 @@ class Response:
     def _window(self, seconds: float) -> tuple[float, float]:
         """Return the first and the last time of the run that a film shows [s].
 
-        They are `seconds` apart at most. The collapse is the last one; without a collapse the
-        largest rotation is between them. If nothing moves they are equal.
+        They are `seconds` apart at most. The film ends with the collapse; if there is none, it
+        shows the largest rotation. If nothing moves, both times are equal.
         """
         assert self.arch is not None
         time, shift, turn = self._arrays()

@@ -35,7 +35,7 @@ class Ground(NamedTuple):
 
 
 class SpringingPath(NamedTuple):
-    """An arch while one of its springings moves."""
+    """What `springing_path` finds of an arch while one of its springings moves."""
 
     part: FloatArray  # (n,) of the movement, from 0 to 1
     plus: FloatArray  # (n,) onset with the ground accelerating towards +x [g]

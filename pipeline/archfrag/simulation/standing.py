@@ -62,9 +62,9 @@ def check_stands(arch: Arch) -> Onset:
 def edge_loss(arch: Arch) -> float:
     """Find the part of its onset that an arch loses with hinges 10 mm inside its edges [1].
 
-    It is that of the arch as built, before its springings moved. It is nan if this arch does not
-    stand or nothing moves it, and 1 if it does not stand with such hinges. If its joints give by
-    the model inset, the hinges are 10 mm further inside than by this model.
+    The arch is taken as it was built, before its springings moved. The result is nan if it does
+    not stand or nothing moves it, and 1 if it does not stand with such hinges. If its joints give
+    by the model inset, the hinges are 10 mm further inside than by this model.
     """
     built: Arch = arch.built or arch
     built = built.changed(parameters={**built.parameters, "joints": None})

@@ -96,7 +96,7 @@ def recognise(path: str, formats: Sequence[str]) -> str | None:
 
 
 def read_as(path: str, name: str) -> list[Trace]:
-    """Read the traces of a file in the format of that name, see `read_traces`."""
+    """Read the traces of a file in the format `name`, as `read_traces` returns them."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -162,7 +162,7 @@ def _compare_times(path: str, trace: Trace) -> None:
 def read_apart(path: str) -> list[Trace]:
     """Read a file by a reader in C, in another process; return [] if it has no such format.
 
-    RecordError if this process crashes or takes too long.
+    RecordError if that process crashes or takes too long.
     """
     for form in IN_C:  # imported once here, not in each fork
         plug_in(form, "is"), plug_in(form, "read")
@@ -191,7 +191,10 @@ def one_reader() -> Iterator[None]:
 
 
 def _limit() -> None:
-    """Limit the memory of this process, silence it, and let signals or its parent's end end it."""
+    """Limit the memory of this process and silence it.
+
+    Signals end it, and so does the end of its parent.
+    """
     end_with_parent()
     for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
         signal.signal(number, signal.SIG_DFL)

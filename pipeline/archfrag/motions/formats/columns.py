@@ -90,7 +90,7 @@ class Columns:
 
 
 def parse_columns(text: str) -> Columns:
-    """Read columns from words such as ``time=1,acceleration=2,skip=3``, or InputError."""
+    """Read columns from words such as ``time=1,acceleration=2,skip=3``; InputError for others."""
     keys: Named = {}
     for word in text.replace(",", " ").split():
         key, _, value = word.partition("=")
@@ -172,8 +172,8 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
 def _unit_in(head: str, column: int) -> str:
     """Return the unit of a column (counted from 0) by `head`, the lines before the numbers.
 
-    It is empty unless they state just one. Without any it is "velocity" or "displacement" if they
-    have this word and do not speak of accelerations.
+    It is empty unless they state just one. If they state none, but name a velocity or a
+    displacement and no acceleration, this word is returned.
     """
     stated = search(_GEOCSV_UNITS, head)
     if stated:
@@ -291,7 +291,7 @@ def _rises_evenly(values: Samples) -> bool:
 def _even_step(
     times: Samples, lines: Sequence[int], columns: Columns, name: str
 ) -> float:
-    """Return the step of times that are evenly spaced but for rounding [s]; else RecordError."""
+    """Return the step of times [s]; RecordError unless they are evenly spaced but for rounding."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
     off = np.abs(times - (times[0] + mean * np.arange(times.size)))

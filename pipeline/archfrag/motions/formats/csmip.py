@@ -151,7 +151,10 @@ is_cosmos = begins_with(_FORMAT, r"(?im)^\s*\d+\s+Integer-header values follow")
 
 @reader
 def read_cosmos(text: Text) -> list[Trace]:
-    """Read the accelerations of a COSMOS file; counts with their ``g_per_count`` if stated."""
+    """Read the accelerations of a COSMOS file.
+
+    Counts get ``g_per_count`` if the header states what it follows from.
+    """
     return _volume(text, _cosmos_channel)
 
 

@@ -271,7 +271,7 @@ def read_fields(table: Mapping[str, Any], find: Callable[[Any], Any]) -> Named:
 
 
 def number(text: str | None) -> float | None:
-    """Return the finite number that a text is; None for any other text."""
+    """Return the number that a text holds; None if it is no finite number."""
     try:
         value = float(
             (text or "").translate(_FORTRAN).replace("_", "?")
@@ -330,7 +330,10 @@ def magnitude(text: str) -> float | None:
 
 
 def direction(text: str) -> Named:
-    """Return code, azimuth and whether it is vertical, of a text such as ``90 DEG`` or ``UP``."""
+    """Return the facts of a component by a text such as ``90 DEG`` or ``UP``.
+
+    They are its code and, if known, its azimuth [degrees] and whether it is vertical.
+    """
     word = text.strip().upper()
     angle = re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)
     bearing = re.match(r"[NS]\s*\d{1,2}\s*[EW]\b", word)
