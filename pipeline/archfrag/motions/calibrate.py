@@ -57,7 +57,7 @@ _INSTRUMENTS = {
     "M": "a mass position",
     "S": "a strain gauge",
 }
-# Of an instrument that does not record the motion of the ground.
+# Matches the place of an instrument that does not record the motion of the ground.
 _STRUCTURE = (
     r"(?i)\b(roof|penthouse|attic|parapet|(?!1st)\d+(st|nd|rd|th)\s+(floor|fl|level|story)|deck|girder|"
     r"superstructure|crest|chimney|mid-?(span|height)|top (of|center)|bent|pier)\b"
@@ -72,7 +72,10 @@ _COUNTS = "(digital_?)?(count|cnt)s?|du|digits"
 
 
 def accepted_words(words: Iterable[str], place: object) -> tuple[Acceptable, ...]:
-    """Return the words of an `accept`, separated by commas or blanks; RecordError for others."""
+    """Return the words of an option `accept`; RecordError for an unknown word.
+
+    `words` are a list, or a text with commas or blanks between them. `place` begins the message.
+    """
     text = words if isinstance(words, str) else " ".join(words)
     chosen = text.replace(",", " ").split()
     for word in chosen:
@@ -84,7 +87,7 @@ def accepted_words(words: Iterable[str], place: object) -> tuple[Acceptable, ...
 
 
 def impossible(channel: Channel) -> Iterator[Warned]:
-    """List what is impossible in a channel, or contradicts its header."""
+    """Yield a warning for each thing in a channel that is impossible or contradicts its header."""
     data = channel.trace.data
     id = channel.trace.id
     delta = channel.trace.stats.delta
@@ -111,7 +114,7 @@ def impossible(channel: Channel) -> Iterator[Warned]:
 
 
 def implausible(channel: Channel) -> Iterator[Warned]:
-    """List what is implausible about a channel in m/s2."""
+    """Yield a warning if the time step or the peak of a channel in m/s2 is implausible."""
     dt = channel.trace.stats.delta
     # A rate such as 10 Hz need not give 0.1 s to the last digit.
     if not 1e-4 * (1.0 - 1e-9) <= dt <= 0.1 * (1.0 + 1e-9):
@@ -151,7 +154,10 @@ def plain_unit(text: str) -> str:
 
 
 def _add_stated(channel: Channel) -> None:
-    """Add what a header of one of obspy's formats states; warn if it is no acceleration."""
+    """Add to a channel what its header states, in one of obspy's formats.
+
+    A warning is added if the samples are no acceleration, or if they contradict the header.
+    """
     stats = channel.trace.stats
     name = _named(channel)
     source = f"{stats._format} header"
@@ -205,7 +211,7 @@ def _add_stated(channel: Channel) -> None:
 
 
 def _number(header, key: str, default=0.0):
-    """Return a number of a header; `default` if it is missing, or -12345, as SAC writes then."""
+    """Return a number of a header; `default` if it is missing or -12345, SAC's mark for this."""
     value = header.get(key)
     return float(default if value in (None, "") or float(value) == -12345.0 else value)
 
@@ -253,13 +259,13 @@ def _add_direction(channel: Channel, azimuth: float, dip: float, source: str) ->
 
 
 def _add_depth(channel: Channel, depth: float, source: str) -> None:
-    """Note a sensor that is below the ground."""
+    """Set the place of the sensor of a channel if its `depth` [m] is below the ground."""
     if UNDERGROUND <= depth < 20_000.0:
         channel.sensor = f"is {depth:g} m below the surface by its {source}"
 
 
 def _add_place(channel: Channel, path: Path) -> None:
-    """Note a sensor that is in a structure or, of KiK-net, in a borehole."""
+    """Set the place of the sensor of a channel if it is in a structure or a KiK-net borehole."""
     stats = channel.trace.stats
     station = f"{stats.station} {channel.station} {path.name}".upper()
     kik_net = stats._format == "KNET" or re.search(r"\b[A-Z]{3}H\d\d", station)
@@ -308,14 +314,14 @@ def _add_station(channel: Channel, inventory: Inventory) -> None:
 
 
 def _instrument(code: str) -> str:
-    """Return the instrument that a code of SEED names; empty for an accelerometer, other codes."""
+    """Return the instrument that a SEED code names; empty for an accelerometer or another code."""
     if not re.fullmatch("[FGDCESHBMLVU][A-Z][A-Z1-3]", code.upper()):
         return ""
     return _INSTRUMENTS.get(code[1].upper(), "")
 
 
 def _compare_with_the_user(channel: Channel, unit: str) -> None:
-    """Warn if the header contradicts that the samples are in a unit of acceleration."""
+    """Warn if the header contradicts the `unit` of acceleration that a user or an index gave."""
     calib = channel.trace.stats.calib
     name = _named(channel)
     other = _instrument(channel.code)
@@ -332,9 +338,10 @@ def _compare_with_the_user(channel: Channel, unit: str) -> None:
 
 
 def to_si(channel: Channel, path: Path, asked: str | None, listed: str, table) -> None:
-    """Convert a channel to m/s2, a vertical upwards; without a unit, add a warning that says why.
+    """Convert a channel to m/s2, and a vertical channel to positive upwards, in place.
 
-    `asked` is the user's unit, `listed` that of an index, `table` the user's StationXML.
+    If it cannot be converted, a warning is added that says why. `asked` is the user's unit,
+    `listed` that of an index, `table` the user's StationXML.
     """
     trace = channel.trace
     values = trace.data
@@ -474,9 +481,10 @@ def _of_counts(
 
 
 def find_inventory(path: Path, trace: Trace, given) -> Inventory | None:
-    """Return StationXML for a trace: the given one, or NAME.xml or NET.STA.xml beside the record.
+    """Return the StationXML for a trace; None if there is no such file.
 
-    None if there is no such file.
+    If none is given, it is NAME.xml beside the record `path`, or else NET.STA.xml. RecordError if
+    the file cannot be read.
     """
     from obspy import read_inventory  # start-up: a Motion needs no obspy
 

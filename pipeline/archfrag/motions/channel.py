@@ -1,7 +1,7 @@
 """One channel of a record: its unit and direction, what its file states, what reading finds.
 
-`Facts` are what a motion knows of its record. A `Channel` is read from a file: it stands on an
-obspy Trace, which holds the samples, as ``stats.record``.
+`Facts` are what a motion knows of its record. A `Channel` is read from a file. It is the attribute
+``stats.record`` of an obspy Trace, which holds the samples.
 """
 
 import re
@@ -18,7 +18,8 @@ from archfrag.files import Named
 Samples = NDArray[np.float64]
 Trace = Any  # obspy's, whose import takes time
 Acceptable = Literal["pga", "time_step", "samples", "header", "sensor"]
-Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
+# A word by which a user accepts what is wrong (None: it is never accepted), and what is wrong.
+Warned = tuple[Acceptable | None, str]
 
 STANDARD_GRAVITY = 9.80665  # [m/s2]
 METRES_PER_SECOND_SQUARED = {
@@ -54,7 +55,7 @@ _SPELLINGS = {"Mw": "magnitude", "Vs30_mps": "vs30_mps", "event_id": "event"}
 
 @dataclass(frozen=True)
 class Facts(Mapping[str, Any]):
-    """What is known of a record, as a mapping of what is neither empty nor None."""
+    """Known facts of a record, as attributes and as a mapping without what is empty or None."""
 
     file: str = ""  # its name
     format: str = ""
@@ -67,8 +68,8 @@ class Facts(Mapping[str, Any]):
     epicentral_km: float | None = None
     vs30_mps: float | None = None  # [m/s]
     level: str = ""  # raw or processed
-    start_time: str = ""  # of the first sample, and of the earthquake, in UTC
-    origin_time: str = ""
+    start_time: str = ""  # of the first sample, in UTC
+    origin_time: str = ""  # of the earthquake, in UTC
     component: str = ""
     azimuth: float | None = None  # [degrees] of a horizontal
     trace: str = ""  # codes of network, station, location and channel
@@ -79,12 +80,15 @@ class Facts(Mapping[str, Any]):
     accepted: list[str] = field(default_factory=list, hash=False)
     file_sha256: str = ""
     source_sha256: str = ""  # of the file that a study's own file was made of
-    pair: str = ""  # what files that are components of one record share
-    more: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    pair: str = ""  # equal for the files with the components of one record
+    more: Mapping[str, Any] = field(default_factory=dict, hash=False)  # other facts
 
     @classmethod
     def of(cls, facts: Mapping[str, Any]) -> Self:
-        """Return facts by name, in an index's spelling or ours; others are in `more`."""
+        """Return the facts of a mapping; those that have no field here are in `more`.
+
+        Names may be spelled as here or as in an index of records.
+        """
         named = Named()
         more = dict(facts.get("more", {}))
         # Sorted, Mw counts before magnitude, and event before event_id.
@@ -115,7 +119,7 @@ class Facts(Mapping[str, Any]):
         return len(self._known)
 
 
-# What reads a fact, by its type.
+# By the type of a fact: the function that reads it.
 _READERS: dict[Any, Any] = {str: str, float | None: float, "Facts | None": Facts.of}
 
 
@@ -128,7 +132,7 @@ class Channel:
     downwards: bool | None = None  # of a vertical: positive samples are downwards
     azimuth: float | None = None  # [degrees] of a horizontal
     sensor: str = ""  # where it is, unless on the ground
-    place: str = ""  # what its header says of it
+    place: str = ""  # where the sensor is, in words of its header
     depth: float | None = None  # [m] below the ground
     number: str = ""  # of the channel in its file
     event: str = ""
@@ -140,21 +144,21 @@ class Channel:
     origin_time: str = ""
     level: str = ""  # raw or processed
     unit: str = ""  # of the samples in the file, or counts
-    g_per_count: float | None = None
-    announced: int = 0  # number of samples
+    g_per_count: float | None = None  # acceleration of one count [g]
+    announced: int = 0  # number of samples by the header
     contradicted: str = ""  # how a stated peak or length differs from the samples'
 
     trace: Trace = None  # its samples, once the pieces of the file are joined
     held: int = 0  # number of samples in the file
     unit_in_file: str = (
-        ""  # from which the samples were converted; empty: they are as there
+        ""  # from which the samples were converted; empty: they are not converted
     )
     accept: tuple[Acceptable, ...] = ()
     accepted: list[str] = field(default_factory=list)
     log: list[str] = field(default_factory=list)
     messages: list[str] = field(default_factory=list)  # of obspy's reader
     warnings: list[Warned] = field(default_factory=list)  # refused unless accepted
-    errors: list[str] = field(default_factory=list)  # which refuse nothing
+    errors: list[str] = field(default_factory=list)  # with which it is read
     cautions: list[str] = field(default_factory=list)
 
     @property
@@ -173,16 +177,19 @@ class Channel:
 
     @property
     def is_refused(self) -> bool:
-        """Tell whether something is wrong that nothing makes acceptable."""
+        """Tell whether the channel has a warning that cannot be accepted."""
         return any(word is None for word, _ in self.warnings)
 
     def warn(self, text: str, word: Acceptable | None = "header") -> None:
-        """Add what is wrong, such as what contradicts the header, and what accepts it."""
+        """Add a warning with its `text`, and the `word` by which a user accepts it.
+
+        It can never be accepted if `word` is None.
+        """
         self.warnings.append((word, text))
 
     @property
     def instrument(self) -> str:
-        """The key that channels of one instrument share."""
+        """A key that is equal for the channels of one instrument."""
         stats = self.trace.stats
         code = self.code
         if stats._format == "KNET":
@@ -197,7 +204,10 @@ def filled(facts: Mapping[str, Any]) -> Named:
 
 
 def wrong_length(stated: float | None, count: int, dt: float) -> str:
-    """Return how a length [s] contradicts a number of samples and their step; empty if not."""
+    """Return a text if a `stated` length [s] contradicts `count` samples of step `dt` [s].
+
+    It is empty if there is no contradiction, or no length is stated.
+    """
     length = (count - 1) * dt
     if (
         not stated
@@ -212,7 +222,7 @@ def wrong_length(stated: float | None, count: int, dt: float) -> str:
 
 
 def unit_factor(unit: str, place: object) -> float:
-    """Return the factor from a unit of acceleration to m/s2."""
+    """Return the factor from a unit of acceleration to m/s2; RecordError for an unknown unit."""
     if unit not in METRES_PER_SECOND_SQUARED:
         raise RecordError(
             f"{place}: unknown unit {unit!r} of acceleration; allowed are "
@@ -226,7 +236,8 @@ def split_by_direction(
 ) -> tuple[list[Channel], list[Channel]]:
     """Return the horizontal and the vertical channels of a record.
 
-    RecordError if all are vertical, or if it is not `surely` known that the others are horizontal.
+    RecordError if all are vertical. If `surely` and there are several channels, RecordError also
+    if one that is not vertical is not known to be horizontal.
     """
     verticals = [channel for channel in channels if channel.is_vertical]
     others = [channel for channel in channels if not channel.is_vertical]
@@ -249,10 +260,11 @@ def choose_horizontal(
     component: str | None,
     listed: str | None = None,
 ) -> tuple[Channel, list[Channel]]:
-    """Return the horizontal channel to use, its log saying why, and the vertical ones.
+    """Return the horizontal channel to use, and the vertical channels.
 
-    `component` is a channel code, its last letter or a trace id. An index may have `listed` one,
-    which counts where there are several.
+    `component` is a channel code, its last letter or a trace id; RecordError if there is no such
+    horizontal. `listed` is the component in an index, which counts if no `component` is given.
+    Without either the first horizontal is used, and its log says so.
     """
     horizontals, verticals = split_by_direction(
         channels, place, not (component or listed)
@@ -283,7 +295,7 @@ def choose_horizontal(
 
 
 def _may_be(channel: Channel, listed: str) -> bool:
-    """Tell whether an index may mean the only horizontal of a file by a component's name."""
+    """Tell whether the name `listed` in an index may mean the only horizontal of a file."""
     azimuth = azimuth_of(channel.azimuth, channel.code)
     named = azimuth_of_code(listed)
     if azimuth is not None and named is not None:
@@ -306,7 +318,7 @@ def quadrant(text: str) -> float | None:
 
 
 def azimuth_of_code(code: str) -> float | None:
-    """Return the azimuth [degrees] of a name (``N``, ``EW1``, HNE, ``180``), else None."""
+    """Return the azimuth [degrees] of a name (``N``, ``EW1``, HNE, ``180``); None without one."""
     text = code.strip().upper().lstrip("-+")
     if re.fullmatch(r"\d{2,3}", text):
         return float(text) % 360.0

@@ -55,11 +55,14 @@ def fetch_records(
     timeout: float = 60.0,
     **where,
 ) -> Iterator[tuple[str, str]]:
-    """Fetch records of events into a folder; a station that is complete is not asked for again.
+    """Fetch records of events into a folder; yield what became of each.
 
-    `services` are that of the stations and that of the events, `most` stations are asked for,
-    and `where` are other options of ``archfrag records fetch``. Yields ``new`` or ``kept`` and the
-    id of a record, or the kind of a failure and a message. InputError if a service is unknown.
+    `services` are the names of the service of stations and of that of events. At most `most`
+    stations of an event are asked for, the nearest ones, and none again whose files are complete.
+    `timeout` is that of a request [s]. `where` are other options of ``archfrag records fetch``.
+    Yields ``new`` or ``kept`` with the id of a record, or the kind of a failure with a message.
+    After three failures of a service in a row the rest of the event is left out. InputError if a
+    service is unknown.
     """
     try:
         archive, quakes = (
@@ -125,7 +128,12 @@ def _sites(
     before: float,
     after: float,
 ) -> list[Named]:
-    """Return the stations within a `radius` [km], nearest first: index columns and queries."""
+    """Return the stations within a `radius` [km] of an event, nearest first; write ``event.xml``.
+
+    Each is a mapping of columns of the index, with the query for its record under ``query``.
+    `channels` are kinds of channels, the preferred one first. Records last from `before` [s]
+    before the origin time to `after` [s] after it.
+    """
     quake = _ask(quakes, "get_events", eventid=id)[0]
     check_targets([place / "event.xml"])
     with replacing(place / "event.xml") as part:
@@ -187,7 +195,11 @@ def _sites(
 
 
 def _fetched(archive: Client, site: Named, place: Path, again: bool) -> Named:
-    """Fetch what one station recorded, `again` if the index has it, and return its row there."""
+    """Fetch the record of one station into a folder, and return its row of the index.
+
+    If `again`, the index lists it already, and its files may be replaced. RecordError if it cannot
+    be used.
+    """
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,16}\.[A-Za-z0-9_-]{1,16}", site["station"]):
         raise RecordError("the codes of this station cannot name a file")
     query = site.pop("query")

@@ -1,4 +1,4 @@
-"""The table of records that lie beside each other: ``index.csv``, one row for each file."""
+"""``index.csv``, the table of the records in a folder: one row for each record."""
 
 import contextlib
 import os
@@ -62,7 +62,7 @@ _APART = (*_NEEDED, "sha256", "accept", "accepted", "columns")
 
 
 def goes_with_records(path: Path) -> bool:
-    """Tell whether a file belongs to records and is not one: StationXML, an index."""
+    """Tell whether a file is no record but belongs to records: StationXML, or an index."""
     return path.suffix.lower() == ".xml" or path.name == INDEX_NAME
 
 
@@ -72,7 +72,7 @@ class IndexEntry:
 
     id: str
     path: Path
-    sha256: str  # of the file, or its first digits
+    sha256: str  # of the file, or its first digits; empty if not listed
     metadata: Named  # other columns: numbers as such or None, others as text
     unit: str = ""  # empty if the file or its StationXML states it
     accept: tuple[Acceptable, ...] = ()
@@ -129,7 +129,7 @@ def load_index(path: str | Path) -> list[IndexEntry]:
 
 
 def _entry(source: Path, place: str, values: dict[str, str]) -> IndexEntry:
-    """Return a row of an index; RecordError with its `place` for a wrong value."""
+    """Return a row of the index `source`; RecordError, which names `place`, for a wrong value."""
     name = values["id"]
     if not name or not values["file"]:
         raise RecordError(f"{place}: {'file' if name else 'id'} is empty")
@@ -167,7 +167,7 @@ def _entry(source: Path, place: str, values: dict[str, str]) -> IndexEntry:
 
 
 def _number(column: str, text: str, place: str) -> float:
-    """Return a number of a row; RecordError if it is none, or impossible."""
+    """Return the number in a cell of `column`; RecordError if it is none, or impossible."""
     kind, least, most = _NUMBERS[column]
     try:
         number(text)
@@ -198,8 +198,9 @@ def _table(source: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
 
 
 def find_entry(path: str | Path) -> IndexEntry:
-    """Return the row of a file in the index of its folder or the one above; one without id if it
-    is not listed.
+    """Return the row that lists a file in the index of its folder, or of the folder above.
+
+    If there is none, the row has no id.
     """
     record = Path(os.path.realpath(path))  # which takes links that form a circle
     for folder in (record.parent, record.parent.parent):
@@ -214,7 +215,11 @@ def find_entry(path: str | Path) -> IndexEntry:
 
 @lru_cache(maxsize=4)
 def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
-    """Return the rows by their files, kept since thousands of files may lie in a folder."""
+    """Return the rows of an index by the paths of their files.
+
+    There are none if the file is another program's. Rows are kept, since thousands of files may
+    lie in a folder; with another time of change [ns] or size the index is read again.
+    """
     with contextlib.suppress(OSError):
         with opened(index) as file:
             head = file.readline(10_000).decode("latin-1")

@@ -1,17 +1,18 @@
-"""Intensity measures of a ground motion, all in SI units: a table with one interpreter.
+"""Intensity measures of a ground motion, all in SI units.
 
-They are those of its horizontal component; RotD50 and RotD100 need the other horizontal one too.
-No measure changes the record: a raw one must be filtered before its velocity means anything (see
-`process`). Samples are integrated from rest by the trapezoid rule. Damping is 5 %.
+They are measures of its horizontal component; RotD50 and RotD100 also need the second horizontal
+component. No measure changes the record: filter a raw record first (see `process`), since its
+velocity means nothing as it is. Samples are integrated from rest by the trapezoid rule. Damping
+is 5 %.
 
 Arias intensity: pi / (2 g) times the integral of the squared acceleration, Arias (1970). CAV:
-integral of the absolute acceleration, linear between samples, EPRI (1988), NP-5930; CAVstd: that
-of the seconds in which it reaches 0.025 g, EPRI (1991), TR-100082. D5_95: time from 5 to 95 % of
-the Arias intensity, Trifunac and Brady (1975), BSSA 65(3). HI: integral of the pseudo-spectral
-velocity from 0.1 to 2.5 s in steps of 0.02 s, Housner (1952), "Spectrum intensities". AvgSA:
-geometric mean of Sa at 10 periods, equally spaced in logarithm, Eads, Miranda and Lignos (2015),
-EESD 44(12). RotD50 and RotD100: percentiles over 180 directions of the horizontal plane, Boore
-(2010), BSSA 100(4).
+integral of the absolute acceleration, linear between samples, EPRI (1988), NP-5930. CAVstd: CAV of
+those seconds alone in which the peak is 0.025 g or more, EPRI (1991), TR-100082. D5_95: time from
+5 to 95 % of the Arias intensity, Trifunac and Brady (1975), BSSA 65(3). HI: integral of the
+pseudo-spectral velocity from 0.1 to 2.5 s in steps of 0.02 s, Housner (1952), "Spectrum
+intensities". AvgSA: geometric mean of Sa at 10 periods, equally spaced in logarithm, Eads, Miranda
+and Lignos (2015), EESD 44(12). RotD50 and RotD100: percentiles over 180 directions of the
+horizontal plane, Boore (2010), BSSA 100(4).
 
 Spectra are of linear oscillators under an acceleration that is linear between samples, by the
 recursion of Nigam and Jennings (1969), BSSA 59(2), exact for such a motion. Between two samples
@@ -32,7 +33,7 @@ from archfrag.files import Named, number
 from archfrag.motions.channel import STANDARD_GRAVITY, Samples, check_right_angle
 from archfrag.physics.oscillator import largest_response
 
-# Units in which levels may be given, by the SI unit of their measure.
+# By the SI unit of a measure: the units in which its levels may be given, with their factors.
 LEVEL_UNITS: dict[str, dict[str, float]] = {
     "m/s2": {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "gal": 0.01},
     "m/s": {"m/s": 1.0, "cm/s": 0.01},
@@ -45,19 +46,22 @@ _ANGLES = np.deg2rad(np.arange(180.0))  # of directions in the horizontal plane
 _HUSID = np.pi / (2.0 * STANDARD_GRAVITY)
 _HOUSNER = np.linspace(0.1, 2.5, 121)  # [s]
 _SPELLINGS = {"SA": "Sa", "SaAvg": "AvgSA"}
-# From which on there is a caution. Of 106 components of nine agencies (raw: mean removed) the
-# largest offset is 0.0001, drift 0.09, end 0.15, but for one analogue record that drifts (0.25).
+# Limits beyond which reading adds a caution. In 106 components of nine agencies (mean removed from
+# raw ones) the largest offset is 0.0001, the largest drift 0.09 and the largest peak in the last
+# second 0.15; one more, an analogue record, drifts by 0.25.
 OFFSET = 0.01  # of the mean to the peak
 DRIFT = 0.2  # of the velocity at the end, or of its mean over a record, to its peak
 SHORT = 10.0  # [s]
 SHAKING = 0.25  # of the peak in the last second to that of the record
-# A sample stands alone if it is so many times those 2 to 5 places away; without such samples the
-# peak of real records falls by a factor of 1.2 at most. At their peaks at most 2 samples are
-# equal, and between samples of a tenth of the peak at most 33 (0.17 s, a weak raw record).
+# ALONE: a sample stands alone if it exceeds by this factor all samples 2 to 5 places away. SPIKE:
+# there is a question if the peak falls by this factor without such samples; in real records it
+# falls by 1.2 at most. FLAT: so many equal samples at the peak raise one; real records have at
+# most 2. STUCK: so does a longer constant stretch within the motion; real records have at most 33
+# equal samples there (0.17 s, a weak raw record).
 ALONE = 2.5
 SPIKE = 1.8
-FLAT = 3  # [samples] at the peak, [s]
-STUCK = 0.5
+FLAT = 3  # [samples]
+STUCK = 0.5  # [s]
 _NEAR = np.array([-5, -4, -3, -2, 2, 3, 4, 5])
 
 
@@ -81,9 +85,10 @@ def integral(samples: Samples, dt: float) -> Samples:
 def arias_times(
     motion: Shaking, transverse: Samples | None, fractions: Sequence[float]
 ) -> list[float]:
-    """Return the times [s] at which the Arias intensity reaches fractions of the whole.
+    """Return the times [s] at which the Arias intensity reaches `fractions` of its final value.
 
-    It is that of the motion's horizontal component, and of a transverse one if there is one.
+    The intensity is that of the motion's horizontal component, plus that of `transverse` [m/s2]
+    if this is given. All times are 0 if the motion is zero.
     """
     squares = motion.acceleration**2 + (0.0 if transverse is None else transverse**2)
     husid = _HUSID * integral(squares, motion.dt)
@@ -100,7 +105,7 @@ def peak_of(values: Samples) -> float:
 
 
 def _cav(motion: Shaking, count: int = 2**16, least: float = 0.0) -> float:
-    """Return CAV, summed over the windows of `count` steps whose peak reaches `least`."""
+    """Return CAV [m/s], summed over the windows of `count` steps with a peak >= `least` [m/s2]."""
     record = motion.acceleration
     total = 0.0
     for start in range(0, record.size - 1, count):
@@ -117,18 +122,18 @@ def _cav(motion: Shaking, count: int = 2**16, least: float = 0.0) -> float:
 
 
 def _average(motion: Shaking, low: float, high: float) -> float:
-    """Return the geometric mean of Sa at 10 periods."""
+    """Return the geometric mean of Sa at 10 periods from `low` to `high` [s]."""
     values = spectral_acceleration(motion, np.geomspace(low, high, 10))
     return np.exp(np.log(values).mean()) if values.all() else 0.0
 
 
 def _velocities(motion: Shaking, periods: Samples) -> Samples:
-    """Return the pseudo-spectral velocity."""
+    """Return the pseudo-spectral velocity at `periods` [s], shape (n_period,) [m/s]."""
     return spectral_acceleration(motion, periods) * periods / (2.0 * np.pi)
 
 
-# Unit; power of a factor on the motion with which it grows, 0 for no power; number of periods in
-# the name; value of a motion and these periods.
+# By kind of measure: its SI unit; the power p, if a factor f on the motion multiplies it by f**p,
+# else 0; the number of periods in its name; the function of a motion and these periods.
 _KINDS: Named = {
     "PGA": ("m/s2", 1, 0, lambda m: peak_of(m.acceleration)),
     "PGV": ("m/s", 1, 0, lambda m: peak_of(integral(m.acceleration, m.dt))),
@@ -195,12 +200,19 @@ def measure_unit(name: str) -> str:
 
 
 def scaling_exponent(name: str) -> int:
-    """Return the power of a motion's factor with which a measure grows; 0 if there is none."""
+    """Return the power p of a measure: a factor f on the motion multiplies it by f**p.
+
+    It is 0 if the measure does not grow so, as D5_95 and CAVstd.
+    """
     return _KINDS[parse_measure(name).kind][1]
 
 
 def measure(motion: Shaking, name: str) -> float:
-    """Return an intensity measure in its SI unit; InputError for an unknown name or component."""
+    """Return an intensity measure in its SI unit; InputError for an unknown name.
+
+    RotD50 and RotD100 need two horizontal components: InputError if there is one only, RecordError
+    if they are known not to be at right angles.
+    """
     asked = parse_measure(name)
     if not asked.rotated:
         return float(_KINDS[asked.kind][3](motion, *asked.periods))
@@ -222,10 +234,11 @@ def measure(motion: Shaking, name: str) -> float:
 def spectral_acceleration(motion: Shaking, periods: ArrayLike) -> Samples:
     """Return the pseudo-spectral acceleration of linear oscillators, shape (n_period,) [m/s2].
 
-    It is the largest (2 pi / T)^2 |u| of u'' + 2 z w u' + w^2 u = -a(t) from rest, z = 0.05, at
-    periods T [s], at 200 points of a period or more (to 0.1 %, even of white noise). The
-    acceleration falls to zero in one step after the record; the free vibration that follows
-    counts. InputError unless periods are above 0.
+    At each of the `periods` T [s] it is w^2 times the largest |u|, where w = 2 pi / T, z = 0.05
+    and u'' + 2 z w u' + w^2 u = -a(t) from rest. u is evaluated at 200 or more points of a period,
+    which gives its peak to 0.1 %, even under white noise. After the record the acceleration falls
+    to zero in one step; the free vibration that follows counts. InputError unless all periods are
+    above 0.
     """
     return _spectrum(motion.acceleration, motion.dt, periods, np.zeros(1))[:, 0]
 
@@ -233,10 +246,11 @@ def spectral_acceleration(motion: Shaking, periods: ArrayLike) -> Samples:
 def scale_factor(
     motion: Shaking, measure_name: str, level: float, value: float | None = None
 ) -> float:
-    """Return the factor on a motion that brings a measure to a level above 0, in its SI unit.
+    """Return the factor on a motion that brings a measure to a `level`.
 
-    `value` is the measure of the motion, if it is known. InputError if the measure does not grow
-    by a power of the factor, RecordError if the motion is zero.
+    `level` is in the SI unit of the measure. `value` is the measure of the motion without a
+    factor; it is computed if not given. InputError if `level` is not above 0, or if the measure
+    does not grow by a power of the factor. RecordError if the measure of the motion is 0.
     """
     exponent = scaling_exponent(measure_name)
     if not exponent:
@@ -256,7 +270,7 @@ def scale_factor(
 
 
 def sample_cautions(samples: Samples, dt: float) -> list[str]:
-    """List what is suspicious about accelerations [m/s2]: an offset, a drift, an early end."""
+    """Return cautions on accelerations [m/s2]: an offset, a drift, an end during strong motion."""
     peak = peak_of(samples)
     if not peak > 0.0:
         return []
@@ -294,13 +308,16 @@ def sample_cautions(samples: Samples, dt: float) -> list[str]:
 
 
 def odd_samples(samples: Samples, dt: float) -> list[str]:
-    """Ask about accelerations [m/s2] as read that no ground makes: spikes, flat tops, gaps."""
+    """Return questions about what no ground motion has: spikes, flat tops and gaps.
+
+    `samples` are the accelerations as read from a file [m/s2].
+    """
     about = samples - np.median(samples)
     return [*_spikes(about, dt), *_flat_parts(about, dt)] if about.any() else []
 
 
 def _spikes(samples: Samples, dt: float) -> Iterator[str]:
-    """Ask about samples that stand alone and set the peak."""
+    """Yield a question if samples that stand alone set the peak."""
     size = np.abs(samples)
     strong = np.flatnonzero(size >= 0.5 * size.max())
     near = np.pad(size, _NEAR.max())[strong[:, None] + _NEAR + _NEAR.max()].max(axis=1)
@@ -317,7 +334,7 @@ def _spikes(samples: Samples, dt: float) -> Iterator[str]:
 
 
 def _flat_parts(samples: Samples, dt: float) -> Iterator[str]:
-    """Ask about tops that are cut off, and a stretch in the motion without any change."""
+    """Yield a question if tops are cut off, and one if a stretch of the motion is constant."""
     size = np.abs(samples)
     peak = peak_of(samples)
     ends = np.flatnonzero(np.diff(samples, append=np.inf))
@@ -346,7 +363,11 @@ def _flat_parts(samples: Samples, dt: float) -> Iterator[str]:
 def _spectrum(
     ground: NDArray[Any], dt: float, periods: ArrayLike, angles: Samples
 ) -> Samples:
-    """Return Sa by angle, (n_period, n_angle); `ground` has the second component as imaginary."""
+    """Return Sa [m/s2] in each direction, shape (n_period, n_angle).
+
+    `ground` is the first horizontal component plus i times the second [m/s2]. `angles` [rad] are
+    from the first towards the second.
+    """
     chosen = np.atleast_1d(np.asarray(periods, float))
     if not (np.isfinite(chosen).all() and (chosen > 0.0).all()):
         raise InputError(

@@ -57,12 +57,12 @@ class Motion:
     transverse : array_like, shape (n_sample,) [m/s2], optional
         The other horizontal component, perpendicular to the first: measured, never simulated.
     record_start : float [s]
-        When the record starts, later than 0 behind a first shock.
+        When the record starts: later than 0 if a first shock precedes it.
 
     Raises
     ------
     RecordError
-        If `dt` or samples are not such numbers.
+        If `dt` is not above 0, or samples are not finite real numbers, equally many.
 
     Examples
     --------
@@ -125,7 +125,7 @@ class Motion:
         return cast(Facts, self.metadata)
 
     def stating(self, **facts) -> Motion:
-        """Return the motion with other facts."""
+        """Return the motion with these facts replaced."""
         return replace(self, metadata=replace(self.facts, **facts))
 
     def changed(
@@ -137,7 +137,7 @@ class Motion:
 
     @property
     def components(self) -> dict[str, Samples]:
-        """Acceleration, vertical and transverse by name, of those that there are."""
+        """Samples of each component that there is, by its name in ``_COMPONENTS``."""
         every = {name: getattr(self, name) for name in _COMPONENTS}
         return {name: wave for name, wave in every.items() if wave is not None}
 
@@ -161,11 +161,11 @@ class Motion:
         )
 
     def then(self, second: Motion, gap: float = 20.0) -> Motion:
-        """Return one motion: this one, `gap` >= 0 [s] for an arch to come to rest, and another.
+        """Return one motion: this one, a rest of `gap` [s], and then `second`.
 
-        Its time step is the smaller one; samples at the other one are interpolated linearly, as in
-        a simulation. ``record_start`` tells when the second motion starts [s].
-        InputError if `gap` is negative.
+        In the gap an arch may come to rest. The time step is the smaller of both; the motion with
+        the larger step is interpolated linearly, as in a simulation. ``record_start`` is when
+        `second` starts [s]. InputError unless `gap` is a finite number from 0 upwards.
 
         Examples
         --------
@@ -219,8 +219,8 @@ class Motion:
     def measures(self, *names: str) -> dict[str, float]:
         """Return intensity measures by name, in SI units, such as "PGV" and "Sa(0.5)".
 
-        Without names, all that need no period: PGA [m/s2], PGV, Arias, CAV and CAVstd [m/s], PGD
-        and HI [m], D5_95 [s].
+        Without names they are all that need no period: PGA [m/s2], PGV, Arias, CAV and CAVstd
+        [m/s], PGD and HI [m], D5_95 [s].
         """
         return {name: measure(self, name) for name in names or PLAIN}
 
@@ -305,8 +305,9 @@ def motion_of_channel(
 ) -> Motion:
     """Return the motion of a channel in m/s2, with the vertical of its instrument if there is one.
 
-    `listed` are the facts of an index, which come before those of the header. RecordError if the
-    samples are implausible, or the vertical does not fit.
+    `name` is the id of the motion, and `verticals` are the vertical channels of the file. `listed`
+    are the facts of an index, which come before those of the header. RecordError if the samples
+    are implausible and this is not accepted, or if the vertical does not fit.
     """
     trace = channel.trace
     stats = trace.stats
@@ -340,9 +341,10 @@ def motion_of_channel(
 
 
 def with_component(motion: Motion, other: Motion, kind: str) -> Motion:
-    """Return a motion with its "vertical" or "transverse", cut to the time that both have.
+    """Return a motion with `other` as a further component, cut to the time that both have.
 
-    RecordError if they do not belong together or have no time in common.
+    `kind` is "vertical" or "transverse". RecordError if the two do not belong together, have
+    unequal time steps or no time in common.
     """
     one = motion.facts
     two = other.facts
@@ -385,7 +387,7 @@ def with_component(motion: Motion, other: Motion, kind: str) -> Motion:
 
 
 def seconds(time: str) -> float:
-    """Return the seconds of a time of UTC in ISO's form; nan if it is not known."""
+    """Return the seconds since 1970 of a UTC time in ISO's form; nan for another text."""
     try:
         moment = datetime.fromisoformat(time)
     except ValueError:
@@ -394,9 +396,9 @@ def seconds(time: str) -> float:
 
 
 def store(path: Path, motion: Motion) -> None:
-    """Write what moves an arch to a numpy archive, completely or not at all.
+    """Write the horizontal and the vertical acceleration to a numpy archive.
 
-    Equal motions give equal bytes.
+    It is written completely or not at all. Equal motions give equal bytes.
     """
     arrays: Named = {"acceleration": motion.acceleration}
     if motion.vertical is not None:
@@ -406,7 +408,10 @@ def store(path: Path, motion: Motion) -> None:
 
 
 def load_stored(path: Path, **known) -> Motion:
-    """Return the motion that `store` wrote and what else is `known`; InputError if damaged."""
+    """Return the motion that `store` wrote; InputError if the file is damaged.
+
+    `known` are the other arguments of `Motion`, `dt` among them.
+    """
     try:
         with np.load(path, allow_pickle=False) as archive:
             return Motion(**archive, **known)

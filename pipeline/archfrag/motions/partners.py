@@ -12,7 +12,7 @@ from archfrag.files import Named
 from archfrag.motions.channel import AZIMUTHS, azimuth_of, quadrant
 from archfrag.motions.motion import REVERSED, Motion, seconds
 
-# Where a direction may stand in a name: it ends a word, and is no small letter within one.
+# Matches a direction in a name: it is at the end of a word, and no small letter within one.
 _CODE = re.compile(
     r"(?<![A-Za-z\d])[Hh][12](?![A-Za-z\d])"
     r"|(?<=(?<![A-Za-z\d])[A-Z][GHLN])(?P<sensor>[12])(?![A-Za-z\d])"  # HN1
@@ -35,11 +35,12 @@ _VERTICALS = [
 
 
 def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the file of the other horizontal by the name of each file, and that of the vertical.
+    """Return the other horizontal of each file, and the vertical of each, by names of files.
 
-    `names` are those of a folder. Two names that are equal but for a direction are a pair if these
-    are at right angles and there is no third such name: numbered files are no components. Their
-    vertical has the same name with ``UP``, ``Z`` or the like instead of the direction.
+    `names` are those of one folder. Two files are a pair of horizontals if their names are equal
+    but for a direction, the directions are at right angles, and there is no third such name:
+    numbered files are no components. Their vertical has the same name with ``UP``, ``Z`` or the
+    like instead of the direction. Files without a partner are in neither mapping.
 
     >>> partners(["ELC180.AT2", "ELC270.AT2", "quake1.txt", "quake2.txt", "ELC-UP.AT2"])[0]
     {'ELC180.AT2': 'ELC270.AT2', 'ELC270.AT2': 'ELC180.AT2'}
@@ -82,7 +83,7 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
 
 
 def vertical_files(paths: Sequence[Path]) -> set[Path]:
-    """Return the files that by their names are the vertical of another file among them."""
+    """Return those of `paths` whose names make them the vertical of another one."""
     folders: dict[Path, list[str]] = {}
     for path in paths:
         folders.setdefault(path.parent, []).append(path.name)
@@ -102,7 +103,11 @@ def folder_names(folder: Path) -> list[str]:
 
 
 def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
-    """Return the other horizontal of the motion's instrument, of those of one file, if clear."""
+    """Return the other horizontal of the same instrument; None if it is not clear which it is.
+
+    `motions` are the horizontals of a file, `motion` among them. If no other one is of this
+    instrument, they may be of any.
+    """
     others = [other for other in motions if other is not motion]
     family = _family(motion)
     alike = [other for other in others if _family(other) == family] or others
@@ -110,19 +115,20 @@ def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None
 
 
 def _family(motion: Motion) -> str:
-    """Return the codes of a component but for its direction."""
+    """Return the code of a component without its last letter, the direction."""
     return (motion.facts.trace or motion.facts.component)[:-1]
 
 
 def _frame(name: str, code: re.Match[str]) -> tuple[str, str]:
-    """Return what is around a direction in the name of a file."""
+    """Return the text before and after a direction in the name of a file, in lower case."""
     return name[: code.start()].lower(), name[code.end() :].lower()
 
 
 def belong_together(one: Motion, other: Motion) -> bool:
-    """Tell whether more than their names shows that two files are components of one record.
+    """Tell whether two files, whose names suggest it, are components of one record.
 
-    Equal starts, or an equal event and station do. Equal numbers of samples do, unless the names
+    If both starts are known, these decide: they may differ by the longer duration at most. If not,
+    an equal event and station are enough, or else equal numbers of samples, unless the names
     differ in numbers that need not be azimuths, such as 10 and 100.
     """
     both = one.facts, other.facts
@@ -158,8 +164,9 @@ def identity_of(motion: Motion) -> Named:
 def are_one(one: Named, other: Named) -> bool:
     """Tell whether two motions are copies or versions (raw, processed) of one component.
 
-    Their samples are equal, or their station, instrument and direction are, and they overlap in
-    time or, where that is not known, are a raw and a processed one of one event.
+    `one` and `other` are results of `identity_of`. Motions with equal samples are one component.
+    If not, their station, instrument and direction must be equal, and they must overlap in time;
+    if a start is not known, one must be raw, the other processed, and both of the same event.
     """
     if one["samples"] == other["samples"]:
         return True
@@ -185,11 +192,11 @@ def numbered(one: str, other: str) -> bool:
 
 
 def earthquakes(records: Sequence[Any]) -> list[str]:
-    """Return the names of the earthquakes of records; empty if none is stated or shared.
+    """Return the name of the earthquake of each record; empty if it is neither stated nor shared.
 
     A record has an `id`, a `duration` [s] and facts as attributes. An event in a header or an
     index counts first. Without one, records share an earthquake if they are of one file, or if
-    their origin times or starts are less than a minute apart, or if they overlap in time.
+    their origin times or starts are at most a minute apart, or if they overlap in time.
     """
     group = np.arange(len(records))
     origins = np.array([seconds(record.origin_time) for record in records])

@@ -61,7 +61,7 @@ def baseline(motion: Motion, order: int = 2) -> Motion:
 
 
 def cosine_taper(size: int, ramp: int) -> Samples:
-    """Return ones with a rise and a fall by half a cosine wave at the ends."""
+    """Return a window (size,) of ones with half a cosine wave over `ramp` samples at each end."""
     wave = np.hanning(2 * ramp + 1)
     return np.concatenate((wave[:ramp], np.ones(size - 2 * ramp), wave[ramp + 1 :]))
 
@@ -71,7 +71,10 @@ def taper(
     fraction: float = 0.05,
     side: Literal["both", "left", "right"] = "both",
 ) -> Motion:
-    """Bring ends to zero by half a cosine wave, each over a `fraction` (to 0.5) of the record."""
+    """Bring one or both ends of a motion to zero by half a cosine wave.
+
+    Each wave takes a `fraction` of the record, up to 0.5. `side` tells which end it is.
+    """
     size = motion.acceleration.size
     count = max(1, int(fraction * size))
     factor = cosine_taper(size, count)
@@ -90,15 +93,16 @@ def bandpass(
     order: int = 4,
     causal: bool = False,
 ) -> Motion:
-    """Filter with a Butterworth band-pass, forwards and backwards (no phase shift) or causal.
+    """Filter with a Butterworth band-pass.
 
-    Without a corner [Hz] it is a low-pass or a high-pass. Both passes halve the amplitude at a
-    corner, one leaves 0.71 of it; `order` (1 to 10) is that of one pass. InputError unless
-    0 < lowest < highest < 1 / (2 dt).
+    The filter passes forwards and backwards, which shifts no phase; if `causal`, only forwards.
+    Corners are in Hz. Without the lowest it is a low-pass, without the highest a high-pass. At a
+    corner two passes halve the amplitude, and one pass leaves 0.71 of it. `order` (1 to 10) is
+    that of one pass. InputError unless 0 < lowest < highest < 1 / (2 dt).
 
-    Forwards and backwards with a lowest corner, zeros for 0.75 order / lowest [s] are put before
-    and after the record first, and stay: what the filter spreads into them is part of the motion.
-    Without it displacements are wrong by factors. Boore (2005), BSSA 95(2), 745-750.
+    With a lowest corner and two passes, zeros for 0.75 order / lowest [s] are first put before and
+    after the record. They stay: what the filter spreads into them is part of the motion. Without
+    them displacements are wrong by factors. Boore (2005), BSSA 95(2), 745-750.
     """
     rate = 1.0 / motion.dt
     corners = [f for f in (lowest, highest) if f is not None]
@@ -147,9 +151,11 @@ def trim(
 ) -> Motion:
     """Keep the samples from one time to another [s]; InputError unless two samples remain.
 
-    They are `times`, or those at which the Arias intensity reaches two fractions (`arias`; 0 and
-    1 are the ends), or the first and the last at which a horizontal component reaches
-    `threshold_g` [g]; these two with a `margin` [s].
+    One of three arguments gives the times, InputError if none or several do. `times` are the times
+    themselves. `arias` are two fractions: the Arias intensity reaches them at these times (0 and 1
+    are the ends of the record). `threshold_g` is an acceleration [g]: a horizontal component
+    reaches it for the first and for the last time. The range by `arias` or `threshold_g` is
+    extended by a `margin` [s] on both sides.
     """
     name = motion.id or "motion"
     dt = motion.dt
@@ -187,11 +193,11 @@ def trim(
 
 
 def resample(motion: Motion, dt: float) -> Motion:
-    """Give the motion another time step [s], band-limited: what both can hold stays as it is.
+    """Resample a motion to the time step `dt` [s], band-limited.
 
-    By scipy's `resample_poly` with a Kaiser window of 64 zero crossings: up to 0.9 of the lower
-    Nyquist frequency nothing changes by more than 0.01 %. InputError if the ratio of the steps is
-    not one of integers up to 1000.
+    It is done by scipy's `resample_poly` with a Kaiser window of 64 zero crossings. Up to 0.9 of
+    the lower Nyquist frequency no amplitude changes by more than 0.01 %. InputError if the ratio
+    of the steps is not one of integers up to 1000.
     """
     ratio = motion.dt / dt if dt > 0.0 else 0.0
     up, down = Fraction(ratio).limit_denominator(1000).as_integer_ratio()
@@ -214,12 +220,13 @@ def resample(motion: Motion, dt: float) -> Motion:
 def rotate(
     motion: Motion, azimuth: float | None = None, angle: float | None = None
 ) -> Motion:
-    """Turn the motion of the ground into another vertical plane, and the one transverse to it.
+    """Return the motion along another horizontal direction, and transverse to it.
 
-    The plane of the arch is given by the `azimuth` of its +x [degrees clockwise from north], or
-    by an `angle` [degrees] from the first component towards the other one, which is then taken to
-    be perpendicular. RecordError if there is one component only, an azimuth is not known, or both
-    are nearly parallel.
+    The direction is that of the arch's +x. It is given by its `azimuth` [degrees clockwise from
+    north], or by an `angle` [degrees] from the first component towards the other one, which is
+    then taken to be perpendicular to the first. InputError unless one of the two is given.
+    RecordError if there is one component only, an azimuth that is needed is not known, or the
+    components are nearly parallel.
     """
     name = motion.id or "motion"
     if (azimuth is None) == (angle is None):
@@ -286,10 +293,11 @@ def remove_response(
 ) -> Motion:
     """Divide the spectrum of each component by its instrument's response (obspy).
 
-    `motion` is as read from the file `record` by the sensitivity of its StationXML (see
-    `find_inventory`), which is taken back first. The response counts as at most `water_level` [dB]
-    below its largest value. `band` (f1, f2, f3, f4) [Hz] is what to keep: cosine tapers from f1 to
-    f2 and from f3 to f4. RecordError if a StationXML is missing.
+    `motion` was read from the file `record` and scaled by the sensitivity of its StationXML (see
+    `find_inventory`); this is first undone. Where the response is more than `water_level` [dB]
+    below its largest value, this level is used instead. `band` (f1, f2, f3, f4) [Hz] is what to
+    keep: cosine tapers are from f1 to f2 and from f3 to f4. RecordError if a StationXML is missing
+    or has no response that can be removed.
     """
     table = None
     changed = Named()

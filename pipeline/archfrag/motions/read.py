@@ -28,7 +28,7 @@ LARGEST_RECORD = 2**27  # [bytes]
 
 
 def check_file(path: Path) -> None:
-    """Raise RecordError for what cannot be read as a record: a folder, a pipe, an empty file."""
+    """Raise RecordError if a path cannot be read as a record: a folder, a pipe, an empty file."""
     try:
         str(path).encode()
         with opened(path) as file:
@@ -126,7 +126,11 @@ def _read_one(
     listed: str | None = None,
     own_vertical: bool = True,
 ) -> Motion:
-    """See `read_motion`; `listed` names the component in a file with several horizontals."""
+    """Read a file as `read_motion` does, by `options` of reading.
+
+    `listed` is the component that an index names; it counts if no `component` is given. Unless
+    `own_vertical`, the vertical of the file is left out.
+    """
     channels, entry = read_channels(path, **options)
     chosen, verticals = choose_horizontal(channels, path, component, listed)
     if not own_vertical:
@@ -144,7 +148,8 @@ def read_horizontals(
 ) -> list[Motion]:
     """Read each horizontal of a file with its vertical, as `read_motion` does.
 
-    `name` begins the ids of the motions, if it is not that of the file.
+    `name` begins the ids of the motions; without it, the name of the file does. The id of a single
+    horizontal is that in an index if one lists the file.
     """
     path = Path(path)
     channels, entry = read_channels(path, unit, **options)
@@ -177,7 +182,7 @@ def read_vertical(path: str | Path, unit: str | None = None, **options) -> Motio
 
 
 def record_name(path: Path) -> str:
-    """Return the base of a record's id: its file's name, with the ending for K-NET."""
+    """Return the base of a record's id: the name of its file, without the ending unless K-NET."""
     return path.name if recognise(str(path), ("KNET",)) else path.stem
 
 
@@ -219,7 +224,10 @@ def read_channels(
 
 
 def _on_the_ground(channels: list[Channel]) -> list[Channel]:
-    """Leave out sensors in boreholes and structures, unless no other one is horizontal."""
+    """Return the channels without those of sensors in boreholes and structures.
+
+    All are returned if no other channel is horizontal.
+    """
     ground = [channel for channel in channels if not channel.sensor]
     others = [channel for channel in channels if channel.sensor]
     if not others or all(channel.is_vertical for channel in ground):
@@ -239,7 +247,10 @@ def _examine(
     inventory: str | Path | Inventory | None = None,
     columns: Columns | None = None,
 ) -> tuple[list[Channel], str]:
-    """Return the channels of a file whatever is wrong, and why its pieces cannot be joined."""
+    """Return the channels of a file with their warnings, and why its pieces cannot be joined.
+
+    No warning stops the reading. The text is empty if the pieces can be joined.
+    """
     check_file(path)
     columns = columns or entry.columns
     if columns:
@@ -284,7 +295,10 @@ def _examine(
 
 
 def _join_pieces(path: Path, traces: Sequence[Trace]) -> tuple[list[Trace], str]:
-    """Join the pieces of channels; return also where there is a gap or an overlap, if so."""
+    """Join the pieces of channels; return the traces, and where a gap or an overlap is.
+
+    The text is empty if there is neither.
+    """
     try:
         stream = Stream(traces).merge(method=-1)
         gaps = stream.get_gaps()

@@ -1,5 +1,6 @@
-"""Flatfiles: measures of many records as one table, with the columns of NGA's, and selection.
+"""Flatfiles, and the selection of records.
 
+A flatfile is one table of the measures of many records, with columns named as in those of NGA.
 Records are selected so that their spectra are distributed as a target's. Spectral accelerations
 are in g here, as in flatfiles and ground-motion models.
 """
@@ -34,7 +35,7 @@ from archfrag.motions.target import Target, spectrum_target
 
 LARGEST_TABLE = 200_000_000  # [bytes]
 _FIXED = r"T[0-9.]+S|period_s|Sa_g|sd|scale"  # columns whose name states a unit
-_LEADING_ZERO = re.compile(r"[-+]?0[0-9]")  # which pandas passes over
+_LEADING_ZERO = re.compile(r"[-+]?0[0-9]")  # such as 007, which pandas takes for 7
 PERIODS = (
     0.01,
     0.02,
@@ -58,7 +59,7 @@ PERIODS = (
     7.5,
     10.0,
 )
-# Column: measure, and what a value in its unit is in SI. Spectra come after the peaks.
+# By column: the measure, and the unit of the column in SI. Spectra come after the peaks.
 _PEAKS = {
     "PGA_g": ("PGA", STANDARD_GRAVITY),
     "PGV_cms": ("PGV", 0.01),
@@ -82,23 +83,24 @@ _FACTS: Named = {
     "component": "string",
 }
 _TYPES = {"record": "string", **_FACTS}
-STARTS = (
-    5  # sets of 20 simulated, nearest to the target: each is improved, the best kept
-)
+# Number of simulated sets, of 20 and nearest to the target, that are improved; the best is kept.
+STARTS = 5
 # Columns of an index of records that have other names in a flatfile.
 _RENAMED = {"record": "id", "magnitude": "Mw", "vs30_mps": "Vs30_mps"}
 Rows = NDArray[np.int64]
-# For each rule the group of each record, and how many may be of one.
+# For each rule: the number of the group of each record, and how many records of a group may be
+# selected.
 Groups = list[tuple[Rows, int]]
 
 
 def measure_records(
     motions: Iterable[Motion], periods: Sequence[float] = PERIODS
 ) -> pd.DataFrame:
-    """Measure records, one row each: ``record``, facts, ``scale``, ``dt_s`` and measures.
+    """Return a table of the measures of motions, with one row for each.
 
-    Sa at `periods` [s] of no more than three decimals is in ``T0.100S`` and so on [g]. InputError
-    for other periods.
+    Its columns are ``record``, facts, ``scale``, ``dt_s`` and the measures. Sa [g] at each of the
+    `periods` [s] is in a column such as ``T0.100S``. InputError if a period has more than three
+    decimals.
     """
     for t in periods:
         if round(t, 3) != t:
@@ -123,7 +125,7 @@ def measure_records(
 
 
 def read_flatfile(path: str | Path) -> pd.DataFrame:
-    """Read a flatfile with all its columns; InputError unless it is CSV with one ``record``."""
+    """Read all columns of a flatfile; InputError unless it is CSV with a column ``record``."""
     table = read_table(path, "the flatfile", dtype=_TYPES)
     for name in table.columns[table.dtypes == "string"]:
         table[name] = table[name].map(unquoted, na_action="ignore")
@@ -135,7 +137,10 @@ def read_flatfile(path: str | Path) -> pd.DataFrame:
 
 
 def read_table(path: str | Path, what: str, **form) -> pd.DataFrame:
-    """Read a table in CSV by pandas, with errors that name the file."""
+    """Read a table in CSV by pandas; InputError, which names the file, if that is not possible.
+
+    `what` names the table in messages, `form` are options of pandas.
+    """
     text = read_text(Path(path), LARGEST_TABLE, InputError, what)
     try:
         separator, names, rows = parse_table(text, comments=False)
@@ -162,7 +167,7 @@ def read_table(path: str | Path, what: str, **form) -> pd.DataFrame:
 
 
 def numbers(table: pd.DataFrame, column: str, source: str) -> Samples:
-    """Return a column as numbers, nan if empty; RecordError if it is missing or holds text."""
+    """Return a column as numbers, nan in empty cells; RecordError if it is missing or has text."""
     try:
         return pd.to_numeric(table[column]).to_numpy(float)
     except KeyError:
@@ -180,7 +185,10 @@ def spectrum_columns(table: pd.DataFrame) -> dict[float, str]:
 
 
 def read_target(path: str | Path) -> Target:
-    """Read a target from columns ``period_s``, ``Sa_g`` and maybe ``sd``: `spectrum_target`."""
+    """Read a target from a table with the columns ``period_s``, ``Sa_g`` and, if any, ``sd``.
+
+    `spectrum_target` says what they mean.
+    """
     periods, median, sd = _spectrum(path)
     return spectrum_target(periods, median, sd, str(path))
 
@@ -205,7 +213,7 @@ class Selection:
 
     @property
     def sd(self) -> Samples:
-        """Return the standard deviation of ln Sa (n - 1), (n_period,); nan of one record."""
+        """Return the standard deviation (n - 1) of ln Sa, (n_period,); nan for a single record."""
         return _deviation(self.ln_sa, np.nan * self.ln_sa[0])
 
     @property
@@ -225,7 +233,8 @@ class Selection:
     def facts(self) -> Named:
         """Return records, factors, target and differences from it as plain values.
 
-        Errors are median and sd over those of the target, less 1; None if the target's sd is 0.
+        ``median_error`` and ``sd_error`` are the ratio to the target's, less 1. At periods where
+        the target's sd is 0, ``sd_error`` is None.
         """
         target = self.target
         median = np.exp(self.ln_sa.mean(axis=0)) / target.median
@@ -277,17 +286,17 @@ class Selection:
 
 
 def target_file(index: str | Path) -> Path:
-    """Return where the target of an index of selected records stands: NAME.target.csv."""
+    """Return the path of the target beside an index of selected records: NAME.target.csv."""
     return Path(index).with_suffix(".target.csv")
 
 
 def target_of_index(
     index: str | Path | None,
 ) -> tuple[Samples, dict[str, float]] | None:
-    """Return the target that the records of an index were selected for; None if there is none.
+    """Return the target that the records of an index were selected for, and their factors.
 
-    It is periods [s], median [g] and standard deviation of ln Sa, (3, n_period), and the factor
-    to the target by record.
+    The target has the rows periods [s], median [g] and standard deviation of ln Sa, (3, n_period).
+    The factors bring the records to it, by their ids. None if the index has no target.
     """
     if index is None or not target_file(index).is_file():
         return None
@@ -313,10 +322,11 @@ def select_records(
     Lee (2018), J. Earthquake Eng., doi 10.1080/13632469.2016.1264334. No two components of one
     recording (same event and station) are selected.
 
-    With a conditioning period every record is scaled to Sa there, without one each by the least-
-    squares factor to the drawn spectrum; no factor is above `max_scale` or below its inverse. The
-    same table, in any order, and seed give the same set. RecordError if a column or period is
-    missing or too few records may be selected, InputError for another argument.
+    If the target has a conditioning period, every record is scaled to Sa at this period. If not,
+    each is scaled to its drawn spectrum by least squares. No factor is above `max_scale` or below
+    its inverse. Equal tables, whatever the order of their rows, and equal seeds give the same set.
+    RecordError if a column or period is missing or too few records may be selected, InputError if
+    an argument is out of range.
     """
     limits = {
         "count": count,
@@ -363,7 +373,10 @@ def select_records(
 
 
 def _deviation(ln_sa: Samples, of_one: Samples) -> Samples:
-    """Return the standard deviation of ln Sa of records (n - 1), (n_period,); `of_one` of one."""
+    """Return the standard deviation (n - 1) of ln Sa over records, (n_period,).
+
+    It is `of_one` if there is one record only.
+    """
     return ln_sa.std(axis=0, ddof=1) if len(ln_sa) > 1 else of_one
 
 
@@ -378,7 +391,11 @@ def _error(target: Target, mean: Samples, sd: Samples) -> Samples:
 def _factors(
     ln_sa: Samples, target: Target, spectrum: Samples, limit: float
 ) -> Samples:
-    """Return ln of the factors (n_record,) to the given Sa, or by least squares to a spectrum."""
+    """Return ln of the factors on records, (n_record,).
+
+    If the target has a conditioning period, they bring Sa there to the target's. If not, they
+    bring records to a `spectrum` [ln g] by least squares, from -`limit` to `limit`.
+    """
     if target.given is not None:
         return target.ln_mean[target.given] - ln_sa[:, target.given]
     return np.clip((spectrum - ln_sa).mean(axis=1), -limit, limit)
@@ -398,7 +415,11 @@ def _excluded(groups: Groups, chosen: Rows) -> NDArray[np.bool_]:
 def _improve(
     chosen: Rows, ln_sa: Samples, factors: Samples, target: Target, groups: Groups
 ) -> None:
-    """Replace chosen records one by one until none improves the set: Jayaram et al. (2011)."""
+    """Replace the `chosen` records in place, one by one, until no other record improves the set.
+
+    The method is that of Jayaram et al. (2011). `factors` are ln of the factors by place in the
+    set and record.
+    """
     count = len(chosen)
     from_mean = ln_sa - target.ln_mean
     held = from_mean[chosen] + factors[np.arange(count), chosen][:, None]
@@ -423,7 +444,11 @@ def _improve(
 def _candidates(
     table: pd.DataFrame, target: Target, count: int, limit: float, per_event: int | None
 ) -> tuple[pd.DataFrame, Samples, Groups]:
-    """Return records that may be selected, their ln Sa [g], and which may be together."""
+    """Return the records that may be selected, their ln Sa [ln g], and the rules for groups.
+
+    `limit` is ln of the largest factor. RecordError if a column is missing, a record is there
+    twice, or fewer than `count` records may be selected.
+    """
     ids = table["record"].astype(str)
     twice = ids[ids.duplicated()]
     if twice.size:

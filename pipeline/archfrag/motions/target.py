@@ -29,14 +29,16 @@ _WORDS = {"mag": "magnitude", "dist_rup": "distance [km]", "v_s30": "Vs30 [m/s]"
 def predict(
     rupture: Rupture, model: str, periods: ArrayLike
 ) -> tuple[Samples, Samples, tuple[str, ...]]:
-    """Return ln of the median Sa [g], standard deviation of ln Sa, (n_period,) each, and messages.
+    """Return ln of the median Sa [ln g], the standard deviation of ln Sa, and messages.
 
+    Both rows have shape (n_period,); messages name each argument for which the model is not
+    recommended.
     The fault is vertical, of strike-slip, and reaches as deep as Chiou and Youngs (2014) expect.
     `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014;
     these give RotD50) or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12;
     the geometric mean of two components); a single component varies somewhat more. Damping is
-    5 %. Messages name what the model is not recommended for. InputError if the model is unknown,
-    a number is not positive, or a period [s] is outside the model's.
+    5 %. InputError if the model is unknown, a number is not positive, or a period [s] is outside
+    the model's.
     """
     if model not in MODELS:
         raise InputError(
@@ -89,8 +91,9 @@ def predict(
 
 
 def correlation(first: ArrayLike, second: ArrayLike) -> Samples:
-    """Return the correlation of ln Sa at periods [s], broadcast, about a model's median.
+    """Return the correlation of ln Sa between periods [s], about a model's median.
 
+    The periods `first` and `second` are broadcast against each other.
     Baker and Jayaram (2008), Earthquake Spectra 24(1), 299-317, as pygmm computes it; InputError
     for a period outside 0.01 to 10 s, where it was fitted.
     """
@@ -113,13 +116,13 @@ def _check_within(periods: Samples, low: float, high: float, what: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Distribution of ln Sa [ln g] that records are selected to."""
+    """Distribution of ln Sa [ln g] that selected records are to have."""
 
     periods: Samples  # rising, (n_period,) [s]
     ln_mean: Samples
     covariance: Samples  # (n_period, n_period), zero for a spectrum that is a mean only
     conditioning: float | None = (
-        None  # period [s] at which Sa is given, to scale every record to
+        None  # period [s] at which Sa is given: every record is scaled to it
     )
     messages: tuple[str, ...] = ()  # what users of the target should know
 
@@ -158,7 +161,7 @@ def conditional_spectrum(
 
     Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra 27(3).
     `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if need be.
-    InputError for numbers that are not positive and periods that are twice or out of range.
+    InputError if a number is not positive, or a period is out of range or there twice.
     """
     if not 0.0 < level < np.inf or not 0.0 < conditioning < np.inf:
         raise InputError(
@@ -184,10 +187,11 @@ def scenario_target(
     measured: Sequence[float],
     model: str,
 ) -> Target:
-    """Return the conditional spectrum of a scenario at those `measured` periods near ``PERIODS``.
+    """Return the conditional spectrum of a scenario at the measured periods nearest ``PERIODS``.
 
-    `level` is Sa at the conditioning `period` [g], or the standard deviations above its median.
-    Between measured periods the scatter of spectra would be lost.
+    `period` is the conditioning period [s]. `level` is (Sa there [g], None), or (None, number of
+    standard deviations above its median). `measured` are the periods of a flatfile [s]: between
+    them the scatter of spectra would be lost.
     """
     sa, epsilon = level
     if sa is None:
@@ -205,9 +209,10 @@ def spectrum_target(
 ) -> Target:
     """Return a target from a spectrum [g] at periods [s], of a code or of uniform hazard.
 
-    `median` is exp of the mean of ln Sa, `sd` its standard deviation, (n_period,) each; where that
-    is 0 at one period, this is the conditioning period. With zeros only the target is a mean, to
-    which records are to be close. InputError, beginning with `source`, for other numbers.
+    `median` is exp of the mean of ln Sa, `sd` its standard deviation, (n_period,) each. If `sd`
+    is 0 at one period, this is the conditioning period. If it is 0 at all, the target is a
+    mean, to which records are to be close. InputError, beginning with `source`, for numbers that
+    are not finite, medians not above 0, or zeros of `sd` at several periods but not at all.
     """
     rising = _rising(periods, f"{source}: periods")
     for name, row, low in (("median Sa", median, median <= 0.0), ("sd", sd, sd < 0.0)):

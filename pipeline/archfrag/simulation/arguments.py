@@ -1,4 +1,4 @@
-"""Checks of what a run is asked for: one message that names the argument."""
+"""Checks of the arguments of a run. Each raises InputError, which names the argument."""
 
 import math
 
@@ -22,13 +22,19 @@ def method_names() -> tuple[str, ...]:
 
 
 def default_of(info: MethodInfo, name: str) -> float:
-    """Return default of a setting; that of time stepping, or of auto, for a method without it."""
+    """Return the default of a setting of a method.
+
+    If the method does not have it, it is that of time stepping, or else that of auto.
+    """
     methods = (METHODS[AUTO], METHODS["time_stepping"], info)
     return {p.name: p.default for method in methods for p in method.parameters}[name]
 
 
 def check_method(name) -> MethodInfo:
-    """Return the method of a name, or one that `archbench` has changed; `InputError` if none."""
+    """Return the method with this name; `InputError` if there is none.
+
+    A `MethodInfo`, as `archbench` gives for a method that it has changed, is returned as it is.
+    """
     info = name if isinstance(name, MethodInfo) else known_methods().get(str(name))
     if info is None:
         raise InputError(f"method is {name!r}; allowed are {', '.join(method_names())}")
@@ -36,7 +42,10 @@ def check_method(name) -> MethodInfo:
 
 
 def check_compiled(plain: bool) -> None:
-    """See that kernels are compiled, unless a run is `plain`: by itself, and by time steps."""
+    """Raise InputError if kernels are not compiled, unless a run is `plain`.
+
+    A plain run is a single one by time stepping.
+    """
     if not (plain or COMPILED):
         raise InputError(
             "NUMBA_DISABLE_JIT is set, so kernels are not compiled; without them there are single "
@@ -45,7 +54,10 @@ def check_compiled(plain: bool) -> None:
 
 
 def check_taken(info: MethodInfo, **given) -> None:
-    """See that a method uses each setting that is given; None stands for not given."""
+    """Raise InputError unless a method uses each setting that is given; None is not given.
+
+    Time stepping takes either rtol or dt, not both.
+    """
     if info.name == "time_stepping" and None not in given.values():
         raise InputError(
             f"rtol is {given['rtol']!r} and dt is {given['dt']!r}; method time_stepping takes one "
@@ -62,7 +74,7 @@ def check_taken(info: MethodInfo, **given) -> None:
 
 
 def check_rigid(arch: Arch, what: str) -> None:
-    """See that the joints of an arch are rigid, which something needs."""
+    """Raise InputError unless the joints of an arch are rigid; `what` is what needs them."""
     if arch.chain.joint is not None:
         raise InputError(
             f"{what} needs rigid joints; give them joints.model inset, not face"
@@ -70,8 +82,10 @@ def check_rigid(arch: Arch, what: str) -> None:
 
 
 def check_can_run(arch: Arch, info: MethodInfo, far) -> None:
-    """See that a method takes the joints of an arch, and that a motion `far`, of its right
-    springing, meets one.
+    """Raise InputError if a method cannot run an arch.
+
+    It must take elastic joints if the arch has them. `far` is the motion of the right springing,
+    which must be None if the arch has a free end.
     """
     if info.name not in OF_FACES:
         check_rigid(arch, f"method {info.name}")
@@ -83,7 +97,7 @@ def check_can_run(arch: Arch, info: MethodInfo, far) -> None:
 
 
 def check_number(name: str, value, least: float, most: float, unit: str = "1") -> None:
-    """See that a value is a finite number between bounds, which are allowed themselves."""
+    """Raise InputError unless a value is a finite number from `least` to `most`."""
     try:
         good = (
             not isinstance(value, bool)

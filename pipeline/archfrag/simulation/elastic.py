@@ -3,7 +3,8 @@
 Faces are those of `physics.steps.face_law`, along all of their length and without sliding. Under
 an acceleration that grows slowly a mechanism turns, its hinges bear on strips that narrow with the
 rotation, closed joints shorten under the forces of the load, and the arch becomes flatter by both.
-The largest acceleration is where all of these together cost least.
+The displacement is followed until the acceleration that holds the balance has passed its largest
+value.
 """
 
 from typing import Any
@@ -13,13 +14,14 @@ import numpy as np
 from archfrag.arch import Arch
 from archfrag.arch.checks import FloatArray
 
-# Residual over the mean weight of a body; Newton's iterations; displacements that a difference
-# quotient takes, over the mean overlap of joints under the weight.
+# BALANCED: largest residual over the mean weight of a body. MOST_ITERATIONS: of Newton's method.
+# NUDGE: displacements of difference quotients over the mean overlap of joints under the weight.
 BALANCED = 1e-6
 MOST_ITERATIONS = 10
 NUDGE = 1e-3
-# First displacement of the path over the mean length of joints, its growth and cuts, its most
-# steps, and how far the load has to fall for the largest to be behind.
+# FIRST: first step of the path over the mean length of joints. QUICKER: its growth after at most
+# QUICK iterations. CUT: its reduction where no balance is found, down to SHORTEST. MOST_STEPS: of
+# the path. PAST: part of the largest load to which the load has to fall for the path to end.
 FIRST = 1e-5
 QUICKER = 2.0
 QUICK = 6
@@ -32,7 +34,7 @@ SHORTEST = 1e-4 * FIRST
 def _rotated(
     vector: FloatArray, cosine: FloatArray, sine: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return x and y of vectors (2, n_joint, ...) that have been rotated."""
+    """Rotate vectors (2, n_joint, ...) by an angle, given by cosine and sine; return x and y."""
     x, y = vector
     return cosine * x - sine * y, sine * x + cosine * y
 
@@ -45,7 +47,7 @@ class ElasticArch:
     arch : Arch
         With rigid joints, as built.
     stiffness, shear : (n_joint,) array
-        Of an area of the joints [Pa/m], finite.
+        Stiffness of the joints per area [Pa/m], finite.
     """
 
     def __init__(self, arch: Arch, stiffness: FloatArray, shear: FloatArray) -> None:
@@ -74,11 +76,12 @@ class ElasticArch:
         nudges: FloatArray | float = 0.0,
         closed: bool = False,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the forces of joints on both bodies, and their normal forces.
+        """Return the force of each joint on the bodies before and after it, and its normal force.
 
-        `position` is the displacement of the bodies (n_body, 3), and `nudges` are further ones of
-        the bodies before and after each joint, (..., n_joint, 2, 3). Joints that are `closed`
-        touch everywhere.
+        Shapes are (..., n_joint, 2, 3): x, y and moment about the centroid [N, N, N m], and
+        (..., n_joint). `position` is the displacement of the bodies (n_body, 3) [m, m, rad].
+        `nudges` are added to it at the bodies before and after each joint, (..., n_joint, 2, 3).
+        If `closed`, all joints are in contact along all of their length.
         """
         moved = np.pad(position, ((1, 1), (0, 0)))[self.pair] + nudges
         x, y, angle = np.moveaxis(moved, -1, 0)
@@ -115,7 +118,10 @@ class ElasticArch:
     def _system(
         self, position: FloatArray, closed: bool = False
     ) -> tuple[FloatArray, Any]:
-        """Return the forces of joints on all bodies, (n_body, 3), and their derivative."""
+        """Return the forces of joints on all bodies, and their derivatives by displacements.
+
+        Shapes are (n_body, 3) and (3 n_body, 3 n_body).
+        """
         steps = np.diag(np.tile(self.nudge, 2)).reshape(6, 1, 2, 3)
         nudges = np.concatenate([0.0 * steps[:1], steps, -steps])
         force = self._bear(position, nudges, closed)[0]
@@ -133,9 +139,11 @@ class ElasticArch:
     def _balance(
         self, position: FloatArray, load: float, sway: float, held: bool = False
     ) -> tuple[FloatArray, float, int]:
-        """Return positions and load in balance, and iterations; more than allowed: not found.
+        """Find balance by Newton's method; return displacements, load [g] and iterations.
 
-        The load is `held` as given, or that at which the mean displacement against it is `sway`.
+        `position` and `load` are where it begins. If `held`, the load stays as given. If not, it
+        is that at which the mean displacement against it is `sway` [m]. There are more than 4
+        `MOST_ITERATIONS` iterations if no balance is found.
         """
         size = position.size
         system = np.zeros((size + 1, size + 1))
@@ -163,8 +171,9 @@ class ElasticArch:
         return position, load, 5 * MOST_ITERATIONS
 
     def rest(self) -> tuple[FloatArray, FloatArray] | None:
-        """Return displacements under the weight (n_body, 3) and normal forces (n_joint,); None if
-        no balance is found.
+        """Return the displacements of bodies and the normal forces of joints under the weight.
+
+        Shapes are (n_body, 3) [m, m, rad] and (n_joint,) [N]. None if no balance is found.
         """
         start = np.zeros((self.weight.size, 3))
         _, closed = self._system(start, closed=True)
@@ -176,13 +185,15 @@ class ElasticArch:
         return position, self._bear(position)[1]
 
     def largest_load(self, rest: FloatArray, sense: float) -> tuple[float, FloatArray]:
-        """Find the largest steady ground acceleration in the sense +1 or -1 [g], and the normal
-        forces of joints under it [N].
+        """Find the largest steady ground acceleration [g]; return it and the normal forces [N].
 
-        It is inf if it grows as far as the balance is followed.
+        `rest` are the displacements under the weight, `sense` is +1 or -1 for acceleration towards
+        +x or -x. The acceleration is inf if it grows as far as the balance is followed. The normal
+        forces are those of all joints under it, (n_joint,).
 
-        The mean displacement of the bodies against the acceleration grows step by step, and the
-        acceleration is what holds them there, so that the path passes its largest value.
+        The mean displacement of the bodies against the acceleration grows step by step. In each
+        step the acceleration is found that holds them there, so that the path passes its largest
+        value.
         """
         position = rest
         load = 0.0

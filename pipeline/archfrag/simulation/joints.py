@@ -20,11 +20,11 @@ from archfrag.simulation.arguments import check_number
 from archfrag.simulation.elastic import ElasticArch
 from archfrag.simulation.rest import onset
 
-# Depths of two rounds that differ by less than this part of a joint's length are equal.
+# The lost depths are found if they change by less than this part of a joint's length.
 AGREE = 1e-9
 MOST_ITERATIONS = 200
-# Stiffness up to which faces are computed [Pa/m]: what is stiffer loses less by the cube root. To
-# what part of itself the inset is found.
+# STIFFEST: largest stiffness with which faces are computed [Pa/m]; the inset of stiffer joints
+# falls with the cube root of their stiffness. CLOSE: relative accuracy of the inset.
 STIFFEST = 1e13
 CLOSE = 1e-4
 
@@ -35,14 +35,14 @@ def crushed(arch: Arch, strength: float) -> Arch:
     A joint under the normal force N needs a compressed depth of N / (strength b), b being its
     depth across the plane: with a rectangular block of stress its resultant cannot come nearer to
     an end than half of that (Heyman; Gilbert and Melbourne 1994, *Struct. Eng.* 72(3), for limit
-    analysis). N is that of self-weight, dead load and fill in the arch at rest, which is also the
-    one that a change of the contact points leads to. It is not changed during a ground motion: a
-    joint that bears twice its static force at a peak would lose twice as much.
+    analysis). N is the force at rest under self-weight, dead load and fill, with the contact
+    points that follow from it. The depth stays as it is during a ground motion, although a joint
+    that bears twice its static force at a peak would lose twice as much.
 
     Parameters
     ----------
     arch : Arch
-        Not yet with ties or with springings that have moved.
+        Without ties, and without springings that have moved.
     strength : float
         Compressive strength of the masonry [N/m2]; inf: nothing crushes.
 
@@ -84,29 +84,29 @@ def jointed(
 ) -> Arch:
     """Return the arch with joints that give.
 
-    The model inset has rigid joints with contact points inside their ends. Each joint loses a
-    length in proportion to the root of its normal force at rest over its stiffness, like the strip
-    on which an elastic face bears that has rotated. With these lengths the arch bears the same
-    steady acceleration as on elastic faces, both without sliding. So hinges, shortened joints and
-    the arch that both make flatter are in them. Masses, inertias and centroids stay. If joints
-    lock each other so that no load is the largest, the lengths are those of a block as high as the
-    centroid of all bodies above the lower end.
+    The model inset has rigid joints with contact points inside their ends. The length that a joint
+    loses grows with the root of its normal force at rest over its stiffness, as the strip does on
+    which a rotated elastic face bears. With these lengths the arch bears the same largest steady
+    acceleration as on elastic faces, both without sliding. They allow for hinges, for shorter
+    joints, and for the flatter arch that follows from these. Masses, inertias and centroids stay.
+    If joints lock each other so that no load is the largest, the lengths are those of a block as
+    high as the centroid of all bodies above the lower end.
 
     Parameters
     ----------
     arch : Arch
-        After `recessed` and before ties and springings that move.
+        It may be `recessed`; it has no ties yet, and no springings that have moved.
     stiffness : float or (n_joint,) array_like
-        Normal stiffness of an area of the joints [Pa/m], one for all or one for each; inf: rigid.
+        Normal stiffness of the joints per area [Pa/m], one for all or one for each; inf: rigid.
     shear : float or (n_joint,) array_like, optional
         Shear stiffness [Pa/m], as the normal one if not given.
     damping : float
-        Over the critical one, of the first mode with all joints closed; as shear.
+        Over the critical one, of the first mode with all joints closed; in shear as well.
     model : {"inset", "face"}
         Rigid joints with contact points inside their ends, or elastic faces without tension, for
         time stepping without ties.
     points : int, optional
-        2 or 3: a face bears at its ends, or at these and its middle; all along it if not given.
+        2: a face bears at its ends; 3: at its middle too; if not given, along all of its length.
     strength : float
         Compressive strength [N/m2] as of `crushed`; a joint loses the larger of both depths.
 
@@ -163,7 +163,10 @@ def jointed(
 
 
 def _check_first(arch: Arch, key: str) -> None:
-    """See that an arch may still get joints that give, or crush."""
+    """Raise InputError if an arch can no longer get joints that give, or crush.
+
+    `key` is joints or strength: what is asked for.
+    """
     if arch.chain.start is not None or arch.pulled:
         raise InputError(f"{key} comes before ties and before springings that move")
     if arch.joints:
@@ -177,7 +180,7 @@ def _check_first(arch: Arch, key: str) -> None:
 def _check_model(
     damping: float, model: str, points: int | None, strength: float
 ) -> None:
-    """See that the settings of joints that give fit together."""
+    """Raise InputError unless the settings of joints that give fit together."""
     check_number("joints.damping", damping, 0.0, 1.0)
     for wrong, text in (
         (
@@ -204,20 +207,22 @@ def _check_model(
 class Inset(NamedTuple):
     """How far inside the ends of its joints an arch bears, and what that costs."""
 
-    lengths: FloatArray  # (n_joint,) [m]
-    loss: float  # part of the largest steady load without sliding that is lost [1]
-    growth: float  # largest normal force under that load over the largest at rest [1]
+    lengths: FloatArray  # (n_joint,) from each end of a joint to its contact point [m]
+    loss: float  # part of the largest steady load without sliding that the arch loses by it [1]
+    growth: float  # largest normal force under this load over the largest at rest [1]
 
 
 def inset_of(arch: Arch, stiffness: FloatArray, shear: FloatArray) -> Inset:
-    """Find the contact points with which rigid joints bear what elastic faces bear at most.
+    """Find the contact points with which rigid joints bear as much as elastic faces.
+
+    What they bear is the largest steady load without sliding.
 
     Parameters
     ----------
     arch : Arch
         With rigid joints.
     stiffness, shear : (n_joint,) array
-        Of an area of the joints [Pa/m]; inf is rigid.
+        Stiffness of the joints per area [Pa/m]; inf is rigid.
 
     Raises
     ------
@@ -283,11 +288,12 @@ def _too_soft(arch: Arch, stiffness: FloatArray) -> str:
 
 
 def _turn(arch: Arch, strip: FloatArray, length: FloatArray) -> float:
-    """Return the rotation at which a block as high as an arch bears most [rad].
+    """Return the rotation at which a block as high as an arch bears its largest load [rad].
 
-    `strip` is the length on which each joint bears at a rotation of 1 rad.
+    `strip` is the length on which each joint bears at a rotation of 1 rad, `length` that of each
+    joint (n_joint,) [m].
     """
-    # A chain of one length has no height: its joints are the least that it rises.
+    # The height is at least the mean length of the joints: a level chain has none by itself.
     ends = 0.5 * (arch.intrados + arch.extrados)[[0] if arch.free_end else [0, -1], 1]
     mass = arch.chain.mass
     height = max(mass @ arch.centroids[:, 1] / mass.sum() - ends.min(), length.mean())
@@ -296,10 +302,11 @@ def _turn(arch: Arch, strip: FloatArray, length: FloatArray) -> float:
 
 
 def _shortened(arch: Arch, inset: FloatArray, strength: float) -> Arch | None:
-    """Return the arch whose joints have lost what gives or crushes; None if it does not stand.
+    """Return the arch with joints that are shorter at both ends; None if it does not stand.
 
-    A joint loses `inset` [m], or half of the depth that crushes under the normal force that it
-    then bears at rest, if that is more.
+    At each end a joint loses the larger of two lengths: `inset` [m], and half of the depth that it
+    needs at this `strength` [N/m2]. The depth follows from the normal force at rest in the arch
+    with shorter joints.
     """
     if math.isfinite(strength):
         check_number("strength", strength, 1.0, 1e12, "N/m2")

@@ -161,17 +161,17 @@ class Response:
     collapsed : bool or None
         None if the run was unfinished or the solver failed: neither collapse nor survival.
     collapse_time, collapse_joint, collapse_mode
-        When [s] and where contact was lost for good, else nan and -1. "hinging" or "sliding" if
-        rotation [rad] or slip over length was larger there, "lift_off", "overturning", "none".
+        Time [s] and joint of the loss of contact for good, else nan and -1. "hinging" if rotation
+        [rad] exceeded slip over length there, else "sliding"; "lift_off", "overturning", "none".
     lost_contact_time, lost_contact_joint, lost_contact_mode
         The same for the first gap at both corners of a joint of more than 2 % of its length.
     peak_rotation, peak_displacement, residual_rotation, residual_displacement : float
         Largest rotation of a voussoir [rad] and displacement of its centroid relative to the
-        ground [m]: of the whole run, and at its end.
+        ground [m], in the whole run (peak) and at its end (residual).
     events, work : dict of str to int
-        What happened and what it took, counted: names of `archfrag.physics.status.Count`.
+        Numbers of events and of operations by name, see `archfrag.physics.status.Count`.
     model_time, end_time, wall_time : dict of str to float, float, float
-        Simulated time in each model, in all, and time that it took to compute [s].
+        Simulated time in each model, simulated time in all, and computing time [s].
     energy, energy_error : dict of str to float, float
         Parts of the energy balance [J]; energy that no contact law explains, over the largest
         kinetic energy [1], 0 where both are rounding.
@@ -236,8 +236,8 @@ class Response:
     def animate(self, seconds: float = 8.0, speed: float = 1.0) -> Film:
         """Make a film of the run, above the acceleration of the ground.
 
-        It shows at most so many `seconds` of the run, its collapse or its largest rotation among
-        them, and `speed` times as fast. A notebook plays it; ``save("fall.gif")`` keeps it, and
+        It shows at most `seconds` of the run, with its collapse or its largest rotation, `speed`
+        times as fast. A notebook plays it; ``save("fall.gif")`` keeps it, and so does
         ``save("fall.mp4")`` where ffmpeg is installed. InputError if there is no history.
         """
         from archfrag.plots import animate
@@ -245,8 +245,9 @@ class Response:
         return animate(self, seconds, speed)
 
     def _arrays(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Return the times (n_time,) [s], displacements (n_time, n_voussoir, 2) [m], rotations
-        [rad].
+        """Return times, displacements and rotations of the history; InputError without one.
+
+        Shapes are (n_time,) [s], (n_time, n_voussoir, 2) [m] and (n_time, n_voussoir) [rad].
         """
         if self.history is None:
             raise InputError("the response has no history; simulate with history=True")
@@ -255,8 +256,10 @@ class Response:
         return time.values, shift.values, turn.values
 
     def _window(self, seconds: float) -> tuple[float, float]:
-        """Return the times between which a film shows the run: up to its collapse, or about its
-        largest rotation; `seconds` at most. The same time twice if nothing moves.
+        """Return the first and the last time of the run that a film shows [s].
+
+        They are `seconds` apart at most. The film ends with the collapse; if there is none, it
+        shows the largest rotation. If nothing moves, both times are equal.
         """
         assert self.arch is not None
         time, shift, turn = self._arrays()
@@ -289,7 +292,10 @@ class Response:
 
 
 def response_of(results: Outcomes, row: int, method: str, wall_time: float) -> Response:
-    """Name what a method returned of one run, without a history."""
+    """Return the response of one run, without a history.
+
+    `results` are what a method returned, with a `row` for each run. `wall_time` is in s.
+    """
     one: Any = Outcomes._make([values[row].tolist() for values in results])
     status = Status(one.status)
     largest = one.energy[Energy.LARGEST_KINETIC]
@@ -324,7 +330,7 @@ def response_of(results: Outcomes, row: int, method: str, wall_time: float) -> R
 def empty_output(
     n_frame: int, n_entry: int, n_body: int, n_joint: int
 ) -> tuple[Frames, MechanismLog]:
-    """Return the space for so many frames of a history and entries of a log."""
+    """Return arrays of zeros for the frames of a history and for the entries of a log."""
     body = (n_frame, n_body, 3)
     joint = (n_frame, n_joint, 3)
     codes = (np.float64, np.int8, np.int32, np.int8)
@@ -336,12 +342,12 @@ def empty_output(
 
 
 def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
-    """Return the frames that were written, with names and units; along time, voussoir, joint,
-    component.
+    """Return the first `n_frame` frames of a run as a data set with names and units.
 
-    Event-driven methods evaluate a frame at its instant; time stepping writes it where a step sets
-    out, with the velocities between those half a step before and after and the mean reactions over
-    that time. At an impact velocities and reactions of steps are means across it.
+    Dimensions are time, voussoir, joint and component. Event-driven methods evaluate a frame at
+    its instant. Time stepping writes it at the start of a step, with the mean of the velocities
+    half a step before and after, and the mean reactions over that time. At an impact velocities
+    and reactions of steps are means across it.
     """
     import xarray
 
@@ -412,9 +418,10 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
 def mechanism_of(
     arch: Arch, log: MechanismLog, n_entry: int, end_time: float, from_rest: bool
 ) -> tuple[MechanismChange, ...]:
-    """Return the entries of a log in words, after the standstill in which the run began if it did.
+    """Return the changes of the mechanism in a log, with names instead of numbers.
 
-    `n_entry` changes were made: more than the log has space for if it was too small.
+    If the run began `from_rest`, the rest before the first change is put first. `n_entry` is the
+    number of changes in the run; those for which the log had no space are missing.
     """
     # What a joint does in each contact mode (`physics.contact.laws`). Friction opposes slip: where
     # it acts along the tangent, from corner 0 to corner 1, the later voussoir slides towards

@@ -60,7 +60,7 @@ class Onset:
     hinges, hinges_minus : list of (int, str)
         Joint and side ("intrados" or "extrados") of the hinges at `plus` and at `minus`.
     sliding, sliding_minus : list of int
-        Joints that slide there.
+        Joints that slide at `plus` and at `minus`.
     thrust, thrust_plus, thrust_minus : ndarray, (n_joint, 2) or None
         Contact centres under self-weight and at the two ends of the range [m]; nan at joints
         without a force; None if the arch does not stand or they are not unique. An arch at rest
@@ -92,7 +92,7 @@ class Onset:
     arch: Arch = field(compare=False)
 
     def mechanism(self, towards: str) -> tuple[float, list[Hinge], list[int]]:
-        """Limit [g], hinges and sliding joints, the ground accelerating towards +x or -x."""
+        """Return limit [g], hinges and sliding joints; the ground accelerates towards +x or -x."""
         if towards == "+x":
             return self.plus, self.hinges, self.sliding
         if towards == "-x":
@@ -100,11 +100,10 @@ class Onset:
         raise InputError(f"towards = {towards!r} must be +x or -x")
 
     def thrust_line(self, towards: str | None = None) -> FloatArray | None:
-        """Return the thrust line for a drawing: contact centres, and curves between them,
-        (n_point, 2) [m].
+        """Return the thrust line for a drawing, (n_point, 2) [m]; None if it is not known.
 
-        Of self-weight, or of onset with the ground accelerating `towards` "+x" or "-x". None if
-        contact centres are not known.
+        It passes through the contact centres. It is that under self-weight, or if `towards` is
+        given that at onset, with the ground accelerating towards "+x" or "-x".
         """
         centre = self.thrust
         load = 0.0
@@ -125,7 +124,7 @@ class Onset:
     def plot(self, ax: Axes | None = None, towards: str | None = None) -> Axes:
         """Draw hinges, sliding joints and thrust line at onset, in `ax` or in new axes.
 
-        The ground accelerates `towards` "+x" or "-x", if not given where less moves the arch.
+        The ground accelerates `towards` "+x" or "-x"; by default to the side of the smaller limit.
         """
         from archfrag.plots import plot_onset
 
@@ -229,16 +228,17 @@ def contact_centres(work: Work, reaction: FloatArray) -> FloatArray:
 
 
 def thrust_curve(arch: Arch, centre: NDArray, load: float) -> FloatArray:
-    """Return the thrust line through contact centres under weights and a steady load [g].
+    """Return the thrust line under weights and a steady load [g], (n_point, 2) [m].
 
-    Ties add forces to bodies; their lines between contact centres are straight.
+    It passes through the contact centres `centre`, (n_joint, 2), with curves between them. In an
+    arch with ties, which add forces to bodies, it is straight between them.
     """
     chain = arch.chain
     if arch.pulled:
         return centre[np.isfinite(centre).all(axis=1)]
     body = arch.centroids
     force = chain.mass[:, None] * np.array([-load, -1.0])
-    # By which the force beyond each body exceeds the first one.
+    # The force beyond each body less that before the first one.
     after = np.cumsum(force, axis=0)
     if arch.free_end:
         first = -after[-1]
@@ -273,15 +273,15 @@ def thrust_curve(arch: Arch, centre: NDArray, load: float) -> FloatArray:
 
 
 def stays_at_rest(peak: float, start: Onset) -> bool:
-    """Return whether a horizontal motion with this peak [g] moves an arch at no time."""
+    """Return whether an arch stays at rest under a horizontal motion with this peak [g]."""
     return peak <= min(start.plus, start.minus)
 
 
 def warn_if_in_g(motion: Motion, factor: float, start: Onset) -> None:
-    """Warn of a motion that leaves an arch at rest, and would not if its numbers were in g.
+    """Warn if a motion leaves an arch at rest but would move it if its numbers were in g.
 
-    A motion that was read from a file is known to be in m/s2, as one with a vertical is not known
-    to leave the arch at rest.
+    There is no warning for a motion that was read from a file, since it is known to be in m/s2,
+    nor for one with a vertical component, since it may move the arch.
     """
     peak = abs(factor) * motion.pga
     weak = stays_at_rest(peak / STANDARD_GRAVITY, start) and not stays_at_rest(
@@ -298,9 +298,7 @@ def warn_if_in_g(motion: Motion, factor: float, start: Onset) -> None:
 
 
 def own_time(arch: Arch) -> float:
-    """Return the time in which things happen in an arch: root of its shortest joint over gravity
-    [s].
-    """
+    """Return the time scale of an arch [s]: the root of (shortest joint over gravity)."""
     return math.sqrt(model_of(arch.chain).length.min() / arch.chain.gravity)
 
 
@@ -311,7 +309,10 @@ def at_rest(arch: Arch) -> tuple[NDArray, NDArray]:
 
 
 def check_initial(initial, arch: Arch) -> tuple[NDArray, NDArray]:
-    """Return the displacement and velocity as arrays, each (n_voussoir, 3)."""
+    """Return the displacement and velocity of an initial state as arrays, each (n_voussoir, 3).
+
+    InputError for another shape, a number that is not finite, or bodies that overlap.
+    """
     try:
         shift, velocity = (np.array(part, float) for part in initial)
     except (TypeError, ValueError) as error:
@@ -337,7 +338,10 @@ def check_initial(initial, arch: Arch) -> tuple[NDArray, NDArray]:
 
 
 def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Work]:
-    """Return the chain with its bodies shifted from rest, and its joint faces there."""
+    """Return model, state and work of an arch, with bodies and joint faces shifted from rest.
+
+    `shift` is the displacement of the bodies, (n_voussoir, 3) [m, m, rad].
+    """
     model = model_of(arch.chain)
     state = new_state(model)
     work = new_work(model)
@@ -357,13 +361,13 @@ def _mechanism(arch: Arch, limit: RestLimit) -> tuple[list[Hinge], list[int]]:
 
 
 def static_limit(arch: Arch, start: Onset) -> float:
-    """Return the rotation at which the mechanism of onset is in unstable equilibrium under its
-    weight [rad].
+    """Return the rotation at which the mechanism of onset is in unstable equilibrium [rad].
 
-    Rotation of the voussoir that rotates most, where the potential energy of the four-hinge
-    linkage (of the one body of a block or a column) is largest: of a block arctan(width / height).
-    The smaller of those of the two mechanisms; nan if they slide, or have neither one hinge below
-    a free end nor four hinges.
+    There the potential energy of the weight is largest. The mechanism is a four-hinge linkage, or
+    the body above the one hinge of a block or a column. The rotation is that of the voussoir that
+    rotates most; for a block it is arctan(width / height). It is the smaller one of the mechanisms
+    towards +x and -x; a mechanism that slides or has other hinges does not count. nan if none
+    counts.
     """
     limits = [np.inf]
     for towards in ("+x", "-x"):
@@ -375,8 +379,9 @@ def static_limit(arch: Arch, start: Onset) -> float:
 
 
 def _limit(arch: Arch, hinges: list[Hinge], sense: float) -> float:
-    """Return the static limit of one mechanism in one sense; inf if the weight does not resist in
-    it.
+    """Return the static limit of one mechanism in one sense of rotation [rad].
+
+    It is inf if the weight does not resist a rotation in this sense.
     """
     # Points of the plane are complex numbers: x + i y.
     points = np.array(
@@ -411,9 +416,10 @@ def _limit(arch: Arch, hinges: list[Hinge], sense: float) -> float:
 def _linkage(
     points: NDArray[np.complex128], angle: FloatArray
 ) -> list[tuple[NDArray[np.complex128], FloatArray]]:
-    """Place of the first hinge of each of three bars, and how far the bar has rotated.
+    """Return the place of the first hinge and the rotation [rad] for each of three bars.
 
-    The first bar rotates by `angle`; nan where the bars cannot reach.
+    `points` are the four hinges as complex numbers [m]. The first bar rotates by `angle`. Results
+    are nan at angles at which the bars cannot reach.
     """
     first, second, third, last = points
     moved = first + np.exp(1j * angle) * (second - first)

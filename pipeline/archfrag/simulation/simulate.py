@@ -50,12 +50,14 @@ if TYPE_CHECKING:
 
 __all__ = ["Onset", "Response", "limit_load", "onset", "simulate", "simulate_many"]
 
-# The ramp of a limit load: its duration over the time of a fall through a joint's length, its end
-# over the bound of the static theorem, and the displacement over that length that is a motion.
+# The ramp of a limit load. RAMP: its duration over the root of (shortest joint over gravity).
+# BEYOND_BOUND: the load at its end over the bound of the static theorem. MOVED: the displacement,
+# over the shortest joint, from which on the arch moves.
 RAMP = 200.0
 BEYOND_BOUND = 1.02
 MOVED = 1e-6
-LARGEST_LOAD = 2.0  # of chains that no load moves by the static theorem [g]
+# Used as the bound of chains that no load moves by the static theorem [g].
+LARGEST_LOAD = 2.0
 CHECK_INTERVAL = 64
 LARGEST_LOG = 50_000  # changes of the mechanism that are kept with a history
 # Frames of a history are as fine as the record, or this where the record is coarser [s].
@@ -110,15 +112,15 @@ def simulate(
         Each (n_voussoir, 3): displacement from rest [m, m, rad] and velocity relative to the
         ground [m/s, m/s, rad/s] at time 0, without overlaps; at rest if not given.
     far : Motion or float, optional
-        Motion of the right springing, with the same time step, or how much later it is [s].
+        Motion of the right springing, with the same time step, or its delay behind the left [s].
     follow : float
         Longest time to simulate after the motion while the arch still moves [s].
     loss_limit : float
         Gap at both corners of a joint, over its length, that ends the run as a collapse. So does
         a joint that slid past its end, rotated by 90 degrees, or has no contact after `follow`.
     rests : bool
-        Whether an arch rests wherever admissible reactions exist, or is integrated all the time,
-        by "auto" from event to event. If its contacts hold it until the end, it stands.
+        Whether an arch rests wherever admissible reactions exist. If not, it is integrated all the
+        time, by "auto" from event to event, and stands if its contacts hold it until the end.
 
     Raises
     ------
@@ -176,13 +178,13 @@ def simulate(
 
 
 def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -> float:
-    """Find the steady ground acceleration at which an arch starts to move as it slowly grows [g].
+    """Find the slowly growing ground acceleration at which an arch starts to move [g].
 
     Where joints slide, Coulomb's law is not associated: the load at which reactions that follow
     the ramp leave Coulomb's cones can lie below the limit of the static theorem (`onset`), which
-    is an upper bound of it. From rest under self-weight the load grows to beyond that bound, and
-    the arch has started to move where a voussoir is displaced by a millionth of a joint. A chain
-    whose joints lock each other has no such bound; its load grows to 2 g.
+    is only an upper bound. The load grows from zero to beyond that bound. The arch starts to move
+    when a voussoir is displaced by a millionth of the shortest joint. A chain whose joints lock
+    each other has no such bound; its load grows to 2 g.
 
     Parameters
     ----------
@@ -190,12 +192,12 @@ def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -
     towards : str
         The ground accelerates towards "+x" or "-x".
     method : str
-        As for `simulate`; by steps or by events.
+        As for `simulate`.
 
     Raises
     ------
     InputError, StabilityError
-        If no load moves the arch, or it does not stand before.
+        If no load moves the arch, or it does not stand under its own weight.
     ArchfragError
         If the method does not move it at a load beyond the bound.
 
@@ -243,7 +245,7 @@ def _checked_call(
     follow: float = 20.0,
     loss_limit: float = LOSS_LIMIT,
 ) -> tuple[MethodInfo, Options]:
-    """Check a call and return the method and its options."""
+    """Check the arguments of a run, as of `simulate`; return the method and its options."""
     for kind, allowed, values in (
         (Arch, "arch is {}; it must be an archfrag Arch or Block", [arch]),
         (Motion, "motion is {}; it must be an archfrag Motion", motions),
@@ -310,8 +312,10 @@ def results_of_runs(
     far: Far = None,
     **given,
 ) -> tuple[Outcomes, np.ndarray]:
-    """Simulate many runs; return what the kernels leave, a row for each run, and wall times
-    [s].
+    """Simulate many runs; return the results of the kernels, and the wall time of each run [s].
+
+    The results have a row for each run. `given` are other arguments of `simulate`. The wall time
+    of all runs is shared among them by their numbers of steps.
     """
     info, options = _checked_call(arch, motions, factors, far, **given)
     arguments.check_compiled(plain=False)
@@ -336,7 +340,7 @@ def simulate_runs(
     method: str,
     **given,
 ) -> list[Response]:
-    """Simulate many runs; return a response for each."""
+    """Simulate many runs, one for each pair of motion and factor; return their responses."""
     if arguments.check_method(method).load("run_many") is None:
         pairs = zip(motions, factors, strict=True)
         with warnings.catch_warnings():

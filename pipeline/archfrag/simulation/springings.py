@@ -35,11 +35,11 @@ class Ground(NamedTuple):
 
 
 class SpringingPath(NamedTuple):
-    """An arch while one of its springings moves."""
+    """What `springing_path` finds of an arch while one of its springings moves."""
 
     part: FloatArray  # (n,) of the movement, from 0 to 1
     plus: FloatArray  # (n,) onset with the ground accelerating towards +x [g]
-    minus: FloatArray  # (n,) and towards -x
+    minus: FloatArray  # (n,) onset with the ground accelerating towards -x [g]
     arch: Arch | None  # at the end; None if it falls before
     limit: float  # part of the movement at which it falls; inf if it does not
 
@@ -73,7 +73,7 @@ def springing_path(
     -------
     SpringingPath
         part (n,), of the movement; plus and minus (n,), onset on the way [g]; arch, at rest at the
-        end, None if it falls before; limit, part of the movement at which it falls, else inf.
+        end, None if it falls before; limit, part at which it falls, inf if it does not fall.
 
     Raises
     ------
@@ -172,14 +172,22 @@ def move_springing(
 
 
 def _crossing(before: float, after: float, held: float, margin: float) -> float:
-    """Return the part of a movement at which the margin of rest vanishes."""
+    """Return the part of a movement at which the margin of rest vanishes.
+
+    It is interpolated between `before`, where the margin is `held`, and `after`, where it is
+    `margin` [g]; if that is not a negative number, it is `after`.
+    """
     if not math.isfinite(margin) or margin >= 0.0:
         return after
     return before + (after - before) * held / (held - margin)
 
 
 def ground_of(motion: Motion, far: Far) -> Ground:
-    """Return the ground motion for kernels; InputError if that of the right springing is none."""
+    """Return the ground motion for kernels.
+
+    `far` is the motion of the right springing, or its delay behind the left one [s]. InputError if
+    its time step differs, or the delay is not from 0 to 60 s.
+    """
     own = motion.acceleration, motion.vertical, motion.dt
     ground = Ground(*own, noted=motion.record_start)
     if far is None:

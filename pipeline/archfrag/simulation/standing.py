@@ -16,22 +16,26 @@ from archfrag.simulation.joints import inset_of
 from archfrag.simulation.response import STATUS_MESSAGE
 from archfrag.simulation.rest import Onset, onset
 
-# How far inside the edges hinges are put [m], and the part of the onset above which this matters.
+# INSET: how far inside the edges of joints hinges are put [m]. MOST_LOST: an arch that loses more
+# than this part of its onset by it gets a caution.
 INSET = 0.01
 MOST_LOST = 0.1
-# Parts of the onset that joints that give take, up to which rigid joints and the model inset are
-# enough; up to which growth of normal forces the inset is; and the stiffness that is taken if none
-# is given: cut stone or brick in mortar [Pa/m].
+# RIGID_ENOUGH, INSET_ENOUGH: parts of the onset lost by joints that give, up to which rigid joints
+# and the model inset are enough. MOST_GROWTH: growth of normal forces up to which the inset is.
+# USUAL_STIFFNESS: used if none is given, of cut stone or brick in mortar [Pa/m].
 RIGID_ENOUGH = 0.01
 INSET_ENOUGH = 0.25
 MOST_GROWTH = 1.5
 USUAL_STIFFNESS = 3e10
-HALVINGS = 20  # of the prestress that an arch stands
+HALVINGS = 20  # to find the prestress with which an arch stands
 
 
 @lru_cache(maxsize=256)  # arches are asked for with every chunk of runs
 def check_stands(arch: Arch) -> Onset:
-    """See that an arch is at rest under its own weight, or raise `StabilityError`."""
+    """Return the onset of an arch; `StabilityError` if it does not rest under its own weight.
+
+    `ArchfragError` if the solver finds no rest of the arch on elastic joints.
+    """
     start = onset(arch)
     if not start.stands:
         tight = prestress_text(arch)
@@ -58,9 +62,9 @@ def check_stands(arch: Arch) -> Onset:
 def edge_loss(arch: Arch) -> float:
     """Find the part of its onset that an arch loses with hinges 10 mm inside its edges [1].
 
-    Of the arch as built, before its springings moved; nan if it does not stand then, or nothing
-    moves it. 1 if it does not stand with such hinges. If its joints give by the model inset, they
-    are 10 mm further inside.
+    The arch is taken as it was built, before its springings moved. The result is nan if it does
+    not stand or nothing moves it, and 1 if it does not stand with such hinges. If its joints give
+    by the model inset, the hinges are 10 mm further inside than by this model.
     """
     built: Arch = arch.built or arch
     built = built.changed(parameters={**built.parameters, "joints": None})
@@ -69,11 +73,13 @@ def edge_loss(arch: Arch) -> float:
 
 @lru_cache(maxsize=256)
 def joints_loss(arch: Arch) -> tuple[float, float]:
-    """Find the part of its onset that an arch of rigid joints loses by the model inset [1], and
-    how much its largest normal force grows from rest to the largest steady load [1].
+    """Find what the model inset does to an arch of rigid joints, as two numbers [1].
 
-    With the stiffness that was given, or `USUAL_STIFFNESS`; of the arch without ties, strength and
-    movements of springings. nan and 1 are as of `edge_loss`.
+    The first is the part of its onset that the arch loses: nan if it does not stand or nothing
+    moves it, 1 if it does not stand with this model. The second is the largest normal force under
+    the largest steady load over that at rest: nan if there are no contact points for it. The
+    stiffness is that of the arch, or `USUAL_STIFFNESS`. Ties, strength and movements of springings
+    are left out.
     """
     rigid = arch.rebuilt()
     if "recess" in arch.parameters:
@@ -93,13 +99,19 @@ def joints_loss(arch: Arch) -> tuple[float, float]:
 
 
 def _stiffness(arch: Arch, key: str = "stiffness") -> np.ndarray:
-    """Return what was given of an arch by a key of joints, or else their stiffness [Pa/m]."""
+    """Return the setting `key` of an arch's joints, stiffness or shear [Pa/m].
+
+    Without a shear it is the stiffness, and without both it is `USUAL_STIFFNESS`.
+    """
     default = arch.joints.get("stiffness", USUAL_STIFFNESS)
     return np.array(arch.joints.get(key, default), dtype=float)
 
 
 def _loss(arch: Arch, change: Callable[[], Arch]) -> float:
-    """Return the part of its onset that an arch loses by a change; 1 if it does not stand then."""
+    """Return the part of its onset that an arch loses by a change; `change` returns the new arch.
+
+    It is nan if the arch does not stand or nothing moves it, and 1 if the new arch does not stand.
+    """
     start = onset(arch)
     before = min(start.plus, start.minus)
     if not start.stands or not 0.0 < before < np.inf:
@@ -133,7 +145,10 @@ def joints_text(arch: Arch) -> str:
 
 
 def edge_text(arch: Arch, loss: float) -> str:
-    """Say what hinges inside the edges do to the onset; empty if that is not known."""
+    """Say what hinges inside the edges do to the onset; empty if that is not known.
+
+    `loss` is that of `edge_loss`.
+    """
     if np.isnan(loss):
         return ""
     further = arch.joints.get("model") == "inset"
@@ -177,7 +192,10 @@ def arch_cautions(arch: Arch, start: Onset) -> list[str]:
 
 
 def prestress_text(arch: Arch) -> str:
-    """Say that an arch falls by the prestress of its ties, and how much it bears; else empty."""
+    """Say that an arch falls by the prestress of its ties, and how much of it the arch bears.
+
+    The text is empty if the prestress is not the reason.
+    """
     largest = _part_of_prestress(arch)
     if np.isnan(largest):
         return ""
@@ -196,8 +214,9 @@ def prestress_text(arch: Arch) -> str:
 
 
 def _part_of_prestress(arch: Arch) -> float:
-    """Return the largest part of the prestress of its ties with which an arch stands; nan if with
-    none.
+    """Return the largest part of the prestress of its ties with which an arch stands.
+
+    It is nan if the arch has no ties, stands with all of the prestress, or falls without it too.
     """
     ties = arch.chain.tie
     if ties is None:

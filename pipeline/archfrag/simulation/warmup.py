@@ -29,11 +29,11 @@ EMITTING = 5.0
 def warmup(
     method: str | None = None, progress: Callable[[str], object] | None = None
 ) -> float:
-    """Make the kernels ready, or load them, once for this machine; seconds it took.
+    """Make the kernels ready once for this machine, or load them; return the seconds it took.
 
-    Machine code is made of the LLVM code that comes with archfrag, or else the kernels are
-    compiled, by two processes where there are two cores. `method` is that to make ready; all
-    installed methods if not given. `progress` is called with a message such as "loading kernels"
+    Machine code is made of the LLVM code that comes with archfrag. If none does, the kernels are
+    compiled, by two processes where there are two cores. `method` is the one to make ready; if not
+    given, all installed methods are. `progress` is called with a message such as "loading kernels"
     or "compiling kernels (first run only): 12 s of about 60 s", first at once, then about every
     second from another thread.
     """
@@ -66,9 +66,7 @@ def warmup(
 
 
 def is_shipped() -> bool:
-    """Return whether archfrag has LLVM code of the kernels as they are, for this kind of
-    processor.
-    """
+    """Return whether archfrag comes with LLVM code of its kernels for this kind of processor."""
     return all(load.is_shipped(name) for name in load.SETS)
 
 
@@ -79,7 +77,7 @@ def kernels_are_compiled() -> bool:
 
 @contextlib.contextmanager
 def every(seconds: float, call: Callable[[], object]) -> Iterator[None]:
-    """Call something again and again, from another thread, as long as the block lasts."""
+    """Call a function every so many seconds, from another thread, while a ``with`` block lasts."""
     ended = threading.Event()
 
     def tick() -> None:

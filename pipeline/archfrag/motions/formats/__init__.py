@@ -45,13 +45,12 @@ COMPUTING_TIME = 60  # [s] of processor time for a file that is read apart
 _entry_points = functools.cache(
     entry_points
 )  # a look-up reads the metadata of all packages
-MEMORY = 2**30  # [bytes] of address space for it, beyond that of this process
-_shared = list[ProcessPoolExecutor]()  # of the blocks of `one_reader`
+MEMORY = 2**30  # [bytes] of address space for such a file, beyond that of this process
+_shared = list[ProcessPoolExecutor]()  # processes of the blocks of `one_reader`
 
 
 def read_traces(path: str, form: str | None = None) -> list[Trace]:
-    """Read the traces of a file in a format, or in the first one that recognises it.
-
+    """Read the traces of a file in the format `form`, or else in the first that recognises it.
     Each has its `Channel` as ``stats.record``. RecordError if the file is damaged or in no format.
     """
     form = form or recognise(path, (*TEXT, *BINARY))
@@ -75,7 +74,10 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
 
 @functools.cache
 def plug_in(name: str, task: str) -> Callable[[str], Any]:
-    """Return what tests (``is``) or reads (``read``) a format: a function here or obspy's."""
+    """Return the function that tests whether a file is in a format, or that reads it.
+
+    `task` is ``is`` or ``read``. The function is of this package or of obspy.
+    """
     if (name, task) == ("KNET", "read"):
         return read_knet
     group = f"obspy.plugin.waveform.{name}"
@@ -94,7 +96,7 @@ def recognise(path: str, formats: Sequence[str]) -> str | None:
 
 
 def read_as(path: str, name: str) -> list[Trace]:
-    """Read the traces of a file in the format of that name, see `read_traces`."""
+    """Read the traces of a file in the format `name`, as `read_traces` returns them."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -142,7 +144,10 @@ def read_as(path: str, name: str) -> list[Trace]:
 
 
 def _compare_times(path: str, trace: Trace) -> None:
-    """Compare the first two times of a TSPAIR file, which obspy's reader passes over."""
+    """Compare the first two times of a TSPAIR file with the step in its header.
+
+    The reader of obspy passes over these times.
+    """
     with opened(path) as file:
         head = file.read(2000).decode("latin-1")
     times = re.findall(r"(?m)^(\d{4}-\d\d-\d\dT\S+)\s", head)
@@ -155,7 +160,10 @@ def _compare_times(path: str, trace: Trace) -> None:
 
 
 def read_apart(path: str) -> list[Trace]:
-    """Read a file by a reader in C in a process of its own; return [] if it has no such format."""
+    """Read a file by a reader in C, in another process; return [] if it has no such format.
+
+    RecordError if that process crashes or takes too long.
+    """
     for form in IN_C:  # imported once here, not in each fork
         plug_in(form, "is"), plug_in(form, "read")
     try:
@@ -170,7 +178,10 @@ def read_apart(path: str) -> list[Trace]:
 
 @contextlib.contextmanager
 def one_reader() -> Iterator[None]:
-    """Read all files of a block that need readers in C in one process, unless one crashes it."""
+    """Let all files of a ``with`` block that need a reader in C be read in one process.
+
+    Without such a block each file has a process of its own.
+    """
     with ProcessPoolExecutor(1, get_context("fork"), _limit) as process:
         _shared.append(process)
         try:
@@ -180,7 +191,10 @@ def one_reader() -> Iterator[None]:
 
 
 def _limit() -> None:
-    """Limit this process, let signals end it, and end it with its parent."""
+    """Limit the memory of this process and silence it.
+
+    Signals end it, and so does the end of its parent.
+    """
     end_with_parent()
     for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
         signal.signal(number, signal.SIG_DFL)

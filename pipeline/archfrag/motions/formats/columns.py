@@ -1,4 +1,4 @@
-"""Named text with numbers in columns, read as the user states: nothing in it names itself."""
+"""Plain text with numbers in columns, read as the user states, since nothing in it tells how."""
 
 import re
 from collections.abc import Sequence
@@ -90,7 +90,7 @@ class Columns:
 
 
 def parse_columns(text: str) -> Columns:
-    """Read columns from words such as ``time=1,acceleration=2,skip=3``, or InputError."""
+    """Read columns from words such as ``time=1,acceleration=2,skip=3``; InputError for others."""
     keys: Named = {}
     for word in text.replace(",", " ").split():
         key, _, value = word.partition("=")
@@ -107,7 +107,10 @@ def parse_columns(text: str) -> Columns:
 
 
 def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
-    """Read a plain text of numbers, see `Columns`: one trace, or H and V, in the file's unit."""
+    """Read a plain text of numbers with the layout `columns`, in the unit of the file.
+
+    Return one trace, or two (H and V) if a vertical column is named.
+    """
     text = Text(path)
     name = str(path)
     lines = [
@@ -167,7 +170,11 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
 
 
 def _unit_in(head: str, column: int) -> str:
-    """Return the unit that lines before the numbers state of a column; empty if not just one."""
+    """Return the unit of a column (counted from 0) by `head`, the lines before the numbers.
+
+    It is empty unless they state just one. If they state none, but name a velocity or a
+    displacement and no acceleration, this word is returned.
+    """
     stated = search(_GEOCSV_UNITS, head)
     if stated:
         return re.split(r"[,;|\s]+", stated.strip())[: column + 1][-1]
@@ -178,7 +185,10 @@ def _unit_in(head: str, column: int) -> str:
 
 
 def _other_step(head: str, step: float) -> str:
-    """Return how the step or rate in lines before the numbers contradicts the step [s]."""
+    """Return a text if `head`, the lines before the numbers, states another step than `step` [s].
+
+    It is empty if they state the same step or rate, or none.
+    """
     rate = number(search(_RATE, head) or search(_RATE, head, 2))
     stated = number(search(_STEP, head)) or (1.0 / rate if rate else 0.0)
     if not stated or abs(stated - step) <= 0.01 * stated:
@@ -201,7 +211,10 @@ def _refuse_header(values: Samples, line: int, name: str) -> None:
 def _numbers(
     rows: Sequence[files.Row], separator: str, chosen: Sequence[int]
 ) -> list[list[float]]:
-    """Return the numbers of chosen or all columns by rows; InputError for other cells."""
+    """Return the numbers of each row; InputError for a cell that is no number.
+
+    `chosen` are the columns that are read, counted from 0; all are read if it is empty.
+    """
     table = []
     for line, row in rows:
         if chosen and len(row) <= max(chosen):
@@ -238,7 +251,11 @@ def _numbers(
 
 
 def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
-    """Raise InputError unless rows are of one motion, equally long but for the last."""
+    """Raise InputError unless rows can be the samples of one motion, row after row.
+
+    They must be equally long but for the last, and must not look like columns side by side.
+    `lines` are their line numbers.
+    """
     width = max(map(len, table), default=0)
     for line, row in zip(lines[:-1], table):
         if len(row) < width:
@@ -264,7 +281,7 @@ def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
 
 
 def _rises_evenly(values: Samples) -> bool:
-    """Return whether numbers are times rather than samples."""
+    """Return whether numbers rise in equal steps, as times do."""
     steps = np.diff(values)
     return bool(
         steps.size >= 4 and steps.min() > 0.0 and np.ptp(steps) < 1e-3 * steps.max()
@@ -274,7 +291,7 @@ def _rises_evenly(values: Samples) -> bool:
 def _even_step(
     times: Samples, lines: Sequence[int], columns: Columns, name: str
 ) -> float:
-    """Return the step of times that are evenly spaced but for rounding [s]; else RecordError."""
+    """Return the step of times [s]; RecordError unless they are evenly spaced but for rounding."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
     off = np.abs(times - (times[0] + mean * np.arange(times.size)))

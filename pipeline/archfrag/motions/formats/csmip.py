@@ -51,7 +51,8 @@ from archfrag.motions.formats.layout import (
 
 _CHANNELS = r"\(\s*(\d{1,6})\d*\s*CHNS?\s+OF"
 _BEGINS = re.compile(rf"(?!{END_OF_DATA.pattern})[\s\x1a]*[^\s\x1a]")
-_Channel = tuple[Trace | None, int]  # a trace, and the line after it
+# A trace, None if the channel is no acceleration, and the line after it.
+_Channel = tuple[Trace | None, int]
 
 # COSMOS
 _FORMAT = r"(?i)\A.*\(Format\s+v\d+\.\d+\s+with\s+(\d{1,3})\s+text\s+lines\)"
@@ -61,7 +62,7 @@ _COSMOS_UNITS = {2: "g", 4: "cm/s2", 50: "counts"}
 _COSMOS_LEVELS = {0: "raw", 1: "raw", 2: "processed"}
 _WAYS = {400: "UP", 401: "DOWN"}  # from 1 to 360 it is an azimuth
 _NULL = -999.0
-# Facts by what reads them, and the places of reals; the first one that is there counts.
+# By fact: the function that reads it, and places among the reals; the first that is there counts.
 _REALS = {
     "magnitude": (lambda value: value or None, 12, 14),
     "epicentral_km": (float, 16),
@@ -82,7 +83,7 @@ _UNITS = (
 # By level: lines of text, lines of integers and reals, what the peak of the samples is called.
 _LEVELS = {"raw": (13, 14, "MAX"), "processed": (25, 20, "PEAK ACCELERATION")}
 
-# GeoNet: lines of text, of text and integers, and of the header.
+# GeoNet: number of lines of text, of text and integers together, and of the whole header.
 _TEXT_LINES = 16
 _INTEGERS_END = 20
 _HEADER_LINES = 26
@@ -109,7 +110,11 @@ _START = r"(?i)\A\s*(Un)?corrected accelerogram\b"
 
 
 def _volume(text: Text, channel: Callable[[Text, int], _Channel]) -> list[Trace]:
-    """Return the traces of channels one after the other, each read by `channel` from a line on."""
+    """Return the traces of a volume, which has its channels one after the other.
+
+    `channel` reads the channel that begins at a line. RecordError if no channel is an
+    acceleration.
+    """
     traces = list[Trace]()
     place = stated = 0
     while (begin := text.first(place, _BEGINS.match)) < len(text.lines):
@@ -146,7 +151,10 @@ is_cosmos = begins_with(_FORMAT, r"(?im)^\s*\d+\s+Integer-header values follow")
 
 @reader
 def read_cosmos(text: Text) -> list[Trace]:
-    """Read the accelerations of a COSMOS file; counts with their ``g_per_count`` if stated."""
+    """Read the accelerations of a COSMOS file.
+
+    Counts get ``g_per_count`` if the header states what it follows from.
+    """
     return _volume(text, _cosmos_channel)
 
 
@@ -313,7 +321,11 @@ _Read = tuple[Samples, float | None, Named, int, str]
 
 
 def _dmg_section(text: Text, at: int) -> _Read:
-    """Return samples after a line that states them, their step, facts, end, and that place."""
+    """Read the samples after the line `at`, which states their number and unit.
+
+    Return the samples, their step [s] (None if not stated), facts, the line after them, and the
+    place of the line `at` for messages.
+    """
     line = text.line(at)[:200]
     announced = checked_count(search(_POINTS.pattern, line), text.place(at))
     unit, scale = _unit_of(line)
@@ -327,7 +339,11 @@ def _dmg_section(text: Text, at: int) -> _Read:
 
 
 def _dmg_pairs(text: Text, place: int, lines: list[str], first: int) -> _Read:
-    """Return the same of pairs of time and acceleration, which begin at line `first`."""
+    """Read pairs of time and acceleration, which begin at the line `first`.
+
+    `lines` are the text of the header, which begins at the line `place`. The return value is as of
+    `_dmg_section`.
+    """
     index = next((i for i, row in enumerate(lines) if search(_COUNT_LINE, row, 0)), 0)
     stated = search(_COUNT_LINE, lines[index])
     announced = checked_count(stated, text.place(place + index))

@@ -14,8 +14,8 @@
   sensors, which obspy names NS1, EW1, UD1 (borehole) and NS2, EW2, UD2 (surface), after the
   endings of the files (NIED, "About K-NET ASCII format").
 
-Samples stay in the unit of the file (``stats.record.unit``) and ``stats.calib`` is 1, so nothing
-is left that could be applied twice; counts of K-NET have it in ``stats.calib``.
+Samples stay in the unit of the file (``stats.record.unit``) and ``stats.calib`` is 1, so that no
+factor can be applied twice. Only for K-NET is ``stats.calib`` the factor from counts to m/s2.
 """
 
 import contextlib
@@ -60,7 +60,7 @@ def _day(text: str) -> str:
     return "-".join(day.groups()) if day else ""
 
 
-# The keys of DYNA by what they state, the first there is.
+# By fact: the function that reads it, and keys of DYNA; the first that is there counts.
 _DYNA = {
     "code": (str, "STREAM", "COMPONENT"),
     "date": (_day, "EVENT_DATE_YYYYMMDD"),
@@ -71,7 +71,7 @@ _DYNA = {
     "length": (number, "DURATION_S"),
     "depth": (number, "SENSOR_DEPTH_M"),
 }
-# Keys of RESORCE in those of DYNA.
+# Keys of RESORCE, and the keys of DYNA for the same facts.
 _RESORCE = {
     "TIME INCREMENT (S)": "SAMPLING_INTERVAL_S",
     "NUMBER OF DATA": "NDATA",
@@ -84,7 +84,7 @@ _RESORCE = {
 # Of SMC: first line, number of lines, numbers and width of integers and reals.
 _NUMBERS = {"integer": (11, 6, 48, 10), "real": (17, 10, 50, 15)}
 _LEVELS = {"1": "raw", "2": "processed"}
-# Facts by what reads them, and the places of reals.
+# By fact: the function that reads it, and places among the reals; the first that is there counts.
 _REALS = {
     "epicentral_km": (float, 16),
     "magnitude": (lambda value: value or None, 5, 7, 6, 8),
@@ -182,7 +182,10 @@ def read_resorce(text: Text) -> list[Trace]:
 
 
 def _keyed(text: Text, header: dict[str, str], first: int, codes: list[str]) -> Trace:
-    """Return the record of a header in DYNA's keys, its samples from line `first` on."""
+    """Return the trace of a file whose `header` has the keys of DYNA.
+
+    Its samples are in the lines from `first` on. `codes` are those of network, station, location.
+    """
     kind = header.get("DATA_TYPE", "ACCELERATION")
     if kind and not kind.upper().startswith("ACCEL"):
         raise RecordError(

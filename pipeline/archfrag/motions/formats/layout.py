@@ -57,7 +57,7 @@ _LONGEST = 10_000_000  # samples that a header may announce
 
 
 class Text:
-    """Lines of a file, whatever ends them."""
+    """Lines of a text file, with any kind of line ends; `name` is that of the file."""
 
     def __init__(self, source: Source) -> None:
         is_path = isinstance(source, str | Path)
@@ -93,9 +93,11 @@ class Text:
         expected: int | None = None,
         width: int | None = None,
     ) -> Samples:
-        """Return the numbers of some lines, between blanks or in columns of a width.
+        """Return the numbers of the lines from `first` on and before `last`.
 
-        RecordError for what is no finite number.
+        They have blanks between them, or are in columns of `width` characters. If both are
+        possible, the numbers are those that are as many as `expected`, or else those between
+        blanks. RecordError for what is no finite number.
         """
         lines = self.lines[first:last]
         rows = _rows(lines, width)
@@ -114,13 +116,19 @@ class Text:
         return np.array(values)
 
     def first(self, index: int, test: Callable[[str], object]) -> int:
-        """Return the first line from `index` on that passes a test, else the number of lines."""
+        """Return the index of the first line from `index` on that passes a test.
+
+        It is the number of lines if none does.
+        """
         count = len(self.lines)
         return next((i for i in range(index, count) if test(self.lines[i])), count)
 
 
 def reader(read: Callable[[Text], Iterable[Trace]]) -> Callable[..., Stream]:
-    """Return what reads a file or open buffer for obspy, of what reads its lines."""
+    """Make a plug-in of obspy from a function that reads the lines of a file.
+
+    The plug-in takes a path or an open buffer and returns a Stream.
+    """
 
     @functools.wraps(read)
     def plug_in(source: Source, **_) -> Stream:
@@ -130,7 +138,7 @@ def reader(read: Callable[[Text], Iterable[Trace]]) -> Callable[..., Stream]:
 
 
 def _read_bytes(source: Source, size: int = -1) -> bytes:
-    """Return the first bytes of a file, or of the rest of an open buffer."""
+    """Return the first `size` bytes (-1: all) of a file, or of the rest of an open buffer."""
     if not isinstance(source, str | Path):
         return source.read(size)
     with opened(source) as file:
@@ -138,7 +146,10 @@ def _read_bytes(source: Source, size: int = -1) -> bytes:
 
 
 def begins_with(*patterns: str) -> Callable[[Source], bool]:
-    """Return a test of a file or open buffer: is it text whose first 4096 bytes match all?"""
+    """Return a function that tests whether a file or open buffer is text with certain patterns.
+
+    Its first 4096 bytes count: they must have no zero byte and match all `patterns`.
+    """
 
     def is_text(source: Source) -> bool:
         try:
@@ -165,9 +176,10 @@ def format_width(text: str) -> int | None:
 
 
 def _rows(lines: Sequence[str], width: int | None) -> list[Samples]:
-    """Return all numbers at once: those between blanks, and those in columns of a width.
+    """Return the numbers of lines in two ways: between blanks, and in columns of a width.
 
-    Neither is there if a word or a column is not a finite number.
+    A way is left out if one of its words or columns is not a finite number, and columns also
+    without a `width`.
     """
     text = "\n".join(lines).translate(_FORTRAN)
     if "_" in text:  # Python allows 1_000
@@ -198,9 +210,10 @@ def split(word: str, place: str) -> list[float]:
 
 
 def on_even_steps(pairs: Samples, name: str) -> tuple[NDArray, float, str]:
-    """Return samples at equal steps, the step [s], and what was done to pairs of time and sample.
+    """Return samples at equal steps, the step [s] and a text, of `pairs` of time and sample.
 
-    Times that are even but for rounding change nothing; else samples are read between pairs.
+    If times are even but for rounding, the samples stay and the text is empty. If not, samples are
+    interpolated linearly, and the text says so. RecordError if times decrease or are too uneven.
     """
     times, values = pairs[: pairs.size // 2 * 2].reshape(-1, 2).T
     if times.size < 2:
@@ -236,13 +249,17 @@ def on_even_steps(pairs: Samples, name: str) -> tuple[NDArray, float, str]:
 
 
 def search(pattern: str, text: str, group: int = 1) -> str:
-    """Return a group of the first match in a text, in any case; empty if there is no match."""
+    """Return a group of the first match in a text; empty if there is none. Case is ignored."""
     match = re.search(pattern, text, re.IGNORECASE | re.MULTILINE)
     return (match.group(group) or "") if match else ""
 
 
 def read_fields(table: Mapping[str, Any], find: Callable[[Any], Any]) -> Named:
-    """Read facts by a table: name, reader and places, at which `find` looks one after another."""
+    """Return the facts that are found by a `table`.
+
+    For the name of each fact it has the function that reads it, and places at which `find` looks
+    one after another until it finds the fact.
+    """
     facts = Named()
     for name, (read, *places) in table.items():
         values = (find(place) for place in places)
@@ -254,7 +271,7 @@ def read_fields(table: Mapping[str, Any], find: Callable[[Any], Any]) -> Named:
 
 
 def number(text: str | None) -> float | None:
-    """Return the finite number that a text is; None for any other text."""
+    """Return the number that a text holds; None if it is no finite number."""
     try:
         value = float(
             (text or "").translate(_FORTRAN).replace("_", "?")
@@ -265,7 +282,10 @@ def number(text: str | None) -> float | None:
 
 
 def iso_date(*texts: str) -> str:
-    """Return the first date as YYYY-MM-DD (months before days, as in the USA); else nothing."""
+    """Return the first date in texts as YYYY-MM-DD; empty if there is none.
+
+    In dates of numbers alone that do not begin with the year, months come before days.
+    """
     matches = (re.search(form, text.upper()) for text in texts for form in _DATES)
     for date in filter(None, matches):
         named = date["month"]
@@ -292,7 +312,7 @@ def utc_time(text: str) -> UTCDateTime | None:
 def moment(
     year: float, month: float, day: float, hour: float, minute: float, second: float
 ) -> UTCDateTime | None:
-    """Return the time by its parts; None if there is no such time."""
+    """Return the time with these parts; None if there is no such time from 1800 to 2200."""
     try:
         midnight = UTCDateTime(int(year), int(month), int(day))
         time = midnight + 3600.0 * hour + 60.0 * minute + second
@@ -310,7 +330,10 @@ def magnitude(text: str) -> float | None:
 
 
 def direction(text: str) -> Named:
-    """Return code, azimuth and whether it is vertical, of a text such as ``90 DEG`` or ``UP``."""
+    """Return the facts of a component by a text such as ``90 DEG`` or ``UP``.
+
+    They are its code and, if known, its azimuth [degrees] and whether it is vertical.
+    """
     word = text.strip().upper()
     angle = re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)
     bearing = re.match(r"[NS]\s*\d{1,2}\s*[EW]\b", word)
@@ -330,7 +353,7 @@ def direction(text: str) -> Named:
 
 
 def checked_count(text: str, where: str) -> int:
-    """Return the number of samples that a header announces; RecordError if no record has it."""
+    """Return the number of samples that a header announces; RecordError unless it is possible."""
     word = text.strip()
     if not (word.isdigit() and len(word) < 12 and 2 <= int(word) <= _LONGEST):
         raise RecordError(
@@ -348,7 +371,11 @@ def acceleration_unit(text: str, where: str) -> str:
 
 
 def judge_peak(channel: Channel, stated: str, values: Samples, unit: str) -> None:
-    """Compare the peak that a header states, rounded to its last digit, with the samples."""
+    """Compare the peak that a header states, rounded to its last digit, with the samples.
+
+    The channel is contradicted by a difference of more than 10 %, and has an error by one of more
+    than 1 %.
+    """
     peak = abs(number(stated) or 0.0)
     if not peak or not values.size:
         return
@@ -375,8 +402,8 @@ def trace_of(
 ) -> Trace:
     """Return a trace with network, station and location `codes`, and `facts` in its `Channel`.
 
-    RecordError if the time step [s] is not one. A "peak" and a "length" [s] among the facts are
-    what the header states of the samples: they are judged.
+    RecordError if the time step `dt` [s] is missing or not above 0. A "peak" and a "length" [s]
+    among the facts are those that the header states: they are compared with the samples.
     """
     if not 0.0 < (dt or 0.0) < math.inf:
         raise RecordError(

@@ -41,11 +41,11 @@ DT = 0.01  # time step of all motions [s]
 _QUANTUM = 1e-6  # [m/s2]: rounding hides what compilers and processors disagree on
 _MARGIN = 5.0  # [s] before and after the window, for the ringing of the low cut
 _QUIET = 1.0  # [s] of zeros at each end
-# Where a pulse amplifies most, as a fraction of its period, and the median Sa there over that
-# without it [1]_.
+# The period at which a pulse amplifies Sa most, over its own period Tp, and the median factor on
+# Sa there [1]_.
 _PEAK_PERIOD = 0.88
 _PEAK_GAIN = np.exp(1.131 * np.exp(-3.11 * (np.log(_PEAK_PERIOD) + 0.127) ** 2) + 0.058)
-# Streams of random numbers that one seed may be asked for.
+# Names of the streams of random numbers that one seed gives, independent of each other.
 _STREAMS = (
     "event",
     "site",
@@ -68,7 +68,8 @@ FIRST_SEED = 20250101  # of the first motion
 FOLDER = "synthetic"
 COMPONENT = "HN1"
 TERMS = "made by archfrag; BSD-3-Clause as archfrag itself"
-SPACING = 10**6  # a suite has the seeds from its own seed times this on
+# The seeds of the motions of a suite begin at the suite's own seed times this.
+SPACING = 10**6
 _DRAWN = (
     2**62
 )  # where seeds of drawn magnitudes and distances lie, apart from those of motions
@@ -83,24 +84,24 @@ _RANGES = (
 class Recipe(NamedTuple):
     """Parameters of a synthetic motion; seeds are 0 to 2^63 - 1."""
 
-    magnitude: float  # 3 to 8
+    magnitude: float  # moment magnitude, 3 to 8
     distance: float  # to the rupture, 0 to 300 [km]
     seed: int
     event_seed: int | None = None  # equal for the motions of one event; `seed` if None
-    site_seed: int | None = None
+    site_seed: int | None = None  # equal for the motions at one site; `seed` if None
     vs30: float = VS30  # [m/s], 450 to 1000: the range of V/H and of linear soil
-    vary: bool = True  # amplitudes; if not, only phases vary
-    vertical: bool = False
-    pulse: bool = False  # the horizontal velocity pulse of a near fault
-    id: str = ""
+    vary: bool = True  # whether amplitudes vary; if not, only phases do
+    vertical: bool = False  # whether there is a vertical component
+    pulse: bool = False  # whether the horizontal has the velocity pulse of a near fault
+    id: str = ""  # of the record in a suite; `make_motion` does not use it
 
 
 def make_motion(recipe: Recipe) -> Motion:
-    """Make one motion; InputError outside the ranges of the model.
+    """Make one motion; InputError if a parameter is outside the range of the model.
 
-    The steps of Boore (2003): noise, window, spectrum with mean square 1, target spectrum with low
-    cut 1 / (1 + (f_low / f)^8) and variation, back to time. Then come taper, pulse if any, and
-    `_finished`.
+    The steps are those of Boore (2003): noise, window, spectrum with mean square 1, target
+    spectrum with low cut 1 / (1 + (f_low / f)^8) and variation, back to time. Then come a taper,
+    the pulse if asked for, and `_finished`.
     """
     magnitude, distance, seed, *others, vs30 = recipe[:6]
     event, site = (seed if other is None else other for other in others)
@@ -119,7 +120,10 @@ def make_motion(recipe: Recipe) -> Motion:
     amplitude = _amplitude(f, magnitude, distance, vs30)
 
     def wave(stream: str, term: Samples) -> Samples:
-        """Return noise in the window with the amplitude and its variation, tapered [m/s2]."""
+        """Return one component [m/s2]: noise in the window, with the target spectrum, tapered.
+
+        `term` is what is added to ln amplitude at ``FREQUENCIES``, (61,).
+        """
         noise = _generator(stream, seed).standard_normal(size)
         spectrum = np.fft.rfft(noise * shape)
         spectrum /= np.sqrt(np.mean(np.abs(spectrum) ** 2))
@@ -159,7 +163,7 @@ def _generator(stream: str, seed: int) -> np.random.Generator:
 
 
 def _amplitude(f: Samples, magnitude: float, distance: float, vs30: float) -> Samples:
-    """Return the Fourier amplitude without variation, above zero frequency [m/s]."""
+    """Return the Fourier amplitude without variation [m/s] at frequencies `f` above 0 [Hz]."""
     amplitude = fourier.fourier_amplitude(f, magnitude, distance)
     amplitude *= fourier.site_factor(f, vs30)
     amplitude *= fourier.median_adjustment(f, magnitude, distance)
@@ -170,7 +174,11 @@ def _amplitude(f: Samples, magnitude: float, distance: float, vs30: float) -> Sa
 def _corrections(
     magnitude: float, distance: float, vs30: float, vertical: bool
 ) -> Samples:
-    """Return ln(V/H) of amplitudes, or the correction of ln amplitude that keeps medians of Sa."""
+    """Return what is added to ln amplitude of a scenario, (61,).
+
+    If `vertical`, it is ln(V/H), for the vertical component alone. If not, it is the correction
+    that keeps the median of Sa under variation, for both components.
+    """
     amplitude = _amplitude(GRID, magnitude, distance, vs30)
     if vertical:
         return fourier.vertical_factor(amplitude, magnitude, distance, vs30)
@@ -196,7 +204,11 @@ def _terms(recipe: Recipe, event: int, site: int) -> tuple[Samples, Samples]:
 
 
 def _finished(samples: Samples, dt: float) -> Samples:
-    """Subtract a tapered line, so that velocity and displacement end at zero, and round."""
+    """Return the accelerations of a component as they are stored, with 1 s of zeros at each end.
+
+    A tapered straight line is subtracted first, so that velocity and displacement end at zero.
+    Then the samples are rounded.
+    """
     # The ends of rows are zero, so that plain sums are trapezoid sums.
     taper = cosine_taper(samples.size, samples.size // 4)
     position = np.linspace(0.0, 1.0, samples.size)
@@ -214,11 +226,12 @@ def _finished(samples: Samples, dt: float) -> Samples:
 def _with_pulse(
     samples: Samples, time: Samples, magnitude: float, generator: np.random.Generator
 ) -> tuple[Samples, float]:
-    """Return a motion with a pulse at time zero, which amplifies as [1]_ at 0.88 Tp, and Tp [s].
+    """Add a velocity pulse about time zero; return the accelerations [m/s2] and its period Tp [s].
 
-    ln Tp is normal with mean -5.73 + 0.99 M and deviation 0.56 [1]_. The velocity of the pulse is
-    (1 + cos(2 pi t / (gamma Tp))) cos(2 pi t / Tp + phase) / 2 [2]_, zero beyond
-    abs(t) = gamma Tp / 2.
+    The pulse is so large that Sa(0.88 Tp) grows by the median factor of [1]_, if squares of Sa
+    add. ln Tp is normal with mean -5.73 + 0.99 M and deviation 0.56 [1]_. The velocity of the
+    pulse is (1 + cos(2 pi t / (gamma Tp))) cos(2 pi t / Tp + phase) / 2 [2]_, zero beyond
+    abs(t) = gamma Tp / 2. `time` [s] is that of each sample.
     """
     period = float(
         np.exp(-5.73 + 0.99 * magnitude + 0.56 * generator.standard_normal())
@@ -251,11 +264,14 @@ def plan_motions(
     vertical: bool = False,
     pulses: float = 0.0,
 ) -> list[Recipe]:
-    """Return the recipes of a suite by event; InputError if there are more records than seeds.
+    """Return the recipes of a suite, event by event.
 
-    Events take the magnitudes in turn, or draw them between two ends; records do so with distances
-    [km], which are drawn uniformly in logarithm. `seed` is from 0 to 10^9. Record n is at site n
-    modulo `sites`, or at one of its own, with `vs30` [m/s]; `pulses` is the chance of a pulse.
+    Events take the values of `magnitude` in turn; if `drawn_magnitude`, theirs are drawn between
+    the first and the second value. Records take the values of `distance` [km] in turn; if
+    `drawn_distance`, theirs are drawn between the first two, uniformly in logarithm. `seed` is
+    from 0 to 10^9. Record n is at site n modulo `sites`; without `sites` each has a site of its
+    own. `vs30` [m/s] is that of all sites, and `pulses` the chance that a record has a pulse.
+    InputError if there are more records than seeds.
     """
     count = events * records_per_event
     first = seed * SPACING
@@ -304,7 +320,10 @@ def shipped_recipes() -> list[Recipe]:
 def make_suite(
     out_dir: str | Path, recipes: Sequence[Recipe] | None = None
 ) -> list[Path]:
-    """Write motions (the shipped ones) as ``synthetic/*.mseed`` [m/s2]; return the files."""
+    """Write motions as ``synthetic/*.mseed`` [m/s2], and their index; return the record files.
+
+    Without `recipes` they are the shipped motions.
+    """
     folder = Path(out_dir)
     rows: list[Named] = []
     make_folder(folder / FOLDER)

@@ -1,13 +1,14 @@
-"""The Fourier amplitude that an earthquake gives at a site, its duration, and how both vary.
+"""Fourier amplitude and duration of the ground motion at a site, and how the amplitude varies.
 
-The equivalent point source of Stafford, Boore, Youngs and Bommer (2022) [2]_, fitted to the
-ground-motion model of Chiou and Youngs (2014): crustal earthquakes of active regions on rock with
-Vs30 = 760 m/s, as the average over depths to the top of rupture. `median_adjustment` brings its
-response spectra to the mean of two ground-motion models.
+The source is the equivalent point source of Stafford, Boore, Youngs and Bommer (2022) [2]_, fitted
+to the ground-motion model of Chiou and Youngs (2014): crustal earthquakes of active regions on
+rock with Vs30 = 760 m/s, as the average over depths to the top of rupture. `median_adjustment`
+brings its response spectra to the geometric mean of two ground-motion models.
 
 The logarithm of the amplitude varies by normal terms of the earthquake (tau), the site (phi_s2s)
-and the record (phi_ss), rows over frequency, by [7]_ and [8]_; response spectra then vary as those
-of records, as [9]_ explains. A vertical has V/H of spectra by [10]_, strike-slip faults.
+and the record (phi_ss), by [7]_ and [8]_. Each term is a row over frequency. Response spectra then
+vary as those of records do, as [9]_ explains. For a vertical component the ratio V/H of response
+spectra is that of [10]_ for strike-slip faults.
 
 References
 ----------
@@ -18,10 +19,11 @@ References
 .. [4] Al Atik and Abrahamson (2021), BSSA 111(4), 1765-1783: amplification of reference profiles.
 .. [5] Bayless and Abrahamson (2019), BSSA 109(5), 2088-2105: c8 ln(min(Vs30, 1000) / 760); the
    nonlinear term is left out.
-.. [6] Made by multiplying the amplitude at 1 / T by what Sa(T) of many simulations lacks and
-   repeating (spectra brought back to Fourier amplitudes as by inverse random vibration theory: Al
-   Atik et al. 2014, BSSA 104(1), 336-346), for the geometric mean of Chiou and Youngs (2014) and
-   Abrahamson, Silva and Kamai (2014) and a vertical strike-slip fault; constant beyond the table.
+.. [6] Found by repetition: the amplitude at 1 / T is multiplied by the target Sa(T) over Sa(T) of
+   many simulations (spectra brought back to Fourier amplitudes as by inverse random vibration
+   theory: Al Atik et al. 2014, BSSA 104(1), 336-346). The target is the geometric mean of Chiou
+   and Youngs (2014) and Abrahamson, Silva and Kamai (2014) for a vertical strike-slip fault.
+   Beyond the table the factor is constant.
 .. [7] Bayless and Abrahamson (2018), PEER report 2018/07, and its electronic supplement.
 .. [8] Bayless and Abrahamson (2019), BSSA 109(3), 1058-1070: correlation between frequencies.
 .. [9] Stafford (2017), BSSA 107(6), 2774-2791.
@@ -46,7 +48,7 @@ VS30 = 760.0  # [m/s]
 
 
 def read_table(name: str) -> dict[str, Samples]:
-    """Read a table of numbers beside this file: columns by their names."""
+    """Read the columns of a table of numbers beside this file, by their names."""
     lines = Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines()
     head, *rows = (line.split(",") for line in lines if not line.startswith("#"))
     return dict(zip(head, np.array(rows, float).T))
@@ -75,7 +77,7 @@ _FACTORS = np.column_stack([*_ADJUSTMENT.values()]).reshape(
 
 
 def at_frequencies(frequency: Samples, row: Samples) -> Samples:
-    """Return a row at ``FREQUENCIES`` at others, linear in ln f between them."""
+    """Interpolate a row from ``FREQUENCIES`` to `frequency` [Hz], linearly in ln f."""
     return np.interp(np.log(frequency), np.log(FREQUENCIES), row)
 
 
@@ -87,7 +89,7 @@ def corner_frequency(magnitude: float) -> float:
 
 
 def low_cut(magnitude: float) -> float:
-    """Return the frequency of the high-pass filter [Hz]: half the corner, in 0.05 to 0.1 Hz."""
+    """Return the frequency of the low cut [Hz]: half the corner frequency, in 0.05 to 0.1 Hz."""
     return float(np.clip(0.5 * corner_frequency(magnitude), 0.05, 0.1))
 
 
@@ -100,7 +102,7 @@ def point_source_distance(magnitude: float, distance: float) -> float:
 
 
 def ground_motion_duration(magnitude: float, distance: float) -> float:
-    """Return the duration of source and path [s]: 1 / corner frequency, and [3]_."""
+    """Return the duration [s]: 1 / corner frequency of the source, plus that of the path [3]_."""
     reach = point_source_distance(magnitude, distance)
     distances = (0.0, 7.0, 45.0, 125.0, 175.0, 270.0)  # [km]
     path = np.interp(reach, distances, (0.0, 2.4, 8.4, 10.9, 17.4, 34.2))
@@ -111,7 +113,11 @@ def ground_motion_duration(magnitude: float, distance: float) -> float:
 def fourier_amplitude(
     frequency: ArrayLike, magnitude: float, distance: float
 ) -> Samples:
-    """Return the amplitude of a horizontal [m/s], in the form of [1]_, values of [2]_ and [4]_."""
+    """Return the Fourier amplitude of a horizontal component [m/s] at `frequency` [Hz].
+
+    The form is that of [1]_, the values are those of [2]_ and [4]_. `distance` is to the rupture
+    [km].
+    """
     f = np.asarray(frequency, float)
     # 1e-20 with these units gives cm s; 1e-2 more gives m s.
     radiation = 0.55
@@ -148,7 +154,7 @@ def window(time: ArrayLike, length: float) -> Samples:
 
 
 def site_factor(frequency: ArrayLike, vs30: float) -> Samples:
-    """Return the amplitude over that at 760 m/s: the linear site term of [5]_."""
+    """Return the amplitude at `vs30` [m/s] over that at 760 m/s: the linear site term of [5]_."""
     f = np.asarray(frequency, float)
     slope = np.interp(f, FREQUENCIES, COEFFICIENTS["c8"])
     return np.exp(slope * np.log(min(vs30, 1000.0) / VS30))
@@ -157,7 +163,10 @@ def site_factor(frequency: ArrayLike, vs30: float) -> Samples:
 def median_adjustment(
     frequency: ArrayLike, magnitude: float, distance: float
 ) -> Samples:
-    """Return the factor to the median of CY14 and ASK14, linear in M, ln R and ln f [6]_."""
+    """Return the factor on the amplitude that brings Sa to the median of CY14 and ASK14 [6]_.
+
+    Its logarithm is interpolated linearly in magnitude, ln distance and ln frequency.
+    """
     near = np.log(np.clip(distance, *_DISTANCES[[0, -1]]))
     place = np.clip(magnitude, *_MAGNITUDES[[0, -1]]), near
     row = RegularGridInterpolator((_MAGNITUDES, np.log(_DISTANCES)), _FACTORS)(place)
@@ -166,7 +175,7 @@ def median_adjustment(
 
 
 def correlation(frequency: ArrayLike) -> Samples:
-    """Return the correlation of ln amplitude between frequencies [Hz], square, by [8]_."""
+    """Return the correlation of ln amplitude between all pairs of frequencies [Hz], by [8]_."""
     f = np.clip(np.asarray(frequency, float), *FREQUENCIES[[0, -1]])
     lower = np.minimum(f[:, None], f)
     apart = np.abs(np.log(f[:, None] / f))
@@ -196,7 +205,10 @@ def draw_term(kind: str, generator: np.random.Generator) -> Samples:
 
 
 def _power_fractions(amplitude: Samples, period: Samples) -> Samples:
-    """Return the fraction of oscillators' mean square that each frequency of ``GRID`` adds."""
+    """Return the part of an oscillator's mean square from each frequency, (n_period, n_frequency).
+
+    `amplitude` is at ``GRID``; oscillators have a `period` [s] each and 5 % damping.
+    """
     ratio = GRID * period[:, None]
     oscillator = 1.0 / ((1.0 - ratio**2) ** 2 + (2.0 * 0.05 * ratio) ** 2)
     power = amplitude**2 * oscillator * np.gradient(GRID)
@@ -246,9 +258,10 @@ def vertical_ratio(
 def vertical_factor(
     amplitude: Samples, magnitude: float, distance: float, vs30: float
 ) -> Samples:
-    """Return ln of the factor on horizontal amplitudes that gives Sa the model's V/H, (61,).
+    """Return ln of the factor from horizontal to vertical Fourier amplitudes, (61,).
 
-    The ratio of spectra is the root of that of mean squares; found by repetition.
+    With it the ratio V/H of response spectra is that of the model [10]_. This ratio is the root of
+    the ratio of mean squares; the factor is found by repetition.
     """
     # The model's reference PGA is at 1100 m/s.
     rock = amplitude * site_factor(GRID, 1100.0) / site_factor(GRID, vs30)
