@@ -45,9 +45,10 @@ COMMANDS = {
 
 
 class _Commands(click.Group):
-    """Commands of other modules, whose errors are one message and an exit code.
+    """Group of commands, each imported from its module when it is called.
 
-    Errors of archfrag itself keep their traceback.
+    An error of the user or of the machine ends in one message and an exit code. Errors of archfrag
+    itself keep their traceback.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:

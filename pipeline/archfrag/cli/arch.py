@@ -131,7 +131,7 @@ def _of_study(path: Path, name: str | None) -> ArchEntry:
 
 
 def _by_numbers(options: Named) -> ArchEntry:
-    """Return an arch from the options of the command line, None where not given."""
+    """Return an arch from the options of a command; options that were not given are None."""
     layers = [name for text in options["layer"] for name in text.split(",")]
     given = options | {"id": "arch", "layer": layers or None}
     given["unit"] = given.pop("drawing_unit")

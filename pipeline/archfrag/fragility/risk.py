@@ -30,7 +30,9 @@ from archfrag.fragility.curve import (
 from archfrag.fragility.probit import log_between
 from archfrag.fragility.verdicts import independent_number, wilson
 
-MOST_OUTSIDE = 0.5  # of a rate from outside the hazard curve; with more it is a bound
+MOST_OUTSIDE = (
+    0.5  # fraction of a rate outside the hazard curve; with more it is a bound
+)
 LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
 # Largest ln of a rate: with a steep first slope of the hazard a wide curve would overflow.
 _LARGEST_LOG = 600.0

@@ -22,7 +22,7 @@ class Aspect(NamedTuple):
     """Something that a model of an arch may have or lack."""
 
     modelled: bool
-    name: str  #: in a list; may be empty
+    name: str  #: for a list of aspects; may be empty
     sentence: str
 
 
