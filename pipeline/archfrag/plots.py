@@ -74,7 +74,7 @@ def axes_of(ax: Axes | None, size: tuple[float, float] = (6.4, 3.2)) -> Axes:
 
 
 def dressed(ax: Axes) -> Axes:
-    """Give axes and their figure the style of all figures."""
+    """Give axes and their figure the style of all figures; return the axes."""
     ax.figure.patch.set_alpha(0.0)
     ax.patch.set_alpha(0.0)
     ax.spines[["top", "right"]].set_visible(False)
@@ -93,7 +93,7 @@ def legend(ax: Axes, **options) -> None:
 
 
 def _annotate(ax: Axes, words: str, at, away, **options) -> None:
-    """Write words some points away from a place."""
+    """Write words at a distance `away` [points] from a place."""
     options |= {"textcoords": "offset points", "color": INK, "va": "center"}
     ax.annotate(words, at, away, **{"fontsize": SIZE, **options})
 
@@ -175,7 +175,7 @@ def plot_onset(onset, ax: Axes | None = None, towards: str | None = None) -> Axe
 
 
 def plot_motion(motion, ax: Axes | None = None) -> Axes:
-    """Draw the acceleration of the ground over time [g], its peak marked."""
+    """Draw the acceleration of the ground over time [g], and mark its peak."""
     ax = axes_of(ax, (6.4, 2.2))
     time = motion.time
     values = motion.acceleration / GRAVITY
@@ -194,7 +194,7 @@ def plot_motion(motion, ax: Axes | None = None) -> Axes:
 
 
 def plot_response(response, ax: Axes | None = None) -> Axes:
-    """Draw the rotation of each voussoir over time, the one that rotates most in colour."""
+    """Draw the rotation of each voussoir over time; the one that rotates most is in colour."""
     time, _, rotation = response._arrays()
     ax = axes_of(ax)
     ax.plot(time, rotation, color=GREY, lw=0.6)

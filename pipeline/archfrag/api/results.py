@@ -109,7 +109,7 @@ def open(path: PathLike) -> Results:
 
 
 class Results:
-    """Results of a study, as `Study.run` and `archfrag.open` return them, or of `archfrag.fit`.
+    """Results of a study, from `Study.run` or `archfrag.open`, or of a table, from `archfrag.fit`.
 
     Intensities are in the unit of the study. InputError if results are missing, or are not those
     of the study file as it is.
@@ -367,10 +367,7 @@ class Results:
         return load_hazard(paths, intensity.measure, unit, site), period
 
     def _check_there(self) -> None:
-        """Raise InputError if the folder holds other results by now.
-
-        So nothing is read or written there as if it were of these results.
-        """
+        """Raise InputError if the folder holds other results by now."""
         if read_stamp(self.folder)["files"].get(CUBE) != self._made:
             raise InputError(
                 f"{self.folder}: holds other results than these, made since by "
@@ -401,7 +398,10 @@ class Results:
         return example_of(self._study, run, arch).response
 
     def film(self, run: str = "median", arch: str | None = None) -> Film:
-        """Make a film of a run, as `response` takes it; `save` writes it as .gif or .mp4."""
+        """Make a film of a run; its method `save` writes it as .gif or .mp4.
+
+        `run` and `arch` are as for `response`.
+        """
         return self.response(run, arch).animate()
 
     def report(self) -> Path:

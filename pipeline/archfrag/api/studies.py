@@ -71,7 +71,7 @@ _HEAD = "# Written by archfrag {version}. Run it with: archfrag run {name}\n"
 
 
 class Study:
-    """Arches under motions that are scaled to levels: the same as a study file.
+    """Study of arches under motions that are scaled to levels, as in a study file.
 
     Arguments are keys of a study file, listed in docs/study_file.md, or objects in their place.
 
@@ -212,8 +212,8 @@ class Study:
         """Write a study file that anybody can run, and that gives the same results to the bit.
 
         Motions that were given as objects go into a folder beside it, as text with all digits.
-        Other files stay where they are, and their paths are relative to the new file. Its results
-        will be in results/ID beside it. OutputError if a file cannot be written.
+        Other files stay where they are, and their paths are relative to the new file. The results
+        will be in results/ID beside the new file. OutputError if a file cannot be written.
         """
         path = Path(path)
         keys = self._keys.model_dump(exclude_unset=True)
@@ -241,7 +241,7 @@ class Study:
         workers: int | None = None,
         replace: bool = False,
     ) -> Results:
-        """Do all of the study that is not done yet, as `archfrag run` does, and open its results.
+        """Run what is missing of the study, as `archfrag run` does, and open its results.
 
         If there is a current dask client and no number of cores is given, its workers make the
         runs; else threads of this process make them.

@@ -47,8 +47,8 @@ def checked_piers(
     """Return the values of each key of `piers`: those of the left and the right pier.
 
     The arguments are those of `Arch.on_piers`; a single number counts for both piers. A key
-    without a value stays None: `extended` takes its values from the ring. `GeometryError` if one
-    is impossible.
+    without a value stays None: `extended` takes its values from the ring. `GeometryError` if a
+    value is impossible.
     """
     given = {
         "height": height,

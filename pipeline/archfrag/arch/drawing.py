@@ -63,7 +63,7 @@ class _Part(NamedTuple):
     layer: str  # layer on which it is seen
     name: str  # for messages: kind, handle, and the INSERT that it comes from
     reference: Any = None  # the outermost INSERT that it comes from
-    fault: str = ""  # why it cannot be told what an INSERT shows; empty if it can
+    fault: str = ""  # why its INSERT cannot be read; empty if it can
 
     @property
     def kind(self) -> str:
@@ -226,9 +226,9 @@ def _layer(entity) -> str:
 
 
 def _fault(reference) -> str:
-    """Return why it cannot be told what an INSERT shows; empty if it can.
+    """Return why an INSERT cannot be read; empty if it can.
 
-    It cannot if the INSERT is clipped or has a scale of 0.
+    It cannot if it is clipped (XCLIP) or has a scale of 0.
     """
     original = (
         reference if reference.dxf.handle else reference.source_of_copy or reference

@@ -30,7 +30,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def following(corners: FloatArray) -> FloatArray:
-    """Return the next corner of each, the first one after the last."""
+    """Return for each corner the next one; the first corner follows the last."""
     return np.roll(corners, -1, axis=0)
 
 
@@ -117,7 +117,7 @@ def arc(centre: FloatArray, radius: float, start: float, end: float) -> FloatArr
 
 
 def overlap_of(shapes: NDArray[Any], cores: NDArray[Any]) -> list[Any]:
-    """Return two shapes whose cores overlap, by number, and the area they share [m2].
+    """Return the numbers of two shapes whose cores overlap, and their common area [m2].
 
     The list is empty if no cores overlap.
     """
@@ -201,7 +201,7 @@ def cut_sides(line: FloatArray, levels: Iterable[float] = ()) -> list[Side]:
 
 
 def height_at(line: FloatArray, x: float) -> float:
-    """Return the greatest height of a line ``(m, 3)`` at an x within its reach [m]."""
+    """Return the greatest height of a line ``(m, 3)`` at `x`, which it must cross [m]."""
     exchanged = line[:, [1, 0, 2]] * [1, 1, -1]  # a reflection, which turns arcs round
     points = np.concatenate(cut_sides(exchanged, (x,)))
     return points[np.isclose(points[:, 1], x, rtol=0.0, atol=1e-9), 0].max()

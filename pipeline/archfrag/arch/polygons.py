@@ -86,8 +86,8 @@ def polygon_shape(
 ) -> tuple[Named, Ring, bool]:
     """Return parameters and ring of a chain of polygons, and whether one end is free.
 
-    The parameters are outlines and ground as they were drawn, with a factor those with longer
-    joints, and `tolerance` if it is given.
+    The parameters are outlines and ground, as they were drawn or, if the factor is not 1, with
+    joints times the factor; and `tolerance` if it is given.
     """
     factor = checks.number("thickness_factor", thickness_factor, closed=False)
     ring, placed = polygon_ring(drawn, tolerance)

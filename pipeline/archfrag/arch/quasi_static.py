@@ -76,8 +76,8 @@ class SlowArch:
     def place(self, right: bool, move: NDArray, turn: float) -> None:
         """Place a springing that has moved, with the joint face and the ends of ties on it.
 
-        `right` tells which springing. `move` (2,) [m] and `turn` [rad], about the middle of its
-        joint, count from its first position.
+        `right` is true for the right springing. `move` (2,) [m] and `turn` [rad], about the middle
+        of its joint, are those in all, not since the last call.
         """
         model = self.model
         corners, ties = self._before
@@ -114,7 +114,7 @@ class SlowArch:
         return False
 
     def arch(self):
-        """Return the arch at rest where the bodies are."""
+        """Return the arch, at rest in the present position of its bodies."""
         arch = self._built
         model = self.model
         start = self._state.position[1:-1].copy()

@@ -73,7 +73,7 @@ class _Commands(click.Group):
             formatter.write_dl([(name, COMMANDS[name][1]) for name in sorted(COMMANDS)])
 
     def invoke(self, ctx: click.Context):
-        """Run a command; an error of the user or of the machine is one message."""
+        """Run a command; print one message for an error of the user or of the machine."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:  # of a command that has nothing to continue

@@ -110,7 +110,10 @@ def _takes_arch(command: Callable) -> Callable:
 
 
 def _of_study(path: Path, name: str | None) -> ArchEntry:
-    """Return an arch of a study file, or a sample of it; its only one if `name` is None."""
+    """Return an arch of a study file, or a sample of it, by its name.
+
+    If `name` is None, it is the only arch. InputError if there are several, or none of this name.
+    """
 
     study = load_study(path)
     entries = {entry.id: entry for entry in study.arches if entry.table is None}

@@ -70,7 +70,7 @@ def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
 
 
 def _reading(file: Path, reading: Options) -> Options:
-    """Return the options to read a file with: columns are for plain text only."""
+    """Return the options for reading a file, without columns unless it is plain text."""
     if reading["columns"] is not None and file.is_file():
         with opened(file) as content:
             binary = b"\0" in content.read(512)

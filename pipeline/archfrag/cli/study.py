@@ -175,7 +175,10 @@ def clean(study, yes: bool) -> None:
 
 
 def _step(name: str, *options: Callable) -> click.Command:
-    """Make the command of a step, which also renews the dates of its files for Snakemake."""
+    """Return the command of a step.
+
+    The command also renews the dates of the step's files, for Snakemake.
+    """
 
     def make(study, batch: int = 0, as_json: bool = False, **given) -> None:
         check_own(study)

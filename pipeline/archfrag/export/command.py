@@ -218,7 +218,7 @@ def _chosen(cube: xr.Dataset, requested: Names) -> list[str]:
 def _why_none(
     study: StudyKeys, cube: xr.Dataset, arch: str, name: str, curve: Curve
 ) -> str:
-    """Say why an arch has no curve of a limit state, and what helps."""
+    """Return the reason why an arch has no curve of a limit state, and what helps."""
     if curve is _NONE:
         return _not_fitted(cube, arch, name)
     if study.design.adaptive:
@@ -229,7 +229,10 @@ def _why_none(
 
 
 def _left_out(of: tuple[str, str], names: Names) -> str:
-    """Say why an arch has no curve of some limit states."""
+    """Return a note on limit states that are left out, since an arch has no curve of them.
+
+    `of` is this arch, and the reason.
+    """
     arch, why = of
     return f"limit states left out: {', '.join(names)}, of which {arch} has no curve: {why}"
 
@@ -280,7 +283,7 @@ def _uncertain(answers: Curves) -> list[str]:
 
 
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
-    """Say why an arch or a class has no fit of a limit state."""
+    """Return the reason why an arch or a class has no fit of a limit state."""
     if name == "rotation":
         own = [arch in names for names in arch_classes(cube).items()]
         sliding = np.isnan(cube["static_limit"].values[own])
@@ -319,7 +322,10 @@ def _tables(
 def write_vulnerability(
     path: Path, losses: Mapping[str, Any], study: StudyKeys
 ) -> None:
-    """Write the mean loss of `losses_of` as CSV or NRML, by the ending of the path."""
+    """Write the mean loss of `losses_of` as CSV (.csv) or NRML (.xml).
+
+    InputError if the path has another ending.
+    """
     table = vulnerability_table(losses, study)
     if path.suffix not in (".csv", ".xml"):
         raise InputError(f"{path}: a table of mean loss is written as .csv or .xml")

@@ -74,7 +74,7 @@ def export_arches(
 
 
 def _scene(study: StudyKeys, chosen: Iterable[Member]):
-    """Return arches, levels, and motions at factor 1 with their factors, for strict JSON."""
+    """Return arches, levels, and unscaled motions with their factors, for strict JSON."""
     plan = make_plan(study)
     motions = []
     for number, record in enumerate(plan.records):

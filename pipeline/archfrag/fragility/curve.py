@@ -176,7 +176,10 @@ class Curve:
     __call__ = probability
 
     def quantile(self, probability: ArrayLike) -> FloatArray:
-        """Return intensities with these probabilities between 0 and 1, of the same shape."""
+        """Return the intensities at which the curve has given probabilities, of the same shape.
+
+        InputError unless all probabilities lie between 0 and 1.
+        """
         p = np.asarray(probability, float)
         if not np.all((p > 0.0) & (p < 1.0)):
             raise InputError(f"quantile: {p.tolist()} must lie between 0 and 1")
@@ -382,7 +385,7 @@ class Curve:
         return plain
 
     def to_dict(self) -> Named:
-        """Return a curve in SI units as plain values, for JSON."""
+        """Return the curve, which must be in SI units, as plain values for JSON."""
         more = {name: getattr(self, name) for name in _TABLES}
         if self.crossings:
             states = [each._state_dict() for each in self.states]
@@ -454,7 +457,7 @@ class Curve:
 
 
 def plots():
-    """Return the module of figures."""
+    """Import and return `archfrag.plots`."""
     import archfrag.plots  # matplotlib takes half a second
 
     return archfrag.plots
@@ -503,7 +506,10 @@ def rising(values: ArrayLike, name: str) -> FloatArray:
 
 
 def tails(confidence: float) -> list[float]:
-    """Return the probabilities below both ends of a central interval of `confidence`."""
+    """Return the probabilities below the lower and the upper end of a central interval.
+
+    InputError unless `confidence`, that of the interval, lies between 0 and 1.
+    """
     if not isinstance(confidence, Real) or not 0.0 < confidence < 1.0:
         raise InputError(
             f"confidence is {confidence!r}; it lies between 0 and 1, such as 0.9"

@@ -1,4 +1,4 @@
-"""Posterior of the curve of a limit state from runs whose levels follow from collapse.
+"""Posterior of the curve of a limit state, from runs whose levels were chosen by collapse.
 
 A search for collapse chooses its levels by verdicts of collapse alone. Such a choice can be left
 out of the likelihood of both states together (Rubin 1976, Biometrika 63), while the likelihood of
@@ -116,8 +116,9 @@ def _sampled(
 def _both(points: FloatArray, rows: FloatArray) -> FloatArray:
     """Return ln of the probability that both capacities lie in their brackets, (n_point, n_row).
 
-    `points` are mean and ln of the standard deviation of ln C, the same of ln S, and Fisher's z of
-    their correlation, (n_point, 5); `rows` ln of the ends of both brackets, (4, n_row).
+    A row of `points`, (n_point, 5), holds the mean of ln C and ln of its standard deviation, the
+    same two of ln S, and Fisher's z of their correlation. `rows`, (4, n_row), hold ln of the ends
+    of the brackets of C and of S.
     """
     mean_c, log_c, mean_s, log_s, fisher = points.T[:, :, None]
     r = np.tanh(fisher)

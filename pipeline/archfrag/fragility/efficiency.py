@@ -159,7 +159,10 @@ def _best(rows: list[Row], own: Row, logs: FloatArray, event: IntArray) -> Row:
 
 
 def _sums(values: FloatArray, place: IntArray) -> FloatArray:
-    """Return the sum of the values at each place, numbered from 0, (..., n_place)."""
+    """Return the sums of values by group, (..., n_place).
+
+    `values` are (..., n); `place`, (n,), numbers their groups from 0.
+    """
     return values @ (place[:, None] == np.arange(place.max() + 1)).astype(float)
 
 

@@ -99,7 +99,7 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Curve:
 
 
 def _fit_moments(values: FloatArray) -> Curve:
-    """Fit by mean and standard deviation of ln capacity."""
+    """Fit a curve by the mean and the standard deviation of ln capacity."""
     logs = np.log(values)
     n = values.size
     distinct = int(np.unique(logs).size)

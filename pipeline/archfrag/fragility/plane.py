@@ -164,8 +164,8 @@ def _weighted(
     """Draw (alpha, gamma, 1) / beta, (n, q), from a t density that is fitted anew in each round.
 
     Returns the likeliest values (q,), the draws, ln likelihoods of records (n_record, n),
-    log-weights (n,), and the effective number of records over the actual one. `u` is s over its
-    standard deviation, or has no columns for the curve in x1.
+    log-weights (n,), and the effective number of records over the actual one. `u` is standardised
+    s, (n_record, 1), or has no columns for the curve in x1.
     """
     low, high = known.logs[..., None]
     design = np.column_stack([np.ones(len(u)), u])

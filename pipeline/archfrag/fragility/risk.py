@@ -289,7 +289,10 @@ class Contributions:
 
     @property
     def shown(self) -> BoolArray:
-        """Categories with a part of the rate, (n_category,); none if hardly any is assigned."""
+        """Whether each category has a part of the rate, (n_category,).
+
+        All are False if hardly any of the rate is assigned to categories.
+        """
         assigned = self.rate.sum()
         enough = assigned > LEAST_ASSIGNED * (assigned + self.unassigned.sum())
         return np.asarray(self.rate.any(axis=1) & enough)

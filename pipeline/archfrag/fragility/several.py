@@ -79,7 +79,7 @@ def above(mild: Curve, severe: Curve) -> Curve:
 def crossing(mild: Curve, severe: Curve) -> float:
     """Return the largest excess of the severer state's probability over the milder one's.
 
-    Programs that subtract the two curves would get a negative probability.
+    Where it is positive, programs that subtract the two curves get a negative probability.
     """
     theta, beta = np.array([(fit.theta, fit.beta) for fit in (mild, severe)]).T
     ends = theta * np.exp(np.array([[-4.0], [4.0]]) * beta)

@@ -331,7 +331,7 @@ def effects_on_theta(theta: FloatArray, values: FloatArray) -> tuple[float, Floa
 def hazard_and_fragility(
     sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Scale
 ) -> str:
-    """Draw the hazard curve, the fragility curve and where the rate of collapse comes from."""
+    """Draw the hazard curve, the fragility curve and the rate of collapse per ln intensity."""
     # Intensities from which all but a small part of the rate comes.
     wide = np.concatenate([arch.levels, hazard.main.im, [arch.fit.theta]])
     im = np.geomspace(0.2 * wide.min(), 5.0 * wide.max(), 1200)

@@ -193,7 +193,7 @@ def _noun(inputs: ReportInputs) -> str:
 
 
 def _facts(inputs: ReportInputs) -> str:
-    """Write how many runs and collapses there are, and the dispersion of the only answer."""
+    """Return text on the numbers of runs and collapses; if one answer, its dispersion too."""
     cube = inputs.cube
     verdict = cube["verdict"].values
     count = len(inputs.answers)
@@ -234,7 +234,7 @@ def ratio_text(row: Mapping[str, float], percent: str) -> str:
 
 
 def _crossing(inputs: ReportInputs) -> Iterator[str]:
-    """Say which of two curves is higher below the level at which they cross, if they do."""
+    """Yield a sentence on which of two curves is higher below their crossing, if they cross."""
     levels = inputs.scale.factor * inputs.cube["intensity"].values
     im = np.geomspace(np.nanmin(levels), np.nanmax(levels), 400)
     one, two = (fit(im) for fit in inputs.known.values())

@@ -181,7 +181,7 @@ def percentages(values: Sequence[float]) -> str:
 
 
 def median_and_largest(values: NDArray[np.float64]) -> str:
-    """Write the median and the largest of some magnitudes with powers of ten."""
+    """Return the median and the largest absolute value as text, with powers of ten."""
     values = np.abs(values[np.isfinite(values)])
     return (
         f"{np.median(values):.1e}, {values.max():.1e}" if values.size else "not known"

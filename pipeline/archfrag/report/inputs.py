@@ -102,7 +102,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class ArchResults:
-    """All runs of an arch, or of the arches of a class below each other."""
+    """All runs of an arch, or of the arches of a class, whose rows follow each other."""
 
     arch: str  #: name of the arch or class
     records: list[str]  #: name of the record of each row
@@ -193,7 +193,7 @@ class ReportInputs:
 
     @cached_property
     def of_class(self) -> dict[str, str]:
-        """Class of each arch."""
+        """Class of each arch, by the name of the arch."""
         return arch_classes(self.cube)
 
     @cached_property
@@ -225,7 +225,8 @@ class ReportInputs:
     def references(self) -> dict[str, str]:
         """Name of the curve with which each curve is compared, by name.
 
-        It is the first one; for an arch after a first shock it is the same arch before it.
+        It is the first curve; for an arch after a first shock it is that of the arch before the
+        shock.
         """
         first, *others = self.known
         found = dict.fromkeys(others, first)
@@ -315,7 +316,7 @@ def _title(study: StudyKeys) -> str:
 
 
 def arch_results(runs: ArchRuns, scale: Scale) -> ArchResults:
-    """Return what the report needs of the runs of an arch or a class."""
+    """Return the runs of an arch or a class in the form that the report needs."""
     n_arch = len(runs.arches)
     made = runs.verdict != Verdict.NOT_RUN
     levels = runs.level * scale.factor
@@ -526,7 +527,10 @@ def _answered(inputs: ReportInputs, answer: Curve) -> Named:
 
 
 def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> Named:
-    """Return how many runs of an arch have each verdict, and fractions of its collapses."""
+    """Return numbers of runs of an arch by verdict, and of its collapses the fractions.
+
+    The fractions are by mode and by joint.
+    """
     number = count_verdicts(verdict)
     collapsed = verdict == Verdict.COLLAPSED
     counts = {name: int(number[name].sum()) for name in COUNTS}

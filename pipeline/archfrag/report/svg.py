@@ -79,7 +79,7 @@ def figure(
 
 
 class Sheet:
-    """A drawing of a given width [px]; whoever draws sets its `height`."""
+    """Drawing of a given width [px]; the functions that draw on it set its `height`."""
 
     def __init__(self, width: float) -> None:
         self.width = width
@@ -371,7 +371,7 @@ def tick_label(value: float) -> str:
 
 
 def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
-    """Return round numbers from low to high, at most about `most`."""
+    """Return round numbers from low to high, about `most` of them at most."""
     span = max(high - low, 1e-300)
     step = 10.0 ** np.floor(np.log10(span / most))
     step *= next(k for k in (1.0, 2.0, 2.5, 5.0, 10.0, 20.0) if k * step * most >= span)
