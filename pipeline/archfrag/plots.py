@@ -1,8 +1,8 @@
 """Figures of arches, motions and responses by matplotlib, in one style.
 
 Backgrounds are transparent and texts are of a middle grey, so that a figure can be read on white
-and in a dark notebook. Each function takes axes or makes new ones, and returns them. What it
-draws is an object with the attributes that its class in archfrag documents.
+and in a dark notebook. Each function takes axes or makes new ones, and returns them. The object
+that it draws has the attributes that its class in archfrag documents.
 """
 
 import re
@@ -35,7 +35,7 @@ GREY = "#9aa2ab"
 SIZE = 9.0  # of texts [points]
 GRAVITY = 9.80665  # [m/s2]
 MOST_NUMBERS = 15  # of joints in a figure
-FRAMES = 25  # of a film, in a second; seconds that it stays at its end
+FRAMES = 25  # frames of a film in a second; seconds that its last frame stays
 HOLD = 1.2
 _EDGE = "#8d8473"
 _AREAS: dict[str, Named] = {  # how marks of an arch look, by role
@@ -74,7 +74,7 @@ def axes_of(ax: Axes | None, size: tuple[float, float] = (6.4, 3.2)) -> Axes:
 
 
 def dressed(ax: Axes) -> Axes:
-    """Give axes and their figure the style of all figures."""
+    """Give axes and their figure the style of all figures; return the axes."""
     ax.figure.patch.set_alpha(0.0)
     ax.patch.set_alpha(0.0)
     ax.spines[["top", "right"]].set_visible(False)
@@ -93,7 +93,7 @@ def legend(ax: Axes, **options) -> None:
 
 
 def _annotate(ax: Axes, words: str, at, away, **options) -> None:
-    """Write words some points away from a place."""
+    """Write words at a distance `away` [points] from a place."""
     options |= {"textcoords": "offset points", "color": INK, "va": "center"}
     ax.annotate(words, at, away, **{"fontsize": SIZE, **options})
 
@@ -111,9 +111,9 @@ def svg_of(figure) -> str:
 
 
 def html_of(thing, size: tuple[float, float] = (6.4, 3.2)) -> str:
-    """Return what a notebook shows of a thing with a method `plot`: its figure above its repr.
+    """Return HTML for a notebook: the figure of an object above its repr.
 
-    Texts have the colour of the notebook's text.
+    The object has a method `plot`. Texts have the colour of the notebook's text.
     """
     figure = Figure(figsize=size, layout="constrained")
     thing.plot(dressed(figure.add_subplot()))
@@ -124,7 +124,7 @@ def html_of(thing, size: tuple[float, float] = (6.4, 3.2)) -> str:
 
 
 def paint(ax: Axes, marks: Iterable[Any]) -> list[Any]:
-    """Draw marks of an arch, each as its role asks for; return their artists."""
+    """Draw marks of an arch in the style of their roles; return their artists."""
     return [
         ax.add_patch(Polygon(mark.points, **_AREAS[mark.role]))
         if mark.role in _AREAS
@@ -158,7 +158,10 @@ def plot_arch(arch, ax: Axes | None = None) -> Axes:
 
 
 def plot_onset(onset, ax: Axes | None = None, towards: str | None = None) -> Axes:
-    """Draw hinges, sliding joints and thrust lines at onset, the ground accelerating `towards`."""
+    """Draw hinges, sliding joints and thrust lines of an arch at onset.
+
+    The ground accelerates `towards` +x or -x; if not given, in the weaker of both directions.
+    """
     towards = towards or ("-x" if onset.minus < 0.999 * onset.plus else "+x")
     limit, *_ = onset.mechanism(towards)
     ax = plot_arch(onset.arch, ax)
@@ -172,7 +175,7 @@ def plot_onset(onset, ax: Axes | None = None, towards: str | None = None) -> Axe
 
 
 def plot_motion(motion, ax: Axes | None = None) -> Axes:
-    """Draw the acceleration of the ground over time [g], its peak marked."""
+    """Draw the acceleration of the ground over time [g], and mark its peak."""
     ax = axes_of(ax, (6.4, 2.2))
     time = motion.time
     values = motion.acceleration / GRAVITY
@@ -191,7 +194,7 @@ def plot_motion(motion, ax: Axes | None = None) -> Axes:
 
 
 def plot_response(response, ax: Axes | None = None) -> Axes:
-    """Draw the rotation of each voussoir over time, the one that rotates most in colour."""
+    """Draw the rotation of each voussoir over time; the one that rotates most is in colour."""
     time, _, rotation = response._arrays()
     ax = axes_of(ax)
     ax.plot(time, rotation, color=GREY, lw=0.6)
@@ -242,7 +245,7 @@ class Film(FuncAnimation):
 def animate(response, seconds: float = 8.0, speed: float = 1.0) -> Film:
     """Make a film of a run: the arch with its hinges above, the ground's acceleration below.
 
-    It shows at most `seconds` of the run, `speed` times as fast as they were.
+    It shows at most `seconds` of the run, `speed` times as fast as in reality.
     """
     if not (0.0 < seconds < np.inf and 0.0 < speed < np.inf):
         raise InputError(
@@ -296,7 +299,10 @@ def animate(response, seconds: float = 8.0, speed: float = 1.0) -> Film:
 
 
 def stage(low: FloatArray, high: FloatArray) -> tuple[Figure, Axes, Axes]:
-    """Return a figure, its axes between two corners of a film [m], and axes over time."""
+    """Return a figure with axes for an arch above, and axes over time below.
+
+    `low` and `high` are the lower left and the upper right corner of the upper axes [m].
+    """
     tall = float(np.clip(6.4 * (high - low)[1] / (high - low)[0], 2.0, 6.0))
     figure = pyplot.figure(figsize=(6.4, tall + 1.2), layout="constrained")
     upper, lower = map(dressed, figure.subplots(2, height_ratios=[tall, 1.2]))
@@ -331,7 +337,10 @@ def plot_spectra(
 
 
 def plot_plane(table, runs: FloatArray, ax: Axes | None = None) -> Axes:
-    """Draw contours of a table of probabilities, and runs: both intensities, 1 of a collapse."""
+    """Draw contours of a table of probabilities, and the runs.
+
+    A run is a row of both intensities, and 1 if it collapsed, else 0.
+    """
     ax = axes_of(ax, (5.6, 4.2))
     one, two = table.columns[:2]
     verdicts = (1, "collapsed", "x", VERMILION), (0, "survived", ".", GREY)

@@ -109,7 +109,7 @@ def open(path: PathLike) -> Results:
 
 
 class Results:
-    """Results of a study, as `Study.run` and `archfrag.open` return them, or of `archfrag.fit`.
+    """Results of a study, from `Study.run` or `archfrag.open`, or of a table, from `archfrag.fit`.
 
     Intensities are in the unit of the study. InputError if results are missing, or are not those
     of the study file as it is.
@@ -117,8 +117,9 @@ class Results:
     Attributes
     ----------
     curves : dict of str to Curve
-        Curves of classes of arches, then of arches, by name; of those that have one.
+        Curves by name, first of classes of arches, then of arches; only those that were fitted.
     folder : Path
+        Folder of the results.
     """
 
     def __init__(self, study: StudyKeys, table: Fitted | None = None) -> None:
@@ -135,7 +136,7 @@ class Results:
 
     @property
     def cautions(self) -> list[str]:
-        """Reasons for caution, and why there is no curve of an arch, as commands print them."""
+        """Why arches have no curve, and reasons for caution, as commands print them."""
         quoted = self._fitted.quoted().values()
         none = [
             f"{each.name}: no curve: {each.reason}"
@@ -146,7 +147,10 @@ class Results:
 
     @property
     def curve(self) -> Curve:
-        """The curve of a study of one arch or one class; else InputError, or FitError if none."""
+        """The only curve of a study.
+
+        InputError if there are several arches or classes, FitError if there is no curve.
+        """
         (name, curve), *others = self._fitted.quoted().items()
         if others:
             raise InputError(
@@ -161,10 +165,11 @@ class Results:
     def runs(self) -> xr.Dataset:
         """All runs along arch, record and intensity (level, if each run has its own).
 
-        This is the cube of the study, ``cube.nc``, with `collapsed`: 1 if a run collapsed, 0 if
-        it survived, and nan if it is not run, unfinished or failed; `verdict` is nan if it is not
+        This is the cube of the study, ``cube.nc``, with `collapsed`: 1 if a run collapsed, 0 if it
+        survived, and nan if it is not run, unfinished or failed; `verdict` is nan if it is not
         run. An adaptive design runs each record at levels of its own, so that their mean at a
-        level is no probability: see `fractions`. Of a table they are along level, in SI units.
+        level is no probability: see `fractions`. Runs of a table of verdicts are along level, and
+        in SI units.
         """
         self._check_there()
         cube = self._table.cube if self._table else stored_cube(self._study)
@@ -177,9 +182,9 @@ class Results:
     def fractions(self) -> pd.DataFrame:
         """Fraction of the records that make each arch collapse, (n_level, n_arch).
 
-        Rows are levels in the unit of the study. Of an adaptive design it is the fraction of the
-        records whose capacity lies below the level, as in the report. nan where nothing is known.
-        InputError if runs have intensities of their own, as in a cloud.
+        Rows are levels in the unit of the study. In an adaptive design it is the fraction of the
+        records whose capacity lies below the level, as in the report. It is nan if no verdict is
+        known. InputError if runs have intensities of their own, as in a cloud.
         """
         intensity = self._study.intensity
         if not self._study.design.on_levels:
@@ -209,7 +214,7 @@ class Results:
         unit: str | None = None,
         site: Sequence[float] | None = None,
     ) -> pd.DataFrame:
-        """Find the annual rate of collapse at a site, for each class and each arch of none.
+        """Find the annual rate of collapse at a site, for classes and for arches without a class.
 
         Parameters
         ----------
@@ -219,15 +224,15 @@ class Results:
         years : float, optional
             Period for the probability of collapse, that of the study or 50 if not given.
         unit : str, optional
-            Of the intensities of a table, that of the study if not given, or of a CSV whose header
-            has none.
+            Unit of the intensities in a table (that of the study if not given), or in a CSV file
+            whose header has none.
         site : (longitude, latitude), optional
             Nearest site of OpenQuake's file [degrees].
 
         Returns
         -------
         pandas.DataFrame
-            Rates in 1/year, periods in years; in ``attrs`` what `archfrag risk --json` prints.
+            Rates in 1/year, periods in years; ``attrs`` holds what `archfrag risk --json` prints.
         """
         study = self._study
         fitted = self._fitted
@@ -260,8 +265,8 @@ class Results:
     ) -> pd.DataFrame:
         """Find the average annual loss at a site, as a part of the value of each arch or class.
 
-        `consequence` has by limit state, collapse among them, what it costs as a part of the
-        value; hazard and `given` are as for `risk`. Columns are aal, aal_mean, aal_lower and
+        `consequence` gives the cost of each limit state, collapse among them, as a part of the
+        value; `hazard` and `given` are as for `risk`. Columns are aal, aal_mean, aal_lower and
         aal_upper in 1/year, and aal_is_lower_bound; ``attrs["vulnerability"]`` has the mean loss
         ratio against intensity, which `archfrag risk --vulnerability` writes for OpenQuake.
         """
@@ -278,11 +283,11 @@ class Results:
         return table
 
     def plane(self, second: str = "best", arch: str | None = None) -> Plane:
-        """Find P(collapse | two intensities), and test on earthquakes held back what it gains.
+        """Find P(collapse | two intensities), and test what the second intensity gains.
 
         `second` is a measure such as PGV, or "best", which tries all that the cube has; `arch` is
-        needed if there are several. FitError with fewer than 8 earthquakes (records, if these
-        have none), or if both measures say the same.
+        needed if there are several. The test holds earthquakes back. FitError with fewer than 8
+        earthquakes (records, if these have none), or if both measures say the same.
         """
         return plane_of(self._fitted, self._study.intensity, second, arch)
 
@@ -295,12 +300,12 @@ class Results:
         other: Results | None = None,
         **given,
     ) -> pd.DataFrame:
-        """Compare an arch, or a class, as it is with one that has a tie or another remedy.
+        """Compare two arches, or two classes, such as an arch without a tie and with one.
 
-        Both met the same motions, so the interval of a ratio is narrower than those of the two
-        numbers. It is by the jackknife over motions, or over earthquakes with all their records.
-        InputError if the motions, or the samples of two classes, differ; FitError if one has no
-        curve, or there are fewer than three motions or earthquakes.
+        Both met the same motions, so the interval of their ratio is narrower than those of the two
+        numbers. The interval is by the jackknife over motions, or over earthquakes with all their
+        records. InputError if the motions, or the samples of two classes, differ; FitError if one
+        of the two has no curve, or if there are fewer than three motions or earthquakes.
 
         Parameters
         ----------
@@ -362,7 +367,7 @@ class Results:
         return load_hazard(paths, intensity.measure, unit, site), period
 
     def _check_there(self) -> None:
-        """See that the folder still holds these results: nothing else is written as theirs."""
+        """Raise InputError if the folder holds other results by now."""
         if read_stamp(self.folder)["files"].get(CUBE) != self._made:
             raise InputError(
                 f"{self.folder}: holds other results than these, made since by "
@@ -393,7 +398,10 @@ class Results:
         return example_of(self._study, run, arch).response
 
     def film(self, run: str = "median", arch: str | None = None) -> Film:
-        """Make a film of a run, as `response` takes it; `save` writes it as .gif or .mp4."""
+        """Make a film of a run; its method `save` writes it as .gif or .mp4.
+
+        `run` and `arch` are as for `response`.
+        """
         return self.response(run, arch).animate()
 
     def report(self) -> Path:
@@ -415,11 +423,11 @@ class Results:
     ) -> Path:
         """Write the curves for OpenQuake as a fragility model in NRML, and return its path.
 
-        Lognormal curves, or probabilities at levels if `discrete`. A class has one curve, with
-        `members` its arches have theirs too. `limit_states` are written besides collapse, all that
-        have curves if none is given. `curve` is "median"; "predictive", the mean over what theta
-        and beta may be; or "branches", 15 curves with weights in a CSV beside. Warnings name what
-        is left out and what to heed.
+        The model has lognormal curves, or probabilities at levels if `discrete`. A class has one
+        curve; with `members` its arches have curves too. `limit_states` are written besides
+        collapse; if none is given, all that have curves. `curve` is "median"; "predictive", the
+        mean over uncertain theta and beta; or "branches", 15 curves, with their weights in a
+        second file, in CSV. Warnings name what is left out and what to heed.
         """
         kind = f"nrml-{'discrete' if discrete else 'continuous'}"
         self._export(kind, path, members, limit_states, curve)
@@ -454,7 +462,7 @@ class Results:
         limit_states: Sequence[str] = (),
         curve: str = "median",
     ) -> list[Path]:
-        """Export to a folder, or a single file to the path of a file."""
+        """Export to the file `path` in NRML, or to the folder `path` in other formats."""
         self._check_there()
         path = Path(path)
         single = kind.startswith("nrml")

@@ -71,14 +71,15 @@ _HEAD = "# Written by archfrag {version}. Run it with: archfrag run {name}\n"
 
 
 class Study:
-    """Arches under motions that are scaled to levels: the same as a study file.
+    """Study of arches under motions that are scaled to levels, as in a study file.
 
     Arguments are keys of a study file, listed in docs/study_file.md, or objects in their place.
 
     Parameters
     ----------
     arch : Arch, mapping of names to arches, or list of arches
-        Of a list they are arch1, arch2, ... A mapping of a study file's keys is an arch too.
+        Arches of a list are named arch1, arch2, ... A mapping of a study file's keys is an arch
+        too.
     motions : Motion, path, sequence of either, or mapping
         Paths may be patterns with * and ?, or an ``index.csv``. A mapping has the keys of
         `motions`. Verticals of Motion objects are used.
@@ -87,14 +88,16 @@ class Study:
     levels : sequence of float, or mapping of start, stop and count
         Intensities that the motions are scaled to.
     unit : str, optional
-        Of the levels: g for accelerations, else m/s or m, if not given.
+        Unit of the levels; if not given, g for accelerations, else m/s or m.
     design : "stripes", "ida", "cloud", or mapping of `kind` and settings
     vary : mapping, optional
-        Number of `samples`, and by key its distribution, which a study file has under `of`.
+        Number of `samples`, and the distribution of each key that varies (under `of` in a study
+        file).
     hazard : path or mapping, optional
         Hazard curve of the site, for the rate of collapse; a mapping has the keys of `risk`.
     id, title : str, optional
-        Its results are in results/ID, by default of its content; heading of its report.
+        Name of the study, whose results are in results/ID (made of its content if not given);
+        heading of its report.
     **keys
         Other keys of a study file: method, limit_states, report, execution, institution, output.
 
@@ -202,15 +205,15 @@ class Study:
 
     @property
     def folder(self) -> Path:
-        """Folder of its results."""
+        """Folder of the results."""
         return self._keys.folder
 
     def to_file(self, path: PathLike) -> Path:
         """Write a study file that anybody can run, and that gives the same results to the bit.
 
         Motions that were given as objects go into a folder beside it, as text with all digits.
-        Other files stay where they are, and their paths are relative to the new file. Its results
-        will be in results/ID beside it. OutputError if a file cannot be written.
+        Other files stay where they are, and their paths are relative to the new file. The results
+        will be in results/ID beside the new file. OutputError if a file cannot be written.
         """
         path = Path(path)
         keys = self._keys.model_dump(exclude_unset=True)
@@ -238,10 +241,10 @@ class Study:
         workers: int | None = None,
         replace: bool = False,
     ) -> Results:
-        """Do all of the study that is not done yet, as `archfrag run` does, and open its results.
+        """Run what is missing of the study, as `archfrag run` does, and open its results.
 
-        The workers of the dask client that is current make the runs, if there is one and no
-        number of cores is given; else threads of this process.
+        If there is a current dask client and no number of cores is given, its workers make the
+        runs; else threads of this process make them.
 
         Parameters
         ----------
@@ -317,7 +320,7 @@ def fit(
     confidence: float = 0.9,
     output: PathLike | None = None,
 ) -> Results:
-    """Fit fragility curves to verdicts of any program or experiment, as a study's are fitted.
+    """Fit fragility curves to verdicts of any program or experiment, as those of a study.
 
     Parameters
     ----------
@@ -330,11 +333,12 @@ def fit(
     columns : dict, optional
         Names of columns by what they hold, such as ``{"intensity": "PGA", "verdict": "fell"}``.
     measure, unit : str, optional
-        Of the intensity, if the name of its column does not state them as ``PGA [g]`` does.
+        Intensity measure and its unit, if the column's name does not state them as ``PGA [g]``
+        does.
     states : sequence of str
-        Damage states in order, from none to collapse, of a column damage state.
+        Damage states in a column damage state, in order from none to collapse.
     confidence : float
-        Of all bands and intervals.
+        Confidence of all bands and intervals.
     output : path, optional
         Folder for the report; results/NAME of the table if not given.
 
@@ -356,7 +360,7 @@ def fit(
 
 
 def _named(arch, name: str) -> Keys:
-    """Return arches by name; a single one has this name if it has none."""
+    """Return arches by name; a single one gets `name`, those of a list arch1, arch2, ..."""
     if isinstance(arch, list | tuple):
         arch = {f"arch{number}": each for number, each in enumerate(arch, start=1)}
     several = (
@@ -366,7 +370,7 @@ def _named(arch, name: str) -> Keys:
 
 
 def _arches(arch, name: str, vary: Keys | None) -> list[Any]:
-    """Return the entries of a study file for arches."""
+    """Return the entries of a study file for arches; `name` is for a single one."""
     arch = _named(arch, name)
     entries = []
     for name, each in arch.items():
@@ -420,7 +424,7 @@ def _motions(given) -> tuple[tuple[Motion, ...], Named]:
 
 
 def _write_motions(motions: Sequence[Motion], folder: Path) -> Path:
-    """Write motions as text with all digits, and their index; its path."""
+    """Write motions as text with all digits, and their index; return the path of the index."""
     rows = []
     for number, motion in enumerate(motions, start=1):
         path = folder / f"motion{number}.txt"
@@ -447,7 +451,10 @@ def _write_motions(motions: Sequence[Motion], folder: Path) -> Path:
 
 
 def _plain(value):
-    """Return what JSON does not know as a study file has it: arrays as lists, paths as text."""
+    """Return a value as a study file has it: an array as a list, a path as text.
+
+    InputError for any other value that JSON does not know.
+    """
     if hasattr(value, "tolist"):
         return value.tolist()
     if isinstance(value, os.PathLike):
@@ -467,8 +474,9 @@ def _digest_of_motion(motion: Motion) -> str:
 
 
 def _content_of(path: Path) -> str:
-    """Return the digest of the content of the study that wrote a file; empty if there is no such
-    file.
+    """Return the digest of the content of a study, from the file that it wrote.
+
+    It is empty if the file cannot be read, and "unknown" if it states no digest.
     """
     try:
         lines = read_text(path, LARGEST_FILE, InputError, "the study file").splitlines()

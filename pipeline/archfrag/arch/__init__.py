@@ -1,4 +1,4 @@
-"""Arches, columns and blocks in user units, and the chains of rigid bodies that they are."""
+"""Arches, columns and blocks in user units, built as chains of rigid bodies."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING

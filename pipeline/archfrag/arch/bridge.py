@@ -1,4 +1,4 @@
-"""What a ring stands on and what lies on it: piers as further bodies, and the weight of fill."""
+"""Piers, as further bodies of a chain, and the weight of fill and backing on a ring."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,12 +18,15 @@ from archfrag.errors import GeometryError
 from archfrag.files import Named
 from archfrag.properties import MOST_VOUSSOIRS
 
-Piers = Named  # of each key the values of the left and the right pier
+Piers = Named  # of each key two values, left and right pier, or None
 _SIDES = ((-1.0, "left"), (1.0, "right"))
 
 
 def check_upright(ring: Ring, free_end: bool) -> None:
-    """Refuse a chain on which piers or fill have no meaning."""
+    """Raise `GeometryError` unless a ring can carry piers or fill.
+
+    It must be an arch between two springings, with joints from the left and the intrados below.
+    """
     if free_end or ring.sense < 0 or ring.intrados[0, 0] >= ring.intrados[-1, 0]:
         raise GeometryError(
             "piers and fill need an arch between two springings, its joints listed "
@@ -41,7 +44,12 @@ def checked_piers(
     density=None,
     depth=None,
 ) -> Piers:
-    """Return the values of the left and the right pier by key; None for what the ring gives."""
+    """Return the values of each key of `piers`: those of the left and the right pier.
+
+    The arguments are those of `Arch.on_piers`; a single number counts for both piers. A key
+    without a value stays None: `extended` takes its values from the ring. `GeometryError` if a
+    value is impossible.
+    """
     given = {
         "height": height,
         "width": width,
@@ -68,7 +76,11 @@ def checked_piers(
 
 
 def extended(values: FloatArray, piers: Piers, name: str) -> FloatArray:
-    """Return values of the ring's bodies or joints between those of the piers'."""
+    """Return the values of all bodies, or joints: left pier, ring, right pier.
+
+    `values` are those of the ring. Each course of a pier has its value in ``piers[name]``; if this
+    is None, it has the first or the last value of the ring.
+    """
     own = piers[name] or values[[0, -1]]
     left, right = (np.full(n, each) for n, each in zip(piers["courses"], own))
     return np.concatenate([left, values, right])
@@ -83,7 +95,11 @@ def on_piers(ring: Ring, piers: Piers) -> Ring:
 
 
 def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
-    """Return the level joints and courses of the left or the right pier, from its base up."""
+    """Return the joints and courses of one pier, from its base up.
+
+    `place` is 0 for the left pier, 1 for the right one. Joints are level; the top course is cut to
+    the skewback. `GeometryError` if the pier does not fit it.
+    """
     side, name = _SIDES[place]
     end = -place
     keys = ("height", "width", "base_width", "above")
@@ -141,7 +157,7 @@ def checked_fill(
     backing_unit_weight=None,
     inertia=1.0,
 ) -> dict[str, float]:
-    """Return the keys of fill with their values."""
+    """Check the arguments of `Arch.filled` and return them by key, with defaults."""
     if backing_unit_weight is None:
         if backing_height != 0.0:
             raise GeometryError(
@@ -164,7 +180,7 @@ def checked_fill(
 
 
 def fill_weighs(fill: Mapping[str, Any]) -> bool:
-    """Return whether fill or its backing has a weight; one without is no fill."""
+    """Return whether the fill or its backing has a weight."""
     backing = fill.get("backing_height", 0.0) * (fill.get("backing_unit_weight") or 0.0)
     return bool(fill["unit_weight"] or backing)
 
@@ -172,17 +188,18 @@ def fill_weighs(fill: Mapping[str, Any]) -> bool:
 def weight_of_fill(
     ring: Ring, springings: tuple[int, int], fill: dict[str, float], depth: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the weight of fill and backing on each body ``(n,)`` [N], and where it acts ``(n,
-    2)`` [m].
+    """Return the weight of fill and backing on each body, and where it acts.
 
-    The column above each body reaches from the upward sides of its extrados to the level of the
-    fill. With the areas A and first moments S of the columns up to the levels of the fill and of
-    the backing,
+    Shapes are ``(n,)`` [N] and ``(n, 2)`` [m]. `springings` are the first and the last joint of
+    the ring; `depth` is that of each body [m]. The column above each body reaches from the upward
+    sides of its extrados to the level of the fill. With the areas A and first moments S of the
+    columns up to the levels of the fill and of the backing,
 
         W = b (g_f A_f + (g_b - g_f) A_b),   x = b (g_f S_f + (g_b - g_f) S_b) / W.
 
-    It acts on the extrados below x, where the fill hands its force to the ring: columns lean on
-    each other, so that no voussoir carries the overturning moment of the column above it.
+    The weight acts on the extrados at x, where the fill hands its force to the ring: columns lean
+    on each other, so that no voussoir carries the overturning moment of the column above it.
+    `GeometryError` if the backing reaches above the fill.
     """
     first, last = springings
     sides = (side for line in ring.surfaces[first:last] for side in cut_sides(line))
@@ -208,8 +225,9 @@ def weight_of_fill(
 
 
 def _column(line: FloatArray, level: float) -> FloatArray:
-    """Return the area [m2] from the upward sides of a line to a level above, and its first moment
-    of x.
+    """Return area and first moment of x between a line and a level above [m2, m3].
+
+    Only those sides of the line ``(m, 3)`` count that run to the right, below the level.
     """
     found = np.zeros(2)
     for start, end in cut_sides(line, (level,)):

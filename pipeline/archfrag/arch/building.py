@@ -1,4 +1,4 @@
-"""From what an arch is given to its chain of bodies: ring, piers, fill, ties, and their checks."""
+"""Build the chain of bodies of an arch: ring, piers, fill and ties, with their checks."""
 
 from __future__ import annotations
 
@@ -20,11 +20,14 @@ from archfrag.properties import SMALLEST, VARIABLE
 if TYPE_CHECKING:
     from archfrag.arch.shape import Shape
 
-End = tuple[int, float, float]  # of a tie: voussoir, x and y [m]
+End = tuple[int, float, float]  # end of a tie: voussoir, x and y [m]
 
 
 class Given(NamedTuple):
-    """What an arch is built of; `piers` and `fill` are arguments of `on_piers` and `filled`."""
+    """Inputs that an arch is built of.
+
+    `piers` and `fill` hold the arguments of `Arch.on_piers` and `Arch.filled`, if it has any.
+    """
 
     profile: str
     shape: Named
@@ -39,7 +42,10 @@ class Given(NamedTuple):
 
 
 def fields_of(given: Given) -> Named:
-    """Return the attributes of an `Arch`, from what it is built of, which is checked here."""
+    """Check the inputs of an arch and return the attributes of `Arch` by name.
+
+    `GeometryError` names the parameter that is impossible.
+    """
     ring = given.ring
     count = len(ring.outlines)
     if given.piers is not None or given.fill is not None:
@@ -100,7 +106,7 @@ def _coefficients(given: Given, bodies: int) -> FloatArray:
 
 
 def plain(value: ArrayLike | None):
-    """Return the numbers as strict JSON takes them: nested lists of floats, infinity as "inf"."""
+    """Return numbers for strict JSON: nested lists of floats, infinity as "inf", None as it is."""
     if value is None:
         return None
     numbers = np.asarray(value, dtype=float).astype(object)
@@ -151,7 +157,10 @@ def tie_row(
 
 
 def _at_level(arch: Shape, level: float) -> list[End]:
-    """Return the outermost points of the voussoirs at a height, left and right."""
+    """Return the leftmost and the rightmost point of the outlines at a height, as ends of a tie.
+
+    `GeometryError` unless they lie on two voussoirs.
+    """
     found: list[End] = []
     for body, outline in enumerate(arch.outlines):
         for (x, y), (u, v) in zip(outline.tolist(), following(outline).tolist()):
@@ -169,7 +178,7 @@ def _at_level(arch: Shape, level: float) -> list[End]:
 
 
 def _checked_ends(arch: Shape, ends: Sequence[End] | None) -> list[End]:
-    """Return the ends of a tie as they are given, checked."""
+    """Check the two ends of a tie and return them; `GeometryError` if they are impossible."""
     both = [(int(body), float(x), float(y)) for body, x, y in ends or ()]
     bodies = {body for body, *_ in both}
     last = arch.n_voussoir - 1 + (not arch.free_end)

@@ -20,8 +20,10 @@ def _floats(
     fits: Callable[[Any], Any],
     shape_fits: Callable[[tuple[int, ...]], bool] = lambda shape: shape == (),
 ) -> FloatArray:
-    """Return an array of floats whose shape and entries fit; neither text, booleans nor ragged
-    lists.
+    """Return a value as an array of floats, or raise `GeometryError`.
+
+    Text, booleans and ragged lists are refused. `shape_fits` tells whether a shape is allowed,
+    `fits` which entries are; `allowed` says so in the message.
     """
     try:
         array = np.asarray(value)
@@ -49,7 +51,11 @@ def number(
     closed: bool = True,
     meaning: str = "",
 ) -> float:
-    """Return one number between its bounds, or narrower ones, which are allowed if `closed`."""
+    """Return one number within the bounds of its key in `PROPERTIES`.
+
+    `least` and `most` may narrow the bounds. The bounds themselves are allowed only if `closed`.
+    `meaning` explains them in the message.
+    """
     about = PROPERTIES[key]
     ends = max(least, about.least), min(most, about.most)
     words = ("at least", "at most") if closed else ("greater than", "less than")
@@ -65,14 +71,14 @@ def number(
 
 
 def count(name: str, value) -> int:
-    """Number of voussoirs of an arch: an integer from 2 to `MOST_VOUSSOIRS`."""
+    """Return a number of voussoirs: an integer from 2 to `MOST_VOUSSOIRS`."""
     allowed = f"an integer from 2 to {MOST_VOUSSOIRS} (a single body is a Block)"
     numbers = range(2, MOST_VOUSSOIRS + 1)
     return int(_floats(name, value, allowed, numbers.__contains__))
 
 
 def flag(name: str, value: object) -> bool:
-    """Return True or False; nothing else is taken."""
+    """Return True or False; `GeometryError` for anything but a boolean."""
     if not isinstance(value, bool | np.bool_):
         raise GeometryError(
             f"{name} = {reprlib.repr(value)} is impossible; it must be a boolean"
@@ -81,7 +87,11 @@ def flag(name: str, value: object) -> bool:
 
 
 def shared_or_each(key: str, value, size: int, each: str) -> FloatArray:
-    """Return one number for all, or one for each, all within the bounds of their key."""
+    """Return an array ``(size,)`` from one number for all, or one for each.
+
+    All must be within the bounds of `key` in `PROPERTIES`. `each` is the noun in the message, such
+    as joint.
+    """
     about = PROPERTIES[key]
     most = f"at most {about.most:g} {about.unit}".rstrip()
     allowed = (
@@ -101,7 +111,11 @@ def shared_or_each(key: str, value, size: int, each: str) -> FloatArray:
 def joint_positions(
     value: ArrayLike | None, voussoirs: int, end: float, unit: str
 ) -> FloatArray:
-    """Return positions of joints from the middle of the ring, from minus to plus half `end`."""
+    """Return the positions of joints, counted from the middle of the ring.
+
+    They run from -`end` / 2 at the left springing to `end` / 2 at the right one. The user's
+    `value` runs from 0 to `end` instead; with None all distances are equal.
+    """
     if value is None:
         # Integer numerators make mirrored joints equal to the last bit.
         index = np.arange(voussoirs + 1, dtype=float)
@@ -130,8 +144,10 @@ def joint_positions(
 
 
 def points(name: str, value, least: int, why: str, widest: int = 2) -> FloatArray:
-    """Return the corners ``(n, 2)`` to ``(n, widest)`` [m] ``n >= least``; `why`: where `least` is
-    from.
+    """Check a table of points [m] and return it as floats.
+
+    It has 2 to `widest` columns and at least `least` rows; `why` explains the latter in the
+    message.
     """
     allowed = f"an (n, 2) table of coordinates within {LARGEST:g} m, n at least {least} ({why})"
     return _floats(

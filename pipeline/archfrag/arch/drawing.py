@@ -18,14 +18,14 @@ from archfrag.files import read_bytes
 # Units that a drawing may be in [m], and their codes in $INSUNITS.
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 _CODES = {6: "m", 14: "dm", 5: "cm", 4: "mm", 1: "in", 2: "ft"}
-SMALLEST = 0.05  # drawing of an arch [m]; beyond them the unit was mistaken
+SMALLEST = 0.05  # size of an arch [m]; outside these two the unit is probably wrong
 LARGEST = 300.0
 LARGEST_FILE = 20_000_000  # [bytes], of all blocks together
 MOST_CORNERS = 20_000
 MOST_ENTITIES = 50_000  # of exploded references to blocks, which may be nested
-DEEPEST = 16
-MOST_COVERED = 0.5  # of a block, by a WIPEOUT
-_MOST_LISTED = 8  # kinds of entities in a message
+DEEPEST = 16  # nesting of blocks
+MOST_COVERED = 0.5  # part of a block's area that a WIPEOUT may hide
+_MOST_LISTED = 8  # kinds of entities that a message names
 _POLYLINES = ("LWPOLYLINE", "POLYLINE")
 # Entities that say something about the drawing; any other might be a block.
 _ANNOTATIONS = {
@@ -57,13 +57,13 @@ _WHAT_TO_DRAW = (
 
 
 class _Part(NamedTuple):
-    """An entity that is seen in model space, of a reference to a block if it comes from one."""
+    """Visible entity of model space, drawn there or inserted with a block."""
 
     entity: Any
-    layer: str  # on which it is seen
-    name: str  # kind, handle, and the reference that it comes from
-    reference: Any = None  # the outermost one
-    fault: str = ""  # of a reference to a block, why it cannot be told what is seen
+    layer: str  # layer on which it is seen
+    name: str  # for messages: kind, handle, and the INSERT that it comes from
+    reference: Any = None  # the outermost INSERT that it comes from
+    fault: str = ""  # why its INSERT cannot be read; empty if it can
 
     @property
     def kind(self) -> str:
@@ -75,9 +75,10 @@ def read_drawing(
 ) -> Blocks:
     """Read the blocks of a DXF drawing, text or binary; `layer` and `unit` as in `Arch.from_dxf`.
 
-    References to blocks (INSERT) are exploded. What is frozen, off or invisible is not read. What
-    is seen and is not read, other than text and dimensions, is counted in `Blocks.caution`.
-    `GeometryError` names file, layer and handle of an entity that is no block.
+    References to blocks (INSERT) are exploded. Entities that are frozen, off or invisible are not
+    read. Visible entities that are no part of the arch are counted in `Blocks.caution`, except
+    text and dimensions. `GeometryError` names file, layer and handle of an entity that is no
+    block.
     """
     document = _document(Path(path))
     parts, hidden = _seen(document, str(path))
@@ -148,7 +149,10 @@ def read_drawing(
 def _refuse_covered(
     document, parts: list[_Part], blocks: dict[int, Any], path: str
 ) -> None:
-    """Refuse blocks (their shapes by their place in `parts`) that a later WIPEOUT hides."""
+    """Raise `GeometryError` if a WIPEOUT that is drawn later hides a block.
+
+    `blocks` holds the polygon of each block by its index in `parts`.
+    """
     covers = [place for place, part in enumerate(parts) if part.kind == "WIPEOUT"]
     drawn = document.modelspace().entities_in_redraw_order() if covers else ()
     order = {entity.dxf.handle: place for place, entity in enumerate(drawn)}
@@ -171,7 +175,10 @@ def _refuse_covered(
 
 
 def drawing_text(lines: Iterable[tuple[str, FloatArray]]) -> str:
-    """Write lines of layers as DXF in metres: two points are a LINE, more a closed polyline."""
+    """Return lines as the text of a DXF drawing in metres.
+
+    Each line is a layer and points ``(n, 2)``: two points become a LINE, more a closed polyline.
+    """
     ezdxf = _library()
     stream = io.StringIO()
     before = ezdxf.options.write_fixed_meta_data_for_testing
@@ -199,7 +206,7 @@ def _library():
 
 
 def _document(path: Path):
-    """Return the file as ezdxf reads it."""
+    """Read a drawing by ezdxf; `GeometryError` if it is no sound DXF file."""
     ezdxf = _library()
     read_bytes(
         path, LARGEST_FILE, GeometryError, "the drawing"
@@ -219,7 +226,10 @@ def _layer(entity) -> str:
 
 
 def _fault(reference) -> str:
-    """Return why what a reference to a block shows cannot be told; empty if it can."""
+    """Return why an INSERT cannot be read; empty if it can.
+
+    It cannot if it is clipped (XCLIP) or has a scale of 0.
+    """
     original = (
         reference if reference.dxf.handle else reference.source_of_copy or reference
     )
@@ -235,7 +245,11 @@ def _fault(reference) -> str:
 
 
 def _seen(document, path: str) -> tuple[list[_Part], Counter[str]]:
-    """Return what is seen in model space but for annotations, and layers that hide polylines."""
+    """Return the visible entities of model space, and the layers that hide some.
+
+    Annotations are left out and INSERTs exploded. For each layer that is frozen or off, the
+    counter has the number of its polylines and INSERTs.
+    """
     layers = {layer.dxf.name.casefold(): layer for layer in document.layers}
     frozen = {name for name, layer in layers.items() if layer.is_frozen()}
     off = {name for name, layer in layers.items() if layer.is_off()}
@@ -283,7 +297,10 @@ def _seen(document, path: str) -> tuple[list[_Part], Counter[str]]:
 
 
 def _exploded(reference) -> Iterator[Any]:
-    """Yield entities of a reference to a block where it puts them, of all its rows and columns."""
+    """Yield the entities of an INSERT where it puts them, for all its rows and columns.
+
+    Entities that ezdxf cannot move follow, as they are in the block.
+    """
     skipped: list[Any] = []
     keep = {"skipped_entity_callback": lambda entity, reason: skipped.append(entity)}
     for each in reference.multi_insert() if reference.mcount > 1 else [reference]:
@@ -297,7 +314,11 @@ def _chosen(
     hidden: Counter[str],
     path: str,
 ) -> dict[str, str]:
-    """Return layers of the blocks: their names in small letters, and as the drawing has them."""
+    """Return the layers of the blocks: name in small letters to name in the drawing.
+
+    Without `given` layers, it is the only layer that has polylines. `GeometryError` if several
+    have, if none is on the layers, or if a given layer shows nothing.
+    """
     shown = {part.layer.casefold(): part.layer for part in parts}
     closed = Counter(part.layer for part in parts if part.kind in _POLYLINES)
     names = [given] if isinstance(given, str) else list(given or ())
@@ -329,7 +350,11 @@ def _chosen(
 
 
 def _counted(parts: list[_Part], used: set[int]) -> str:
-    """Count entities by kind and layer, and references to blocks of which nothing is used."""
+    """Return a text that counts entities by kind and layer.
+
+    `used` has the ids of INSERTs with entities on layers of the arch; any other INSERT counts as
+    one block.
+    """
     whole = {id(p.reference): p.reference for p in parts if id(p.reference) not in used}
     kinds = Counter(
         (p.kind, p.layer) for p in parts if not p.reference or id(p.reference) in used

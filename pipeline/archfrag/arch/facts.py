@@ -1,4 +1,4 @@
-"""What a user can check an arch by: weights, forces, places; and values in an unlikely unit."""
+"""Facts to check an arch by (weights, forces, places), and warnings of unlikely units."""
 
 import math
 import sys
@@ -16,11 +16,11 @@ from archfrag.errors import UnitWarning
 from archfrag.files import Named
 from archfrag.properties import PROPERTIES, unusual, value_of
 
-# What is usual of forces and elongations of ties, by their stress [N/m2] and strain.
+# Usual stresses of ties by their forces [N/m2]: least and largest.
 STRESSES = {"prestress": (5e5, 3e9), "strength": (5e6, 5e9)}
-LARGEST_STRAIN = 0.3  # at which a tie breaks
+LARGEST_STRAIN = 0.3  # usual strain at which a tie breaks
 FORCES: Any = (1e3, 1.0, "N"), (1e7, 1e3, "kN"), (math.inf, 1e6, "MN")
-LOADS = 1e-3, 100.0  # dead load over the weight of the ring
+LOADS = 1e-3, 100.0  # usual dead load over the weight of the ring: least and largest
 # Whether arches are built inside, for a study, which has cautions of its own.
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 
@@ -68,7 +68,7 @@ def facts_of(arch: Shape) -> Named:
 
 
 def facts_text(arch: Shape) -> str:
-    """Write weights, forces of ties and places of springings in one line."""
+    """Return weights, forces of ties and places of springings as one line of text."""
     facts = facts_of(arch)
     names = {
         "ring": "the blocks weigh" if arch.free_end else "the ring weighs",
@@ -96,18 +96,21 @@ def facts_text(arch: Shape) -> str:
 
 
 def force_text(force: float) -> str:
-    """Write a force in N below 1 kN, in kN up to 10 MN, else in MN."""
+    """Return a force as text: in N below 1 kN, in kN below 10 MN, else in MN."""
     scale, unit = next(row for most, *row in FORCES if force < most)
     return f"{force / scale:.3g} {unit}"
 
 
 def unit_cautions(arch: Shape, *keys: str) -> list[str]:
-    """Name values that are probably in another unit; of some keys, or of all."""
+    """Return a text for each value that is probably in another unit.
+
+    Only keys that begin with one of `keys` are checked; all if none are given.
+    """
     return [text for key, text in _doubtful(arch) if not keys or key.startswith(keys)]
 
 
 def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
-    """Yield the keys with values beyond what is usual, and what is to be said of them."""
+    """Yield the key and a text for each value of an arch beyond what is usual."""
     given = arch.parameters
     span, _, thickness = arch.dimensions
     first, last = arch.springings
@@ -139,7 +142,10 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
 
 
 def _doubtful_tie(tie: Named, length: float, place: str) -> Iterator[tuple[str, str]]:
-    """Yield the same of a tie with a length [m]."""
+    """Yield the key and a text for each value of a tie beyond what is usual.
+
+    `length` is that of the tie [m]; `place` names it in the text, such as ``ties[0]``.
+    """
     for key in ("area", "modulus"):
         texts = unusual(f"ties.{key}", tie[key], f"{place}.{key}")
         yield from ((key, text) for text in texts)
@@ -161,7 +167,10 @@ def _doubtful_tie(tie: Named, length: float, place: str) -> Iterator[tuple[str, 
 
 
 def warn_of_units(texts: Iterable[str]) -> None:
-    """Warn of values that are probably in another unit, at the first line outside archfrag."""
+    """Give each text as a `UnitWarning` at the first line outside archfrag.
+
+    While `quiet` is True nothing is given.
+    """
     if quiet.get():
         return
     level = 1

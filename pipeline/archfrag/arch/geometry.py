@@ -30,7 +30,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def following(corners: FloatArray) -> FloatArray:
-    """Return the next corner of each, the first one after the last."""
+    """Return for each corner the next one; the first corner follows the last."""
     return np.roll(corners, -1, axis=0)
 
 
@@ -107,8 +107,9 @@ def _one_minus_sinc(angle: float) -> float:
 
 
 def arc(centre: FloatArray, radius: float, start: float, end: float) -> FloatArray:
-    """Return the points ``(m, 2)`` on a circular arc, at most one degree apart, both ends included
-    [m].
+    """Return points ``(m, 2)`` on a circular arc, both ends included [m].
+
+    They are at most one degree apart. Angles are clockwise from the upward vertical [rad].
     """
     steps = max(2, math.ceil(abs(end - start) / math.radians(1.0)))
     angle = np.linspace(start, end, steps + 1)
@@ -116,7 +117,10 @@ def arc(centre: FloatArray, radius: float, start: float, end: float) -> FloatArr
 
 
 def overlap_of(shapes: NDArray[Any], cores: NDArray[Any]) -> list[Any]:
-    """Return two of some shapes whose cores overlap and by how much [m2]; empty if none do."""
+    """Return the numbers of two shapes whose cores overlap, and their common area [m2].
+
+    The list is empty if no cores overlap.
+    """
     for one, other in shapely.STRtree(cores).query(cores, predicate="intersects").T:
         if one < other:
             return [one, other, shapely.intersection(shapes[one], shapes[other]).area]
@@ -124,7 +128,7 @@ def overlap_of(shapes: NDArray[Any], cores: NDArray[Any]) -> list[Any]:
 
 
 def middle_of(line: FloatArray) -> FloatArray:
-    """Point ``(2,)`` in the middle of a polyline ``(m, 2)`` [m]."""
+    """Return the point ``(2,)`` halfway along a polyline ``(m, 2)`` [m]."""
     length = np.hypot(*np.diff(line, axis=0).T)
     travelled = np.concatenate([[0.0], np.cumsum(length)])
     half = 0.5 * travelled[-1]
@@ -132,10 +136,10 @@ def middle_of(line: FloatArray) -> FloatArray:
 
 
 def outline_section(outline: FloatArray) -> Section:
-    """Return the section of an outline, arcs exactly: Green's theorem, Gauss-Legendre along each
-    arc.
+    """Return the section of an outline, with exact arcs.
 
-    With c = x dy - y dx about a point near the figure, A = ∮ c/2, G = ∮ r c/(3A), J = ∮ r² c/4.
+    It is by Green's theorem, with Gauss-Legendre quadrature along each arc. With c = x dy - y dx
+    about a point near the figure, A = ∮ c/2, G = ∮ r c/(3A), J = ∮ r² c/4.
     """
     if not outline[:, 2].any():
         return polygon_section(outline[:, :2])
@@ -163,7 +167,7 @@ def outline_section(outline: FloatArray) -> Section:
 def cut_sides(line: FloatArray, levels: Iterable[float] = ()) -> list[Side]:
     """Return the sides of a line ``(m, 3)``, cut at heights and where arcs are level or upright.
 
-    So each rises or falls from its start to its end, and goes to the left or to the right.
+    So each piece rises or falls, and goes to the left or to the right, over its whole length.
     """
     sides = []
     for start, end in pairwise(line):
@@ -197,7 +201,7 @@ def cut_sides(line: FloatArray, levels: Iterable[float] = ()) -> list[Side]:
 
 
 def height_at(line: FloatArray, x: float) -> float:
-    """Return the greatest height of a line ``(m, 3)`` at an x within its reach [m]."""
+    """Return the greatest height of a line ``(m, 3)`` at `x`, which it must cross [m]."""
     exchanged = line[:, [1, 0, 2]] * [1, 1, -1]  # a reflection, which turns arcs round
     points = np.concatenate(cut_sides(exchanged, (x,)))
     return points[np.isclose(points[:, 1], x, rtol=0.0, atol=1e-9), 0].max()

@@ -27,16 +27,16 @@ class Mark(NamedTuple):
     points: FloatArray  #: (n_point, 2) [m]
     bodies: Sequence[int] = (
         GROUND,
-    )  #: voussoir that carries each point, or all of them
+    )  #: voussoir that carries each point, or one that carries all
 
     def moved(
         self, centroids: FloatArray, place: FloatArray, rotation: FloatArray
     ) -> FloatArray:
         """Return the points in motion, (n_time, n_point, 2) [m].
 
-        Voussoirs with `centroids` (n_voussoir, 2) at rest have them at `place` (n_time,
-        n_voussoir, 2) and are turned by `rotation` (n_time, n_voussoir). Points that no voussoir
-        carries stay where they are.
+        `centroids` (n_voussoir, 2) are those of the voussoirs at rest, `place` (n_time,
+        n_voussoir, 2) those in motion [m]; `rotation` (n_time, n_voussoir) is how far they turn
+        [rad]. Points that no voussoir carries stay where they are.
         """
         bodies = np.broadcast_to(self.bodies, len(self.points))
         points = np.tile(self.points, (len(place), 1, 1))
@@ -64,7 +64,10 @@ def arch_marks(arch: Shape) -> list[Mark]:
 def mechanism_marks(
     arch: Shape, hinges: Sequence[tuple[int, str]], sliding: Sequence[int]
 ) -> list[Mark]:
-    """Return the faces of sliding joints, and the points of hinges by joint and side."""
+    """Return a mark for the face of each sliding joint and for the point of each hinge.
+
+    `hinges` are pairs of joint and side, "intrados" or "extrados".
+    """
     faces = np.stack([arch.intrados, arch.extrados], axis=1)
     marks = [Mark("sliding", faces[joint]) for joint in sliding]
     return marks + [Mark("hinge", getattr(arch, side)[[j]]) for j, side in hinges]
@@ -75,8 +78,8 @@ def frame(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the lower left and the upper right corner of a frame about all voussoirs [m].
 
-    It shows them at rest and in motion (see `Mark.moved`), but not what flies off by more than
-    the size of the arch. `margin` is a part of this size.
+    The frame holds them at rest and in motion (`place` and `rotation` as in `Mark.moved`), but
+    reaches no further beyond the arch than its size. `margin` is a fraction of this size.
     """
     stones = [mark for mark in arch_marks(arch) if mark.role == "stone"]
     points = [stone.moved(arch.centroids, place, rotation) for stone in stones]
@@ -93,7 +96,7 @@ def frame(
 def _fill_outlines(arch: Shape) -> list[FloatArray]:
     """Return the outlines of fill and of backing, (m, 2) each [m]; empty without fill.
 
-    They run along chords of the extrados, on which the voussoirs are drawn.
+    They follow the extrados by its chords between joints.
     """
     first, last = arch.springings
     fill = arch.parameters.get("fill")

@@ -27,7 +27,8 @@ from archfrag.properties import LATER, SMALLEST, unusual
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Profiles over a span: least and largest rise over span (below 1e-6 rounding shows), and the ring.
+# Profiles over a span: least and largest rise over span (below 1e-6 rounding shows),
+# and the function that makes the ring.
 _OVER_SPAN: dict[str, tuple[float, float, Any]] = {
     "segmental": (1e-6, 0.5, rings.segmental_ring),
     "pointed": (0.5, np.inf, rings.pointed_ring),
@@ -56,17 +57,20 @@ class Arch(Shape):
         Coulomb coefficient of all joints or of each. With inf, the limit of large friction, a
         joint slides only where it has no normal force, as with a coefficient of 1e6.
     density, depth : float or (voussoirs,) array_like
-        Of the masonry [kg/m3], 2000 if not given; across its plane [m], 1 if not given.
+        Density of the masonry [kg/m3], 2000 if not given; depth across the plane of the arch [m],
+        1 if not given.
     joint_positions : (voussoirs + 1,) array_like, optional
         Positions of the joints from 0 at the left springing: up to `embrace` [degrees] for
         `circular`, up to 1, as fractions of the centre line, for the others. Equal if not given.
     dead_load : float or (voussoirs,) array_like, optional
-        Weight on all voussoirs or on each [N]: a point mass in the middle of its extrados.
+        Weight on each voussoir [N], one for all or one for each: a point mass in the middle of its
+        extrados.
 
     Attributes
     ----------
     intrados, extrados : (n_voussoir + 1, 2) ndarray
-        Ends of the joint lines by the user's names [m]; with a free end the last is no joint.
+        Ends of the joint lines [m], named as the user named them; with a free end the last line is
+        no joint.
     parameters : dict
         What the user gave, with defaults, for strict JSON.
 
@@ -86,8 +90,9 @@ class Arch(Shape):
         return frame(self, *motion)
 
     def corner_name(self, corner: int) -> str:
-        """Return the user's name of corner 0 or 1 of the chain's joints: "intrados" or
-        "extrados".
+        """Return the user's name of a corner of the joints, "intrados" or "extrados".
+
+        `corner` is 0 or 1, as the chain numbers them.
         """
         return ("intrados", "extrados")[corner != self.flipped]
 
@@ -265,7 +270,7 @@ class Arch(Shape):
         sector: bool | None = None,
         **material,
     ) -> Arch:
-        """Check what profiles over a span have in common, and build one of them."""
+        """Check the parameters that profiles over a span share, and build the arch."""
         least, most, ring_of = _OVER_SPAN[profile]
         span = checks.number("span", span)
         rise = checks.number(
@@ -372,8 +377,9 @@ class Arch(Shape):
         friction, **material
             See `Arch`. Joints and voussoirs count from the end further left, or from the ground.
         thickness_factor, tolerance : float
-            Factor on each joint about its middle; the sides between joints follow. Distance
-            within which edges of neighbours agree [m]; 1e-5 of the size of all if not given.
+            Factor on the length of each joint, about its middle; the sides between joints follow.
+            The tolerance is the distance within which edges of neighbours agree [m]; 1e-5 of the
+            size of all if not given.
 
         Examples
         --------
@@ -404,9 +410,9 @@ class Arch(Shape):
     ) -> Arch:
         """Build a chain from the blocks of a DXF drawing.
 
-        `GeometryError` names file, layer and handle of what is no block or does not fit. A warning
-        counts what else the drawing shows but for text and dimensions. What is frozen, off or
-        invisible is not read.
+        `GeometryError` names file, layer and handle of an entity that is no block or does not fit.
+        A warning counts the other visible entities, except text and dimensions. Entities that are
+        frozen, off or invisible are not read.
 
         Parameters
         ----------
@@ -441,17 +447,17 @@ class Arch(Shape):
     ) -> Arch:
         """Return the arch with one more tie: a bar that only pulls.
 
-        It is elastic up to its strength, then it yields. It is slack where it is shorter than
-        without a force. A tie without prestress does not change the onset of motion: rigid bodies
-        have to move before it pulls. An arch whose springing has moved follows the prestress
-        slowly until it rests; `StabilityError` if it falls.
+        It is elastic up to its strength, then it yields. It is slack while it is shorter than its
+        length without a force. A tie without prestress does not change the onset of motion: rigid
+        bodies have to move before it pulls. An arch whose springing has moved follows the
+        prestress slowly until it rests; `StabilityError` if it falls.
 
         Parameters
         ----------
         level : float, optional
             Height of a horizontal tie from outer face to outer face [m].
         area, modulus : float
-            Of its cross-section [m2]; Young's modulus [N/m2].
+            Area of its cross-section [m2]; Young's modulus [N/m2].
         prestress, strength : float
             Tension at rest and tension at which it yields [N].
         rupture : float
@@ -563,8 +569,8 @@ class Arch(Shape):
 
         Each is cut to a springing joint of the ring, the skewback. Its other joints are level. Its
         inner face is upright below the intrados; the outer one is straight. Joints count from the
-        left base over the ring to the right one; at piers the intrados is the inner face. Values
-        are one for both piers or one for the left and one for the right. `GeometryError` if a
+        left base over the ring to the right one; at piers the intrados is the inner face. Each
+        value is one for both piers, or a pair for the left and the right one. `GeometryError` if a
         pier does not fit the skewback.
 
         Parameters
@@ -578,7 +584,7 @@ class Arch(Shape):
         above : float, optional
             Height of the level top over the extrados of the springing, 0 by default [m].
         friction, density, depth : float, optional
-            As of the ring's joint or voussoir at the springing if not given.
+            If not given, those of the ring's joint or voussoir at the springing.
 
         Examples
         --------
@@ -604,8 +610,8 @@ class Arch(Shape):
         unit_weight : float
             Of the fill [N/m3].
         backing_height, backing_unit_weight : float, optional
-            Of the backing, which replaces fill, over the middle of the lower springing joint [m],
-            and its weight [N/m3].
+            Height of the backing, which replaces fill, over the middle of the lower springing
+            joint [m]; its unit weight [N/m3].
         inertia : float, optional
             Part of the mass that moves with the ring. Only 1 can be modelled: a body has one mass.
 
@@ -628,7 +634,10 @@ class Arch(Shape):
         return self.rebuilt(**more)._warned(*more)
 
     def rebuilt(self, **more) -> Arch:
-        """Return the arch with other piers or fill, before recesses, springings and ties."""
+        """Build the arch anew with some of its inputs replaced, such as `piers` or `fill`.
+
+        The names are those of `Given`. Recesses, moved springings and ties are not kept.
+        """
         return Arch(**fields_of(self.given._replace(**more)))
 
     @classmethod
@@ -639,14 +648,17 @@ class Arch(Shape):
     def _of_blocks(
         cls, drawn: Blocks, factor: float, tolerance: float | None, **material
     ) -> Arch:
-        """Return the arch of polygons, see `from_polygons`, after warnings of unusual values."""
+        """Build the arch of blocks, see `from_polygons`, and warn of unusual values."""
         shape, ring, free = polygon_shape(drawn, tolerance, factor)
         arch = cls._built_of("polygons", shape, ring, free_end=free, **material)
         facts.warn_of_units(unusual("thickness_factor", factor))
         return arch
 
     def _warned(self, *keys: str) -> Self:
-        """Return the arch after warnings of values that are probably in another unit."""
+        """Warn of values that are probably in another unit, and return the arch.
+
+        `keys` are as for `facts.unit_cautions`.
+        """
         facts.warn_of_units(facts.unit_cautions(self, *keys))
         return self
 

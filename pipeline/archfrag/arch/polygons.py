@@ -25,8 +25,10 @@ from archfrag.errors import GeometryError
 from archfrag.files import Named
 from archfrag.properties import MOST_VOUSSOIRS
 
-TOLERANCE = 1e-5  # of the size of all, within which corners and edges are the same
-_SHORTEST = 10.0  # joint, in tolerances
+TOLERANCE = (
+    1e-5  # part of the size of all blocks within which corners and edges are the same
+)
+_SHORTEST = 10.0  # length of a joint, in tolerances
 _Segment = FloatArray  # (2, 2): end, xy
 
 
@@ -38,19 +40,18 @@ class Blocks:
     ground: list[_Segment]  # none where ends stand opposite to their joints
     names: list[str]  # of the blocks
     ground_names: list[str]
-    layer: str = (
-        ""  # or layers of a drawing, its unit, and what it shows besides the blocks
-    )
+    layer: str = ""  # of a drawing: layers, unit, and warnings of what else it shows
     unit: str = ""
     caution: str = ""
     tolerance: float = 0.0  # within which corners and edges are the same [m]
-    # On the way to a chain, of each block: the other blocks with the joint, along its own edges.
+    # Found on the way to a chain: of each block its neighbours, each with their joint along the
+    # block's own edges; and of each block on the ground the edge on which it stands.
     joints: list[dict[int, _Segment]] = field(default_factory=list)
     standing: dict[int, _Segment] = field(default_factory=dict)
 
     @classmethod
     def from_points(cls, outlines: Sequence[Any], ground: Sequence[Any]) -> Self:
-        """Return the blocks and lines that a user gives as lists of points, checked."""
+        """Check outlines and ground lines that a user gives, and return them as blocks."""
         why = "points (x, y), or (x, y, bulge) for a side that is an arc"
         names = [f"outlines[{i}]" for i in range(len(outlines))]
         lines = [f"ground[{i}]" for i in range(len(ground))]
@@ -71,8 +72,10 @@ class Blocks:
 
 
 def without_repeated(corners: FloatArray, tolerance: float = 0.0) -> FloatArray:
-    """Return the corners ``(m, 3)`` of an outline that differ from the next one, or all if fewer
-    than two.
+    """Return the corners ``(m, 3)`` of an outline without repeated ones.
+
+    A corner is left out if the next one is within `tolerance` [m]. If fewer than two would remain,
+    all stay.
     """
     kept = corners[np.hypot(*(following(corners) - corners)[:, :2].T) > tolerance]
     return kept if len(kept) > 1 else corners
@@ -81,7 +84,11 @@ def without_repeated(corners: FloatArray, tolerance: float = 0.0) -> FloatArray:
 def polygon_shape(
     drawn: Blocks, tolerance: float | None, thickness_factor: float
 ) -> tuple[Named, Ring, bool]:
-    """Return the outlines and ground for `Arch.parameters`, ring, and whether an end is free."""
+    """Return parameters and ring of a chain of polygons, and whether one end is free.
+
+    The parameters are outlines and ground, as they were drawn or, if the factor is not 1, with
+    joints times the factor; and `tolerance` if it is given.
+    """
     factor = checks.number("thickness_factor", thickness_factor, closed=False)
     ring, placed = polygon_ring(drawn, tolerance)
     if factor != 1.0:
@@ -103,10 +110,10 @@ def polygon_shape(
 def _stretched(
     outlines: Sequence[FloatArray], ring: Ring, factor: float
 ) -> list[FloatArray]:
-    """Return the outlines whose joints are longer by a factor about their middles; sides follow
-    evenly.
+    """Return the outlines with each joint longer by a factor, about its middle.
 
-    Arcs keep their angle: a circular ring stays one, with the thickness times the factor.
+    The sides between joints follow evenly. Arcs keep their angle: a circular ring stays one, with
+    the thickness times the factor. `GeometryError` if a joint is narrower than its voussoir.
     """
     lines = np.stack([ring.intrados, ring.extrados], axis=1)
     tolerance = 2.0 * TOLERANCE * np.hypot(*np.ptp(lines, axis=(0, 1)))
@@ -132,13 +139,13 @@ def _stretched(
 
 
 def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, Blocks]:
-    """Return the ring of blocks in any order, and the blocks in its order, on one line if an end
-    is free.
+    """Return the ring of blocks that are given in any order, and the blocks in its order.
 
     Joints are the edges that two blocks have in common. The ring runs from the end that stands
-    further left, or up from the ground if one end is free; outlines are anticlockwise.
-    `tolerance` [m] is `TOLERANCE` of the size if not given. `GeometryError` names the block that
-    is no simple polygon, overlaps, or does not fit into one chain.
+    further left, or up from the ground if one end is free; the blocks then stand on one line.
+    Outlines are anticlockwise. `tolerance` [m] is `TOLERANCE` of the size if not given.
+    `GeometryError` names the block that is no simple polygon, overlaps, or does not fit into one
+    chain.
     """
     if not 0 < len(drawn.outlines) <= MOST_VOUSSOIRS:
         raise GeometryError(
@@ -196,8 +203,9 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
 def _back(
     outline: FloatArray, first: FloatArray, second: FloatArray, tolerance: float
 ) -> FloatArray:
-    """Return the side ``(m, 3)`` between the extrados ends of a voussoir's two joints, with its
-    bulges.
+    """Return the back ``(m, 3)`` of a voussoir: its side from joint to joint, with bulges.
+
+    `first` and `second` are the extrados ends of its two joints.
     """
     # Anticlockwise the back runs from the second joint to the first.
     along, (start, end), total = _places_along(outline, [second, first])
@@ -214,9 +222,10 @@ def _back(
 def _places_along(
     outline: FloatArray, points: Iterable[FloatArray]
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return where corners ``(m,)`` and points ``(k,)`` of straight sides are along the chords.
+    """Return the places of corners and of points along the chords of an outline [m].
 
-    Third, the length of all chords.
+    They are ``(m,)`` for its corners and ``(k,)`` for `points`, which lie on straight sides. The
+    third value is the length of all chords.
     """
     start = outline[:, :2]
     chord = following(start) - start
@@ -257,8 +266,10 @@ def _check_simple(given: Blocks) -> None:
 
 
 def _find_joints(given: Blocks) -> None:
-    """Find the joints of blocks with each other and with the ground, whose lines count after
-    blocks.
+    """Find the joints of blocks with each other and with the ground.
+
+    Sets `joints` and `standing` of `given`. `GeometryError` if a joint is not straight, or if a
+    ground line is not on one block.
     """
     count = len(given.outlines)
     names = given.names + given.ground_names
@@ -307,7 +318,7 @@ def _find_joints(given: Blocks) -> None:
 
 
 def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment | None:
-    """Return the overlap of two edges of one direction, along the first; None if there is none."""
+    """Return the part that two edges of the same direction share; None if there is none."""
     length = length_of(edge)
     place = (other - edge[0]) @ ((edge[1] - edge[0]) / length)
     if min(length, place[1]) - max(0.0, place[0]) < _SHORTEST * tolerance:
@@ -327,7 +338,10 @@ def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment 
 
 
 def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
-    """Return both ends of segments of one direction; None if they are not on one line."""
+    """Return both ends of several segments together; None if they are not on one line.
+
+    The segments have the same direction.
+    """
     points = np.concatenate(parts)
     unit = (parts[0][1] - parts[0][0]) / length_of(parts[0])
     place = (points - points[0]) @ unit
@@ -337,8 +351,10 @@ def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
 
 
 def _walk(given: Blocks) -> list[int]:
-    """Return the blocks from one end to the other; adds the lines on which ends stand if none is
-    given.
+    """Return the blocks in order, from one end of the chain to the other.
+
+    If no ground is given, sets the edges on which the ends stand. `GeometryError` if the blocks do
+    not form one chain.
     """
     names = given.names
     for block, joints in enumerate(given.joints):
@@ -380,8 +396,9 @@ def _walk(given: Blocks) -> list[int]:
 
 
 def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:
-    """Return the side of an end block opposite to its joint, which must be one of four and
-    straight.
+    """Return the side of an end block that is opposite to its joint.
+
+    `GeometryError` unless the block has four sides and this one is straight.
     """
     outline = given.outlines[block]
     along, (middle,), _ = _places_along(outline, [joint.mean(axis=0)])

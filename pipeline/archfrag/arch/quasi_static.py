@@ -1,4 +1,4 @@
-"""Arches that move so slowly that they are in equilibrium: behind a springing, or after a tie."""
+"""Arches that move so slowly that they stay in equilibrium: a springing moves, or a tie pulls."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +16,9 @@ from archfrag.physics.state import new_model, new_state, new_work
 from archfrag.physics.status import Tie, TieMode, TieState
 from archfrag.physics.steps.service import creep, rest_range
 
-LOST_GAP = 0.5  # gap at both corners of a joint, over its length, of an arch that has fallen [1]
+LOST_GAP = (
+    0.5  # an arch falls if a joint gapes by this part of its length at both corners [1]
+)
 # Step of a movement over the shortest joint, or as a rotation [rad]; the step in time makes
 # inertia small beside weight. At the end, steps until nothing moves any more.
 STEP = 1e-4
@@ -27,9 +29,9 @@ STILL = 1e-10
 FALLS = 0.05
 # Load over gravity below which forces that are not in equilibrium are rounding.
 HOLDS = 1e-9
-# Part of a prestress that a tie gets at once, and the least to which this is halved; steps until
-# the arch rests again. The tie is soft then, with an elongation of so many times its length, so
-# that it pulls as much wherever the arch goes.
+# Part of a prestress that a tie gets at once; least part to which this is halved; most steps until
+# the arch rests again. Meanwhile the tie is soft: its elongation is SOFT times its length, so that
+# it pulls with the same force wherever the arch goes.
 PULL = 0.02
 LEAST_PULL = 1e-4
 FOLLOWING = 2000
@@ -37,7 +39,7 @@ SOFT = 1e6
 
 
 class SlowArch:
-    """An arch without velocity: in each step it goes where forces in balance let it go."""
+    """An arch that moves from one equilibrium to the next, without velocity."""
 
     def __init__(self, arch: Shape) -> None:
         self._built = arch
@@ -53,22 +55,29 @@ class SlowArch:
         )
 
     def rest_range(self) -> tuple[float, float]:
-        """Return range of rest in the present geometry [g]; negative numbers if there is none."""
+        """Return the range of rest in the present geometry: plus and minus [g].
+
+        Both are -inf if there is none.
+        """
         found, plus, minus = rest_range(
             self.model, self._state, self._work, self._path.rest
         )
         return (plus, minus) if found else (-math.inf, -math.inf)
 
     def step(self) -> tuple[bool, float]:
-        """Make a step; return whether it can be made, and how far a body moves in it [m]."""
+        """Make one step; return whether it succeeds, and the largest displacement of a body [m].
+
+        It fails if its contact problem is not solved, or if a joint loses contact for good.
+        """
         known = self.model, self._state, self._work, self._path
         solved, moved, lost = creep(*known, self._time, LOST_GAP)
         return solved and not lost, moved
 
     def place(self, right: bool, move: NDArray, turn: float) -> None:
-        """Place a springing that has moved [m] and rotated about its joint's middle [rad] in all.
+        """Place a springing that has moved, with the joint face and the ends of ties on it.
 
-        With its joint face go the ends of ties in it.
+        `right` is true for the right springing. `move` (2,) [m] and `turn` [rad], about the middle
+        of its joint, are those in all, not since the last call.
         """
         model = self.model
         corners, ties = self._before
@@ -91,9 +100,10 @@ class SlowArch:
             )
 
     def settle(self, least: float, most: int = SETTLING) -> bool:
-        """Let the bodies come to rest; False if they fall, or go on after `most` steps.
+        """Make steps until the bodies rest; return whether they do.
 
-        They may stop on their way where the range of rest exceeds `least`.
+        They do not if they fall or still move after `most` steps. The steps end early where the
+        range of rest exceeds `least` [g].
         """
         for _ in range(most):
             made, moved = self.step()
@@ -104,7 +114,7 @@ class SlowArch:
         return False
 
     def arch(self):
-        """Return the arch at rest where the bodies are."""
+        """Return the arch, at rest in the present position of its bodies."""
         arch = self._built
         model = self.model
         start = self._state.position[1:-1].copy()
@@ -136,9 +146,9 @@ class SlowArch:
         )
 
     def tension(self, tie: int, prestress: float) -> float:
-        """Tension a tie slowly; return the part of its prestress at which the arch falls, or inf.
+        """Tension a tie slowly while the arch follows, until the arch rests.
 
-        The arch follows, and comes to rest at the end.
+        Return inf if it does, else the fraction of `prestress` [N] up to which the arch stands.
         """
         row = self.model.tie[tie]
         part = 0.0
@@ -163,7 +173,7 @@ class SlowArch:
         return math.inf
 
     def _pull(self, tie: int, force: float) -> None:
-        """Let a tie pull with a force [N], wherever its ends go."""
+        """Make a tie pull with a force [N] that stays the same wherever its ends go."""
         row = self.model.tie[tie]
         length = row[Tie.LENGTH] + tie_stretch(self.model, tie, self._state.position)
         row[Tie.STIFFNESS] = force / (SOFT * length)
@@ -173,15 +183,15 @@ class SlowArch:
 
 
 def follow_tie(arch: Shape):
-    """Return an arch that has spread at rest under its last tie.
+    """Return an arch, whose springing has moved, at rest under its last tie.
 
-    Its hinges leave it one thrust, so that it moves where a tie pulls, until joints close. The tie
-    has its prestress at the end.
+    Its hinges leave it only one thrust, so that it moves when a tie pulls, until joints close. The
+    tie has its prestress at the end.
 
     Raises
     ------
     StabilityError
-        If the arch falls before; it names the tie and the prestress at which the arch falls.
+        If the arch falls; the message names the tie, and the force up to which the arch stands.
     """
     tie = len(arch.parameters["ties"]) - 1
     slow = SlowArch(arch)
@@ -198,6 +208,6 @@ def follow_tie(arch: Shape):
 
 
 def tie_name(arch: Shape, tie: int) -> str:
-    """Name of a tie in messages: its place among the ties, and its level if it has one."""
+    """Return the name of a tie in messages: its number, and its level if it has one."""
     level = arch.parameters["ties"][tie].get("level")
     return f"tie {tie + 1}" + ("" if level is None else f" (level {level:g} m)")

@@ -1,4 +1,4 @@
-"""From a profile to joint lines, from these to voussoirs, and to the chain that they are.
+"""Make joint lines from a profile, voussoirs from these, and the chain of rigid bodies.
 
 Ready-made centre lines have their springings at height 0 and their crown at x = 0. Their joints
 are placed by the fraction of the centre line's length, counted from the crown: −1/2 at the left
@@ -151,7 +151,10 @@ def pointed_ring(
 def straight_ring(
     intrados: FloatArray, extrados: FloatArray, apex: int | None = None
 ) -> Ring:
-    """Return straight-sided voussoirs between lines, of which that at an apex is no joint."""
+    """Return the ring of straight-sided voussoirs between lines.
+
+    The line with the number `apex`, if given, is no joint: it lies inside the keystone.
+    """
     sense = _travel_sense(intrados, extrados)
     ends = np.delete(np.arange(len(intrados)), [] if apex is None else apex)
     spans = [slice(first, last + 1) for first, last in pairwise(ends)]
@@ -167,9 +170,10 @@ def straight_ring(
 def circular_ring(
     centre: FloatArray, radius: float, thickness: float, angle: FloatArray, sector: bool
 ) -> Ring:
-    """Return annular sectors, or straight-sided voussoirs, between radial joints.
+    """Return the ring of voussoirs between radial joints.
 
-    `angle` of the joints is clockwise from the upward vertical [rad].
+    They are annular sectors if `sector`, else straight-sided. `angle` of the joints is clockwise
+    from the upward vertical [rad].
     """
     inner = radius - 0.5 * thickness
     outer = radius + 0.5 * thickness
@@ -202,7 +206,10 @@ def circular_ring(
 def segmental_ring(
     span: float, rise: float, thickness: float, fraction: FloatArray, sector: bool
 ) -> Ring:
-    """Return the ring of `circular_ring` over a span, with a rise of at most half of it."""
+    """Return the ring of a circular arch by its span and rise, which is at most half the span.
+
+    `sector` is as for `circular_ring`.
+    """
     radius = (0.25 * span**2 + rise**2) / (2.0 * rise)
     angle = 4.0 * math.atan2(2.0 * rise, span) * fraction
     return circular_ring(
@@ -211,7 +218,10 @@ def segmental_ring(
 
 
 def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
-    """Refuse rings that cannot be, and return the side on which the intrados lies."""
+    """Check a ring, and return the side of its intrados as in `Ring.sense`.
+
+    `GeometryError` if a voussoir is no convex quadrilateral, or if two overlap.
+    """
     quads = np.stack([intrados[:-1], intrados[1:], extrados[1:], extrados[:-1]], axis=1)
     side = np.roll(quads, -1, axis=1) - quads
     with np.errstate(invalid="ignore"):  # corners that coincide are refused below
@@ -253,11 +263,12 @@ def chain_of(
     surface_density: FloatArray,
     loads: Iterable[tuple[FloatArray, FloatArray]],
 ) -> Chain:
-    """Return the chain of rigid bodies of a ring's voussoirs, as many joints as there is friction.
+    """Return the voussoirs of a ring as a chain of rigid bodies.
 
-    Each load is a point mass on each body: its weights ``(n,)`` [N] and places ``(n, 2)`` [m]. A
-    point mass p at the distance d from the centroid of a body of mass m and inertia J moves the
-    centroid by p/(m + p) of d and gives J + m p/(m + p) d² about the new one.
+    It has as many joints as `friction` has entries; `surface_density` is that of each body
+    [kg/m2]. Each load is a point mass on each body: its weights ``(n,)`` [N] and places ``(n, 2)``
+    [m]. A point mass p at the distance d from the centroid of a body of mass m and inertia J moves
+    the centroid by p/(m + p) of d and gives J + m p/(m + p) d² about the new one.
     """
     area, centroid, polar = (np.array(each) for each in zip(*ring.sections))
     # Whatever overflows here is refused below.

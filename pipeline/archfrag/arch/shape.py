@@ -1,4 +1,4 @@
-"""What an arch is made of: chain of bodies, ends of joints, outlines, and facts of them."""
+"""Attributes of an arch: chain of bodies, ends of joints, outlines, and what follows from them."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Shape:
     free_end: bool
     flipped: bool
     parameters: Named
-    given: Given  # what it was built of before recesses, springings and ties
-    built: Any = None  # as it was before a springing moved
+    given: Given  # inputs it was built of, before recesses, springings and ties
+    built: Any = None  # the arch before a springing moved
 
     @property
     def n_voussoir(self) -> int:
@@ -60,7 +60,7 @@ class Shape:
 
     @property
     def springings(self) -> tuple[int, int]:
-        """Joints at the ends of the ring: of an arch on piers its skewbacks."""
+        """First and last joint of the ring; on piers these are its skewbacks."""
         left, right = self.parameters.get("piers", {}).get("courses", (0, 0))
         return left, self.n_voussoir - right
 
@@ -81,12 +81,15 @@ class Shape:
 
     @property
     def joints(self) -> Named:
-        """What was given of joints that give; empty of rigid ones."""
+        """Parameters of joints that deform, as given; empty if joints are rigid."""
         return self.parameters.get("joints") or {}
 
     @property
     def ring_lines(self) -> tuple[FloatArray, FloatArray]:
-        """Ends of the joints of the ring at intrados and extrados [m]; whole ones if they give."""
+        """Ends of the ring's joints at intrados and extrados [m].
+
+        If joints deform, their whole lengths count.
+        """
         if self.joints:
             return self.given.ring.intrados, self.given.ring.extrados
         first, last = self.springings
@@ -104,7 +107,10 @@ class Shape:
 
     @property
     def tie_bodies(self) -> NDArray[np.int64]:
-        """Voussoirs at the ends of the ties, (n_tie, 2); of a springing -1 or their number."""
+        """Voussoirs at the ends of the ties, (n_tie, 2).
+
+        The left springing counts as -1, the right one as n_voussoir.
+        """
         ties = np.zeros((0, 2)) if self.chain.tie is None else self.chain.tie
         return ties[:, :2].astype(np.int64) - 1
 
@@ -121,24 +127,24 @@ class Shape:
 
     @property
     def rods(self) -> list[tuple[str, FloatArray, list[int]]]:
-        """Lines that bodies carry: role in a drawing, ends (2, 2) [m], bodies of the ends."""
+        """Ties as lines of a drawing: role, ends (2, 2) [m], bodies at the ends."""
         ends = zip(self.tie_lines, self.tie_bodies.tolist())
         return [("tie", line, bodies) for line, bodies in ends]
 
     @property
     def pulled(self) -> bool:
-        """Whether it has ties."""
+        """Whether the arch has ties."""
         return self.chain.tie is not None
 
     def turn(self, body: int) -> FloatArray:
-        """Return the rotation of a body at rest: its axes as rows, (2, 2)."""
+        """Return the rotation matrix (2, 2) of a body at rest, whose rows are the body's axes."""
         start = self.chain.start
         angle = 0.0 if start is None else float(start[body, 2])
         sine = math.sin(angle)
         return np.array([[math.cos(angle), sine], [-sine, math.cos(angle)]])
 
     def changed(self, **fields) -> Self:
-        """Return the arch with other attributes."""
+        """Return a copy of the arch with other attributes."""
         other = copy(self)
         vars(other).update(fields)
         return other

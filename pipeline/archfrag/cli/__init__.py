@@ -45,9 +45,10 @@ COMMANDS = {
 
 
 class _Commands(click.Group):
-    """Commands of other modules, whose errors are one message and an exit code.
+    """Group of commands, each imported from its module when it is called.
 
-    Errors of archfrag itself keep their traceback.
+    An error of the user or of the machine ends in one message and an exit code. Errors of archfrag
+    itself keep their traceback.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -72,7 +73,7 @@ class _Commands(click.Group):
             formatter.write_dl([(name, COMMANDS[name][1]) for name in sorted(COMMANDS)])
 
     def invoke(self, ctx: click.Context):
-        """Run a command; an error of the user or of the machine is one message."""
+        """Run a command; print one message for an error of the user or of the machine."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:  # of a command that has nothing to continue

@@ -240,7 +240,7 @@ _MOST_NAMED = 12  # entries of a list
 
 
 def _folder(path: Path) -> Path:
-    """Return the folder of the results of a study, which is given itself or by the study file."""
+    """Return the folder of results; `path` is this folder or the study file."""
     if path.is_file() and path.suffix.lower() not in ("", ".yaml", ".yml"):
         raise InputError(f"{path}: is no study file (.yaml), and no folder of results")
     return path if path.is_dir() else load_study(path).folder
@@ -272,8 +272,9 @@ def _text(value) -> str:
 
 
 def _facts(path: Path) -> Named:
-    """Return the facts of a cube, levels in the unit of its study; InputError if it is none of
-    archfrag.
+    """Return the facts of a cube, with levels in the unit of its study.
+
+    InputError if the file is no cube of archfrag.
     """
     try:
         with opened(path), xr.open_dataset(path) as cube:  # a pipe would be waited for

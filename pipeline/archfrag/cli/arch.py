@@ -110,7 +110,10 @@ def _takes_arch(command: Callable) -> Callable:
 
 
 def _of_study(path: Path, name: str | None) -> ArchEntry:
-    """Return an arch of a study file, or a sample of it; its only one if `name` is None."""
+    """Return an arch of a study file, or a sample of it, by its name.
+
+    If `name` is None, it is the only arch. InputError if there are several, or none of this name.
+    """
 
     study = load_study(path)
     entries = {entry.id: entry for entry in study.arches if entry.table is None}
@@ -131,7 +134,7 @@ def _of_study(path: Path, name: str | None) -> ArchEntry:
 
 
 def _by_numbers(options: Named) -> ArchEntry:
-    """Return an arch from the options of the command line, None where not given."""
+    """Return an arch from the options of a command; options that were not given are None."""
     layers = [name for text in options["layer"] for name in text.split(",")]
     given = options | {"id": "arch", "layer": layers or None}
     given["unit"] = given.pop("drawing_unit")

@@ -20,7 +20,7 @@ PATH = click.Path(path_type=Path)
 
 
 def takes(*options: Callable) -> Callable:
-    """Give a command options, in the order of its help."""
+    """Return a decorator that gives a command options, in the order of its help."""
 
     def decorate(command: Callable) -> Callable:
         for option in reversed(options):
@@ -33,7 +33,10 @@ def takes(*options: Callable) -> Callable:
 def option(
     names: str, kind, text: str | None, default=None, **more
 ) -> Callable[..., Any]:
-    """Return an option by its names, a flag if it is bool; its help shows the default."""
+    """Return an option by its names; it is a flag if `kind` is bool.
+
+    Its help shows the default, if there is one.
+    """
     if default is not None:
         more |= {"default": default, "show_default": True}
     flag = kind is bool
@@ -102,13 +105,13 @@ takes_record = takes(
 
 
 class Once(click.Command):
-    """A command whose options are given once each, unless they may be repeated.
+    """Command that refuses an option given twice, unless the option may be repeated.
 
-    Their numbers are those of `archfrag.files.number`.
+    Numbers must be such as `archfrag.files.number` takes.
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse options; an error for one given twice, whose first value would be lost."""
+        """Parse options; InputError if one is given twice, as its first value would be lost."""
         values, _, order = self.make_parser(ctx).parse_args(list(args))
         for each in {*order}:
             if (
@@ -133,7 +136,10 @@ command = functools.partial(click.command, cls=Once)
 def pairs_of(
     context: click.Context, parameter: click.Parameter, given
 ) -> dict[str, str]:
-    """Return names with their values of one text such as a=1,b=2, or of several."""
+    """Return names with values, from a text such as a=1,b=2 or from several such texts.
+
+    InputError if a pair is incomplete or a name occurs twice.
+    """
     text = given if isinstance(given, str) else ",".join(given or ())
     pairs = [pair.partition("=") for pair in text.split(",") if text]
     name = parameter.opts[0]
@@ -146,7 +152,10 @@ def pairs_of(
 
 
 def refuse_given(why: str, *names: str) -> None:
-    """Refuse options by the names of their parameters if they are given; else pass them over."""
+    """Raise InputError if the user gave one of some options, named by their parameters.
+
+    `why` completes the message.
+    """
     context = click.get_current_context()
     for each in context.command.params:
         source = context.get_parameter_source(str(each.name))
@@ -160,7 +169,10 @@ _WRITTEN = ("out", "figure", "path", "folder", "vulnerability", "output")  # par
 
 
 def check_written(*targets: Path | None) -> None:
-    """See that what the current command writes replaces no input of it and no file of others."""
+    """Check that files to be written replace no input of the current command.
+
+    OutputError also if one would replace a file that archfrag did not make.
+    """
     given = list[Any]()
     for name, value in click.get_current_context().params.items():
         if name not in _WRITTEN:
@@ -199,7 +211,10 @@ def show(facts, text: str, as_json: bool) -> None:
 
 
 def point_to_report(folder: Path, named: Path, anything: bool) -> None:
-    """Print the path of the report, and that there was nothing to do if so."""
+    """Print the path of the report; before it a message if not `anything` had to be done.
+
+    `named` is the study file or the folder, for the command that opens the report.
+    """
     if not anything:
         warn("nothing to do: all results are up to date")
     report = folder / "report.html"
@@ -209,7 +224,7 @@ def point_to_report(folder: Path, named: Path, anything: bool) -> None:
 
 
 def svg_path(text: str) -> Path:
-    """Check that a figure is an SVG file before anything is done."""
+    """Return the path of a figure or film; InputError unless it ends in .svg."""
     if not text.lower().endswith(".svg"):
         raise InputError(
             f"{text}: figures and films are written as .svg; name such a file"

@@ -45,7 +45,10 @@ _out = option("--out", PATH, "Folder to write to.", required=True)
 
 
 def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
-    """Return a callback for numbers within limits, which tells whether they are two ends."""
+    """Return a callback that reads numbers from `low` to `high`: a list, or two ends.
+
+    The callback returns the numbers, and whether they are two ends.
+    """
 
     def numbers(context: click.Context, parameter: click.Parameter, text: str | None):
         if text is None:
@@ -67,7 +70,7 @@ def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
 
 
 def _reading(file: Path, reading: Options) -> Options:
-    """Return the options to read a file with: columns are for plain text only."""
+    """Return the options for reading a file, without columns unless it is plain text."""
     if reading["columns"] is not None and file.is_file():
         with opened(file) as content:
             binary = b"\0" in content.read(512)
@@ -185,7 +188,11 @@ def measure(
 def _measured(
     files: Sequence[Path], out: Path, text: str | None, reading: Options
 ) -> pd.DataFrame:
-    """Return the flatfile of record files at our periods and those of a text."""
+    """Return the flatfile of record files as a table.
+
+    Its periods are `selection.PERIODS` and those of `text`, such as 0.15,0.35; paths are relative
+    to the folder of `out`.
+    """
     low, high = PERIODS
     try:
         more = [number(part) for part in text.split(",")] if text else []
@@ -222,7 +229,10 @@ def _measured(
 
 
 def _draw(figure: Path, periods: Sequence[float], spectra, bands: Options) -> None:
-    """Write response spectra [g] as SVG; of each band there are rows low, median and high."""
+    """Write response spectra [g] as SVG.
+
+    `bands` has by label three rows: low, median and high.
+    """
     from archfrag import plots  # start-up: matplotlib
 
     colours = (plots.VERMILION, plots.BLUE)[-len(bands) :]
@@ -304,7 +314,10 @@ def select(
 
 
 def _target(options: Options, measured: Sequence[float]) -> Target:
-    """Return the target that a file has, or that of a scenario at periods that were measured."""
+    """Return the target: that of a file, or that of a scenario at `measured` periods.
+
+    InputError if both are given, or if the scenario is incomplete.
+    """
     scenario = ("magnitude", "distance", "vs30", "period")
     named = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]
     if options["target"] is not None:
@@ -474,7 +487,10 @@ def make(out: Path, as_json: bool, **requested) -> None:
 
 
 def _recipes(requested: Options) -> list[synthetic.Recipe] | None:
-    """Return the recipes of the motions that are asked for; None for those that archfrag ships."""
+    """Return recipes of the requested motions; None if no option is given.
+
+    None stands for the motions that archfrag ships.
+    """
     given = {key: value for key, value in requested.items() if value is not None}
     if not given:
         return None

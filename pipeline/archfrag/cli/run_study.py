@@ -1,4 +1,4 @@
-"""The command `run`, which imports little where there is nothing to do."""
+"""The command `run`, which imports little if there is nothing to do."""
 
 from pathlib import Path
 

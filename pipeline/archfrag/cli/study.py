@@ -50,7 +50,7 @@ from archfrag.study.validate import arch_texts, check_study, write_starter
 
 
 def with_study(*options: Callable) -> Callable:
-    """Give a command a study, from its file, and options."""
+    """Return a decorator that gives a command options, and a study read from its file."""
 
     def decorate(command: Callable) -> Callable:
         @functools.wraps(command)
@@ -125,7 +125,10 @@ def run_all(
 
 @contextlib.contextmanager
 def _stoppable(again: str) -> Iterator[Callable[[], None]]:
-    """Stop at a signal, say how to go on, and end the process, whose kernels would go on."""
+    """Stop at a signal, print how to continue, and end the process.
+
+    The process ends even if a thread is in a kernel, which would go on. `again` is the hint.
+    """
     try:
         with stoppable() as check:
             yield check
@@ -172,7 +175,10 @@ def clean(study, yes: bool) -> None:
 
 
 def _step(name: str, *options: Callable) -> click.Command:
-    """Make the command of a step, which also renews the dates of its files for Snakemake."""
+    """Return the command of a step.
+
+    The command also renews the dates of the step's files, for Snakemake.
+    """
 
     def make(study, batch: int = 0, as_json: bool = False, **given) -> None:
         check_own(study)

@@ -1,7 +1,7 @@
-"""Exports of a study. Its formats stand here, where nothing heavy is loaded."""
+"""Exports of a study. The list of formats is here, where nothing heavy is loaded."""
 
-# By name: its use; the receiver whose names of measures it takes, none for tables; and functions
-# of `archfrag.export.writers` by the ends of their files' names.
+# Of each format: its use; the receiver whose names of measures it has, empty for tables; and, by
+# the end of a file's name, the function of `archfrag.export.writers` that makes the file.
 FORMATS: dict[str, tuple[str, str, dict[str, str]]] = {
     "nrml-continuous": (
         "OpenQuake: lognormal curves by mean and standard deviation",
@@ -25,10 +25,10 @@ FORMATS: dict[str, tuple[str, str, dict[str, str]]] = {
     ),
     "csv": ("curves, parameters, runs, records and arches; JSON on columns", "", {}),
 }
-# Of arches and motions, by name: its use.
+# Formats of arches and motions, each with its use.
 OF_ARCHES = {
     "scene": "LMGC90, 3DEC and others: bodies, joints, ties and scaled motions in JSON",
     "dxf": "drawing programs: a drawing of each arch",
 }
-# What is written: the curve of the medians of theta and beta, its mean, or weighted branches.
+# Curve that is written: that of the medians of theta and beta, the mean, or weighted branches.
 CURVES = ("median", "predictive", "branches")

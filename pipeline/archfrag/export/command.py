@@ -62,17 +62,19 @@ def export_study(
     curve: str = "median",
     fitted: Fitted | None = None,
 ) -> Named:
-    """Write curves and runs of a study whose results are up to date, or of a table if `fitted`.
+    """Write curves and runs of a finished study in the formats of other programs.
 
     `formats` are of `archfrag.export.FORMATS`; `folder` is ``export`` in the study's folder if not
     given. With `members` the arches of classes have curves too. `limit_states` are written besides
     collapse, each by a name of `LIMIT_STATES`; if none is given, all that have curves. `curve` is
-    one of `archfrag.export.CURVES`.
+    one of `archfrag.export.CURVES`. `fitted` is given for a table of verdicts, instead of a
+    finished study.
 
-    Returned are ``folder``; ``files``, each with its format; ``limit_states`` written;
-    ``left_out``, by arch, why it has no curve; ``notes`` on limit states and on the use of the
-    files. Nothing is written after an InputError (a receiver has no name for the measure, or there
-    is no such limit state) or a FitError (no arch, or a limit state asked for, has no curve).
+    Returns ``folder``; ``files``, each with its format; ``limit_states``, those that are written;
+    ``left_out``, the reason for each arch without a curve; and ``notes`` on limit states and on
+    the use of the files. Nothing is written after an InputError (a receiver has no name for the
+    measure, or there is no such limit state) or a FitError (no arch, or a limit state asked for,
+    has no curve).
     """
     if curve not in CURVES:
         raise InputError(f"curve is {curve!r}; it is one of {', '.join(CURVES)}")
@@ -121,7 +123,10 @@ def export_study(
 
 
 def _texts(curves: CurveSet, formats: Names, messages: list[str]) -> list[Content]:
-    """Return format, end of the name and text of each file that is no table; add messages."""
+    """Return the content of each file that is no table, and add to `messages`.
+
+    The messages say what a receiver's measure must be. FitError if there is no curve.
+    """
     texts = list[Content]()
     for name in dict.fromkeys(formats):
         _, receiver, functions = FORMATS[name]
@@ -151,8 +156,9 @@ def _limit_states(
     """Return the curves of the limit states from mild to collapse, and notes on them.
 
     Receivers take differences of states and want the same states of all arches in one order: that
-    of their medians, on average. So a state is left out if an arch with a curve of collapse has
-    none of it, and a curve that crosses a severer one is moved (`above`). A note names each.
+    of their medians, on average. So a state is left out if an arch with a curve of collapse has no
+    curve of it. A curve that crosses a severer one is moved (`above`). Notes name these states and
+    curves. FitError if a requested state would be left out.
     """
     chosen = _chosen(cube, requested)
     own = {a: dict.fromkeys(chosen, _NONE) | states_of(f) for a, f in answers.items()}
@@ -212,7 +218,7 @@ def _chosen(cube: xr.Dataset, requested: Names) -> list[str]:
 def _why_none(
     study: StudyKeys, cube: xr.Dataset, arch: str, name: str, curve: Curve
 ) -> str:
-    """Say why an arch has no curve of a limit state, and what helps."""
+    """Return the reason why an arch has no curve of a limit state, and what helps."""
     if curve is _NONE:
         return _not_fitted(cube, arch, name)
     if study.design.adaptive:
@@ -223,7 +229,10 @@ def _why_none(
 
 
 def _left_out(of: tuple[str, str], names: Names) -> str:
-    """Say why an arch has no curve of some limit states."""
+    """Return a note on limit states that are left out, since an arch has no curve of them.
+
+    `of` is this arch, and the reason.
+    """
     arch, why = of
     return f"limit states left out: {', '.join(names)}, of which {arch} has no curve: {why}"
 
@@ -231,10 +240,10 @@ def _left_out(of: tuple[str, str], names: Names) -> str:
 def _with_uncertainty(
     states: Mapping[str, Curves], kind: str
 ) -> tuple[StateCurves, Branches]:
-    """Return the predictive curves or the branches, and of each branch its arch and its weight.
+    """Return the predictive curves, or the branches with arch and weight of each.
 
-    The draws are those of the mean rate of collapse. All states of a branch are at the same node,
-    and are moved where they cross.
+    `kind` is predictive or branches. The draws are those of the mean rate of collapse. All states
+    of a branch are at the same node, and are moved where they cross.
     """
     found = StateCurves()
     branches = Branches()
@@ -274,7 +283,7 @@ def _uncertain(answers: Curves) -> list[str]:
 
 
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
-    """Say why an arch or a class has no fit of a limit state."""
+    """Return the reason why an arch or a class has no fit of a limit state."""
     if name == "rotation":
         own = [arch in names for names in arch_classes(cube).items()]
         sliding = np.isnan(cube["static_limit"].values[own])
@@ -313,7 +322,10 @@ def _tables(
 def write_vulnerability(
     path: Path, losses: Mapping[str, Any], study: StudyKeys
 ) -> None:
-    """Write the mean loss of `losses_of` as CSV or NRML, by the ending of the path."""
+    """Write the mean loss of `losses_of` as CSV (.csv) or NRML (.xml).
+
+    InputError if the path has another ending.
+    """
     table = vulnerability_table(losses, study)
     if path.suffix not in (".csv", ".xml"):
         raise InputError(f"{path}: a table of mean loss is written as .csv or .xml")
@@ -329,8 +341,8 @@ def curve_tables(
 ) -> dict[str, Pieces]:
     """Return tables of the points and the parameters of all curves.
 
-    An intensity in `unit` times `factor` is in `si`. Bands are those of the fitted curves, also
-    where a curve was moved.
+    An intensity in `unit` times `factor` is in the unit `si`. Bands are those of the fitted
+    curves, even if a curve was moved.
     """
     levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
     percent = f"{100 * next(iter(answers.values())).confidence:g} %"

@@ -35,10 +35,11 @@ def export_arches(
     folder: Path | None = None,
     members: bool = False,
 ) -> Named:
-    """Write arches of a study, and with a scene its motions, in formats of `export.OF_ARCHES`.
+    """Write the arches of a study in formats of `export.OF_ARCHES`; a scene has its motions too.
 
-    Of a class there is its first arch, with `members` all. Returned are ``files`` and ``notes`` as
-    of `export_study`. Nothing is written after an InputError: too many arches, or no motions yet.
+    Of a class only the first arch is written, with `members` all of them. Returns ``files`` and
+    ``notes`` as `export_study` does. Nothing is written after an InputError: too many arches, or
+    no motions yet.
     """
     # Those whose joints are as given.
     own = [each for each in study.members if each.intact]
@@ -73,7 +74,7 @@ def export_arches(
 
 
 def _scene(study: StudyKeys, chosen: Iterable[Member]):
-    """Return arches, levels, and motions at factor 1 with their factors, for strict JSON."""
+    """Return arches, levels, and unscaled motions with their factors, for strict JSON."""
     plan = make_plan(study)
     motions = []
     for number, record in enumerate(plan.records):
@@ -104,7 +105,7 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]):
 
 
 def _arch(member: Member) -> Named:
-    """Return bodies at rest, those of the ground last, and what joins them."""
+    """Return the bodies of an arch at rest, the ground last, and its joints and ties."""
     arch: Arch = member.entry.build()
     chain = arch.chain
     n = arch.n_voussoir
@@ -173,7 +174,7 @@ def _ground(arch: Arch) -> Iterator[tuple[FloatArray, FloatArray]]:
 
 
 def _lines(arch: Arch) -> Iterator[tuple[str, FloatArray]]:
-    """Yield layers and lines of a drawing; `read_drawing` takes VOUSSOIRS."""
+    """Yield each line of a drawing with its layer; `read_drawing` reads VOUSSOIRS."""
     sides, ground = zip(*_ground(arch))
     stones = [*arch.outlines, *sides]
     ties = arch.tie_lines

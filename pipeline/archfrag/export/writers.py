@@ -42,7 +42,7 @@ Content = tuple[str, str, str | Iterable[pd.DataFrame]]
 
 
 def made_by(study: StudyKeys) -> Texts:
-    """Return what files say of their study and of this archfrag."""
+    """Return entries for files: their study, and version and commit of archfrag."""
     made = {"study": study.id, "title": study.title}
     return made | {"archfrag": __version__, "archfrag_commit": commit()}
 
@@ -50,9 +50,10 @@ def made_by(study: StudyKeys) -> Texts:
 def write_files(
     study: StudyKeys, folder: Path | None, content: Sequence[Content]
 ) -> list[Texts]:
-    """Write files into a folder, that of the study's exports if None; return their formats.
+    """Write files into a folder; return the format and the path of each.
 
-    None is written if one would replace a file that archfrag did not make.
+    If `folder` is None, it is that of the study's exports. Nothing is written if one file would
+    replace a file that archfrag did not make.
     """
     folder = folder or study.folder / "export"
     paths = [folder / f"{study.id}-{ending}" for _, ending, _ in content]
@@ -74,21 +75,21 @@ class CurveSet:
     # By arch and limit state, from the mildest to the severest, theta in the SI unit of the
     # measure.
     curves: Mapping[str, Curves]
-    left_out: Mapping[str, str]  # by arch why it has no curve of collapse
+    left_out: Mapping[str, str]  # by arch the reason why it has no curve of collapse
     # Intensity measure, as `archfrag.motions.measures.parse_measure` reads it.
     measure: str
     levels: tuple[float, float]  # lowest and highest intensity that was simulated [SI]
     # Study, title, versions and commits of archfrag, SHA-256 of the cube.
     made: Mapping[str, str]
-    # Of those, number of arches.
+    # Number of arches of each class.
     classes: Mapping[str, int] = field(default_factory=dict)
-    # On limit states that are left out or were made consistent.
+    # Notes on limit states that are left out or were made consistent.
     remarks: Sequence[str] = ()
-    # Arch and weight.
+    # Arch and weight of each branch.
     branches: Branches = field(default_factory=dict)
 
     def described(self, name: str) -> str:
-        """Describe what a curve is of."""
+        """Return a text that says which arch, class or branch a curve is of."""
         if name in self.branches:
             arch, weight = self.branches[name]
             return f"{self.described(arch)}; branch of weight {weight:.6f}"
@@ -100,7 +101,7 @@ class CurveSet:
         )
 
     def origin(self, condition: str) -> str:
-        """Describe how the curves were made, without characters that XML forbids."""
+        """Return a text on how the curves were made, without characters that XML forbids."""
         text = (
             "{title}. Study {study}, exported by archfrag {archfrag} (commit {archfrag_commit}) "
             "from the cube with SHA-256 {cube_sha256} (commit {cube_archfrag_commit})."
@@ -112,7 +113,7 @@ class CurveSet:
 
     @property
     def limit_states(self) -> tuple[str, ...]:
-        """Names from the mildest to the severest."""
+        """Names of the limit states, from the mildest to the severest."""
         return tuple(next(iter(self.curves.values()), ()))
 
 
@@ -121,14 +122,18 @@ class MeasureName(NamedTuple):
 
     name: str
     unit: str
-    factor: float  # times a value in SI gives one in `unit`
+    factor: float  # value in `unit` over value in SI
     condition: (
         str  # what the receiver's measure must be for the curve to hold, or empty
     )
 
 
 def named_measure(receiver: str, measure: str) -> MeasureName:
-    """Name and unit of a measure in ``"OpenQuake"``, ``"pelicun"`` or ``"IN-CORE"``."""
+    """Return the name and the unit of a measure in a receiver.
+
+    `receiver` is ``"OpenQuake"``, ``"pelicun"`` or ``"IN-CORE"``. InputError if it has no name for
+    the measure.
+    """
     parsed = parse_measure(measure)
     known = {kind: names for of, kind, *names in _KNOWN.values if of == receiver}
     if parsed.kind not in known:
@@ -158,7 +163,7 @@ def named_measure(receiver: str, measure: str) -> MeasureName:
 
 
 def nrml_continuous(curves: CurveSet) -> str:
-    """Write lognormal curves by the mean and the standard deviation of the capacity itself.
+    """Return lognormal curves as NRML, by the mean and the standard deviation of capacity.
 
     mean = theta exp(beta^2 / 2) and stddev = mean sqrt(exp(beta^2) - 1). OpenQuake holds a curve
     constant below ``minIML``, which is 0, and above ``maxIML``, 4 dispersions above the highest
@@ -178,7 +183,7 @@ def nrml_continuous(curves: CurveSet) -> str:
 
 
 def nrml_discrete(curves: CurveSet) -> str:
-    """Write curves by their probabilities at levels 0.04 dispersions apart.
+    """Return curves as NRML, by their probabilities at levels 0.04 dispersions apart.
 
     The levels reach over 4 dispersions to both sides of each median and over the study's range.
     OpenQuake interpolates linearly between them, within 1e-4 for dispersions up to 1, and holds
@@ -196,7 +201,10 @@ def nrml_discrete(curves: CurveSet) -> str:
 
 
 def nrml_vulnerability(points: pd.DataFrame, study: StudyKeys) -> str:
-    """Write mean loss ratios as NRML; coefficients of variation are 0: it has the mean alone."""
+    """Return mean loss ratios as NRML.
+
+    Coefficients of variation are 0, since only the mean is known.
+    """
     measure = study.intensity.measure
     imt = named_measure("OpenQuake", measure)
     root = Element("nrml", {"xmlns": NAMESPACE})
@@ -220,7 +228,7 @@ def _nrml_id(name: str) -> str:
 def _nrml(
     curves: CurveSet, more: str, **kind: str
 ) -> tuple[MeasureName, Element, list[tuple[Element, Curves]]]:
-    """Return the measure, the root of a file, and the function of each arch with its curves."""
+    """Return the measure, the root of an NRML file, and each arch's function and curves."""
     imt = named_measure("OpenQuake", curves.measure)
     gml = {"xmlns:gml": "http://www.opengis.net/gml"}
     root = Element("nrml", {"xmlns": NAMESPACE} | gml)
@@ -265,14 +273,17 @@ def _text(content: dict[str, object]) -> str:
 
 
 def branch_weights(curves: CurveSet) -> str:
-    """Write the weights of branches as OpenQuake's mapping of taxonomies, which are the arches."""
+    """Return the weights of branches as CSV, in OpenQuake's mapping of taxonomies.
+
+    The taxonomies are the arches.
+    """
     rows = [(arch, name, weight) for name, (arch, weight) in curves.branches.items()]
     table = pd.DataFrame(rows, columns=["taxonomy", "risk_id", "weight"])
     return table.to_csv(index=False, lineterminator="\n")
 
 
 def pelicun_table(curves: CurveSet) -> str:
-    """Write the parameters of all arches as CSV, a component for each arch.
+    """Return the parameters of all arches as CSV, with a component for each arch.
 
     ``Theta_0`` is the median in ``Demand-Unit`` (g or cmps), ``Theta_1`` the dispersion.
     ``Demand-Directional`` is 1: with 0 pelicun would multiply the demand by 1.2.
@@ -297,7 +308,7 @@ def pelicun_table(curves: CurveSet) -> str:
 
 
 def pelicun_description(curves: CurveSet) -> str:
-    """Describe the table in JSON, in the layout of pelicun's own databases."""
+    """Return JSON that describes the table, in the layout of pelicun's own databases."""
     condition = named_measure("pelicun", curves.measure).condition
     general = {
         "ShortName": curves.made["study"],
@@ -324,7 +335,7 @@ def pelicun_description(curves: CurveSet) -> str:
 
 
 def _by_id(curves: CurveSet) -> Texts:
-    """Return the arches by their ids in pelicun; InputError if two are alike."""
+    """Return the arches by their ids in pelicun; InputError if two have the same id."""
     arches = Texts()
     for arch in curves.curves:
         name = re.sub(r"[^A-Za-z0-9_.]", "_", arch)
@@ -338,11 +349,11 @@ def _by_id(curves: CurveSet) -> Texts:
 
 
 def in_core_sets(curves: CurveSet) -> Texts:
-    """Write a set for each arch as JSON; return the texts by arch.
+    """Return a DFR3 set in JSON for each arch, by arch.
 
-    IN-CORE takes exactly four curves for a bridge under an earthquake: the severest four. If there
-    are fewer limit states, the severest is repeated. The damage states between then have
-    probability 0, and the last has that of the severest.
+    IN-CORE takes exactly four curves for a bridge under an earthquake. These are the four
+    severest. If there are fewer limit states, the severest is repeated. The damage states between
+    its copies then have probability 0, and the last one has its probability.
     """
     demand = named_measure("IN-CORE", curves.measure)
     variable = demand.name.rsplit(maxsplit=1)[-1].lower()  # pga, pgv, pgd or sa

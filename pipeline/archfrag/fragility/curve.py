@@ -57,7 +57,7 @@ class Curve:
     theta_interval, beta_interval : (lower, upper)
         Intervals at `confidence`.
     measure, unit : str
-        Of the intensity.
+        Intensity measure, and unit of intensities.
 
     Examples
     --------
@@ -84,13 +84,13 @@ class Curve:
     n_total: int = 0  #: runs (stripes) or records that were used
     #: stripes, ida, ida_truncated, brackets, adjusted, posterior, mixture; empty without a curve
     kind: str = ""
-    #: (n_arch, 2), theta and beta of each arch of a class: the curve is the mean of theirs
+    #: (n_arch, 2), theta and beta of each arch of a class; the curve is the mean of their curves
     members: FloatArray | None = None
     reason: str = ""
     likelihood: Curve | None = None  #: the curve by maximum likelihood, for comparison
-    #: Of theta and beta, by a posterior; from the covariance if there is none.
+    #: Intervals of theta and of beta by a posterior; without one they follow from `covariance`.
     intervals: tuple[Ends, Ends] | None = None
-    #: Of theta and beta by a posterior, of a class that of all its runs.
+    #: Density of theta and beta by a posterior; for a class, by that of all its runs.
     density: Density | None = None
     im: Sequence[
         float
@@ -102,9 +102,9 @@ class Curve:
     assumptions: str = ""  #: of the band
     n_independent: float = 0.0  #: effective number of records or runs
     n_non_monotone: int = 0  #: runs against the capacity of their record
-    #: Limit states, from light to severe: those without a curve too, and of an arch collapse.
+    #: Limit states, from light to severe, fitted or not; for an arch collapse is the last.
     states: tuple[Curve, ...] = ()
-    crossings: str = ""  #: whether curves of neighbouring states cross
+    crossings: str = ""  #: text: whether curves of neighbouring states cross
     #: Runs without a verdict, and the curves if all of them collapse and if all survive.
     n_undecided: int = 0
     extremes: tuple[Curve, ...] = ()
@@ -112,14 +112,14 @@ class Curve:
     free: Table = None
     measures: Table = None  #: `compare_measures`
     cloud: Table = None  #: logistic regression
-    dispersion: Table = None  #: parts of that of a class
+    dispersion: Table = None  #: parts of the dispersion of a class
     name: str = ""
     state: str = "collapse"
-    meaning: str = ""  #: of the limit state
+    meaning: str = ""  #: what the limit state means
     measure: str = ""
     unit: str = ""
-    si: float = 1.0  #: the unit in the SI unit of the measure
-    levels: Sequence[float] = ()  #: of the study
+    si: float = 1.0  #: value of `unit` in the SI unit of the measure
+    levels: Sequence[float] = ()  #: levels of the study
 
     @property
     def fitted(self) -> bool:
@@ -145,17 +145,21 @@ class Curve:
 
     @property
     def theta_interval(self) -> Ends:
-        """Interval of the median; without a posterior normal in ln theta."""
+        """Interval of the median, by the posterior; without one it is normal in ln theta."""
         return self._intervals[0]
 
     @property
     def beta_interval(self) -> Ends:
-        """Interval of the dispersion; without a posterior normal in ln beta."""
+        """Interval of the dispersion, by the posterior; without one it is normal in ln beta."""
         return self._intervals[1]
 
     @property
     def _intervals(self):
-        """Return both intervals, without a posterior by the standard errors."""
+        """Return the intervals of theta and of beta.
+
+        They are those of the posterior. Without one they are normal in ln theta and ln beta, from
+        the standard errors.
+        """
         if self.intervals:
             return self.intervals
         z = scipy.special.ndtri(tails(self.confidence)[1])
@@ -172,7 +176,10 @@ class Curve:
     __call__ = probability
 
     def quantile(self, probability: ArrayLike) -> FloatArray:
-        """Return intensities with these probabilities between 0 and 1, of the same shape."""
+        """Return the intensities at which the curve has given probabilities, of the same shape.
+
+        InputError unless all probabilities lie between 0 and 1.
+        """
         p = np.asarray(probability, float)
         if not np.all((p > 0.0) & (p < 1.0)):
             raise InputError(f"quantile: {p.tolist()} must lie between 0 and 1")
@@ -190,9 +197,10 @@ class Curve:
         return np.vectorize(root, otypes=[float])(p)
 
     def band(self, im: ArrayLike) -> Pair:
-        """Return lower and upper end of the pointwise band at intensities, each of their shape.
+        """Return the lower and the upper end of the pointwise band at intensities `im`.
 
-        It is that of the posterior at any intensity, or else by the delta method.
+        Both have the shape of `im`. The band is that of the posterior; without one it is by the
+        delta method. Up to the highest point that was computed it is interpolated, as it is drawn.
         """
         at = np.asarray(im, float)
         ends = self._pointwise(at)
@@ -202,7 +210,7 @@ class Curve:
         return ends[0], ends[1]
 
     def _pointwise(self, im: FloatArray):
-        """Return the band of the posterior, or by the delta method."""
+        """Return the band of the posterior; without one the band by the delta method."""
         if self.density is not None:
             return credible_band(self.density, im, self.confidence)
         quantile = scipy.special.ndtri(tails(self.confidence)[1])
@@ -218,8 +226,9 @@ class Curve:
     def draws(self, seed: int, number: int = 4000) -> Pair:
         """Draw theta and beta, (number,) each, from the posterior.
 
-        Those of a curve that was moved, or of a class, move by as much as its theta and beta are
-        from the medians. Without a posterior their logarithms are normal with the covariance.
+        If the curve was moved, or is that of a class, the draws are scaled so that their medians
+        are its theta and beta. Without a posterior, ln theta and ln beta are normal with the
+        covariance.
         """
         if self.density is not None:
             log_theta, beta = self.density.draws(seed, number)
@@ -234,7 +243,10 @@ class Curve:
         return self.theta * np.exp(shift[:, 0]), self.beta * np.exp(shift[:, 1])
 
     def at(self, im: float) -> tuple[float, float, float]:
-        """Return the probability at an intensity, and the ends of the band there."""
+        """Return the probability at an intensity, and the ends of the band there.
+
+        InputError if there is no curve.
+        """
         if not self.fitted:
             raise InputError(self.reason)
         low, high = self.band(im)
@@ -248,11 +260,11 @@ class Curve:
         return states | {self.state: self}
 
     def in_unit(self, si: float, measure: str, unit: str) -> Curve:
-        """Return the curve, with all its curves, in a unit that is `si` in SI units.
+        """Return the curve in another unit, with all curves that it holds.
 
-        This is the one place where the unit of a curve changes: curves are fitted and stored in
-        SI units, and whoever shows or writes them in another asks for it here, once. Tables of a
-        curve stay in SI units.
+        `si` is the value of the unit in the SI unit of `measure`. Curves are fitted and stored in
+        SI units, and this is the one place where their unit changes: whoever shows or writes a
+        curve in another unit calls it once. Tables of a curve stay in SI units.
         """
 
         def moved(curves: tuple[Curve, ...]) -> tuple[Curve, ...]:
@@ -280,7 +292,8 @@ class Curve:
     def to_dataframe(self, im: ArrayLike | None = None) -> pd.DataFrame:
         """Tabulate intensities, (n,), with the probability and the ends of the band at each.
 
-        They are the levels of the study if `im` is not given; InputError for a curve of none.
+        If `im` is not given, the intensities are the levels of the study; InputError if the curve
+        has none.
         """
         import pandas as pd  # which takes a third of a second
 
@@ -312,7 +325,10 @@ class Curve:
         return f"{self.measure} [{self.unit}]" if self.measure else "intensity"
 
     def words(self) -> tuple[str, str]:
-        """Write median and dispersion with their intervals; or why there is no curve."""
+        """Return median and dispersion, each with its interval, as two texts.
+
+        If there is no curve, the first text says why and the second is empty.
+        """
         if not self.fitted:
             return f"no curve: {self.reason}", ""
         values = (self.theta, *self.theta_interval)
@@ -323,16 +339,16 @@ class Curve:
         return f"{median} ({100 * self.confidence:g} %: {low}–{high})", dispersion
 
     def dispersion_words(self) -> list[str]:
-        """Write the dispersion and the ends of its interval, none of which is 0."""
+        """Return the dispersion and the ends of its interval as texts, none of which reads 0."""
         values = self.beta, *self.beta_interval
         return [
             f"{value:.2f}" if value >= 0.005 else f"{value:.1g}" for value in values
         ]
 
     def undecided(self, text: Callable[[float], str] | None = None) -> str:
-        """Write what the runs without a verdict could change; empty if there are none.
+        """Return a text on what the runs without a verdict could change; empty if there are none.
 
-        `text` writes a median in the unit of the curve.
+        `text` makes a text with the unit from a median.
         """
         if not self.n_undecided:
             return ""
@@ -356,7 +372,10 @@ class Curve:
         return str(plots().html_of(self))
 
     def fit_dict(self) -> Named:
-        """Return theta, beta and how they were fitted as plain values; or why there are none."""
+        """Return theta, beta and how they were fitted as plain values.
+
+        If there is no curve, the only entry is ``none``, the reason.
+        """
         if not self.fitted:
             return {"none": self.reason}
         plain = {name: getattr(self, name) for name in _FIT}
@@ -366,7 +385,7 @@ class Curve:
         return plain
 
     def to_dict(self) -> Named:
-        """Return all in SI units as plain values, for JSON."""
+        """Return the curve, which must be in SI units, as plain values for JSON."""
         more = {name: getattr(self, name) for name in _TABLES}
         if self.crossings:
             states = [each._state_dict() for each in self.states]
@@ -399,7 +418,10 @@ class Curve:
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any], name: str = "") -> Curve:
-        """Return the curve that `to_dict` wrote, or a part of what it wrote, with its name."""
+        """Return the curve from the values of `to_dict`, or from a part of them.
+
+        `name` is that of its arch or class.
+        """
         found = {**plain, **plain.get("more", {})}
         fit = found["curve"]
         own = {key: found[key] for key in (*_BAND, *_TABLES) if key in found}
@@ -435,7 +457,7 @@ class Curve:
 
 
 def plots():
-    """Return the module of figures."""
+    """Import and return `archfrag.plots`."""
     import archfrag.plots  # matplotlib takes half a second
 
     return archfrag.plots
@@ -484,7 +506,10 @@ def rising(values: ArrayLike, name: str) -> FloatArray:
 
 
 def tails(confidence: float) -> list[float]:
-    """Return the probabilities below both ends of a central interval of `confidence`."""
+    """Return the probabilities below the lower and the upper end of a central interval.
+
+    InputError unless `confidence`, that of the interval, lies between 0 and 1.
+    """
     if not isinstance(confidence, Real) or not 0.0 < confidence < 1.0:
         raise InputError(
             f"confidence is {confidence!r}; it lies between 0 and 1, such as 0.9"

@@ -1,4 +1,4 @@
-"""Posterior of the curve of a limit state from runs whose levels follow from collapse.
+"""Posterior of the curve of a limit state, from runs whose levels were chosen by collapse.
 
 A search for collapse chooses its levels by verdicts of collapse alone. Such a choice can be left
 out of the likelihood of both states together (Rubin 1976, Biometrika 63), while the likelihood of
@@ -34,14 +34,15 @@ _REACH = 6.0
 def fit_state_posterior(
     collapse: Brackets, state: Brackets, number: float
 ) -> Posterior:
-    """Return the posterior of the curve of a state that collapse exceeds too.
+    """Return the posterior of the curve of a limit state that is lighter than collapse.
 
-    `state` are brackets from the runs that did not collapse, in which a collapse stands for
-    exceedance; `number` is the effective number of records. ln S and ln C of a record, capacities
-    for the state and for collapse, are bivariate normal. The curve is that of min(S, C), lognormal
-    with the mean and the standard deviation of its logarithm (Clark 1961, Oper. Res. 9). Points
-    are drawn by population Monte Carlo (Cappe, Guillin, Marin and Robert 2004, J. Comput. Graph.
-    Stat. 13). FitError unless enough records have a run below the state.
+    `collapse` are the brackets of collapse. `state` are brackets from the runs that did not
+    collapse, where a verdict of collapse stands for exceedance of the state. `number` is the
+    effective number of records. ln S and ln C of a record, capacities for the state and for
+    collapse, are bivariate normal. The curve is that of min(S, C), lognormal with the mean and the
+    standard deviation of its logarithm (Clark 1961, Oper. Res. 9). Points are drawn by population
+    Monte Carlo (Cappe, Guillin, Marin and Robert 2004, J. Comput. Graph. Stat. 13). FitError
+    unless enough records have a run below the state.
     """
     known = collapse.run
     share = (state.lower[known] > 0.0).mean()
@@ -58,7 +59,7 @@ def fit_state_posterior(
     steps = [np.median(np.diff(x)) for x in levels]
 
     def density(points: FloatArray) -> FloatArray:
-        """Return ln of the posterior at points, as `_both` describes them."""
+        """Return ln of the posterior density at points; `_both` says what they hold."""
         logs = points[:, [1, 3]]
         r = np.clip(np.tanh(points[:, 4]), -1.0 + 1e-12, 1.0 - 1e-12)
         prior = sum(map(capacity_prior, np.exp(logs).T, steps, levels))
@@ -88,7 +89,11 @@ def fit_state_posterior(
 def _sampled(
     density: Callable[[FloatArray], FloatArray], collapse: float, state: float
 ) -> Pair:
-    """Return points, (n_point, 5), and their weights, begun at ln medians of both states."""
+    """Draw points of the posterior, (n_point, 5), and return them with their weights.
+
+    `density` returns ln of the posterior density at points. `collapse` and `state` are the ln
+    medians at which the search begins.
+    """
     uniform = np.clip(qmc.Sobol(6, seed=1).random(_POINTS), 1e-9, 1.0 - 1e-9)
     t = ndtri(uniform[:, :5]) * np.sqrt(_FREEDOM / chdtri(_FREEDOM, uniform[:, 5:]))
     log_t = -0.5 * (_FREEDOM + 5.0) * np.log1p((t * t).sum(axis=1) / _FREEDOM)
@@ -111,8 +116,9 @@ def _sampled(
 def _both(points: FloatArray, rows: FloatArray) -> FloatArray:
     """Return ln of the probability that both capacities lie in their brackets, (n_point, n_row).
 
-    `points` are mean and ln of the standard deviation of ln C, the same of ln S, and Fisher's z of
-    their correlation, (n_point, 5); `rows` ln of the ends of both brackets, (4, n_row).
+    A row of `points`, (n_point, 5), holds the mean of ln C and ln of its standard deviation, the
+    same two of ln S, and Fisher's z of their correlation. `rows`, (4, n_row), hold ln of the ends
+    of the brackets of C and of S.
     """
     mean_c, log_c, mean_s, log_s, fisher = points.T[:, :, None]
     r = np.tanh(fisher)
@@ -128,7 +134,10 @@ def _both(points: FloatArray, rows: FloatArray) -> FloatArray:
 
 
 def _of_lesser(points: FloatArray) -> Pair:
-    """Return mean and standard deviation of ln min(S, C) at points as `_both` describes them."""
+    """Return the mean and the standard deviation of ln min(S, C) at points.
+
+    `_both` says what the points hold.
+    """
     mean_c, log_c, mean_s, log_s, fisher = points.T
     beta_c = np.exp(log_c)
     beta_s = np.exp(log_s)

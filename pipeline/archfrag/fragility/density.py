@@ -20,7 +20,7 @@ _HALVINGS = 30
 
 @dataclass(frozen=True, eq=False)
 class Density:
-    """Density of what theta and beta may be."""
+    """Probability density of theta and beta on a grid of ln theta and ln beta."""
 
     beta: FloatArray  #: (n_row,), rising, evenly spaced in ln
     log_theta: FloatArray  #: (n_row, n_node), evenly spaced in each row
@@ -29,7 +29,10 @@ class Density:
     )
 
     def deviations(self, x: FloatArray, level: FloatArray) -> FloatArray:
-        """Return quantiles of (x - ln theta) / beta at ln intensities, `level` broadcast to x."""
+        """Return quantiles of (x - ln theta) / beta at ln intensities `x`.
+
+        `level` are the probabilities of the quantiles; it broadcasts with `x`.
+        """
         at = x[..., None]
         z = (at[..., None] - self.log_theta[:, [0, -1]]) / self.beta[:, None]
         return _root(
@@ -39,7 +42,7 @@ class Density:
         )
 
     def log_thetas(self, level: ArrayLike) -> FloatArray:
-        """Return quantiles of ln theta, of the shape of `level`."""
+        """Return the quantiles of ln theta at probabilities `level`, of any shape."""
         return _root(
             lambda t: self._below(t[..., None]) - np.asarray(level),
             np.full(np.shape(level), self.log_theta.min()),
@@ -47,7 +50,7 @@ class Density:
         )
 
     def betas(self, level: Sequence[float]) -> FloatArray:
-        """Return quantiles of beta, (n,)."""
+        """Return the quantiles of beta at probabilities `level`, (n,)."""
         row = np.arange(self.beta.size)
         below = PchipInterpolator(row, self._cumulative[:, -1]).antiderivative()
         total = below(row[-1])
@@ -55,7 +58,10 @@ class Density:
         return np.exp(np.interp(place, row, np.log(self.beta)))
 
     def draws(self, seed: int, number: int) -> Pair:
-        """Draw ln theta and beta, (number,) each, one from each of as many equal parts."""
+        """Draw ln theta and beta, (number,) each, by stratified sampling.
+
+        The probability is divided into `number` equal parts, and one pair is drawn from each.
+        """
         generator = np.random.default_rng(seed)
         nodes = np.cumsum(np.diff(self._cumulative, axis=1, prepend=0.0))
         part = nodes[-1] * (np.arange(number) + generator.random(number)) / number
@@ -70,7 +76,7 @@ class Density:
         return replace(self, log_theta=self.log_theta + shift)
 
     def to_plain(self) -> Named:
-        """Return it as plain values for JSON, probabilities with the precision of 16 bits."""
+        """Return the density as plain values for JSON, its probabilities with 16 bits."""
         relative = np.asarray(self.density / self.density.max(), "<f2")
         return {
             "beta": self.beta.tolist(),
@@ -89,7 +95,10 @@ class Density:
         return cls(np.array(plain["beta"], float), log_theta, values)
 
     def compact(self) -> "Density":
-        """Return every other row as it is stored; quantiles of P(collapse) agree to 1e-4."""
+        """Return the density with every other row only, as `to_plain` stores it.
+
+        Quantiles of P(collapse) agree with those of all rows to 1e-4.
+        """
         rows = (each[::2] for each in (self.beta, self.log_theta, self.density))
         return Density.from_plain(Density(*rows).to_plain())
 
@@ -116,7 +125,7 @@ class Density:
 def _root(
     function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Find the zeros of increasing functions by bisection."""
+    """Find the zeros of increasing functions between `low` and `high`, by bisection."""
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         less = function(middle) < 0.0

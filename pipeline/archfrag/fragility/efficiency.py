@@ -48,23 +48,25 @@ def compare_measures(
     distance: ArrayLike | None = None,
     event: ArrayLike | None = None,
 ) -> Row:
-    """Return curve and qualities of each measure, from the runs of one arch.
+    """Compare intensity measures by the runs of one arch.
 
-    Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)): by
-    t tests at 5 %, ln capacity depends neither on magnitude (of means of events) nor on ln
-    distance. The capacity of a record is at the middle of its bracket in logarithms; one that
-    collapses at its lowest level, or at none, enters as a bound.
+    Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)). A
+    measure is sufficient if, by t tests at 5 %, ln capacity depends neither on magnitude (means of
+    events) nor on ln distance. The capacity of a record is the middle of its bracket in
+    logarithms. A record that collapses at its lowest level, or at none, enters as a bound.
 
-    `brackets` are in the measure `own`, by which the study was scaled; `values` those of
-    the unscaled motions in each measure, > 0, `exponent` the power of the scale factor in each;
-    `magnitude`, `distance` and `event` are of the records, nan where not known; (n_record,) each.
+    `brackets` are in the measure `own`, by which the study was scaled. `values` are those of the
+    unscaled motions in each measure, > 0; `exponent` is the power of the scale factor in each.
+    `magnitude`, `distance` and `event` are those of the records, nan where not known. All are
+    (n_record,) each.
 
-    Returned are ``rows``, one for each measure, nan where not known (``efficiency`` is beta /
-    exponent, ``sufficient`` None without a test, ``none`` why there is no curve); ``best``, the
-    one of least efficiency, sufficient if one is; ``ratio`` of its efficiency to that of `own`;
-    ``p_value``, that chance explains it (`scatter_by_chance`), times the number of measures it was
-    chosen from (Bonferroni); ``n_test``, tests made; ``message``. FitError if no measure has a
-    curve.
+    Returns a dictionary. ``rows`` has a row for each measure, with nan where a value is not known:
+    ``efficiency`` is beta / exponent, ``sufficient`` is None without a test, ``none`` says why
+    there is no curve. ``best`` is the measure of least efficiency, among the sufficient ones if
+    there are any. ``ratio`` is its efficiency over that of `own`. ``p_value`` is the probability
+    that chance explains the difference (`scatter_by_chance`), times the number of measures it was
+    chosen from (Bonferroni). ``n_test`` is the number of tests that were made, ``message`` the
+    result in words. FitError if no measure has a curve, or if the records have single runs.
     """
     names = list(values)
     if brackets.verdict.shape[1] == 1:
@@ -118,7 +120,7 @@ def compare_measures(
 
 
 def _best(rows: list[Row], own: Row, logs: FloatArray, event: IntArray) -> Row:
-    """Return the best measure, and how it compares with the study's own.
+    """Return the best measure, and compare it with the study's own.
 
     `logs` are ln capacity / exponent, (n_measure, n_record).
     """
@@ -157,17 +159,22 @@ def _best(rows: list[Row], own: Row, logs: FloatArray, event: IntArray) -> Row:
 
 
 def _sums(values: FloatArray, place: IntArray) -> FloatArray:
-    """Return the sum of the values at each place, numbered from 0, (..., n_place)."""
+    """Return the sums of values by group, (..., n_place).
+
+    `values` are (..., n); `place`, (n,), numbers their groups from 0.
+    """
     return values @ (place[:, None] == np.arange(place.max() + 1)).astype(float)
 
 
 def _compare_records(
     bounds: Pair, rounding: FloatArray, covariates: _Covariates
 ) -> tuple[dict[str, FloatArray], FloatArray]:
-    """Return `_COLUMNS` by measure, and ln capacities with expected ones in place of bounds.
+    """Return the values of `_COLUMNS` by measure, and ln capacities without bounds.
 
-    Bounds of ln capacities, (n_measure, n_record), are equal where a capacity is known. `rounding`
-    is the variance that the width of a bracket adds (Sheppard's correction).
+    `bounds` are the lower and the upper bounds of ln capacities, (n_measure, n_record) each; they
+    are equal where a capacity is known. In the returned ln capacities a bound is replaced by the
+    value expected beyond it. `rounding` is the variance that the width of a bracket adds
+    (Sheppard's correction).
     """
     low, high = bounds
     exact = low[0] == high[0]
@@ -210,7 +217,8 @@ def _compare_records(
 def _slope_test(bounded: FloatArray, covariate: FloatArray, place: IntArray) -> Pair:
     """Return the slope of ln capacity on a covariate, and the p-value of a t test of means.
 
-    `bounded`, (3, n_measure, n_record), are both bounds of ln capacities, and expected ones.
+    `bounded`, (3, n_measure, n_record), holds lower bounds, upper bounds and expected values of ln
+    capacity. `place` numbers the group of each record, over which means are taken.
     """
     low, high, expected = bounded
     count = np.bincount(place)
@@ -232,10 +240,11 @@ def _slope_test(bounded: FloatArray, covariate: FloatArray, place: IntArray) -> 
 
 
 def scatter_by_chance(one: FloatArray, other: FloatArray, place: IntArray) -> float:
-    """Return the probability that `one` scatters so much more than `other` if both scatter alike.
+    """Return the p-value of the scatter of `one` being larger than that of `other`.
 
-    They are of the same records, (n_record,), whose events `place` numbers from 0: their sum and
-    difference are then not correlated (Pitman 1939, Morgan 1939, Biometrika 31).
+    The hypothesis is that both scatter alike. Both hold a value for each record, (n_record,);
+    `place` numbers the events of the records from 0. Under the hypothesis sum and difference of
+    the two are not correlated (Pitman 1939, Morgan 1939, Biometrika 31).
     """
     difference, total = (part - part.mean() for part in (one - other, one + other))
     squares = (difference @ difference) * (total @ total)

@@ -30,8 +30,8 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Curve:
 
     Binomial maximum likelihood (Baker 2015, Earthquake Spectra 31(1), 579-599); runs at one level
     count as independent. `im`, (n_level,), is the intensity of each level, any unit, > 0;
-    `collapses`, (n_level,), the number of runs that collapsed; `n`, int or (n_level,), of those
-    that collapsed or survived. FitError if the likelihood has no maximum with beta > 0.
+    `collapses`, (n_level,), the number of runs that collapsed; `n`, int or (n_level,), the number
+    of runs that collapsed or survived. FitError if the likelihood has no maximum with beta > 0.
 
     Examples
     --------
@@ -68,9 +68,10 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Curve:
     """Fit a lognormal curve to the intensities at which records cause collapse.
 
     `capacities`, (n_record,), are the least intensities at which each record causes collapse, any
-    unit, > 0, inf where no collapse was seen. Mean and standard deviation of the logarithms, the
-    latter with n - 1 (Baker 2015); with `truncate_at`, the highest intensity that was tried,
-    maximum likelihood with the records above it censored. FitError if no beta > 0 follows.
+    unit, > 0, inf where no collapse was seen. The curve has the mean and the standard deviation
+    (with n - 1) of their logarithms (Baker 2015). If capacities lie above `truncate_at`, the
+    highest intensity that was tried, the curve is by maximum likelihood, with these records
+    censored. FitError if no beta > 0 follows.
 
     Examples
     --------
@@ -98,7 +99,7 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Curve:
 
 
 def _fit_moments(values: FloatArray) -> Curve:
-    """Fit by mean and standard deviation of ln capacity."""
+    """Fit a curve by the mean and the standard deviation of ln capacity."""
     logs = np.log(values)
     n = values.size
     distinct = int(np.unique(logs).size)
@@ -119,8 +120,9 @@ def _fit_moments(values: FloatArray) -> Curve:
 def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Curve:
     """Fit a lognormal curve to capacities that each lie in (lower, upper], (n_record,).
 
-    Maximum likelihood of interval-censored data. `lower` may be 0 or else `upper` inf; equal
-    values are a capacity known exactly. FitError if there is no maximum with beta > 0.
+    Maximum likelihood of interval-censored data. One end may be unknown, 0 in `lower` or inf in
+    `upper`; two equal ends are a capacity known exactly. FitError if there is no maximum with beta
+    > 0.
     """
     lower = np.asarray(lower, float)
     upper = np.asarray(upper, float)
@@ -195,12 +197,13 @@ def fit_cloud(
     event: ArrayLike | None = None,
     confidence: float = 0.9,
 ) -> Named:
-    """Fit collapse by logistic regression on ln im, one run a record (a cloud).
+    """Fit collapse by logistic regression on ln im, with one run for each record (a cloud).
 
     `im` is the intensity of each record, any unit, > 0, `collapsed` 1 or 0, `event` its
     earthquake, whose records are resampled together; (n_run,) each. Returns ``intercept`` and
     ``slope`` of logit P; ``theta``, the 50 % point, and ``beta``, ln(84 % point / 16 % point) / 2,
-    with their intervals by the bootstrap. FitError if no rising curve is likeliest.
+    with their intervals by the bootstrap. FitError if the likeliest curve does not rise with
+    intensity.
     """
     values = positive(im, "im")
     codes = np.asarray(collapsed, float)

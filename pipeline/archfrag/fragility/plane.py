@@ -2,7 +2,7 @@
 
 ln capacity in x1 is normal about alpha + gamma s, where s = ln x2 - k ln x1 is the same at all
 levels of a record, so that P = Phi(a + b1 ln x1 + b2 ln x2). The posterior is summed over weighted
-draws. Weighting them anew holds an event back, without a new fit.
+draws. To hold an event back, they are weighted anew, without a new fit.
 """
 
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ _DRAWS = 4000
 _FITS = 3
 _FREEDOM = 5.0
 _SEED = 11
-# Of the log-likelihood: a plane without scatter agrees with all verdicts.
+# Negative log-likelihood below which a plane without scatter agrees with all verdicts.
 _SEPARATED = 0.01
 
 
@@ -52,13 +52,13 @@ class Plane:
     """
 
     coefficients: FloatArray  #: (3,): a, b1, b2 by maximum likelihood
-    draws: FloatArray  #: (3, n): those of the posterior, equally probable
-    gain: float  #: mean ln probability of a record held back, less that by the curve in x1
+    draws: FloatArray  #: (3, n): coefficients from the posterior, equally probable
+    gain: float  #: mean ln probability of a held-back record, less that by the x1 curve
     p_value: (
-        float  #: that chance, and the choice among `tests` measures, make such a gain
+        float  #: of such a gain by chance, and by the choice among `tests` measures
     )
     runs: FloatArray  #: (n_run, 3): both intensities, and 1 if the run collapsed
-    power: float  #: k
+    power: float  #: k in s = ln x2 - k ln x1
     measures: tuple[str, str] = ("x1", "x2")
     units: tuple[str, str] = ("1", "1")
     tests: int = 1
@@ -84,7 +84,10 @@ class Plane:
         return ndtr(np.quantile(z, (0.5, *tails(confidence)), axis=-1))
 
     def to_dataframe(self, points: int = 25) -> pd.DataFrame:
-        """Tabulate probability and band on a grid, where runs are; FitError without a gain."""
+        """Tabulate probability and band on a grid of intensities, where there are runs.
+
+        `points` is the number of grid lines each way. FitError if the plane gains nothing.
+        """
         if not self.gains:
             raise FitError(f"{self!r}: use the curve in {self.measures[0]}")
         logs = np.log(self.runs[:, :2])
@@ -97,21 +100,22 @@ class Plane:
         return pd.DataFrame([*at, *self.at(*at)], heads).T
 
     def plot(self, ax=None):
-        """Draw contours of the probability, and the runs; FitError without a gain."""
+        """Draw contours of the probability, and the runs; FitError if the plane gains nothing."""
         return plots().plot_plane(self.to_dataframe(80), self.runs, ax)
 
 
 def fit_plane(
     brackets: Brackets, ratio: ArrayLike, power: float, groups: ArrayLike | None = None
 ) -> Plane:
-    """Return the plane of records with brackets in x1, and test what it gains.
+    """Fit the plane to records with brackets in x1, and test what it gains over the curve in x1.
 
-    `ratio`, (n_record,), is x2 / x1^`power`. Records with one label in `groups` count as fewer,
-    and are held back together. Priors are those of a curve: Jeffreys' where records have a run
-    each; else with Cauchy's for gamma at the span of ln levels, for s over its standard deviation.
-    Scatter of single runs adds to beta^2 what it adds to that of the curve. The test is Student's,
-    of the mean over events held back of the sum of p_plane / p_curve - 1 of records, which is 0 if
-    the curve is true. FitError if there is no plane, or none can be tested.
+    `ratio`, (n_record,), is x2 / x1^`power`. Records with the same label in `groups` count as
+    fewer, and are held back together. The prior is that of a curve: Jeffreys' if each record has a
+    single run; else that of capacities, times a Cauchy prior of gamma, whose scale is the span of
+    ln levels, for s over its standard deviation. Scatter of single runs adds as much to beta^2 as
+    in the curve. The test is Student's t test: p_plane / p_curve - 1, summed over the records of
+    an event that is held back, has the mean 0 if the curve is true. FitError if there is no plane,
+    or none can be tested.
     """
     known = brackets.of_records()
     s = np.log(np.asarray(ratio, float)[brackets.run])
@@ -159,8 +163,9 @@ def _weighted(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
     """Draw (alpha, gamma, 1) / beta, (n, q), from a t density that is fitted anew in each round.
 
-    Returned are the likeliest ones, draws, ln likelihoods of records (n_record, n), log-weights
-    (n,), and the effective number of records over the actual one.
+    Returns the likeliest values (q,), the draws, ln likelihoods of records (n_record, n),
+    log-weights (n,), and the effective number of records over the actual one. `u` is standardised
+    s, (n_record, 1), or has no columns for the curve in x1.
     """
     low, high = known.logs[..., None]
     design = np.column_stack([np.ones(len(u)), u])

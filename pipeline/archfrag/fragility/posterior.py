@@ -72,7 +72,10 @@ class Posterior(Density):
 
 
 def likely_beta(span: float) -> float:
-    """Return where the prior of single runs is greatest, for a span of ln levels."""
+    """Return the beta at which the prior of single runs is greatest.
+
+    `span` is that of the ln levels.
+    """
     return max(_LIKELY_BETA * span, _LEAST_LIKELY)
 
 
@@ -87,14 +90,14 @@ def fit_posterior(
     """Return the posterior of the curve of independent runs, each with a motion of its own.
 
     Prior: Jeffreys' for the runs that were made, proper at two levels or more (Ibrahim and Laud
-    1991, J. Am. Stat. Assoc. 86; Chen, Ibrahim and Kim 2008, the same 103), of beta > 0, times
-    1 / (1 / beta + beta / b^2), which is greatest where beta is b, `likely_beta` of ln of the
-    highest over the lowest level. Jeffreys' alone makes beta too small: at 10 runs 90 % bands
-    hold the truth in 78 to 86 %. The second term keeps ten runs with one collapse from making
-    beta and theta too large; docs/evidence.md compares them. The likelihood is raised to the
-    power `share`, the effective number of runs over the actual one.
-    Arguments as for `fit_stripes`. FitError unless the runs are at two levels or more, and some
-    collapsed and some did not: `one_sided` ones have a posterior too, but it shows the prior.
+    1991, J. Am. Stat. Assoc. 86; Chen, Ibrahim and Kim 2008, the same 103), of beta > 0, times 1 /
+    (1 / beta + beta / b^2), which is greatest at beta = b. Here b is `likely_beta` of ln of the
+    highest over the lowest level. Jeffreys' alone makes beta too small: at 10 runs 90 % bands hold
+    the truth in 78 to 86 %. The second term keeps ten runs with one collapse from making beta and
+    theta too large; docs/evidence.md compares them. The likelihood is raised to the power `share`,
+    the effective number of runs over the actual one. Arguments as for `fit_stripes`. FitError
+    unless the runs are at two levels or more. FitError too if all collapsed or none did, unless
+    `one_sided`: then there is a posterior, but it shows the prior.
     """
     im, collapses, n = checked_stripes(im, collapses, n)
     if not one_sided:
@@ -136,9 +139,10 @@ def fit_capacity_posterior(
 
     Prior: the right Haar measure 1 / beta of (ln theta, beta), under which the intervals of a
     normal sample are exact, times beta^2 / (beta^2 + d^2 / 12) with d the median width of the
-    brackets in ln im, and times 1 / (1 + (beta / r)^2) with r that of all their ends, so that it
-    stays proper. The likelihood is raised to the power `n_effective` / n. FitError if nothing
-    bounds theta from one side. Records of a single run each are those of `fit_posterior`.
+    brackets in ln im, and times 1 / (1 + (beta / r)^2) with r the span of all their ends in ln im,
+    so that it stays proper. The likelihood is raised to the power `n_effective` / n. FitError if
+    nothing bounds theta from below, or nothing from above. If each record has a single run, the
+    posterior is that of `fit_posterior`.
 
     If some records survive above a level at which they collapsed, ln capacity of a run is that of
     its record, normal about ln theta, and an error of the run, normal with standard deviation s:
@@ -190,7 +194,7 @@ def _require_both_sides(below: FloatArray, above: FloatArray) -> None:
 
 
 def _with_scatter(brackets: Brackets, share: float) -> Posterior:
-    """Return the posterior if verdicts contradict each other, summed over the scatter s."""
+    """Return the posterior for verdicts that contradict each other, summed over scatter s."""
     levels, collapses, n = brackets.at_levels()
     x = np.log(levels)
     if x.size < 2:
@@ -239,9 +243,11 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
 
 
 def _chances(x: FloatArray, runs: FloatArray, scatter: float) -> Pair:
-    """Return ends of cells of ln capacity, and the probability of the runs of each record.
+    """Return the ends of cells of ln capacity, and probabilities of the runs of each record.
 
-    They are (n_cell + 1,) and (n_record, n_cell), the latter if the capacity lies in the cell.
+    The ends are (n_cell + 1,). The probabilities, (n_record, n_cell), are those if the capacity of
+    the record lies in the cell. `runs`, (2, n_record, n_level), are collapses and survivals at the
+    ln levels `x`.
     """
     parts = np.ceil(np.diff(x) / (0.5 * scatter)).astype(int)
     within = map(partial(np.linspace, endpoint=False), x[:-1], x[1:], parts)
@@ -261,7 +267,10 @@ def _of_cells(
     log_theta: FloatArray,
     beta: FloatArray,
 ) -> FloatArray:
-    """Return the log-likelihood of records from the probability of runs in cells."""
+    """Return the log-likelihood of records, of the shape of `log_theta`.
+
+    `ends` and `chance` are those of `_chances`; `power` is the weight of each record.
+    """
     logs = np.empty(log_theta.shape)
     # One beta at a time stays in the cache.
     for row, t, b in zip(logs, log_theta, beta):
@@ -272,7 +281,10 @@ def _of_cells(
 
 
 def capacity_prior(beta: FloatArray, resolved: float, x: FloatArray) -> FloatArray:
-    """Return the log-prior of capacities in (ln theta, ln beta), for ln levels `x`."""
+    """Return the log-prior of capacities in (ln theta, ln beta), for ln levels `x`.
+
+    `resolved` is the median width of the brackets in ln im.
+    """
     wide = np.log1p((beta / (x[-1] - x[0])) ** 2)
     return -np.log1p((resolved / beta) ** 2 / 12.0) - wide
 
@@ -280,7 +292,11 @@ def capacity_prior(beta: FloatArray, resolved: float, x: FloatArray) -> FloatArr
 def _summed(
     terms: Terms, x: FloatArray, start: tuple[float, float], n: float
 ) -> Posterior:
-    """Sum a posterior on a grid about the ln levels `x` and take its medians."""
+    """Return a posterior that is summed on a grid about the ln levels `x`, with its medians.
+
+    `terms` gives likelihood and prior; `start` are the middle m and the width d of the grid; `n`
+    is the number of runs or records.
+    """
     middle, width = start
     span = x[-1] - x[0]
 
@@ -313,7 +329,8 @@ def gridded(
 ) -> Posterior:
     """Return the posterior of a density on a grid, with the curve of its medians.
 
-    `sizes` are the curve's `n_levels` and `n_total`.
+    `weight`, (n_row, n_node), is the density, which need not be normalised; `sizes` are the
+    curve's `n_levels` and `n_total`.
     """
     weight = weight / (weight.sum(axis=1) - 0.5 * (weight[:, 0] + weight[:, -1])).sum()
     known = Density(beta, log_theta, weight)

@@ -132,7 +132,11 @@ def binomial_lines(
 def _rescaled(
     information: FloatArray, centre: FloatArray, scale: FloatArray
 ) -> FloatArray:
-    """Return information, (n_fit, q, q), whose first and last parameters were of scaled values."""
+    """Return information, (n_fit, q, q), in parameters of unscaled values.
+
+    It is given in parameters of values that were shifted by `centre` and divided by `scale`; only
+    the first and the last parameter change.
+    """
     back = np.tile(np.eye(information.shape[-1]), (len(scale), 1, 1))
     back[:, 0, -1] = centre
     back[:, -1, -1] = scale

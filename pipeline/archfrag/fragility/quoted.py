@@ -35,9 +35,10 @@ def quoted_band(
 ) -> Curve:
     """Return the curve of records that were run at several levels, with band and intervals.
 
-    Rows with one label in `groups`, (n_record,), such as the event of each record, count as fewer,
-    by how alike their capacities are; `unit` is what a group is. The band is at intensities
-    `im` >= 0, (n,). FitError if there is one group only, or nothing bounds theta from one side.
+    Rows with the same label in `groups`, (n_record,), such as their event, count as fewer, the
+    more alike their capacities are; `unit` is the noun for a group. The band is at intensities
+    `im` >= 0, (n,). FitError if there is one group only, or if nothing bounds theta from below, or
+    nothing from above.
     """
     posterior, number = capacity_posterior(brackets, groups)
     method = "capacities, right Haar prior"
@@ -67,7 +68,10 @@ def quoted_band(
 def capacity_posterior(
     brackets: Brackets, groups: ArrayLike | None = None
 ) -> tuple[Posterior, float]:
-    """Return the posterior of a curve, and the effective number of records."""
+    """Return the posterior of a curve, and the effective number of records.
+
+    `groups` are as for `quoted_band`.
+    """
     known = brackets.of_records()
     size = float(known.lower.size)
     number = size
@@ -80,7 +84,10 @@ def capacity_posterior(
 
 @lru_cache(maxsize=1)
 def _of_independent(brackets: Brackets) -> Posterior:
-    """Return the posterior of independent records, which band and test of its shape ask for."""
+    """Return the posterior of independent records.
+
+    The last one is kept, since the band and the test of its shape both need it.
+    """
     return fit_capacity_posterior(brackets.of_records())
 
 
@@ -99,9 +106,9 @@ def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
 def independent_records(brackets: Brackets, groups: ArrayLike) -> float:
     """Return the effective number of records, some of which share an event.
 
-    It is `independent_number` of standardised ln capacities, each the mean in its bracket by the
-    curve of all records. Of `groups` (n_way, n_record) that cross, as earthquakes and first shocks
-    do, it is by all of them at once.
+    It is `independent_number` of standardised ln capacities, each of which is the mean within its
+    bracket by the curve of all records. `groups` are (n_record,) labels. Groups that cross, as
+    earthquakes and first shocks do, are (n_way, n_record), and count all at once.
     """
     labels = np.asarray(groups)
     if labels.ndim == 2:
@@ -124,10 +131,11 @@ def _standardised(brackets: Brackets) -> FloatArray:
 def _crossed_records(values: FloatArray, groups: NDArray) -> float:
     """Return the effective number of `values`, (n,), with several labels each, (n_way, n).
 
-    It is n / (1 + 2 sum N rho / n) over all kinds of pairs that share some labels, N of a kind.
-    1 - rho is their mean squared difference over that of pairs that share none; if the groups
-    cross evenly, this is the analysis of variance with two factors (Searle, Casella and McCulloch
-    1992, *Variance Components*, chapter 4). Half the standard error is added to each rho.
+    It is n / (1 + 2 sum N rho / n). The sum is over the kinds of pairs that share some labels; of
+    each kind there are N pairs with the correlation rho. 1 - rho is the mean squared difference of
+    these pairs over that of pairs that share no label; if the groups cross evenly, this is the
+    analysis of variance with two factors (Searle, Casella and McCulloch 1992, *Variance
+    Components*, chapter 4). Half the standard error is added to each rho.
     """
     labels = np.array([numbered(each) for each in groups])
     for name in groups[labels.max(axis=1) == 0, 0]:
@@ -164,14 +172,14 @@ def isotonic_curve(
     resamples: int = RESAMPLES,
     confidence: float = 0.9,
 ) -> dict[str, FloatArray]:
-    """Return the likeliest curve that never falls, and its band, (n_level,) each by name.
+    """Return the likeliest curve that never falls, and its band.
 
-    Pool adjacent violators is the maximum of the binomial likelihood under that condition alone
-    (Ayer, Brunk, Ewing, Reid and Silverman 1955, Ann. Math. Stat. 26). The band is from the
-    bootstrap of records, or of earthquakes `event`, (n_record,), with all their records. It is
-    somewhat too narrow: a nominal 90 % held a lognormal curve (beta 0.4, 15 levels, 24 records,
-    200 studies) at p = 0.1, 0.25, 0.5, 0.75, 0.9 in 86, 90, 88, 87, 79 %. FitError without two
-    levels.
+    The keys are im, probability, lower and upper, (n_level,) each. Pool adjacent violators gives
+    the maximum of the binomial likelihood under that condition alone (Ayer, Brunk, Ewing, Reid and
+    Silverman 1955, Ann. Math. Stat. 26). The band is by a bootstrap of records; if `event`,
+    (n_record,), is given, whole earthquakes are drawn with all their records. It is somewhat too
+    narrow: a nominal 90 % held a lognormal curve (beta 0.4, 15 levels, 24 records, 200 studies) at
+    p = 0.1, 0.25, 0.5, 0.75, 0.9 in 86, 90, 88, 87, 79 %. FitError without two levels.
     """
     levels, collapses, n = brackets.at_levels(filled=True)
     if levels.size < 2:
@@ -202,9 +210,9 @@ def check_lognormal(
     The likelihood ratio of the isotonic and the lognormal curve is compared with its values in
     studies drawn from the fitted curve (parametric bootstrap; Davison and Hinkley 1997, section
     4.2). ln capacity of a run is ln theta + beta (sqrt(rho) a + sqrt(1 - rho) e), with a one
-    normal number per record and e one per run. Returns the probability of so large a ratio if the
-    lognormal curve is the true one; rho, 1 where no verdicts contradict each other, nan where each
-    record serves once. FitError if the runs have no lognormal curve.
+    normal number per record and e one per run. Returns the probability of a ratio at least as
+    large if the lognormal curve is true, and rho. rho is 1 if no verdicts contradict each other,
+    and nan if each record serves once. FitError if the runs have no lognormal curve.
     """
     levels, collapses, made = brackets.at_levels(filled=True)
     x = np.log(levels)
@@ -239,7 +247,10 @@ def check_lognormal(
 
 
 def _deviances(loss: FloatArray, collapses: FloatArray, n: FloatArray) -> FloatArray:
-    """Return twice the log-likelihood by which the isotonic curves are better, (n_fit,)."""
+    """Return twice the gain in log-likelihood of isotonic over lognormal curves, (n_fit,).
+
+    `loss` is the negative log-likelihood of the lognormal curves.
+    """
     p = np.array([_pooled(k, n) for k in collapses])
     likelihood = xlogy(collapses, p) + xlogy(n - collapses, 1.0 - p)
     return 2.0 * (likelihood.sum(axis=1) + loss)

@@ -1,10 +1,10 @@
 """Mean annual frequency of collapse: a fragility curve weighted by a hazard curve.
 
-rate = integral of P(collapse | im) |d lambda(im)| (Cornell, Jalayer, Hamburger and Foutch 2002,
-J. Struct. Eng. 128(4)), in closed form as lambda is a power of im between its points. It is
-divided by category as the collapses are, level by level. This is no deaggregation of the hazard:
+rate = integral of P(collapse | im) |d lambda(im)| (Cornell, Jalayer, Hamburger and Foutch 2002, J.
+Struct. Eng. 128(4)), in closed form as lambda is a power of im between its points. Level by level,
+it is divided by category in proportion to the collapses. This is no deaggregation of the hazard:
 records are run at levels that their earthquakes did not reach. The mean of a curve over uncertain
-theta and beta, and the branches of a logic tree, are of the draws of the mean rate.
+theta and beta, and the branches of a logic tree, are made from the same draws as the mean rate.
 """
 
 from collections.abc import Sequence
@@ -31,25 +31,28 @@ from archfrag.fragility.probit import log_between
 from archfrag.fragility.verdicts import independent_number, wilson
 
 MOST_OUTSIDE = (
-    0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
+    0.5  # fraction of a rate outside the hazard curve; with more it is a bound
 )
 LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
-# Of a rate: a steep first slope of the hazard and a wide curve overflow.
+# Largest ln of a rate: with a steep first slope of the hazard a wide curve would overflow.
 _LARGEST_LOG = 600.0
-# Probabilities of parts of beta, the widest a small one on which rates hang, and of theta in each.
+# Probabilities of the parts of beta, in rising order (the last is small, but governs rates), and
+# of the parts of theta within each.
 _BETAS = np.array([0.3, 0.3, 0.25, 0.12, 0.03])
 _THETAS = np.array([0.25, 0.5, 0.25])
 _TRIED = 200  # values of beta
 _MOST_PARTS = (
-    40000  # of the mean of the curve of a class: of more, fewer draws are taken
+    40000  # parts of a mean curve of a class; fewer draws are taken to stay below
 )
 
 
 @dataclass(frozen=True)
 class HazardCurve:
-    """Annual frequency of exceedance at several intensities: between two points a power of the
-    intensity; below the first point the first power goes on, above the last one the last power
-    that falls. A curve that bends downwards in these scales is overestimated by both extensions.
+    """Annual frequency of exceedance against intensity, given at several points.
+
+    Between two points it is a power of the intensity. Below the first point the first power goes
+    on, above the last point the last power that falls. A curve that bends downwards in logarithmic
+    scales is overestimated by both extensions.
     """
 
     im: FloatArray  #: (n,), intensities, increasing, > 0
@@ -114,7 +117,7 @@ class HazardCurve:
         return np.exp(log_rate - fall)
 
     def pieces(self, x: FloatArray) -> Triple:
-        """Return the powers that hold at each ln im: where anchored, ln rate there, exponents."""
+        """Return the power law at each ln im: ln im of its anchor, ln rate there, exponent."""
         knots = np.log(self.im)
         between = -np.diff(np.log(self.rate)) / np.diff(knots)
         slopes = np.concatenate([between[:1], between, between[between > 0.0][-1:]])
@@ -125,10 +128,15 @@ class HazardCurve:
 
 @dataclass(frozen=True)
 class CollapseRate:
-    """Mean annual frequency of collapse; its band is of the fragility curve's parameters only."""
+    """Mean annual frequency of collapse.
 
-    rate: float  #: of the medians of theta and beta, the hazard curve extended [1/year]
-    #: Over theta and beta as uncertain as they are [1/year]; nan without draws or of a bound.
+    Its band is that of the fragility curve's uncertain parameters only.
+    """
+
+    rate: (
+        float  #: by the curve's theta and beta, with the hazard curve extended [1/year]
+    )
+    #: Mean over uncertain theta and beta [1/year]; nan without draws, and if `is_bound`.
     mean: float
     lower: float  #: ends of the band [1/year]; nan as `mean`
     upper: float
@@ -136,12 +144,12 @@ class CollapseRate:
     below: float  #: fractions of `rate` from below and above the hazard curve, which is extended
     above: float
     below_onset: (
-        float  #: what a curve has below the onset of motion, not in `rate` [1/year]
+        float  #: rate that the curve has below the onset, not in `rate` [1/year]
     )
     is_bound: bool  #: whether most of the rate is from outside the hazard curve
-    quoted: float  #: the rate, of a bound its part within the hazard curve [1/year]
+    quoted: float  #: `rate`; if `is_bound`, its part within the hazard curve [1/year]
     return_period: (
-        float  #: of the quoted rate [year]; of a bound the longest possible one
+        float  #: 1 / `quoted` [year]; if `is_bound`, the longest possible one
     )
 
     def probability_in(self, years: float) -> tuple[float, float, float]:
@@ -161,10 +169,11 @@ def collapse_rate(
 ) -> CollapseRate:
     """Return the mean annual frequency of collapse.
 
-    `draws` are theta and beta, (n_draw,) each, from `Curve.draws`, of a class those of its
-    lognormal curve; the band runs between the quantiles of their rates, in proportion. What the
-    hazard's extension below its first point adds to each is at most its rate at this point. Below
-    `onset`, one intensity or one for each of the curve's parts, nothing collapses.
+    `draws` are theta and beta, (n_draw,) each, from `Curve.draws`; without them there is no band.
+    The band runs between quantiles of the rates of the draws. Draws for a class are those of its
+    lognormal curve, and their rates are scaled to the rate of the class. The extension of the
+    hazard below its first point adds at most the hazard's rate there to the rate of a draw.
+    Nothing collapses below `onset`, one intensity or one for each of the curve's parts.
     """
     ends = tails(confidence)
     parts = rate_by_level(hazard, curve, hazard.im[[0, -1]], onset)
@@ -202,7 +211,10 @@ def collapse_rate(
 def lognormal_rates(
     hazard: HazardCurve, theta: ArrayLike, beta: ArrayLike, onset: ArrayLike = 0.0
 ) -> FloatArray:
-    """Return mean annual frequencies of collapse of lognormal curves (...), (...) [1/year]."""
+    """Return the mean annual frequency of collapse of each lognormal curve [1/year].
+
+    `theta` and `beta` have the shape of the result; `onset` is as for `collapse_rate`.
+    """
     return _lognormal(hazard, np.log(hazard.im), theta, beta, onset).sum(axis=-1)
 
 
@@ -211,7 +223,8 @@ def rate_by_level(
 ) -> FloatArray:
     """Return the rate of collapse by motions between rising `edges`, (n_edge + 1,) [1/year].
 
-    The first is from 0 on, the last to infinity. `onset` is as for `collapse_rate`.
+    The first rate is from 0 to the first edge, the last one from the last edge to infinity.
+    `onset` is as for `collapse_rate`.
     """
     edges = np.log(rising(edges, "edges"))
     cuts = np.union1d(np.log(hazard.im), edges)
@@ -228,10 +241,11 @@ def _lognormal(
     beta: ArrayLike,
     onset: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Return rates of lognormal curves (...) from `onset` on, cut at ln im, (..., n_cut + 1).
+    """Return the rates of lognormal curves (...) between ln im `cuts`, (..., n_cut + 1) [1/year].
 
-    By parts: [-Phi lambda] + integral of lambda dPhi, and the latter with lambda = c e^(-k x) is
-    lambda(theta) e^(k^2 beta^2 / 2) [Phi(z + k beta)], z = (x - ln theta) / beta.
+    Intensities below `onset` add nothing. By parts, a rate is [-Phi lambda] + integral of lambda
+    dPhi. The integral with lambda = c e^(-k x) is lambda(theta) e^(k^2 beta^2 / 2) [Phi(z + k
+    beta)], z = (x - ln theta) / beta.
     """
     theta, beta = (
         positive(v, n)[..., None] for v, n in ((theta, "theta"), (beta, "beta"))
@@ -264,7 +278,7 @@ class Contributions:
 
     categories: tuple[str, ...]
     counts: IntArray  #: (n_category, n_level), collapses
-    rate: FloatArray  #: (n_category, n_level), of collapse [1/year], or `counts`
+    rate: FloatArray  #: (n_category, n_level), rate [1/year]; `counts` without a hazard
     unassigned: FloatArray  #: (n_level,), rate of levels with no collapse seen [1/year]
     fraction: (
         FloatArray  #: (n_category,), of the rate that is assigned [1]; nan if none is
@@ -275,7 +289,10 @@ class Contributions:
 
     @property
     def shown(self) -> BoolArray:
-        """Categories with a part of the rate, (n_category,); none if hardly any is assigned."""
+        """Whether each category has a part of the rate, (n_category,).
+
+        All are False if hardly any of the rate is assigned to categories.
+        """
         assigned = self.rate.sum()
         enough = assigned > LEAST_ASSIGNED * (assigned + self.unassigned.sum())
         return np.asarray(self.rate.any(axis=1) & enough)
@@ -289,14 +306,14 @@ def contributions(
     confidence: float = 0.9,
     groups: ArrayLike | None = None,
 ) -> Contributions:
-    """Divide the collapses of each level by category, and its rate as they are divided.
+    """Divide the collapses of each level by category, and its rate in proportion to them.
 
     `collapsed` and `category`, (n_record, n_level), are whether a run collapsed and its position
-    in `categories`; `level_rate`, (n_level,), is from `rate_by_level` [1/year], the number of
-    collapses if it is not given. The same records collapse at several levels, so that Wilson's
-    interval of the fractions counts (sum m)^2 / sum m^2 collapses, m being those of a record
-    (Kish 1965, *Survey Sampling*). Records with one label in `groups`, (n_record,), such as their
-    event, count as fewer, by how alike the categories of their collapses are.
+    in `categories`; `level_rate`, (n_level,), is from `rate_by_level` [1/year]; if it is not
+    given, the number of collapses takes its place. The same records collapse at several levels, so
+    that Wilson's interval of the fractions counts (sum m)^2 / sum m^2 collapses, m being those of
+    a record (Kish 1965, *Survey Sampling*). Records with the same label in `groups`, (n_record,),
+    such as their event, count as fewer, the more alike the categories of their collapses are.
     """
     collapse = np.asarray(collapsed, bool)
     kind = np.asarray(category)
@@ -328,12 +345,12 @@ def level_edges(levels: ArrayLike) -> FloatArray:
 
 
 def branches_of(curve: Curve, draws: Pair) -> tuple[list[Curve], FloatArray]:
-    """Return 15 curves that stand for all that theta and beta may be, and their weights of sum 1.
+    """Return 15 curves that stand for the uncertain theta and beta, and their weights (sum 1).
 
     `draws` are theta and beta, (n,) each, from `Curve.draws`. They are divided into five parts by
     beta, and each of these into three by theta. Theta of a branch is the geometric mean of its
-    part; beta is that with the mean rate of collapse of its part, for a usual hazard, which falls
-    with the power 2.5 of the intensity from 0.05 times the median of theta on.
+    part. Its beta gives the mean rate of collapse of the part for a usual hazard, which falls with
+    the power 2.5 of the intensity from 0.05 times the median of theta on.
     """
     middle = np.median(draws[0]) * np.array([0.01, 0.05, 10.0])
     usual = HazardCurve(middle, np.array([0.05, 0.05, 10.0]) ** -2.5)
@@ -357,16 +374,16 @@ def branches_of(curve: Curve, draws: Pair) -> tuple[list[Curve], FloatArray]:
 
 
 def _parted(values: IntArray, probability: FloatArray) -> list[IntArray]:
-    """Divide values in parts of these probabilities."""
+    """Divide values, in their order, into parts with these probabilities."""
     ends = np.round(np.cumsum(probability)[:-1] * values.size).astype(int)
     return np.split(values, ends)
 
 
 def predictive(curve: Curve, draws: Pair) -> Curve:
-    """Return the mean of the curve over `draws`, at each intensity; band and intervals stay.
+    """Return the mean of a curve over draws of theta and beta, at each intensity.
 
-    `theta` and `beta` are those of the lognormal curve with the same mean and standard deviation
-    of ln capacity.
+    Band and intervals stay those of `curve`. `theta` and `beta` are those of the lognormal curve
+    with the same mean and standard deviation of ln capacity.
     """
     step = 1 + (len(curve.parts) * len(draws[0]) - 1) // _MOST_PARTS
     parts = _parts(curve, draws[0][::step], draws[1][::step])
@@ -386,9 +403,10 @@ def mean_of(curve: Curve, members: FloatArray, kind: str) -> Curve:
 
 
 def _parts(curve: Curve, theta: ArrayLike, beta: ArrayLike) -> FloatArray:
-    """Return the parts of a curve with other parameters, (n,) each, one below the other.
+    """Return theta and beta of the parts of a curve under other parameters, one row for each.
 
-    ln capacity is moved and stretched: the arches of a class move and widen together.
+    `theta` and `beta` are (n,) each; every pair gives all parts. ln capacity is moved and
+    stretched: the arches of a class move and widen together.
     """
     theta, beta = (np.reshape(each, (-1, 1)) for each in (theta, beta))
     wider = beta / curve.beta

@@ -28,7 +28,9 @@ from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
 from archfrag.fragility.verdicts import Brackets, numbered
 
 FEWEST_GROUPS = 3
-MOST_PARTS = 40  # that are left out one by one; of more groups several together
+MOST_PARTS = (
+    40  # parts that are left out one by one; of more groups several form a part
+)
 _DRAWS = 4000
 _SEED = 3
 _LARGEST_LOG = 20.0  # of theta and of 1 / beta in draws
@@ -41,7 +43,10 @@ MOST_CROSSING = 0.01  # probability by which curves of two limit states may cros
 
 
 def crossing_words(curves: Sequence[Curve]) -> str:
-    """Write whether curves of neighbouring limit states cross, from light to severe."""
+    """Return a text on whether curves of neighbouring limit states cross.
+
+    `curves` go from light to severe.
+    """
     crossed = [
         f"those of {mild.state} and {severe.state} by up to {most:.2g}"
         for mild, severe in pairwise(curves)
@@ -54,11 +59,12 @@ def crossing_words(curves: Sequence[Curve]) -> str:
 
 
 def above(mild: Curve, severe: Curve) -> Curve:
-    """Move the curve of a milder state until that of a severer one lies nowhere above it.
+    """Return the curve of a milder state, moved so that it does not cross a severer one.
 
-    Fits of two states can cross by more than `MOST_CROSSING`, by chance and because that of
-    collapse is another estimate. If they do, the median is at most that of the severer state, and
-    the dispersion is the nearest one, on the way to that of the severer state, without a crossing.
+    Fits of two states can cross by more than `MOST_CROSSING`, by chance and because collapse is
+    estimated in another way. Then the median becomes at most that of the severer state. The
+    dispersion goes towards that of the severer state, only as far as needed. Curves that do not
+    cross stay as they are.
     """
     if crossing(mild, severe) <= MOST_CROSSING:
         return mild
@@ -71,9 +77,9 @@ def above(mild: Curve, severe: Curve) -> Curve:
 
 
 def crossing(mild: Curve, severe: Curve) -> float:
-    """Return the largest probability by which the curve of the severer state is the higher one.
+    """Return the largest excess of the severer state's probability over the milder one's.
 
-    Programs that subtract the two curves would get a negative probability.
+    Where it is positive, programs that subtract the two curves get a negative probability.
     """
     theta, beta = np.array([(fit.theta, fit.beta) for fit in (mild, severe)]).T
     ends = theta * np.exp(np.array([[-4.0], [4.0]]) * beta)
@@ -84,11 +90,12 @@ def crossing(mild: Curve, severe: Curve) -> float:
 def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
     """Divide the dispersion of capacities, (n_arch, n_record), into two betas.
 
-    With A the arch, var ln C = E[var(ln C | A)] + var(E[ln C | A]): beta_record_to_record^2, with
-    what records do to some arches only, and beta_model^2; by analysis of variance with two factors
-    (Searle, Casella and McCulloch 1992, *Variance Components*, chapters 3 and 4). A negative
-    estimate counts as 0. Records with an unknown capacity (nan) are left out. FitError if fewer
-    than two arches, or two records of each, remain.
+    With A the arch, var ln C = E[var(ln C | A)] + var(E[ln C | A]). The first term is
+    beta_record_to_record^2, which includes what records do to some arches only; the second is
+    beta_model^2. Both are returned as betas, by analysis of variance with two factors (Searle,
+    Casella and McCulloch 1992, *Variance Components*, chapters 3 and 4). A negative estimate
+    counts as 0. Records with an unknown capacity (nan) are left out. FitError if fewer than two
+    arches, or two records of each, remain.
     """
     logs = np.log(capacity)
     logs = logs[:, ~np.isnan(logs).any(axis=0)]
@@ -111,7 +118,7 @@ def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
 def split_curves(
     theta: ArrayLike, beta: ArrayLike, standard_error: ArrayLike, *, shared: float = 0.0
 ) -> tuple[float, float]:
-    """Divide the dispersion as `split_capacities`, from the curve of each arch, (n_arch,).
+    """Divide the dispersion as `split_capacities` does, by the curve of each arch, (n_arch,).
 
     beta_model^2 is the variance of ln theta over the arches less the mean square of its standard
     errors (DerSimonian and Laird 1986, Control. Clin. Trials 7, with equal weights);
@@ -129,7 +136,8 @@ def split_curves(
 def parts_of(groups: ArrayLike, seed: int = _SEED) -> BoolArray:
     """Return which records are left out with each part of the groups, (n_part, n_record).
 
-    FitError with fewer than `FEWEST_GROUPS` groups.
+    `groups` are labels, (n_record,); `seed` is for their random order. FitError if there are fewer
+    than `FEWEST_GROUPS` groups.
     """
     number = numbered(groups)
     n = number.max(initial=-1) + 1
@@ -145,15 +153,19 @@ def parts_of(groups: ArrayLike, seed: int = _SEED) -> BoolArray:
 
 
 def left_out(brackets: Brackets, parts: BoolArray, estimate: Estimate) -> FloatArray:
-    """Return ln theta and ln beta without each part of the records, (n_part, 2)."""
+    """Return ln theta and ln beta of the curve without each part of records, (n_part, 2).
+
+    `parts` is from `parts_of`; `estimate` fits a curve to brackets.
+    """
     curves = [estimate(brackets.of_records(~part)) for part in parts]
     return np.log([[curve.theta, curve.beta] for curve in curves])
 
 
 def crossing_groups(groups: Sequence[ArrayLike]) -> list[IntArray]:
-    """Return the groupings of rows that lie within no other, each of (n_row,) numbers.
+    """Return the groupings of rows that are not nested in another, as (n_row,) numbers each.
 
-    If several are left, which cross, their intersection follows.
+    A grouping is nested if each of its groups lies within one group of the other. If several
+    groupings remain, they cross; the last entry is then their intersection.
     """
     kept = list[IntArray]()
     for one in sorted(map(numbered, groups), key=np.max):  # the coarsest first
@@ -173,12 +185,13 @@ def ratios(
 ) -> dict[str, Numbers]:
     """Return the ratio of two curves, the second over the first, with its interval.
 
-    `without` is `left_out` of both with the same parts, for each of `crossing_groups`. Variances
-    of groupings that cross add up, less that of their intersection (Cameron, Gelbach and Miller
-    2011, J. Bus. Econ. Stat. 29). Returned are by row, ``theta`` and with a hazard ``rate``:
-    before, after, ratio, lower, upper. The interval is that of Student's t with as many degrees of
-    freedom as parts of the coarsest grouping less one, for rates by draws of ln theta and ln beta
-    of both arches. `onsets` are as for `collapse_rate`.
+    `without` has, for each of `crossing_groups`, the results of `left_out` for both curves with
+    the same parts. Variances of groupings that cross add up, less that of their intersection
+    (Cameron, Gelbach and Miller 2011, J. Bus. Econ. Stat. 29). Returns the row ``theta`` and, if
+    there is a hazard, the row ``rate``, each with before, after, ratio, lower and upper. The
+    interval is by Student's t; its degrees of freedom are the parts of the coarsest grouping less
+    one. For rates it is by draws of ln theta and ln beta of both arches. `onsets` are as for
+    `collapse_rate`.
     """
     every = list[FloatArray]()
     for pair in without:
@@ -233,10 +246,11 @@ def states_of(curve: Curve) -> dict[str, Curve]:
 
 
 def loss_steps(curve: Curve, ratios: Mapping[str, float]) -> Steps:
-    """Return curves of the states that cost something and by how much more than the milder one.
+    """Return the curves of states that cost something, each with its step in cost.
 
+    `ratios` are costs as fractions, by state; a step is the cost beyond that of the milder state.
     States are ordered by their medians, collapse last, and moved where they cross, as in exports.
-    InputError for a state that is not known or ratios that fall; FitError if one has no curve.
+    InputError for a state that is not known or ratios that fall; FitError if a state has no curve.
     """
     states = states_of(curve)
     for name in ratios:
@@ -267,7 +281,10 @@ def loss_steps(curve: Curve, ratios: Mapping[str, float]) -> Steps:
 
 
 def checked_ratios(ratios: Mapping[str, float]) -> Numbers:
-    """Return ratios by limit state; InputError unless from 0 to 1, and one is of collapse."""
+    """Return loss ratios by limit state as numbers, checked.
+
+    InputError unless all lie from 0 to 1, each state is named once, and collapse is among them.
+    """
     given = Numbers()
     for name, ratio in ratios.items():
         state = name.strip().casefold().replace(" ", "_")
@@ -305,8 +322,8 @@ def average_annual_loss(
 ) -> dict[str, float | bool]:
     """Return the average annual loss, its mean over theta and beta, and its band [1/year].
 
-    `onset` gives that of a curve, as for `collapse_rate`. It is a lower bound, without a band, if
-    the rate of a state is one.
+    `onset` returns the onset of a curve, as for `collapse_rate`. If the rate of a state is a
+    bound, the loss is a lower bound and has no band.
     """
     rates = [
         collapse_rate(hazard, c, c.draws(seed), confidence, onset(c)) for c, _ in steps

@@ -29,7 +29,7 @@ NOTHING = (
 
 
 class Verdict(IntEnum):
-    """Outcome of a run, from the rows of kernels to the report."""
+    """Outcome of a run, as stored in kernels, cube and tables."""
 
     SURVIVED = 0
     COLLAPSED = 1
@@ -45,8 +45,8 @@ DECIDED = (Verdict.SURVIVED, Verdict.COLLAPSED)
 def count_verdicts(verdict: ArrayLike) -> Named:
     """Count the runs of each verdict at each level of `verdict`, (..., n_level), by name.
 
-    ``n`` are those that collapsed or survived, ``runs`` all that were made, and ``fraction`` is
-    that of the former that collapsed, nan if there are none.
+    ``n`` counts the runs that collapsed or survived, ``runs`` all that were made. ``fraction`` is
+    the part of ``n`` that collapsed, nan if ``n`` is 0.
     """
     codes = np.asarray(verdict).reshape(-1, np.shape(verdict)[-1])
     count: Named = {each.name.lower(): (codes == each).sum(axis=0) for each in Verdict}
@@ -103,14 +103,17 @@ def wilson(k: FloatArray, n, confidence: float) -> Pair:
 
 
 def numbered(labels: ArrayLike) -> IntArray:
-    """Return the number of each label, (n,), counted from 0 in the order of the labels."""
+    """Return a number for each label, (n,), from 0 in the sorted order of the labels."""
     return np.asarray(np.unique(np.asarray(labels), return_inverse=True)[1])
 
 
 def draws_of_records(
     event: ArrayLike | None, n_record: int, seed: int = 1, resamples: int = RESAMPLES
 ) -> IntArray:
-    """Draw counts of records in a bootstrap by whole events, (resamples, n_record)."""
+    """Draw how often each record is in each resample, (resamples, n_record).
+
+    The bootstrap draws whole events, (n_record,) labels; if `event` is None, single records.
+    """
     group = numbered(np.arange(n_record) if event is None else event)
     n = group.max() + 1
     generator = np.random.default_rng(seed)
@@ -172,12 +175,12 @@ class Brackets:
 
     @property
     def logs(self) -> FloatArray:
-        """ln of both ends, (2, n_record)."""
+        """ln of `lower` and `upper`, (2, n_record)."""
         return log_intensity([self.lower, self.upper])
 
     @property
     def bracketed(self) -> BoolArray:
-        """Whether both ends are known, (n_record,)."""
+        """Whether both ends of a bracket are known, (n_record,)."""
         return (self.lower > 0.0) & np.isfinite(self.upper)
 
     @property
@@ -193,7 +196,7 @@ class Brackets:
 
     @property
     def middle(self) -> FloatArray:
-        """Geometric mean of the ends; nan where one is not known, (n_record,)."""
+        """Geometric mean of both ends, (n_record,); nan where one is not known."""
         low, high = np.where(self.bracketed, (self.lower, self.upper), np.nan)
         return np.sqrt(low * high)
 
@@ -206,11 +209,12 @@ class Brackets:
         return codes
 
     def at_levels(self, filled: bool = False) -> Triple:
-        """Return the runs by intensity; if `filled`, with those that the brackets imply.
+        """Return the levels, and which runs collapsed and which are decided.
 
-        Without these the collapses of a search would be a biased choice. Returned are levels
-        (n_level,), rising, at most 500; 1 where a run collapsed, and where it is decided,
-        (n_record, n_level) each. FitError if no run is decided.
+        If `filled`, runs that the brackets imply count too; without them the collapses of a search
+        would be a biased choice. Levels, (n_level,), rise; if there are more than 500, neighbours
+        are merged. The other two, (n_record, n_level), are 1 where a run collapsed, and 1 where it
+        is decided. FitError if no run is decided.
         """
         codes = self.filled if filled else self.verdict
         row, column = np.nonzero(np.isin(codes, DECIDED))
@@ -232,7 +236,7 @@ class Brackets:
         return self.levels[decided], self.verdict[decided] == Verdict.COLLAPSED
 
     def without_scatter(self) -> "Brackets":
-        """Return the same as if no verdict contradicted its bracket."""
+        """Return the brackets as if no verdict contradicted them."""
         return replace(self, contradictions=0 * self.contradictions)
 
     @property
@@ -241,7 +245,10 @@ class Brackets:
         return np.asarray(self.decided.any(axis=1))
 
     def of_records(self, kept: BoolArray | bool = True) -> "Brackets":
-        """Keep only records with at least one verdict; FitError if none is left."""
+        """Return the brackets of records with a decided run only, of those that are `kept`.
+
+        FitError if none is left.
+        """
         kept = kept & self.run
         if not kept.any():
             raise FitError(NOTHING)
@@ -251,9 +258,9 @@ class Brackets:
 def find_brackets(verdict: ArrayLike, levels: ArrayLike) -> Brackets:
     """Find the border between survival and collapse of each record.
 
-    It is the border that the fewest verdicts contradict, the lowest of several. `verdict`,
-    (n_record, n_level), holds codes of `Verdict`; `levels`, (n_level,) or (n_record, n_level), are
-    > 0 and in any order.
+    It is the border that the fewest verdicts contradict; of several such borders, the lowest.
+    `verdict`, (n_record, n_level), holds codes of `Verdict`; `levels`, (n_level,) or (n_record,
+    n_level), are > 0 and in any order.
     """
     codes = np.asarray(verdict)
     level = np.broadcast_to(positive(levels, "levels"), codes.shape)

@@ -40,7 +40,7 @@ _MOST_NUMBERS = 15  # of joints in a figure
 
 
 def paint(panel: Panel, marks: Iterable[Mark]) -> None:
-    """Draw marks of an arch in a panel, each as its role asks for."""
+    """Draw marks of an arch in a panel, in the style of their roles."""
     for role, points, _ in marks:
         x, y = points.T
         if role in AREAS:
@@ -61,7 +61,11 @@ def arch_panel(
     most: Range,
     ground: bool = False,
 ) -> Panel:
-    """Draw an arch to scale below `top`, within a width and height [px]; return its panel."""
+    """Draw an arch to scale, and return its panel.
+
+    `middle` is the x of its middle, `top` the y of its top, `most` its largest width and height
+    [px]. With `ground` the ground is drawn too.
+    """
     marks = arch.marks
     points = np.concatenate([mark.points for mark in marks if mark.role in AREAS])
     least = points.min(axis=0)
@@ -76,7 +80,10 @@ def arch_panel(
 
 @figure
 def arch_at_onset(sheet: Sheet, onset: Onset, name: str) -> str | Words:
-    """Draw the arch twice: ground accelerating towards +x, and towards -x."""
+    """Draw the arch at onset twice: ground accelerating towards +x, and towards -x.
+
+    An arch that does not stand is drawn once, at rest.
+    """
     if not onset.stands:
         _at_onset(sheet, 0.5 * sheet.width, 0.0, onset, "")
         return (
@@ -126,9 +133,10 @@ def _label_joint(
     kind: str,
     taken: list[FloatArray],
 ) -> bool:
-    """Write words outward of the extrados of a joint, or inward of its intrados if `away` [px] is
-    negative, unless they would cover one of the boxes that are `taken`. Return whether they were
-    written; their box is then taken too.
+    """Write words at a joint unless they would cover others; return whether they were written.
+
+    They stand outward of its extrados, or inward of its intrados if `away` [px] is negative.
+    `taken` holds the boxes of other words; the new box is added to it.
     """
     along = arch.extrados[joint] - arch.intrados[joint]
     place = arch.extrados[joint] if away > 0.0 else arch.intrados[joint]
@@ -150,9 +158,9 @@ def _label_joint(
 
 @figure
 def lost_joints(sheet: Sheet, arch: Arch, results: ArchResults) -> str | None:
-    """Draw the arch with a dot at each joint that lost contact, by how often.
+    """Draw the arch with a dot at each joint that lost contact for good in a collapse.
 
-    Return None if no run collapsed.
+    The area of a dot grows with the number of such runs. Return None if no run collapsed.
     """
     joint_of = results["collapse_joint"][results.verdict == Verdict.COLLAPSED]
     joints, counts = np.unique(joint_of, return_counts=True)

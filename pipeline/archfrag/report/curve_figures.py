@@ -32,8 +32,8 @@ from archfrag.report.svg import (
 from archfrag.study.answer.rates import ArchRisk
 from archfrag.study.hazard import Hazard
 
-_REACH = 1e-4  # of the greatest density of the rate, where the axis ends
-_LEFT = 66.0  # left of the panels and their heights [px]
+_REACH = 1e-4  # part of the greatest density of the rate at which the axis ends
+_LEFT = 66.0  # space left of the panels, and heights of the panels [px]
 _HEIGHTS = (150.0, 110.0, 110.0)
 
 MOST_NAMED = 12  # curves with a colour and stroke of their own
@@ -86,14 +86,14 @@ def _thinned(fits: Iterable[Curve]) -> list[Curve]:
 
 
 def _medians(inputs: ReportInputs, fits: Mapping[str, Curve]) -> str:
-    """Write the medians of curves in a line."""
+    """Return a line of text with the medians of curves."""
     text = inputs.scale.text
     words = [f"{name} {text(fit.theta)}" for name, fit in fits.items()]
     return f"Medians: {'; '.join(words)}"
 
 
 def _band_words(answer: Curve) -> str:
-    """Write what the band of an answer is and what it assumes; empty without a band."""
+    """Return text on the band of a curve and its assumptions; empty without a band."""
     if not answer.method:
         return ""
     return f" Shaded: pointwise band, {answer.method}. {answer.assumptions.removesuffix('.')}."
@@ -101,7 +101,10 @@ def _band_words(answer: Curve) -> str:
 
 @figure
 def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> Words:
-    """Draw the curve of an arch with its band, and the capacities or fractions behind it."""
+    """Draw the curve of an arch with its band, and the observed capacities or fractions.
+
+    Capacities are drawn if some records were not run at all levels, else fractions.
+    """
     scale = results.scale
     percent = f"{100 * answer.confidence:.0f} %"
     texts = TEXTS["curve"]
@@ -167,9 +170,10 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> Words:
 def all_curves(
     sheet: Sheet, inputs: ReportInputs, arches: Collection[str], classes: Sequence[str]
 ) -> Words | None:
-    """Draw the curves of some arches and classes in one figure; None if they are fewer than two.
+    """Draw the curves of arches and classes in one figure; None if there are fewer than two.
 
-    Curves with names lie over thin ones of one colour each.
+    Classes, and arches without a class if they are few, have named curves. All others are thin
+    curves below these, in one colour for each class.
     """
     if len(arches) + len(classes) < 2:
         return None
@@ -233,7 +237,7 @@ def all_curves(
 def limit_states(
     sheet: Sheet, inputs: ReportInputs, answer: Curve, name: str
 ) -> str | None:
-    """Draw the curves of the limit states of an arch or a class; None if none has one."""
+    """Draw the curves of the limit states of an arch or a class; None if no state has one."""
     curves = {
         _stroke(fit.state.replace("_", " "), i, _DAMAGE): fit
         for i, fit in enumerate(answer.states)
@@ -266,9 +270,10 @@ def limit_states(
 def theta_panels(
     sheet: Sheet, inputs: ReportInputs, members: Sequence[str], name: str
 ) -> str | None:
-    """Draw theta of each arch of a class against each value by which they differ; None without.
+    """Draw theta of the arches of a class against each value in which they differ.
 
-    Lines are `effects_on_theta`, if the arches are enough for it; the largest stands first.
+    Lines show `effects_on_theta`, if there are enough arches; the value with the largest effect is
+    first. Return None if no value differs, or if fewer than two arches have a curve.
     """
     theta = thetas(inputs.curves[arch] for arch in members)
     fitted = np.isfinite(theta)
@@ -311,10 +316,10 @@ def theta_panels(
 
 
 def effects_on_theta(theta: FloatArray, values: FloatArray) -> tuple[float, FloatArray]:
-    """Return theta with all values at their means, and with one a standard deviation off its mean.
+    """Return theta at the means of all values, and theta with one value off its mean.
 
-    The latter has a row for each value, with less and more (n_value, 2). They are from a linear
-    regression of ln `theta` (n_arch,) on the `values` (n_arch, n_value).
+    The second result, (n_value, 2), has each value a standard deviation below and above its mean.
+    Both are by a linear regression of ln `theta` (n_arch,) on the `values` (n_arch, n_value).
     """
     unit = (values - values.mean(axis=0)) / values.std(axis=0, ddof=1)
     lines = np.column_stack([np.ones(len(unit)), unit])
@@ -326,7 +331,7 @@ def effects_on_theta(theta: FloatArray, values: FloatArray) -> tuple[float, Floa
 def hazard_and_fragility(
     sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Scale
 ) -> str:
-    """Draw the hazard curve, the fragility curve and where the rate of collapse comes from."""
+    """Draw the hazard curve, the fragility curve and the rate of collapse per ln intensity."""
     # Intensities from which all but a small part of the rate comes.
     wide = np.concatenate([arch.levels, hazard.main.im, [arch.fit.theta]])
     im = np.geomspace(0.2 * wide.min(), 5.0 * wide.max(), 1200)

@@ -67,9 +67,10 @@ class Example:
 
 
 def choose(results: ArchResults, median: float = np.nan) -> Chosen | None:
-    """Choose the run whose lowest collapsing level is nearest the median of the arch.
+    """Choose the record with the capacity nearest the median, at its lowest collapsing level.
 
-    Without a `median` it is nearest that of these levels; `farthest` if nothing collapsed.
+    If `median` is nan, it is the median of these levels. If nothing collapsed, choose as
+    `farthest` does.
     """
     collapsed = results.verdict == Verdict.COLLAPSED
     records = np.flatnonzero(collapsed.any(axis=1))
@@ -93,13 +94,19 @@ def farthest(results: ArchResults) -> Chosen | None:
 
 
 def typical_run(inputs: ReportInputs, name: str) -> Example | None:
-    """Simulate the run with the capacity nearest the median again; None if nothing moves."""
+    """Simulate again the run of an arch that `choose` finds.
+
+    Return None if the arch does not stand, or if nothing moves.
+    """
     chosen = choose(inputs.results(name), inputs.curves[name].theta)
     return repeat(inputs, name, chosen) if inputs.arches[name].stands else None
 
 
 def repeat(inputs: ReportInputs, name: str, chosen: Chosen | None) -> Example | None:
-    """Simulate a run of a study again, with the study's method and its history."""
+    """Simulate a chosen run of a study again by the study's method, and keep its history.
+
+    Return None if no run is chosen, or if the cube names no method.
+    """
     method = dict(inputs.config.get("method", ()))
     if not method or chosen is None:
         return None
@@ -135,9 +142,10 @@ def repeat(inputs: ReportInputs, name: str, chosen: Chosen | None) -> Example | 
 def example_of(
     study: StudyKeys, run: str = "median", arch: str | None = None
 ) -> Example:
-    """Simulate one run of a finished study again: `run` and `arch` of `Results.response`.
+    """Simulate one run of a finished study again.
 
-    InputError if the study is not finished, or has no such arch or run.
+    `run` and `arch` are as for `Results.response`. InputError if the study is not finished, or has
+    no such arch or run.
     """
     inputs = report_inputs(study)
     names = list(inputs.arches)
@@ -157,7 +165,7 @@ def example_of(
 
 
 def _named_run(results: ArchResults, run: str) -> Chosen:
-    """Return the record and the level that RECORD@LEVEL names; InputError if it has no run."""
+    """Return the run that RECORD@LEVEL names; InputError if there is no such run."""
     name, _, text = run.rpartition("@")
     unit = results.scale.unit
     try:
@@ -223,7 +231,10 @@ def key_frames(example: Example) -> Triple | None:
 
 
 def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
-    """Choose rows: first and last, then one by one where the state is farthest from linear."""
+    """Choose at most `most` rows, between which the state is closest to linear in time.
+
+    The first and the last row are chosen, then one by one the row farthest from linear.
+    """
     kept = np.array([0, len(time) - 1])
     while kept.size < min(most, len(time)):
         right = np.searchsorted(kept, np.arange(len(time))).clip(1)
@@ -239,9 +250,10 @@ def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
 def film(
     example: Example, name: str, title: str, enlarged: bool = False, columns: int = 4
 ) -> tuple[Picture, Picture] | None:
-    """Return a run in motion, and four frames of it in some columns; None if nothing moves.
+    """Return two pictures of a run, moving and as four still frames; None if nothing moves.
 
-    If it is `enlarged`, a small motion is drawn three times as large as it is.
+    `columns` is the number of still frames in a row. If `enlarged`, a small motion is drawn three
+    times as large as it is.
     """
     frames = key_frames(example)
     if frames is None:
@@ -263,7 +275,7 @@ def film(
     height = scale * tall
 
     def pixels(points: FloatArray, at: ArrayLike = origin) -> FloatArray:
-        """Return pixels of points, of which 0, 0 is `at` [m]."""
+        """Return points [m] in pixels; the pixels count from the point `at` [m]."""
         return scale * (points - np.asarray(at)) * (1.0, -1.0)
 
     rods = []  # left end [px], angle [degrees] and length [px] of each tie over time
@@ -315,8 +327,9 @@ def film(
 
 
 def _stills(reach: FloatArray, collapsed: bool) -> list[int]:
-    """Choose four frames by the largest rotation of each (n_time,): of a collapse as it grows, of
-    another run the largest in each quarter.
+    """Choose four frames by `reach` (n_time,), the largest rotation in each frame.
+
+    Those of a collapse show how it grows; those of another run are the largest in each quarter.
     """
     if collapsed:
         grown = reach >= np.outer([0.0, 0.33, 0.67, 1.0], reach.max())

@@ -50,9 +50,10 @@ _SMALL = (270.0, 130.0)
 
 
 def leading(inputs: ReportInputs) -> tuple[str, Curve]:
-    """Return the answer that stands first: of the weakest class, or arch of none.
+    """Return name and curve of the weakest class or arch without a class.
 
-    It is the most likely to collapse at the level of the first sentence, or has the least median.
+    It is the most likely one to collapse at the level of the first sentence; without a level it
+    has the lowest median.
     """
     level = sentence_level(inputs)
 
@@ -66,12 +67,15 @@ def leading(inputs: ReportInputs) -> tuple[str, Curve]:
 
 
 def leading_arch(inputs: ReportInputs) -> str:
-    """Return which of `inputs.arches` is drawn first."""
+    """Return the name of the arch that is drawn first."""
     return _drawn(inputs, *leading(inputs))
 
 
 def _drawn(inputs: ReportInputs, name: str, answer: Curve) -> str:
-    """Return the arch that is drawn for an answer: of a class that with the nearest median."""
+    """Return the name of the arch that is drawn for an arch or a class.
+
+    For a class it is the member whose median is nearest to that of the class.
+    """
     names = list(inputs.arches)
     if name in names or not answer.fitted:
         return name if name in names else names[0]
@@ -81,7 +85,7 @@ def _drawn(inputs: ReportInputs, name: str, answer: Curve) -> str:
 
 
 def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
-    """Return the page; `example` is a collapse of the arch that is drawn, or its nearest miss."""
+    """Return the page; `example` is a collapse of the arch that is drawn, or a near miss."""
     what = "near miss"
     if example is not None and example.response.collapsed:
         what = "collapse"
@@ -124,7 +128,10 @@ def site_levels(inputs: ReportInputs) -> dict[str, float]:
 
 
 def sentence_level(inputs: ReportInputs) -> tuple[str, float] | None:
-    """Return whose level the first sentence is at, and the level; None without one."""
+    """Return words for the level of the first sentence, and the level; None without one.
+
+    It is the level that was asked for, or else one of the site.
+    """
     if inputs.at is not None:
         return "", inputs.at
     for word, level in site_levels(inputs).items():
@@ -133,7 +140,7 @@ def sentence_level(inputs: ReportInputs) -> tuple[str, float] | None:
 
 
 def lead_sentence(inputs: ReportInputs) -> Markup:
-    """Write the probability at the level asked for or of the site, or else the median."""
+    """Return the first sentence: the probability at `sentence_level`, or else the median."""
     name, answer = leading(inputs)
     scale = inputs.scale
     percent = inputs.percent
@@ -186,7 +193,7 @@ def _noun(inputs: ReportInputs) -> str:
 
 
 def _facts(inputs: ReportInputs) -> str:
-    """Write how many runs and collapses there are, and the dispersion of the only answer."""
+    """Return text on the numbers of runs and collapses; if one answer, its dispersion too."""
     cube = inputs.cube
     verdict = cube["verdict"].values
     count = len(inputs.answers)
@@ -204,7 +211,10 @@ def _facts(inputs: ReportInputs) -> str:
 
 
 def before_and_after(inputs: ReportInputs) -> list[str]:
-    """Compare the two arches or classes of a study in sentences; empty if it has not two."""
+    """Return sentences that compare the two arches or classes of a study.
+
+    The list is empty unless there are exactly two.
+    """
     ratios = inputs.ratios
     if isinstance(ratios, str) or len(ratios) != 1:
         return []
@@ -224,7 +234,7 @@ def ratio_text(row: Mapping[str, float], percent: str) -> str:
 
 
 def _crossing(inputs: ReportInputs) -> Iterator[str]:
-    """Say which of two curves is higher below the level at which they cross, if they do."""
+    """Yield a sentence on which of two curves is higher below their crossing, if they cross."""
     levels = inputs.scale.factor * inputs.cube["intensity"].values
     im = np.geomspace(np.nanmin(levels), np.nanmax(levels), 400)
     one, two = (fit(im) for fit in inputs.known.values())
@@ -240,7 +250,7 @@ def _crossing(inputs: ReportInputs) -> Iterator[str]:
 
 
 def _arches(inputs: ReportInputs) -> Iterator[Picture]:
-    """Draw the arch of the leading answer; of two that look different both."""
+    """Yield the drawing of the leading arch, or of both if two look different."""
     names = [leading_arch(inputs)]
     most = _MOST
     if len(inputs.quoted) == 2:
@@ -256,7 +266,10 @@ def _arches(inputs: ReportInputs) -> Iterator[Picture]:
 
 
 def _arch(name: str, onset: Onset, named: bool, most: Range) -> Picture:
-    """Draw an arch to scale with its dimensions and hinges at onset; `named` in the caption."""
+    """Draw an arch to scale with its dimensions and its hinges at onset.
+
+    If `named`, the caption has its name. `most` is its largest width and height [px].
+    """
     arch = onset.arch
     sheet = Sheet(NARROW)
     panel = arch_panel(sheet, arch, 0.5 * sheet.width, 24.0, most)
@@ -314,7 +327,7 @@ def _dimensions(panel: Panel, arch: Arch) -> str:
 
 
 def _measure(sheet: Sheet, start: Range, end: Range, words: str) -> None:
-    """Draw a dimension line with its number: below a level one, right of an upright one."""
+    """Draw a dimension line with its number: below a level line, right of an upright line."""
     a, b = start
     c, d = end
     tick = "m-4 0h8" if a == c else "m0 -4v8"
@@ -331,8 +344,10 @@ def _measure(sheet: Sheet, start: Range, end: Range, words: str) -> None:
 
 @partial(figure, width=560.0)
 def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
-    """Draw the curve with its band, what was observed, theta, and levels of the site or of the
-    reader; of two arches or classes the other curve too.
+    """Draw the leading curve with its band, the observed fractions and theta.
+
+    Levels of the site, and the level that was asked for, are marked. If there are two arches or
+    classes, the other curve is drawn too.
     """
     name, fit = leading(inputs)
     scale = inputs.scale

@@ -63,7 +63,7 @@ def px(value: float) -> str:
 
 
 def css_text(words: str) -> Markup:
-    """Escape a text between quotes of a style sheet."""
+    """Escape a text for use between quotes in a style sheet."""
     return Markup(
         "".join(c if c.isalnum() or c == " " else f"\\{ord(c):x} " for c in words)
     )
@@ -75,7 +75,7 @@ three = "{:#.3g}".format  # digits
 
 
 def lines(parts: Iterable[Any]) -> Markup:
-    """Return parts below each other."""
+    """Return parts as one text, each on a line of its own."""
     return Markup("\n").join(map(Markup.escape, parts))
 
 
@@ -90,12 +90,12 @@ def paragraph(words: str, kind: str = "") -> Markup:
 
 
 def cautions(messages: Iterable[str]) -> Markup:
-    """Return a paragraph for each message, which has neither a capital nor a full stop."""
+    """Return a paragraph for each message; messages have neither a capital nor a full stop."""
     return lines(paragraph(f"Caution: {each}.", "caution") for each in messages)
 
 
 def folded(title: str, *parts: Markup | Picture | None) -> Markup | None:
-    """Return parts that a click on their title shows; None without a part."""
+    """Return parts that are folded under a title until a click; None without a part."""
     inside = lines(part for part in parts if part)
     form = Markup("<details><summary>{}</summary>{}</details>")
     return form.format(title, inside) if inside else None
@@ -166,7 +166,7 @@ def measured(value: float | str | None, form: str = "#.3g") -> str:
 def interval(
     ends: Sequence[float], write: Callable[[float], str] = "{:.2f}".format
 ) -> str:
-    """Write two numbers, or a dash for nan."""
+    """Return two numbers as a text, such as 0.20 to 0.35; a dash for nan."""
     return " to ".join(map(write, ends)) if np.isfinite(ends[0]) else "–"
 
 
@@ -181,7 +181,7 @@ def percentages(values: Sequence[float]) -> str:
 
 
 def median_and_largest(values: NDArray[np.float64]) -> str:
-    """Write the median and the largest of some magnitudes with powers of ten."""
+    """Return the median and the largest absolute value as text, with powers of ten."""
     values = np.abs(values[np.isfinite(values)])
     return (
         f"{np.median(values):.1e}, {values.max():.1e}" if values.size else "not known"

@@ -72,9 +72,7 @@ _MADE_BY = (
     "source",
 )
 _HEAD = "Results of archfrag"
-_FILES = (
-    Path(__file__).with_name("readme.txt").read_text("utf-8")
-)  # what each of them is
+_FILES = Path(__file__).with_name("readme.txt").read_text("utf-8")  # what each file is
 
 _MODELLED = {"friction", "dead_load", "fill", "piers", *LATER}
 _MOST_GROUPS = 10
@@ -82,16 +80,16 @@ _MOST_RATIOS = 8  # arches or classes whose ratios are told
 _MISSING = {
     "verdict": Verdict.NOT_RUN,
     "collapse_joint": -1,
-}  # where no run was made, or 0
+}  # values where no run was made; 0 for all other variables
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Scale of an intensity measure."""
+    """Intensity measure, and the unit in which people read it."""
 
     measure: str
-    unit: str  #: that people read
-    factor: float  #: times a value in SI gives one in `unit`
+    unit: str  #: of texts and figures
+    factor: float  #: value in `unit` over value in SI
 
     @property
     def label(self) -> str:
@@ -104,21 +102,21 @@ class Scale:
 
 @dataclass(frozen=True)
 class ArchResults:
-    """All runs of an arch, or of the arches of a class below each other."""
+    """All runs of an arch, or of the arches of a class, whose rows follow each other."""
 
-    arch: str  #: or class
-    records: list[str]  #: of each row
+    arch: str  #: name of the arch or class
+    records: list[str]  #: name of the record of each row
     scale: Scale
     levels: FloatArray  #: (n_level,) in the reader's unit
-    own_levels: FloatArray | None  #: (n_record,), if each run has one of its own
+    own_levels: FloatArray | None  #: (n_record,), if each run has its own
     table: Callable[[str], NDArray]  #: gives a variable of the cube by name [SI]
     simulated: NDArray[np.bool_]  #: (n_record, n_level), which runs there are
     runs: ArchRuns
     counts: Mapping[str, IntArray]  #: `count_verdicts` of runs at each level
-    #: Of records, with what their capacities imply if they were searched.
+    #: `count_verdicts` of records; if levels were searched, with what capacities imply.
     known: Mapping[str, IntArray]
-    #: Of each record that was run, the middle of its bracket in logarithms: inf where it never
-    #: collapsed, its lowest level where it collapsed there.
+    #: Of each record that was run, the middle of its bracket in logarithms: inf if it never
+    #: collapsed, its lowest level if it collapsed there.
     capacities: FloatArray
 
     def __getitem__(self, name: str) -> NDArray:
@@ -131,7 +129,7 @@ class ArchResults:
 
     @property
     def fraction(self) -> FloatArray:
-        """Fraction of the known verdicts at each level that are collapses; nan if none is."""
+        """Fraction of the known verdicts that are collapses, (n_level,); nan if there are none."""
         return np.asarray(self.known["fraction"])
 
 
@@ -141,13 +139,13 @@ class ReportInputs:
 
     cube: xr.Dataset  #: of the study
     scale: Scale  #: of the cube's levels
-    answers: Mapping[str, Curve]  #: of each arch of the cube, in the SI unit
+    answers: Mapping[str, Curve]  #: curve of each arch of the cube, in the SI unit
     classes: Mapping[str, Curve] = field(
         default_factory=dict
-    )  #: of classes of several arches
-    #: Unscaled, one for each record of the cube, its name as `id`; none of a table.
+    )  #: curves of classes of several arches
+    #: Unscaled motion of each record of the cube, whose name is its `id`; empty for a table.
     motions: Sequence[Motion] = ()
-    #: Onset of each arch that has a section by its name in the cube, in the page's order.
+    #: Onset of each arch with a section, by its name in the cube, in the order of the page.
     arches: Mapping[str, Onset] = field(default_factory=dict)
     cautions: Sequence[
         str
@@ -159,12 +157,12 @@ class ReportInputs:
     at: float | None = (
         None  #: level at which the probability is asked for, in the study's unit
     )
-    risk: StudyRisk | str | None = None  #: or why there are no rates
-    #: Of `target_of_index`.
+    risk: StudyRisk | str | None = None  #: or a text: why there are no rates
+    #: Result of `target_of_index`.
     target: tuple[FloatArray, Mapping[str, float]] | None = None
     #: Keys of all arches that say what is modelled, by name of arch or class.
     given: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
-    plan: Plan | None = None  #: of the runs, for motions that first shocks precede
+    plan: Plan | None = None  #: plan of the runs, for motions after first shocks
     #: Project, client and author, and a picture as a data URL, as far as they are given.
     about: Mapping[str, str] = field(default_factory=dict)
 
@@ -195,7 +193,7 @@ class ReportInputs:
 
     @cached_property
     def of_class(self) -> dict[str, str]:
-        """Class of each arch."""
+        """Class of each arch, by the name of the arch."""
         return arch_classes(self.cube)
 
     @cached_property
@@ -210,7 +208,7 @@ class ReportInputs:
 
     @cached_property
     def ratios(self) -> dict[str, Table] | str:
-        """Ratios of the others to their `references` (`compare`); or why there are none."""
+        """Ratios of curves to their `references`, by name; or a text: why there are none."""
         if not 1 < len(self.known) <= _MOST_RATIOS:
             return {}
         site = self.risk.hazard.main if isinstance(self.risk, StudyRisk) else None
@@ -225,7 +223,11 @@ class ReportInputs:
 
     @cached_property
     def references(self) -> dict[str, str]:
-        """What others are compared with: an arch after a first shock with itself before it."""
+        """Name of the curve with which each curve is compared, by name.
+
+        It is the first curve; for an arch after a first shock it is that of the arch before the
+        shock.
+        """
         first, *others = self.known
         found = dict.fromkeys(others, first)
         for name in self.known:
@@ -234,7 +236,10 @@ class ReportInputs:
         return {name: of for name, of in found.items() if of in self.known}
 
     def stands_after(self, name: str) -> str:
-        """Say of how many records the curve of an arch after a first shock is; else empty."""
+        """Return words on the number of records after whose first shock an arch stands.
+
+        They are empty if no first shock made it collapse.
+        """
         runs = self.fitted.runs[name]
         before = (runs.verdict == Verdict.COLLAPSED_BEFORE).any(axis=1)
         return f"if it stands, as in {(~before).sum()} of {before.size}" * bool(
@@ -248,15 +253,15 @@ class ReportInputs:
 
 
 def thetas(answers: Iterable[Curve]) -> FloatArray:
-    """Return the median capacity of each arch [SI]; nan without a curve."""
+    """Return the median capacity of each curve, in its unit; nan without a curve."""
     return np.array([curve.theta for curve in answers])
 
 
 def report_inputs(study: StudyKeys, table: Fitted | None = None) -> ReportInputs:
-    """Read the results of a finished study, or of a `table` of verdicts, which has no arches.
+    """Return the inputs of the report of a finished study, or of a table of verdicts.
 
-    InputError if results are missing or out of date, OutputError if the cube of another study is
-    in the folder.
+    A `table` has no arches and no motions. InputError if results are missing or out of date,
+    OutputError if the cube of another study is in the folder.
     """
     fitted = table or finished(study)
     levels = study.intensity
@@ -311,7 +316,7 @@ def _title(study: StudyKeys) -> str:
 
 
 def arch_results(runs: ArchRuns, scale: Scale) -> ArchResults:
-    """Return what the report needs of the runs of an arch or a class."""
+    """Return the runs of an arch or a class in the form that the report needs."""
     n_arch = len(runs.arches)
     made = runs.verdict != Verdict.NOT_RUN
     levels = runs.level * scale.factor
@@ -366,7 +371,7 @@ def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntA
 def write_papers(inputs: ReportInputs, folder: Path) -> None:
     """Write ``summary.json``, ``capacities.csv``, ``runs.csv`` and ``README.txt``.
 
-    A README of somebody else is left alone.
+    A README that archfrag did not write is left alone.
     """
     scale = inputs.scale
     cube = inputs.cube
@@ -393,7 +398,10 @@ def write_papers(inputs: ReportInputs, folder: Path) -> None:
 def runs_in_words(
     cube: xr.Dataset, intensity: str, factor: float
 ) -> Iterator[pd.DataFrame]:
-    """Yield the runs in pieces, with words for codes and units in the names."""
+    """Yield the table of runs in pieces, with words for codes and units in column names.
+
+    `intensity` is the name of the column of levels, which are those in SI times `factor`.
+    """
     about, pieces = runs_table(cube)
     names = {}
     for name in RUN_COLUMNS:
@@ -415,7 +423,10 @@ def runs_in_words(
 
 
 def _stated(si: float, factor: float) -> str:
-    """Write an SI level times `factor` as a study gives it, or in full."""
+    """Return an SI level times `factor` as text.
+
+    It has 12 digits if they give the same level, else all digits.
+    """
     short = f"{factor * si:.12g}"
     return short if float(short) * (1.0 / factor) == si else repr(float(factor * si))
 
@@ -474,7 +485,10 @@ def summary(inputs: ReportInputs) -> Named:
 
 
 def _answered(inputs: ReportInputs, answer: Curve) -> Named:
-    """Return the curve [SI] and the probability of an arch or a class, or why there is none."""
+    """Return what the summary says of the curve of an arch or a class, given in SI units.
+
+    Without a curve, ``curve`` and ``probability`` are None, and ``reason`` says why.
+    """
     factor = inputs.scale.factor
     at = inputs.at
     lost: Named | None = None
@@ -513,7 +527,10 @@ def _answered(inputs: ReportInputs, answer: Curve) -> Named:
 
 
 def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> Named:
-    """Return how many runs of an arch have each verdict, and fractions of its collapses."""
+    """Return numbers of runs of an arch by verdict, and of its collapses the fractions.
+
+    The fractions are by mode and by joint.
+    """
     number = count_verdicts(verdict)
     collapsed = verdict == Verdict.COLLAPSED
     counts = {name: int(number[name].sum()) for name in COUNTS}

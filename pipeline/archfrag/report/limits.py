@@ -22,7 +22,7 @@ class Aspect(NamedTuple):
     """Something that a model of an arch may have or lack."""
 
     modelled: bool
-    name: str  #: in a list; may be empty
+    name: str  #: for a list of aspects; may be empty
     sentence: str
 
 
@@ -34,8 +34,9 @@ def aspects(
 ) -> list[Aspect]:
     """Return what is modelled and what is not, each with its sentence.
 
-    `vertical` is the attribute ``vertical_component`` of a cube, `delay` that of the method in
-    seconds; `spanning` is false if all arches are free-standing.
+    `given` has the keys of the arches. `vertical` is the attribute ``vertical_component`` of a
+    cube, `delay` that of the method in seconds; `spanning` is false if all arches are
+    free-standing.
     """
     arches = [arch for members in given.values() for arch in members]
     keys = "friction", "piers.friction"
@@ -65,7 +66,7 @@ def aspects(
 
 
 def study_aspects(inputs: ReportInputs) -> list[Aspect]:
-    """Return what the study of a report models and what not."""
+    """Return the aspects that the study of a report models, and those that it does not."""
     of_class = arch_classes(inputs.cube)
     given = inputs.given
     if not given:  # a report without a study file
@@ -82,7 +83,7 @@ def study_aspects(inputs: ReportInputs) -> list[Aspect]:
 
 
 def short(found: Iterable[Aspect]) -> str:
-    """Write a line on what is modelled and what is not."""
+    """Return a line of text on what is modelled and what is not."""
     names = {True: list[str](), False: list[str]()}
     for aspect in found:
         names[aspect.modelled] += [aspect.name] * bool(aspect.name)

@@ -94,11 +94,11 @@ _MOST_SPECTRA = 80
 def make_report(study: StudyKeys, table: Fitted | None = None) -> Path:
     """Write the report of a finished study and return its path.
 
-    Of a `table` of verdicts it has no arches and no motions, and its curves are stored too;
-    OutputError if the folder holds the results of a study.
+    The report of a `table` of verdicts has no arches and no motions, and its curves are stored
+    too; OutputError if the folder holds the results of a study.
 
-    Beside it are its numbers ``summary.json``, its curves as SVG files (``curves.svg`` in the
-    place of those of many arches), and the tables of `archfrag.report.inputs`.
+    Next to the report are its numbers ``summary.json``, its curves as SVG files (for many arches
+    one file ``curves.svg``), and the tables of `archfrag.report.inputs`.
     """
     out = study.folder / "report.html"
     if table is None:
@@ -121,9 +121,10 @@ def make_report(study: StudyKeys, table: Fitted | None = None) -> Path:
 def write_report(
     inputs: ReportInputs, out: Path, given: Iterable[str | Path | None] = ()
 ) -> Path:
-    """Write the report `out` and the files beside it; return its path.
+    """Write the report `out` and the files next to it; return its path.
 
-    Raise OutputError if they cannot be written, or would replace what was `given` or is of others.
+    `given` are the input files. OutputError if a file cannot be written, or would replace an input
+    or a file that archfrag did not make.
     """
     text, figures = render(inputs)
     names = (*figures, *(name for name in REPORT_FILES if name != README))
@@ -136,7 +137,7 @@ def write_report(
 
 
 def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
-    """Return the page as text, and by file name the figures that are files too."""
+    """Return the page as text, and the figures that are written as files, by file name."""
     curves = all_curves(inputs, inputs.answers, list(inputs.classes))
     listed = inputs.quoted
     shown = list(listed)
@@ -162,7 +163,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         ]
         first = first_page(inputs, examples[lead])
         shown = [name for name in inputs.arches if name in listed]
-    # Cautions that no section has; of those of arches that differ in numbers only the first.
+    # Cautions that are in no section; of those that differ in numbers only, the first.
     rest = [words for words in inputs.cautions if words.partition(": ")[0] not in shown]
     digest = base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()
     text = template(
@@ -182,7 +183,10 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
 
 
 def _rates(inputs: ReportInputs, risk: StudyRisk | str) -> Iterator[Any]:
-    """Yield the rates of collapse, and figures of each arch; of many arches only of the first."""
+    """Yield the rates of collapse, and figures of each arch.
+
+    If there are many arches, only the first three have figures.
+    """
     if isinstance(risk, str):
         yield paragraph(f"There are no rates of collapse: {risk}.", "none")
         return
@@ -209,7 +213,7 @@ def _rates(inputs: ReportInputs, risk: StudyRisk | str) -> Iterator[Any]:
 
 
 def _rates_table(risk: StudyRisk, percent: str) -> Markup:
-    """Tabulate the rate of collapse of each arch with what it means over some years."""
+    """Return the table of rates of collapse, with probabilities over `risk.years`."""
     heads = [
         "arch",
         "collapses a year",
@@ -320,7 +324,10 @@ def _motions(inputs: ReportInputs) -> Iterator[Any]:
 
 
 def _first_shocks(inputs: ReportInputs) -> Iterator[Any]:
-    """Yield which first shocks come before the records, how strong, and which before which."""
+    """Yield the first shocks with their levels, and which one precedes each record.
+
+    Nothing is yielded if there are none.
+    """
     plan = inputs.plan
     scale = inputs.scale
     if plan is None:
@@ -371,11 +378,11 @@ def _motion_table(inputs: ReportInputs) -> Markup:
 
 @figure
 def spectra(sheet: Sheet, inputs: ReportInputs) -> Words:
-    """Draw spectra at 5 % damping at the level nearest to the median capacity, with their median
-    and 16 to 84 %.
+    """Draw response spectra at 5 % damping, with their median and 16 to 84 %.
 
-    They are at the middle level if no arch has a curve, as in the runs if each has a level of its
-    own, and as selected if there is a target, which is drawn too.
+    They are scaled to the level nearest to the median capacity, or to the middle level if no arch
+    has a curve. If each run has its own level, they are scaled as in the runs. If there is a
+    target, they are scaled as selected for it, and it is drawn too.
     """
     scale = inputs.scale
     level = 0
@@ -436,7 +443,7 @@ def spectra(sheet: Sheet, inputs: ReportInputs) -> Words:
 
 
 def _provenance(attributes: Mapping[str, Any]) -> PageSection:
-    """Return the section on what makes the results again, and the attributes of the cube."""
+    """Return the section on how to reproduce the results, with the attributes of the cube."""
     commit = attributes.get("archfrag_commit", "not known")
     rows = []
     form = Markup('<pre tabindex="0">{}</pre>')

@@ -64,8 +64,7 @@ LOOKS = (
     (INK, "area"),
     (GREY, "area"),
 )
-# What a joint may be seen doing, in words of the log, from code 1; a closed joint that sticks is
-# not drawn.
+# States of a joint, in words of the log, from code 1; a closed joint that sticks is not drawn.
 JOINT_STATES = (
     Entry("hinge intrados", BLUE),
     Entry("hinge extrados", VERMILION),
@@ -84,9 +83,9 @@ MEASURED = {
 
 
 def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
-    """Draw round numbers at their places among cells that stand for levels.
+    """Draw the horizontal axis of a panel whose columns 0, 1, 2, ... stand for levels.
 
-    Between levels these places are interpolated in logarithms.
+    Ticks are at round numbers, whose places between levels are interpolated in logarithms.
     """
     most = min(10, max(2, int((panel.box[2] - panel.box[0]) / 38.0)))
     values = np.empty(0)
@@ -171,7 +170,7 @@ def single_runs(sheet: Sheet, results: ArchResults) -> Words:
 def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
     """Draw largest rotations of each record against intensity; None if no run survived.
 
-    A line ends flat, at the capacity of its record. Between the levels that were run it is
+    Each line goes flat at the capacity of its record. Between the levels that were run it is
     interpolated.
     """
     survived = results.verdict == Verdict.SURVIVED
@@ -211,7 +210,10 @@ def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
 def fractiles(
     curves: FloatArray, capacities: FloatArray
 ) -> list[tuple[FloatArray, float]]:
-    """Return fractiles of rotations (n_record, n_level): 16, 50, 84 %, and where each ends."""
+    """Return the 16, 50 and 84 % fractiles of rotations, each with the level where it ends.
+
+    `curves` are the rotations, (n_record, n_level); `capacities` are (n_record,).
+    """
     ranked = np.sort(np.where(np.isnan(curves), np.inf, curves), axis=0)
     ends = np.sort(capacities)
     count = len(ranked)
@@ -228,7 +230,10 @@ def fractiles(
 def ida_line(
     levels: FloatArray, row: FloatArray, capacity: float, right: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a line from the origin that is flat up to `right` at the capacity."""
+    """Return x and y of a line from the origin, which goes flat to `right` at the capacity.
+
+    `row` has the rotation at each level. Without a finite `capacity` there is no flat part.
+    """
     seen = np.isfinite(row)
     x = np.append(0.0, row[seen])
     y = np.append(0.0, levels[seen])
@@ -262,7 +267,7 @@ def fractions(
 ) -> Words:
     """Draw the fraction of collapses at each level, split by mode and by joint.
 
-    `base` is what joint 0 is.
+    `groups` is from `groupings`; `base` names joint 0 in the caption.
     """
     every = bool(results.simulated.all())
     divisor = np.maximum(results.counts["n" if every else "collapsed"], 1)
@@ -289,7 +294,7 @@ def fractions(
 
 
 def stacked(names: Sequence[str], values: FloatArray) -> list[tuple[Entry, FloatArray]]:
-    """Return the categories that occur: how they look, and their values at each level."""
+    """Return the categories that occur, each with its style and its values at each level."""
     looks = {entry.label: entry for entry in MODES}
     for i, name in enumerate(names):
         colours = LOOKS[-1] if name.startswith("other") else LOOKS[i % len(LOOKS)]

@@ -44,7 +44,7 @@ from archfrag.study.file.members import SHOWN
 from archfrag.version import __version__
 
 Parts = Iterator[Any]  # of a section: texts, tables and figures; None is left out
-_MOST_ANIMATED = 4  # arches: with films, and in the table of answers
+_MOST_ANIMATED = 4  # arches with films
 _MOST_ROWS = 200
 _SPELT = {"degrees": "deg", "kg/m3": "kg/m³"}  # units of keys
 _REMARKS = TEXTS["notes"]
@@ -59,7 +59,7 @@ class PageSection:
     parts: Sequence[Any]  #: None is left out
     files: Mapping[str, Picture] = field(
         default_factory=dict
-    )  #: figures to be files too, by name
+    )  #: figures that are written as files too, by file name
 
 
 def class_sections(inputs: ReportInputs) -> Iterator[PageSection]:
@@ -83,9 +83,10 @@ def class_sections(inputs: ReportInputs) -> Iterator[PageSection]:
 def arch_sections(
     inputs: ReportInputs, examples: Mapping[str, Example | None], lead: str
 ) -> tuple[list[PageSection], list[PageSection]]:
-    """Return a section for each arch that is shown, and an appendix of those that classes have.
+    """Return a section for each arch without a class, and an appendix on arches of classes.
 
-    `examples` are collapses of the arches; that of the arch `lead` is on the first page.
+    `examples` has a run of each arch that was simulated again; that of the arch `lead` is on the
+    first page.
     """
     members = [name for name in inputs.answers if name not in inputs.quoted]
     appendix = [folded("Answers", answers_table(inputs, members))]
@@ -134,7 +135,11 @@ def _arch_parts(
     example: Example | None,
     leads: bool,
 ) -> Parts:
-    """Yield the parts of an arch's section; a film of its `example` unless it `leads`."""
+    """Yield the parts of an arch's section.
+
+    `place` is its number on the page, `curve` its figure of the curve. A film of its `example` is
+    among the parts unless it `leads`: then the film is on the first page.
+    """
     onset = inputs.arches[name]
     arch = onset.arch
     answer = inputs.curves[name]
@@ -198,7 +203,10 @@ def _fit_test(answer: Curve) -> Parts:
 
 
 def _films(inputs: ReportInputs, place: int, name: str, fall: Example | None) -> Parts:
-    """Yield films of a collapse, unless it is shown elsewhere, and of a near miss."""
+    """Yield films of a collapse and of a near miss, as far as there are any.
+
+    `fall` is the collapse, None if it is shown elsewhere.
+    """
     films = []
     if fall is not None and fall.response.collapsed:
         films.append(film(fall, f"fall{place}", "A collapse"))
@@ -211,7 +219,7 @@ def _films(inputs: ReportInputs, place: int, name: str, fall: Example | None) ->
 
 
 def answers_table(inputs: ReportInputs, names: Iterable[str]) -> Markup:
-    """Tabulate the probability, the median and the dispersion of some answers."""
+    """Return a table of the probability, the median and the dispersion of curves, by name."""
     at = inputs.at
     count = Counter(inputs.of_class.values())
     heads = ["arch", f"median capacity θ [{inputs.scale.unit}] ({inputs.percent})"]
@@ -239,8 +247,10 @@ def answers_table(inputs: ReportInputs, names: Iterable[str]) -> Markup:
 
 
 def card(inputs: ReportInputs, name: str, onset: Onset | None = None) -> Markup:
-    """Return an answer in large digits, with cautions and numbers of runs other than 0 of an arch
-    or a structure.
+    """Return the answer for an arch or a class in large digits.
+
+    For an arch its cautions and its numbers of runs, without zeros, are added; with `onset` its
+    onset of motion too.
     """
     answer = inputs.curves[name]
     scale = inputs.scale
@@ -301,7 +311,7 @@ def _levels(results: ArchResults, answer: Curve) -> Markup:
 
 
 def _cloud(inputs: ReportInputs, fit: Mapping[str, Any]) -> str:
-    """Write the curve of a logistic regression [SI], or why there is none."""
+    """Return a sentence on a logistic regression `fit` [SI], or on why there is none."""
     if "none" in fit:
         return f"There is no logistic regression: {fit['none']}."
     scale = inputs.scale
@@ -374,7 +384,10 @@ def _measures(inputs: ReportInputs, found: Mapping[str, Any], name: str) -> Part
 
 
 def _geometry(parameters: Mapping[str, Any], block: str = "") -> Parts:
-    """Yield names and values of the parameters of an arch, nested ones by both names."""
+    """Yield names and values of the parameters of an arch.
+
+    The name of a nested parameter has that of its block in front; `block` is for its unit.
+    """
     for key, value in parameters.items():
         if isinstance(value, Mapping):
             nested = _geometry(value, f"{key}.")
@@ -395,7 +408,7 @@ def _geometry(parameters: Mapping[str, Any], block: str = "") -> Parts:
 def _mechanism_table(
     groups: Sequence[Contributions], results: ArchResults, percent: str
 ) -> Iterator[Markup]:
-    """Yield the table of collapses by mode and by joint, and what its intervals count."""
+    """Yield the table of collapses by mode and by joint, and a remark on its intervals."""
     collapsed = results.counts["collapsed"].sum()
     rows = [["all", collapsed, "", ""]]
     for group in groups:
@@ -412,7 +425,7 @@ def _mechanism_table(
 
 
 def _computed(inputs: ReportInputs, results: ArchResults) -> Parts:
-    """Yield names and values of what the computation took and how exact it is."""
+    """Yield names and values on the time and the accuracy of the computation."""
     models = inputs.cube["model"].values.astype(str)
     time = dict(zip(models, results["model_time"].sum(axis=(0, 1)).tolist()))
     total = sum(time.values())

@@ -58,10 +58,11 @@ class Entry(NamedTuple):
 def figure(
     draw: Callable[..., str | Words | None], width: float = WIDE
 ) -> Callable[..., Any]:
-    """Make a function that draws on a sheet of some width return a `Picture`.
+    """Turn a function that draws on a sheet into one that returns a `Picture`.
 
-    `draw` returns the alternative text, with the caption unless `TEXTS` has it by the function's
-    name; or None if there is nothing to show.
+    `width` is that of the sheet [px]. `draw` returns the alternative text and the caption, or the
+    text only if `TEXTS` has the caption under the function's name, or None if there is nothing to
+    show.
     """
 
     @wraps(draw)
@@ -78,7 +79,7 @@ def figure(
 
 
 class Sheet:
-    """A drawing of a given width [px]; whoever draws sets its `height`."""
+    """Drawing of a given width [px]; the functions that draw on it set its `height`."""
 
     def __init__(self, width: float) -> None:
         self.width = width
@@ -96,7 +97,10 @@ class Sheet:
         self.parts.append(f"<text {place}{more}>{escape(words)}</text>")
 
     def path(self, d: str, **attributes: object) -> None:
-        """Add a path; attributes with an underscore for a hyphen, `kind` for the class."""
+        """Add a path with data `d`; nothing if it is empty.
+
+        Attributes have an underscore for a hyphen; `kind` is the class.
+        """
         written = ""
         for key, value in attributes.items():
             if value not in ("", None):
@@ -107,7 +111,7 @@ class Sheet:
             self.parts.append(f'<path d="{d}"{written}/>')
 
     def fill(self, d: str, colour: str, mark: str = "area") -> None:
-        """Add a filled path, with its hatch if the mark is one."""
+        """Add a filled path, hatched if `mark` is the name of a hatch."""
         self.path(d, fill=colour)
         if mark != "area":  # a white pattern, which the page's template draws
             self.path(d, fill=f"url(#hatch-{mark})")
@@ -208,7 +212,7 @@ class Panel:
         )
 
     def upright(self, x: float, colour: str = GREY) -> None:
-        """Draw a dotted line over the height of the panel."""
+        """Draw a dotted line at `x` over the height of the panel."""
         self.line([x, x], self.y, colour, 0.9, "2 2")
 
     def band(
@@ -253,9 +257,10 @@ class Panel:
         edges: FloatArray | None = None,
         half: float = 0.5,
     ) -> None:
-        """Fill cells of a mask, (n_row, n_column), at 0, 1, 2, ...; neighbours of a row join.
+        """Fill the cells where a mask, (n_row, n_column), is true; neighbours in a row join.
 
-        `edges` are those of the columns, (n_column + 1,); `half` is half the height of a cell.
+        Rows and columns are at 0, 1, 2, ... `edges`, (n_column + 1,), are other edges of the
+        columns; `half` is half the height of a cell.
         """
         x = np.arange(mask.shape[1] + 1) - 0.5 if edges is None else edges
         steps = np.diff(mask.astype(int), axis=1, prepend=0, append=0)
@@ -264,7 +269,7 @@ class Panel:
         self.boxes(x[first], x[last], row - half, row + half, colour, mark)
 
     def stack(self, parts: Sequence[tuple[Entry, FloatArray]]) -> None:
-        """Draw columns at 0, 1, 2, ... of parts, (n_column,) each, over each other."""
+        """Draw stacked columns at 0, 1, 2, ...; each part, (n_column,), lies on the one before."""
         base = np.zeros(len(parts[0][1]) if parts else 0)
         for (_, colour, mark), part in parts:
             here = np.flatnonzero(part)
@@ -281,9 +286,10 @@ class Panel:
         labels: Sequence[str] = (),
         grid: bool = False,
     ) -> None:
-        """Draw ticks below, at most about `most` if they are not given.
+        """Draw the axis below the panel, with ticks, labels and a title.
 
-        Labels too close to the one before are left out.
+        If `ticks` are not given, there are about `most` at most. A label too close to the one
+        before is left out.
         """
         left, top, right, bottom = self.box
         values = _ticks(self.x, self.log_x, most) if ticks is None else ticks
@@ -327,7 +333,10 @@ class Panel:
     def label(
         self, x: float, y: float, words: str, kind: str = "", left: bool = False
     ) -> None:
-        """Write words at y [px], right or `left` of x, or on the other side where they must."""
+        """Write words right of `x`, or left of it if `left`, at the height `y` [px].
+
+        If they have no room there, they stand on the other side.
+        """
         place = float(self.at_x(x))
         need = text_width(words) + 7.0
         left = place - need > self.box[0] if left else place + need > self.box[2]
@@ -356,13 +365,13 @@ def panel_below(
 
 
 def tick_label(value: float) -> str:
-    """Write a number as :g does, but with powers of ten: 0.2, 10⁻⁵, 5·10⁻⁵."""
+    """Return a number in the format :g, but with powers of ten: 0.2, 10⁻⁵, 5·10⁻⁵."""
     mantissa, _, power = f"{value:g}".partition("e")
     return f"{mantissa}·{raised(power)}".removeprefix("1·") if power else mantissa
 
 
 def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
-    """Return round numbers from low to high, at most about `most`."""
+    """Return round numbers from low to high, about `most` of them at most."""
     span = max(high - low, 1e-300)
     step = 10.0 ** np.floor(np.log10(span / most))
     step *= next(k for k in (1.0, 2.0, 2.5, 5.0, 10.0, 20.0) if k * step * most >= span)
@@ -373,7 +382,7 @@ def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
 def log_ticks(
     low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)
 ) -> FloatArray:
-    """Return 1, 2 and 5 times powers of ten from low to high."""
+    """Return `subs` (1, 2 and 5) times powers of ten, from low to high."""
     decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     ticks = np.unique(np.outer(decades, subs))
     return ticks[(ticks >= low * 0.999) & (ticks <= high * 1.001)]
@@ -382,7 +391,10 @@ def log_ticks(
 def legend_rows(
     entries: Sequence[Entry], width: float
 ) -> list[tuple[int, float, Entry]]:
-    """Place entries of a legend: row, distance from its start, entry with a label that fits."""
+    """Return row, distance from its start [px] and entry for each entry of a legend.
+
+    Labels that are too long for `width` are shortened.
+    """
     row = 0
     place = 0.0
     rows = []
@@ -398,7 +410,7 @@ def legend_rows(
 
 
 def text_width(words: str, size: float = SIZE) -> float:
-    """Estimate the width of a text from above [px]."""
+    """Return an upper estimate of the width of a text [px]."""
     narrow, wide = (sum(c in some for c in words) for some in ("il.,:;|'!() ", "mwMW%"))
     wide += sum(ord(c) > 0x2E80 for c in words)
     upper = sum(c.isupper() and c not in "MW" for c in words)
@@ -407,7 +419,7 @@ def text_width(words: str, size: float = SIZE) -> float:
 
 
 def shortened(words: str, width: float, size: float = SIZE) -> str:
-    """Shorten a text to fit a width; it loses its middle."""
+    """Return a text that fits a width [px]; a longer one loses its middle."""
     if text_width(words, size) <= width:
         return words
     keep = len(words)
@@ -431,7 +443,10 @@ def ribbon(x: FloatArray, low: FloatArray, high: FloatArray) -> str:
 
 
 def envelope(values: FloatArray, bins: int) -> Triple:
-    """Return the places among samples of bins as wide as a line, and the range of each."""
+    """Divide samples into bins; return the middle, the minimum and the maximum of each.
+
+    The middles are numbers of samples, from 0.
+    """
     # Each bin starts with the last sample of the one before it: the trace stays connected.
     last = values.size - 1
     edges = np.unique(np.linspace(0, last, min(bins, last) + 1, dtype=int))
