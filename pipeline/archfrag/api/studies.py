@@ -78,8 +78,7 @@ class Study:
     Parameters
     ----------
     arch : Arch, mapping of names to arches, or list of arches
-        Arches of a list are named arch1, arch2, ... A mapping of a study file's keys is an arch
-        too.
+        Arches of a list are named arch1, arch2, ... A mapping of keys is an arch too.
     motions : Motion, path, sequence of either, or mapping
         Paths may be patterns with * and ?, or an ``index.csv``. A mapping has the keys of
         `motions`. Verticals of Motion objects are used.
@@ -91,8 +90,7 @@ class Study:
         Unit of the levels; if not given, g for accelerations, else m/s or m.
     design : "stripes", "ida", "cloud", or mapping of `kind` and settings
     vary : mapping, optional
-        Number of `samples`, and the distribution of each key that varies (under `of` in a study
-        file).
+        Number of `samples`, and the distribution of each key that varies.
     hazard : path or mapping, optional
         Hazard curve of the site, for the rate of collapse; a mapping has the keys of `risk`.
     id, title : str, optional

@@ -102,9 +102,10 @@ def force_text(force: float) -> str:
 
 
 def unit_cautions(arch: Shape, *keys: str) -> list[str]:
-    """Return a text for each value that is probably in another unit.
+    """Return a warning for each value of an arch that looks as if it were given in another unit.
 
-    Only keys that begin with one of `keys` are checked; all if none are given.
+    `keys` limit the check to values whose key begins with one of them; without `keys` all are
+    checked.
     """
     return [text for key, text in _doubtful(arch) if not keys or key.startswith(keys)]
 

@@ -63,14 +63,12 @@ class Arch(Shape):
         Positions of the joints from 0 at the left springing: up to `embrace` [degrees] for
         `circular`, up to 1, as fractions of the centre line, for the others. Equal if not given.
     dead_load : float or (voussoirs,) array_like, optional
-        Weight on each voussoir [N], one for all or one for each: a point mass in the middle of its
-        extrados.
+        Weight on each voussoir [N]: a point mass in the middle of its extrados.
 
     Attributes
     ----------
     intrados, extrados : (n_voussoir + 1, 2) ndarray
-        Ends of the joint lines [m], named as the user named them; with a free end the last line is
-        no joint.
+        Ends of the joint lines [m]; with a free end the last line is no joint.
     parameters : dict
         What the user gave, with defaults, for strict JSON.
 

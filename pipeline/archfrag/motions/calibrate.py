@@ -154,9 +154,10 @@ def plain_unit(text: str) -> str:
 
 
 def _add_stated(channel: Channel) -> None:
-    """Add to a channel what its header states, in one of obspy's formats.
+    """Read what the header of a channel, read by obspy, states, and add it to the channel.
 
-    A warning is added if the samples are no acceleration, or if they contradict the header.
+    This is its unit, scale, direction, depth and origin time. A warning is added if the samples
+    are no acceleration, or if they contradict the header.
     """
     stats = channel.trace.stats
     name = _named(channel)

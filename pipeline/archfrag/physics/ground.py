@@ -153,10 +153,11 @@ def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:
 
 @inlined
 def _impulse_until(time, acceleration, impulse, first, last, time_step):
-    """Return the integral of one motion from its first sample to `time` [m/s].
+    """Return the integral of one motion's acceleration from its start to `time` [m/s].
 
-    `impulse` has the integral to each sample; `first` and `last` are the motion's samples,
-    `time_step` apart [s].
+    `first` and `last` are the numbers of the motion's first and last samples in `acceleration`;
+    samples are `time_step` apart [s]. `impulse` has the integral up to each sample. The integral
+    is 0 before the first and constant after the last.
     """
     place = time * (1.0 / time_step)
     if place <= 0.0:

@@ -44,9 +44,11 @@ LEAST_OVERLAP = 1e-4
 
 
 def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
-    """Return options completed by what follows from the model and its range of rest.
+    """Return `options` with the values that depend on the chain filled in.
 
-    `rest` has the limits of that range, plus and minus [g]; nan if they are not known.
+    These are the speeds `still` and `held`, the range of rest, and a largest step that is at least
+    the time step. `rest` has the ground accelerations, plus and minus, within which the chain
+    rests [g]; nan if they are not known. It is ignored unless ``options.rests``.
     """
     still = float(STILL * np.sqrt(model.gravity * model.length.max()))
     plus, minus = rest if options.rests else (np.nan, np.nan)

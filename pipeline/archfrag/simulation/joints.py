@@ -288,10 +288,11 @@ def _too_soft(arch: Arch, stiffness: FloatArray) -> str:
 
 
 def _turn(arch: Arch, strip: FloatArray, length: FloatArray) -> float:
-    """Return the rotation at which a block as high as an arch bears its largest load [rad].
+    """Return the rotation at which a rocking block on elastic joints bears its largest load [rad].
 
-    `strip` is the length on which each joint bears at a rotation of 1 rad, `length` that of each
-    joint (n_joint,) [m].
+    The block stands for an arch that has no largest load of its own. `strip` is the length on
+    which each joint bears at a rotation of 1 rad, `length` that of each joint; both (n_joint,)
+    [m].
     """
     # The height is at least the mean length of the joints: a level chain has none by itself.
     ends = 0.5 * (arch.intrados + arch.extrados)[[0] if arch.free_end else [0, -1], 1]

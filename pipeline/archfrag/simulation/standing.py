@@ -99,9 +99,10 @@ def joints_loss(arch: Arch) -> tuple[float, float]:
 
 
 def _stiffness(arch: Arch, key: str = "stiffness") -> np.ndarray:
-    """Return the setting `key` of an arch's joints, stiffness or shear [Pa/m].
+    """Return the stiffness of an arch's joints, or with `key` "shear" their shear stiffness [Pa/m].
 
-    Without a shear it is the stiffness, and without both it is `USUAL_STIFFNESS`.
+    A shear stiffness that is not set equals the stiffness. A stiffness that is not set is
+    `USUAL_STIFFNESS`.
     """
     default = arch.joints.get("stiffness", USUAL_STIFFNESS)
     return np.array(arch.joints.get(key, default), dtype=float)

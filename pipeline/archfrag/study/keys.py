@@ -120,7 +120,11 @@ def refuse(text: str, *keys: str) -> PydanticCustomError:
 
 
 def _absolute(value: str, info) -> str:
-    """Make a path absolute: relative ones are below the folder in the validation's context."""
+    """Return a path as an absolute one.
+
+    A relative path is below ``info.context["folder"]``; without a context it stays relative. `~`
+    is expanded, and refused if that user does not exist.
+    """
     path = os.path.expanduser(value)
     if path.startswith("~"):
         raise refuse("names the home folder of a user who does not exist")

@@ -266,7 +266,10 @@ def _add_reaction(j, of, model, position, work):
 
 @kernel
 def add_reactions(model, position, work):
-    """Add the multipliers in ``work.unknown`` to reactions and velocities.
+    """Add the multipliers of all joints to reactions, and their effect to velocities.
+
+    The multipliers are in ``work.unknown``, three for each joint; velocities are in
+    ``work.solved``.
 
     Writes: work (reaction, solved).
     """

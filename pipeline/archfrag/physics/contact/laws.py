@@ -117,9 +117,10 @@ def cross(n, v):
 
 @inlined
 def opening_rate(j, k, velocity, work):
-    """Return the opening rate of a corner: the larger one of Eqs 23a and 23b.
+    """Return the opening rate at corner `k` of joint `j`: the larger of those along its normals.
 
-    `velocity` is the relative velocity there.
+    The normals are those of Eqs 23a and 23b. `velocity` is the relative velocity of the faces at
+    the corner, x and y.
     """
     x, y = velocity
     side = work.side_normal
@@ -129,9 +130,10 @@ def opening_rate(j, k, velocity, work):
 
 @inlined
 def side_of(j, k, side, work):
-    """Return the normal at a corner for friction of one sense.
+    """Return the contact normal at corner `k` of joint `j` for one sense of friction: x, y.
 
-    `side` is PLUS for friction along the tangent, MINUS for friction against it.
+    A corner has two normals, since the faces of an open joint differ. `side` is PLUS for friction
+    along the tangent (Eq 23b), MINUS for friction against it (Eq 23a).
     """
     return work.side_normal[j, k, side, 0], work.side_normal[j, k, side, 1]
 

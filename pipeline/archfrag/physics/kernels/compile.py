@@ -114,12 +114,12 @@ def _compiled(kernel: Source, args: tuple[Any, ...]) -> Version:
 
 
 def compile_set(entries: Iterable[tuple[str, Any]]) -> tuple[list[Any], bytes]:
-    """Compile the kernels of a set; return a list of its offers, and its LLVM code.
+    """Compile a set of kernels; return a list of what was compiled, and LLVM's bitcode.
 
-    `entries` are pairs: the name of a kernel, and the descriptions of its arguments. An offer has
-    the name, the descriptions, the symbol in the code, and the description of the result. The code
-    is optimised for `PROCESSOR` if this machine has its features, so that all such machines give
-    the same bits. A kernel that no longer takes such arguments is left out.
+    `entries` are pairs: a kernel's name ("module:function"), and descriptions of its arguments. An
+    item of the list is [name, descriptions, symbol in the code, description of the result].
+    Entries that no longer exist in the source are left out. The code is optimised for `PROCESSOR`
+    if this machine has its features, so that all such machines give the same bits.
     """
     offers = []
     versions = []

@@ -96,7 +96,8 @@ def class_of(name: str):
 def words_of(description, shape: tuple[int, ...] = ()) -> int:
     """Return the number of words that a field takes in a struct's table.
 
-    `shape` has the sizes of an array that the class determines; they take no words.
+    An array takes one for its data pointer and one for each size that is not fixed; `shape` has
+    the sizes that its class fixes. A tuple takes the sum of its entries, anything else one word.
     """
     if description[0] == "array":
         return 1 + int(description[2]) - len(shape)

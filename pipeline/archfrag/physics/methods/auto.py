@@ -120,7 +120,11 @@ def run_many(
     factor: np.ndarray,
     options: Options,
 ) -> Outcomes:
-    """Make many runs; arguments are those of `archfrag.physics.steps.run.run_many`."""
+    """Make many runs, and inaccurate ones again by other methods; return a row of outcomes for each.
+
+    Run k has motion number ``motion[k]`` times ``factor[k]``, from rest. Arguments are those of
+    `archfrag.physics.steps.run.run_many`. A run that no method makes well enough is refused.
+    """
     by_events = goes_by_events(options.tolerance)
 
     def make(method: ModuleType, given: Options, rows: np.ndarray) -> Outcomes:
