@@ -99,7 +99,7 @@ def joints_loss(arch: Arch) -> tuple[float, float]:
 
 
 def _stiffness(arch: Arch, key: str = "stiffness") -> np.ndarray:
-    """Return the stiffness of an arch's joints, or with `key` "shear" their shear stiffness [Pa/m].
+    """Return the stiffness of an arch's joints [Pa/m], or with `key` "shear" the shear one.
 
     A shear stiffness that is not set equals the stiffness. A stiffness that is not set is
     `USUAL_STIFFNESS`.

@@ -120,7 +120,7 @@ def run_many(
     factor: np.ndarray,
     options: Options,
 ) -> Outcomes:
-    """Make many runs, and inaccurate ones again by other methods; return a row of outcomes for each.
+    """Make many runs, and inaccurate ones again by other methods; return a row for each.
 
     Run k has motion number ``motion[k]`` times ``factor[k]``, from rest. Arguments are those of
     `archfrag.physics.steps.run.run_many`. A run that no method makes well enough is refused.
