@@ -37,9 +37,8 @@ MADE = "made.txt"  # SHA-256 of all files that archfrag wrote
 _HOST = re.sub(r"\W", "_", socket.gethostname())
 # Temporary names give host and process, so that what a killed process left can be recognised.
 _TEMPORARY = r"\.archfrag-(?P<host>\w+)-(?P<pid>[0-9]{1,9})-[a-z0-9_]{8}\.tmp"
-_SURELY_LEFT = (
-    30 * 86400.0
-)  # age at which no process can be at work on a temporary file [s]
+# age at which no process can be at work on a temporary file [s]
+_SURELY_LEFT = 30 * 86400.0
 # Characters that a terminal obeys, or that change the direction of the text around them.
 _OBEYED = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 _FORMULA = re.compile(

@@ -210,7 +210,7 @@ BAD = [
             ),
             (
                 "null, vary: {samples: 4, of: {joints: {NORMAL}}}",
-                "must be a block of keys, such as {stiffness: ",
+                "vary.of.joints is joints.stiffness",
             ),
             (
                 "null, vary: {samples: 4, joints: {friction: {NORMAL}}}",
@@ -263,11 +263,7 @@ BAD = [
         "levels must increase, but 0.75 follows 1",
     ),
     # Method, design and execution.
-    (
-        "time_stepping",
-        "euler",
-        "method cannot be used: method is 'euler'; allowed are auto",
-    ),
+    ("time_stepping", "euler", "method.name = euler must be one of auto"),
     ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
     ("dt: 2.0e-3", "settings: {}", "method.settings is not a known key; allowed are"),
     (

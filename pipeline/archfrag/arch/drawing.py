@@ -324,11 +324,10 @@ def _chosen(
     names = [given] if isinstance(given, str) else list(given or ())
     names = names or list(closed) * (len(closed) == 1)
     listed = ", ".join(f"{name} ({count})" for name, count in sorted(closed.items()))
-    hiding = ", ".join(sorted(+hidden)) or "none"
-    others = (
-        f"; layers with polylines: {listed or 'none'}; layers with polylines that are frozen or "
-        f"off (thaw and turn on what you need): {hiding}"
-    )
+    hiding = ", ".join(sorted(+hidden))
+    others = f"; layers with polylines: {listed or 'none'}"
+    if hiding:
+        others += f"; frozen or off (thaw and turn on what you need): {hiding}"
     lost = next((name for name in names if name.casefold() not in shown), None)
     if lost is not None:
         raise GeometryError(f"{path}: layer {lost} has nothing that is seen{others}")

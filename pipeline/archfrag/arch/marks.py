@@ -25,9 +25,8 @@ class Mark(NamedTuple):
     #: weight and at onset), sliding, hinge.
     role: str
     points: FloatArray  #: (n_point, 2) [m]
-    bodies: Sequence[int] = (
-        GROUND,
-    )  #: voussoir that carries each point, or one that carries all
+    #: voussoir that carries each point, or one that carries all
+    bodies: Sequence[int] = (GROUND,)
 
     def moved(
         self, centroids: FloatArray, place: FloatArray, rotation: FloatArray

@@ -209,9 +209,8 @@ def _back(
     """
     # Anticlockwise the back runs from the second joint to the first.
     along, (start, end), total = _places_along(outline, [second, first])
-    slip = (
-        2.0 * tolerance
-    )  # a joint may end at a corner, whose arc then belongs to the back
+    # a joint may end at a corner, whose arc then belongs to the back
+    slip = 2.0 * tolerance
     offset = (along - start + slip) % total
     inside = offset < (end - start) % total - slip
     inner = outline[inside][np.argsort(offset[inside])]

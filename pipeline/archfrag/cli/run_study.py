@@ -41,9 +41,8 @@ def run(
 
     folder = finished_folder(study_file, *read_keys(study_file, overrides))
     if folder is None:
-        from archfrag.cli.study import (
-            run_all,
-        )  # what has nothing to do imports none of this
+        # what has nothing to do imports none of this
+        from archfrag.cli.study import run_all
 
         run_all(study_file, overrides, cores, quiet)
     elif not quiet:

@@ -75,9 +75,8 @@ class Curve:
     beta: float = np.nan
     #: (2, 2), of (ln theta, beta): inverse of the observed information, or as `kind` implies
     covariance: FloatArray = field(default_factory=lambda: np.full((2, 2), np.nan))
-    log_likelihood: float = (
-        np.nan
-    )  #: with binomial coefficients, or the density of ln capacity
+    #: with binomial coefficients, or the density of ln capacity
+    log_likelihood: float = np.nan
     n_levels: int = (
         0  #: levels, distinct observed capacities or ends of brackets that were used
     )

@@ -18,9 +18,8 @@ _TEMPLATES = files("archfrag.report") / "templates"
 STYLE = (_TEMPLATES / "figures.css").read_text("utf-8")
 SCRIPT = (_TEMPLATES / "film.js").read_text("utf-8")
 TEXTS: Mapping[str, Any] = tomllib.loads((_TEMPLATES / "texts.toml").read_text("utf-8"))
-_KEPT = (
-    use_kernel_cache()
-)  # where nobody else can put code: compiling takes a tenth of a second
+# where nobody else can put code: compiling takes a tenth of a second
+_KEPT = use_kernel_cache()
 _ENVIRONMENT = Environment(
     loader=PackageLoader("archfrag.report"),
     autoescape=True,

@@ -17,9 +17,8 @@ from archfrag.simulation.arguments import check_number
 from archfrag.simulation.rest import onset
 from archfrag.simulation.standing import check_stands
 
-Far = (
-    Motion | float | None
-)  # motion of the right springing, or how much later it is [s]
+# motion of the right springing, or how much later it is [s]
+Far = Motion | float | None
 LATEST = 60.0  # [s]
 
 

@@ -191,6 +191,9 @@ def test_machine_code_for_this_processor_and_for_any_gives_the_same_bits(monkeyp
     assert len(set(here.status.tolist())) == 2
 
 
+@pytest.mark.skipif(
+    not processor.has_common_features(), reason="this processor has not what it is for"
+)
 def test_it_is_made_again_to_the_last_byte(tmp_path):
     subprocess.run(
         [sys.executable, "-m", "archfrag.physics.kernels", "build", tmp_path],

@@ -70,9 +70,8 @@ COMPONENT = "HN1"
 TERMS = "made by archfrag; BSD-3-Clause as archfrag itself"
 # The seeds of the motions of a suite begin at the suite's own seed times this.
 SPACING = 10**6
-_DRAWN = (
-    2**62
-)  # where seeds of drawn magnitudes and distances lie, apart from those of motions
+# where seeds of drawn magnitudes and distances lie, apart from those of motions
+_DRAWN = 2**62
 _RANGES = (
     ("magnitude", 3.0, 8.0),
     ("distance [km]", 0.0, 300.0),

@@ -28,9 +28,8 @@ from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, m
 from archfrag.version import __version__
 
 COMPRESSION = 4
-CHUNK = (
-    2**17
-)  # cells of a variable that the file stores together: whole arches, up to 1 MB
+# cells of a variable that the file stores together: whole arches, up to 1 MB
+CHUNK = 2**17
 _CODES: Named = {codes.__name__: codes for codes in (Verdict, Status, CollapseMode)}
 _UDUNITS = {
     "m/s2": "m s-2",

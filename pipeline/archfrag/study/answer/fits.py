@@ -268,7 +268,7 @@ def arch_cautions(
     if beyond > MOST_SURVIVING * n_record:
         yield (
             f"{beyond} of {n_record} records cause no collapse up to {named[-1]}, the highest "
-            "level, beyond which the curve is extrapolated; add higher levels"
+            "level, and a curve beyond it is extrapolated; add higher levels"
         )
     once = np.maximum.accumulate(runs.collapsed, axis=1)
     again = (once & runs.survived).any(axis=1).sum()

@@ -289,6 +289,13 @@ class Vary(Section):
     each_joint: JointScatter | None = None
     """Differences between the joints of one arch."""
 
+    @field_validator("of", mode="before")
+    @classmethod
+    def _has_joint_keys(cls, given):
+        if isinstance(given, dict) and "joints" in given:
+            raise refuse("is joints.stiffness", "joints")
+        return given
+
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
         scatter = self.each_joint

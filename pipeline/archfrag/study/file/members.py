@@ -207,8 +207,8 @@ def _key_or_attribute(column: str) -> str:
         hint = f"a column {block} takes blocks such as {{{key}: 1.0}}"
     if hint or unit is not None:
         raise InputError(
-            f"column {column} is not a key of an arch; {hint} (an attribute has no unit, and a "
-            "name less like a key)"
+            f"column {column} is not a key of an arch; {hint or 'is it an attribute?'} (an "
+            "attribute has no unit, and a name less like a key)"
         )
     return column
 

@@ -133,6 +133,9 @@ class Method(Section):
 
     @model_validator(mode="after")
     def _is_known(self) -> Self:
+        names = arguments.method_names()
+        if self.name not in names:
+            raise refuse(f"= {self.name} must be one of {', '.join(names)}", "name")
         with at("cannot be used", kind=refuse):
             arguments.check_taken(
                 arguments.check_method(self.name), dt=self.dt, rtol=self.rtol

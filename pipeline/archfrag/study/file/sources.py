@@ -298,9 +298,9 @@ def _read(
             else:
                 used.add(record)
                 yield file, motion, motions
-    for record in left_out.keys() - used:
+    for lost in (left_out[each] for each in left_out if each not in used):
         raise RecordError(
-            f"{left_out[record]}: has none of the components {', '.join(components)} that "
+            f"{lost}: has none of the components {', '.join(components)} that "
             "motions.processing chooses"
         )
 
