@@ -39,8 +39,8 @@ def option(
     """
     if default is not None:
         more |= {"default": default, "show_default": True}
-    flag = kind is bool
-    return click.option(*names.split(), type=kind, is_flag=flag, help=text, **more)
+    more |= {"is_flag": True} if kind is bool else {"type": kind}
+    return click.option(*names.split(), help=text, **more)
 
 
 def _columns(text: str):
