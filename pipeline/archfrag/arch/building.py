@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from operator import itemgetter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,9 +24,10 @@ End = tuple[int, float, float]  # end of a tie: voussoir, x and y [m]
 
 
 class Given(NamedTuple):
-    """Inputs that an arch is built of.
+    """Inputs that an arch, or the first span of a bridge, is built of.
 
-    `piers` and `fill` hold the arguments of `Arch.on_piers` and `Arch.filled`, if it has any.
+    `piers` and `ends` are those of `Bridge`, `fill` holds the arguments of `Arch.filled`. On piers
+    `friction` may be that of each joint of the whole arch.
     """
 
     profile: str
@@ -37,7 +38,9 @@ class Given(NamedTuple):
     density: ArrayLike = 2000.0
     depth: ArrayLike = 1.0
     dead_load: ArrayLike | None = None
-    piers: Named | None = None
+    spans: tuple[Given, ...] = ()  # the others
+    piers: Any = ()
+    ends: Any = None
     fill: Named | None = None
 
 
@@ -46,63 +49,97 @@ def fields_of(given: Given) -> Named:
 
     `GeometryError` names the parameter that is impossible.
     """
-    ring = given.ring
-    count = len(ring.outlines)
-    if given.piers is not None or given.fill is not None:
-        bridge.check_upright(ring, given.free_end)
-    load = 0.0 if given.dead_load is None else given.dead_load
-    weight = checks.shared_or_each("dead_load", load, count, "voussoir")
-    density = checks.shared_or_each("density", given.density, count, "voussoir")
-    depth = checks.shared_or_each("depth", given.depth, count, "voussoir")
+    spans = (given, *given.spans)
+    if given.spans or given.ends or given.fill:
+        for each in spans:
+            bridge.check_upright(each.ring, each.free_end)
+    piers = bridge.listed("piers", given.piers, len(given.spans))
+    ends = bridge.listed("ends", given.ends, 2)
+    ring, parts = bridge.joined([each.ring for each in spans], piers, ends)
+    joints = len(ring.intrados) - given.free_end
+    if given.free_end:
+        parts = (parts[0]._replace(joints=range(joints)),)
+    legs = [each for each in (ends[0], *piers, ends[1]) if each]
+    friction = _over("friction", parts, spans, legs)
+    depth = _over("depth", parts, spans, legs)
+    loads = [(_over("dead_load", parts, spans, legs), np.array(ring.backs))]
     more: Named = {}
-    left = 0
-    if given.piers is None:
-        friction = _coefficients(given, count)
-    else:
-        piers = bridge.checked_piers(**given.piers)
-        left, right = piers["courses"]
-        ring = bridge.on_piers(ring, piers)
-        if np.shape(given.friction) != (count + 1 + left + right,):
-            friction = bridge.extended(_coefficients(given, count), piers, "friction")
-        elif piers["friction"] is None:
-            friction = _coefficients(given, count + left + right)
-        else:
-            raise GeometryError(
-                "piers.friction is given, and friction for each of their joints"
-            )
-        weight = np.pad(weight, (left, right))
-        density = bridge.extended(density, piers, "density")
-        depth = bridge.extended(depth, piers, "depth")
-        more["piers"] = {name: each and plain(each) for name, each in piers.items()}
-        more["piers"]["courses"] = piers["courses"]
-    loads = [(weight, np.array(ring.backs))]
     if given.fill is not None:
         more["fill"] = bridge.checked_fill(**given.fill)
-        springings = (left, left + count)
-        loads.append(bridge.weight_of_fill(ring, springings, more["fill"], depth))
-    if given.profile != "block":
-        # With fill, none would say that nothing lies on the ring.
-        more["dead_load"] = plain(given.dead_load if given.fill is None else load)
-    matter = {
-        name: plain(value)
-        for name, value in given._asdict().items()
-        if name in VARIABLE and name != "dead_load"
-    }
+        on = [part for part in parts if "pier" not in part.name]
+        loads.append(bridge.weight_of_fill(ring, on, more["fill"], depth))
+    for name, each in (("piers", piers), ("ends", ends)):
+        if any(each):
+            same = all(pier == each[0] for pier in each)
+            more[name] = each[0] if same else [pier or None for pier in each]
+    surface_density = _over("density", parts, spans, legs) * depth
     return {
-        "chain": rings.chain_of(ring, friction, density * depth, loads),
+        "chain": rings.chain_of(ring, friction, surface_density, loads),
         "intrados": ring.intrados,
         "extrados": ring.extrados,
         "outlines": tuple(ring.outlines),
         "free_end": given.free_end,
         "flipped": ring.sense < 0,
         "given": given,
-        "parameters": {"profile": given.profile, **given.shape, **matter, **more},
+        "parameters": _parameters(spans) | more,
+        "parts": parts,
+        "whole": ring,
+        "depths": depth,
     }
 
 
-def _coefficients(given: Given, bodies: int) -> FloatArray:
-    joints = bodies + (not given.free_end)
-    return checks.shared_or_each("friction", given.friction, joints, "joint")
+def _over(
+    key: str, parts: Sequence[bridge.Part], spans: Sequence[Given], legs: Sequence[Named]
+) -> FloatArray:
+    """Return the values of a key of all bodies, or of all joints if it is friction.
+
+    `legs` are the keys of the piers, from left to right.
+    """
+    noun = "joint" if key == "friction" else "voussoir"
+    value = getattr(spans[0], key)
+    joints = sum(len(part.joints) for part in parts)
+    if legs and noun == "joint" and np.shape(value) == (joints,):
+        if any(leg["friction"] is not None for leg in legs):
+            raise GeometryError("a pier has friction, and so has each joint; leave one out")
+        return checks.shared_or_each(key, value, joints, noun)
+    left = iter(spans), iter(legs)
+    values: list[Any] = []
+    for part in parts:
+        if "pier" in part.name:
+            values.append({"dead_load": 0.0, **next(left[1])})
+            continue
+        value = getattr(next(left[0]), key)
+        size = len(part.joints if noun == "joint" else part.bodies)
+        values.append(checks.shared_or_each(key, 0.0 if value is None else value, size, noun))
+    return bridge.over_parts(parts, values, key)
+
+
+def _parameters(spans: Sequence[Given]) -> Named:
+    """Return what was given of rings, for strict JSON; keys that differ are in `spans`."""
+    of_each: list[Named] = []
+    for given in spans:
+        load = 0.0 if given.dead_load is None and given.fill else given.dead_load
+        keys = [key for key in given._fields if key in VARIABLE]
+        told = {key: plain(getattr(given, key)) for key in keys if key != "dead_load"}
+        # With fill, none would say that nothing lies on the ring.
+        told |= {} if given.profile == "block" else {"dead_load": plain(load)}
+        of_each.append({"profile": given.profile, **given.shape, **told})
+    first, *others = of_each
+    if not others:
+        return first
+    if all(each == first for each in others):
+        return first | {"spans": len(of_each)}
+    missing = object()
+    shared = {
+        key: value
+        for key, value in first.items()
+        if all(each.get(key, missing) == value for each in others)
+    }
+    own = [
+        {key: value for key, value in each.items() if key not in shared and value is not None}
+        for each in of_each
+    ]
+    return shared | {"spans": own}
 
 
 def plain(value: ArrayLike | None):

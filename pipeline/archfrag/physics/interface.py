@@ -36,6 +36,11 @@ class Chain(NamedTuple):
     # (n_joint, len(Joint)) with the columns of archfrag.physics.status.Joint, if joints give; None
     # if they are rigid
     joint: ndarray | None = None
+    # (n_joint, 2) int: bodies before and after each joint of a bridge of several spans; None: a
+    # chain. -1 is the ground of the left base, n_body + k - 1 that of base k: inner bases from
+    # left to right, then the right one. Joints and bodies of inner piers come first, from their
+    # bases upwards; then the spine from left to right, with the top courses.
+    body: ndarray | None = None
 
 
 @struct()
