@@ -118,7 +118,7 @@ def _parameters(spans: Sequence[Given]) -> Named:
     """Return what was given of rings, for strict JSON; keys that differ are in `spans`."""
     of_each: list[Named] = []
     for given in spans:
-        load = 0.0 if given.dead_load is None and given.fill else given.dead_load
+        load = 0.0 if given.dead_load is None and spans[0].fill else given.dead_load
         keys = [key for key in given._fields if key in VARIABLE]
         told = {key: plain(getattr(given, key)) for key in keys if key != "dead_load"}
         # With fill, none would say that nothing lies on the ring.
@@ -160,6 +160,7 @@ def tie_row(
     strength: float,
     rupture: float,
     ends: Sequence[End] | None,
+    span: int,
 ) -> list[float]:
     """Return the row of ``Chain.tie`` of a tie; arguments are those of `Arch.tied`."""
     if (level is None) == (ends is None):
@@ -172,7 +173,7 @@ def tie_row(
                 f"{name} = {value} is impossible; it must exceed 0 {unit}"
             )
     checks.number("ties.prestress", prestress, most=strength)
-    both = _checked_ends(arch, ends) if level is None else _at_level(arch, float(level))
+    both = _checked_ends(arch, ends) if level is None else _at_level(arch, float(level), span)
     points = np.array([end[1:] for end in both], dtype=float)
     length = length_of(points)
     if not length > SMALLEST:
@@ -193,19 +194,23 @@ def tie_row(
     return [*bodies, *points.ravel(), rate, length - stretched, strength, rupture]
 
 
-def _at_level(arch: Shape, level: float) -> list[End]:
-    """Return the leftmost and the rightmost point of the outlines at a height, as ends of a tie.
+def _at_level(arch: Shape, level: float, span: int) -> list[End]:
+    """Return the leftmost and the rightmost point of a span at a height, as ends of a tie.
 
-    `GeometryError` unless they lie on two voussoirs.
+    The piers beside the span belong to it. `GeometryError` unless the points lie on two voussoirs.
     """
     found: list[End] = []
-    for body, outline in enumerate(arch.outlines):
+    place = arch.parts.index(arch.spans[span - 1])
+    near = arch.parts[max(place - 1, 0) : place + 2]
+    bodies = [body for part in near for body in part.every]
+    outlines = [arch.outlines[body] for body in bodies]
+    for body, outline in zip(bodies, outlines):
         for (x, y), (u, v) in zip(outline.tolist(), following(outline).tolist()):
             if (y - level) * (v - level) <= 0.0 and y != v:
                 found.append((body, x + (level - y) / (v - y) * (u - x), level))
     outermost = [end(found, key=itemgetter(1)) for end in (min, max) if found]
     if len({body for body, *_ in outermost}) < 2:
-        height = np.concatenate(arch.outlines)[:, 1]
+        height = np.concatenate(outlines)[:, 1]
         raise GeometryError(
             f"level = {level:g} m is impossible for a tie; there must be a voussoir "
             f"at either end, and the arch lies between {height.min():.4g} and "
@@ -218,7 +223,7 @@ def _checked_ends(arch: Shape, ends: Sequence[End] | None) -> list[End]:
     """Check the two ends of a tie and return them; `GeometryError` if they are impossible."""
     both = [(int(body), float(x), float(y)) for body, x, y in ends or ()]
     bodies = {body for body, *_ in both}
-    last = arch.n_voussoir - 1 + (not arch.free_end)
+    last = arch.n_voussoir + len(arch.bases) - 2
     on_arch = bodies & {*range(arch.n_voussoir)}
     if (
         len(both) != 2
@@ -228,7 +233,7 @@ def _checked_ends(arch: Shape, ends: Sequence[End] | None) -> list[End]:
     ):
         raise GeometryError(
             f"ends = {ends} is impossible for a tie; it must be two of (voussoir, x, y) with "
-            f"different voussoirs from -1 (the left springing) to {last}, not both springings"
+            f"different voussoirs from -1 (the left springing) to {last}, not both on the ground"
         )
     if not np.isfinite([end[1:] for end in both]).all():
         raise GeometryError(

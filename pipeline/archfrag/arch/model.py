@@ -449,6 +449,7 @@ class Arch(Shape):
         strength: float = np.inf,
         rupture: float = np.inf,
         ends: Sequence[tuple[int, float, float]] | None = None,
+        span: int | None = None,
     ) -> Arch:
         """Return the arch with one more tie: a bar that only pulls.
 
@@ -468,8 +469,10 @@ class Arch(Shape):
         rupture : float
             Elongation at which it breaks [m].
         ends : two of (int, float, float), optional
-            Voussoir, x and y [m] of each end, instead of `level`; the left springing is voussoir
-            -1, the right one comes after the last voussoir.
+            Voussoir, x and y [m] of each end, instead of `level`; the left base is voussoir -1, the
+            other bases come after the last voussoir.
+        span : int, optional
+            Span of a tie at a `level`, from 1; if not given, each span gets one.
 
         Examples
         --------
@@ -479,7 +482,12 @@ class Arch(Shape):
         >>> af.onset(tied).plus > af.onset(arch).plus
         True
         """
-        given = {
+        spans = range(1, len(self.spans) + 1)
+        if span not in (None, *spans) or (span and ends):
+            raise GeometryError(
+                f"span = {span} is impossible for a tie; it must be 1 to {len(spans)}, without ends"
+            )
+        given: Named = {
             "level": level,
             "area": area,
             "modulus": modulus,
@@ -488,9 +496,15 @@ class Arch(Shape):
             "rupture": rupture,
             "ends": ends,
         }
+        if len(spans) > 1 and span is None and ends is None:
+            arch: Arch = self
+            for number in spans:
+                arch = arch.tied(**given, span=number)
+            return arch
         if self.chain.joint is not None:
             raise GeometryError("a tie needs rigid joints: joints.model inset")
-        row = tie_row(self, **given)  # type: ignore[arg-type]
+        row = tie_row(self, **given, span=span or 1)
+        given["span"] = span
         ties = [row] if self.chain.tie is None else [*self.chain.tie, row]
         told = {
             key: value for key, value in given.items() if value not in (None, np.inf)
