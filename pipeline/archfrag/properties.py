@@ -165,7 +165,8 @@ PROPERTIES = VARIABLE | {
         taken=DRAWN,
     ),
     **dict.fromkeys(
-        ("spans", "piers", "ends", "fill", "springings", "ties"), Property(taken=_LOADED)
+        ("spans", "piers", "ends", "fill", "springings", "ties"),
+        Property(taken=_LOADED),
     ),
     "strength": Property(
         "N/m2",
@@ -224,7 +225,9 @@ def value_of(given: Mapping[str, Any], key: str):
     value: Any = given
     for name in key.split("."):
         if isinstance(value, list):
-            value = [each[name] for each in value if each and each.get(name) is not None]
+            value = [
+                each[name] for each in value if each and each.get(name) is not None
+            ]
         else:
             value = (value or {}).get(name)
     return value

@@ -20,6 +20,7 @@ from archfrag.errors import GeometryError
 from archfrag.files import Named
 from archfrag.properties import MOST_VOUSSOIRS
 
+
 class Part(NamedTuple):
     """Joints and bodies of a span or a pier.
 
@@ -61,7 +62,9 @@ def listed(key: str, given, count: int) -> list[Named]:
         raise GeometryError(
             f"{key} must be one mapping, such as {{height: 5.0, width: 2.0}}, or a list of {count}"
         )
-    return [_checked(f"{key}[{i}]", **each) if each else {} for i, each in enumerate(given)]
+    return [
+        _checked(f"{key}[{i}]", **each) if each else {} for i, each in enumerate(given)
+    ]
 
 
 def _checked(
@@ -93,7 +96,9 @@ def _checked(
         for key, value in given.items()
     }
     if found["courses"] % 1.0:
-        raise GeometryError(f"{place}.courses = {courses} is impossible; it must be an integer")
+        raise GeometryError(
+            f"{place}.courses = {courses} is impossible; it must be an integer"
+        )
     return found | {"courses": int(courses)}
 
 
@@ -158,7 +163,9 @@ def joined(
             part = Part(name, joints[::-1], bodies[::-1])
         parts[name] = part
     if body > MOST_VOUSSOIRS:
-        raise GeometryError(f"the bridge has {body} bodies; it may have {MOST_VOUSSOIRS}")
+        raise GeometryError(
+            f"the bridge has {body} bodies; it may have {MOST_VOUSSOIRS}"
+        )
     fields: Any = [*zip(*(ring[:6] for _, ring in pieces))]
     whole = [*map(np.concatenate, fields[:2]), *(sum(each, []) for each in fields[2:])]
     paths = [[body + k - 1, *parts[f"pier {k}"].every] for k in range(1, len(rings))]
@@ -214,7 +221,9 @@ def _pier(rings: Sequence[Ring], pier: Named, side: float = -1.0) -> Ring:
         return base_width + (width - base_width) * (y - base) / (full - base)
 
     if len(rings) == 1:
-        _check_pier(rings, skewbacks, pier, side, level[-1], min(width, out(outer[0][1])))
+        _check_pier(
+            rings, skewbacks, pier, side, level[-1], min(width, out(outer[0][1]))
+        )
         faces = np.full(courses, inner[0][0]), inner[0][0] + side * out(level)
         upper = [[outer[0][0], tops[0]], [inner[0][0] + side * width, tops[0]]]
     else:
@@ -226,7 +235,15 @@ def _pier(rings: Sequence[Ring], pier: Named, side: float = -1.0) -> Ring:
     outlines = [
         np.vstack([inside[i : i + 2], outside[i : i + 2][::-1]]) for i in range(courses)
     ]
-    crest = [inside[-1], inner[0], outer[0], *upper, *outer[1:], *inner[1:], outside[-1]]
+    crest = [
+        inside[-1],
+        inner[0],
+        outer[0],
+        *upper,
+        *outer[1:],
+        *inner[1:],
+        outside[-1],
+    ]
     apart = [length_of(np.array(line)) > 1e-9 * width for line in pairwise(crest)]
     outlines[-1] = np.array(crest)[[True, *apart]]
     sections = [polygon_section(each) for each in outlines]
@@ -244,7 +261,11 @@ def _check_pier(
     `bed` is the level of its last bed, `wide` its least width at the skewbacks [m]; the other
     arguments are those of `_pier`.
     """
-    name = "an inner pier" if len(rings) > 1 else f"the {'left' if side < 0 else 'right'} pier"
+    name = (
+        "an inner pier"
+        if len(rings) > 1
+        else f"the {'left' if side < 0 else 'right'} pier"
+    )
     slip = 1e-9 * pier["width"]
     reaches, bulges = [], []
     for sense, ring, (inner, outer) in zip((side, -side), rings, skewbacks):
@@ -254,7 +275,9 @@ def _check_pier(
                 f"bed at {bed:.6g} m; the pier must have fewer courses or more height"
             )
         reaches.append(sense * (outer[0] - inner[0]))
-        bulges.append((sense * np.concatenate(ring.outlines)[:, 0]).max() - sense * inner[0])
+        bulges.append(
+            (sense * np.concatenate(ring.outlines)[:, 0]).max() - sense * inner[0]
+        )
     if min(reaches) < -slip or sum(reaches) > wide + slip:
         texts = " and ".join(f"{reach:.6g}" for reach in reaches)
         raise GeometryError(
@@ -321,7 +344,9 @@ def weight_of_fill(
     `GeometryError` if the backing reaches above the fill.
     """
     backs = [ring.surfaces[body] for span in spans for body in span.bodies]
-    crown = max(point[1] for line in backs for side in cut_sides(line) for point in side)
+    crown = max(
+        point[1] for line in backs for side in cut_sides(line) for point in side
+    )
     ends = [span.joints[end] for span in spans for end in (0, -1)]
     springing = 0.5 * (ring.intrados + ring.extrados)[ends, 1].min()
     level = crown + fill["height_over_crown"]

@@ -89,7 +89,10 @@ def fields_of(given: Given) -> Named:
 
 
 def _over(
-    key: str, parts: Sequence[bridge.Part], spans: Sequence[Given], legs: Sequence[Named]
+    key: str,
+    parts: Sequence[bridge.Part],
+    spans: Sequence[Given],
+    legs: Sequence[Named],
 ) -> FloatArray:
     """Return the values of a key of all bodies, or of all joints if it is friction.
 
@@ -100,7 +103,9 @@ def _over(
     joints = sum(len(part.joints) for part in parts)
     if legs and noun == "joint" and np.shape(value) == (joints,):
         if any(leg["friction"] is not None for leg in legs):
-            raise GeometryError("a pier has friction, and so has each joint; leave one out")
+            raise GeometryError(
+                "a pier has friction, and so has each joint; leave one out"
+            )
         return checks.shared_or_each(key, value, joints, noun)
     left = iter(spans), iter(legs)
     values: list[Any] = []
@@ -110,7 +115,9 @@ def _over(
             continue
         value = getattr(next(left[0]), key)
         size = len(part.joints if noun == "joint" else part.bodies)
-        values.append(checks.shared_or_each(key, 0.0 if value is None else value, size, noun))
+        values.append(
+            checks.shared_or_each(key, 0.0 if value is None else value, size, noun)
+        )
     return bridge.over_parts(parts, values, key)
 
 
@@ -136,7 +143,11 @@ def _parameters(spans: Sequence[Given]) -> Named:
         if all(each.get(key, missing) == value for each in others)
     }
     own = [
-        {key: value for key, value in each.items() if key not in shared and value is not None}
+        {
+            key: value
+            for key, value in each.items()
+            if key not in shared and value is not None
+        }
         for each in of_each
     ]
     return shared | {"spans": own}
@@ -173,7 +184,11 @@ def tie_row(
                 f"{name} = {value} is impossible; it must exceed 0 {unit}"
             )
     checks.number("ties.prestress", prestress, most=strength)
-    both = _checked_ends(arch, ends) if level is None else _at_level(arch, float(level), span)
+    both = (
+        _checked_ends(arch, ends)
+        if level is None
+        else _at_level(arch, float(level), span)
+    )
     points = np.array([end[1:] for end in both], dtype=float)
     length = length_of(points)
     if not length > SMALLEST:

@@ -69,7 +69,9 @@ def facts_of(arch: Shape) -> Named:
 def dead_weight(arch: Shape) -> float:
     """Return the dead load on all rings [N]."""
     loads = [
-        np.broadcast_to(np.nan_to_num(np.array(given.dead_load, float)), len(span.bodies))
+        np.broadcast_to(
+            np.nan_to_num(np.array(given.dead_load, float)), len(span.bodies)
+        )
         for given, span in zip((arch.given, *arch.given.spans), arch.spans)
     ]
     return float(np.sum(np.concatenate(loads)))

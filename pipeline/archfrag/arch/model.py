@@ -104,7 +104,9 @@ class Arch(Shape):
         width, height = self.extent
         facts = [f"{key} {given[key]:g} m" for key in _SHOWN if key in given]
         many = len(self.spans) > 1
-        name = f"Bridge of {len(self.spans)} spans" if many else f"Arch {given['profile']}"
+        name = (
+            f"Bridge of {len(self.spans)} spans" if many else f"Arch {given['profile']}"
+        )
         facts = facts or [f"{width:.3g} m wide", f"{height:.3g} m high"]
         weight = self.chain.mass.sum() * self.chain.gravity / 1e3
         return (
@@ -685,7 +687,9 @@ class Bridge(Arch):
     ('pier 1, base', 'span 2, joint 0')
     """
 
-    def __init__(self, rings: Sequence[Arch], piers: Any = (), ends: Any = None) -> None:
+    def __init__(
+        self, rings: Sequence[Arch], piers: Any = (), ends: Any = None
+    ) -> None:
         if not rings or not all(isinstance(ring, Arch) for ring in rings):
             raise GeometryError("rings must be one Arch or more")
         for number, ring in enumerate(rings, 1):

@@ -81,7 +81,9 @@ class Shape:
     @property
     def bases(self) -> dict[str, tuple[int, int]]:
         """Bases by name, "left", "pier 1", ..., "right": joint and side (0 before, 1 after)."""
-        grounds = np.argwhere((self.pairs < 0) | (self.pairs >= self.n_voussoir)).tolist()
+        grounds = np.argwhere(
+            (self.pairs < 0) | (self.pairs >= self.n_voussoir)
+        ).tolist()
         order = sorted(grounds, key=lambda place: self.pairs[tuple(place)])
         inner = [f"pier {number}" for number in range(1, len(order) - 1)]
         names = ["left", *inner, "right"][: len(order)]

@@ -155,7 +155,9 @@ class Springings(Section):
     """Movement downwards [m]."""
     rotation: float = Field(0.0, ge=-45.0, le=45.0)
     """About the middle of its joint, positive if its extrados goes down [degrees]."""
-    springing: Annotated[str, Field(pattern=r"^(left|right|pier [1-9][0-9]*)$")] = "right"
+    springing: Annotated[str, Field(pattern=r"^(left|right|pier [1-9][0-9]*)$")] = (
+        "right"
+    )
     """Which one has moved; of a bridge the base: left, "pier 1" and so on, or right."""
 
 
@@ -352,11 +354,19 @@ _ROWS = PROPERTIES.items()
 # Columns of a table that are keys of its arches.
 _KEYS = [key for key, row in _ROWS if {*row.needed, *row.taken} - {*DRAWN}]
 _KEYS = ["profile", *dict.fromkeys((*_COMMON, *_KEYS))]
-COLUMNS = (*_KEYS, *(k for k in PROPERTIES if k in VARIABLE and "." in k or ".courses" in k))
+COLUMNS = (
+    *_KEYS,
+    *(k for k in PROPERTIES if k in VARIABLE and "." in k or ".courses" in k),
+)
 # Keys of a whole bridge; others are those of its rings.
 _OF_ALL = ("id", "spans", "piers", "ends", "fill", "vary", *LATER)
 _OF_RINGS = [key for key, row in _ROWS if {*row.needed, *row.taken} & {*PROFILES}]
-_OF_RINGS = ["profile", *(key for key in _OF_RINGS if key not in _OF_ALL), "density", "depth"]
+_OF_RINGS = [
+    "profile",
+    *(key for key in _OF_RINGS if key not in _OF_ALL),
+    "density",
+    "depth",
+]
 
 
 class ArchEntry(_PlainKeys):  # type: ignore[misc]
@@ -405,13 +415,17 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     """Corners of each block: x, y [m] and the bulge of the side to the next one, 0 if straight."""
     ground: list[Line] | None = Field(None, max_length=2)
     """Lines on which ends stand; if none, the sides opposite to the joints of both ends."""
-    spans: Annotated[
-        Annotated[int, Field(ge=1, le=MOST_VOUSSOIRS), Tag("one")]
-        | Annotated[
-            Annotated[list[Named], Field(min_length=1, max_length=MOST_VOUSSOIRS)], Tag("list")
-        ],
-        _ONE_OR_LIST,
-    ] | None = None
+    spans: (
+        Annotated[
+            Annotated[int, Field(ge=1, le=MOST_VOUSSOIRS), Tag("one")]
+            | Annotated[
+                Annotated[list[Named], Field(min_length=1, max_length=MOST_VOUSSOIRS)],
+                Tag("list"),
+            ],
+            _ONE_OR_LIST,
+        ]
+        | None
+    ) = None
     """Number of equal rings of a bridge; or a list with the keys in which each differs."""
     piers: OneOrList[Pier] | None = None
     """Piers between the rings: one block for all, or a list one shorter than spans."""
@@ -435,7 +449,9 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     @classmethod
     def _is_drawn_whole(cls, given):
         for key in {"spans", "piers"} & {*given} if "drawing" in given else ():
-            raise refuse("is given with a drawing, which shows all spans; leave it out", key)
+            raise refuse(
+                "is given with a drawing, which shows all spans; leave it out", key
+            )
         return given
 
     @field_validator("joints", mode="before")
@@ -487,7 +503,8 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
             text = "stand between spans; piers of a single span are ends: {height: ..., width: ...}"
             raise refuse(text, "piers")
         if count > 1 and (
-            self.piers is None or (isinstance(self.piers, list) and len(self.piers) != count - 1)
+            self.piers is None
+            or (isinstance(self.piers, list) and len(self.piers) != count - 1)
         ):
             text = f"must be one block for all or a list of {count - 1}, one fewer than spans"
             raise refuse(text, "piers")
@@ -518,7 +535,9 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         for number, own in enumerate(self.spans if many else [{}]):  # type: ignore[arg-type]
             kind = str(own.get("profile", self.profile))
             can = {"profile", *_COMMON, *sum(self.kinds.get(kind, ((), ())), ())}
-            keys = {key: value for key, value in shared.items() if key in can or not many}
+            keys = {
+                key: value for key, value in shared.items() if key in can or not many
+            }
             used |= keys.keys()
             place = f"cannot have spans[{number}]" if many else "cannot have such spans"
             given = {"id": "arch", **keys, **own}
