@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from archfrag.arch.bridge import Part
 from archfrag.arch.building import Given
 from archfrag.arch.checks import FloatArray
-from archfrag.arch.ring import Ring, pairs_of
+from archfrag.arch.ring import Ring
 from archfrag.files import Named
-from archfrag.physics.interface import Chain
+from archfrag.physics.interface import Chain, pairs_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
