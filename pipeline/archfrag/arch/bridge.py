@@ -110,7 +110,9 @@ def over_parts(
     return np.array([found[place] for place in range(len(found))])
 
 
-def joined(rings: Sequence[Ring], piers: Sequence[Named], ends: Sequence[Named]) -> Ring:
+def joined(
+    rings: Sequence[Ring], piers: Sequence[Named], ends: Sequence[Named]
+) -> Ring:
     """Return the rings with their piers as one ring with its parts.
 
     Each ring moves so that it springs flush with the face of the pier before it, as high as the
@@ -126,16 +128,16 @@ def joined(rings: Sequence[Ring], piers: Sequence[Named], ends: Sequence[Named])
         face = moved[-1].intrados[-1] + [pier["width"], 0.0]
         moved.append(_moved(ring, face - ring.intrados[0]))
     legs = [_pier([b, a], pier) for pier, a, b in zip(piers, moved, moved[1:])]
-    pieces = [(f"pier {k}", _cut(leg, slice(-1))) for k, leg in enumerate(legs, 1)]
+    pieces = [(f"pier {k}", cut(leg, slice(-1))) for k, leg in enumerate(legs, 1)]
     if ends[0]:
         pieces.append(("left pier", _pier(moved[:1], ends[0])))
     for k, ring in enumerate(moved, 1):
         pieces.append((f"span {k}", ring))
         for leg in legs[k - 1 : k]:
-            pieces.append((f"pier {k}", _cut(leg, slice(-1, None), slice(0))))
+            pieces.append((f"pier {k}", cut(leg, slice(-1, None), slice(0))))
     if ends[1]:
         down = slice(None, None, -1)
-        pieces.append(("right pier", _cut(_pier(moved[-1:], ends[1], 1.0), down, down)))
+        pieces.append(("right pier", cut(_pier(moved[-1:], ends[1], 1.0), down, down)))
     return assembled(pieces)
 
 
@@ -161,16 +163,20 @@ def assembled(pieces: Iterable[tuple[str, Ring]]) -> Ring:
         for whole, own in zip(fields, ring):
             whole.extend(own)
     if body > MOST_VOUSSOIRS:
-        raise GeometryError(f"the bridge has {body} bodies; it may have {MOST_VOUSSOIRS}")
+        raise GeometryError(
+            f"the bridge has {body} bodies; it may have {MOST_VOUSSOIRS}"
+        )
     lines = [np.array(each) for each in fields[:2]]
     legs = [part.every for name, part in parts.items() if name.startswith("pier")]
     paths = [[body + k, *leg] for k, leg in enumerate(legs)]
     paths.append([-1, *range(below, body), body + len(legs)])
     pairs = np.array([pair for path in paths for pair in pairwise(path)])
-    return Ring(*lines, *fields[2:], ring.sense, pairs if legs else None, (*parts.values(),))
+    return Ring(
+        *lines, *fields[2:], ring.sense, pairs if legs else None, (*parts.values(),)
+    )
 
 
-def _cut(ring: Ring, bodies: slice, joints: slice = slice(None)) -> Ring:
+def cut(ring: Ring, bodies: slice, joints: slice = slice(None)) -> Ring:
     """Return some bodies and some joints of a ring."""
     rows = [field[bodies] for field in ring[2:6]]
     return Ring(ring.intrados[joints], ring.extrados[joints], *rows, ring.sense)
