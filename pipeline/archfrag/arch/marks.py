@@ -3,7 +3,7 @@
 `archfrag.plots` paints them by matplotlib, `archfrag.report.arch_figure` as SVG.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -70,8 +70,16 @@ def mechanism_marks(
     """
     faces = np.stack([arch.intrados, arch.extrados], axis=1)
     marks = [Mark("sliding", faces[joint]) for joint in sliding]
-    ends = ((joint, int(side in ("extrados", "left"))) for joint, side in hinges)
-    return marks + [Mark("hinge", faces[place][None]) for place in ends]
+    return marks + [Mark("hinge", point[None]) for point in hinge_points(arch, hinges)]
+
+
+def hinge_points(
+    arch: Shape, hinges: Sequence[tuple[int, str]]
+) -> Iterator[FloatArray]:
+    """Return where hinges are (2,) [m]; `hinges` are pairs of joint and side."""
+    sides = {"intrados": arch.intrados, "extrados": arch.extrados}
+    sides |= {"right": arch.intrados, "left": arch.extrados}
+    return (sides[side][joint] for joint, side in hinges)
 
 
 def frame(
