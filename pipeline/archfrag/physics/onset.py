@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.physics.contact.neighbours import follows, is_behind_fork, bed_of, row_of
+from archfrag.physics.contact.neighbours import bed_of, follows, is_behind_fork, row_of
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.state import Model, Work
