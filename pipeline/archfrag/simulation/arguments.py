@@ -8,7 +8,7 @@ from archfrag.physics.kernels.kernel import COMPILED
 from archfrag.physics.methods.registry import (
     AUTO,
     METHODS,
-    OF_FACES,
+    BY_STEPS,
     MethodInfo,
     known_methods,
 )
@@ -87,8 +87,13 @@ def check_can_run(arch: Arch, info: MethodInfo, far) -> None:
     It must take elastic joints if the arch has them. `far` is the motion of the right springing,
     which must be None if the arch has a free end.
     """
-    if info.name not in OF_FACES:
+    if info.name not in BY_STEPS:
         check_rigid(arch, f"method {info.name}")
+        if len(arch.spans) > 1:
+            raise InputError(
+                f"method is {info.name}, which takes one span, but the bridge has "
+                f"{len(arch.spans)}; use {' or '.join(BY_STEPS)}"
+            )
     if far is not None and arch.free_end:
         raise InputError(
             "far, method.delay in a study file, is given, but the arch has no right springing; "

@@ -79,6 +79,8 @@ def _attempts(
     # Equal steps at once are made again by shorter ones.
     equal = (options if grows else shorter)._replace(largest_step=0.0)
     last = [(stepper, options), (stepper, equal)]
+    if chain.body is not None:
+        return last
     if by_events:
         close = SWITCH_STEPS * steady if options.tolerance <= COARSE else 0.0
         return [(events, options._replace(time_step=steady, crowding=close)), *last]
