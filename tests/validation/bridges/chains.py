@@ -74,7 +74,7 @@ def moments(outline):
 
 
 def chain_of(rings, piers, friction=0.6, density=2000.0, depth=1.0):
-    """Build the chain of a bridge, in the order of `Chain.body`; one span has a table, too.
+    """Build the chain of a bridge, in the order of `Chain.body`.
 
     `rings` are joints as of `arc`, `piers` one fewer; `density` is that of the rings, a number or
     one of each, and `friction` a number or one of each joint.
@@ -120,8 +120,14 @@ def chain_of(rings, piers, friction=0.6, density=2000.0, depth=1.0):
         if np.ndim(friction) == 0
         else np.array(friction, float),
         gravity=g,
-        body=body,
+        body=body if piers else None,
     )
+
+
+def bodies_of(chain):
+    """Return the bodies before and after each joint, (n_joint, 2)."""
+    j = np.arange(chain.friction.size)
+    return np.column_stack([j - 1, j]) if chain.body is None else chain.body
 
 
 def origins(centroid, body):
@@ -138,14 +144,14 @@ def onset_by_programme(chain, sense=1.0):
     """
     n_body = chain.mass.size
     n_joint = chain.friction.size
+    body = bodies_of(chain)
+    faces = chain.face_before, chain.face_after
     part = chain.mass / chain.mass.sum()
     rows = lil_array((3 * n_body, 3 * n_joint + 1))
     cone = lil_array((2 * n_joint, 3 * n_joint + 1))
     for j in range(n_joint):
-        for sign, face, body in zip(
-            (-1.0, 1.0), (chain.face_before, chain.face_after), chain.body[j]
-        ):
-            if not 0 <= body < n_body:
+        for sign, face, i in zip((-1.0, 1.0), faces, body[j]):
+            if not 0 <= i < n_body:
                 continue
             along = face[j, 1] - face[j, 0]
             x, y = along / np.hypot(*along)
@@ -153,7 +159,7 @@ def onset_by_programme(chain, sense=1.0):
             for k, (arm, fx, fy) in enumerate(forces):
                 turn = arm[0] * fy - arm[1] * fx
                 for c, value in enumerate((fx, fy, turn)):
-                    rows[3 * body + c, 3 * j + k] = sign * value
+                    rows[3 * i + c, 3 * j + k] = sign * value
         if np.isfinite(chain.friction[j]):
             for k, sign in enumerate((1.0, -1.0)):
                 cone[2 * j + k, 3 * j : 3 * j + 2] = -chain.friction[j]
@@ -171,4 +177,29 @@ def onset_by_programme(chain, sense=1.0):
         method="highs-ds",
         options=TIGHT,
     )
+    if found.status == 3:
+        return math.inf
     return found.x[-1] if found.success else math.nan
+
+
+def random_bridge(generator):
+    """Return rings, piers and densities of two to five unequal spans."""
+    spans = generator.integers(2, 6)
+    radius = generator.uniform(2.0, 6.0, spans)
+    thickness = radius * generator.uniform(0.15, 0.25, spans)
+    rings = [
+        arc(*size, int(generator.integers(5, 13)), generator.uniform(120.0, 180.0))
+        for size in zip(radius, thickness)
+    ]
+    piers = []
+    for k in range(spans - 1):
+        width = thickness[k : k + 2].sum() * generator.uniform(1.0, 1.4)
+        height = radius[k] * generator.uniform(0.5, 2.5)
+        base = width * generator.uniform(1.0, 1.3)
+        density = generator.uniform(1500.0, 2500.0)
+        piers.append(Pier(width, height, int(generator.integers(1, 6)), base, density))
+    return {
+        "rings": rings,
+        "piers": piers,
+        "density": generator.uniform(1500.0, 2500.0, spans),
+    }

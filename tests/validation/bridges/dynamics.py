@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from tests.validation.bridges.chains import bodies_of
+
 OPEN = 1e-4  # gap over joint length beyond which a contact has opened
 APPROACH = 1e-3  # speed above which its closing is an impact [m/s]
 CONVERGED = 1e-13  # change of the impulses in a sweep over their size, both squared
@@ -33,7 +35,8 @@ def contact_dynamics(chain, motion, factor=1.0, step=5e-4, follow=3.0):
     middle = step * (np.arange(int((motion.duration + follow) / step)) + 0.5)
     samples = motion.dt * np.arange(motion.acceleration.size)
     wave = np.interp(middle, samples, motion.acceleration, right=0.0)
-    body = np.where((chain.body < 0) | (chain.body >= n_body), n_body, chain.body)
+    body = bodies_of(chain)
+    body = np.where((body < 0) | (body >= n_body), n_body, body)
     inverse = np.zeros((n_body + 1, 3))
     inverse[:-1] = 1.0 / np.column_stack([chain.mass, chain.mass, chain.inertia])
     home = np.vstack([chain.centroid, np.zeros((1, 2))])
