@@ -188,7 +188,7 @@ def onset(arch: Arch) -> Onset:
         for limit in (plus, minus)
     )
     if stands:
-        work.free[1:-1, 1] = -model.gravity
+        work.free[1 : model.end, 1] = -model.gravity
         work.position[:] = state.position
         pull_bodies(model, state, work)
         solve_with_fallback(model, state, work, new_path(model))
@@ -304,7 +304,8 @@ def own_time(arch: Arch) -> float:
 
 def at_rest(arch: Arch) -> tuple[NDArray, NDArray]:
     """Return the position and velocity in which an arch is at rest, each (n_voussoir, 3)."""
-    position = model_of(arch.chain).start[1:-1]
+    model = model_of(arch.chain)
+    position = model.start[1 : model.end]
     return position.copy(), np.zeros_like(position)
 
 
@@ -346,7 +347,7 @@ def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Wor
     state = new_state(model)
     work = new_work(model)
     state.position[:] = model.start
-    state.position[1:-1] += shift
+    state.position[1 : model.end] += shift
     move_faces(model, state.position, work)
     return model, state, work
 
