@@ -39,7 +39,7 @@ def aspects(
     free-standing.
     """
     arches = [arch for members in given.values() for arch in members]
-    keys = "friction", "piers.friction"
+    keys = "friction", "piers.friction", "ends.friction", "spans.friction"
     coefficients = [value_of(arch, key) for arch in arches for key in keys]
     finite = any(np.isfinite(np.array(each, float)).any() for each in coefficients)
     some = tuple(
@@ -97,7 +97,7 @@ def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
     if free_end:
         return "the base"
     return (
-        "the base of the left pier" if "piers" in parameters else "the left springing"
+        "the base of the left pier" if "ends" in parameters else "the left springing"
     )
 
 
@@ -106,6 +106,8 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
     having = []
     for name, arches in given.items():
         values = [value_of(arch, key) for arch in arches]
+        if key == "piers":
+            values = [value or value_of(arch, "ends") for value, arch in zip(values, arches)]
         if key == "fill":
             values = [bool(value) and fill_weighs(value) for value in values]
         count = sum(map(_is_set, values))
