@@ -15,7 +15,7 @@ from archfrag.simulation.response import empty_output
 STEPPING = METHODS["time_stepping"]
 
 
-def options_of(chain, motion, rtol=1e-3, follow=3.0):
+def options_of(chain, motion, rtol=1e-3, follow=20.0):
     """Return options as of `af.simulate`."""
     unit = math.sqrt(model_of(chain).length.min() / chain.gravity)
     step, largest = (

@@ -17,7 +17,7 @@ from tests.validation.bridges.chains import (
 )
 from tests.validation.bridges.dynamics import contact_dynamics
 from tests.validation.bridges.runs import displacements, run_many
-from tests.validation.scenes import pulse, sampled
+from tests.validation.scenes import g, pulse, sampled
 from tests.validation.test_histories import RECORD
 
 
@@ -45,7 +45,20 @@ PULSES = {
 }
 # Bridge, pulse, factor; by `contact_dynamics` displacement before the first impact [m], and when
 # that is [s].
-PEAKS = []
+PEAKS = [
+    ("two", "half sine of 0.25 s", 0.52, 0.01145, 0.1370),
+    ("two", "half sine of 0.5 s", 0.33, 0.08852, 0.6865),
+    ("two", "half sine of 1 s", 0.24, 0.03316, 0.7960),
+    ("two", "sine of 0.5 s", 0.34, 0.01982, 0.3405),
+    ("two", "sine of 1 s", 0.24, 0.00785, 0.4175),
+    ("two", "steps of 0.3 s", 0.23, 0.01683, 0.3335),
+    ("three", "half sine of 0.25 s", 0.52, 0.07401, 0.3115),
+    ("three", "half sine of 0.5 s", 0.33, 0.04045, 0.3965),
+    ("three", "half sine of 1 s", 0.25, 0.04208, 0.9855),
+    ("three", "sine of 0.5 s", 0.33, 0.00964, 0.1980),
+    ("three", "sine of 1 s", 0.25, 0.00892, 0.4985),
+    ("three", "steps of 0.3 s", 0.24, 0.01992, 0.3565),
+]
 
 
 @pytest.mark.parametrize(("bridge", "name", "factor", "expected", "impact"), PEAKS)
@@ -59,7 +72,9 @@ def test_displacement_until_the_first_impact(bridge, name, factor, expected, imp
 @pytest.mark.slow
 def test_displacements_are_those_of_contact_dynamics():
     for bridge, name, factor, expected, impact in PEAKS:
-        found = contact_dynamics(chain_of(*BRIDGES[bridge]), PULSES[name], factor)
+        found = contact_dynamics(
+            chain_of(*BRIDGES[bridge]), PULSES[name], factor, follow=0.3
+        )
         assert (found.before, found.impact) == pytest.approx((expected, impact), 1e-3)
 
 
@@ -84,29 +99,26 @@ def test_borders_of_collapse_on_a_grid():
 
 
 @pytest.mark.parametrize(
-    "runs", [10, pytest.param(100, marks=pytest.mark.slow, id="100 runs")]
+    "bridges", [3, pytest.param(25, marks=pytest.mark.slow, id="25 bridges")]
 )
-def test_random_bridges_under_records(runs):
-    """No run is refused, energy is accounted for, and no bodies overlap."""
+def test_random_bridges_under_records(bridges):
+    """Four levels each: no run is refused, energy closes, and bodies do not overlap."""
     record = af.read_motion(RECORD)
-    unit = record * (1.0 / (af.Block(1.0, 1.0).chain.gravity * record.pga))
     generator = np.random.default_rng(55)
-    ends = set()
-    for _ in range(runs):
-        given = random_bridge(generator)
-        chain = chain_of(**given, friction=generator.uniform(0.5, 0.9))
-        level = onset_by_programme(chain) * generator.uniform(1.0, 5.0)
-        options, found = run_many(chain, unit, [level])
-        ends.add(int(found.status[0]))
-        energy = found.energy[0]
+    for _ in range(bridges):
+        friction = generator.uniform(0.5, 0.9)
+        chain = chain_of(**random_bridge(generator), friction=friction)
+        level = onset_by_programme(chain) * np.array([1.2, 1.8, 2.7, 4.0])
+        options, found = run_many(chain, record * (g / record.pga), level)
+        assert np.isin(found.status, (Status.STANDING, Status.COLLAPSED)).all()
+        energy = found.energy.T
         parts = [Energy.GROUND, Energy.FRICTION, Energy.IMPACT, Energy.BALANCE_ERROR]
-        gained = energy[Energy.KINETIC] + energy[Energy.POTENTIAL]
+        gained = energy[[Energy.KINETIC, Energy.POTENTIAL]].sum(axis=0)
         scale = energy[Energy.LARGEST_KINETIC]
-        assert energy[parts].sum() == pytest.approx(gained, abs=1e-6 * scale)
-        assert energy[Energy.BALANCE_ERROR_PEAK] <= 1e-2 * scale
-        assert found.peak[0, Peak.OVERLAP] <= 1e-4
+        assert (np.abs(energy[parts].sum(axis=0) - gained) <= 1e-6 * scale).all()
+        assert (energy[Energy.BALANCE_ERROR_PEAK] <= 1e-2 * scale).all()
+        assert (found.peak[:, Peak.OVERLAP] <= 1e-4).all()
         assert is_accurate(chain, options, found).all()
-    assert ends <= {Status.STANDING, Status.COLLAPSED}
 
 
 def test_wide_piers_leave_each_span_alone():
@@ -114,24 +126,23 @@ def test_wide_piers_leave_each_span_alone():
     ring = arc(2.5, 0.5, 9)
     pulse = PULSES["half sine of 0.5 s"]
     alone = run_many(chain_of([ring], []), pulse, [0.36, 0.44])[1]
-    stiff = arc(2.5, 1.0, 9)
+    stiff = arc(2.5, 1.0, 3)
     for k in range(3):
         rings = [ring if i == k else stiff for i in range(3)]
-        chain = chain_of(rings, [Pier(1500.0, 4.0, 2)] * 2)
+        chain = chain_of(rings, [Pier(1500.0, 4.0, 1)] * 2)
         found = run_many(chain, pulse, [0.36, 0.44])[1]
         column = Peak.DISPLACEMENT
-        assert found.peak[:, column] == pytest.approx(alone.peak[:, column], rel=1e-3)
+        assert found.peak[:, column] == pytest.approx(alone.peak[:, column], rel=1e-4)
 
 
 def test_mirror_images():
+    """Where impacts do not follow each other until last bits count."""
     rings, piers = BRIDGES["three"]
-    for name in ("half sine of 0.5 s", "sine of 0.5 s"):
-        found = [
-            run_many(chain_of(*bridge), PULSES[name], [sense * 0.3])[1].peak[0]
-            for bridge, sense in (
-                ((rings, piers), 1.0),
-                ((rings[::-1], piers[::-1]), -1.0),
-            )
-        ]
+    bridges = chain_of(rings, piers), chain_of(rings[::-1], piers[::-1])
+    for name, factor in (("half sine of 0.5 s", 0.3), ("half sine of 1 s", 0.24)):
+        one, other = (
+            run_many(chain, PULSES[name], [sense * factor])[1].peak[0]
+            for chain, sense in zip(bridges, (1.0, -1.0))
+        )
         column = Peak.DISPLACEMENT
-        assert found[0][column] == pytest.approx(found[1][column], rel=1e-3)
+        assert one[column] == pytest.approx(other[column], rel=1e-6)
