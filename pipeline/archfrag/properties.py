@@ -229,7 +229,7 @@ def value_of(given: Mapping[str, Any], key: str):
                 each[name] for each in value if each and each.get(name) is not None
             ]
         else:
-            value = (value or {}).get(name)
+            value = value.get(name) if isinstance(value, Mapping) else None
     return value
 
 

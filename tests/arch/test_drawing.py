@@ -174,7 +174,7 @@ def test_blocks_that_make_no_chain_are_refused_by_handle(tmp_path, blocks, wrong
         ),
         (PIER[:1], {"ground": []}, {}, "LWPOLYLINE 2F"),
         (PIER, {"ground": [((0, 0.1), (1, 0.1))]}, {}, "LINE 32 must be on"),
-        (PIER, {"ground": [GROUND, ((0, 0.5), (0, 1))]}, {}, "between two joints"),
+        (PIER, {"ground": [GROUND, ((0, 0.5), (0, 1))]}, {}, "hangs at one joint"),
     ],
 )
 def test_drawings_that_are_refused(tmp_path, blocks, options, reading, word):

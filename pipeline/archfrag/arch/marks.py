@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.arch.bridge import Part, fill_weighs
+from archfrag.arch.bridge import fill_weighs
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import rotated
+from archfrag.arch.ring import Part
 from archfrag.arch.shape import Shape
 
 GROUND = -1

@@ -30,6 +30,23 @@ CentreLine = tuple[FloatArray, FloatArray]
 _TOLERANCE = 1e-9
 
 
+class Part(NamedTuple):
+    """Joints and bodies of a span or a pier.
+
+    Those of a pier count from its base upwards, those of a span from its left springing.
+    """
+
+    name: str  # "span 1", "pier 1", "left pier", "right pier"; of one ring alone "arch"
+    joints: range
+    bodies: range  # of an inner pier without its top course
+    top: int | None = None  # the top course of an inner pier
+
+    @property
+    def every(self) -> list[int]:
+        """All bodies, the top course included."""
+        return [*self.bodies, *([] if self.top is None else [self.top])]
+
+
 class Ring(NamedTuple):
     """Voussoirs between joint lines."""
 
@@ -47,6 +64,7 @@ class Ring(NamedTuple):
     ]  # (m, 3) each: the back from joint to joint with bulges, for fill
     sense: int  # +1: intrados to the right from joint 0 to the last, -1: to the left
     body: NDArray | None = None  # as `Chain.body`
+    parts: tuple[Part, ...] = ()  # from left to right; none of a ring by itself
 
 
 def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:

@@ -10,10 +10,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.arch.bridge import Part
 from archfrag.arch.building import Given
 from archfrag.arch.checks import FloatArray
-from archfrag.arch.ring import Ring, pairs_of
+from archfrag.arch.ring import Part, Ring, pairs_of
 from archfrag.files import Named
 from archfrag.physics.interface import Chain
 

@@ -45,7 +45,13 @@ _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
 _SPREADS = 10  # parts of a spread in a table
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
-_TYPES = {"voussoirs": int, "drawing": str, "drawing_unit": str}  # others: float
+_TYPES = {
+    "voussoirs": int,
+    "spans": int,
+    "pier_courses": int,
+    "drawing": str,
+    "drawing_unit": str,
+}  # others: float
 _OPTIONS = {
     "voussoirs": "Number of voussoirs.",
     "friction": "Coulomb coefficient; inf is allowed.",
@@ -56,6 +62,10 @@ _OPTIONS = {
     "thickness": "Thickness of the ring [m].",
     "width": "Width of a block [m].",
     "height": "Height of a block [m].",
+    "spans": "Number of equal spans of a bridge.",
+    "pier_height": "Height of the piers between spans, from base to springing [m].",
+    "pier_width": "Width of these piers [m].",
+    "pier_courses": "Bodies of each of these piers; 1 if not given.",
     "drawing": "DXF file with the blocks: closed polylines, and lines on the ground.",
     "drawing_unit": "Unit of the drawing: m, dm, cm, mm, in or ft; what it states if not given.",
 }
@@ -138,7 +148,10 @@ def _by_numbers(options: Named) -> ArchEntry:
     layers = [name for text in options["layer"] for name in text.split(",")]
     given = options | {"id": "arch", "layer": layers or None}
     given["unit"] = given.pop("drawing_unit")
+    pier = {key: given.pop(f"pier_{key}") for key in ("height", "width", "courses")}
+    pier = {key: value for key, value in pier.items() if value is not None}
     given = {key: value for key, value in given.items() if value is not None}
+    given |= {"piers": pier} if pier else {}
     if "drawing" in given:
         refuse_given("--drawing gives the shape", "profile")
         del given["profile"]
@@ -148,6 +161,7 @@ def _by_numbers(options: Named) -> ArchEntry:
 
         def option(at) -> str:
             name = "drawing_unit" if at[0] == "unit" else str(at[0])
+            name = f"pier_{at[-1] if at[1:] else 'height'}" if name == "piers" else name
             return "--" + name.replace("_", "-")
 
         what = f"--profile {given['profile']}" if "profile" in given else "--drawing"
@@ -186,8 +200,8 @@ def onset(arch, spread: float | None, figure: Path | None, as_json: bool) -> Non
     lines = []
     for towards in ("+x", "-x"):
         value, hinges, sliding = start.mechanism(towards)
-        parts = [f"joint {joint} {side}" for joint, side in hinges]
-        parts += [f"joint {joint} slides" for joint in sliding]
+        parts = [f"{arch.place(joint)} {side}" for joint, side in hinges]
+        parts += [f"{arch.place(joint)} slides" for joint in sliding]
         how = f": {', '.join(parts)}" if parts else ""
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
         lines.append(f"ground towards {towards}: {moves}{how}")

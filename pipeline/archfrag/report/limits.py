@@ -96,9 +96,7 @@ def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
     """Return the words for joint 0 of an arch."""
     if free_end:
         return "the base"
-    return (
-        "the base of the left pier" if "ends" in parameters else "the left springing"
-    )
+    return "the base of the left pier" if "ends" in parameters else "the left springing"
 
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:
@@ -107,7 +105,9 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
     for name, arches in given.items():
         values = [value_of(arch, key) for arch in arches]
         if key == "piers":
-            values = [value or value_of(arch, "ends") for value, arch in zip(values, arches)]
+            values = [
+                value or value_of(arch, "ends") for value, arch in zip(values, arches)
+            ]
         if key == "fill":
             values = [bool(value) and fill_weighs(value) for value in values]
         count = sum(map(_is_set, values))
