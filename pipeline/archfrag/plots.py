@@ -151,11 +151,16 @@ def plot_arch(arch, ax: Axes | None = None) -> Axes:
     for (joint, _), place in zip(arch.bases.values(), grounds):
         outer[joint] = place
     small: Named = {"fontsize": SIZE - 1.0, "ha": "center"}
-    for joint, number in joint_numbers(arch, MOST_NUMBERS):
-        _annotate(ax, number, outer[joint], 9.0 * along[joint], **small)
     for part in arch.parts[: len(arch.places)]:  # none of one ring alone
         joint = part.joints[len(part.joints) // 2]
-        _annotate(ax, part.name, inner[joint], -18.0 * along[joint], **small)
+        _annotate(ax, part.name, inner[joint], -24.0 * along[joint], **small)
+        if (
+            "pier" not in part.name
+        ):  # number joints within the span: no other ring is near
+            rows = list(part.joints)
+            outer[rows], along[rows] = inner[rows], -along[rows]
+    for joint, number in joint_numbers(arch, MOST_NUMBERS * min(3, len(arch.spans))):
+        _annotate(ax, number, outer[joint], 9.0 * along[joint], **small)
     ax.autoscale_view()
     ax.margins(0.06)
     return ax

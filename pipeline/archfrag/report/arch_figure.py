@@ -130,14 +130,17 @@ def _at_onset(
         tip = f"M{middle + half + sign * 7:.1f} {below:.1f}l{-sign * 9:.1f} -4v8z"
         sheet.path(tip, fill=INK)
     taken = list[FloatArray]()
+    inside = set[
+        int
+    ]()  # joints numbered within their span, where no other ring is near
     for part in arch.parts[: len(arch.places)]:  # none of one ring alone
-        middle_joint = part.joints[len(part.joints) // 2]
-        _label_joint(panel, arch, middle_joint, -16.0, part.name, "s", taken)
-    numbers = _MOST_NUMBERS * len(arch.spans)
-    for joint, number in joint_numbers(arch, numbers):
-        _label_joint(
-            panel, arch, joint, 16.0, number, "s q", taken if arch.places else []
-        )
+        half = part.joints[len(part.joints) // 2]
+        away = -16.0 if "pier" in part.name else -34.0
+        inside |= {*(() if "pier" in part.name else part.joints)}
+        _label_joint(panel, arch, half, away, part.name, "s", taken)
+    for joint, number in joint_numbers(arch, _MOST_NUMBERS * len(arch.spans)):
+        away = -14.0 if joint in inside else 16.0
+        _label_joint(panel, arch, joint, away, number, "s q", taken if inside else [])
     sheet.height = max(sheet.height, below + 11.0)
 
 
