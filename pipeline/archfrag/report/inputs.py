@@ -53,6 +53,7 @@ RUN_COLUMNS = (
     "collapse_time",
     "lost_contact_time",
     "lost_contact_joint",
+    "lost_contact_place",
     "peak_rotation",
     "residual_rotation",
     "peak_displacement",

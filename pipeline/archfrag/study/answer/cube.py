@@ -2,6 +2,7 @@
 
 import platform
 import re
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -118,7 +119,7 @@ def build_cube(
         values[each.name] = filled(table[each.name], float(each.missing))
     built = [member.entry.build() for member in plan.arches]
     if any(arch.places for arch in built):
-        values |= _places(built, values["collapse_joint"])
+        values |= _places(built, values)
     if not (values["moving_before"] == 1).any():
         del values["moving_before"]
     values["lost_contact_and_stand"] = (
@@ -212,14 +213,19 @@ def _variable(about, values) -> xr.Variable:
     return xr.Variable(dimensions, array, attrs, encoding)
 
 
-def _places(built: Sequence[Arch], joints: NDArray) -> Named:
-    """Return the places and the parts of joints by the names of their variables."""
-    found: Named = {"collapse_place": [], "collapse_part": []}
-    for arch, own in zip(built, joints):
-        places = [*map(arch.place, range(arch.n_joint))]
-        parts = [place.rpartition(", ")[0] or arch.parts[0].name for place in places]
-        for each, names in zip(found.values(), (places, parts)):
-            each.append(np.array([*names, ""])[own])  # -1 where no joint was lost
+def _places(built: Sequence[Arch], values: Named) -> Named:
+    """Return the places and parts of the joints in the columns of a cube, by variable."""
+    found = defaultdict(list)
+    for number, arch in enumerate(built):
+        place = [*map(arch.place, range(arch.n_joint))]
+        part = [each.rpartition(", ")[0] or arch.parts[0].name for each in place]
+        for name, names in (
+            ("collapse_place", place),
+            ("collapse_part", part),
+            ("lost_contact_place", place),
+        ):
+            joint = values[f"{name.rpartition('_')[0]}_joint"][number]
+            found[name].append(np.array([*names, ""])[joint])  # -1 where none was lost
     return {name: np.stack(each) for name, each in found.items()}
 
 
