@@ -88,6 +88,11 @@ class Shape:
         names = ["left", *inner, "right"][: len(order)]
         return {name: (joint, side) for name, (joint, side) in zip(names, order)}
 
+    @property
+    def places(self) -> list[str]:
+        """Names of all joints by number, as of `place`; empty if the arch is one ring alone."""
+        return [*map(self.place, range(self.n_joint))] if self.parts[1:] else []
+
     def place(self, joint: int) -> str:
         """Return the name of a joint, such as "span 2, joint 5", "pier 1, base" or "joint 5"."""
         part = next(part for part in self.parts if joint in part.joints)

@@ -136,6 +136,13 @@ class Onset:
         ]
         return marks + mechanism_marks(self.arch, *self.mechanism(towards)[1:])
 
+    def places(self, towards: str) -> str:
+        """Return hinges and sliding joints in words: "joint 4 extrados, joint 7 slides"."""
+        _, hinges, sliding = self.mechanism(towards)
+        words = [f"{self.arch.place(joint)} {side}" for joint, side in hinges]
+        words += [f"{self.arch.place(joint)} slides" for joint in sliding]
+        return ("; " if self.arch.places else ", ").join(words)
+
     def plot(self, ax: Axes | None = None, towards: str | None = None) -> Axes:
         """Draw hinges, sliding joints and thrust line at onset, in `ax` or in new axes.
 
