@@ -36,6 +36,9 @@ class Chain(NamedTuple):
     # (n_joint, len(Joint)) with the columns of archfrag.physics.status.Joint, if joints give; None
     # if they are rigid
     joint: ndarray | None = None
+    # (n_joint, 2) bodies before and after each joint: -1 for the ground of the left base, n_body
+    # + k - 1 for that of base k; None: j - 1 and j
+    body: ndarray | None = None
 
 
 @struct()

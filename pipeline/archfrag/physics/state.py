@@ -33,6 +33,7 @@ Zeros = Callable[[tuple[int, ...]], Any]
     centroid=(2,),
     corner=(2, 2, 2),
     tangent=(2, 2),
+    body=(2,),
     ray=(2,),
     start=(3,),
     tie=(len(Tie),),
@@ -55,6 +56,7 @@ class Model(NamedTuple):
     friction: (
         ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
     )
+    body: ndarray  # (n_joint, 2) int64: rows of the bodies before and after each joint
     ray: ndarray  # (n_joint, 2) normal and tangential part of a sliding reaction [1]
     start: ndarray  # (n_body + 2, 3) where a run begins: centroid [m] and rotation
     tie: ndarray  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
@@ -260,6 +262,7 @@ def new_model(chain: Chain) -> Model:
         tangent=along / sizes[..., None],
         length=sizes.min(axis=1),
         friction=np.array(chain.friction, float),
+        body=np.arange(chain.friction.size)[:, None] + np.arange(2),
         ray=np.stack(ray, axis=1),
         start=framed(start),
         tie=np.array(tie, float).reshape(-1, len(Tie)),

@@ -245,18 +245,9 @@ def pose_contacts(runs, step):
 
 @kernel
 def pose_step(runs, impulse):
-    """Move the far springing to the middle of the next step, and pose that step."""
-    state = runs.state
-    work = runs.work
-    step = state.clock[Clock.STEP]
-    free_fall(runs.model, state, work, impulse, step)
-    end = state.position.shape[0] - 1
-    work.position[end, 0] = impulse.far_x
-    work.position[end, 1] = impulse.far_y
-    state.velocity[end, 0] = impulse.before_x
-    state.velocity[end, 1] = impulse.before_y
-    work.free[end, 0] = impulse.after_x
-    work.free[end, 1] = impulse.after_y
+    """Pose the next step, after `archfrag.physics.ground.move_ground`."""
+    step = runs.state.clock[Clock.STEP]
+    free_fall(runs.model, runs.state, runs.work, impulse, step)
     runs.law.pose(runs, step)
 
 
@@ -268,22 +259,20 @@ def _mean_velocity(i, state, work):
 
 
 @inlined
-def record_far_work(state, work, where):
-    """Record the work of the far springing, and take its velocity.
-
-    Nothing is done if no joint bears on it.
-    """
-    last = state.slip.size - 1
-    end = state.position.shape[0] - 1
-    if last < end - 1:
-        return
-    x, y = _mean_velocity(end, state, work)
-    given = work.reaction[last, 0] * x + work.reaction[last, 1] * y
-    state.energy[Energy.GROUND] -= select(where, given, 0.0)
-    for c in range(2):
-        state.velocity[end, c] = select(
-            where, work.solved[end, c], state.velocity[end, c]
-        )
+def record_base_work(model, state, work, where):
+    """Record the work of bases that move relative to the left one, and take their velocities."""
+    for j in range(state.slip.size):
+        for side, sense in ((0, 1.0), (1, -1.0)):
+            i = model.body[j, side]
+            if i == 0 or model.mass[i] > 0.0:
+                continue
+            x, y = _mean_velocity(i, state, work)
+            given = work.reaction[j, 0] * x + work.reaction[j, 1] * y
+            state.energy[Energy.GROUND] += select(where, sense * given, 0.0)
+            for c in range(2):
+                state.velocity[i, c] = select(
+                    where, work.solved[i, c], state.velocity[i, c]
+                )
 
 
 @inlined
@@ -486,7 +475,7 @@ def accept_contacts(runs, impulse, where):
     if some(span > 0.0):  # what acted before the impact works too
         add_carried(state, work, span)
     record_step(state, work, where)
-    record_far_work(state, work, where)
+    record_base_work(runs.model, state, work, where)
     if some(span > 0.0):
         add_carried(state, work, -span)
     return make_step(runs, impulse, where)
