@@ -73,25 +73,25 @@ class SlowArch:
         solved, moved, lost = creep(*known, self._time, LOST_GAP)
         return solved and not lost, moved
 
-    def place(self, right: bool, move: NDArray, turn: float) -> None:
-        """Place a springing that has moved, with the joint face and the ends of ties on it.
+    def place(self, base: int, move: NDArray, turn: float) -> None:
+        """Place a base that has moved, with the joint face and the ends of ties on it.
 
-        `right` is true for the right springing. `move` (2,) [m] and `turn` [rad], about the middle
-        of its joint, are those in all, not since the last call.
+        `base` counts the bases from 0 at the left. `move` (2,) [m] and `turn` [rad], about the
+        middle of its joint, are those in all, not since the last call.
         """
         model = self.model
         corners, ties = self._before
-        ground = -1 if right else 0
-        face = corners[ground, ground]
+        row = base and len(self._built.chain.mass) + base
+        ((joint, side),) = np.argwhere(model.body == row)
+        face = corners[joint, side]
         middle = face.mean(axis=0)
         cosine = math.cos(turn)
         sine = math.sin(turn)
         rotation = np.array([[cosine, sine], [-sine, cosine]])
         moved = middle + move + (face - middle) @ rotation
-        model.corner[ground, ground] = moved
+        model.corner[joint, side] = moved
         along = moved[1] - moved[0]
-        model.tangent[ground, ground] = along / np.hypot(*along)
-        row = len(model.mass) - 1 if right else 0
+        model.tangent[joint, side] = along / np.hypot(*along)
         for end in range(2):
             held = ties[:, Tie.BODY_0 + end] == row
             columns = slice(Tie.X_0 + 2 * end, Tie.X_0 + 2 * end + 2)
@@ -117,12 +117,9 @@ class SlowArch:
         """Return the arch, at rest in the present position of its bodies."""
         arch = self._built
         model = self.model
-        start = self._state.position[1:-1].copy()
-        before = arch.chain.face_before.copy()
-        after = arch.chain.face_after.copy()
-        before[0] = model.corner[0, 0]
-        if not arch.free_end:
-            after[-1] = model.corner[-1, 1]
+        start = self._state.position[1 : 1 + arch.n_voussoir].copy()
+        before = model.corner[:, 0].copy()
+        after = model.corner[:, 1].copy()
         chain = arch.chain._replace(start=start, face_before=before, face_after=after)
         if len(model.tie):
             tie = model.tie.copy()

@@ -131,7 +131,7 @@ def grounds_of(motions: Sequence[tuple[Any, ...]], noted=()) -> Grounds:
         joined([_integral(w, dt) for w, dt in zip(waves, step)]) for waves in (x, y)
     )
     first = np.cumsum([0, *(wave.size for wave in x)])
-    waves_of = far[..., 0].reshape(len(far), -1)
+    waves_of = far[..., 0].reshape(len(far), 2 * far.shape[1])
     parts = [waves_of[a:b].T for a, b in pairwise(first.tolist())]
     breaks = joined(
         [_breaks(a, b, *c) if c.size else _breaks(a, b) for a, b, c in zip(x, y, parts)]

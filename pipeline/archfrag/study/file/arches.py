@@ -154,8 +154,8 @@ class Springings(Section):
     """Movement downwards [m]."""
     rotation: float = Field(0.0, ge=-45.0, le=45.0)
     """About the middle of its joint, positive if its extrados goes down [degrees]."""
-    springing: Literal["left", "right"] = "right"
-    """Which one has moved."""
+    springing: str = "right"
+    """Which base has moved: left, pier 1 and so on, or right."""
 
 
 class TieEntry(Section):
