@@ -134,7 +134,9 @@ def repeat(inputs: ReportInputs, name: str, chosen: Chosen | None) -> Example | 
     shown = (
         f"{about}{inputs.scale.measure} = {inputs.scale.text(results.levels[level])}"
     )
-    ground = "the ground at its left end" if own_motions_of(method) else "the ground"
+    apart = method.get("wave_speed") or method.get("bases")
+    ground = "the ground at its left end" if apart else "the ground"
+    motion = response.motion or motion
     return Example(arch, motion, factor, shown, response, reason, same, ground)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,14 +30,13 @@ class Aspect(NamedTuple):
 def aspects(
     given: Given,
     vertical: str = "not used",
-    delay: float | None = None,
+    method: Mapping[str, Any] = MappingProxyType({}),
     spanning: bool = True,
 ) -> list[Aspect]:
     """Return what is modelled and what is not, each with its sentence.
 
     `given` has the keys of the arches. `vertical` is the attribute ``vertical_component`` of a
-    cube, `delay` that of the method in seconds; `spanning` is false if all arches are
-    free-standing.
+    cube, `method` the keys of the method; `spanning` is false if all arches are free-standing.
     """
     arches = [arch for members in given.values() for arch in members]
     keys = "friction", "piers.friction"
@@ -45,10 +45,14 @@ def aspects(
     some = tuple(
         filter(None, [vertical.removeprefix("used").strip()])
     )  # records that have one
+    speed = method.get("wave_speed")
+    later = method.get("bases") or {}
+    apart = f"a wave of {speed:g} m/s passes along them" if speed else ""
+    apart += ", ".join(f"{name} {delay:g} s later" for name, delay in later.items())
     others = {
         "always": (),
         "never": None,
-        "delay": () if delay else None,
+        "apart": () if apart else None,
         "vertical": None if vertical == "not used" else some,
         "sliding": () if finite else None,
     }
@@ -60,7 +64,7 @@ def aspects(
             words = f" ({', '.join(whose)})" if whose else ""
             kind = "no" if whose is None else "yes"
             name = text.get(f"{kind}_name", "")
-            sentence = text[kind].format(of=words, delay=delay or 0.0)
+            sentence = text[kind].format(of=words, apart=apart)
             result.append(Aspect(kind == "yes", name + words * bool(name), sentence))
     return result
 
@@ -77,7 +81,7 @@ def study_aspects(inputs: ReportInputs) -> list[Aspect]:
     return aspects(
         given,
         inputs.cube.attrs.get("vertical_component", "not used"),
-        inputs.config.get("method", {}).get("delay"),
+        inputs.config.get("method", {}),
         not all(each.arch.free_end for each in inputs.arches.values()),
     )
 

@@ -260,7 +260,7 @@ def _mean_velocity(i, state, work):
 
 @inlined
 def record_base_work(model, state, work, where):
-    """Record the work of bases that move relative to the left one, and take their velocities."""
+    """Record the work of bases that move relative to the left one."""
     for j in range(state.slip.size):
         for side, sense in ((0, 1.0), (1, -1.0)):
             i = model.body[j, side]
@@ -269,10 +269,6 @@ def record_base_work(model, state, work, where):
             x, y = _mean_velocity(i, state, work)
             given = work.reaction[j, 0] * x + work.reaction[j, 1] * y
             state.energy[Energy.GROUND] += select(where, sense * given, 0.0)
-            for c in range(2):
-                state.velocity[i, c] = select(
-                    where, work.solved[i, c], state.velocity[i, c]
-                )
 
 
 @inlined
@@ -397,12 +393,11 @@ def take_step(runs, impulse, where):
     state = runs.state
     work = runs.work
     step = state.clock[Clock.STEP]
+    given = 0.0
     for i in range(1, state.position.shape[0]):
         for c in range(3):
             moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
             state.position[i, c] = select(where, moved, state.position[i, c])
-    given = 0.0
-    for i in range(1, state.position.shape[0] - 1):
         x, y = _mean_velocity(i, state, work)
         given -= runs.model.mass[i] * (impulse.x * x + impulse.y * y)
         for c in range(3):
