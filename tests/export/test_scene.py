@@ -64,7 +64,9 @@ def study_of(folder, arches=ARCHES, *, prepared=True, text=""):
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A study of all kinds of arches, its folder of exports, and its scene."""
-    study = study_of(tmp_path_factory.mktemp("scene"), text="method: {bases: {right: 0.02}}\n")
+    study = study_of(
+        tmp_path_factory.mktemp("scene"), text="method: {bases: {right: 0.02}}\n"
+    )
     export_arches(study, ["scene", "dxf"])
     folder = study.folder / "export"
     return study, folder, json.loads((folder / "small-scene.json").read_text())

@@ -111,7 +111,10 @@ def test_what_is_refused_is_named(tmp_path):
             "events",
         ): "method event_driven needs rigid joints; give them joints.model inset",
         ("block", "no delay"): "bases, method.bases in a study file, is given, but",
-        ("column", "wave"): "wave_speed, method.wave_speed in a study file, is given, but",
+        (
+            "column",
+            "wave",
+        ): "wave_speed, method.wave_speed in a study file, is given, but",
     }
     for (arch, method), text in texts.items():
         with pytest.raises(InputError, match=text):

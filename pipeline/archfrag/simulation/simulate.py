@@ -357,7 +357,9 @@ def simulate_runs(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UnitWarning)
             return [simulate(arch, *each, method=method, **given) for each in pairs]
-    results, wall_time, _ = results_of_runs(arch, motions, factors, method=method, **given)
+    results, wall_time, _ = results_of_runs(
+        arch, motions, factors, method=method, **given
+    )
     return [
         response_of(results, row, method, each)
         for row, each in enumerate(wall_time.tolist())

@@ -24,7 +24,12 @@ from archfrag.physics.contact.ties import (
     recall_pulls,
 )
 from archfrag.physics.energy import kinetic_energy, record_work
-from archfrag.physics.ground import end_of_motion, end_rest, impulse_between, move_ground
+from archfrag.physics.ground import (
+    end_of_motion,
+    end_rest,
+    impulse_between,
+    move_ground,
+)
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import select, some
 from archfrag.physics.numbers import flag, nearest
