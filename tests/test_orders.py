@@ -12,6 +12,7 @@ from archfrag.study.file.prepared import prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.store import make_plan
 from archfrag.study.runs.workers import make_runs
+from tests.piers import on_piers
 
 RING = af.Arch.segmental(8.0, 3.0, 0.9, voussoirs=6, friction=0.7)
 TWICE = "was changed twice in one way, or in an order that a study file cannot state"
@@ -47,7 +48,7 @@ METHODS = {
     "tied": lambda arch, x: arch.tied(
         level=1.0 + x, area=3e-4, prestress=9e3 * round(x)
     ),
-    "on_piers": lambda arch, x: arch.on_piers(height=1.0 + x, width=[2.0, 2.0 + x]),
+    "on_piers": lambda arch, x: on_piers(arch, height=1.0 + x, width=[2.0, 2.0 + x]),
     "filled": lambda arch, x: arch.filled(
         0.5, 15e3, backing_height=x, backing_unit_weight=2e4
     ),
@@ -150,7 +151,7 @@ CHANGED = {
         af.move_springing(RING, spread=0.01), spread=0.01
     ),
     "tied, then moved": lambda: af.move_springing(
-        RING.on_piers(height=2.0, width=2.5).tied(**TIE), spread=0.005
+        on_piers(RING, height=2.0, width=2.5).tied(**TIE), spread=0.005
     ),
     "crushed, then recessed": lambda: af.crushed(RING, 1e6).recessed(0.08, 0.0),
     "crushed twice": lambda: af.crushed(af.crushed(RING, 1e6), 2e6),

@@ -80,7 +80,8 @@ def arch_of(number: int) -> af.Arch:
     ring = af.Arch.circular(radius, thickness, embrace, int(voussoirs), friction)
     if not piers:
         return ring
-    return ring.on_piers(height=piers, width=2.5 * thickness, courses=2)
+    pier = {"height": piers, "width": 2.5 * thickness, "courses": 2}
+    return af.Bridge([ring], ends=pier)
 
 
 def with_joints(arch: af.Arch, model: Any, stiffness: float) -> af.Arch:

@@ -1,6 +1,6 @@
 from .api.results import Results, open
 from .api.studies import Study, fit
-from .arch.model import Arch, Block
+from .arch.model import Arch, Block, Bridge
 from .fragility.curve import Curve
 from .fragility.fit import fit_ida, fit_stripes
 from .motions.formats.columns import Columns
@@ -17,6 +17,7 @@ from .version import __version__
 __all__ = [
     "Arch",
     "Block",
+    "Bridge",
     "Columns",
     "Curve",
     "Motion",

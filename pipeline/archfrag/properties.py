@@ -94,7 +94,7 @@ VARIABLE = {
         usual=(0.0, 2.0),
         question="was an angle meant?",
         text="Coulomb coefficient of all joints, or one for each; inf: the limit of large "
-        "friction. On piers a list is for the joints of the ring alone, or for all of the arch.",
+        "friction. On piers a list is for the joints of each ring, or for all of the bridge.",
         needed=(*PROFILES, "drawing"),
         each=True,
         infinite="the limit of large friction",
@@ -114,6 +114,25 @@ VARIABLE = {
         default=1.0,
         each=True,
     ),
+    **{
+        f"{where}.{key}": row
+        for where in ("piers", "ends")
+        for key, row in {
+            "height": _length(usual=(0.1, 200.0)),
+            "width": _length(usual=(0.05, 50.0)),
+            "base_width": _length(usual=(0.05, 50.0)),
+            "above": Property("m", most=LARGEST),
+            "friction": Property(
+                "",
+                most=1e6,
+                usual=(0.0, 2.0),
+                question="was an angle meant?",
+                infinite="the limit of large friction",
+            ),
+            "density": Property("kg/m3", SMALLEST, 1e6, (1000.0, 3500.0)),
+            "depth": _length(usual=(0.05, 100.0)),
+        }.items()
+    },
     # Usual from thick lime mortar to dry joints of hard stone.
     "joints.stiffness": Property(
         "Pa/m", 1e6, 1e15, (1e8, 1e13), each=True, infinite="rigid"
@@ -145,7 +164,10 @@ PROPERTIES = VARIABLE | {
         "Distance within which edges of drawn neighbours agree [m]; 1e-5 of the size by default.",
         taken=DRAWN,
     ),
-    **dict.fromkeys(("fill", "piers", "springings", "ties"), Property(taken=_LOADED)),
+    **dict.fromkeys(
+        ("spans", "piers", "ends", "fill", "springings", "ties"),
+        Property(taken=_LOADED),
+    ),
     "strength": Property(
         "N/m2",
         1.0,
@@ -158,14 +180,7 @@ PROPERTIES = VARIABLE | {
     "joints.shear": Property("Pa/m", 1e6, 1e15, each=True, infinite="rigid"),
     "recess.intrados": Property("m", most=LARGEST),
     "recess.extrados": Property("m", most=LARGEST),
-    "piers.height": _length(usual=(0.1, 200.0)),
-    "piers.width": _length(usual=(0.05, 50.0)),
-    "piers.base_width": _length(usual=(0.05, 50.0)),
-    "piers.courses": Property("", 1.0),
-    "piers.above": Property("m", most=LARGEST),
-    "piers.friction": VARIABLE["friction"]._replace(text="", needed=()),
-    "piers.density": VARIABLE["density"]._replace(text=""),
-    "piers.depth": VARIABLE["depth"]._replace(text=""),
+    **dict.fromkeys(("piers.courses", "ends.courses"), Property("", 1.0)),
     "fill.height_over_crown": Property("m", most=LARGEST, usual=(0.0, 20.0)),
     "fill.unit_weight": Property("N/m3", most=1e6, usual=(5e3, 4e4)),
     "fill.backing_height": Property("m", most=LARGEST),
@@ -204,11 +219,17 @@ UNITS = {key: SPELLED[str(row.unit)][0] for key, row in VARIABLE.items()}
 def value_of(given: Mapping[str, Any], key: str):
     """Return the value of a key in `given`; None if it is missing.
 
-    A key may be in a block, such as ``joints.stiffness``.
+    A key may be in a block, such as ``joints.stiffness``; of a list of blocks it is the list of
+    their values.
     """
     value: Any = given
     for name in key.split("."):
-        value = (value or {}).get(name)
+        if isinstance(value, list):
+            value = [
+                each[name] for each in value if each and each.get(name) is not None
+            ]
+        else:
+            value = (value or {}).get(name)
     return value
 
 

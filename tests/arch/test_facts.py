@@ -12,6 +12,7 @@ from archfrag.errors import StabilityError, UnitWarning
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.yaml_text import parse_value
 from tests.arch.test_arch import CHAINS
+from tests.piers import on_piers
 from tests.study.small import ROOT, TEXT, command, small_study
 
 RING = {"span": 8.0, "rise": 2.0, "thickness": 0.5, "voussoirs": 9, "friction": 0.7}
@@ -30,13 +31,13 @@ class TestFacts:
         radius = (4.0**2 + 2.0**2) / (2 * 2.0)
         length = 2 * radius * np.arcsin(4.0 / radius)
         weight = 2000 * 9.80665 * length * 0.5 * 2.0
-        loaded = ring(depth=2.0, dead_load=1e3).on_piers(**PIERS).filled(**FILL)
+        loaded = on_piers(ring(depth=2.0, dead_load=1e3), **PIERS).filled(**FILL)
         tied = loaded.tied(**TIE, prestress=2e4, strength=1.88e5)
         facts = facts_of(tied)
         assert facts_of(bare)["weights"]["ring"] == pytest.approx(weight, rel=1e-12)
         assert facts["weights"]["ring"] == pytest.approx(weight, rel=1e-12)
         assert facts["weights"]["dead_load"] == 9e3
-        piers = facts_of(bare.on_piers(**PIERS))["weights"]["piers"]
+        piers = facts_of(on_piers(bare, **PIERS))["weights"]["piers"]
         assert facts["weights"]["piers"] == pytest.approx(piers, rel=1e-12)
         total = tied.chain.mass.sum() * 9.80665
         assert sum(facts["weights"].values()) == pytest.approx(total, rel=1e-12)
@@ -113,12 +114,12 @@ SLIPS = {
         "height = 900 m",
     ),
     "piers in t/m3": (
-        lambda: ring().on_piers(**PIERS, density=2.2),
-        "piers.density = 2.2",
+        lambda: on_piers(ring(), **PIERS, density=2.2),
+        "ends.density = 2.2",
     ),
     "one pier too deep": (
-        lambda: ring().on_piers(**PIERS, depth=[1.0, 1e6]),
-        "piers.depth = 1e+06 m",
+        lambda: on_piers(ring(), **PIERS, depth=[1.0, 1e6]),
+        "ends.depth = 1e+06 m",
     ),
     "dead load in MN": (
         lambda: ring(dead_load=5e-3),
@@ -180,8 +181,8 @@ def test_a_strength_in_mpa_is_refused_with_its_unit():
 def test_usual_values_give_no_caution_and_each_slip_is_told_once():
     with warnings.catch_warnings():
         warnings.simplefilter("error", UnitWarning)
-        arch = ring(density=[2000.0] * 9, dead_load=2e3).on_piers(
-            **PIERS, density=2300.0
+        arch = on_piers(
+            ring(density=[2000.0] * 9, dead_load=2e3), **PIERS, density=2300.0
         )
         arch = arch.filled(**FILL).tied(
             **TIE, prestress=2e4, strength=1.88e5, rupture=0.1

@@ -5,9 +5,10 @@ import pytest
 from matplotlib import pyplot
 
 import archfrag as af
+from tests.piers import on_piers
 
 RING = af.Arch.segmental(8.0, 3.0, 0.6, 9, 0.6)
-FILLED = RING.on_piers(3.0, 1.5).filled(
+FILLED = on_piers(RING, 3.0, 1.5).filled(
     0.4, 18e3, backing_height=0.8, backing_unit_weight=2e4
 )
 BRIDGE = FILLED.tied(level=0.8, area=8e-4, prestress=2e4)

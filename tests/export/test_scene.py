@@ -33,7 +33,7 @@ ARCHES = {
     "straight": f"{RING}, friction: 0.7, sector: false",
     "several": f"{RING}, friction: [0.7, 0.6, 0.7, .inf, 0.7, 0.7, 0.6, 0.7]",
     "block": "profile: block, width: 0.4, height: 2.0, friction: .inf",
-    "piers": f"{RING}, friction: 0.7, piers: {{height: 4.0, width: 3.0, courses: 2, depth: 2.0}}",
+    "piers": f"{RING}, friction: 0.7, ends: {{height: 4.0, width: 3.0, courses: 2, depth: 2.0}}",
     "fill": f"{RING}, friction: 0.7, fill: {{height_over_crown: 0.5, unit_weight: 18000}}",
     "tied": f"{RING}, friction: 0.7, ties: [{{level: 4.0, area: 5.0e-4, prestress: 2.0e+4}}, "
     "{level: 5.0, area: 5.0e-4, strength: 9.0e+4, rupture: 0.5}]",
@@ -127,7 +127,7 @@ class TestArches:
                 assert body["density"] == pytest.approx(2000.0, rel=2e-4)
         kinds = [body["kind"] for body in scene["bodies"]]
         assert kinds.count("ground") == (1 if arch.free_end else 2)
-        assert kinds.count("pier") == (4 if "piers" in arch.parameters else 0)
+        assert kinds.count("pier") == (4 if "ends" in arch.parameters else 0)
         assert scene["gravity"] == 9.80665
 
     def test_joints_lie_on_both_their_bodies(self, pair):
@@ -353,7 +353,7 @@ class TestDrawings:
             assert (
                 shapely.Polygon(ours).hausdorff_distance(shapely.Polygon(theirs)) < 1e-9
             )
-        whole = arch.given.ring if "piers" not in arch.parameters else arch
+        whole = arch.given.ring if "ends" not in arch.parameters else arch
         np.testing.assert_allclose(again.intrados, whole.intrados, rtol=0, atol=1e-9)
         np.testing.assert_allclose(again.extrados, whole.extrados, rtol=0, atol=1e-9)
 

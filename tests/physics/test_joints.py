@@ -17,10 +17,11 @@ from archfrag.simulation.standing import (
     joints_text,
 )
 from tests.physics.test_cautions import flat_arch
+from tests.piers import on_piers
 
 RING = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
 THIN = af.Arch.circular(2.5, 0.3, 157.5, voussoirs=27, friction=0.7)
-NAVE = RING.on_piers(height=6.0, width=4.0, courses=2)
+NAVE = on_piers(RING, height=6.0, width=4.0, courses=2)
 SLIDES = af.Arch.circular(5.0, 1.0, 180.0, voussoirs=11, friction=0.37)
 
 
@@ -322,9 +323,9 @@ class TestSettings:
                 "recessed comes before",
             ),
             (
-                lambda: af.jointed(RING, 1e10).on_piers(height=5.0, width=3.0),
+                lambda: on_piers(af.jointed(RING, 1e10), height=5.0, width=3.0),
                 GeometryError,
-                "has joints already; on_piers and filled come before",
+                "has joints already; Bridge comes before",
             ),
             (
                 lambda: af.jointed(THIN, 1e7),

@@ -12,6 +12,7 @@ from archfrag.physics.methods.registry import OWN_STEP
 from archfrag.physics.status import Cause, Status
 from archfrag.simulation.response import summary
 from archfrag.simulation.rest import own_time
+from tests.piers import on_piers
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 5, 0.7)
 PUSH = af.Motion(np.where(np.arange(800) < 250, 6.0, 0.0), 1e-3)
@@ -202,7 +203,7 @@ AT_REST = {
     "depths": af.Arch.segmental(
         8.0, 3.0, 0.7, 9, friction=0.6, depth=[1.0] * 3 + [0.7] * 6
     ),
-    "piers": RING.on_piers(2.5, 1.5, courses=2),
+    "piers": on_piers(RING, 2.5, 1.5, courses=2),
     "fill": RING.filled(0.5, 18e3),
     "tied": RING.tied(level=1.5, area=5e-4, prestress=2e4),
     "recessed": RING.recessed(0.05, 0.02),

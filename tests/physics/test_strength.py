@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import linprog
 
 import archfrag as af
+from tests.piers import on_piers
 
 GRAVITY = 9.80665
 
@@ -116,7 +117,9 @@ PIERS = {"height": 5.0, "width": 1.8, "courses": [2, 1]}
     ids=["other depths", "dead load", "depth list", "both"],
 )
 def test_joints_of_piers_lose_what_their_own_depth_makes_them(ring, piers, more):
-    built = af.Arch.segmental(**RING, depth=ring, **more).on_piers(**PIERS, depth=piers)
+    built = on_piers(
+        af.Arch.segmental(**RING, depth=ring, **more), **PIERS, depth=piers
+    )
     weak = af.crushed(built.recessed(0.01, 0.0), 2e6)
     ring = np.broadcast_to(ring, 9)
     left, right = ring[[0, -1]] if piers is None else np.broadcast_to(piers, 2)

@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import archfrag as af
+from tests.piers import on_piers
 
 GRAVITY = 9.80665
 TIME = np.arange(0.0, 6.0, 0.005)
@@ -255,7 +256,7 @@ def pulled_slowly(spread, tie, parts=40):
 
 
 RING = af.Arch.segmental(span=8.0, rise=3.0, thickness=0.6, voussoirs=9, friction=0.6)
-ARCHES = {"ring": RING, "piers": RING.on_piers(4.0, [2.0, 2.6], courses=2)}
+ARCHES = {"ring": RING, "piers": on_piers(RING, 4.0, [2.0, 2.6], courses=2)}
 
 
 class TestSpread:

@@ -107,7 +107,7 @@ def test_messages(results, tmp_path):
             "rupture = 0.001 m is impossible; the tie is 0.00178. m longer at rest",
         ),
         (
-            "piers: {height: 4, width: 2}, depth: [1, 1, 1, .6, 1, 1, 1], strength: 1000",
+            "ends: {height: 4, width: 2}, depth: [1, 1, 1, .6, 1, 1, 1], strength: 1000",
             "does not stand with a strength of 1000 N/m2",
         ),
         ("strength: 1000", "does not stand with a strength of 1000 N/m2"),

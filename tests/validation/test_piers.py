@@ -9,6 +9,7 @@ from scipy.integrate import fixed_quad
 from scipy.optimize import linprog
 
 import archfrag as af
+from tests.piers import ends_of, on_piers
 from tests.validation.scenes import g
 
 
@@ -156,9 +157,9 @@ def test_onset_of_random_portals():
         own = ring.intrados, ring.extrados, friction
         heavy = {"density": 1900.0, "depth": ring.parameters["depth"]}
         if np.ndim(friction):  # as a study file gives it
-            arch = af.Arch.from_joints(*own, **heavy, piers=piers)
+            arch = af.Arch.from_joints(*own, **heavy, ends=ends_of(**piers))
         else:
-            arch = af.Arch.from_joints(*own, **heavy).on_piers(**piers)
+            arch = on_piers(af.Arch.from_joints(*own, **heavy), **piers)
         left, right = piers["courses"]
         assert (arch.springings, arch.n_joint) == (
             (left, len(lines) - 1 - right),
@@ -285,8 +286,8 @@ class TestFill:
         moment = full.mass[0] * full.centroid[0] - bare.mass[0] * bare.centroid[0]
         x, y = moment / (full.mass[0] - bare.mass[0])
         assert y == pytest.approx(math.sqrt(5.4**2 - x * x), rel=1e-8)
-        bare = RING.on_piers(
-            4.0, [2.0, 3.0], courses=2, above=[0.0, 1.0], depth=[4.0, 5.0]
+        bare = on_piers(
+            RING, 4.0, [2.0, 3.0], courses=2, above=[0.0, 1.0], depth=[4.0, 5.0]
         )
         load = (bare.filled(0.6, 18e3).chain.mass - bare.chain.mass) * g
         out, up = RING.extrados[-1]

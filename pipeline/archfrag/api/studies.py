@@ -64,7 +64,7 @@ _CONTENT = "# Content: "
 _NAMED = 3  # arches in a heading
 _OTHER_ORDER = (
     "was changed twice in one way, or in an order that a study file cannot state: the study would "
-    "run another arch; change it at most once by each of on_piers, filled, recessed, jointed or "
+    "run another arch; change it at most once by each of Bridge, filled, recessed, jointed or "
     "crushed, and move_springing, in this order, and last by tied"
 )
 _HEAD = "# Written by archfrag {version}. Run it with: archfrag run {name}\n"

@@ -1,7 +1,8 @@
 """Piers, as further bodies of a chain, and the weight of fill and backing on a ring."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import (
     cut_sides,
     height_at,
+    length_of,
     outline_section,
     polygon_section,
 )
@@ -18,8 +20,22 @@ from archfrag.errors import GeometryError
 from archfrag.files import Named
 from archfrag.properties import MOST_VOUSSOIRS
 
-Piers = Named  # of each key two values, left and right pier, or None
-_SIDES = ((-1.0, "left"), (1.0, "right"))
+
+class Part(NamedTuple):
+    """Joints and bodies of a span or a pier.
+
+    Those of a pier count from its base upwards, those of a span from its left springing.
+    """
+
+    name: str  # "span 1", "pier 1", "left pier", "right pier"; of one ring alone "arch"
+    joints: range
+    bodies: range  # of an inner pier without its top course
+    top: int | None = None  # the top course of an inner pier
+
+    @property
+    def every(self) -> list[int]:
+        """All bodies, the top course included."""
+        return [*self.bodies, *([] if self.top is None else [self.top])]
 
 
 def check_upright(ring: Ring, free_end: bool) -> None:
@@ -34,7 +50,26 @@ def check_upright(ring: Ring, free_end: bool) -> None:
         )
 
 
-def checked_piers(
+def listed(key: str, given, count: int) -> list[Named]:
+    """Return the keys of `count` piers, from one mapping for all or a list; empty where None.
+
+    A key without a value stays None: `over_parts` takes its values from the rings. `GeometryError`
+    names the `key` that is impossible.
+    """
+    if given is None or isinstance(given, Mapping):
+        given = [given] * count
+    if len(given) != count or (key == "piers" and not all(given)):
+        raise GeometryError(
+            f"{key} must be one mapping, such as {{height: 5.0, width: 2.0}}, or a list of {count}"
+        )
+    return [
+        _checked(f"{key}[{i}]", **each) if each else {} for i, each in enumerate(given)
+    ]
+
+
+def _checked(
+    place: str,
+    *,
     height,
     width,
     base_width=None,
@@ -43,111 +78,218 @@ def checked_piers(
     friction=None,
     density=None,
     depth=None,
-) -> Piers:
-    """Return the values of each key of `piers`: those of the left and the right pier.
-
-    The arguments are those of `Arch.on_piers`; a single number counts for both piers. A key
-    without a value stays None: `extended` takes its values from the ring. `GeometryError` if a
-    value is impossible.
-    """
+) -> Named:
     given = {
         "height": height,
         "width": width,
         "base_width": width if base_width is None else base_width,
+        "courses": courses,
         "above": above,
         "friction": friction,
         "density": density,
         "depth": depth,
-        "courses": courses,
     }
-    found: Piers = {
-        name: value
+    found: Named = {
+        key: value
         if value is None
-        else checks.shared_or_each(f"piers.{name}", value, 2, "pier").tolist()
-        for name, value in given.items()
+        else checks.number(f"piers.{key}", value, name=f"{place}.{key}")
+        for key, value in given.items()
     }
-    count = np.array(found["courses"])
-    if (count % 1.0).any() or count.sum() > MOST_VOUSSOIRS:
+    if found["courses"] % 1.0:
         raise GeometryError(
-            f"piers.courses = {found['courses']} is impossible; it must be integers, "
-            f"together at most {MOST_VOUSSOIRS}"
+            f"{place}.courses = {courses} is impossible; it must be an integer"
         )
-    return found | {"courses": count.astype(int).tolist()}
+    return found | {"courses": int(courses)}
 
 
-def extended(values: FloatArray, piers: Piers, name: str) -> FloatArray:
-    """Return the values of all bodies, or joints: left pier, ring, right pier.
+def over_parts(
+    parts: Sequence[Part], values: Sequence[FloatArray | Named], key: str
+) -> FloatArray:
+    """Return the values of a key of all bodies, or of all joints if it is friction.
 
-    `values` are those of the ring. Each course of a pier has its value in ``piers[name]``; if this
-    is None, it has the first or the last value of the ring.
+    `values` are those of each span, and the keys of each pier. A pier without a value has that of
+    the rings beside it, which must agree.
     """
-    own = piers[name] or values[[0, -1]]
-    left, right = (np.full(n, each) for n, each in zip(piers["courses"], own))
-    return np.concatenate([left, values, right])
+    found = {}
+    for i, (part, own) in enumerate(zip(parts, values)):
+        if isinstance(own, Mapping):
+            beside = {float(ring[-1]) for ring in values[:i][-1:]}
+            beside |= {float(ring[0]) for ring in values[i + 1 : i + 2]}
+            if own[key] is None and len(beside) > 1:
+                raise GeometryError(
+                    f"{part.name} needs its own {key}: the rings beside it have "
+                    f"{' and '.join(f'{each:g}' for each in sorted(beside))}"
+                )
+            own = beside.pop() if own[key] is None else own[key]
+        places = part.joints if key == "friction" else part.every
+        found |= zip(places, np.broadcast_to(own, len(places)).tolist())
+    return np.array([found[place] for place in range(len(found))])
 
 
-def on_piers(ring: Ring, piers: Piers) -> Ring:
-    """Return the ring with the bodies of two piers, from the left base to the right one."""
-    left, right = (_pier(ring, place, piers) for place in (0, 1))
-    fields: Any = zip(left[:-1], ring[:-1], right[:-1])
-    inner, outer, *rows = ([*one, *two, *three[::-1]] for one, two, three in fields)
-    return Ring._make([np.array(inner), np.array(outer), *rows, ring.sense])
+def joined(
+    rings: Sequence[Ring], piers: Sequence[Named], ends: Sequence[Named]
+) -> tuple[Ring, tuple[Part, ...]]:
+    """Return the rings with their piers as one ring, and its parts from left to right.
+
+    Joints and bodies have the order of `Chain.body`. Each ring moves so that it springs flush with
+    the face of the pier before it, as high as the ring on the other side. `GeometryError` if a
+    pier does not fit.
+    """
+    moved = [*rings[:1]]
+    for ring, pier in zip(rings[1:], piers):
+        face = moved[-1].intrados[-1] + [pier["width"], 0.0]
+        moved.append(_moved(ring, face - ring.intrados[0]))
+    legs = [_pier([b, a], pier) for pier, a, b in zip(piers, moved, moved[1:])]
+    alone = len(rings) == 1 and not any(ends)
+    pieces = [(f"pier {k}", _cut(leg, slice(-1))) for k, leg in enumerate(legs, 1)]
+    if ends[0]:
+        pieces.append(("left pier", _pier(moved[:1], ends[0])))
+    for k, ring in enumerate(moved, 1):
+        pieces.append(("arch" if alone else f"span {k}", ring))
+        for leg in legs[k - 1 : k]:
+            pieces.append((f"pier {k}", _cut(leg, slice(-1, None), slice(0))))
+    if ends[1]:
+        down = slice(None, None, -1)
+        pieces.append(("right pier", _cut(_pier(moved[-1:], ends[1], 1.0), down, down)))
+    parts: dict[str, Part] = {}
+    joint = body = 0
+    for name, ring in pieces:
+        joints = range(joint, joint := joint + len(ring.intrados))
+        bodies = range(body, body := body + len(ring.sections))
+        part = Part(name, joints, bodies)
+        if name in parts:
+            part = parts.pop(name)._replace(top=bodies[0])
+        elif name == "right pier":
+            part = Part(name, joints[::-1], bodies[::-1])
+        parts[name] = part
+    if body > MOST_VOUSSOIRS:
+        raise GeometryError(
+            f"the bridge has {body} bodies; it may have {MOST_VOUSSOIRS}"
+        )
+    fields: Any = [*zip(*(ring[:6] for _, ring in pieces))]
+    whole = [*map(np.concatenate, fields[:2]), *(sum(each, []) for each in fields[2:])]
+    paths = [[body + k - 1, *parts[f"pier {k}"].every] for k in range(1, len(rings))]
+    spine = range(sum(len(path) - 2 for path in paths), body)
+    paths.append([-1, *spine, body + len(legs)])
+    pairs = np.array([pair for path in paths for pair in pairwise(path)])
+    return Ring(*whole, rings[0].sense, pairs if legs else None), (*parts.values(),)
 
 
-def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
+def _cut(ring: Ring, bodies: slice, joints: slice = slice(None)) -> Ring:
+    """Return some bodies and some joints of a ring."""
+    rows = [field[bodies] for field in ring[2:6]]
+    return Ring(ring.intrados[joints], ring.extrados[joints], *rows, ring.sense)
+
+
+def _moved(ring: Ring, shift: FloatArray) -> Ring:
+    """Return a ring elsewhere, by `shift` (2,) [m]."""
+    return Ring(
+        ring.intrados + shift,
+        ring.extrados + shift,
+        [(area, centroid + shift, polar) for area, centroid, polar in ring.sections],
+        [outline + shift for outline in ring.outlines],
+        [back + shift for back in ring.backs],
+        [surface + [*shift, 0.0] for surface in ring.surfaces],
+        ring.sense,
+    )
+
+
+def _pier(rings: Sequence[Ring], pier: Named, side: float = -1.0) -> Ring:
     """Return the joints and courses of one pier, from its base up.
 
-    `place` is 0 for the left pier, 1 for the right one. Joints are level; the top course is cut to
-    the skewback. `GeometryError` if the pier does not fit it.
+    `rings` are the ring on it, or those right and left of an inner pier. An outer pier is upright
+    below the intrados and reaches from there to its `side`; both faces of an inner pier lean
+    alike. Joints are level; the top course is cut to the skewbacks. `GeometryError` if it does not
+    fit.
     """
-    side, name = _SIDES[place]
-    end = -place
-    keys = ("height", "width", "base_width", "above")
-    height, width, base_width, above = (piers[key][place] for key in keys)
-    inner = ring.intrados[end]
-    outer = ring.extrados[end]
-    courses = piers["courses"][place]
-    base = inner[1] - height
-    top = outer[1] + above
-    reach = side * (outer[0] - inner[0])
+    skewbacks = [
+        (ring.intrados[end], ring.extrados[end])
+        for ring, end in zip(rings, (0, -1) if side < 0.0 else (-1,))
+    ]
+    inner = [start for start, _ in skewbacks]
+    outer = [end for _, end in skewbacks]
+    keys = ("height", "width", "base_width", "above", "courses")
+    height, width, base_width, above, courses = (pier[key] for key in keys)
+    base = inner[0][1] - height
+    tops = [end[1] + above for end in outer]
+    if above > 0.0:
+        tops = [max(tops)] * len(tops)
     level = base + height * np.arange(courses) / courses
-    slip = 1e-9 * width
-    if level[-1] >= outer[1]:
-        raise GeometryError(
-            f"piers: the {name} springing joint reaches down to {outer[1]:.6g} m, "
-            f"below the last bed at {level[-1]:.6g} m; the pier must have fewer "
-            "courses or more height"
-        )
+    full = tops[0] if len(rings) == 1 else inner[0][1]
 
     def out(y):
-        return base_width + (width - base_width) * (y - base) / (top - base)
+        return base_width + (width - base_width) * (y - base) / (full - base)
 
-    if not -slip <= reach <= min(width, out(outer[1])) + slip:
-        raise GeometryError(
-            f"piers.width = {width:g} m is impossible; the {name} springing joint "
-            f"reaches {reach:.6g} m outwards, which must be from 0 to the width of "
-            "the pier there"
+    if len(rings) == 1:
+        _check_pier(
+            rings, skewbacks, pier, side, level[-1], min(width, out(outer[0][1]))
         )
-    if (
-        above > 0.0
-        and (side * np.concatenate(ring.outlines)[:, 0]).max() > side * outer[0] + slip
-    ):
-        raise GeometryError(
-            f"piers.above must be 0 on the {name}, where the ring bulges outwards"
-        )
-    inside = np.column_stack([np.full(courses, inner[0]), level])
-    outside = np.column_stack([inner[0] + side * out(level), level])
-    upper = np.array([[outer[0], top], [inner[0] + side * width, top]])
-    upper = upper[[above > 0.0, width - reach > slip]]
+        faces = np.full(courses, inner[0][0]), inner[0][0] + side * out(level)
+        upper = [[outer[0][0], tops[0]], [inner[0][0] + side * width, tops[0]]]
+    else:
+        _check_pier(rings, skewbacks, pier, side, level[-1], width)
+        lean = 0.5 * side * (out(level) - width)
+        faces = inner[0][0] - lean, inner[1][0] + lean
+        upper = [[end[0], top] for end, top in zip(outer, tops)]
+    inside, outside = (np.column_stack([face, level]) for face in faces)
     outlines = [
         np.vstack([inside[i : i + 2], outside[i : i + 2][::-1]]) for i in range(courses)
     ]
-    outlines[-1] = np.vstack([inside[-1], inner, outer, upper, outside[-1]])
+    crest = [
+        inside[-1],
+        inner[0],
+        outer[0],
+        *upper,
+        *outer[1:],
+        *inner[1:],
+        outside[-1],
+    ]
+    apart = [length_of(np.array(line)) > 1e-9 * width for line in pairwise(crest)]
+    outlines[-1] = np.array(crest)[[True, *apart]]
     sections = [polygon_section(each) for each in outlines]
     backs = [centroid for _, centroid, _ in sections]
-    surface = np.array([[*outlines[-1][-2], 0.0], [outer[0], top, 0.0]])[:: -int(side)]
+    surface = np.pad(upper[:: int(side)], ((0, 0), (0, 1)))
     surfaces = [np.empty((0, 3))] * (courses - 1) + [surface]
-    return Ring(inside, outside, sections, outlines, backs, surfaces, ring.sense)
+    return Ring(inside, outside, sections, outlines, backs, surfaces, 1)
+
+
+def _check_pier(
+    rings, skewbacks, pier: Named, side: float, bed: float, wide: float
+) -> None:
+    """Raise `GeometryError` unless a pier fits its skewbacks.
+
+    `bed` is the level of its last bed, `wide` its least width at the skewbacks [m]; the other
+    arguments are those of `_pier`.
+    """
+    name = (
+        "an inner pier"
+        if len(rings) > 1
+        else f"the {'left' if side < 0 else 'right'} pier"
+    )
+    slip = 1e-9 * pier["width"]
+    reaches, bulges = [], []
+    for sense, ring, (inner, outer) in zip((side, -side), rings, skewbacks):
+        if bed >= outer[1]:
+            raise GeometryError(
+                f"the springing joint on {name} reaches down to {outer[1]:.6g} m, below its last "
+                f"bed at {bed:.6g} m; the pier must have fewer courses or more height"
+            )
+        reaches.append(sense * (outer[0] - inner[0]))
+        bulges.append(
+            (sense * np.concatenate(ring.outlines)[:, 0]).max() - sense * inner[0]
+        )
+    if min(reaches) < -slip or sum(reaches) > wide + slip:
+        texts = " and ".join(f"{reach:.6g}" for reach in reaches)
+        raise GeometryError(
+            f"width = {pier['width']:g} m of {name} is impossible; the springing joints on it "
+            f"reach {texts} m over it, which must be from 0 to its width there"
+        )
+    if sum(bulges) > pier["width"] + slip and len(rings) > 1:
+        raise GeometryError(
+            f"width = {pier['width']:g} m of {name} is impossible; the rings overlap above it"
+        )
+    if pier["above"] > 0.0 and np.any(np.subtract(bulges, reaches) > slip):
+        raise GeometryError(f"above of {name} must be 0, where a ring bulges over it")
 
 
 def checked_fill(
@@ -186,12 +328,12 @@ def fill_weighs(fill: Mapping[str, Any]) -> bool:
 
 
 def weight_of_fill(
-    ring: Ring, springings: tuple[int, int], fill: dict[str, float], depth: FloatArray
+    ring: Ring, spans: Sequence[Part], fill: dict[str, float], depth: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the weight of fill and backing on each body, and where it acts.
 
-    Shapes are ``(n,)`` [N] and ``(n, 2)`` [m]. `springings` are the first and the last joint of
-    the ring; `depth` is that of each body [m]. The column above each body reaches from the upward
+    Shapes are ``(n,)`` [N] and ``(n, 2)`` [m]. `spans` are parts of the ring; `depth` is that of
+    each body [m]. The column above each body reaches from the upward
     sides of its extrados to the level of the fill. With the areas A and first moments S of the
     columns up to the levels of the fill and of the backing,
 
@@ -201,10 +343,12 @@ def weight_of_fill(
     on each other, so that no voussoir carries the overturning moment of the column above it.
     `GeometryError` if the backing reaches above the fill.
     """
-    first, last = springings
-    sides = (side for line in ring.surfaces[first:last] for side in cut_sides(line))
-    crown = max(point[1] for side in sides for point in side)
-    springing = 0.5 * (ring.intrados + ring.extrados)[[first, last], 1].min()
+    backs = [ring.surfaces[body] for span in spans for body in span.bodies]
+    crown = max(
+        point[1] for line in backs for side in cut_sides(line) for point in side
+    )
+    ends = [span.joints[end] for span in spans for end in (0, -1)]
+    springing = 0.5 * (ring.intrados + ring.extrados)[ends, 1].min()
     level = crown + fill["height_over_crown"]
     backed = springing + fill["backing_height"]
     if backed > level and fill["backing_height"] > 0.0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from operator import itemgetter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,9 +24,10 @@ End = tuple[int, float, float]  # end of a tie: voussoir, x and y [m]
 
 
 class Given(NamedTuple):
-    """Inputs that an arch is built of.
+    """Inputs that an arch, or the first span of a bridge, is built of.
 
-    `piers` and `fill` hold the arguments of `Arch.on_piers` and `Arch.filled`, if it has any.
+    `piers` and `ends` are those of `Bridge`, `fill` holds the arguments of `Arch.filled`. On piers
+    `friction` may be that of each joint of the whole arch.
     """
 
     profile: str
@@ -37,7 +38,9 @@ class Given(NamedTuple):
     density: ArrayLike = 2000.0
     depth: ArrayLike = 1.0
     dead_load: ArrayLike | None = None
-    piers: Named | None = None
+    spans: tuple[Given, ...] = ()  # the others
+    piers: Any = ()
+    ends: Any = None
     fill: Named | None = None
 
 
@@ -46,63 +49,108 @@ def fields_of(given: Given) -> Named:
 
     `GeometryError` names the parameter that is impossible.
     """
-    ring = given.ring
-    count = len(ring.outlines)
-    if given.piers is not None or given.fill is not None:
-        bridge.check_upright(ring, given.free_end)
-    load = 0.0 if given.dead_load is None else given.dead_load
-    weight = checks.shared_or_each("dead_load", load, count, "voussoir")
-    density = checks.shared_or_each("density", given.density, count, "voussoir")
-    depth = checks.shared_or_each("depth", given.depth, count, "voussoir")
+    spans = (given, *given.spans)
+    if given.spans or given.ends or given.fill:
+        for each in spans:
+            bridge.check_upright(each.ring, each.free_end)
+    piers = bridge.listed("piers", given.piers, len(given.spans))
+    ends = bridge.listed("ends", given.ends, 2)
+    ring, parts = bridge.joined([each.ring for each in spans], piers, ends)
+    joints = len(ring.intrados) - given.free_end
+    if given.free_end:
+        parts = (parts[0]._replace(joints=range(joints)),)
+    legs = [each for each in (ends[0], *piers, ends[1]) if each]
+    friction = _over("friction", parts, spans, legs)
+    depth = _over("depth", parts, spans, legs)
+    loads = [(_over("dead_load", parts, spans, legs), np.array(ring.backs))]
     more: Named = {}
-    left = 0
-    if given.piers is None:
-        friction = _coefficients(given, count)
-    else:
-        piers = bridge.checked_piers(**given.piers)
-        left, right = piers["courses"]
-        ring = bridge.on_piers(ring, piers)
-        if np.shape(given.friction) != (count + 1 + left + right,):
-            friction = bridge.extended(_coefficients(given, count), piers, "friction")
-        elif piers["friction"] is None:
-            friction = _coefficients(given, count + left + right)
-        else:
-            raise GeometryError(
-                "piers.friction is given, and friction for each of their joints"
-            )
-        weight = np.pad(weight, (left, right))
-        density = bridge.extended(density, piers, "density")
-        depth = bridge.extended(depth, piers, "depth")
-        more["piers"] = {name: each and plain(each) for name, each in piers.items()}
-        more["piers"]["courses"] = piers["courses"]
-    loads = [(weight, np.array(ring.backs))]
     if given.fill is not None:
         more["fill"] = bridge.checked_fill(**given.fill)
-        springings = (left, left + count)
-        loads.append(bridge.weight_of_fill(ring, springings, more["fill"], depth))
-    if given.profile != "block":
-        # With fill, none would say that nothing lies on the ring.
-        more["dead_load"] = plain(given.dead_load if given.fill is None else load)
-    matter = {
-        name: plain(value)
-        for name, value in given._asdict().items()
-        if name in VARIABLE and name != "dead_load"
-    }
+        on = [part for part in parts if "pier" not in part.name]
+        loads.append(bridge.weight_of_fill(ring, on, more["fill"], depth))
+    for name, each in (("piers", piers), ("ends", ends)):
+        if any(each):
+            same = all(pier == each[0] for pier in each)
+            more[name] = each[0] if same else [pier or None for pier in each]
+    surface_density = _over("density", parts, spans, legs) * depth
     return {
-        "chain": rings.chain_of(ring, friction, density * depth, loads),
+        "chain": rings.chain_of(ring, friction, surface_density, loads),
         "intrados": ring.intrados,
         "extrados": ring.extrados,
         "outlines": tuple(ring.outlines),
         "free_end": given.free_end,
         "flipped": ring.sense < 0,
         "given": given,
-        "parameters": {"profile": given.profile, **given.shape, **matter, **more},
+        "parameters": _parameters(spans) | more,
+        "parts": parts,
+        "whole": ring,
+        "depths": depth,
     }
 
 
-def _coefficients(given: Given, bodies: int) -> FloatArray:
-    joints = bodies + (not given.free_end)
-    return checks.shared_or_each("friction", given.friction, joints, "joint")
+def _over(
+    key: str,
+    parts: Sequence[bridge.Part],
+    spans: Sequence[Given],
+    legs: Sequence[Named],
+) -> FloatArray:
+    """Return the values of a key of all bodies, or of all joints if it is friction.
+
+    `legs` are the keys of the piers, from left to right.
+    """
+    noun = "joint" if key == "friction" else "voussoir"
+    value = getattr(spans[0], key)
+    joints = sum(len(part.joints) for part in parts)
+    if legs and noun == "joint" and np.shape(value) == (joints,):
+        if any(leg["friction"] is not None for leg in legs):
+            raise GeometryError(
+                "a pier has friction, and so has each joint; leave one out"
+            )
+        return checks.shared_or_each(key, value, joints, noun)
+    left = iter(spans), iter(legs)
+    values: list[Any] = []
+    for part in parts:
+        if "pier" in part.name:
+            values.append({"dead_load": 0.0, **next(left[1])})
+            continue
+        value = getattr(next(left[0]), key)
+        size = len(part.joints if noun == "joint" else part.bodies)
+        values.append(
+            checks.shared_or_each(key, 0.0 if value is None else value, size, noun)
+        )
+    return bridge.over_parts(parts, values, key)
+
+
+def _parameters(spans: Sequence[Given]) -> Named:
+    """Return what was given of rings, for strict JSON; keys that differ are in `spans`."""
+    of_each: list[Named] = []
+    for given in spans:
+        load = 0.0 if given.dead_load is None and spans[0].fill else given.dead_load
+        keys = [key for key in given._fields if key in VARIABLE]
+        told = {key: plain(getattr(given, key)) for key in keys if key != "dead_load"}
+        # With fill, none would say that nothing lies on the ring.
+        told |= {} if given.profile == "block" else {"dead_load": plain(load)}
+        of_each.append({"profile": given.profile, **given.shape, **told})
+    first, *others = of_each
+    if not others:
+        return first
+    if all(each == first for each in others):
+        return first | {"spans": len(of_each)}
+    missing = object()
+    shared = {
+        key: value
+        for key, value in first.items()
+        if all(each.get(key, missing) == value for each in others)
+    }
+    own = [
+        {
+            key: value
+            for key, value in each.items()
+            if key not in shared and value is not None
+        }
+        for each in of_each
+    ]
+    return shared | {"spans": own}
 
 
 def plain(value: ArrayLike | None):
@@ -123,6 +171,7 @@ def tie_row(
     strength: float,
     rupture: float,
     ends: Sequence[End] | None,
+    span: int,
 ) -> list[float]:
     """Return the row of ``Chain.tie`` of a tie; arguments are those of `Arch.tied`."""
     if (level is None) == (ends is None):
@@ -135,7 +184,11 @@ def tie_row(
                 f"{name} = {value} is impossible; it must exceed 0 {unit}"
             )
     checks.number("ties.prestress", prestress, most=strength)
-    both = _checked_ends(arch, ends) if level is None else _at_level(arch, float(level))
+    both = (
+        _checked_ends(arch, ends)
+        if level is None
+        else _at_level(arch, float(level), span)
+    )
     points = np.array([end[1:] for end in both], dtype=float)
     length = length_of(points)
     if not length > SMALLEST:
@@ -156,19 +209,23 @@ def tie_row(
     return [*bodies, *points.ravel(), rate, length - stretched, strength, rupture]
 
 
-def _at_level(arch: Shape, level: float) -> list[End]:
-    """Return the leftmost and the rightmost point of the outlines at a height, as ends of a tie.
+def _at_level(arch: Shape, level: float, span: int) -> list[End]:
+    """Return the leftmost and the rightmost point of a span at a height, as ends of a tie.
 
-    `GeometryError` unless they lie on two voussoirs.
+    The piers beside the span belong to it. `GeometryError` unless the points lie on two voussoirs.
     """
     found: list[End] = []
-    for body, outline in enumerate(arch.outlines):
+    place = arch.parts.index(arch.spans[span - 1])
+    near = arch.parts[max(place - 1, 0) : place + 2]
+    bodies = [body for part in near for body in part.every]
+    outlines = [arch.outlines[body] for body in bodies]
+    for body, outline in zip(bodies, outlines):
         for (x, y), (u, v) in zip(outline.tolist(), following(outline).tolist()):
             if (y - level) * (v - level) <= 0.0 and y != v:
                 found.append((body, x + (level - y) / (v - y) * (u - x), level))
     outermost = [end(found, key=itemgetter(1)) for end in (min, max) if found]
     if len({body for body, *_ in outermost}) < 2:
-        height = np.concatenate(arch.outlines)[:, 1]
+        height = np.concatenate(outlines)[:, 1]
         raise GeometryError(
             f"level = {level:g} m is impossible for a tie; there must be a voussoir "
             f"at either end, and the arch lies between {height.min():.4g} and "
@@ -181,7 +238,7 @@ def _checked_ends(arch: Shape, ends: Sequence[End] | None) -> list[End]:
     """Check the two ends of a tie and return them; `GeometryError` if they are impossible."""
     both = [(int(body), float(x), float(y)) for body, x, y in ends or ()]
     bodies = {body for body, *_ in both}
-    last = arch.n_voussoir - 1 + (not arch.free_end)
+    last = arch.n_voussoir + len(arch.bases) - 2
     on_arch = bodies & {*range(arch.n_voussoir)}
     if (
         len(both) != 2
@@ -191,7 +248,7 @@ def _checked_ends(arch: Shape, ends: Sequence[End] | None) -> list[End]:
     ):
         raise GeometryError(
             f"ends = {ends} is impossible for a tie; it must be two of (voussoir, x, y) with "
-            f"different voussoirs from -1 (the left springing) to {last}, not both springings"
+            f"different voussoirs from -1 (the left springing) to {last}, not both on the ground"
         )
     if not np.isfinite([end[1:] for end in both]).all():
         raise GeometryError(

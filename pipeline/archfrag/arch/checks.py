@@ -50,11 +50,12 @@ def number(
     most: float = np.inf,
     closed: bool = True,
     meaning: str = "",
+    name: str = "",
 ) -> float:
     """Return one number within the bounds of its key in `PROPERTIES`.
 
     `least` and `most` may narrow the bounds. The bounds themselves are allowed only if `closed`.
-    `meaning` explains them in the message.
+    `meaning` explains them in the message, which shows `name` in the place of the key if given.
     """
     about = PROPERTIES[key]
     ends = max(least, about.least), min(most, about.most)
@@ -65,9 +66,10 @@ def number(
     allowed = f"a number {' and '.join(limits)}{f' ({meaning})' if meaning else ''}"
 
     def fits(x) -> bool:
-        return ends[0] < x < ends[1] or (closed and x in ends)
+        within = ends[0] < x < ends[1] or (closed and x in ends)
+        return within or (x == np.inf and bool(about.infinite))
 
-    return float(_floats(key, value, allowed, fits))
+    return float(_floats(name or key, value, allowed, fits))
 
 
 def count(name: str, value) -> int:

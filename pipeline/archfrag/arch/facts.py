@@ -28,16 +28,15 @@ quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 def facts_of(arch: Shape) -> Named:
     """Return what can be checked by hand: dimensions, places [m], weights and forces [N].
 
-    Keys are span, rise and thickness; springings, the ends of their joints at intrados and
-    extrados (only one with a free end); weights of ring, piers, fill (with backing) and dead_load;
+    Keys are span, rise and thickness, of the widest ring; springings, the ends of their joints at
+    intrados and extrados (only one with a free end); weights of ring, piers, fill (with backing) and dead_load;
     and ties, with ends, prestress and strength of each.
     """
     span, rise, thickness = arch.dimensions
-    first, last = arch.springings
-    lines = arch.ring_lines
-    if arch.chain.start is not None:  # where they have moved to
-        lines = arch.intrados[first : last + 1], arch.extrados[first : last + 1]
-    joints = np.stack(lines, axis=1)
+    # Where they have moved to, if they have.
+    still = arch.whole if arch.joints and arch.chain.start is None else arch
+    ends = [each.joints[end] for each in arch.spans for end in (0, -1)]
+    ends = ends[:1] if arch.free_end else ends
     gravity = arch.chain.gravity
     given = arch.parameters
     fill = 0.0
@@ -46,15 +45,15 @@ def facts_of(arch: Shape) -> Named:
         without = fields_of(arch.given._replace(fill=None))["chain"].mass * gravity
         fill = float((masonry - without).sum())
         masonry = without
-    load = given.get("dead_load") or 0.0
-    dead = float(np.broadcast_to(load, last - first).sum())
-    ring = float(masonry[first:last].sum()) - dead
-    piers = float(masonry[:first].sum() + masonry[last:].sum())
+    dead = dead_weight(arch)
+    rings = [body for each in arch.spans for body in each.bodies]
+    ring = float(masonry[rings].sum()) - dead
+    piers = float(np.delete(masonry, rings).sum())
     return {
         "span": span,
         "rise": rise,
         "thickness": thickness,
-        "springings": joints[[0] if arch.free_end else [0, -1]].tolist(),
+        "springings": np.stack([still.intrados, still.extrados], axis=1)[ends].tolist(),
         "weights": {"ring": ring, "piers": piers, "fill": fill, "dead_load": dead},
         "ties": [
             {
@@ -67,13 +66,26 @@ def facts_of(arch: Shape) -> Named:
     }
 
 
+def dead_weight(arch: Shape) -> float:
+    """Return the dead load on all rings [N]."""
+    loads = [
+        np.broadcast_to(
+            np.nan_to_num(np.array(given.dead_load, float)), len(span.bodies)
+        )
+        for given, span in zip((arch.given, *arch.given.spans), arch.spans)
+    ]
+    return float(np.sum(np.concatenate(loads)))
+
+
 def facts_text(arch: Shape) -> str:
     """Return weights, forces of ties and places of springings as one line of text."""
     facts = facts_of(arch)
     names = {
-        "ring": "the blocks weigh" if arch.free_end else "the ring weighs",
+        "ring": "the ring weighs",
         "dead_load": "dead load",
     }
+    if arch.free_end or len(arch.spans) > 1:
+        names["ring"] = f"the {'blocks' if arch.free_end else 'rings'} weigh"
     weights = [
         f"{names.get(name, name)} {force_text(weight)}"
         for name, weight in facts["weights"].items()
@@ -91,7 +103,7 @@ def facts_text(arch: Shape) -> str:
     ends = [f"({x:.4g}, {y:.4g})" for joint in facts["springings"] for x, y in joint]
     where = f"it stands from {ends[1]} to {ends[0]} m"
     if not arch.free_end:
-        where = f"springings at {ends[0]} and {ends[2]} m (intrados)"
+        where = f"springings at {ends[0]} and {ends[-2]} m (intrados)"
     return "; ".join([*texts, where])
 
 
@@ -114,22 +126,20 @@ def _doubtful(arch: Shape) -> Iterator[tuple[str, str]]:
     """Yield the key and a text for each value of an arch beyond what is usual."""
     given = arch.parameters
     span, _, thickness = arch.dimensions
-    first, last = arch.springings
     values = {**given, "friction": arch.chain.friction}
     if arch.free_end:
         values["height"] = arch.extent[1]
     else:
         # Springings of a horseshoe are nearer to each other than its haunches.
-        reach = np.ptp(arch.intrados[first : last + 1, 0])
+        reach = max(np.ptp(arch.lines_of(each)[0][:, 0]) for each in arch.spans)
         values |= {"thickness": thickness, "span": max(span, reach)}
     if "fill" in given and not given["fill"]["backing_height"]:
         values["fill"] = {**given["fill"], "backing_unit_weight": None}
     values.pop("ties", None)
     for key in PROPERTIES:
         yield from ((key, text) for text in unusual(key, value_of(values, key)))
-    load = np.sum(given.get("dead_load") or 0.0)
+    load = dead_weight(arch)
     if load:
-        load *= 1 if np.ndim(given["dead_load"]) else last - first
         weight = facts_of(arch)["weights"]["ring"]
         if not LOADS[0] <= load / weight <= LOADS[1]:
             yield (

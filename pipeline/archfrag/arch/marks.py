@@ -3,12 +3,12 @@
 `archfrag.plots` paints them by matplotlib, `archfrag.report.arch_figure` as SVG.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.arch.bridge import fill_weighs
+from archfrag.arch.bridge import Part, fill_weighs
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import rotated
 from archfrag.arch.shape import Shape
@@ -52,7 +52,7 @@ def arch_marks(arch: Shape) -> list[Mark]:
     marks += [Mark("stone", o, [body]) for body, o in enumerate(arch.outlines)]
     marks += [Mark(*rod) for rod in arch.rods]
     size = np.ptp(np.concatenate([mark.points for mark in marks]), axis=0).max()
-    for joint in (0,) if arch.free_end else (0, arch.n_joint - 1):
+    for joint, _ in arch.bases.values():
         inner = arch.intrados[joint]
         outer = arch.extrados[joint]
         reach = _OVERHANG * size * (outer - inner) / np.linalg.norm(outer - inner)
@@ -65,11 +65,20 @@ def mechanism_marks(
 ) -> list[Mark]:
     """Return a mark for the face of each sliding joint and for the point of each hinge.
 
-    `hinges` are pairs of joint and side, "intrados" or "extrados".
+    `hinges` are pairs of joint and side, as of `Arch.corner_name`.
     """
     faces = np.stack([arch.intrados, arch.extrados], axis=1)
     marks = [Mark("sliding", faces[joint]) for joint in sliding]
-    return marks + [Mark("hinge", getattr(arch, side)[[j]]) for j, side in hinges]
+    return marks + [Mark("hinge", point[None]) for point in hinge_points(arch, hinges)]
+
+
+def hinge_points(
+    arch: Shape, hinges: Sequence[tuple[int, str]]
+) -> Iterator[FloatArray]:
+    """Return where hinges are (2,) [m]; `hinges` are pairs of joint and side."""
+    sides = {"intrados": arch.intrados, "extrados": arch.extrados}
+    sides |= {"right": arch.intrados, "left": arch.extrados}
+    return (sides[side][joint] for joint, side in hinges)
 
 
 def frame(
@@ -97,27 +106,38 @@ def _fill_outlines(arch: Shape) -> list[FloatArray]:
 
     They follow the extrados by its chords between joints.
     """
-    first, last = arch.springings
     fill = arch.parameters.get("fill")
     if not fill or not fill_weighs(fill):
         return []
-    back = arch.extrados[first : last + 1]
-    below = back[back[:, 0].argmin() : back[:, 0].argmax() + 1]
-    if first:  # on piers, whose tops carry fill too, from left to right
-        tops = []
-        for outline in (arch.outlines[first - 1], arch.outlines[last]):
-            high = outline[outline[:, 1] > outline[:, 1].max() - 1e-9 * np.ptp(outline)]
-            tops.append(high[high[:, 0].argsort()])
-        left, right = tops
-        left = left[left[:, 0] < below[0, 0]]
-        right = right[right[:, 0] > below[-1, 0]]
-        below = np.concatenate([left, below, right])
-    top = np.concatenate(arch.outlines[first:last])[:, 1].max()
+    lines = [_upper_line(arch, part) for part in arch.parts]
+    for i, part in enumerate(arch.parts):
+        if "pier" in part.name:  # a ring that bulges over its top hides a part of it
+            x = lines[i][:, 0]
+            least = max((line[-1, 0] for line in lines[:i][-1:]), default=-np.inf)
+            most = min((line[0, 0] for line in lines[i + 1 : i + 2]), default=np.inf)
+            lines[i] = lines[i][(x >= least) & (x <= most)]
+    below = np.concatenate(lines)
+    below = below[[True, *(np.diff(below, axis=0) != 0.0).any(axis=1)]]
+    rings = [body for span in arch.spans for body in span.bodies]
+    top = np.concatenate([arch.outlines[body] for body in rings])[:, 1].max()
     level = top + fill["height_over_crown"]
-    middle = 0.5 * (arch.intrados + arch.extrados)[[first, last], 1].min()
+    ends = [span.joints[end] for span in arch.spans for end in (0, -1)]
+    middle = 0.5 * (arch.intrados + arch.extrados)[ends, 1].min()
     levels = [level, min(level, middle + fill["backing_height"])]
     outlines = []
     for top in levels[: 1 + (fill["backing_height"] > 0.0)]:
         line = np.column_stack([below[:, 0], np.minimum(below[:, 1], top)])
         outlines.append(np.concatenate([line, [[line[-1, 0], top], [line[0, 0], top]]]))
     return outlines
+
+
+def _upper_line(arch: Shape, part: Part) -> FloatArray:
+    """Return the points of a part under fill, from left to right, (m, 2) [m]."""
+    if "pier" not in part.name:
+        back = arch.extrados[part.joints[0] : part.joints[-1] + 1]
+        return back[back[:, 0].argmin() : back[:, 0].argmax() + 1]
+    body = part.every[-1]
+    surface = arch.whole.surfaces[body][:, :2]
+    high = (arch.whole.outlines[body][:, None] == surface).all(axis=2).any(axis=1)
+    line = arch.outlines[body][high]
+    return line[line[:, 0].argsort()]

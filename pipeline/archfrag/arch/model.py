@@ -87,21 +87,30 @@ class Arch(Shape):
     def _frame(self, *motion) -> tuple[FloatArray, FloatArray]:
         return frame(self, *motion)
 
-    def corner_name(self, corner: int) -> str:
+    def corner_name(self, corner: int, joint: int | None = None) -> str:
         """Return the user's name of a corner of the joints, "intrados" or "extrados".
 
-        `corner` is 0 or 1, as the chain numbers them.
+        `corner` is 0 or 1, as the chain numbers them. At a `joint` of an inner pier it is "right"
+        or "left".
         """
+        if joint is not None and any(
+            part.name.startswith("pier") and joint in part.joints for part in self.parts
+        ):
+            return ("right", "left")[corner]
         return ("intrados", "extrados")[corner != self.flipped]
 
     def __repr__(self) -> str:
         given = self.parameters
         width, height = self.extent
         facts = [f"{key} {given[key]:g} m" for key in _SHOWN if key in given]
+        many = len(self.spans) > 1
+        name = (
+            f"Bridge of {len(self.spans)} spans" if many else f"Arch {given['profile']}"
+        )
         facts = facts or [f"{width:.3g} m wide", f"{height:.3g} m high"]
         weight = self.chain.mass.sum() * self.chain.gravity / 1e3
         return (
-            f"<Arch {given['profile']}: {counted(self.n_voussoir, 'voussoir')}, "
+            f"<{name}: {counted(self.n_voussoir, 'voussoir')}, "
             f"{counted(self.n_joint, 'joint')}; {', '.join(facts)}; {weight:.3g} kN>"
         )
 
@@ -442,6 +451,7 @@ class Arch(Shape):
         strength: float = np.inf,
         rupture: float = np.inf,
         ends: Sequence[tuple[int, float, float]] | None = None,
+        span: int | None = None,
     ) -> Arch:
         """Return the arch with one more tie: a bar that only pulls.
 
@@ -461,8 +471,10 @@ class Arch(Shape):
         rupture : float
             Elongation at which it breaks [m].
         ends : two of (int, float, float), optional
-            Voussoir, x and y [m] of each end, instead of `level`; the left springing is voussoir
-            -1, the right one comes after the last voussoir.
+            Voussoir, x and y [m] of each end, instead of `level`; the left base is voussoir -1, the
+            other bases come after the last voussoir.
+        span : int, optional
+            Span of a tie at a `level`, from 1; if not given, each span gets one.
 
         Examples
         --------
@@ -472,7 +484,12 @@ class Arch(Shape):
         >>> af.onset(tied).plus > af.onset(arch).plus
         True
         """
-        given = {
+        spans = range(1, len(self.spans) + 1)
+        if span not in (None, *spans) or (span and ends):
+            raise GeometryError(
+                f"span = {span} is impossible for a tie; it must be 1 to {len(spans)}, without ends"
+            )
+        given: Named = {
             "level": level,
             "area": area,
             "modulus": modulus,
@@ -481,9 +498,15 @@ class Arch(Shape):
             "rupture": rupture,
             "ends": ends,
         }
+        if len(spans) > 1 and span is None and ends is None:
+            arch: Arch = self
+            for number in spans:
+                arch = arch.tied(**given, span=number)
+            return arch
         if self.chain.joint is not None:
             raise GeometryError("a tie needs rigid joints: joints.model inset")
-        row = tie_row(self, **given)  # type: ignore[arg-type]
+        row = tie_row(self, **given, span=span or 1)
+        given["span"] = span
         ties = [row] if self.chain.tie is None else [*self.chain.tie, row]
         told = {
             key: value for key, value in given.items() if value not in (None, np.inf)
@@ -562,38 +585,6 @@ class Arch(Shape):
             parameters={**self.parameters, "recess": recess},
         )
 
-    def on_piers(self, height: ArrayLike, width: ArrayLike, **more) -> Arch:
-        """Return the arch on two piers or buttresses, which are further bodies of its chain.
-
-        Each is cut to a springing joint of the ring, the skewback. Its other joints are level. Its
-        inner face is upright below the intrados; the outer one is straight. Joints count from the
-        left base over the ring to the right one; at piers the intrados is the inner face. Each
-        value is one for both piers, or a pair for the left and the right one. `GeometryError` if a
-        pier does not fit the skewback.
-
-        Parameters
-        ----------
-        height : float
-            From the base to the intrados of the springing [m].
-        width, base_width : float
-            From the inner to the outer face at the top, and at the base if it differs [m].
-        courses : int, optional
-            Bodies, equally high but for the top one, which is cut to the skewback; 1 by default.
-        above : float, optional
-            Height of the level top over the extrados of the springing, 0 by default [m].
-        friction, density, depth : float, optional
-            If not given, those of the ring's joint or voussoir at the springing.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> ring = af.Arch.circular(10.75, 1.5, 120.0, voussoirs=12, friction=0.7)
-        >>> nave = ring.on_piers(height=20.0, width=5.0, courses=4)
-        >>> nave.n_voussoir, nave.springings, af.onset(nave).hinges[0]
-        (20, (4, 16), (0, 'extrados'))
-        """
-        return self._with(piers={"height": height, "width": width, **more})
-
     def filled(self, height_over_crown: float, unit_weight: float, **more) -> Arch:
         """Return the arch with the weight and mass of fill and backing over its extrados.
 
@@ -627,12 +618,12 @@ class Arch(Shape):
         later = set(LATER) & set(self.parameters)
         if later:
             raise GeometryError(
-                f"the arch has {', '.join(sorted(later))} already; on_piers and filled come before"
+                f"the arch has {', '.join(sorted(later))} already; Bridge and filled come before"
             )
         return self.rebuilt(**more)._warned(*more)
 
     def rebuilt(self, **more) -> Arch:
-        """Build the arch anew with some of its inputs replaced, such as `piers` or `fill`.
+        """Build the arch anew with some of its inputs replaced, such as `fill`.
 
         The names are those of `Given`. Recesses, moved springings and ties are not kept.
         """
@@ -659,6 +650,59 @@ class Arch(Shape):
         """
         facts.warn_of_units(facts.unit_cautions(self, *keys))
         return self
+
+
+class Bridge(Arch):
+    """Arches in a row on piers between them, with outer springings on the ground or on piers.
+
+    The top course of an inner pier is cut to the springing joints of two rings, so that bodies are
+    a tree. Each ring moves to spring from the faces of its piers, its intrados as high as that of
+    the ring beside it. Joints and bodies count pier by pier, each from its base upwards; then from
+    the left base over rings and top courses to the right one. `Arch.place` names a joint. Whatever
+    takes an `Arch` takes a bridge. `GeometryError` if a pier does not fit its springing joints.
+
+    Parameters
+    ----------
+    rings : sequence of Arch
+        From left to right; a ring may occur several times. With one ring and `ends` the bridge is
+        an arch on two piers or buttresses.
+    piers : mapping or sequence of mappings
+        Inner piers: one for all, or one fewer than rings. Keys are height, from the base to the
+        intrados of the springing, and width there [m]; base_width, if it differs [m]; courses,
+        bodies equally high but for the top one, 1 by default; above, height of the level top over
+        the extrados of the springing, 0 by default [m]; friction, density [kg/m3] and depth [m],
+        if not given those of the rings beside it.
+    ends : mapping, or two of mapping or None, optional
+        Outer piers, left and right, with the same keys; on the ground where None. Their inner
+        face is upright, their width is at the top.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> ring = af.Arch.circular(2.5, 0.5, 180.0, voussoirs=9, friction=0.6)
+    >>> bridge = af.Bridge([ring, ring], piers={"height": 4.0, "width": 1.0, "courses": 2})
+    >>> bridge
+    <Bridge of 2 spans: 20 voussoirs, 22 joints; radius 2.5 m, thickness 0.5 m; 460 kN>
+    >>> bridge.place(0), bridge.place(12)
+    ('pier 1, base', 'span 2, joint 0')
+    """
+
+    def __init__(
+        self, rings: Sequence[Arch], piers: Any = (), ends: Any = None
+    ) -> None:
+        if not rings or not all(isinstance(ring, Arch) for ring in rings):
+            raise GeometryError("rings must be one Arch or more")
+        for number, ring in enumerate(rings, 1):
+            more = {*LATER, "spans", "ends", "fill"} & ring.parameters.keys()
+            if more:
+                raise GeometryError(
+                    f"ring {number} has {', '.join(sorted(more))} already; Bridge comes before"
+                )
+        first, *others = (ring.given for ring in rings)
+        super().__init__(
+            **fields_of(first._replace(spans=(*others,), piers=piers, ends=ends))
+        )
+        self._warned("piers", "ends")
 
 
 class Block(Arch):

@@ -76,22 +76,22 @@ class SlowArch:
     def place(self, base: int, move: NDArray, turn: float) -> None:
         """Place a base that has moved, with the joint face and the ends of ties on it.
 
-        `base` counts the bases from 0 at the left. `move` (2,) [m] and `turn` [rad], about the
-        middle of its joint, are those in all, not since the last call.
+        `base` is its number in `Shape.bases`. `move` (2,) [m] and `turn` [rad], about the middle
+        of its joint, are those in all, not since the last call.
         """
         model = self.model
         corners, ties = self._before
-        row = base and len(self._built.chain.mass) + base
-        ((joint, side),) = np.argwhere(model.body == row)
-        face = corners[joint, side]
+        ground = [*self._built.bases.values()][base]
+        face = corners[ground]
         middle = face.mean(axis=0)
         cosine = math.cos(turn)
         sine = math.sin(turn)
         rotation = np.array([[cosine, sine], [-sine, cosine]])
         moved = middle + move + (face - middle) @ rotation
-        model.corner[joint, side] = moved
+        model.corner[ground] = moved
         along = moved[1] - moved[0]
-        model.tangent[joint, side] = along / np.hypot(*along)
+        model.tangent[ground] = along / np.hypot(*along)
+        row = self._built.n_voussoir + base if base else 0
         for end in range(2):
             held = ties[:, Tie.BODY_0 + end] == row
             columns = slice(Tie.X_0 + 2 * end, Tie.X_0 + 2 * end + 2)
@@ -118,8 +118,10 @@ class SlowArch:
         arch = self._built
         model = self.model
         start = self._state.position[1 : 1 + arch.n_voussoir].copy()
-        before = model.corner[:, 0].copy()
-        after = model.corner[:, 1].copy()
+        before = arch.chain.face_before.copy()
+        after = arch.chain.face_after.copy()
+        for joint, side in arch.bases.values():
+            (before, after)[side][joint] = model.corner[joint, side]
         chain = arch.chain._replace(start=start, face_before=before, face_after=after)
         if len(model.tie):
             tie = model.tie.copy()
@@ -133,7 +135,9 @@ class SlowArch:
             moved = Mark("stone", points, bodies).moved
             return moved(arch.centroids, start[None, :, :2], angle[None])[0]
 
-        bodies = np.arange(len(arch.intrados)).clip(max=arch.n_voussoir - 1).tolist()
+        last = arch.n_voussoir - 1
+        bodies = [b if b <= last else a for a, b in arch.pairs.tolist()]
+        bodies += [last] * arch.free_end
         return arch.changed(
             chain=chain,
             built=arch.built or arch,

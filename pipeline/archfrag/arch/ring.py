@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # whose parts are loaded when they are used
 import shapely
+from numpy.typing import NDArray
 from scipy.special import ellipeinc
 
 from archfrag.arch import STANDARD_GRAVITY, geometry
@@ -45,6 +46,7 @@ class Ring(NamedTuple):
         FloatArray
     ]  # (m, 3) each: the back from joint to joint with bulges, for fill
     sense: int  # +1: intrados to the right from joint 0 to the last, -1: to the left
+    body: NDArray | None = None  # as `Chain.body`
 
 
 def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
@@ -294,11 +296,16 @@ def chain_of(
             f"{inertia[body]:.6g} kg m2; both must be finite and greater than 0. "
             "Check its size, density, depth and loads"
         )
-    joints = friction.size
+    pairs = pairs_of(friction.size, ring.body)
+    grounds = np.zeros((pairs.max() + 2 - mass.size, 2))  # whose frame is at the origin
+    frame = np.concatenate([centroid, grounds])[pairs]
     corners = np.stack([ring.intrados, ring.extrados][:: ring.sense], axis=1)
-    before = corners[:joints].copy()
-    after = corners[:joints].copy()
-    before[1:] -= centroid[: joints - 1, None]
-    after[: mass.size] -= centroid[:, None]
+    before, after = (corners[: friction.size] - frame[:, side, None] for side in (0, 1))
     centroid = np.ascontiguousarray(centroid)
-    return Chain(mass, inertia, centroid, before, after, friction, STANDARD_GRAVITY)
+    given = mass, inertia, centroid, before, after, friction, STANDARD_GRAVITY
+    return Chain(*given, body=ring.body)
+
+
+def pairs_of(joints: int, body: NDArray | None) -> NDArray[np.int64]:
+    """Return the bodies before and after each joint ``(joints, 2)`` by a `Chain.body`."""
+    return np.arange(joints)[:, None] - [1, 0] if body is None else body

@@ -10,9 +10,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.arch import bridge
+from archfrag.arch.bridge import Part
 from archfrag.arch.building import Given
 from archfrag.arch.checks import FloatArray
+from archfrag.arch.ring import Ring, pairs_of
 from archfrag.files import Named
 from archfrag.physics.interface import Chain
 
@@ -24,7 +25,8 @@ class Shape:
     `chain` has masses, inertias, centroids and joint faces for the kernels; if `flipped`, corner 0
     of its joints is the extrados. With a `free_end` the last voussoir touches no ground.
     `outlines` are those of the voussoirs, (m, 2) each, not closed [m]; `parameters` is what the
-    user gave, for strict JSON.
+    user gave, for strict JSON. A bridge of several spans has its joints and bodies in the order of
+    `Chain.body`.
     """
 
     chain: Chain
@@ -35,6 +37,9 @@ class Shape:
     flipped: bool
     parameters: Named
     given: Given  # inputs it was built of, before recesses, springings and ties
+    parts: tuple[Part, ...]  # spans and piers from left to right
+    whole: Ring  # its geometry before recesses and springings
+    depths: FloatArray  # of each body across the plane, (n_voussoir,) [m]
     built: Any = None  # the arch before a springing moved
 
     @property
@@ -59,51 +64,71 @@ class Shape:
         return np.ptp(np.concatenate(self.outlines), axis=0)
 
     @property
-    def springings(self) -> tuple[int, int]:
-        """First and last joint of the ring; on piers these are its skewbacks."""
-        left, right = self.parameters.get("piers", {}).get("courses", (0, 0))
-        return left, self.n_voussoir - right
+    def spans(self) -> tuple[Part, ...]:
+        """Parts that are rings, from left to right."""
+        return tuple(part for part in self.parts if "pier" not in part.name)
 
     @property
-    def depths(self) -> FloatArray:
-        """Depth of each body across the plane, (n_voussoir,) [m]."""
-        first, last = self.springings
-        piers = self.parameters.get("piers")
-        depth = np.asarray(self.parameters["depth"], float)
-        ring = np.broadcast_to(depth, last - first)
-        return bridge.extended(ring, piers, "depth") if piers else ring
+    def springings(self) -> tuple[int, int]:
+        """First joint of the first ring and last joint of the last ring; skewbacks on piers."""
+        return self.spans[0].joints[0], self.spans[-1].joints[-1] + self.free_end
+
+    @property
+    def pairs(self) -> NDArray[np.int64]:
+        """Bodies before and after each joint, numbered as in `Chain.body`, (n_joint, 2)."""
+        return pairs_of(self.n_joint, self.chain.body)
+
+    @property
+    def bases(self) -> dict[str, tuple[int, int]]:
+        """Bases by name, "left", "pier 1", ..., "right": joint and side (0 before, 1 after)."""
+        grounds = np.argwhere(
+            (self.pairs < 0) | (self.pairs >= self.n_voussoir)
+        ).tolist()
+        order = sorted(grounds, key=lambda place: self.pairs[tuple(place)])
+        inner = [f"pier {number}" for number in range(1, len(order) - 1)]
+        names = ["left", *inner, "right"][: len(order)]
+        return {name: (joint, side) for name, (joint, side) in zip(names, order)}
+
+    def place(self, joint: int) -> str:
+        """Return the name of a joint, such as "span 2, joint 5", "pier 1, base" or "joint 5"."""
+        part = next(part for part in self.parts if joint in part.joints)
+        number = part.joints.index(joint)
+        name = "base" if "pier" in part.name and not number else f"joint {number}"
+        return name if part.name == "arch" else f"{part.name}, {name}"
 
     @property
     def joint_depths(self) -> FloatArray:
         """Depth of each joint, that of the shallower of its bodies, (n_joint,) [m]."""
-        padded = np.pad(self.depths, 1, mode="edge")
-        return np.minimum(padded[:-1], padded[1:])[: self.n_joint]
+        grounds = np.full(len(self.bases), np.inf)
+        return np.append(self.depths, grounds)[self.pairs].min(axis=1)
 
     @property
     def joints(self) -> Named:
         """Parameters of joints that deform, as given; empty if joints are rigid."""
         return self.parameters.get("joints") or {}
 
-    @property
-    def ring_lines(self) -> tuple[FloatArray, FloatArray]:
-        """Ends of the ring's joints at intrados and extrados [m].
+    def lines_of(self, part: Part) -> tuple[FloatArray, FloatArray]:
+        """Return the ends of the joints of a ring at intrados and extrados [m].
 
-        If joints deform, their whole lengths count.
+        If joints deform, their whole lengths count. With a free end the free face is the last.
         """
-        if self.joints:
-            return self.given.ring.intrados, self.given.ring.extrados
-        first, last = self.springings
-        return self.intrados[first : last + 1], self.extrados[first : last + 1]
+        lines = self.whole if self.joints else self
+        rows = slice(part.joints[0], part.joints[-1] + 1 + self.free_end)
+        return lines.intrados[rows], lines.extrados[rows]
 
-    @property
-    def dimensions(self) -> tuple[float, float, float]:
-        """Clear span, rise at the joints' intrados and mean thickness of the ring [m]."""
-        inner, outer = self.ring_lines
+    def dimensions_of(self, part: Part) -> tuple[float, float, float]:
+        """Return clear span, rise at the joints' intrados and mean thickness of a ring [m]."""
+        inner, outer = self.lines_of(part)
         ends = inner[[0, -1]]
         span = abs(ends[1, 0] - ends[0, 0])
         rise = inner[:, 1].max() - ends[:, 1].min()
         thickness = np.linalg.norm(outer - inner, axis=1).mean()
         return float(span), float(rise), float(thickness)
+
+    @property
+    def dimensions(self) -> tuple[float, float, float]:
+        """Dimensions of the widest ring, as of `dimensions_of` [m]."""
+        return max(map(self.dimensions_of, self.spans))
 
     @property
     def tie_bodies(self) -> NDArray[np.int64]:

@@ -8,7 +8,7 @@ corners has passed a limit, the faces no longer overlap, or a joint has rotated 
 import math
 
 from archfrag.physics.contact.laws import touching
-from archfrag.physics.contact.placing import least_gap, slip_and_gap
+from archfrag.physics.contact.placing import least_gap, slip_and_gap, turn_of
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import flag, larger
@@ -67,7 +67,7 @@ def follow_joints(model, state, work, where, loss_limit):
         is_0, is_1 = touching(j, work)
         none = where & opposite(is_0 | is_1)
         slides = where & (work.slide[j] != 0.0)
-        rotation = state.position[j + 1, 2] - state.position[j, 2]
+        rotation = turn_of(j, model, state.position)
         if some(none | slides):
             unit = 1.0 / model.length[j]
             was_0, was_1 = touching(j, state)
@@ -104,7 +104,7 @@ def collapse_of(model, state, work, loss_limit):
     since = math.nan
     for j in range(state.slip.size):
         slip = abs(state.slip[j]) / model.length[j]
-        rotation = state.position[j + 1, 2] - state.position[j, 2]
+        rotation = turn_of(j, model, state.position)
         at_0, at_1 = touching(j, state)
         none = not (at_0 or at_1)
         lost = none and least_gap(j, work) / model.length[j] > loss_limit

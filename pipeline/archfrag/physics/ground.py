@@ -259,7 +259,7 @@ def impulse_between(grounds, clock, start, end):
 def move_ground(runs):
     """Move all bases to the middle of the next step; return the `Impulse` of that step.
 
-    Reads: runs (grounds, model.mass, state.clock).
+    Reads: runs (grounds, model (end, mass), state.clock).
     Writes: runs (state.velocity, work.free, work.position).
     """
     grounds = runs.grounds
@@ -268,20 +268,17 @@ def move_ground(runs):
     start = clock[Clock.TIME]
     end = start + clock[Clock.STEP]
     moves = grounds.far.shape[0] > 0
-    base = 0
-    for i in range(1, runs.model.mass.size):
-        if runs.model.mass[i] > 0.0:
-            continue
+    first = runs.model.end
+    for i in range(first, runs.model.mass.size):
         for c in range(2):
             middle = before = after = 0.0 * start
             if moves:
                 middle, before, after = _far_between(
-                    grounds, clock, base, c, start, end
+                    grounds, clock, i - first, c, start, end
                 )
             work.position[i, c] = middle
             runs.state.velocity[i, c] = before
             work.free[i, c] = after
-        base += 1
     return impulse_between(grounds, clock, start, end)
 
 

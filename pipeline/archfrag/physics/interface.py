@@ -10,21 +10,25 @@ from archfrag.physics.kernels.structs import struct
 
 @struct()
 class Chain(NamedTuple):
-    """Rigid bodies in a row, each touching its neighbours and the ground along straight joints.
+    """Rigid bodies that touch their neighbours and the ground along straight joints.
 
-    Joint ``j`` lies between body ``j - 1`` and body ``j``; body ``-1`` and body ``n_body`` are
-    the ground. A chain with a free end has ``n_body`` joints, any other ``n_body + 1``.
+    Joint ``j`` lies between the bodies ``body[j]``: without a table in a row between body
+    ``j - 1`` and body ``j``, where body ``-1`` and body ``n_body`` are the ground. A row with a
+    free end has ``n_body`` joints, any other ``n_body + 1``. A bridge of several spans is a row
+    from the left to the right base, the spine, and a row below each top course of an inner pier.
+    Joints and bodies of piers come first, from left to right and each from its base upwards;
+    top courses belong to the spine.
     Face corners are given in the frame of the body they belong to (origin at its centroid, axes
     as at rest); those of the ground in the ground's frame. Corner 0 is the intrados, 1 the
-    extrados; the tangent of a joint runs from corner 0 to corner 1 and its normal from body
-    ``j - 1`` to body ``j``: the tangent is the normal rotated by +90 degrees.
+    extrados; the tangent of a joint runs from corner 0 to corner 1 and its normal from the
+    body before to the body after: the tangent is the normal rotated by +90 degrees.
     """
 
     mass: ndarray  # (n_body,) [kg]
     inertia: ndarray  # (n_body,) about the centroid [kg m2]
     centroid: ndarray  # (n_body, 2) at rest, ground frame [m]
-    face_before: ndarray  # (n_joint, 2, 2) corner, xy: face on body j - 1 [m]
-    face_after: ndarray  # (n_joint, 2, 2) corner, xy: face on body j [m]
+    face_before: ndarray  # (n_joint, 2, 2) corner, xy: face on the body before [m]
+    face_after: ndarray  # (n_joint, 2, 2) corner, xy: face on the body after [m]
     friction: (
         ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
     )
@@ -36,8 +40,8 @@ class Chain(NamedTuple):
     # (n_joint, len(Joint)) with the columns of archfrag.physics.status.Joint, if joints give; None
     # if they are rigid
     joint: ndarray | None = None
-    # (n_joint, 2) bodies before and after each joint: -1 for the ground of the left base, n_body
-    # + k - 1 for that of base k; None: j - 1 and j
+    # (n_joint, 2) bodies before and after each joint, None: a row. -1 is the ground of the left
+    # base, n_body and the next are those of the inner bases and last the right one
     body: ndarray | None = None
 
 

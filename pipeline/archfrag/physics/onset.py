@@ -1,8 +1,9 @@
 """Rest range of a chain: the largest steady horizontal body force that it bears at rest.
 
 Rest is the contact problem with w = 0: reactions in equilibrium with the body forces, pressing at
-every joint and inside Coulomb's cone. In a chain all reactions follow from the one at joint 0. The
-four unknowns are therefore the two components of that force, its moment, and the load factor k.
+every joint and inside Coulomb's cone. In a chain all reactions follow from the one at joint 0, in
+a bridge from those at the left base and at the base of each inner pier. The unknowns are therefore
+the two components of each of these forces, their moments, and the load factor k.
 The dual simplex method on the joints' inequalities finds the largest k, at a cost in proportion to
 their number (static theorem; Livesley 1978, *Int. J. Num. Meth. Eng.* 12(12)). For a block this is
 Eq 13; for an arch it is the least load of Eq 28, found by its dual. The inequalities that are
@@ -20,7 +21,6 @@ from archfrag.physics.state import Model, Work
 FEASIBLE = 1e-12
 BOX = 1e5
 NO_LIMIT = 1e3
-N_UNKNOWN = 4
 HINGE_INTRADOS = 1
 HINGE_EXTRADOS = 2
 SLIDING = 4
@@ -44,12 +44,6 @@ OF_REST = {
     "centroid": (2,),
     "pull": (3,),
     "candidate": (2,),
-    "part": (3, 5),
-    "row": (5,),
-    "bound": (4,),
-    "basis": (4,),
-    "inverse": (4,),
-    "vertex": (4,),
     "reaction": (3,),
 }
 
@@ -65,24 +59,24 @@ class RestProblem(NamedTuple):
     candidate: (
         np.ndarray
     )  # (n_joint, 2) int8: zero where a corner is open, which bears nothing
-    # (n_joint, 3, 5) resultant at each joint. Rows: force x, force y, moment about the origin.
-    # Columns: coefficients of force x, force y and moment at joint 0 (not used in a chain with a
-    # free end), coefficient of the load factor, constant part.
+    # (n_joint, 3, n + 1) resultant at each joint. Rows: force x, force y, moment about the origin.
+    # Columns: coefficients of the n unknowns, that is of force x, force y and moment at each base
+    # but the last (not used in a chain with a free end) and of the load factor, constant part.
     part: np.ndarray
-    # (3, 5) of one joint, columns as in `part`: normal force at corner 0, normal force at corner
-    # 1, friction less Coulomb's limit
+    # (3, n + 1) of one joint, columns as in `part`: normal force at corner 0, normal force at
+    # corner 1, friction less Coulomb's limit
     row: np.ndarray
     bound: (
         np.ndarray
-    )  # (8 n_joint, 4) left sides of the inequalities ``bound x <= level`` of rest
+    )  # (8 n_joint, n) left sides of the inequalities ``bound x <= level`` of rest
     level: np.ndarray  # (8 n_joint,)
     joint: np.ndarray  # (8 n_joint,) int64: joint of each inequality
     kind: np.ndarray  # (8 n_joint,) int8: bit of each inequality in `mechanism`
-    # (4,) int64: inequalities that are tight; numbers beyond the last are sides of the box, `BOX`
+    # (n,) int64: inequalities that are tight; numbers beyond the last are sides of the box, `BOX`
     active: np.ndarray
-    basis: np.ndarray  # (4, 4) left sides of the tight inequalities
-    inverse: np.ndarray  # (4, 4) of `basis`
-    # (5, 4) in rows: LEVEL of the tight inequalities, UNKNOWN, MULTIPLIER, WEIGHT of each tight
+    basis: np.ndarray  # (n, n) left sides of the tight inequalities
+    inverse: np.ndarray  # (n, n) of `basis`
+    # (5, n) in rows: LEVEL of the tight inequalities, UNKNOWN, MULTIPLIER, WEIGHT of each tight
     # inequality in the one that enters, LEFT after the last refinement
     vertex: np.ndarray
     mechanism: np.ndarray  # (n_joint,) int8, as in `RestLimit`
@@ -95,21 +89,18 @@ LEVEL, UNKNOWN, MULTIPLIER, WEIGHT, LEFT = range(5)
 def new_rest_problem(model: Model) -> RestProblem:
     """Allocate the workspace for a chain's range of rest."""
     n_joint = model.friction.size
-    first = {"centroid": model.mass.size, "pull": model.mass.size, "row": 3}
-    first |= {
-        "vertex": 5,
-        "active": N_UNKNOWN,
-        "basis": N_UNKNOWN,
-        "inverse": N_UNKNOWN,
-    }
+    n_row = model.mass.size
+    n = 3 * (n_row - model.end) + 1
+    shapes = OF_REST | {"part": (3, n + 1), "row": (n + 1,)}
+    shapes |= dict.fromkeys(("bound", "basis", "inverse", "vertex"), (n,))
+    first = {"centroid": n_row, "pull": n_row, "row": 3}
+    first |= {"vertex": 5, "active": n, "basis": n, "inverse": n}
     first |= dict.fromkeys(("bound", "level", "joint", "kind"), 8 * n_joint)
     kinds: dict[str, type] = {"joint": np.int64, "active": np.int64}
     kinds |= dict.fromkeys(("candidate", "kind", "mechanism"), np.int8)
     problem = RestProblem(
         *(
-            np.zeros(
-                (first.get(name, n_joint), *OF_REST.get(name, ())), kinds.get(name)
-            )
+            np.zeros((first.get(name, n_joint), *shapes.get(name, ())), kinds.get(name))
             for name in RestProblem._fields
         )
     )
@@ -128,20 +119,21 @@ def _add_body(model, problem, j, i, weight, size, sense):
     Writes: problem.part.
     """
     part = problem.part[j]
+    load = part.shape[1] - 2
     x = problem.centroid[i, 0]
     y = problem.centroid[i, 1]
     pull = problem.pull[i]
     w = model.mass[i] * model.gravity / weight
-    part[0, 3] += sense * w
-    part[1, 4] += sense * w
-    part[2, 3] -= sense * (w * y / size)
-    part[2, 4] += sense * (w * x / size)
+    part[0, load] += sense * w
+    part[1, -1] += sense * w
+    part[2, load] -= sense * (w * y / size)
+    part[2, -1] += sense * (w * x / size)
     # Resultants balance the loads: weight and body force act towards -y and -x, a pull along its
     # own components.
-    part[0, 4] -= sense * pull[0] / weight
-    part[1, 4] -= sense * pull[1] / weight
+    part[0, -1] -= sense * pull[0] / weight
+    part[1, -1] -= sense * pull[1] / weight
     moment = pull[2] + x * pull[1] - y * pull[0]
-    part[2, 4] -= sense * moment / (weight * size)
+    part[2, -1] -= sense * moment / (weight * size)
 
 
 @kernel
@@ -150,23 +142,29 @@ def set_resultants(model, problem, weight, size):
 
     Forces are divided by `weight` [N], moments by `weight` times `size` [N m].
 
-    Reads: model (gravity, mass), problem (centroid, part, pull).
+    Reads: model (bed, body, end, gravity, mass), problem (centroid, part, pull).
     Writes: problem.part.
     """
     part = problem.part
-    n_joint = part.shape[0]
-    n_body = model.mass.shape[0] - 2
-    part[0] = 0.0
-    if n_joint == n_body:
-        for i in range(1, n_body + 1):
-            _add_body(model, problem, 0, i, weight, size, 1.0)
-    else:
-        part[0, 0, 0] = part[0, 1, 1] = part[0, 2, 2] = 1.0
-    for j in range(1, n_joint):
-        for c in range(3):
-            for k in range(5):
-                part[j, c, k] = part[j - 1, c, k]
-        _add_body(model, problem, j, j, weight, size, -1.0)
+    first = 0
+    for j in range(part.shape[0]):
+        body = int(model.body[j, 0])
+        part[j] = 0.0
+        if 0 < body < model.end:
+            bed = model.bed[j]
+            for c in range(3):
+                for k in range(part.shape[2]):
+                    part[j, c, k] = part[j - 1, c, k]
+                    if bed >= 0 and bed == model.bed[j - 1]:
+                        part[j, c, k] += part[bed, c, k]
+            _add_body(model, problem, j, body, weight, size, -1.0)
+        elif part.shape[0] == model.end - 1:
+            for i in range(1, model.end):
+                _add_body(model, problem, 0, i, weight, size, 1.0)
+        else:
+            for c in range(3):
+                part[j, c, first + c] = 1.0
+            first += 3
 
 
 @kernel
@@ -179,9 +177,10 @@ def _add_inequality(problem, count, k, sense, joint, kind):
     Reads: problem.row.
     Writes: problem (bound, joint, kind, level).
     """
-    for i in range(N_UNKNOWN):
+    n = problem.bound.shape[1]
+    for i in range(n):
         problem.bound[count, i] = sense * problem.row[k, i]
-    problem.level[count] = -sense * problem.row[k, N_UNKNOWN]
+    problem.level[count] = -sense * problem.row[k, n]
     problem.joint[count] = joint
     problem.kind[count] = kind
     return count + 1
@@ -209,7 +208,7 @@ def set_inequalities(model, work, problem, size):
         x1 = point[1, 0] / size
         y1 = point[1, 1] / size
         length = (y1 - y0) * nx - (x1 - x0) * ny
-        for k in range(5):
+        for k in range(part.shape[2]):
             fx = part[j, 0, k]
             fy = part[j, 1, k]
             moment = part[j, 2, k]
@@ -222,16 +221,17 @@ def set_inequalities(model, work, problem, size):
                 count = _add_inequality(problem, count, c, 1.0, j, kind)
         if not np.isinf(model.friction[j]):
             for sense in (-1.0, 1.0):
-                for k in range(5):
+                for k in range(part.shape[2]):
                     along = sense * (nx * part[j, 1, k] - ny * part[j, 0, k])
                     row[2, k] = along - model.friction[j] * (row[0, k] + row[1, k])
                 count = _add_inequality(problem, count, 2, 1.0, j, SLIDING)
     for q in range(count):
         norm = 0.0
-        for i in range(N_UNKNOWN):
+        n = problem.bound.shape[1]
+        for i in range(n):
             norm = max(norm, abs(problem.bound[q, i]))
         if norm > 0.0:
-            for i in range(N_UNKNOWN):
+            for i in range(n):
                 problem.bound[q, i] /= norm
             problem.level[q] /= norm
     return count
@@ -239,7 +239,7 @@ def set_inequalities(model, work, problem, size):
 
 @kernel
 def largest_load_factor(problem, n_row, sense):
-    """Maximise ``sense * x[3]`` in four unknowns subject to the inequalities, by the dual simplex.
+    """Maximise `sense` times the last unknown subject to the inequalities, by the dual simplex.
 
     `n_row` is the number of inequalities. The unknowns are left in ``problem.vertex[UNKNOWN]``.
     Return True if the inequalities can be met; False if they cannot, or if that takes too many
@@ -253,29 +253,30 @@ def largest_load_factor(problem, n_row, sense):
     basis = problem.basis
     inverse = problem.inverse
     vertex = problem.vertex
-    for i in range(N_UNKNOWN):
+    n = bound.shape[1]
+    for i in range(n):
         problem.active[i] = n_row + i
         vertex[LEVEL, i] = BOX
-        for k in range(N_UNKNOWN):
+        for k in range(n):
             basis[i, k] = inverse[i, k] = 1.0 if i == k else 0.0
-    basis[3, 3] = inverse[3, 3] = sense
-    for k in range(N_UNKNOWN):
+    basis[n - 1, n - 1] = inverse[n - 1, n - 1] = sense
+    for k in range(n):
         unused = True
         for q in range(n_row):
             unused = unused and bound[q, k] == 0.0
         if unused:
             vertex[LEVEL, k] = 0.0
-    for _ in range(50 + 20 * N_UNKNOWN + n_row):
+    for _ in range(50 + 20 * n + n_row):
         _set_vertex(problem)
         largest = 0.0
-        for k in range(N_UNKNOWN):
-            vertex[MULTIPLIER, k] = sense * inverse[3, k]
+        for k in range(n):
+            vertex[MULTIPLIER, k] = sense * inverse[n - 1, k]
             largest = max(largest, abs(vertex[UNKNOWN, k]))
         entering = -1
         worst = FEASIBLE * max(1.0, largest)
         for q in range(n_row):
             violation = bound[q, 0] * vertex[UNKNOWN, 0]
-            for k in range(1, N_UNKNOWN):
+            for k in range(1, n):
                 violation += bound[q, k] * vertex[UNKNOWN, k]
             violation -= level[q]
             if violation > worst:
@@ -288,10 +289,10 @@ def largest_load_factor(problem, n_row, sense):
             return False
         problem.active[leaving] = entering
         vertex[LEVEL, leaving] = level[entering]
-        for i in range(N_UNKNOWN):
+        for i in range(n):
             basis[leaving, i] = bound[entering, i]
             inverse[i, leaving] /= vertex[WEIGHT, leaving]
-            for k in range(N_UNKNOWN):
+            for k in range(n):
                 if k != leaving:
                     inverse[i, k] -= vertex[WEIGHT, k] * inverse[i, leaving]
     return False
@@ -299,7 +300,7 @@ def largest_load_factor(problem, n_row, sense):
 
 @kernel
 def _leaving(problem, entering):
-    """Return the place in ``problem.active``, 0 to 3, that inequality `entering` takes; -1: none.
+    """Return the place in ``problem.active`` that inequality `entering` takes; -1: none.
 
     If it is -1 the inequalities contradict each other.
 
@@ -307,14 +308,15 @@ def _leaving(problem, entering):
     Writes: problem.vertex.
     """
     vertex = problem.vertex
+    n = vertex.shape[1]
     vertex[WEIGHT] = 0.0
-    for k in range(N_UNKNOWN):
-        for i in range(N_UNKNOWN):
+    for k in range(n):
+        for i in range(n):
             vertex[WEIGHT, k] += problem.bound[entering, i] * problem.inverse[i, k]
     leaving = -1
     best = np.inf
     size = 0.0
-    for k in range(N_UNKNOWN):
+    for k in range(n):
         weight = vertex[WEIGHT, k]
         if weight > 1e-11:
             ratio = max(vertex[MULTIPLIER, k], 0.0) / weight
@@ -337,16 +339,17 @@ def _set_vertex(problem):
     vertex = problem.vertex
     basis = problem.basis
     inverse = problem.inverse
-    for i in range(N_UNKNOWN):
+    n = vertex.shape[1]
+    for i in range(n):
         vertex[LEFT, i] = vertex[LEVEL, i]
         vertex[UNKNOWN, i] = 0.0
     for _ in range(2):
-        for i in range(N_UNKNOWN):
-            for k in range(N_UNKNOWN):
+        for i in range(n):
+            for k in range(n):
                 vertex[UNKNOWN, i] += inverse[i, k] * vertex[LEFT, k]
-        for k in range(N_UNKNOWN):
+        for k in range(n):
             vertex[LEFT, k] = vertex[LEVEL, k]
-            for i in range(N_UNKNOWN):
+            for i in range(n):
                 vertex[LEFT, k] -= basis[k, i] * vertex[UNKNOWN, i]
 
 
@@ -369,23 +372,22 @@ def find_rest_limit(model, work, problem, sense):
         weight += model.mass[i] * model.gravity
     set_resultants(model, problem, weight, size)
     n_row = set_inequalities(model, work, problem, size)
-    if n_joint == model.mass.shape[0] - 2:
-        problem.bound[:, :3] = 0.0
+    n = problem.bound.shape[1]
     found = largest_load_factor(problem, n_row, sense)
     vertex = problem.vertex
     problem.mechanism[:] = 0
     for j in range(n_joint):
         for c in range(3):
             part = problem.part[j, c]
-            total = part[4]
-            for k in range(N_UNKNOWN):
+            total = part[n]
+            for k in range(n):
                 total += part[k] * vertex[UNKNOWN, k]
             problem.reaction[j, c] = total * (weight * size if c == 2 else weight)
-    for i in range(N_UNKNOWN):
+    for i in range(n):
         row = problem.active[i]
         if found and row < n_row and vertex[MULTIPLIER, i] > 1e-9:
             problem.mechanism[problem.joint[row]] |= problem.kind[row]
-    factor = vertex[UNKNOWN, 3]
+    factor = vertex[UNKNOWN, n - 1]
     return found, np.inf * sense if abs(factor) > NO_LIMIT else factor
 
 

@@ -6,7 +6,12 @@ import numpy as np
 
 from archfrag.physics.collapse import NOTED_GAP, collapse_of, loss_mode
 from archfrag.physics.contact.laws import mode_of
-from archfrag.physics.contact.placing import clearance, move_faces, slip_and_gap
+from archfrag.physics.contact.placing import (
+    clearance,
+    move_faces,
+    slip_and_gap,
+    turn_of,
+)
 from archfrag.physics.contact.ties import is_pulled, reset_pulls
 from archfrag.physics.energy import energies_of
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
@@ -200,8 +205,7 @@ def read_joints(model, state, work):
             state.bore_face[j] = 1.0
             state.lost_since[j] = 0.0
             state.lost_slip[j] = abs(state.slip[j]) / length
-            turned = state.position[j + 1, 2] - state.position[j, 2]
-            state.lost_rotation[j] = abs(turned)
+            state.lost_rotation[j] = abs(turn_of(j, model, state.position))
             gap = gap / length
             state.loss[Loss.WIDEST] = max(state.loss[Loss.WIDEST], gap)
             if gap > NOTED_GAP and np.isnan(state.loss[Loss.TIME]):

@@ -1,9 +1,9 @@
 """Arguments of kernels: the constant model, the state of a run, and workspace.
 
 The arrays of state and workspace hold one run, or four (`physics.kernels.primitives.LaneArray`).
-Bodies are counted with the ground on either side: row 0 is the ground before the first joint, row
-i the i-th body, row n_body + 1 the ground behind the last. Joint j lies between rows j and j + 1;
-a chain with a free end has no joint before the last row.
+Rows count bodies with the ground: row 0 is the ground of the left base, row i the i-th body, the
+rows from ``Model.end`` on are the grounds of the other bases, the right one last. Joint j lies
+between the rows ``Model.body[j]``; a chain with a free end has no joint before the last row.
 
 Kernels take model, state, work, options and output in this order; `model`, `state` and `work` are
 those below unless a docstring says otherwise.
@@ -30,10 +30,11 @@ Zeros = Callable[[tuple[int, ...]], Any]
 
 
 @struct(
+    body=(2,),
     centroid=(2,),
+    ahead=(2,),
     corner=(2, 2, 2),
     tangent=(2, 2),
-    body=(2,),
     ray=(2,),
     start=(3,),
     tie=(len(Tie),),
@@ -41,6 +42,13 @@ Zeros = Callable[[tuple[int, ...]], Any]
 class Model(NamedTuple):
     """Constant data of a chain of rigid bodies."""
 
+    body: ndarray  # (n_joint, 2) uint64: rows of the bodies before and after each joint
+    # (n_joint,) int64: at the spine's joints on either side of a top course, the joint of its
+    # pier below; else -1
+    bed: ndarray
+    # (n_row, 2) uint64: the last joint of each body to be eliminated, and the row on its other
+    # side; ``end`` for a ground
+    ahead: ndarray
     mass: ndarray  # (n_body + 2,) [kg]; zero for the ground
     inertia: ndarray  # (n_body + 2,) about the centroid [kg m2]; zero for the ground
     inverse_mass: ndarray  # (n_body + 2,) [1/kg]; zero for the ground
@@ -56,10 +64,10 @@ class Model(NamedTuple):
     friction: (
         ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
     )
-    body: ndarray  # (n_joint, 2) int64: rows of the bodies before and after each joint
     ray: ndarray  # (n_joint, 2) normal and tangential part of a sliding reaction [1]
     start: ndarray  # (n_body + 2, 3) where a run begins: centroid [m] and rotation
     tie: ndarray  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
+    end: int  # n_body + 1, the first row of ground behind the bodies
     gravity: float  # [m/s2]
     rounding: float  # gaps smaller than this count as zero [m]
 
@@ -135,6 +143,7 @@ class Clock(IntEnum):
     column=(3, 4),
     block=(3, 3),
     lower=(3, 3),
+    fork=(2, 3, 3),
     upper=(3, 3),
     unknown=(3,),
     residual=(3,),
@@ -173,6 +182,9 @@ class Work(NamedTuple):
     column: ndarray  # (n_joint, 3, 4) directions of the reactions, as in `row`
     block: ndarray  # (n_joint, 3, 3) eliminated diagonal blocks, reciprocals on the diagonal
     lower: ndarray  # (n_joint, 3, 3) coupling with the joint before
+    # (n_joint, 2, 3, 3), (0, 2, 3, 3) for one span: coupling with the joint ``Model.bed``, and
+    # the eliminated coupling of that joint with this one
+    fork: ndarray
     upper: ndarray  # (n_joint, 3, 3) eliminated coupling with the next joint
     unknown: ndarray  # (n_joint, 3) multipliers
     residual: ndarray  # (n_joint, 3) velocities left along the constrained directions
@@ -237,10 +249,18 @@ def model_of(chain: Chain) -> Model:
 def new_model(chain: Chain) -> Model:
     """Make a new model of a chain, whose arrays may be changed."""
 
-    def framed(values: ndarray) -> ndarray:
-        return np.pad(values, [(1, 1)] + [(0, 0)] * (values.ndim - 1))
+    n_body = chain.mass.size
+    n_joint = chain.friction.size
+    body = chain.body
+    if body is None:
+        body = np.add.outer(np.arange(n_joint), [-1, 0])
+    n_row = max(int(body.max()), n_body) + 2
 
-    assert chain.friction.size in (chain.mass.size, chain.mass.size + 1)
+    def framed(values: ndarray) -> ndarray:
+        around = [(1, n_row - 1 - n_body), *[(0, 0)] * (values.ndim - 1)]
+        return np.pad(values, around)
+
+    assert n_joint in (n_body, n_row - 1)
     corner = np.ascontiguousarray(
         np.stack([chain.face_before, chain.face_after], axis=1)
     )
@@ -252,7 +272,12 @@ def new_model(chain: Chain) -> Model:
     if start is None:
         start = np.pad(chain.centroid, [(0, 0), (0, 1)])
     tie = () if chain.tie is None else chain.tie
+    row = (body + 1).astype(np.uint64)
     return Model(
+        body=row,
+        bed=_beds_of(row, n_body + 1),
+        ahead=_ahead_of(row, n_row, n_body + 1),
+        end=n_body + 1,
         mass=framed(chain.mass),
         inertia=framed(chain.inertia),
         inverse_mass=framed(1.0 / chain.mass),
@@ -262,13 +287,30 @@ def new_model(chain: Chain) -> Model:
         tangent=along / sizes[..., None],
         length=sizes.min(axis=1),
         friction=np.array(chain.friction, float),
-        body=np.arange(chain.friction.size)[:, None] + np.arange(2),
         ray=np.stack(ray, axis=1),
         start=framed(start),
         tie=np.array(tie, float).reshape(-1, len(Tie)),
         gravity=float(chain.gravity),
         rounding=ROUNDING * float(np.abs(chain.centroid).max()),
     )
+
+
+def _beds_of(row: ndarray, end: int) -> ndarray:
+    """Return `Model.bed` for the rows of the bodies at each joint."""
+    bed = np.full(len(row), -1)
+    for j, (_, after) in enumerate(row):
+        later = np.flatnonzero(row[j + 2 :, 0] == after) + j + 2
+        if after < end and later.size:
+            bed[later[0] - 1 : later[0] + 1] = j
+    return bed
+
+
+def _ahead_of(row: ndarray, n_row: int, end: int) -> ndarray:
+    """Return `Model.ahead` for the rows of the bodies at each joint."""
+    ahead = np.full((n_row, 2), end, np.uint64)
+    for j, (before, after) in enumerate(row):
+        ahead[before] = j, min(after, end)
+    return ahead
 
 
 def allocate(kind, model: Model, zeros: Zeros, **first: int):
@@ -302,6 +344,7 @@ def new_work(model: Model, zeros: Zeros = np.zeros) -> Work:
     n_row = model.mass.size
     n_tie = len(model.tie)
     rows = dict.fromkeys(("rotated", "free", "solved", "position"), n_row)
+    rows["fork"] = model.friction.size if model.bed.any() else 0
     work: Work = allocate(Work, model, zeros, tie=n_tie, **rows)
     columns_of(work.rotated)[::2] = 1.0
     return work._replace(

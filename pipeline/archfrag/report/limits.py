@@ -39,7 +39,7 @@ def aspects(
     cube, `method` the keys of the method; `spanning` is false if all arches are free-standing.
     """
     arches = [arch for members in given.values() for arch in members]
-    keys = "friction", "piers.friction"
+    keys = "friction", "piers.friction", "ends.friction", "spans.friction"
     coefficients = [value_of(arch, key) for arch in arches for key in keys]
     finite = any(np.isfinite(np.array(each, float)).any() for each in coefficients)
     some = tuple(
@@ -100,9 +100,7 @@ def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
     """Return the words for joint 0 of an arch."""
     if free_end:
         return "the base"
-    return (
-        "the base of the left pier" if "piers" in parameters else "the left springing"
-    )
+    return "the base of the left pier" if "ends" in parameters else "the left springing"
 
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:
@@ -110,6 +108,10 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
     having = []
     for name, arches in given.items():
         values = [value_of(arch, key) for arch in arches]
+        if key == "piers":
+            values = [
+                value or value_of(arch, "ends") for value, arch in zip(values, arches)
+            ]
         if key == "fill":
             values = [bool(value) and fill_weighs(value) for value in values]
         count = sum(map(_is_set, values))

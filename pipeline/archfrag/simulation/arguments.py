@@ -3,8 +3,6 @@
 import math
 from collections.abc import Mapping
 
-import numpy as np
-
 from archfrag.arch import Arch
 from archfrag.errors import InputError
 from archfrag.motions.motion import Motion
@@ -90,16 +88,11 @@ def check_rigid(arch: Arch, what: str) -> None:
 
 def base_positions(arch: Arch) -> dict[str, float]:
     """Return the x of the middle of each base of an arch by its name, from left to right [m]."""
-    chain = arch.chain
-    n_body = len(chain.mass)
-    body = chain.body
-    if body is None:
-        body = np.arange(-1, arch.n_joint - 1)[:, None] + np.arange(2)
-    ground = (body < 0) | (body >= n_body)
-    faces = np.stack([chain.face_before, chain.face_after], axis=1)[ground]
-    order = np.argsort(body[ground])
-    names = ["left", *(f"pier {k}" for k in range(1, len(order) - 1)), "right"]
-    return dict(zip(names, faces[order, :, 0].mean(axis=1).tolist()))
+    faces = arch.chain.face_before, arch.chain.face_after
+    return {
+        name: float(faces[side][joint, :, 0].mean())
+        for name, (joint, side) in arch.bases.items()
+    }
 
 
 def check_bases(arch: Arch, wave_speed, bases) -> None:

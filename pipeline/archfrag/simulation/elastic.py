@@ -13,6 +13,7 @@ import numpy as np
 
 from archfrag.arch import Arch
 from archfrag.arch.checks import FloatArray
+from archfrag.physics.state import model_of
 
 # BALANCED: largest residual over the mean weight of a body. MOST_ITERATIONS: of Newton's method.
 # NUDGE: displacements of difference quotients over the mean overlap of joints under the weight.
@@ -58,7 +59,10 @@ class ElasticArch:
         self.stiffness = (stiffness * arch.joint_depths)[:, None]
         self.shear = (shear * arch.joint_depths)[:, None]
         # Bodies before and after each joint, the grounds counted (n_joint, 2).
-        self.pair: Any = np.arange(arch.n_joint)[:, None] + [0, 1]
+        model = model_of(chain)
+        self.pair = model.body.astype(int)
+        self.bodies = slice(1, model.end)
+        self.around = (1, model.mass.size - model.end), (0, 0)
         along = chain.face_before[:, 1] - chain.face_before[:, 0]
         self.length = np.hypot(*along.T)
         self.tangent = (along / self.length[:, None]).T[..., None]
@@ -83,7 +87,7 @@ class ElasticArch:
         `nudges` are added to it at the bodies before and after each joint, (..., n_joint, 2, 3).
         If `closed`, all joints are in contact along all of their length.
         """
-        moved = np.pad(position, ((1, 1), (0, 0)))[self.pair] + nudges
+        moved = np.pad(position, self.around)[self.pair] + nudges
         x, y, angle = np.moveaxis(moved, -1, 0)
         fall = -2.0 * np.sin(0.5 * angle) ** 2
         turned_x, turned_y = _rotated(self.arm, fall, np.sin(angle))
@@ -127,14 +131,15 @@ class ElasticArch:
         force = self._bear(position, nudges, closed)[0]
         change = (force[1:7] - force[7:]).reshape(2, 3, *force.shape[1:])
         change /= 2.0 * self.nudge[:, None, None, None]
-        rows = self.weight.size + 2
+        rows = self.weight.size + sum(self.around[0])
         total = np.zeros((rows, 3))
         np.add.at(total, self.pair, force[0])
         stiffness = np.zeros((rows, rows, 3, 3))
         blocks = self.pair[:, :, None], self.pair[:, None]
         np.add.at(stiffness, blocks, change.transpose(2, 3, 0, 4, 1))
-        inside = stiffness[1:-1, 1:-1].swapaxes(1, 2)
-        return total[1:-1], inside.reshape(total[1:-1].size, -1)
+        bodies = self.bodies
+        inside = stiffness[bodies, bodies].swapaxes(1, 2)
+        return total[bodies], inside.reshape(total[bodies].size, -1)
 
     def _balance(
         self, position: FloatArray, load: float, sway: float, held: bool = False

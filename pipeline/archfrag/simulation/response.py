@@ -426,12 +426,7 @@ def mechanism_of(
     # What a joint does in each contact mode (`physics.contact.laws`). Friction opposes slip: where
     # it acts along the tangent, from corner 0 to corner 1, the later voussoir slides towards
     # corner 0.
-    sides = [arch.corner_name(corner) for corner in (0, 1)]
-    slides = [f"towards {side}" for side in sides]
-    words = ["open"]
-    for side in sides:
-        words += [f"hinge {side}", *(f"hinge {side} sliding {to}" for to in slides)]
-    words += ["closed", *(f"slides {to}" for to in slides)]
+    words = [_mode_words(arch, joint) for joint in range(arch.n_joint)]
     kept = min(n_entry, log.time.size)
     last = end_time if kept == n_entry else np.nan
     changes = [
@@ -441,7 +436,7 @@ def mechanism_of(
             Cause(cause).name.lower(),
             int(joint),
             Level(model).name.lower(),
-            {int(j): words[mode[j]] for j in np.flatnonzero(mode != CLOSED_STICK)},
+            {int(j): words[j][mode[j]] for j in np.flatnonzero(mode != CLOSED_STICK)},
         )
         for time, to, cause, joint, model, mode in zip(
             log.time[:kept].tolist(), [*log.time[1:kept].tolist(), last], *log[1:]
@@ -451,6 +446,16 @@ def mechanism_of(
     if from_rest and first > 0.0:
         changes.insert(0, MechanismChange(0.0, first, "start", -1, "rest", {}))
     return tuple(changes)
+
+
+def _mode_words(arch: Arch, joint: int) -> list[str]:
+    """Return what a joint does in each contact mode, in words."""
+    sides = [arch.corner_name(corner, joint) for corner in (0, 1)]
+    slides = [f"towards {side}" for side in sides]
+    words = ["open"]
+    for side in sides:
+        words += [f"hinge {side}", *(f"hinge {side} sliding {to}" for to in slides)]
+    return [*words, "closed", *(f"slides {to}" for to in slides)]
 
 
 def summary(changes: Sequence[MechanismChange]) -> str:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, field
+from itertools import pairwise, starmap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import cross
-from archfrag.arch.marks import Mark, mechanism_marks
+from archfrag.arch.marks import Mark, hinge_points, mechanism_marks
 from archfrag.errors import InputError, UnitWarning
 from archfrag.physics.contact.path import new_path, solve_with_fallback
 from archfrag.physics.contact.placing import clearance, move_faces, place_contacts
@@ -103,8 +104,15 @@ class Onset:
         """Return the thrust line for a drawing, (n_point, 2) [m]; None if it is not known.
 
         It passes through the contact centres. It is that under self-weight, or if `towards` is
-        given that at onset, with the ground accelerating towards "+x" or "-x".
+        given that at onset, with the ground accelerating towards "+x" or "-x". Between the lines
+        of the rings and piers of a bridge is a row of nan.
         """
+        lines = self._thrust_lines(towards)
+        gap = np.full((1, 2), np.nan)
+        rows = [row for line in lines for row in (gap, line)]
+        return np.concatenate(rows[1:]) if lines else None
+
+    def _thrust_lines(self, towards: str | None) -> list[FloatArray]:
         centre = self.thrust
         load = 0.0
         if towards is not None:
@@ -113,12 +121,19 @@ class Onset:
             if towards == "-x":
                 load = -load
                 centre = self.thrust_minus
-        return None if centre is None else thrust_curve(self.arch, centre, load)
+        if centre is None:
+            return []
+        strands = strands_of(self.arch)
+        return [thrust_curve(self.arch, centre, load, strand) for strand in strands]
 
     def marks(self, towards: str) -> list[Mark]:
         """Return what a drawing shows of the mechanism: thrust lines, sliding joints, hinges."""
-        lines = {"rest": self.thrust_line(), "thrust": self.thrust_line(towards)}
-        marks = [Mark(role, line) for role, line in lines.items() if line is not None]
+        lines = {"rest": None, "thrust": towards}
+        marks = [
+            Mark(role, line)
+            for role, load in lines.items()
+            for line in self._thrust_lines(load)
+        ]
         return marks + mechanism_marks(self.arch, *self.mechanism(towards)[1:])
 
     def plot(self, ax: Axes | None = None, towards: str | None = None) -> Axes:
@@ -136,8 +151,9 @@ class Onset:
 
     def _text(self, towards: str) -> str:
         limit, hinges, sliding = self.mechanism(towards)
-        words = [f"hinge {joint} {side}" for joint, side in hinges]
-        words += [f"joint {joint} slides" for joint in sliding]
+        name = str if len(self.arch.parts) == 1 else self.arch.place
+        words = [f"hinge {name(joint)} {side}" for joint, side in hinges]
+        words += [f"{self.arch.place(joint)} slides" for joint in sliding]
         return f"towards {towards} {limit:.4g} g{': ' * bool(words)}{', '.join(words)}"
 
     def _repr_html_(self) -> str:
@@ -188,7 +204,7 @@ def onset(arch: Arch) -> Onset:
         for limit in (plus, minus)
     )
     if stands:
-        work.free[1:-1, 1] = -model.gravity
+        work.free[1 : model.end, 1] = -model.gravity
         work.position[:] = state.position
         pull_bodies(model, state, work)
         solve_with_fallback(model, state, work, new_path(model))
@@ -227,17 +243,38 @@ def contact_centres(work: Work, reaction: FloatArray) -> FloatArray:
     return arm + fraction[:, None] * along
 
 
-def thrust_curve(arch: Arch, centre: NDArray, load: float) -> FloatArray:
-    """Return the thrust line under weights and a steady load [g], (n_point, 2) [m].
+def strands_of(arch: Arch) -> list[range]:
+    """Return the joints of each pier and ring along which every body has two joints."""
+    model = model_of(arch.chain)
+    before, after = model.body.T
+    forks = (model.bed[1:] >= 0) & (model.bed[1:] == model.bed[:-1])
+    ends = np.flatnonzero((after[:-1] != before[1:]) | forks) + 1
+    return [*starmap(range, pairwise([0, *ends.tolist(), arch.n_joint]))]
+
+
+def _bodies_of(arch: Arch, first: int, last: int) -> slice:
+    """Return the bodies of a strand behind its joint `first`, up to its joint `last`.
+
+    With `last` beyond the joints of a chain with a free end it is up to that end.
+    """
+    row = model_of(arch.chain).body.astype(int)
+    end = row[last, 0] if last < arch.n_joint else arch.n_voussoir
+    return slice(row[first, 1] - 1, end)
+
+
+def thrust_curve(arch: Arch, centre: NDArray, load: float, strand: range) -> FloatArray:
+    """Return the thrust line of a strand under weights and a steady load [g], (n_point, 2) [m].
 
     It passes through the contact centres `centre`, (n_joint, 2), with curves between them. In an
     arch with ties, which add forces to bodies, it is straight between them.
     """
     chain = arch.chain
-    if arch.pulled:
+    centre = centre[strand.start : strand.stop]
+    if arch.pulled or len(centre) == 1 and not arch.free_end:
         return centre[np.isfinite(centre).all(axis=1)]
-    body = arch.centroids
-    force = chain.mass[:, None] * np.array([-load, -1.0])
+    bodies = _bodies_of(arch, strand[0], strand[-1] + arch.free_end)
+    body = arch.centroids[bodies]
+    force = chain.mass[bodies, None] * np.array([-load, -1.0])
     # The force beyond each body less that before the first one.
     after = np.cumsum(force, axis=0)
     if arch.free_end:
@@ -304,7 +341,8 @@ def own_time(arch: Arch) -> float:
 
 def at_rest(arch: Arch) -> tuple[NDArray, NDArray]:
     """Return the position and velocity in which an arch is at rest, each (n_voussoir, 3)."""
-    position = model_of(arch.chain).start[1:-1]
+    model = model_of(arch.chain)
+    position = model.start[1 : model.end]
     return position.copy(), np.zeros_like(position)
 
 
@@ -330,8 +368,8 @@ def check_initial(initial, arch: Arch) -> tuple[NDArray, NDArray]:
         gap = clearance(j, corner, work) / model.length[j]
         if gap < -MOST_OVERLAP:
             raise InputError(
-                f"initial position lets the bodies at joint {j} overlap by {-gap:.2g} of its "
-                f"length at the {arch.corner_name(corner)}; at most {MOST_OVERLAP:g}, a rounding, "
+                f"initial position lets the bodies at {arch.place(j)} overlap by {-gap:.2g} of its "
+                f"length at the {arch.corner_name(corner, j)}; at most {MOST_OVERLAP:g}, a rounding, "
                 "is allowed"
             )
     return shift, velocity
@@ -346,7 +384,7 @@ def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Wor
     state = new_state(model)
     work = new_work(model)
     state.position[:] = model.start
-    state.position[1:-1] += shift
+    state.position[1 : model.end] += shift
     move_faces(model, state.position, work)
     return model, state, work
 
@@ -355,7 +393,8 @@ def _mechanism(arch: Arch, limit: RestLimit) -> tuple[list[Hinge], list[int]]:
     """Return the hinges and the sliding joints of a limit of rest."""
     corners = [limit.mechanism & bit for bit in (HINGE_INTRADOS, HINGE_EXTRADOS)]
     hinges = [
-        (j, arch.corner_name(c)) for j, c in np.argwhere(np.transpose(corners)).tolist()
+        (j, arch.corner_name(c, j))
+        for j, c in np.argwhere(np.transpose(corners)).tolist()
     ]
     return hinges, np.flatnonzero(limit.mechanism & SLIDING).tolist()
 
@@ -372,7 +411,10 @@ def static_limit(arch: Arch, start: Onset) -> float:
     limits = [np.inf]
     for towards in ("+x", "-x"):
         _, hinges, sliding = start.mechanism(towards)
-        if not sliding and (len(hinges) == 4 or (arch.free_end and len(hinges) == 1)):
+        joints = {joint for joint, _ in hinges}
+        alone = any(joints <= {*strand} for strand in strands_of(arch))
+        count = 1 if arch.free_end else 4
+        if not sliding and len(hinges) == count and alone:
             limits += [_limit(arch, hinges, sense) for sense in (1.0, -1.0)]
     least = min(limits)
     return least if np.isfinite(least) else np.nan
@@ -384,20 +426,19 @@ def _limit(arch: Arch, hinges: list[Hinge], sense: float) -> float:
     It is inf if the weight does not resist a rotation in this sense.
     """
     # Points of the plane are complex numbers: x + i y.
-    points = np.array(
-        [getattr(arch, side)[joint] @ [1.0, 1j] for joint, side in hinges]
-    )
+    points = np.array([*hinge_points(arch, hinges)]) @ [1.0, 1j]
     centroid = arch.centroids @ [1.0, 1j]
-    joints = [*(joint for joint, _ in hinges), arch.n_voussoir]
+    joints = [*(joint for joint, _ in hinges), arch.n_joint]
     angle = sense * np.linspace(0.0, LARGEST_ROTATION, POSITIONS)
     placed = _linkage(points, angle) if len(points) == 4 else [(points[0], angle)]
     energy = np.zeros(angle.size)
     for pivot, (moved, rotation), first, last in zip(
         points, placed, joints, joints[1:]
     ):
-        arm = np.exp(1j * rotation)[:, None] * (centroid[first:last] - pivot)
+        bodies = _bodies_of(arch, first, last)
+        arm = np.exp(1j * rotation)[:, None] * (centroid[bodies] - pivot)
         height = (arm + np.reshape(moved, (-1, 1))).imag
-        energy += height @ arch.chain.mass[first:last]
+        energy += height @ arch.chain.mass[bodies]
     left = np.isfinite(energy)
     end = int(np.argmin(left)) if not left.all() else angle.size
     rise = np.diff(energy[:end])

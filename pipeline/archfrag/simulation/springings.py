@@ -90,7 +90,7 @@ def springing_path(
     >>> path.limit, bool(path.plus[-1] < path.plus[0])
     (inf, True)
     """
-    names = list(base_positions(arch))
+    names = list(arch.bases)
     if springing not in names:
         raise InputError(f"springing = {springing!r} must be {' or '.join(names)}")
     base = names.index(springing)

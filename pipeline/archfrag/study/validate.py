@@ -138,7 +138,7 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
     path = Path(str(entry.drawing))
     drawn = read_drawing(path, entry.layer, entry.unit)
     arch = entry.model_copy(
-        update=dict.fromkeys(("piers", "fill", *LATER, "vary"))
+        update=dict.fromkeys(("ends", "fill", *LATER, "vary"))
     ).build()
     size, high, thick = arch.dimensions
     text = f"clear span {size:.3g} m, rise {high:.3g} m"

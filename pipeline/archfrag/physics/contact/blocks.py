@@ -1,10 +1,11 @@
-"""Solve the contact problem for given modes by one block sweep along the chain.
+"""Solve the contact problem for given modes by one block sweep over the joints.
 
 A closed joint has three rows: its normal at both corners, and its tangent at the pivot where it
 sticks. A joint that touches at one corner has the normal there, and the tangent where it sticks.
 What a joint does not have is a row of zeros with a one on the diagonal, so that all blocks are
 3 x 3 and only neighbours couple: a block-tridiagonal problem, eliminated from the first joint to
-the last and substituted back.
+the last and substituted back. The bed below a top course couples with the springings of both
+rings, which couple already, so that its elimination makes no new block.
 
 The three reactions of a closed joint are not unique in an arch that is closed everywhere. The
 relative `Precision.compliance` of each row picks those of joints that are equal springs in the
@@ -38,17 +39,18 @@ EXACT = Precision(1e-10, 1e-11, 1e-11)
 
 
 @inlined
-def _set_row(out, j, k, at, along, position):
+def _set_row(out, j, k, at, along, about):
     """Set direction `k` of joint `j` in `out`: `along`, (x, y), at the point `at`.
 
-    Its lever arms are those about the centroids of the bodies after and before the joint.
+    Its lever arms are about the centroids `about` of the bodies after and before the joint.
     """
     px, py = at
     dx, dy = along
+    ax, ay, bx, by = about
     out[j, k, 0] = dx
     out[j, k, 1] = dy
-    out[j, k, 2] = (px - position[j + 1, 0]) * dy - (py - position[j + 1, 1]) * dx
-    out[j, k, 3] = (px - position[j, 0]) * dy - (py - position[j, 1]) * dx
+    out[j, k, 2] = (px - ax) * dy - (py - ay) * dx
+    out[j, k, 3] = (px - bx) * dy - (py - by) * dx
 
 
 @inlined
@@ -65,28 +67,31 @@ def _set_rows_of(j, model, position, work):
     pressing = select(sticks, 1.0, model.ray[j, 0])
     fx = pressing * nx - along * ny
     fy = pressing * ny + along * nx
-    _set_row(work.row, j, 0, (px, py), (nx, ny), position)
-    _set_row(work.column, j, 0, (px, py), (fx, fy), position)
+    i = model.body[j, 0]
+    k = model.body[j, 1]
+    about = position[k, 0], position[k, 1], position[i, 0], position[i, 1]
+    _set_row(work.row, j, 0, (px, py), (nx, ny), about)
+    _set_row(work.column, j, 0, (px, py), (fx, fy), about)
     # The normal at corner 1 of a closed joint, or the tangent at a corner that sticks.
     tangent = sticks & opposite(closed)
     has = select(closed | tangent, 1.0, 0.0)
     at = choose(closed, (work.point[j, 1, 0], work.point[j, 1, 1]), (px, py))
     direction = choose(tangent, (-ny, nx), (has * nx, has * ny))
-    _set_row(work.row, j, 1, at, direction, position)
+    _set_row(work.row, j, 1, at, direction, about)
     direction = choose(tangent, (-ny, nx), (has * fx, has * fy))
-    _set_row(work.column, j, 1, at, direction, position)
+    _set_row(work.column, j, 1, at, direction, about)
     has = select(closed & sticks, 1.0, 0.0)
     at = work.pivot[j, 0], work.pivot[j, 1]
     direction = -has * ny, has * nx
-    _set_row(work.row, j, 2, at, direction, position)
-    _set_row(work.column, j, 2, at, direction, position)
+    _set_row(work.row, j, 2, at, direction, about)
+    _set_row(work.column, j, 2, at, direction, about)
 
 
 @kernel
 def set_rows(model, position, work):
     """Set the constrained and reaction directions of all joints in their present modes.
 
-    Reads: model.ray, position, work (contact, normal, pivot, point, side_normal, slide).
+    Reads: model (body, ray), position, work (contact, normal, pivot, point, side_normal, slide).
     Writes: work (column, row).
     """
     for j in range(work.slide.shape[0]):
@@ -143,9 +148,11 @@ def _set_diagonal(model, work, j, compliance):
     row = work.row
     column = work.column
     f = work.block
-    both = model.inverse_mass[j + 1] + model.inverse_mass[j]
-    after = model.inverse_inertia[j + 1]
-    before = model.inverse_inertia[j]
+    i = model.body[j, 0]
+    k = model.body[j, 1]
+    both = model.inverse_mass[k] + model.inverse_mass[i]
+    after = model.inverse_inertia[k]
+    before = model.inverse_inertia[i]
     for a in range(3):
         moved = _weighted(row, j, a, both, after, 2)
         rotated = before * row[j, a, 3]
@@ -158,22 +165,81 @@ def _set_diagonal(model, work, j, compliance):
 
 
 @inlined
+def _of_fork(work, j, k, a):
+    """Return row `a` of the coupling of joint `j` with the bed (`k` 0), or the eliminated (1)."""
+    return work.fork[j, k, a, 0], work.fork[j, k, a, 1], work.fork[j, k, a, 2]
+
+
+@inlined
+def _by_bed(work, j, b):
+    """Return column `b` of the eliminated coupling of the bed with joint `j`."""
+    return work.fork[j, 1, 0, b], work.fork[j, 1, 1, b], work.fork[j, 1, 2, b]
+
+
+@inlined
+def _less_by_bed(work, j, b, of):
+    """Return column `b` of the coupling of joint ``j - 1`` with joint `j`, less the bed's part."""
+    known = _by_bed(work, j, b)
+    x = of[0] - dot(_of_fork(work, j - 1, 0, 0), known)
+    y = of[1] - dot(_of_fork(work, j - 1, 0, 1), known)
+    return x, y, of[2] - dot(_of_fork(work, j - 1, 0, 2), known)
+
+
+@inlined
+def _eliminate_bed(model, work, j):
+    """Eliminate the bed below a top course from the block of joint `j` at that course."""
+    row = work.row
+    column = work.column
+    f = work.block
+    bed = model.bed[j]
+    top = model.body[bed, 1]
+    # The course lies after the bed, and after or before the joint.
+    arm = 2 if model.body[j, 1] == top else 3
+    sense = 1.0 if arm == 2 else -1.0
+    mass = sense * model.inverse_mass[top]
+    inertia = sense * model.inverse_inertia[top]
+    block = block_of(f, bed)
+    first = _weighted(row, bed, 0, mass, inertia, 2)
+    second = _weighted(row, bed, 1, mass, inertia, 2)
+    third = _weighted(row, bed, 2, mass, inertia, 2)
+    for b in range(3):
+        to = _on(column, j, b, arm)
+        x, y, z = solve_block(block, dot(first, to), dot(second, to), dot(third, to))
+        work.fork[j, 1, 0, b] = x
+        work.fork[j, 1, 1, b] = y
+        work.fork[j, 1, 2, b] = z
+    for a in range(3):
+        moved = _weighted(row, j, a, mass, inertia, arm)
+        for b in range(3):
+            work.fork[j, 0, a, b] = dot(moved, _on(column, bed, b, 2))
+        for b in range(3):
+            f[j, a, b] -= dot(_of_fork(work, j, 0, a), _by_bed(work, j, b))
+
+
+@inlined
 def _eliminate(model, work, j):
     """Eliminate joint ``j - 1`` from the block of joint `j`."""
+    i = model.body[j, 0]
+    forked = model.bed[j] >= 0 and model.bed[j] == model.bed[j - 1]
     row = work.row
     column = work.column
     f = work.block
     lower = work.lower
     upper = work.upper
-    mass = -model.inverse_mass[j]
-    inertia = -model.inverse_inertia[j]
+    mass = -model.inverse_mass[i]
+    inertia = -model.inverse_inertia[i]
     block = block_of(f, j - 1)
     first = _weighted(row, j - 1, 0, mass, inertia, 2)
     second = _weighted(row, j - 1, 1, mass, inertia, 2)
     third = _weighted(row, j - 1, 2, mass, inertia, 2)
     for b in range(3):
         to = _on(column, j, b, 3)
-        x, y, z = solve_block(block, dot(first, to), dot(second, to), dot(third, to))
+        x = dot(first, to)
+        y = dot(second, to)
+        z = dot(third, to)
+        if forked:
+            x, y, z = _less_by_bed(work, j, b, (x, y, z))
+        x, y, z = solve_block(block, x, y, z)
         upper[j - 1, 0, b] = x
         upper[j - 1, 1, b] = y
         upper[j - 1, 2, b] = z
@@ -182,6 +248,10 @@ def _eliminate(model, work, j):
         x = dot(moved, _on(column, j - 1, 0, 2))
         y = dot(moved, _on(column, j - 1, 1, 2))
         z = dot(moved, _on(column, j - 1, 2, 2))
+        if forked:
+            x -= dot(_of_fork(work, j, 0, a), _by_bed(work, j - 1, 0))
+            y -= dot(_of_fork(work, j, 0, a), _by_bed(work, j - 1, 1))
+            z -= dot(_of_fork(work, j, 0, a), _by_bed(work, j - 1, 2))
         lower[j, a, 0] = x
         lower[j, a, 1] = y
         lower[j, a, 2] = z
@@ -212,7 +282,9 @@ def factorise_block(f, j):
 @inlined
 def _factorise_joint(j, model, work, compliance):
     _set_diagonal(model, work, j, compliance)
-    if j > 0:
+    if model.bed[j] >= 0:
+        _eliminate_bed(model, work, j)
+    if j > 0 and model.body[j, 0] == model.body[j - 1, 1]:
         _eliminate(model, work, j)
     factorise_block(work.block, j)
 
@@ -251,17 +323,19 @@ def _add_reaction(j, of, model, position, work):
     fy = dot(of, _down(column, j, 1))
     after = dot(of, _down(column, j, 2))
     before = dot(of, _down(column, j, 3))
-    px = work.pivot[j, 0] - position[j + 1, 0]
-    py = work.pivot[j, 1] - position[j + 1, 1]
+    i = model.body[j, 0]
+    k = model.body[j, 1]
+    px = work.pivot[j, 0] - position[k, 0]
+    py = work.pivot[j, 1] - position[k, 1]
     reaction[j, 0] += fx
     reaction[j, 1] += fy
     reaction[j, 2] += fused(py, fx, fused(-px, fy, after))
-    solved[j + 1, 0] = fused(model.inverse_mass[j + 1], fx, solved[j + 1, 0])
-    solved[j + 1, 1] = fused(model.inverse_mass[j + 1], fy, solved[j + 1, 1])
-    solved[j + 1, 2] = fused(model.inverse_inertia[j + 1], after, solved[j + 1, 2])
-    solved[j, 0] = fused(-model.inverse_mass[j], fx, solved[j, 0])
-    solved[j, 1] = fused(-model.inverse_mass[j], fy, solved[j, 1])
-    solved[j, 2] = fused(-model.inverse_inertia[j], before, solved[j, 2])
+    solved[k, 0] = fused(model.inverse_mass[k], fx, solved[k, 0])
+    solved[k, 1] = fused(model.inverse_mass[k], fy, solved[k, 1])
+    solved[k, 2] = fused(model.inverse_inertia[k], after, solved[k, 2])
+    solved[i, 0] = fused(-model.inverse_mass[i], fx, solved[i, 0])
+    solved[i, 1] = fused(-model.inverse_mass[i], fy, solved[i, 1])
+    solved[i, 2] = fused(-model.inverse_inertia[i], before, solved[i, 2])
 
 
 @kernel
@@ -298,6 +372,12 @@ def substitute(model, position, work, where):
         x = -residual[j, 0] - dot(_along(lower, j, 0), known)
         y = -residual[j, 1] - dot(_along(lower, j, 1), known)
         z = -residual[j, 2] - dot(_along(lower, j, 2), known)
+        bed = model.bed[j]
+        if bed >= 0:
+            known = out[bed, 0], out[bed, 1], out[bed, 2]
+            x -= dot(_of_fork(work, j, 0, 0), known)
+            y -= dot(_of_fork(work, j, 0, 1), known)
+            z -= dot(_of_fork(work, j, 0, 2), known)
         x, y, z = solve_block(block_of(f, j), x, y, z)
         out[j, 0] = x
         out[j, 1] = y
@@ -308,12 +388,16 @@ def substitute(model, position, work, where):
             x = out[j, 0] - dot(_along(upper, j, 0), known)
             y = out[j, 1] - dot(_along(upper, j, 1), known)
             z = out[j, 2] - dot(_along(upper, j, 2), known)
+        bed = model.bed[j]
+        if bed >= 0:
+            for c in range(3):
+                out[bed, c] -= dot(_of_fork(work, j, 1, c), (x, y, z))
         of = select(where, x, 0.0), select(where, y, 0.0), select(where, z, 0.0)
         _add_reaction(j, of, model, position, work)
 
 
 @kernel
-def measure_residual(position, work):
+def measure_residual(model, position, work):
     """Measure velocities of corners, and residuals along constrained directions.
 
     Return the largest residual, nan if anything has overflowed. ``work.relative``,
@@ -321,7 +405,7 @@ def measure_residual(position, work):
 
     Writes: work (corner_rate, relative, residual).
     """
-    relative_velocity(position, work.solved, work.pivot, work.relative)
+    relative_velocity(model, position, work.solved, work.pivot, work.relative)
     row = work.row
     bias = work.bias
     residual = work.residual
@@ -367,13 +451,13 @@ def correct(model, position, work, enough):
     """
     copy_rows(work.free, work.solved, 0, position.shape[0])
     work.reaction[:] = 0.0
-    left = measure_residual(position, work)
+    left = measure_residual(model, position, work)
     go = left == left
     # One substitution leaves what the compliance yields; where that counts it is corrected.
     for _ in range(MOST_CORRECTIONS):
         substitute(model, position, work, go)
         before = left
-        left = measure_residual(position, work)
+        left = measure_residual(model, position, work)
         go = go & (left > enough) & (left < before)
         if not some(go):
             break

@@ -136,7 +136,7 @@ def ask_modes(model, work, slack, slack_force):
 
 
 @kernel
-def velocity_scale(position, work):
+def velocity_scale(model, position, work):
     """Return the largest relative velocity without reactions of corners that may touch.
 
     It is at least what rounding leaves of the bodies' velocities, for a chain in flight that moves
@@ -145,7 +145,7 @@ def velocity_scale(position, work):
     Reads: position, work (candidate, free, pivot, point, relative).
     Writes: work.relative.
     """
-    relative_velocity(position, work.free, work.pivot, work.relative)
+    relative_velocity(model, position, work.free, work.pivot, work.relative)
     scale = 0.0
     for i in range(1, work.free.shape[0] - 1):
         fastest = larger(abs(work.free[i, 0]), abs(work.free[i, 1]))
@@ -219,7 +219,7 @@ def solve_contact(model, position, work, live, iterations, ahead, precision):
 
     Return the masks solved, refused and active (runs that go on), and iterations.
     """
-    scale = velocity_scale(position, work)
+    scale = velocity_scale(model, position, work)
     n_joint = work.slide.shape[0]
     limit = float(MOST_ITERATIONS + n_joint // ITERATION_PER_JOINTS)
     active = live

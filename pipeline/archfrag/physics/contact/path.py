@@ -206,7 +206,7 @@ def set_start(position, work, path, scale):
     n_joint = work.slide.size
     force = scale * model.mass.sum()
     blocks.set_rows(model, position, work)
-    relative_velocity(position, path.free, work.pivot, work.relative)
+    relative_velocity(model, position, path.free, work.pivot, work.relative)
     for j in range(n_joint):
         size = 1.0 + j / n_joint
         slide = work.slide[j]
@@ -374,7 +374,7 @@ def solve_by_path(model, position, work, path, exact):
     Return solved, compliant, the number of linear problems in the iteration on modes, and the
     number of breaks.
     """
-    scale = velocity_scale(position, work)
+    scale = velocity_scale(model, position, work)
     copy_rows(work.free, path.free, 0, position.shape[0])
     push_by_pulls(model, work, path.free, 1.0)  # on a path ties pull as before
     for j in range(work.slide.size):

@@ -33,7 +33,7 @@ def later_vertex_meets(corner, slip):
 def move_faces(model, position, work):
     """Set corners and unit tangents of all joint faces for given positions of the bodies.
 
-    Reads: model (corner, tangent), position, work (face, rotated).
+    Reads: model (body, corner, tangent), position, work (face, rotated).
     Writes: work (face, rotated, tangent).
     """
     face = work.face
@@ -41,7 +41,7 @@ def move_faces(model, position, work):
         work.rotated[i, 1], work.rotated[i, 0] = sine_cosine(position[i, 2])
     for j in range(face.shape[0]):
         for side in range(2):
-            i = j + side
+            i = model.body[j, side]
             for k in range(2):
                 x = model.corner[j, side, k, 0]
                 x, y = outwards(work, i, x, model.corner[j, side, k, 1])
@@ -234,27 +234,36 @@ def _velocity_at(i, px, py, position, velocity):
 
 
 @inlined
-def corner_rate_at(j, px, py, position, velocity):
+def corner_rate_at(j, px, py, model, position, velocity):
     """Return the velocity of the body after joint `j` relative to the one before it (Eq 22).
 
     It is that at the point (px, py).
     """
-    ax, ay = _velocity_at(j + 1, px, py, position, velocity)
-    bx, by = _velocity_at(j, px, py, position, velocity)
+    ax, ay = _velocity_at(model.body[j, 1], px, py, position, velocity)
+    bx, by = _velocity_at(model.body[j, 0], px, py, position, velocity)
     return ax - bx, ay - by
 
 
+@inlined
+def turn_of(j, model, of):
+    """Return the rotation of the body after joint `j` less that of the one before it.
+
+    Column 2 of `of` has rotations or their rates.
+    """
+    return of[model.body[j, 1], 2] - of[model.body[j, 0], 2]
+
+
 @kernel
-def relative_velocity(position, velocity, pivot, out):
+def relative_velocity(model, position, velocity, pivot, out):
     """Find the velocity of the body after each joint relative to the one before it (Eq 22).
 
     Velocities at the pivots and rates of rotation go into `out`, (n_joint, 3).
 
-    Reads: position, velocity, pivot.
+    Reads: model.body, position, velocity, pivot.
     Writes: out.
     """
     for j in range(pivot.shape[0]):
         out[j, 0], out[j, 1] = corner_rate_at(
-            j, pivot[j, 0], pivot[j, 1], position, velocity
+            j, pivot[j, 0], pivot[j, 1], model, position, velocity
         )
-        out[j, 2] = velocity[j + 1, 2] - velocity[j, 2]
+        out[j, 2] = turn_of(j, model, velocity)

@@ -286,11 +286,13 @@ def _answer(model, position, work, t, where):
     _pull(model, t, 1.0, work, solved)
     for _ in range(2):  # what the compliance of the rows leaves is corrected once
         for j in range(work.slide.shape[0]):
-            ux = solved[j + 1, 0] - solved[j, 0]
-            uy = solved[j + 1, 1] - solved[j, 1]
+            i = model.body[j, 0]
+            k = model.body[j, 1]
+            ux = solved[k, 0] - solved[i, 0]
+            uy = solved[k, 1] - solved[i, 1]
             for a in range(3):
                 rate = row[j, a, 0] * ux + row[j, a, 1] * uy
-                rate += row[j, a, 2] * solved[j + 1, 2] - row[j, a, 3] * solved[j, 2]
+                rate += row[j, a, 2] * solved[k, 2] - row[j, a, 3] * solved[i, 2]
                 work.residual[j, a] = rate
         blocks.substitute(model, position, work, where)
     _keep(work, t)
@@ -365,7 +367,7 @@ def solve_with_pulls(model, position, work, scale, precision, first):
     _solve_impulses(model, work)
     _sum_answers(work, 0, work.solved)
     _sum_answers(work, position.shape[0], work.reaction)
-    return blocks.measure_residual(position, work)
+    return blocks.measure_residual(model, position, work)
 
 
 @kernel

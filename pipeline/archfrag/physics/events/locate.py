@@ -133,7 +133,7 @@ def margins_between(mega, motion, position, velocity):
                 gap = clearance(k, c, work)
                 x = work.point[k, c, 0]
                 y = work.point[k, c, 1]
-                slip = corner_rate_at(k, x, y, position, velocity)
+                slip = corner_rate_at(k, x, y, mega.model, position, velocity)
                 rate = along(laws.normal_of(k, work), slip)
                 late = gap < 0.0 <= rate and gap * per_length > -ROUNDING
                 value[GAP_0 + c] = 0.0 if late else GAP_WEIGHT * gap * per_length
@@ -147,7 +147,7 @@ def margins_between(mega, motion, position, velocity):
             c = 0 if at_0 else 1
             _cone_margins(k, c, mega.model, work, motion.per_weight, value)
         if work.slide[k] != 0.0:
-            rate, _ = runge_kutta.sliding_rate(k, position, velocity, work)
+            rate, _ = runge_kutta.sliding_rate(k, mega.model, position, velocity, work)
             slips = -laws.SLIP_WEIGHT * work.slide[k] * rate
             value[laws.SLIP_END] = slips / motion.speed
 

@@ -103,15 +103,15 @@ def _travel(far, time):
 
 
 @kernel
-def sliding_rate(j, position, velocity, work):
+def sliding_rate(j, model, position, velocity, work):
     """Return the slip rate of sliding joint `j` [m/s], and its normal (x, y).
 
     The rate is that of the body after the joint relative to the one before it, along the tangent.
 
-    Reads: position, velocity, work (contact, normal, point, side_normal, slide).
+    Reads: model.body, position, velocity, work (contact, normal, point, side_normal, slide).
     """
     nx, ny, px, py = contact_of(j, work)
-    rate = cross((nx, ny), corner_rate_at(j, px, py, position, velocity))
+    rate = cross((nx, ny), corner_rate_at(j, px, py, model, position, velocity))
     return rate, (nx, ny)
 
 
@@ -153,7 +153,7 @@ def keep_stage(mega, stages, stage, position, velocity, ground):
         by_ground -= mass[i] * along(ground, velocity[i])
     for j in range(work.slide.shape[0]):
         if work.slide[j] != 0.0:
-            rate, normal = sliding_rate(j, position, velocity, work)
+            rate, normal = sliding_rate(j, mega.model, position, velocity, work)
             by_friction += rate * cross(normal, force_of(j, work))
     stages.power[stage, BY_GROUND] = by_ground
     stages.power[stage, BY_FRICTION] = by_friction

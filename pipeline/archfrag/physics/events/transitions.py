@@ -79,7 +79,7 @@ def pose_impact(run, joint, corner):
     release_pulls(work)
     copy_rows(state.velocity, work.free, 1, state.velocity.shape[0])
     copy_rows(state.velocity, work.solved, 1, state.velocity.shape[0])
-    return velocity_scale(state.position, work) > LEAST_SPEED * run.motion.speed
+    return velocity_scale(model, state.position, work) > LEAST_SPEED * run.motion.speed
 
 
 @inlined
@@ -225,7 +225,9 @@ def pose_accelerations(run, ground):
     work = run.work
     jammed = False
     copy_modes(state, work)
-    placing.relative_velocity(state.position, state.velocity, work.pivot, work.relative)
+    placing.relative_velocity(
+        model, state.position, state.velocity, work.pivot, work.relative
+    )
     for j in range(state.slip.size):
         rate = _find_touching(j, run)
         slips = abs(rate) > SLIPPING * run.motion.speed
@@ -238,7 +240,9 @@ def pose_accelerations(run, ground):
             work.slide[j] = 0.0
     set_free(model, ground, work.free)
     pull_bodies(model, state, work)
-    centripetal_bias(state.position, state.velocity, state.slip, work.known, work)
+    centripetal_bias(
+        model, state.position, state.velocity, state.slip, work.known, work
+    )
     return jammed
 
 

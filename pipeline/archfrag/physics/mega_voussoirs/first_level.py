@@ -40,14 +40,14 @@ def _arm(centre, position, k):
 
 
 @kernel
-def centripetal_bias(position, velocity, slips, sense, work):
+def centripetal_bias(model, position, velocity, slips, sense, work):
     """Set ``work.bias``: what rotations add to relative accelerations (Eqs 17, 18).
 
     These are the centripetal accelerations of the material points and, where a vertex runs along a
     rotating face, twice the product of both rates. `sense` is the sense of friction of slips in
     progress, zero where there is none.
 
-    Reads: position, velocity, slips, sense, work (contact, normal, point, side_normal).
+    Reads: model.body, position, velocity, slips, sense, work (contact, normal, point, side_normal).
     Writes: work.bias.
     """
     for j in range(work.slide.shape[0]):
@@ -67,7 +67,7 @@ def centripetal_bias(position, velocity, slips, sense, work):
                 at_0, at_1 = touching(j, work)
                 if at_0 and at_1:
                     nx, ny = normal_of(j, work)
-                slip = placing.corner_rate_at(j, px, py, position, velocity)
+                slip = placing.corner_rate_at(j, px, py, model, position, velocity)
                 place = slips[j] if slips[j] != 0.0 else -sense[j]
                 face = before if placing.later_vertex_meets(k, place) else after
                 twice = 2.0 * face * cross((nx, ny), slip)
@@ -275,7 +275,7 @@ def solve_first_level(mega, position, velocity, ground, scale):
     four = not moves and is_four_hinges(work, position.shape[0])
     if four and four_hinges(model, position, velocity, work):
         return True
-    centripetal_bias(position, velocity, work.slip, work.slide, work)
+    centripetal_bias(model, position, velocity, work.slip, work.slide, work)
     left = blocks.solve_modes(model, position, work, scale, blocks.EXACT, 0)
     return left <= ILL_CONDITIONED * model.gravity
 
@@ -296,7 +296,7 @@ def project(mega, position, velocity, enough, limit):
     work.bias[:] = 0.0
     work.free[:] = 0.0
     copy_rows(velocity, work.solved, 0, position.shape[0])
-    rate = blocks.measure_residual(position, work)
+    rate = blocks.measure_residual(model, position, work)
     for j in range(work.slide.shape[0]):
         for k in range(2):
             ex, ey = placing.corner_offset(j, k, work, work.slip[j])

@@ -91,7 +91,7 @@ def time_to_impact(model, state, work, shortest, ahead):
             closes = closes_soon(j, k, work, beyond(step, shortest, ahead))
             if some(closes):
                 ex, ey = offset_of(j, k, model, work)
-                hx, hy = bend_of(j, k, state.velocity, work)
+                hx, hy = bend_of(j, k, model, state.velocity, work)
                 ux, uy = corner_velocity(j, k, work.earlier, work)
                 vx, vy = corner_velocity(j, k, work.relative, work)
                 time = 0.0 * step

@@ -59,6 +59,7 @@ def first_frequency(model: Model, chain: Chain) -> float:
     """
     assert chain.joint is not None
     n_row = model.mass.size
+    bodies = slice(1, model.end)
     kept = []
     for j, (k, along, _, points) in enumerate(chain.joint.tolist()):
         length = float(model.length[j])
@@ -72,12 +73,13 @@ def first_frequency(model: Model, chain: Chain) -> float:
             row = np.zeros((n_row, 3))
             for side, sign in enumerate((-1.0, 1.0)):
                 x, y = model.corner[j, side].mean(axis=0)
-                row[j + side] = sign * dx, sign * dy, sign * (w + x * dy - y * dx)
-            kept.append(math.sqrt(size) * row[1:-1].ravel())
+                turns = sign * (w + x * dy - y * dx)
+                row[model.body[j, side]] = sign * dx, sign * dy, turns
+            kept.append(math.sqrt(size) * row[bodies].ravel())
     inverse = np.stack(
         [model.inverse_mass, model.inverse_mass, model.inverse_inertia], axis=1
     )
-    rows = np.array(kept) * np.sqrt(inverse[1:-1].ravel())
+    rows = np.array(kept) * np.sqrt(inverse[bodies].ravel())
     return math.sqrt(max(float(np.linalg.eigvalsh(rows.T @ rows)[0]), 0.0)) / (
         2.0 * math.pi
     )
@@ -124,11 +126,13 @@ def settle(runs, period, limit):
         if not solved:
             step *= 0.25
             continue
-        relative_velocity(work.position, work.solved, work.pivot, work.relative)
+        relative_velocity(
+            runs.model, work.position, work.solved, work.pivot, work.relative
+        )
         stored = moved = away = 0.0
         for j in range(state.slip.size):
             stored += remember(j, runs, (step, step), True)[0]
-        for i in range(1, state.position.shape[0] - 1):
+        for i in range(1, model.end):
             for c in range(3):
                 size = model.length[0] if c == 2 else 1.0
                 change = step * work.solved[i, c]

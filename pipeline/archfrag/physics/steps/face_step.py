@@ -103,11 +103,13 @@ def pose_faces(runs, step):
     state = runs.state
     work = runs.work
     own = runs.own
-    move_to_middle(state, work, step)
+    move_to_middle(model, state, work, step)
     move_faces(model, work.position, work)
     for j in range(state.slip.size):
         _place_joint(j, model, work, own)
-    relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
+    relative_velocity(
+        runs.model, work.position, state.velocity, work.pivot, work.earlier
+    )
     for j in range(state.slip.size):
         x, y, turns = three(work.earlier, j)
         opens, rate = parts_of(j, work, x, y)
@@ -281,7 +283,7 @@ def record_joints(runs, step, where):
     state = runs.state
     clock = state.clock
     work = runs.work
-    relative_velocity(work.position, work.solved, work.pivot, work.relative)
+    relative_velocity(runs.model, work.position, work.solved, work.pivot, work.relative)
     stored = friction = damped = done = 0.0 * step
     times = delay_of(runs.faces, step), 0.5 * step
     for j in range(work.slide.size):

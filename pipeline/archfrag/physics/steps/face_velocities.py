@@ -13,11 +13,11 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from archfrag.physics.contact.blocks import block_of, factorise_block, solve_block
-from archfrag.physics.contact.placing import corner_rate_at
+from archfrag.physics.contact.placing import corner_rate_at, turn_of
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import fused, opposite, select, some
 from archfrag.physics.kernels.structs import struct
-from archfrag.physics.numbers import dot, flag, larger, smaller
+from archfrag.physics.numbers import copy_rows, dot, flag, larger, smaller
 from archfrag.physics.steps.face_law import Gaps, bear
 from archfrag.physics.steps.step import normal_of
 
@@ -103,10 +103,10 @@ def _set_stiffness(j, runs, step, b):
     faces = runs.faces
     px = work.pivot[j, 0]
     py = work.pivot[j, 1]
-    ux, uy = corner_rate_at(j, px, py, work.position, work.solved)
+    ux, uy = corner_rate_at(j, px, py, runs.model, work.position, work.solved)
     opens, along = parts_of(j, work, ux, uy)
     c = own.tilt[j]
-    turns = c * (work.solved[j + 1, 2] - work.solved[j, 2])
+    turns = c * turn_of(j, runs.model, work.solved)
     g0 = own.gap[j, 0]
     g1 = own.gap[j, 1]
     d0 = g0 + step * opens
@@ -153,13 +153,10 @@ def _set_stiffness(j, runs, step, b):
 
 
 @inlined
-def _arm_of(j, side, work):
-    """Return the vector to the pivot of joint `j` from a body's centroid.
-
-    `side` is 0 for the body before the joint, 1 for the one after it.
-    """
-    x = work.pivot[j, 0] - work.position[j + side, 0]
-    return x, work.pivot[j, 1] - work.position[j + side, 1]
+def _arm_of(j, i, work):
+    """Return the vector to the pivot of joint `j` from the centroid of body `i`."""
+    x = work.pivot[j, 0] - work.position[i, 0]
+    return x, work.pivot[j, 1] - work.position[i, 1]
 
 
 @inlined
@@ -196,17 +193,18 @@ def _add_side(j, side, sense, runs, size, coupling):
     multiplies stiffnesses.
     """
     own = runs.own
-    arm = _arm_of(j, side, runs.work)
-    other = _arm_of(j, 1 - side, runs.work)
+    i = runs.model.body[j, side]
+    arm = _arm_of(j, i, runs.work)
+    other = _arm_of(j, runs.model.body[j, 1 - side], runs.work)
     force = runs.work.reaction
     fx = sense * force[j, 0]
     fy = sense * force[j, 1]
-    own.left[j + side, 0] -= fx
-    own.left[j + side, 1] -= fy
-    own.left[j + side, 2] -= sense * force[j, 2] + arm[0] * fy - arm[1] * fx
+    own.left[i, 0] -= fx
+    own.left[i, 1] -= fy
+    own.left[i, 2] -= sense * force[j, 2] + arm[0] * fy - arm[1] * fx
     s = own.stiffness
     rows = _turning(s, j, 0, arm), _turning(s, j, 1, arm), _turning(s, j, 2, arm)
-    _add(own.block, j + side, size, rows, arm)
+    _add(own.block, i, size, rows, arm)
     _add(coupling, j, -size, rows, other)
 
 
@@ -238,8 +236,7 @@ def balance(runs, step, b):
     model = runs.model
     work = runs.work
     own = runs.own
-    last = work.solved.shape[0] - 1
-    for i in range(last + 1):
+    for i in range(work.solved.shape[0]):
         for a in range(3):
             mass = model.inertia[i] if a == 2 else model.mass[i]
             own.left[i, a] = mass * (work.solved[i, a] - work.free[i, a])
@@ -249,7 +246,7 @@ def balance(runs, step, b):
         _set_stiffness(j, runs, step, b)
         _add_joint(j, runs, step, b)
     square = slope = 0.0 * step
-    for i in range(1, last):
+    for i in range(1, model.end):
         left = three(own.left, i)
         x, y, z = left
         square += model.inverse_mass[i] * (x * x + y * y) + model.inverse_inertia[i] * (
@@ -279,40 +276,48 @@ def _less(of, i, block, j, known):
 
 
 @kernel
-def newton_step(own, last, where):
-    """Solve the system for ``own.change`` of bodies 1 to `last`, where `where` holds.
+def newton_step(model, own, where):
+    """Solve the system for ``own.change`` of all bodies, where `where` holds.
 
-    Return the slope of the energy along it.
+    Return the slope of the energy along it. Each body is eliminated from the one that
+    ``model.ahead`` names, so that piers come before the spine.
 
-    Reads: own (block, change, forward, left, lower, upper).
+    Reads: model (ahead, end), own (block, change, forward, left, lower, upper).
     Writes: own (block, change, forward, upper).
     """
     block = own.block
     upper = own.upper
     forward = own.forward
-    rest = three(own.left, 1)
-    for i in range(1, last + 1):
+    for i in range(1, model.end):
+        for c in range(3):
+            forward[i, c] = own.left[i, c]
+    for i in range(1, model.end):
         factorise_block(block, i)
         f = block_of(block, i)
-        known = solve_block(f, rest[0], rest[1], rest[2])
+        known = solve_block(f, forward[i, 0], forward[i, 1], forward[i, 2])
         forward[i, 0], forward[i, 1], forward[i, 2] = known
-        if i < last:
+        j = model.ahead[i, 0]
+        k = model.ahead[i, 1]
+        if k != model.end:
             for c in range(3):
-                solved = solve_block(f, upper[i, 0, c], upper[i, 1, c], upper[i, 2, c])
-                upper[i, 0, c], upper[i, 1, c], upper[i, 2, c] = solved
+                solved = solve_block(f, upper[j, 0, c], upper[j, 1, c], upper[j, 2, c])
+                upper[j, 0, c], upper[j, 1, c], upper[j, 2, c] = solved
                 for a in range(3):
-                    block[i + 1, a, c] -= dot(_row(own.lower, i, a), solved)
-            rest = _less(own.left, i + 1, own.lower, i, known)
-    known = three(forward, last)
-    slope = 0.0 * known[0]
-    for i in range(last, 0, -1):
-        if i < last:
-            known = _less(forward, i, upper, i, known)
-        x, y, z = known
+                    block[k, a, c] -= dot(_row(own.lower, j, a), solved)
+            x, y, z = _less(forward, k, own.lower, j, known)
+            forward[k, 0], forward[k, 1], forward[k, 2] = x, y, z
+    slope = 0.0 * forward[1, 0]
+    for i in range(model.end - 1, 0, -1):
+        j = model.ahead[i, 0]
+        k = model.ahead[i, 1]
+        if k != model.end:
+            known = _less(forward, i, upper, j, three(forward, k))
+            forward[i, 0], forward[i, 1], forward[i, 2] = known
+        x, y, z = three(forward, i)
         own.change[i, 0] = select(where, x, own.change[i, 0])
         own.change[i, 1] = select(where, y, own.change[i, 1])
         own.change[i, 2] = select(where, z, own.change[i, 2])
-        slope -= dot(known, three(own.left, i))
+        slope -= dot((x, y, z), three(own.left, i))
     return slope
 
 
@@ -329,15 +334,14 @@ def find_velocities(runs, step, b, balanced, live):
     state = runs.state
     work = runs.work
     own = runs.own
-    last = work.solved.shape[0] - 1
+    end = model.end
     mass = 0.0
-    for i in range(1, last):
+    for i in range(1, end):
         mass += model.mass[i]
         for c in range(3):
             work.solved[i, c] = own.base[i, c] = state.velocity[i, c]
             own.change[i, c] = 0.0 * step
-    for c in range(3):
-        work.solved[last, c] = work.free[last, c]
+    copy_rows(work.free, work.solved, end, work.solved.shape[0])
     enough = balanced * model.gravity * step
     enough = enough * enough * mass
     active = live
@@ -358,7 +362,7 @@ def find_velocities(runs, step, b, balanced, live):
         at_low = select(over, at_low, slope)
         ahead = active & opposite(back)
         if some(ahead):
-            found = newton_step(own, last - 1, ahead)
+            found = newton_step(model, own, ahead)
             before = select(ahead, found, before)
         cut = smaller(larger(at_low / (at_low - at_high), LEAST), 1.0 - LEAST)
         part = select(back, low + cut * (high - low), 1.0)
@@ -366,13 +370,13 @@ def find_velocities(runs, step, b, balanced, live):
         high = select(ahead, 1.0, high)
         at_low = select(ahead, before, at_low)
         at_high = select(ahead, 0.0, at_high)
-        for i in range(1, last):
+        for i in range(1, end):
             for c in range(3):
                 own.base[i, c] = select(ahead, work.solved[i, c], own.base[i, c])
                 moved = own.base[i, c] - part * own.change[i, c]
                 work.solved[i, c] = select(active, moved, work.solved[i, c])
         iterations += flag(active)
-    for i in range(1, last):
+    for i in range(1, end):
         work.solved[i, 0] -= model.inverse_mass[i] * own.left[i, 0]
         work.solved[i, 1] -= model.inverse_mass[i] * own.left[i, 1]
         work.solved[i, 2] -= model.inverse_inertia[i] * own.left[i, 2]

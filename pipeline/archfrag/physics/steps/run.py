@@ -277,12 +277,14 @@ def run(
     state = one.state
     output = shared.output_to(frames, log, options.frame_interval)
     state.clock[Clock.FACTOR] = factor
-    state.position[:] = np.pad(position, [(1, 1), (0, 0)])
-    state.velocity[:] = np.pad(velocity, [(1, 1), (0, 0)])
+    bodies = slice(1, one.model.end)
+    state.position[:] = state.velocity[:] = 0.0
+    state.position[bodies] = position
+    state.velocity[bodies] = velocity
     rests = from_rest and not np.isnan(one.options.rest_plus)
     run_one(one, rests or chain.joint is not None, output, results)
-    position[:] = state.position[1:-1]
-    velocity[:] = state.velocity[1:-1]
+    position[:] = state.position[bodies]
+    velocity[:] = state.velocity[bodies]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
     return results
 

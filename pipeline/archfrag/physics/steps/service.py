@@ -131,7 +131,7 @@ def write_rest(runs, output):
     tiny = 1e-9 * runs.grounds.time_step[int(clock[Clock.MOTION])]
     time = clock[Clock.TIME]
     impulse = impulse_between(runs.grounds, clock, time - tiny, time + tiny)
-    for i in range(1, state.position.shape[0] - 1):
+    for i in range(1, model.end):
         work.free[i, 0] = -impulse.x / (2.0 * tiny)
         work.free[i, 1] = -impulse.y / (2.0 * tiny) - model.gravity
         work.free[i, 2] = 0.0
@@ -139,7 +139,7 @@ def write_rest(runs, output):
         for k in range(2):
             work.candidate[j, k] = state.contact[j, k]
     work.bias[:] = 0.0
-    move_to_middle(state, work, 0.0)
+    move_to_middle(model, state, work, 0.0)
     pull_bodies(model, state, work)
     count = state.count
     taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
@@ -455,7 +455,7 @@ def creep(model, state, work, path, step, loss_limit):
     Returns whether its contact problem is solved, the largest displacement of a centroid in it
     [m], and whether a joint has lost its contact for good.
     """
-    end = state.position.shape[0] - 1
+    end = model.end
     for i in range(1, end):
         work.free[i, 0] = 0.0
         work.free[i, 1] = -step * model.gravity

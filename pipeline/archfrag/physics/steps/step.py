@@ -75,18 +75,20 @@ def normal_of(j, work):
 
 
 @inlined
-def bend_of(j, k, velocity, work):
+def bend_of(j, k, model, velocity, work):
     """Return the acceleration of a corner's offset at constant velocities [m/s2].
 
     It is the centripetal one of both bodies, and that of Coriolis where a vertex slides on a face.
     """
-    after = velocity[j + 1, 2]
-    before = velocity[j, 2]
+    i = model.body[j, 0]
+    m = model.body[j, 1]
+    after = velocity[m, 2]
+    before = velocity[i, 2]
     place = work.position
     px = work.point[j, k, 0]
     py = work.point[j, k, 1]
-    hx = before * before * (px - place[j, 0]) - after * after * (px - place[j + 1, 0])
-    hy = before * before * (py - place[j, 1]) - after * after * (py - place[j + 1, 1])
+    hx = before * before * (px - place[i, 0]) - after * after * (px - place[m, 0])
+    hy = before * before * (py - place[i, 1]) - after * after * (py - place[m, 1])
     nx, ny = normal_of(j, work)
     ux, uy = placing.corner_velocity(j, k, work.earlier, work)
     face = select(placing.later_vertex_meets(k, work.slip[j]), before, after)
@@ -123,7 +125,8 @@ def aim_contacts(model, state, work, step, shortest):
     half = 0.5 * step
     for j in range(work.slip.size):
         nx, ny = normal_of(j, work)
-        spin = larger(abs(velocity[j, 2]), abs(velocity[j + 1, 2]))
+        before = velocity[model.body[j, 0], 2]
+        spin = larger(abs(before), abs(velocity[model.body[j, 1], 2]))
         slow = step * (gravity + SWING * model.length[j] * (spin * spin))
         closing = True
         for k in range(2):
@@ -134,7 +137,7 @@ def aim_contacts(model, state, work, step, shortest):
             rate = 1.0 / span
             bend = step * (0.125 * step + 0.5 * beyond)
             ex, ey = offset_of(j, k, model, work)
-            hx, hy = bend_of(j, k, velocity, work)
+            hx, hy = bend_of(j, k, model, velocity, work)
             ex = ex + bend * hx
             ey = ey + bend * hy
             ux, uy = placing.corner_velocity(j, k, work.earlier, work)
@@ -160,16 +163,16 @@ def free_fall(model, state, work, impulse, span):
     `impulse` is that of the ground motion in that time.
     """
     fall = impulse.y + span * model.gravity
-    for i in range(1, state.position.shape[0] - 1):
+    for i in range(1, model.end):
         work.free[i, 0] = state.velocity[i, 0] - impulse.x
         work.free[i, 1] = state.velocity[i, 1] - fall
         work.free[i, 2] = state.velocity[i, 2]
 
 
 @inlined
-def move_to_middle(state, work, step):
+def move_to_middle(model, state, work, step):
     """Move bodies to the middle of a step."""
-    for i in range(1, state.position.shape[0] - 1):
+    for i in range(1, model.end):
         for c in range(3):
             work.position[i, c] = (
                 state.position[i, c] + 0.5 * step * state.velocity[i, c]
@@ -179,9 +182,11 @@ def move_to_middle(state, work, step):
 @kernel
 def go_to_middle(model, state, work, step):
     """Move bodies, faces and slips to the middle of a step."""
-    move_to_middle(state, work, step)
+    move_to_middle(model, state, work, step)
     placing.place_chain(model, work.position, state, 0.0, work.slip, work)
-    placing.relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
+    placing.relative_velocity(
+        model, work.position, state.velocity, work.pivot, work.earlier
+    )
 
 
 @inlined
@@ -220,7 +225,8 @@ def carry_on(model, state, work, span):
     for j in range(state.slip.size):
         fx = span * state.force[j, 0]
         fy = span * state.force[j, 1]
-        for end, sense in ((j + 1, 1.0), (j, -1.0)):
+        for side, sense in ((1, 1.0), (0, -1.0)):
+            end = model.body[j, side]
             px = work.pivot[j, 0] - work.position[end, 0]
             py = work.pivot[j, 1] - work.position[end, 1]
             moment = span * state.force[j, 2] + px * fy - py * fx
@@ -264,11 +270,10 @@ def record_base_work(model, state, work, where):
     for j in range(state.slip.size):
         for side, sense in ((0, 1.0), (1, -1.0)):
             i = model.body[j, side]
-            if i == 0 or model.mass[i] > 0.0:
-                continue
-            x, y = _mean_velocity(i, state, work)
-            given = work.reaction[j, 0] * x + work.reaction[j, 1] * y
-            state.energy[Energy.GROUND] += select(where, sense * given, 0.0)
+            if i >= model.end:
+                x, y = _mean_velocity(i, state, work)
+                given = work.reaction[j, 0] * x + work.reaction[j, 1] * y
+                state.energy[Energy.GROUND] += select(where, sense * given, 0.0)
 
 
 @inlined
@@ -285,7 +290,7 @@ def _is_complete(j, model, state, work):
         ux, uy = placing.corner_velocity(j, k, work.earlier, work)
         came = larger(abs(nx * ux + ny * uy), fall)
         ex, ey = offset_of(j, k, model, work)
-        hx, hy = bend_of(j, k, state.velocity, work)
+        hx, hy = bend_of(j, k, model, state.velocity, work)
         off = nx * ex + ny * ey - 0.125 * step * step * (nx * hx + ny * hy)
         complete = complete & (
             (work.contact[j, k] < 0.5) | (abs(off) <= COMPLETE * came * step)
@@ -349,7 +354,7 @@ def record_motion(model, state, where):
     spoiled = farthest
     position = state.position
     start = model.start
-    for i in range(1, position.shape[0] - 1):
+    for i in range(1, model.end):
         dx = position[i, 0] - start[i, 0]
         dy = position[i, 1] - start[i, 1]
         farthest = larger(farthest, dx * dx + dy * dy)

@@ -50,9 +50,9 @@ _LARGEST_VALUE = PROPERTIES["joints.stiffness"].most
 
 _T = TypeVar("_T")
 List = Annotated[list[_T], Field(max_length=MOST_VOUSSOIRS + 1)]
+_ONE_OR_LIST = Discriminator(lambda given: "list" if isinstance(given, list) else "one")
 OneOrList = Annotated[
-    Annotated[_T, Tag("one")] | Annotated[List[_T], Tag("list")],
-    Discriminator(lambda given: "list" if isinstance(given, list) else "one"),
+    Annotated[_T, Tag("one")] | Annotated[List[_T], Tag("list")], _ONE_OR_LIST
 ]
 Length = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 Depth = Annotated[float, Field(ge=0.0, le=LARGEST)]
@@ -105,26 +105,27 @@ class JointEntry(Section):
     bears all along."""
 
 
-class Piers(Section):
-    """Two piers or buttresses under the ring, bodies of the same chain, cut to its springing
-    joints; every key is one for both or a pair [left, right]."""
+class Pier(Section):
+    """A pier, a body or several of the same chain, cut to the springing joints of the rings on
+    it."""
 
-    height: OneOrList[Length]
+    height: Length
     """From the base to the intrados of the springing joint [m]."""
-    width: OneOrList[Length]
-    """From the inner face, which is upright, to the outer one at the top [m]."""
-    base_width: OneOrList[Length] | None = None
+    width: Length
+    """Of an inner pier between the rings' intrados; of an outer one from its upright inner face
+    to the outer one at the top [m]."""
+    base_width: Length | None = None
     """The same at the base; if not given, as at the top [m]."""
-    courses: OneOrList[Annotated[int, Field(ge=1)]] = 1
-    """Bodies of a pier, equally high but for the top one; the joints between them are level."""
-    above: OneOrList[Depth] = 0.0
+    courses: Annotated[int, Field(ge=1, le=MOST_VOUSSOIRS)] = 1
+    """Its bodies, equally high but for the top one; the joints between them are level."""
+    above: Depth = 0.0
     """Height of the top above the extrados of the springing joint, as of a buttress [m]."""
-    friction: OneOrList[OrInfinite] | None = None
-    """Coulomb coefficient of its level joints; if not given, as of the ring's springing joint."""
-    density: OneOrList[Annotated[float, Field(ge=SMALLEST, le=1e6)]] | None = None
-    """Density of its masonry; if not given, as of the ring's first or last voussoir [kg/m3]."""
-    depth: OneOrList[Length] | None = None
-    """Width across the plane; if not given, as of the ring's first or last voussoir [m]."""
+    friction: OrInfinite | None = None
+    """Coulomb coefficient of its level joints; if not given, as of the springing joint."""
+    density: Annotated[float, Field(ge=SMALLEST, le=1e6)] | None = None
+    """Density of its masonry; if not given, as of the voussoir at the springing [kg/m3]."""
+    depth: Length | None = None
+    """Width across the plane; if not given, as of the voussoir at the springing [m]."""
 
 
 class Fill(Section):
@@ -154,8 +155,10 @@ class Springings(Section):
     """Movement downwards [m]."""
     rotation: float = Field(0.0, ge=-45.0, le=45.0)
     """About the middle of its joint, positive if its extrados goes down [degrees]."""
-    springing: str = "right"
-    """Which base has moved: left, pier 1 and so on, or right."""
+    springing: Annotated[str, Field(pattern=r"^(left|right|pier [1-9][0-9]*)$")] = (
+        "right"
+    )
+    """Which one has moved; of a bridge the base: left, "pier 1" and so on, or right."""
 
 
 class TieEntry(Section):
@@ -163,6 +166,8 @@ class TieEntry(Section):
 
     level: Shift
     """Height at which it goes through the arch, from outer face to outer face [m]."""
+    span: Annotated[int, Field(ge=1)] | None = None
+    """Span of a bridge in which it is, from 1; if not given, there is one in each span."""
     area: float = Field(gt=0.0, le=10.0)
     """Area of its cross-section [m2]."""
     modulus: float = Field(2.0e11, gt=0.0, le=1e13)
@@ -349,7 +354,19 @@ _ROWS = PROPERTIES.items()
 # Columns of a table that are keys of its arches.
 _KEYS = [key for key, row in _ROWS if {*row.needed, *row.taken} - {*DRAWN}]
 _KEYS = ["profile", *dict.fromkeys((*_COMMON, *_KEYS))]
-COLUMNS = (*_KEYS, *(key for key in VARIABLE if "." in key))
+COLUMNS = (
+    *_KEYS,
+    *(k for k in PROPERTIES if k in VARIABLE and "." in k or ".courses" in k),
+)
+# Keys of a whole bridge; others are those of its rings.
+_OF_ALL = ("id", "spans", "piers", "ends", "fill", "vary", *LATER)
+_OF_RINGS = [key for key, row in _ROWS if {*row.needed, *row.taken} & {*PROFILES}]
+_OF_RINGS = [
+    "profile",
+    *(key for key in _OF_RINGS if key not in _OF_ALL),
+    "density",
+    "depth",
+]
 
 
 class ArchEntry(_PlainKeys):  # type: ignore[misc]
@@ -362,6 +379,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     common = _COMMON
     kinds: ClassVar = {
         "table": ((), ("table", "rows", *_KEYS)),
+        "spans": ((), tuple(dict.fromkeys((*_OF_RINGS, *_OF_ALL)))),
         **{
             kind: (
                 tuple(key for key, row in _ROWS if kind in row.needed),
@@ -397,10 +415,25 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     """Corners of each block: x, y [m] and the bulge of the side to the next one, 0 if straight."""
     ground: list[Line] | None = Field(None, max_length=2)
     """Lines on which ends stand; if none, the sides opposite to the joints of both ends."""
+    spans: (
+        Annotated[
+            Annotated[int, Field(ge=1, le=MOST_VOUSSOIRS), Tag("one")]
+            | Annotated[
+                Annotated[list[Named], Field(min_length=1, max_length=MOST_VOUSSOIRS)],
+                Tag("list"),
+            ],
+            _ONE_OR_LIST,
+        ]
+        | None
+    ) = None
+    """Number of equal rings of a bridge; or a list with the keys in which each differs."""
+    piers: OneOrList[Pier] | None = None
+    """Piers between the rings: one block for all, or a list one shorter than spans."""
+    ends: OneOrList[Pier | None] | None = None
+    """Outer piers or buttresses: one block for both, or a list [left, right], empty for one whose
+    springing is on the ground."""
     fill: Fill | None = None
     """Fill and backing, as weight and mass."""
-    piers: Piers | None = None
-    """Piers or buttresses on which the ring stands."""
     recess: Recess | None = None
     """Depths near the ends of joints over which they transmit nothing."""
     joints: JointEntry | None = None
@@ -411,6 +444,15 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     """Ties, one or several."""
     vary: Vary | None = None
     """Distributions of uncertain keys; the study then has sampled arches in place of this one."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_drawn_whole(cls, given):
+        for key in {"spans", "piers"} & {*given} if "drawing" in given else ():
+            raise refuse(
+                "is given with a drawing, which shows all spans; leave it out", key
+            )
+        return given
 
     @field_validator("joints", mode="before")
     @classmethod
@@ -439,17 +481,73 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
             if not distribution.relative and isinstance(self.value(key), list):
                 text = f"would replace the list {key}; give factors on it, with relative: true"
                 raise refuse(text, f"vary.of.{key}")
-        scatter = self.vary.each_joint if self.vary and self.piers else None
-        many = (
-            isinstance(self.friction, list) or self.value("piers.friction") is not None
-        )
+        for key in of if isinstance(self.spans, list) else ():
+            for number, own in enumerate(self.spans):
+                if key in own:
+                    text = f"would not change spans[{number}], which has its own"
+                    raise refuse(text, f"vary.of.{key}")
+        scatter = self.vary.each_joint if self.vary and self.is_bridge else None
+        own = self.value("piers.friction") is None is self.value("ends.friction")
+        many = isinstance(self.friction, list | None) or not own
         if scatter and (scatter.position or (scatter.friction and many)):
             text = "with piers cannot have position, or friction unless all joints share one"
             raise refuse(text, "vary.each_joint")
         return self
 
+    @model_validator(mode="after")
+    def _stand_together(self) -> Self:
+        if self.table:
+            return self
+        count = len(self.spans) if isinstance(self.spans, list) else self.spans or 1
+        if self.piers and count == 1:
+            text = "stand between spans; piers of a single span are ends: {height: ..., width: ...}"
+            raise refuse(text, "piers")
+        if count > 1 and (
+            self.piers is None
+            or (isinstance(self.piers, list) and len(self.piers) != count - 1)
+        ):
+            text = f"must be one block for all or a list of {count - 1}, one fewer than spans"
+            raise refuse(text, "piers")
+        if isinstance(self.ends, list) and len(self.ends) != 2:
+            raise refuse("must be one block for both or a list [left, right]", "ends")
+        if self.spans is not None:
+            self.rings()
+        return self
+
     def __hash__(self) -> int:
         return hash(repr(self))
+
+    @property
+    def is_bridge(self) -> bool:
+        """Whether the entry has several spans, or piers."""
+        return self.spans is not None or self.ends is not None
+
+    def rings(self) -> list[Self]:
+        """Return the entry of each ring of a bridge, without what belongs to the whole.
+
+        A ring has the keys of the bridge that its profile can have, and its own. The error of
+        pydantic if a ring cannot be, or if no ring has a key.
+        """
+        shared = self.model_dump(exclude_none=True, include={*_OF_RINGS})
+        many = isinstance(self.spans, list)
+        found = []
+        used = set[str]()
+        for number, own in enumerate(self.spans if many else [{}]):  # type: ignore[arg-type]
+            kind = str(own.get("profile", self.profile))
+            can = {"profile", *_COMMON, *sum(self.kinds.get(kind, ((), ())), ())}
+            keys = {
+                key: value for key, value in shared.items() if key in can or not many
+            }
+            used |= keys.keys()
+            place = f"cannot have spans[{number}]" if many else "cannot have such spans"
+            given = {"id": "arch", **keys, **own}
+            with at(place, given, kind=refuse):
+                for key in {*map(str, own)} - {*_OF_RINGS}:
+                    raise InputError(f"{key} is not a key of a span")
+                found.append(type(self).model_validate(given))
+        for key in shared.keys() - used:
+            raise refuse("is a key that no profile of spans has", key)
+        return found if many else found * (self.spans or 1)  # type: ignore[operator]
 
     @property
     def parameters(self) -> Named:
@@ -457,11 +555,16 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         return self.model_dump(exclude_none=True)
 
     def value(self, key: str):
-        """Return the value of a key, such as radius or joints.stiffness; None if it has none."""
-        value: Any = self
-        for name in key.split("."):
-            value = getattr(value, name, None)
-        return value
+        """Return the value of a key, such as radius or joints.stiffness; None if it has none.
+
+        Of a list of piers it is the list of their values.
+        """
+        block, _, name = key.partition(".")
+        value: Any = getattr(self, block, None)
+        if name and isinstance(value, list):
+            every = [getattr(each, name, None) for each in value]
+            return [each for each in every if each is not None] or None
+        return getattr(value, name, None) if name else value
 
     def number(self, key: str) -> float:
         """Return the value of a key as one number: the mean of a list, nan if it has none."""
@@ -477,7 +580,13 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         given = self.model_dump(exclude_none=True, exclude={*without})
         for key, value in values.items():
             block, _, name = key.rpartition(".")
-            (given.setdefault(block, {}) if block else given)[name] = value
+            into = given.setdefault(block, {}) if block else given
+            if isinstance(into, list):
+                into = [each for each in into if each]
+                for each, own in zip(into, np.broadcast_to(value, len(into)).tolist()):
+                    each[name] = own
+            else:
+                into[name] = value
         with at(place, given):
             return type(self).model_validate(given)
 
@@ -513,11 +622,9 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
 @lru_cache(maxsize=256)
 def _built(entry: ArchEntry) -> "Arch":
     """Build the arch of an entry whose drawing, if any, has been read."""
-    name = str(entry.profile)
-    makers = {"block": arch.Block, "polygons": arch.Arch.from_polygons}
-    make: Any = makers.get(name) or getattr(arch.Arch, name)
-    given = entry.model_dump(exclude={*LATER, "id", "profile"}, exclude_none=True)
-    built: Arch = make(**given)
+    built = _rings(entry) if entry.is_bridge else _ring(entry)
+    if entry.fill is not None:
+        built = built.filled(**entry.fill.model_dump())
     if entry.recess is not None:
         built = built.recessed(**entry.recess.model_dump())
     joints: Named = {"stiffness": math.inf, "strength": entry.strength or math.inf}
@@ -529,3 +636,26 @@ def _built(entry: ArchEntry) -> "Arch":
     for tie in entry.ties or ():
         built = built.tied(**tie.model_dump(exclude_none=True))
     return built
+
+
+def _ring(entry: ArchEntry, **more) -> "Arch":
+    """Build a ring, or any arch without piers; `more` replaces keys."""
+    name = str(entry.profile)
+    makers = {"block": arch.Block, "polygons": arch.Arch.from_polygons}
+    make: Any = makers.get(name) or getattr(arch.Arch, name)
+    given = entry.model_dump(exclude={"profile", *_OF_ALL}, exclude_none=True)
+    return make(**given | more)
+
+
+def _rings(entry: ArchEntry) -> "Arch":
+    """Build rings on their piers; a list of friction is for each joint of a ring, or of all."""
+    entries = entry.rings()
+    dump = entry.model_dump(include={"piers", "ends"})
+    rings = [_ring(each, friction=0.0) for each in entries]
+    built = arch.Bridge(rings, dump["piers"] or (), dump["ends"])
+    friction: list[Any] = [each.friction for each in entries]
+    if isinstance(entry.friction, list) and len(entry.friction) == built.n_joint:
+        friction = [entry.friction] * len(rings)
+    others = zip(friction[1:], built.given.spans)
+    spans = tuple(given._replace(friction=own) for own, given in others)
+    return built.rebuilt(friction=friction[0], spans=spans)

@@ -1,0 +1,16 @@
+"""Arches on two outer piers, for tests."""
+
+import archfrag as af
+
+
+def ends_of(**keys):
+    """Return the keys of two piers; a pair is of the left and the right one."""
+    return [
+        {k: v[i] if isinstance(v, list | tuple) else v for k, v in keys.items()}
+        for i in (0, 1)
+    ]
+
+
+def on_piers(ring, height, width, **more):
+    """Return an arch on two piers; a pair is of the left and the right one."""
+    return af.Bridge([ring], ends=ends_of(height=height, width=width, **more))
