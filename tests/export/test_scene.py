@@ -230,7 +230,7 @@ def test_ties(made):
 def test_motions_are_those_of_the_study_to_the_last_bit(made):
     study, _, scene = made
     plan = make_plan(study)
-    assert scene["arches"][0]["delays"] == {"left": 0.0, "right": 0.02}
+    assert scene["arches"][0]["delays"] == [0.0, 0.02]
     assert scene["intensity"] == {
         "measure": "PGA",
         "unit": "g",

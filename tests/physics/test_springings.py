@@ -19,6 +19,8 @@ TIME = np.arange(0.0, 6.0, 0.005)
 PULSE = af.Motion(
     6.0 * np.sin(2.0 * np.pi * TIME) * np.exp(-((TIME - 2.0) ** 2)), 0.005
 )
+RING = af.Arch.segmental(6.0, 2.0, 0.6, voussoirs=9, friction=0.6)
+BRIDGE = af.Bridge([RING, RING], piers=[{"height": 3.0, "width": 1.6, "courses": 3}])
 
 
 def least_spread(arch):
@@ -188,37 +190,71 @@ class TestBases:
         block = af.Block(width=0.2, height=1.0, friction=0.8)
         assert base_positions(block) == {"left": pytest.approx(0.0)}
 
-    def test_those_of_piers_follow_from_the_table_of_joints(self):
-        """Five bodies in a row, of which the second and the fourth stand on a pier each."""
-        body = [[5, 1], [6, 3], [-1, 0], [0, 1], [1, 2], [2, 3], [3, 4], [4, 7]]
-        faces = np.zeros((8, 2, 2, 2))
-        faces[0, 0, :, 0] = 5.0, 6.0
-        faces[1, 0, :, 0] = 11.0, 13.0
-        faces[2, 0, :, 0] = -1.0, 0.0
-        faces[7, 1, :, 0] = 20.0, 22.0
-        chain = ARCH.chain._replace(
-            mass=np.ones(5),
-            body=np.array(body),
-            face_before=faces[:, 0],
-            face_after=faces[:, 1],
-        )
-        places = base_positions(ARCH.changed(chain=chain))
-        assert list(places.items()) == [
-            ("left", -0.5),
-            ("pier 1", 5.5),
-            ("pier 2", 12.0),
-            ("right", 21.0),
-        ]
-        waves = ground_of(PULSE, ARCH.changed(chain=chain), wave_speed=-430.0)
-        lead = len(waves.motion.acceleration) - len(PULSE.acceleration)
-        assert lead == 10  # 0.05 s by whole samples
-        time = 0.005 * np.arange(len(waves.horizontal))
-        for k, x in enumerate((5.5, 12.0, 21.0)):
-            late = 0.05 - (x + 0.5) / 430.0
-            own = np.interp(time - late, PULSE.time, PULSE.acceleration, 0.0, 0.0)
-            found = waves.horizontal + waves.apart[:, k, 0]
+    def test_a_wave_from_the_right_reaches_the_left_base_last(self):
+        places = base_positions(BRIDGE)
+        assert list(places) == ["left", "pier 1", "right"]
+        ground = ground_of(PULSE, BRIDGE, wave_speed=-430.0)
+        lead = len(ground.motion.acceleration) - len(PULSE.acceleration)
+        ahead = [(x - places["left"]) / 430.0 for x in places.values()]
+        assert lead == math.ceil(ahead[-1] / 0.005)
+        time = 0.005 * np.arange(len(ground.horizontal))
+        for k in (1, 2):
+            since = time - (0.005 * lead - ahead[k])
+            own = np.interp(since, PULSE.time, PULSE.acceleration, 0.0, 0.0)
+            found = ground.horizontal + ground.apart[:, k - 1, 0]
             assert found == pytest.approx(own, abs=1e-12)
-            assert not waves.apart[:, k, 1].any()
+            assert not ground.apart[:, k - 1, 1].any()
+
+    @pytest.mark.parametrize("moved", [{"spread": 0.01}, {"rotation": 0.3}])
+    def test_the_mirror_of_a_pier_that_moves(self, moved):
+        """Of a symmetric bridge: one way bears towards +x what the other bears towards -x."""
+        back = {name: -value for name, value in moved.items()}
+        path, mirror = (
+            af.springing_path(BRIDGE, **each, springing="pier 1")
+            for each in (moved, back)
+        )
+        assert path.plus == pytest.approx(mirror.minus, rel=1e-9)
+        assert path.minus == pytest.approx(mirror.plus, rel=1e-9)
+        assert path.plus[-1] < path.plus[0]
+        with pytest.raises(af.errors.InputError, match="must be left or pier 1 or"):
+            af.springing_path(BRIDGE, **moved, springing="pier 2")
+
+    def test_energy_closes_where_every_base_moves(self):
+        own = {
+            "pier 1": 0.05,
+            "right": af.Motion(0.5 * PULSE.acceleration[::-1], 0.005),
+        }
+        factors = [0.5, 0.8, 1.1, 1.4, 1.7]
+        runs = [af.simulate(BRIDGE, PULSE, factor, bases=own) for factor in factors]
+        for run in runs:
+            energy = run.energy
+            given = sum(
+                energy[name]
+                for name in ("ground", "friction", "impacts", "balance_error")
+            )
+            left = energy["kinetic"] + energy["potential"] - given
+            assert abs(left) < 1e-10 * abs(energy["ground"])
+            assert run.energy_error < 1e-3
+        together = af.simulate_many(BRIDGE, PULSE, factors, bases=own)
+        assert together.peak_rotation.values.tolist() == [
+            run.peak_rotation for run in runs
+        ]
+
+    def test_a_wave_on_a_bridge_has_its_mirror(self):
+        """Relative to the left base, which moves first and last."""
+        speed = np.ptp(list(base_positions(BRIDGE).values())) / 0.1
+        first, last = (
+            np.median(
+                [
+                    af.simulate(
+                        BRIDGE, motion, sense, wave_speed=sense * speed
+                    ).peak_rotation
+                    for motion in nearby(0.8 * PULSE)
+                ]
+            )
+            for sense in (-1.0, 1.0)
+        )
+        assert first == pytest.approx(last, rel=0.05)
 
 
 class TestMotionsOfBases:

@@ -149,7 +149,8 @@ def _arch(member: Member, method) -> Named:
     ties["prestress"] = ties["stiffness"] * (length - ties["length"])
     about = {"id": member.id, "class": member.arch_class, "gravity": chain.gravity}
     about |= {key: gives[key] for key in ("model", "damping", "points") if key in gives}
-    about["delays"] = own_motions(arch, method.wave_speed, method.bases)
+    delays = own_motions(arch, method.wave_speed, method.bases)
+    about["delays"] = list(delays.values())
     parts = [pd.DataFrame(each).to_dict("records") for each in (bodies, joints, ties)]
     return about | {"bodies": parts[0] + ground, "joints": parts[1], "ties": parts[2]}
 
