@@ -131,10 +131,14 @@ def check_bases(arch: Arch, wave_speed, bases) -> None:
 def check_can_run(arch: Arch, info: MethodInfo, wave_speed=None, bases=None) -> None:
     """Raise InputError if a method cannot run an arch, or bases cannot move as given.
 
-    A method must take elastic joints if the arch has them.
+    A method must take elastic joints, or several spans, if the arch has them.
     """
     if info.name not in OF_FACES:
         check_rigid(arch, f"method {info.name}")
+        if arch.chain.body is not None:
+            raise InputError(
+                f"method {info.name} is for one span; take {' or '.join(OF_FACES)}"
+            )
     check_bases(arch, wave_speed, bases)
 
 

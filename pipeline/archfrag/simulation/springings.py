@@ -220,8 +220,8 @@ def ground_of(
             f"Begins {lead * dt:g} s later; another base moves before.",
             record_start=start + lead * dt if start else 0.0,
         )
-    waves = [(left.acceleration, left.vertical)]
-    for name, given in list(own.items())[1:]:
+    waves = []
+    for name, given in own.items():
         late, delay = (given, 0.0) if isinstance(given, Motion) else (motion, given)
         if late.dt != dt:
             raise InputError(
@@ -229,25 +229,22 @@ def ground_of(
                 f"the left base one of {dt:g} s; they must be equal"
             )
         both = late.acceleration, late.vertical
-        waves.append(tuple(_delayed(wave, dt, lead, delay) for wave in both))
-    table = np.zeros((len(waves), 2, max(len(x) for x, _ in waves)))
-    for row, both in zip(table, waves):
-        for c, wave in enumerate(both):
-            row[c, : np.size(wave)] = 0.0 if wave is None else wave
+        waves.append([_delayed(wave, dt, lead, delay) for wave in both])
+    table = np.zeros((len(waves), 2, max(x.size for x, _ in waves)))
+    for row, pair in zip(table, waves):
+        for c, wave in enumerate(pair):
+            row[c, : wave.size] = wave
     apart = table[1:] - table[0]
     if not apart.any():  # motions that are equal are one
         return Ground(left.acceleration, left.vertical, dt, None, left)
-    flat = all(y is None for _, y in waves)
-    vertical = None if flat else table[0, 1]
+    vertical = table[0, 1] if any(y.size for _, y in waves) else None
     return Ground(table[0, 0], vertical, dt, np.moveaxis(apart, 2, 0), left)
 
 
-def _delayed(
-    wave: FloatArray | None, dt: float, lead: int, delay: float
-) -> FloatArray | None:
+def _delayed(wave: FloatArray | None, dt: float, lead: int, delay: float) -> FloatArray:
     """Return samples, `dt` apart [s], that come `lead` samples and `delay` [s] later."""
     if wave is None:
-        return None
+        return np.zeros(0)
     if not delay:
         return np.pad(wave, (lead, 0))
     later = lead * dt + delay
