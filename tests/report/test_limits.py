@@ -46,14 +46,18 @@ KEYS = {
         "Vertical ground motion is modelled",
         "Vertical ground motion is not",
     ),
-    "delay": (0.4, "0.4 s after the left one", "the same ground motion"),
+    "bases": (
+        {"bases": {"right": 0.4}},
+        "left one: right 0.4 s later.",
+        "the same ground motion",
+    ),
     "friction": (0.6, "slide against Coulomb friction", "cannot slide"),
 }
 RIGID = {"stiffness": float("inf"), "damping": 0.05}
 OTHERWISE = {
     "joints": RIGID,
     "vertical": "not used",
-    "delay": None,
+    "bases": {},
     "friction": "inf",
     "dead_load": 0.0,
 }
@@ -66,9 +70,9 @@ def told(had):
         for key, value in KEYS.items()
     }
     vertical = given.pop("vertical")
-    delay = given.pop("delay")
+    method = given.pop("bases")
     return " ".join(
-        each.sentence for each in aspects({"ring": [given]}, vertical, delay)
+        each.sentence for each in aspects({"ring": [given]}, vertical, method)
     )
 
 

@@ -114,7 +114,6 @@ def repeat(inputs: ReportInputs, name: str, chosen: Chosen | None) -> Example | 
     results = inputs.results(name)
     record, level, reason = chosen
     kind = method.pop("name")
-    method["far"] = method.pop("delay", None)
     motion = next(m for m in inputs.motions if m.id == results.records[record])
     factor = results["scale_factor"][record, level]
     if inputs.plan is not None:
@@ -135,7 +134,9 @@ def repeat(inputs: ReportInputs, name: str, chosen: Chosen | None) -> Example | 
     shown = (
         f"{about}{inputs.scale.measure} = {inputs.scale.text(results.levels[level])}"
     )
-    ground = "the ground at its left end" if method["far"] else "the ground"
+    apart = method.get("wave_speed") or method.get("bases")
+    ground = "the ground at its left end" if apart else "the ground"
+    motion = response.motion or motion
     return Example(arch, motion, factor, shown, response, reason, same, ground)
 
 

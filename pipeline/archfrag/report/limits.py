@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,14 +31,13 @@ class Aspect(NamedTuple):
 def aspects(
     given: Given,
     vertical: str = "not used",
-    delay: float | None = None,
+    method: Mapping[str, Any] = MappingProxyType({}),
     spanning: bool = True,
 ) -> list[Aspect]:
     """Return what is modelled and what is not, each with its sentence.
 
     `given` has the keys of the arches. `vertical` is the attribute ``vertical_component`` of a
-    cube, `delay` that of the method in seconds; `spanning` is false if all arches are
-    free-standing.
+    cube, `method` the keys of the method; `spanning` is false if all arches are free-standing.
     """
     arches = [arch for members in given.values() for arch in members]
     keys = "friction", "piers.friction", "ends.friction", "spans.friction"
@@ -47,10 +47,14 @@ def aspects(
         filter(None, [vertical.removeprefix("used").strip()])
     )  # records that have one
     counts = sorted({arch.get("several", 0) for arch in arches} - {0})
+    speed = method.get("wave_speed")
+    later = method.get("bases") or {}
+    apart = f"a wave of {speed:g} m/s passes along them" if speed else ""
+    apart += ", ".join(f"{name} {delay:g} s later" for name, delay in later.items())
     others = {
         "always": (),
         "never": None,
-        "delay": () if delay else None,
+        "apart": () if apart else None,
         "vertical": None if vertical == "not used" else some,
         "sliding": () if finite else None,
     }
@@ -63,7 +67,7 @@ def aspects(
             kind = "no" if whose is None else "yes"
             name = text.get(f"{kind}_name", "")
             many = " to ".join(map(str, {*counts[:1], *counts[-1:]}))
-            sentence = text[kind].format(of=words, delay=delay or 0.0, spans=many)
+            sentence = text[kind].format(of=words, apart=apart, spans=many)
             result.append(Aspect(kind == "yes", name + words * bool(name), sentence))
     return result
 
@@ -80,7 +84,7 @@ def study_aspects(inputs: ReportInputs) -> list[Aspect]:
     return aspects(
         given,
         inputs.cube.attrs.get("vertical_component", "not used"),
-        inputs.config.get("method", {}).get("delay"),
+        inputs.config.get("method", {}),
         not all(each.arch.free_end for each in inputs.arches.values()),
     )
 

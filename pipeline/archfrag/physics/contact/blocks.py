@@ -92,7 +92,6 @@ def _set_rows_of(j, model, position, work):
 def set_rows(model, position, work):
     """Set the constrained and reaction directions of all joints in their present modes.
 
-    Reads: model (body, ray), position, work (contact, normal, pivot, point, side_normal, slide).
     Writes: work (column, row).
     """
     for j in range(work.slide.shape[0]):
@@ -294,8 +293,7 @@ def _factorise_joint(j, model, work, compliance):
 def factorise(model, work, compliance):
     """Factorise the system whose rows and columns are set, block by block.
 
-    Reads: model (inverse_inertia, inverse_mass), work (block, column, lower, row, upper).
-    Writes: work (block, lower, upper).
+    Writes: work (block, fork, lower, upper).
     """
     for j in range(work.slide.shape[0]):
         _factorise_joint(j, model, work, compliance)
@@ -307,7 +305,7 @@ def set_up(model, position, work, compliance, first):
 
     Both are done in one sweep.
 
-    Writes: work (block, column, lower, row, upper).
+    Writes: work (block, column, fork, lower, row, upper).
     """
     for j in range(first, work.slide.shape[0]):
         _set_rows_of(j, model, position, work)

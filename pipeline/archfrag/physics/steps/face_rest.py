@@ -116,7 +116,7 @@ def settle(runs, period, limit):
     state = runs.state
     work = runs.work
     step = FIRST_STEP * period
-    still = Impulse(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    still = Impulse(0.0, 0.0)
     for _ in range(MOST_STEPS):
         state.velocity[:] = 0.0
         state.clock[Clock.STEP] = step

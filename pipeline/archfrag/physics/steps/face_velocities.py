@@ -283,7 +283,7 @@ def newton_step(model, own, where):
     Return the slope of the energy along it. Each body is eliminated from the one that
     ``model.ahead`` names, so that piers come before the spine.
 
-    Reads: model (ahead, end), own (block, change, forward, left, lower, upper).
+    Reads: model.ahead, own (block, change, forward, left, lower, upper).
     Writes: own (block, change, forward, upper).
     """
     end = end_of(model, own.block)

@@ -220,7 +220,6 @@ def carry_on(model, state, work, span):
     Else joints that the impact opens would bear nothing in that time, and the impact would take
     what the ground gives against them: a part of the energy of the order of the step, each time.
 
-    Reads: model (inverse_inertia, inverse_mass), state (force, slip), work (pivot, position).
     Writes: work.free.
     """
     for j in range(state.slip.size):
@@ -252,18 +251,9 @@ def pose_contacts(runs, step):
 
 @kernel
 def pose_step(runs, impulse):
-    """Move the far springing to the middle of the next step, and pose that step."""
-    state = runs.state
-    work = runs.work
-    step = state.clock[Clock.STEP]
-    free_fall(runs.model, state, work, impulse, step)
-    end = state.position.shape[0] - 1
-    work.position[end, 0] = impulse.far_x
-    work.position[end, 1] = impulse.far_y
-    state.velocity[end, 0] = impulse.before_x
-    state.velocity[end, 1] = impulse.before_y
-    work.free[end, 0] = impulse.after_x
-    work.free[end, 1] = impulse.after_y
+    """Pose the next step, after `archfrag.physics.ground.move_ground`."""
+    step = runs.state.clock[Clock.STEP]
+    free_fall(runs.model, runs.state, runs.work, impulse, step)
     runs.law.pose(runs, step)
 
 
@@ -275,22 +265,20 @@ def _mean_velocity(i, state, work):
 
 
 @inlined
-def record_far_work(state, work, where):
-    """Record the work of the far springing, and take its velocity.
-
-    Nothing is done if no joint bears on it.
-    """
-    last = state.slip.size - 1
-    end = state.position.shape[0] - 1
-    if last < end - 1:
+def record_base_work(runs, where):
+    """Record the work of bases that move relative to the left one."""
+    if runs.grounds.far.shape[0] == 0:
         return
-    x, y = _mean_velocity(end, state, work)
-    given = work.reaction[last, 0] * x + work.reaction[last, 1] * y
-    state.energy[Energy.GROUND] -= select(where, given, 0.0)
-    for c in range(2):
-        state.velocity[end, c] = select(
-            where, work.solved[end, c], state.velocity[end, c]
-        )
+    model = runs.model
+    state = runs.state
+    work = runs.work
+    for j in range(state.slip.size):
+        for side, sense in ((0, 1.0), (1, -1.0)):
+            i = row_of(model, j, side)
+            if i >= model.end:
+                x, y = _mean_velocity(i, state, work)
+                given = work.reaction[j, 0] * x + work.reaction[j, 1] * y
+                state.energy[Energy.GROUND] += select(where, sense * given, 0.0)
 
 
 @inlined
@@ -415,12 +403,11 @@ def take_step(runs, impulse, where):
     state = runs.state
     work = runs.work
     step = state.clock[Clock.STEP]
+    given = 0.0
     for i in range(1, state.position.shape[0]):
         for c in range(3):
             moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
             state.position[i, c] = select(where, moved, state.position[i, c])
-    given = 0.0
-    for i in range(1, state.position.shape[0] - 1):
         x, y = _mean_velocity(i, state, work)
         given -= runs.model.mass[i] * (impulse.x * x + impulse.y * y)
         for c in range(3):
@@ -493,7 +480,7 @@ def accept_contacts(runs, impulse, where):
     if some(span > 0.0):  # what acted before the impact works too
         add_carried(state, work, span)
     record_step(state, work, where)
-    record_far_work(state, work, where)
+    record_base_work(runs, where)
     if some(span > 0.0):
         add_carried(state, work, -span)
     return make_step(runs, impulse, where)
