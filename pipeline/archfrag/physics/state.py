@@ -3,7 +3,8 @@
 The arrays of state and workspace hold one run, or four (`physics.kernels.primitives.LaneArray`).
 Rows count bodies with the ground: row 0 is the ground of the left base, row i the i-th body, the
 rows from ``Model.end`` on are the grounds of the other bases, the right one last. Joint j lies
-between the rows ``Model.body[j]``, or j and j + 1 where that is None; a chain with a free end has no joint before the last row.
+between the rows ``Model.body[j]``, or j and j + 1 where that is None; a chain with a free end has
+no joint before the last row.
 
 Kernels take model, state, work, options and output in this order; `model`, `state` and `work` are
 those below unless a docstring says otherwise.
