@@ -165,7 +165,9 @@ PROPERTIES = VARIABLE | {
         taken=DRAWN,
     ),
     **dict.fromkeys(("ends", "fill", "springings", "ties"), Property(taken=_LOADED)),
-    **dict.fromkeys(("spans", "piers"), Property(taken=_LOADED[:-1])),  # not with a drawing
+    **dict.fromkeys(
+        ("spans", "piers"), Property(taken=_LOADED[:-1])
+    ),  # not with a drawing
     "strength": Property(
         "N/m2",
         1.0,

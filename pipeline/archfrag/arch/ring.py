@@ -324,6 +324,6 @@ def chain_of(
     return Chain(*given, body=ring.body)
 
 
-def pairs_of(joints: int, body: NDArray | None) -> NDArray[np.int64]:
+def pairs_of(joints: int, body: NDArray | None) -> NDArray:
     """Return the bodies before and after each joint ``(joints, 2)`` by a `Chain.body`."""
     return np.arange(joints)[:, None] - [1, 0] if body is None else body

@@ -100,9 +100,7 @@ def new_rest_problem(model: Model) -> RestProblem:
     kinds |= dict.fromkeys(("candidate", "kind", "mechanism"), np.int8)
     problem = RestProblem(
         *(
-            np.zeros(
-                (first.get(name, n_joint), *shapes.get(name, ())), kinds.get(name)
-            )
+            np.zeros((first.get(name, n_joint), *shapes.get(name, ())), kinds.get(name))
             for name in RestProblem._fields
         )
     )

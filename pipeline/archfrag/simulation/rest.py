@@ -262,9 +262,7 @@ def _bodies_of(arch: Arch, first: int, last: int) -> slice:
     return slice(row[first, 1] - 1, end)
 
 
-def thrust_curve(
-    arch: Arch, centre: NDArray, load: float, strand: range
-) -> FloatArray:
+def thrust_curve(arch: Arch, centre: NDArray, load: float, strand: range) -> FloatArray:
     """Return the thrust line of a strand under weights and a steady load [g], (n_point, 2) [m].
 
     It passes through the contact centres `centre`, (n_joint, 2), with curves between them. In an
@@ -395,7 +393,8 @@ def _mechanism(arch: Arch, limit: RestLimit) -> tuple[list[Hinge], list[int]]:
     """Return the hinges and the sliding joints of a limit of rest."""
     corners = [limit.mechanism & bit for bit in (HINGE_INTRADOS, HINGE_EXTRADOS)]
     hinges = [
-        (j, arch.corner_name(c, j)) for j, c in np.argwhere(np.transpose(corners)).tolist()
+        (j, arch.corner_name(c, j))
+        for j, c in np.argwhere(np.transpose(corners)).tolist()
     ]
     return hinges, np.flatnonzero(limit.mechanism & SLIDING).tolist()
 

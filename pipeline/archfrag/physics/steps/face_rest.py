@@ -126,7 +126,9 @@ def settle(runs, period, limit):
         if not solved:
             step *= 0.25
             continue
-        relative_velocity(runs.model, work.position, work.solved, work.pivot, work.relative)
+        relative_velocity(
+            runs.model, work.position, work.solved, work.pivot, work.relative
+        )
         stored = moved = away = 0.0
         for j in range(state.slip.size):
             stored += remember(j, runs, (step, step), True)[0]

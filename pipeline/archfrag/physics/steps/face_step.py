@@ -107,7 +107,9 @@ def pose_faces(runs, step):
     move_faces(model, work.position, work)
     for j in range(state.slip.size):
         _place_joint(j, model, work, own)
-    relative_velocity(runs.model, work.position, state.velocity, work.pivot, work.earlier)
+    relative_velocity(
+        runs.model, work.position, state.velocity, work.pivot, work.earlier
+    )
     for j in range(state.slip.size):
         x, y, turns = three(work.earlier, j)
         opens, rate = parts_of(j, work, x, y)

@@ -184,7 +184,9 @@ def go_to_middle(model, state, work, step):
     """Move bodies, faces and slips to the middle of a step."""
     move_to_middle(model, state, work, step)
     placing.place_chain(model, work.position, state, 0.0, work.slip, work)
-    placing.relative_velocity(model, work.position, state.velocity, work.pivot, work.earlier)
+    placing.relative_velocity(
+        model, work.position, state.velocity, work.pivot, work.earlier
+    )
 
 
 @inlined
