@@ -66,7 +66,7 @@ def _checked(
     given = {
         "height": height,
         "width": width,
-        "base_width": width if base_width is None else base_width,
+        "base_width": base_width,
         "courses": courses,
         "above": above,
         "friction": friction,
@@ -215,6 +215,7 @@ def _pier(rings: Sequence[Ring], pier: Named, side: float = -1.0) -> Ring:
     outer = [end for _, end in skewbacks]
     keys = ("height", "width", "base_width", "above", "courses")
     height, width, base_width, above, courses = (pier[key] for key in keys)
+    base_width = width if base_width is None else base_width
     base = inner[0][1] - height
     tops = [end[1] + above for end in outer]
     if above > 0.0:

@@ -247,7 +247,7 @@ def _checked_ends(arch: Shape, ends: Sequence[End] | None) -> list[End]:
     ):
         raise GeometryError(
             f"ends = {ends} is impossible for a tie; it must be two of (voussoir, x, y) with "
-            f"different voussoirs from -1 (the left springing) to {last}, not both on the ground"
+            f"different voussoirs from -1 (the left springing) to {last}, not both springings"
         )
     if not np.isfinite([end[1:] for end in both]).all():
         raise GeometryError(
