@@ -21,9 +21,10 @@ from archfrag.arch.geometry import (
     place_text,
     sampled,
 )
-from archfrag.arch.ring import Ring, pairs_of
+from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
 from archfrag.files import Named
+from archfrag.physics.interface import pairs_of
 from archfrag.properties import MOST_VOUSSOIRS
 
 TOLERANCE = (

@@ -21,7 +21,7 @@ from archfrag.arch import STANDARD_GRAVITY, geometry
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import Section, arc, cross
 from archfrag.errors import GeometryError
-from archfrag.physics.interface import Chain
+from archfrag.physics.interface import Chain, pairs_of
 
 # Points of a centre line (n_joint, 2) [m], and its unit normals there, away from the intrados.
 CentreLine = tuple[FloatArray, FloatArray]
@@ -322,8 +322,3 @@ def chain_of(
     centroid = np.ascontiguousarray(centroid)
     given = mass, inertia, centroid, before, after, friction, STANDARD_GRAVITY
     return Chain(*given, body=ring.body)
-
-
-def pairs_of(joints: int, body: NDArray | None) -> NDArray:
-    """Return the bodies before and after each joint ``(joints, 2)`` by a `Chain.body`."""
-    return np.arange(joints)[:, None] - [1, 0] if body is None else body

@@ -3,7 +3,6 @@
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -199,10 +198,8 @@ def onset(arch, spread: float | None, figure: Path | None, as_json: bool) -> Non
     )
     lines = []
     for towards in ("+x", "-x"):
-        value, hinges, sliding = start.mechanism(towards)
-        parts = [f"{arch.place(joint)} {side}" for joint, side in hinges]
-        parts += [f"{arch.place(joint)} slides" for joint in sliding]
-        how = f": {', '.join(parts)}" if parts else ""
+        value, *found = start.mechanism(towards)
+        how = f": {start.places(towards)}" if any(found) else ""
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
         lines.append(f"ground towards {towards}: {moves}{how}")
     loss = standing.edge_loss(arch)
@@ -213,6 +210,7 @@ def onset(arch, spread: float | None, figure: Path | None, as_json: bool) -> Non
         text = standing.prestress_text(arch) or "does not stand under its own weight"
     text += f"\n{facts_text(arch)}"
     facts = {name: getattr(start, name) for name in names} | {"arch": facts_of(arch)}
+    facts |= {"places": arch.places} if arch.places else {}
     facts |= {"loss_10_mm": loss, "cautions": cautions}
     if start.stands and spread is not None:
         path = springing_path(arch, spread=spread)
@@ -277,7 +275,14 @@ def simulate(
         del facts[name]
     facts |= {"status": response.status.name.lower(), "scale": scale}
     if response.mechanism is not None:
-        facts["mechanism"] = [asdict(change) for change in response.mechanism]
+        facts["mechanism"] = [
+            {key: own for key, own in vars(change).items() if key != "places"}
+            for change in response.mechanism
+        ]
+    if arch.places:
+        named = "collapse_place", "lost_contact_place"
+        facts |= {name: getattr(response, name) or None for name in named}
+        facts["places"] = arch.places
     facts = finite(facts, None)
     show(facts, _text(response, facts), as_json)
 
@@ -293,7 +298,7 @@ def _text(response: Response, facts: Named) -> str:
             value = ", ".join(parts).replace("_", " ") or None
         elif isinstance(value, float):
             value = f"{value:.4g} {unit}"
-        told = key in ("status", "collapsed", "mechanism")
+        told = key in ("status", "collapsed", "mechanism", "places")
         if not told and value not in (None, -1, "none"):
             lines.append(f"{key.replace('_', ' ')}: {value}".rstrip())
     if response.mechanism is not None:

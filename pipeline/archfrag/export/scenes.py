@@ -19,6 +19,7 @@ from archfrag.errors import InputError
 from archfrag.export.writers import Content, made_by, write_files
 from archfrag.files import Named
 from archfrag.physics.status import Tie
+from archfrag.simulation.springings import own_motions
 from archfrag.study.file.members import Member
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import finite
@@ -91,8 +92,7 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]):
             "schema": about["schema"]["const"],
             "units": about["units"]["const"],
             "made": made_by(study),
-            "arches": [_arch(each) for each in chosen],
-            "delay": study.method.delay or 0.0,
+            "arches": [_arch(each, study.method) for each in chosen],
             "intensity": {
                 "measure": study.intensity.measure,
                 "unit": study.intensity.unit,
@@ -104,8 +104,8 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]):
     )
 
 
-def _arch(member: Member) -> Named:
-    """Return the bodies of an arch at rest, the ground last, and its joints and ties."""
+def _arch(member: Member, method) -> Named:
+    """Return the bodies of an arch at rest, the ground last, its joints and ties, and delays."""
     arch: Arch = member.entry.build()
     chain = arch.chain
     n = arch.n_voussoir
@@ -152,6 +152,8 @@ def _arch(member: Member) -> Named:
     ties["prestress"] = ties["stiffness"] * (length - ties["length"])
     about = {"id": member.id, "class": member.arch_class, "gravity": chain.gravity}
     about |= {key: gives[key] for key in ("model", "damping", "points") if key in gives}
+    delays = own_motions(arch, method.wave_speed, method.bases)
+    about["delays"] = list(delays.values())
     parts = [pd.DataFrame(each).to_dict("records") for each in (bodies, joints, ties)]
     return about | {"bodies": parts[0] + ground, "joints": parts[1], "ties": parts[2]}
 

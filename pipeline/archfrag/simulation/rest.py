@@ -136,6 +136,13 @@ class Onset:
         ]
         return marks + mechanism_marks(self.arch, *self.mechanism(towards)[1:])
 
+    def places(self, towards: str) -> str:
+        """Return hinges and sliding joints in words: "joint 4 extrados, joint 7 slides"."""
+        _, hinges, sliding = self.mechanism(towards)
+        words = [f"{self.arch.place(joint)} {side}" for joint, side in hinges]
+        words += [f"{self.arch.place(joint)} slides" for joint in sliding]
+        return ("; " if self.arch.places else ", ").join(words)
+
     def plot(self, ax: Axes | None = None, towards: str | None = None) -> Axes:
         """Draw hinges, sliding joints and thrust line at onset, in `ax` or in new axes.
 
@@ -245,10 +252,9 @@ def contact_centres(work: Work, reaction: FloatArray) -> FloatArray:
 
 def strands_of(arch: Arch) -> list[range]:
     """Return the joints of each pier and ring along which every body has two joints."""
-    model = model_of(arch.chain)
-    before, after = model.body.T
-    forks = (model.bed[1:] >= 0) & (model.bed[1:] == model.bed[:-1])
-    ends = np.flatnonzero((after[:-1] != before[1:]) | forks) + 1
+    before, after = arch.pairs.T
+    shared = np.bincount(after + 1)[before[1:] + 1] > 1  # of top courses
+    ends = np.flatnonzero((after[:-1] != before[1:]) | shared) + 1
     return [*starmap(range, pairwise([0, *ends.tolist(), arch.n_joint]))]
 
 
@@ -257,9 +263,8 @@ def _bodies_of(arch: Arch, first: int, last: int) -> slice:
 
     With `last` beyond the joints of a chain with a free end it is up to that end.
     """
-    row = model_of(arch.chain).body.astype(int)
-    end = row[last, 0] if last < arch.n_joint else arch.n_voussoir
-    return slice(row[first, 1] - 1, end)
+    end = arch.pairs[last, 0] + 1 if last < arch.n_joint else arch.n_voussoir
+    return slice(arch.pairs[first, 1], end)
 
 
 def thrust_curve(arch: Arch, centre: NDArray, load: float, strand: range) -> FloatArray:

@@ -44,7 +44,7 @@ from archfrag.physics.steps.service import (
 from archfrag.physics.steps.step import (
     count_change,
     move_to_middle,
-    record_far_work,
+    record_base_work,
     set_step,
     take_step,
 )
@@ -325,7 +325,7 @@ def accept_faces(runs, impulse, where):
     """Take a solved step of joints that give; return where the chain has collapsed."""
     state = runs.state
     work = runs.work
-    record_far_work(state, work, where)
+    record_base_work(runs, where)
     lost = False
     for j in range(state.slip.size):
         count_change(j, state, work, where)

@@ -353,7 +353,8 @@ def check_standing(given: Members, method) -> None:
     for member in given:
         arch = member.entry.build()
         with at(member.place):
-            check_can_run(arch, check_method(method.name), method.delay)
+            info = check_method(method.name)
+            check_can_run(arch, info, method.wave_speed, method.bases)
             if not onset(arch).stands:
                 why = (
                     "does not stand under its own weight; make it thicker, raise the "
