@@ -73,7 +73,7 @@ class Shape:
         return self.spans[0].joints[0], self.spans[-1].joints[-1] + self.free_end
 
     @property
-    def pairs(self) -> NDArray[np.int64]:
+    def pairs(self) -> NDArray:
         """Bodies before and after each joint, numbered as in `Chain.body`, (n_joint, 2)."""
         return pairs_of(self.n_joint, self.chain.body)
 
