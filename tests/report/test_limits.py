@@ -156,5 +156,5 @@ def test_a_report_denies_nothing_that_its_arch_has(bridge):
         "ties, vertical",
     ):
         assert words not in page
-    assert "Joint 0 is the base of the left pier" in page
+    assert "Joint 0 is the left springing of a span, the base of a pier" in page
     assert "fill as weight, piers, ties." in page

@@ -259,7 +259,6 @@ def impulse_between(grounds, clock, start, end):
 def move_ground(runs):
     """Move all bases to the middle of the next step; return the `Impulse` of that step.
 
-    Reads: runs (grounds, model (end, mass), state.clock).
     Writes: runs (state.velocity, work.free, work.position).
     """
     grounds = runs.grounds

@@ -285,10 +285,12 @@ def film(
         along = right - left
         angle = np.rad2deg(np.unwrap(np.arctan2(along[:, 1], along[:, 0])))
         rods.append(np.column_stack([left, angle, np.hypot(*along.T)]).tolist())
-    bodies = counted(
-        np.diff(arch.springings).item(), "block" if arch.free_end else "voussoir"
-    )
-    bodies += " on piers" * (arch.springings[0] > 0)
+    count = sum(len(span.bodies) for span in arch.spans)
+    bodies = counted(count, "block" if arch.free_end else "voussoir")
+    bodies += f" in {len(arch.spans)} spans" * (len(arch.spans) > 1)
+    bodies += " on piers" * any("pier" in part.name for part in arch.parts)
+    if example.response.collapsed and arch.places:
+        title += f" at {example.response.collapse_place}"
     what = f"{title}: {bodies} under {example.motion.id}, {example.level}"
     duration = time[-1] - time[0] + _HOLD
     moves = np.dstack([pixels(place), -np.rad2deg(rotation)])

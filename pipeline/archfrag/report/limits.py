@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from archfrag.arch import Arch
 from archfrag.arch.bridge import fill_weighs
 from archfrag.properties import value_of
 from archfrag.report.html import TEXTS
-from archfrag.report.inputs import ReportInputs
+from archfrag.report.inputs import ReportInputs, several
 from archfrag.study.answer.curves import arch_classes
 
 _LISTED = 3  # names of arches in a sentence
@@ -45,6 +46,7 @@ def aspects(
     some = tuple(
         filter(None, [vertical.removeprefix("used").strip()])
     )  # records that have one
+    counts = sorted({arch.get("several", 0) for arch in arches} - {0})
     speed = method.get("wave_speed")
     later = method.get("bases") or {}
     apart = f"a wave of {speed:g} m/s passes along them" if speed else ""
@@ -64,7 +66,8 @@ def aspects(
             words = f" ({', '.join(whose)})" if whose else ""
             kind = "no" if whose is None else "yes"
             name = text.get(f"{kind}_name", "")
-            sentence = text[kind].format(of=words, apart=apart)
+            many = " to ".join(map(str, {*counts[:1], *counts[-1:]}))
+            sentence = text[kind].format(of=words, apart=apart, spans=many)
             result.append(Aspect(kind == "yes", name + words * bool(name), sentence))
     return result
 
@@ -75,7 +78,7 @@ def study_aspects(inputs: ReportInputs) -> list[Aspect]:
     given = inputs.given
     if not given:  # a report without a study file
         given = {
-            of_class[name]: [each.arch.parameters]
+            of_class[name]: [each.arch.parameters | several(len(each.arch.spans))]
             for name, each in inputs.arches.items()
         }
     return aspects(
@@ -96,11 +99,12 @@ def short(found: Iterable[Aspect]) -> str:
     )
 
 
-def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
-    """Return the words for joint 0 of an arch."""
-    if free_end:
+def base_of(arch: Arch) -> str:
+    """Return the words for joint 0 of an arch, or of each part of a bridge."""
+    if arch.free_end:
         return "the base"
-    return "the base of the left pier" if "ends" in parameters else "the left springing"
+    springing = "the left springing"
+    return f"{springing} of a span, the base of a pier" if arch.places else springing
 
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:
@@ -110,7 +114,8 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
         values = [value_of(arch, key) for arch in arches]
         if key == "piers":
             values = [
-                value or value_of(arch, "ends") for value, arch in zip(values, arches)
+                value or value_of(arch, "ends") or arch.get("several")
+                for value, arch in zip(values, arches)
             ]
         if key == "fill":
             values = [bool(value) and fill_weighs(value) for value in values]

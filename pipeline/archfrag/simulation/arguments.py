@@ -10,7 +10,7 @@ from archfrag.physics.kernels.kernel import COMPILED
 from archfrag.physics.methods.registry import (
     AUTO,
     METHODS,
-    OF_FACES,
+    BY_STEPS,
     MethodInfo,
     known_methods,
 )
@@ -133,11 +133,12 @@ def check_can_run(arch: Arch, info: MethodInfo, wave_speed=None, bases=None) -> 
 
     A method must take elastic joints, or several spans, if the arch has them.
     """
-    if info.name not in OF_FACES:
+    if info.name not in BY_STEPS:
         check_rigid(arch, f"method {info.name}")
-        if arch.chain.body is not None:
+        if len(arch.spans) > 1:
             raise InputError(
-                f"method {info.name} is for one span; take {' or '.join(OF_FACES)}"
+                f"method is {info.name}, which takes one span, but the bridge has "
+                f"{len(arch.spans)}; use {' or '.join(BY_STEPS)}"
             )
     check_bases(arch, wave_speed, bases)
 

@@ -377,7 +377,8 @@ def simulate_many(
 ) -> xarray.Dataset:
     """Simulate one arch under many scaled ground motions, four runs at a time.
 
-    Each run has the same results, to the last bit, as `simulate` without a history.
+    Each run has the same results, to the last bit, as `simulate` without a history. Of a bridge
+    there is also `collapse_place`, the name of the joint.
 
     Parameters
     ----------
@@ -430,6 +431,9 @@ def simulate_many(
             values = [status.name.lower() for status in values]
         unit = UNITS.get(name.split("_")[-1], "1")
         variables[name] = "run", np.array(values), {"units": unit}
+    if arch.places:
+        joints = variables["collapse_joint"][1]
+        variables["collapse_place"] = "run", np.array([*arch.places, ""])[joints]
     return xarray.Dataset(
         variables, coords={"factor": ("run", scales)}, attrs={"method": method}
     )

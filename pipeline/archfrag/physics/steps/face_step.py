@@ -325,7 +325,7 @@ def accept_faces(runs, impulse, where):
     """Take a solved step of joints that give; return where the chain has collapsed."""
     state = runs.state
     work = runs.work
-    record_base_work(runs.model, state, work, where)
+    record_base_work(runs, where)
     lost = False
     for j in range(state.slip.size):
         count_change(j, state, work, where)

@@ -177,7 +177,7 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         numbers = {
             key: float(arch.value(key))
             for key in keys
-            if key in ("voussoirs", *VARIABLE)
+            if key in ("voussoirs", "spans", *VARIABLE)
             and isinstance(arch.value(key), float | int)
         }
         attributes = {str(key): text for key, text in row.items() if key not in COLUMNS}
