@@ -176,11 +176,21 @@ def _move(inverse, home, bodies, face, friction, gravity, gained, step):
         velocity[:-1, 0] += gained[number]
         velocity[:-1, 1] -= gravity * step
         for c in range(n_contact):
-            _push(arm[c], bodies[c // 4], inverse, velocity, impulse[c, 0], impulse[c, 1])
+            _push(
+                arm[c], bodies[c // 4], inverse, velocity, impulse[c, 0], impulse[c, 1]
+            )
         order = np.flatnonzero(on_face)
-        for sweep in range(MOST_SWEEPS):
+        for _ in range(MOST_SWEEPS):
             change, size = _sweep(
-                order, bodies, arm, yields, gap_rate, friction, inverse, velocity, impulse
+                order,
+                bodies,
+                arm,
+                yields,
+                gap_rate,
+                friction,
+                inverse,
+                velocity,
+                impulse,
             )
             if change <= CONVERGED * size:
                 break

@@ -18,9 +18,7 @@ STEPPING = METHODS["time_stepping"]
 def options_of(chain, motion, rtol=1e-3, follow=20.0):
     """Return options as of `af.simulate`."""
     unit = math.sqrt(model_of(chain).length.min() / chain.gravity)
-    step, largest = (
-        unit * part for part in steps_of_tolerance(rtol, chain.mass.size)
-    )
+    step, largest = (unit * part for part in steps_of_tolerance(rtol, chain.mass.size))
     return Options(
         time_step=step,
         tolerance=rtol,
